@@ -1,0 +1,1 @@
+"""The auto-exposure daemon: configuration, control, service and command line."""

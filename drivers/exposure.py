@@ -1,0 +1,117 @@
+"""The vocabulary of exposure: time in microseconds, gain in dB, exposure level in stops."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from drivers.errors import ConfigurationError
+
+DB_PER_STOP = 20.0 * math.log10(2.0)
+"""A factor of two in linear gain, 6.02 dB: machine-vision gain is an amplitude ratio, hence 20 and not 10."""
+
+
+def linear_gain(gain_db: float) -> float:
+    """Linear gain of a gain in dB, ``10 ** (dB / 20)``."""
+    return math.exp2(gain_db / DB_PER_STOP)
+
+
+def decibels(gain: float) -> float:
+    """Gain in dB of a linear gain (> 0)."""
+    return math.log2(gain) * DB_PER_STOP
+
+
+@dataclass(frozen=True, slots=True)
+class ExposureSetting:
+    """An exposure time (us) and a gain (dB), as a camera takes one frame with."""
+
+    exposure_time_us: float
+    gain_db: float
+
+    @property
+    def level(self) -> float:
+        """Exposure level E = log2(t * g) in stops, t in microseconds (Begin & Hunter 2022, eq. 1)."""
+        return math.log2(self.exposure_time_us) + self.gain_db / DB_PER_STOP
+
+    def __str__(self) -> str:
+        return f"{self.exposure_time_us:.0f} us, {self.gain_db:.1f} dB"
+
+
+@dataclass(frozen=True, slots=True)
+class ExposureLimits:
+    """Bounds of exposure time (us) and gain (dB), with the increments in which a camera takes them (0: any value)."""
+
+    min_time_us: float
+    max_time_us: float
+    min_gain_db: float
+    max_gain_db: float
+    time_step_us: float = 0.0
+    gain_step_db: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 0 < self.min_time_us <= self.max_time_us:
+            raise ConfigurationError(
+                f"exposure time limits {self.min_time_us:g} to {self.max_time_us:g} us leave no exposure time to choose"
+            )
+        if self.min_gain_db > self.max_gain_db:
+            raise ConfigurationError(
+                f"gain limits {self.min_gain_db:g} to {self.max_gain_db:g} dB leave no gain to choose"
+            )
+
+    @property
+    def darkest(self) -> ExposureSetting:
+        """The setting of the lowest exposure level."""
+        return ExposureSetting(self.min_time_us, self.min_gain_db)
+
+    @property
+    def brightest(self) -> ExposureSetting:
+        """The setting of the highest exposure level."""
+        return ExposureSetting(self.max_time_us, self.max_gain_db)
+
+    def clamp_level(self, level: float) -> float:
+        """The exposure level within these limits nearest to `level` (stops)."""
+        return min(max(level, self.darkest.level), self.brightest.level)
+
+    def within(self, other: ExposureLimits) -> ExposureLimits:
+        """These limits cut to `other`, with the coarser increments of the two.
+
+        Raises
+        ------
+        ConfigurationError
+            When the two leave nothing to choose.
+        """
+        return ExposureLimits(
+            max(self.min_time_us, other.min_time_us),
+            min(self.max_time_us, other.max_time_us),
+            max(self.min_gain_db, other.min_gain_db),
+            min(self.max_gain_db, other.max_gain_db),
+            max(self.time_step_us, other.time_step_us),
+            max(self.gain_step_db, other.gain_step_db),
+        )
+
+    def realise(self, level: float, exposure_time_us: float) -> ExposureSetting:
+        """The setting within limits and increments whose level is nearest to `level`, its time near `exposure_time_us`.
+
+        What the time cannot give, because it met a bound or an increment, is handed to the gain; what the gain
+        cannot give is handed back to the time.
+        """
+        level = self.clamp_level(level)
+        gain_db = self._gain_for(level, self._time(exposure_time_us))
+        exposure_time_us = self._time(math.exp2(level - gain_db / DB_PER_STOP))
+        return ExposureSetting(exposure_time_us, self._gain_for(level, exposure_time_us))
+
+    def _time(self, exposure_time_us: float) -> float:
+        return _quantise(exposure_time_us, self.min_time_us, self.max_time_us, self.time_step_us)
+
+    def _gain_for(self, level: float, exposure_time_us: float) -> float:
+        gain_db = (level - math.log2(exposure_time_us)) * DB_PER_STOP
+        return _quantise(gain_db, self.min_gain_db, self.max_gain_db, self.gain_step_db)
+
+
+def _quantise(value: float, low: float, high: float, step: float) -> float:
+    """The value of the grid ``low + n * step`` within [low, high] that is nearest to `value`."""
+    value = min(max(value, low), high)
+    if step <= 0:
+        return value
+    steps = min(round((value - low) / step), math.floor((high - low) / step + 1e-9))
+    return low + steps * step

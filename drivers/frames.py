@@ -1,0 +1,69 @@
+"""Frames and stereo pairs, each with the exposure it was really taken with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.exposure import ExposureSetting
+
+Side = Literal["left", "right"]
+Pixels = NDArray[np.uint8] | NDArray[np.uint16]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Frame:
+    """One image and how it was taken.
+
+    Attributes
+    ----------
+    pixels
+        Grey levels, shape (height, width), uint8 (Mono8) or uint16 (Mono12, Mono16).
+    bit_depth
+        Significant bits of a pixel: 8, 12 or 16.
+    frame_id
+        The camera's frame counter, unwrapped: it never restarts while the camera stays open.
+    device_time_ns
+        The camera's own time stamp of this frame, on its own clock.
+    host_time_ns
+        `device_time_ns` mapped to the host's CLOCK_MONOTONIC.
+    arrival_time_ns
+        When the frame was complete in the host's memory, CLOCK_MONOTONIC.
+    setting
+        Exposure time and gain that this very frame was taken with.
+    """
+
+    pixels: Pixels
+    bit_depth: int
+    frame_id: int
+    device_time_ns: int
+    host_time_ns: int
+    arrival_time_ns: int
+    setting: ExposureSetting
+
+    def grey8(self) -> NDArray[np.uint8]:
+        """The pixels as 8-bit grey levels, shape (height, width); deeper ones are shifted, not rounded."""
+        pixels = self.pixels if self.bit_depth == 8 else self.pixels >> (self.bit_depth - 8)
+        return pixels.astype(np.uint8, copy=False)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StereoPair:
+    """The frames that both cameras took at one trigger; `right` is None in a rig of one camera."""
+
+    trigger: int
+    left: Frame
+    right: Frame | None
+
+    @property
+    def frames(self) -> tuple[Frame, ...]:
+        """The frames there are, left first."""
+        return (self.left,) if self.right is None else (self.left, self.right)
+
+    @property
+    def mismatched(self) -> bool:
+        """Whether the two frames were taken with different settings."""
+        return self.right is not None and self.right.setting != self.left.setting
