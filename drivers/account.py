@@ -1,0 +1,291 @@
+"""The account of triggers: each ends as a pair, or lost for exactly one reason.
+
+Triggers are not seen by the host. They are inferred from three things: the camera's frame counter (a gap means frames
+that were taken and did not arrive), the time stamps of frames (a gap in time without one in the counter means triggers
+that the camera did not take), and the trigger period (how many triggers an outage swallowed).
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Final, Literal
+
+from drivers.camera import IncompleteFrame
+from drivers.frames import Frame, Side, StereoPair
+from drivers.grid import TriggerGrid
+
+
+class LossReason(StrEnum):
+    """Why a trigger made no pair; the names are fixed for logs, JSON and metrics."""
+
+    STARTUP = "startup"
+    SHUTDOWN = "shutdown"
+    LEFT_MISSING = "left_missing"
+    RIGHT_MISSING = "right_missing"
+    BOTH_MISSING = "both_missing"
+    INCOMPLETE = "incomplete"
+    TRIGGER_IGNORED = "trigger_ignored"
+    CAMERA_GONE = "camera_gone"
+    STALE = "stale"
+
+
+class _Fate(StrEnum):
+    """What became of a trigger at one camera, when it is not a frame."""
+
+    STARTUP = "startup"
+    MISSING = "missing"
+    INCOMPLETE = "incomplete"
+    IGNORED = "ignored"
+    SILENT = "silent"  # nothing for long, and no frame missing from the counter: ignored, or there was no trigger
+    GONE = "gone"
+    STALE = "stale"
+    TAKEN = "taken"  # a good frame whose partner did not come in time
+    SHUTDOWN = "shutdown"
+
+
+_Outcome = Frame | _Fate
+
+_BLAME: Final = (
+    (_Fate.GONE, LossReason.CAMERA_GONE),
+    (_Fate.STARTUP, LossReason.STARTUP),
+    (_Fate.INCOMPLETE, LossReason.INCOMPLETE),
+    (_Fate.IGNORED, LossReason.TRIGGER_IGNORED),
+    (_Fate.SILENT, LossReason.TRIGGER_IGNORED),
+    (_Fate.STALE, LossReason.STALE),
+    (_Fate.SHUTDOWN, LossReason.SHUTDOWN),
+)
+"""Which fate names the loss when the two cameras met different ones; missing frames come last."""
+
+_SILENCE_PERIODS = 30
+"""A pause of this many periods on every camera, with no frame missing, is a trigger that stood still."""
+
+_HOLD_PERIODS = 8
+"""A frame waits this long for a partner that is silent or coming back; it is handed out alone meanwhile."""
+
+_PATIENCE_PERIODS = 600
+"""Triggers are kept open this long for a camera that answers but sends no frames; bounds the memory they take."""
+
+
+@dataclass(slots=True)
+class _Track:
+    """What is known of one camera."""
+
+    streaming: bool = False
+    silent: bool = True
+    gap_fate: _Fate = _Fate.STARTUP  # what happened to triggers before the first frame of the next session
+    frame_id: int = 0
+    trigger: int = -1  # of the newest frame in this session
+    settled: int = 0  # every trigger below this number has an outcome at this camera
+    alone: int = -1  # the newest trigger whose frame was handed out alone
+
+
+@dataclass(slots=True)
+class Tally:
+    """The balance: every trigger of the window is a pair or a loss. Times are of the host's CLOCK_MONOTONIC.
+
+    `surplus_frames` came between the expected triggers and belong to none of them (a trigger that runs too fast).
+    """
+
+    pairs: int = 0
+    lost: Counter[LossReason] = field(default_factory=Counter)
+    surplus_frames: int = 0
+    window_start_ns: int | None = None
+    window_end_ns: int | None = None
+
+    @property
+    def triggers(self) -> int:
+        """All triggers accounted for so far."""
+        return self.pairs + self.lost.total()
+
+
+class TriggerAccount:
+    """Pairs the frames of a rig by trigger, and accounts for every trigger.
+
+    Parameters
+    ----------
+    sides
+        The cameras of the rig, left first.
+    period_ns
+        Nominal trigger period.
+    opened_ns
+        Host time from which triggers count.
+    numbered_by
+        "time" for triggered cameras; "frame_id" for a camera that runs freely and so misses no trigger of its own.
+    """
+
+    def __init__(
+        self,
+        sides: Sequence[Side],
+        period_ns: float,
+        opened_ns: int,
+        numbered_by: Literal["time", "frame_id"] = "time",
+    ) -> None:
+        self.tally = Tally()
+        self.grid: TriggerGrid | None = None
+        self._period_ns = period_ns
+        self._opened_ns = opened_ns
+        self._numbered_by = numbered_by
+        self._tracks: dict[Side, _Track] = {side: _Track() for side in sides}
+        self._open: dict[int, dict[Side, _Outcome]] = {}
+
+    def frame(self, side: Side, frame: Frame) -> list[StereoPair]:
+        """Account for a frame; returns what is ready for control, oldest first.
+
+        A pair counts as one when it is returned. While a camera is silent or gone, the frames of the other one are
+        returned alone, as pairs of one that count as nothing: should the partner come after all, the pair follows.
+        """
+        return self._arrival(side, frame.frame_id, frame.host_time_ns, frame)
+
+    def incomplete(self, side: Side, frame: IncompleteFrame) -> list[StereoPair]:
+        """Account for a frame that arrived with holes."""
+        return self._arrival(side, frame.frame_id, frame.host_time_ns, _Fate.INCOMPLETE)
+
+    def stale(self, side: Side, frame: Frame) -> list[StereoPair]:
+        """Account for a frame that nobody had time for."""
+        return self._arrival(side, frame.frame_id, frame.host_time_ns, _Fate.STALE)
+
+    def superseded(self, pair: StereoPair) -> None:
+        """Take back a returned pair: a newer one was there before control got to it."""
+        if len(pair.frames) == len(self._tracks):
+            self.tally.pairs -= 1
+            self.tally.lost[LossReason.STALE] += 1
+
+    def silent(self, side: Side) -> list[StereoPair]:
+        """The camera sends nothing, perhaps for good: stop waiting for it."""
+        self._tracks[side].silent = True
+        return self._release_lone()
+
+    def gone(self, side: Side) -> list[StereoPair]:
+        """The camera is lost, or could not be opened."""
+        track = self._tracks[side]
+        track.streaming = False
+        track.silent = True
+        track.gap_fate = _Fate.GONE
+        return self._release_lone() + self._resolve()
+
+    def close(self, now_ns: int) -> None:
+        """Account for the triggers up to now that will never make a pair."""
+        if self.grid is None:  # no frame ever told the phase, but n whole periods hold n triggers whatever it is
+            triggers = int((now_ns - self._opened_ns) // self._period_ns)
+            self._open_grid(self._opened_ns + round(self._period_ns / 2), 0)
+            last = triggers - 1
+        else:
+            last = self.grid.last_before(now_ns)
+        assert self.grid is not None
+        self.tally.window_end_ns = round(self.grid.time_of(last) + self.grid.period_ns / 2)
+        for side, track in self._tracks.items():
+            self._settle(side, last + 1, _Fate.SHUTDOWN if track.streaming else track.gap_fate)
+        self._resolve()
+
+    def _arrival(self, side: Side, frame_id: int, time_ns: int | None, outcome: _Outcome) -> list[StereoPair]:
+        track = self._tracks[side]
+        trigger = self._number(track, frame_id, time_ns)
+        if trigger is None:
+            return []
+        if trigger < track.settled:
+            self.tally.surplus_frames += 1
+            track.frame_id = frame_id
+            return []
+        self._explain_gap(side, track, trigger, frame_id)
+        self._settle(side, trigger + 1, outcome)
+        track.streaming, track.silent, track.frame_id, track.trigger = True, False, frame_id, trigger
+        if self.grid is not None and time_ns is not None:
+            self.grid.observe(trigger, time_ns)
+        for other_side, other in self._tracks.items():
+            if not other.streaming and other.gap_fate is _Fate.GONE:
+                self._settle(other_side, trigger - _HOLD_PERIODS, _Fate.GONE)
+            elif other.streaming:
+                self._settle(other_side, trigger - _PATIENCE_PERIODS, _Fate.MISSING)
+        return self._resolve() + self._release_lone()
+
+    def _number(self, track: _Track, frame_id: int, time_ns: int | None) -> int | None:
+        """The trigger of a frame, or None when nothing tells it."""
+        if track.streaming and (time_ns is None or self._numbered_by == "frame_id"):
+            return track.trigger + max(frame_id - track.frame_id, 0)
+        if time_ns is None:
+            return None
+        if self.grid is None:
+            return self._open_grid(time_ns, max(int((time_ns - self._opened_ns) // self._period_ns), 0))
+        return self.grid.locate(time_ns)
+
+    def _open_grid(self, time_ns: int, trigger: int) -> int:
+        self.grid = TriggerGrid(self._period_ns, time_ns, trigger)
+        self.tally.window_start_ns = round(self.grid.time_of(0) - self._period_ns / 2)
+        return trigger
+
+    def _explain_gap(self, side: Side, track: _Track, trigger: int, frame_id: int) -> None:
+        """Give every trigger between the camera's last frame and this one its fate."""
+        if not track.streaming:
+            self._settle(side, trigger, track.gap_fate)
+            return
+        missing = max(frame_id - track.frame_id - 1, 0)
+        self._settle(side, min(track.settled + missing, trigger), _Fate.MISSING)
+        not_taken = trigger - track.settled
+        self._settle(side, trigger, _Fate.SILENT if not_taken >= _SILENCE_PERIODS else _Fate.IGNORED)
+
+    def _settle(self, side: Side, until: int, outcome: _Outcome) -> None:
+        """Record `outcome` for the camera's triggers from the first unsettled one up to, not including, `until`."""
+        track = self._tracks[side]
+        for trigger in range(track.settled, until):
+            self._open.setdefault(trigger, {})[side] = outcome
+        track.settled = max(track.settled, until)
+
+    def _resolve(self) -> list[StereoPair]:
+        """Close the triggers of which every camera's outcome is known."""
+        pairs: list[StereoPair] = []
+        for trigger in [t for t, outcomes in self._open.items() if len(outcomes) == len(self._tracks)]:
+            outcomes = self._open.pop(trigger)
+            frames = {side: outcome for side, outcome in outcomes.items() if isinstance(outcome, Frame)}
+            if len(frames) == len(self._tracks):
+                self.tally.pairs += 1
+                first, *rest = [frames[side] for side in self._tracks]
+                pairs.append(StereoPair(trigger, first, rest[0] if rest else None))
+                continue
+            if all(outcome is _Fate.SILENT for outcome in outcomes.values()):
+                continue
+            self.tally.lost[_reason(outcomes)] += 1
+            pairs += self._alone(trigger, frames)
+        return sorted(pairs, key=lambda pair: pair.trigger)
+
+    def _release_lone(self) -> list[StereoPair]:
+        """Frames whose partner is silent, handed out alone; their trigger stays open."""
+        silent = {side for side, track in self._tracks.items() if track.silent}
+        if not silent:
+            return []
+        newest = max(track.trigger for track in self._tracks.values())
+        pairs: list[StereoPair] = []
+        for trigger, outcomes in sorted(self._open.items()):
+            frames = {side: outcome for side, outcome in outcomes.items() if isinstance(outcome, Frame)}
+            if silent.isdisjoint(outcomes):
+                pairs += self._alone(trigger, frames)
+            if trigger < newest - _HOLD_PERIODS:
+                outcomes.update(dict.fromkeys(frames, _Fate.TAKEN))
+        return pairs
+
+    def _alone(self, trigger: int, frames: dict[Side, Frame]) -> list[StereoPair]:
+        """At most one frame as a pair of its own, unless it was handed out before."""
+        for side, frame in frames.items():
+            track = self._tracks[side]
+            if trigger > track.alone:
+                track.alone = trigger
+                return [StereoPair(trigger, frame, None)]
+        return []
+
+
+def _reason(outcomes: dict[Side, _Outcome]) -> LossReason:
+    for fate, reason in _BLAME:
+        if fate in outcomes.values():
+            return reason
+    missing = [side for side, outcome in outcomes.items() if outcome is _Fate.MISSING]
+    match missing:
+        case ["left"]:
+            return LossReason.LEFT_MISSING
+        case ["right"]:
+            return LossReason.RIGHT_MISSING
+        case []:  # the frame came after its partner had been used alone
+            return LossReason.STALE
+        case _:
+            return LossReason.BOTH_MISSING

@@ -1,0 +1,52 @@
+"""The grid of trigger times, learnt from the frames that triggers made."""
+
+from __future__ import annotations
+
+_PHASE_GAIN = 0.2  # follows clock latches (tens of us a second) within a few frames, averages their jitter
+_PERIOD_GAIN = 0.01  # an hour's outage must not cost a trigger at crystal precision, so the rate is averaged long
+_LARGEST_RATE_ERROR = 0.01  # a rate further off is another rate, not a tolerance: it shows as ignored triggers
+
+
+class TriggerGrid:
+    """Numbers trigger times (host clock, ns): trigger n is expected at ``time_of(n)``.
+
+    The first time it is given becomes a trigger; further ones move its phase, and its period around the nominal one.
+    """
+
+    def __init__(self, nominal_period_ns: float, first_time_ns: int, first_trigger: int = 0) -> None:
+        self._nominal_period_ns = nominal_period_ns
+        self._period_ns = nominal_period_ns
+        self._trigger = first_trigger
+        self._time_ns = float(first_time_ns)
+
+    @property
+    def period_ns(self) -> float:
+        """The trigger period as seen, in ns of the host clock."""
+        return self._period_ns
+
+    def time_of(self, trigger: int) -> float:
+        """When `trigger` is expected (host clock, ns)."""
+        return self._time_ns + (trigger - self._trigger) * self._period_ns
+
+    def last_before(self, time_ns: float) -> int:
+        """The last trigger at or before `time_ns`."""
+        return self._trigger + int((time_ns - self._time_ns) // self._period_ns)
+
+    def locate(self, time_ns: int) -> int:
+        """The trigger nearest to `time_ns`."""
+        return self._trigger + round((time_ns - self._time_ns) / self._period_ns)
+
+    def observe(self, trigger: int, time_ns: int) -> None:
+        """Learn that `trigger` was at `time_ns`; one that is older than the newest is of no use and ignored."""
+        elapsed = trigger - self._trigger
+        if elapsed < 0:
+            return
+        error_ns = time_ns - self.time_of(trigger)
+        if elapsed:
+            period_ns = self._period_ns + _PERIOD_GAIN * error_ns / elapsed
+            tolerance_ns = _LARGEST_RATE_ERROR * self._nominal_period_ns
+            self._period_ns = min(
+                max(period_ns, self._nominal_period_ns - tolerance_ns), self._nominal_period_ns + tolerance_ns
+            )
+        self._time_ns = self.time_of(trigger) + _PHASE_GAIN * error_ns
+        self._trigger = trigger
