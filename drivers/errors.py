@@ -5,7 +5,7 @@ class AutoexposeError(Exception):
     """Root of the errors this project raises on purpose: one clear sentence for the user, never a traceback."""
 
 
-class ConfigurationError(AutoexposeError):
+class ConfigurationError(AutoexposeError, ValueError):
     """What the user asked for cannot be: mend the configuration."""
 
 

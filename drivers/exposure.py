@@ -33,6 +33,11 @@ class ExposureSetting:
         """Exposure level E = log2(t * g) in stops, t in microseconds (Begin & Hunter 2022, eq. 1)."""
         return math.log2(self.exposure_time_us) + self.gain_db / DB_PER_STOP
 
+    def agrees_with(self, other: ExposureSetting) -> bool:
+        """Whether the two are the same but for the rounding of cameras (1 % of time, 0.1 dB)."""
+        ratio = self.exposure_time_us / other.exposure_time_us
+        return abs(ratio - 1.0) < 0.01 and abs(self.gain_db - other.gain_db) < 0.1
+
     def __str__(self) -> str:
         return f"{self.exposure_time_us:.0f} us, {self.gain_db:.1f} dB"
 

@@ -66,4 +66,4 @@ class StereoPair:
     @property
     def mismatched(self) -> bool:
         """Whether the two frames were taken with different settings."""
-        return self.right is not None and self.right.setting != self.left.setting
+        return self.right is not None and not self.right.setting.agrees_with(self.left.setting)

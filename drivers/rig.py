@@ -115,7 +115,8 @@ class Rig:
         for unit in self._units.values():
             unit.ask_to_stop()
         deadline = time.monotonic() + timeout_s
-        return all([unit.join(max(deadline - time.monotonic(), 0.0)) for unit in self._units.values()])
+        stopped = [unit.join(max(deadline - time.monotonic(), 0.0)) for unit in self._units.values()]
+        return all(stopped)
 
 
 class _Unit:

@@ -1,0 +1,58 @@
+# Two commands for a newcomer: `make demo` and `make test`. Both install what they need themselves.
+SHELL := /bin/bash
+.SHELLFLAGS := -eu -o pipefail -c
+VENV := .venv
+PY := $(VENV)/bin/python
+SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
+APT := $(SUDO) env DEBIAN_FRONTEND=noninteractive apt-get -y --no-install-recommends
+
+# What the daemon and the demo stand on, and what only the tests need.
+DEMO_PACKAGES := gir1.2-aravis-0.8 python3-gi python3-venv
+TEST_PACKAGES := $(DEMO_PACKAGES) aravis-tools-cli aravis-tools tshark
+
+.PHONY: setup demo test lint bench accept soak clean
+.DEFAULT_GOAL := demo
+
+# Stamps make second runs start at once; they are remade when pyproject.toml changes.
+$(VENV)/demo.stamp: pyproject.toml
+	@./tools/apt-missing $(DEMO_PACKAGES) | xargs -r sh -c '$(APT) update && $(APT) install "$$@"' --
+	@[ -x $(PY) ] || /usr/bin/python3 -m venv --system-site-packages $(VENV)
+	@echo "installing Python packages into $(VENV) ..."
+	@$(PY) -m pip install --quiet --disable-pip-version-check --editable '.[sim]'
+	@touch $@
+
+$(VENV)/dev.stamp: $(VENV)/demo.stamp pyproject.toml
+	@./tools/apt-missing $(TEST_PACKAGES) | xargs -r sh -c '$(APT) update && $(APT) install "$$@"' --
+	@echo "installing the tools of the tests ..."
+	@$(PY) -m pip install --quiet --disable-pip-version-check --editable '.[sim,dev]'
+	@touch $@
+
+setup: $(VENV)/dev.stamp ## make .venv with everything
+
+demo: $(VENV)/demo.stamp ## watch two fake cameras being exposed well through lights going on and off
+	@mkdir -p out
+	@$(VENV)/bin/autoexpose demo --plot out/demo.png
+
+lint: $(VENV)/dev.stamp
+	$(VENV)/bin/ruff check .
+	$(VENV)/bin/ruff format --check .
+	$(VENV)/bin/mypy
+	$(VENV)/bin/lint-imports
+
+test: lint ## everything that CI runs
+	$(VENV)/bin/pytest
+
+bench: $(VENV)/dev.stamp ## where the time goes, as ratios
+	$(PY) benchmarks/bench_step.py
+	$(PY) benchmarks/bench_render.py
+
+accept: $(VENV)/dev.stamp ## the longer checks in real time, about five minutes
+	$(VENV)/bin/pytest tests/accept -p no:cacheprovider --override-ini addopts=-ra --timeout 600 -s
+
+soak: $(VENV)/dev.stamp ## endurance: ten minutes of demo, the account must balance
+	@mkdir -p out
+	$(VENV)/bin/autoexpose demo --seconds 600 --policy neves2009 --summary out/soak.json
+
+clean:
+	rm -rf $(VENV) out build *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

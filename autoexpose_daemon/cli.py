@@ -1,0 +1,111 @@
+"""The command line: `autoexpose COMMAND`."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import threading
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from autoexpose_daemon.config import Config, load_config
+from autoexpose_daemon.control.policy import POLICY_IDS
+from drivers.errors import AutoexposeError
+
+app = typer.Typer(
+    name="autoexpose",
+    help="Auto-exposure for stereo machine-vision cameras on robots.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+config_app = typer.Typer(help="Work with configuration files.", no_args_is_help=True)
+app.add_typer(config_app, name="config")
+
+ConfigFile = Annotated[Path, typer.Option("-c", "--config", help="The configuration, a YAML file.")]
+
+
+@app.command()
+def run(config: ConfigFile) -> None:
+    """Run the daemon on the cameras of a configuration, until SIGTERM or Ctrl-C."""
+    run_daemon(load_config(config))
+
+
+def run_daemon(config: Config) -> None:
+    """Run the daemon with the live view, until SIGTERM or SIGINT."""
+    from autoexpose_daemon.cameras import openers  # noqa: PLC0415  Aravis loads only where cameras are opened
+    from autoexpose_daemon.runtime import Daemon  # noqa: PLC0415
+    from autoexpose_daemon.service import run_until_stopped  # noqa: PLC0415
+
+    stop = threading.Event()
+    stop_on_signals(stop)
+    run_until_stopped(Daemon(config, openers(config)), stop, Console(), "autoexpose")
+
+
+def stop_on_signals(stop: threading.Event) -> None:
+    """SIGTERM and SIGINT ask for a clean stop."""
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: stop.set())
+
+
+@app.command()
+def demo(
+    *,
+    seconds: Annotated[float, typer.Option(min=2.0, help="How long to run.")] = 20.0,
+    policy: Annotated[str, typer.Option(help=f"Who decides: {', '.join(POLICY_IDS)}.")] = "begin2022",
+    summary: Annotated[Path | None, typer.Option(help="Write the figures of the run to this JSON file.")] = None,
+    plot: Annotated[Path | None, typer.Option(help="Draw the run into this PNG file.")] = None,
+    scene: Annotated[str, typer.Option(help="What the cameras see: `room`, or a Radiance .hdr file.")] = "room",
+    light: Annotated[Path | None, typer.Option(help="A light script for the fake cameras (YAML).")] = None,
+    seed: Annotated[int, typer.Option(help="Room, textures and noise.")] = 0,
+) -> None:
+    """Expose two fake cameras through lights going on and off: no hardware needed."""
+    from autoexpose_daemon.demo.run import DemoOptions, run_demo  # noqa: PLC0415
+
+    stop = threading.Event()
+    stop_on_signals(stop)
+    run_demo(DemoOptions(seconds, policy, summary, plot, scene, light, seed), stop, Console())
+
+
+@app.command("list")
+def list_cameras() -> None:
+    """List the cameras that Aravis finds."""
+    from drivers.aravis import find_cameras  # noqa: PLC0415
+
+    cameras = find_cameras()
+    for camera in cameras:
+        typer.echo(f"{camera.serial}  {camera.vendor} {camera.model}  {camera.transport}  {camera.address}")
+    if not cameras:
+        raise AutoexposeError("no camera found: check power, cable and network, and that the camera is in your subnet")
+
+
+@app.command(
+    "fake-camera", context_settings={"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []}
+)
+def fake_camera(context: typer.Context) -> None:
+    """Start a fake camera (a process of its own); its options: autoexpose fake-camera --help."""
+    raise SystemExit(subprocess.call([sys.executable, "-m", "fake_camera", *context.args]))
+
+
+@config_app.command("check")
+def check_config(file: Path) -> None:
+    """Check a configuration file, and the response files it names."""
+    config = load_config(file)
+    cameras = ", ".join(f"{side} {camera.serial}" for side, camera in config.sides.items())
+    typer.echo(f"{file}: valid: {cameras}; policy {config.control.policy}")
+
+
+def main() -> None:
+    """Run the command line; errors of ours are one sentence on stderr and exit code 1."""
+    for point in entry_points(group="autoexpose.commands"):
+        app.add_typer(point.load(), name=point.name)
+    try:
+        app()
+    except AutoexposeError as error:
+        typer.echo(f"autoexpose: {error}", err=True)
+        raise SystemExit(1) from None

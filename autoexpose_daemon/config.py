@@ -1,0 +1,225 @@
+"""The daemon's configuration: YAML on disk, checked before anything is opened."""
+
+from __future__ import annotations
+
+import difflib
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic_core import ErrorDetails
+
+from autoexpose_daemon.control.policy import POLICY_IDS
+from calibration.response import ResponseFunction, linear, load_response
+from drivers.errors import ConfigurationError
+from drivers.exposure import ExposureLimits, ExposureSetting
+from drivers.frames import Side
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+
+
+class _Section(BaseModel):
+    """Unknown keys are errors: a misspelt limit must not silently be no limit."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class CameraConfig(_Section):
+    """One camera: its serial, and the file with its response function (none: a linear response)."""
+
+    serial: Annotated[str, Field(min_length=1)]
+    response: Path | None = None
+
+
+class CamerasConfig(_Section):
+    """The cameras of the rig; a rig of one camera has only `left`."""
+
+    left: CameraConfig
+    right: CameraConfig | None = None
+
+    @model_validator(mode="after")
+    def _two_cameras_are_two(self) -> Self:
+        if self.right is not None and self.right.serial == self.left.serial:
+            raise ValueError(f"left and right are the same camera, {self.left.serial}")
+        return self
+
+
+class TriggerConfig(_Section):
+    """How frames are started: by pulses on an input line, or by the camera itself."""
+
+    mode: Literal["external", "primary", "free_run"] = "external"
+    line: str = "Line0"
+    rate_hz: Positive = 60.0
+
+
+class ExposureConfig(_Section):
+    """Bounds of the exposure; each is cut to the camera's own."""
+
+    min_time_us: Positive = 20.0
+    max_time_us: Positive = 7500.0
+    min_gain_db: Finite = 0.0
+    max_gain_db: Finite = 30.0
+
+    @model_validator(mode="after")
+    def _leaves_a_choice(self) -> Self:
+        self.limits()
+        return self
+
+    def limits(self) -> ExposureLimits:
+        """The bounds as limits."""
+        return ExposureLimits(self.min_time_us, self.max_time_us, self.min_gain_db, self.max_gain_db)
+
+
+class StartConfig(_Section):
+    """The exposure before the first frame; the policy `fixed` stays there."""
+
+    exposure_time_us: Positive
+    gain_db: Finite = 0.0
+
+
+class ControlConfig(_Section):
+    """Which policy decides, and where it starts."""
+
+    policy: str = "begin2022"
+    start: StartConfig | None = None
+
+    @model_validator(mode="after")
+    def _policy_exists(self) -> Self:
+        if self.policy not in POLICY_IDS:
+            near = difflib.get_close_matches(self.policy, POLICY_IDS, n=1)
+            hint = f"; did you mean {near[0]}?" if near else ""
+            raise ValueError(f"there is no policy {self.policy!r}{hint} Policies: {', '.join(POLICY_IDS)}")
+        return self
+
+
+class ResponseConfig(_Section):
+    """What holds for the response functions of both cameras; calibration adds to it."""
+
+
+class TransportConfig(_Section):
+    """GigE Vision tuning; the defaults suit a direct link.
+
+    `packet_size_bytes` None lets camera and host agree on the largest that passes.
+    """
+
+    packet_size_bytes: Annotated[int, Field(ge=576, le=16000)] | None = None
+
+
+class ImageConfig(_Section):
+    """What the cameras send; None leaves a camera as it is."""
+
+    pixel_format: Literal["Mono8", "Mono12", "Mono16"] | None = None
+    binning: Annotated[int, Field(ge=1, le=8)] | None = None
+
+
+class Config(_Section):
+    """The whole configuration."""
+
+    cameras: CamerasConfig
+    trigger: TriggerConfig = TriggerConfig()
+    exposure: ExposureConfig = ExposureConfig()
+    control: ControlConfig = ControlConfig()
+    response: ResponseConfig = ResponseConfig()
+    transport: TransportConfig = TransportConfig()
+    image: ImageConfig = ImageConfig()
+
+    @model_validator(mode="after")
+    def _wiring_fits_the_rig(self) -> Self:
+        if self.trigger.mode == "free_run" and self.cameras.right is not None:
+            raise ValueError("trigger.mode free_run takes one camera: two that run freely never see the same instant")
+        if self.trigger.mode == "primary":
+            raise ValueError("trigger.mode primary is not available yet: wire both cameras to one line, mode external")
+        return self
+
+    @model_validator(mode="after")
+    def _exposure_fits(self) -> Self:
+        period_us = 1e6 / self.trigger.rate_hz
+        if self.exposure.max_time_us >= period_us:
+            raise ValueError(
+                f"exposure.max_time_us {self.exposure.max_time_us:g} us does not fit into the period of "
+                f"{period_us:.0f} us that trigger.rate_hz {self.trigger.rate_hz:g} leaves"
+            )
+        start = self.control.start
+        if start is not None and self.start != ExposureSetting(start.exposure_time_us, start.gain_db):
+            raise ValueError(f"control.start {start.exposure_time_us:g} us, {start.gain_db:g} dB is outside exposure")
+        return self
+
+    @property
+    def sides(self) -> dict[Side, CameraConfig]:
+        """The cameras there are, left first."""
+        cameras: dict[Side, CameraConfig] = {"left": self.cameras.left}
+        if self.cameras.right is not None:
+            cameras["right"] = self.cameras.right
+        return cameras
+
+    @property
+    def start(self) -> ExposureSetting:
+        """The exposure before the first frame: 2 ms without gain unless configured, within the bounds."""
+        configured = self.control.start or StartConfig(exposure_time_us=2000.0)
+        wanted = ExposureSetting(configured.exposure_time_us, configured.gain_db)
+        return self.exposure.limits().realise(wanted.level, wanted.exposure_time_us)
+
+    def response_of(self, side: Side) -> ResponseFunction:
+        """The response function of a camera."""
+        path = self.sides[side].response
+        return linear() if path is None else load_response(path)
+
+
+def load_config(path: Path) -> Config:
+    """Read and check a configuration file, with the response files it names.
+
+    Raises
+    ------
+    ConfigurationError
+        One sentence for each thing that is wrong, with file and key.
+    """
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigurationError(f"{path}: cannot be read: {error.strerror}") from error
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ConfigurationError(f"{path}: is not YAML: {' '.join(str(error).split())}") from error
+    if not isinstance(content, dict):
+        raise ConfigurationError(f"{path}: must hold keys such as `cameras:`; see docs/configuration.md")
+    try:
+        config = Config.model_validate(content)
+    except ValidationError as error:
+        raise ConfigurationError("\n".join(_sentence(path, each) for each in error.errors())) from error
+    config = _with_absolute_paths(config, path.resolve().parent)
+    for side in config.sides:
+        config.response_of(side)
+    return config
+
+
+def _with_absolute_paths(config: Config, folder: Path) -> Config:
+    """Response files are named relative to the configuration file, wherever the daemon is started."""
+    cameras = {
+        side: camera.model_copy(update={"response": camera.response and folder / camera.response})
+        for side, camera in config.sides.items()
+    }
+    return config.model_copy(update={"cameras": config.cameras.model_copy(update=cameras)})
+
+
+def _sentence(path: Path, error: ErrorDetails) -> str:
+    key = ".".join(str(part) for part in error["loc"])
+    if error["type"] == "extra_forbidden":
+        *parents, last = [str(part) for part in error["loc"]]
+        near = difflib.get_close_matches(last, _keys_of(parents), n=1)
+        hint = f"did you mean {'.'.join([*parents, near[0]])}?" if near else f"known: {', '.join(_keys_of(parents))}"
+        return f"{path}: {key}: unknown key; {hint}"
+    if error["type"] == "missing":
+        return f"{path}: {key}: is missing"
+    message = error["msg"].removeprefix("Value error, ")
+    return f"{path}: {key + ': ' if key else ''}{message[0].lower()}{message[1:]}"
+
+
+def _keys_of(parents: list[str]) -> list[str]:
+    """The keys known below a path of keys, read off the models themselves."""
+    model: type[BaseModel] = Config
+    for parent in parents:
+        annotation: Any = model.model_fields[parent].annotation
+        candidates = [annotation, *getattr(annotation, "__args__", ())]
+        model = next(c for c in candidates if isinstance(c, type) and issubclass(c, BaseModel))
+    return list(model.model_fields)

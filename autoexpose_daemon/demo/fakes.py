@@ -1,0 +1,81 @@
+"""Two fake cameras as processes; all that is known of them beyond the wire is what they print and write to files."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from drivers.errors import AutoexposeError
+from drivers.frames import Side
+
+SERIALS: dict[Side, str] = {"left": "FAKE-LEFT", "right": "FAKE-RIGHT"}
+_ADDRESSES: dict[Side, str] = {"left": "127.0.0.2", "right": "127.0.0.3"}
+_READY_S = 180.0  # the first start compiles the renderer
+
+
+@dataclass(frozen=True, slots=True)
+class Pulse:
+    """A pulse on the trigger wire as the fakes saw it: host time (CLOCK_MONOTONIC) and illumination."""
+
+    trigger: int
+    host_time_ns: int
+    lux: float
+
+
+@contextmanager
+def fake_cameras(folder: Path, arguments: Sequence[str], wire: str) -> Iterator[list[Path]]:
+    """Run a left and a right fake camera on one trigger wire; yields their truth files."""
+    truths = [folder / f"{side}.truth.jsonl" for side in SERIALS]
+    with ExitStack() as stack:
+        starting = [
+            stack.enter_context(_fake_camera(side, truth, ["--line0", wire, *arguments]))
+            for side, truth in zip(SERIALS, truths, strict=True)
+        ]
+        for side, process in zip(SERIALS, starting, strict=True):
+            _wait_ready(side, process)
+        yield truths
+
+
+@contextmanager
+def _fake_camera(side: Side, truth: Path, arguments: Sequence[str]) -> Iterator[subprocess.Popen[str]]:
+    # setpriv: should this process be killed, its cameras must not stay behind and hold their addresses
+    command = ["setpriv", "--pdeathsig", "TERM", sys.executable, "-m", "fake_camera"]
+    command += ["--address", _ADDRESSES[side], "--serial", SERIALS[side], "--side", side, "--truth", str(truth)]
+    process = subprocess.Popen([*command, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        yield process
+    finally:
+        process.terminate()
+        try:
+            process.communicate(timeout=5)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.communicate()
+
+
+def _wait_ready(side: Side, process: subprocess.Popen[str]) -> None:
+    assert process.stdout is not None
+    too_late = threading.Timer(_READY_S, process.kill)
+    too_late.start()
+    line = process.stdout.readline()
+    too_late.cancel()
+    if not line:
+        _, complaint = process.communicate()
+        lines = complaint.strip().splitlines() or ["it said nothing"]
+        raise AutoexposeError(f"the {side} fake camera did not start: {lines[-1]}")
+
+
+def read_pulses(truths: Sequence[Path]) -> list[Pulse]:
+    """All pulses that any of the fakes saw on the wire, in order."""
+    pulses: dict[int, Pulse] = {}
+    for truth in truths:
+        for line in truth.read_text().splitlines():
+            seen = json.loads(line)
+            pulses[seen["trigger"]] = Pulse(seen["trigger"], seen["host_time_ns"], seen["lux"])
+    return [pulses[trigger] for trigger in sorted(pulses)]

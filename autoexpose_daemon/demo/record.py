@@ -1,0 +1,57 @@
+"""What the demo keeps of each step: numbers of every frame, and a small picture now and then."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from autoexpose_daemon.control.decision import Decision
+from drivers.exposure import ExposureSetting
+from drivers.frames import StereoPair
+
+_PICTURE_WIDTH = 180
+
+
+@dataclass(frozen=True, slots=True)
+class StepRecord:
+    """One step of control: when the left frame was taken, how, what it was worth, and what was decided."""
+
+    trigger: int
+    host_time_ns: int
+    applied: ExposureSetting
+    decided_level: float
+    metric: float
+    saturated_share: float
+    black_share: float
+
+
+class Recorder:
+    """Observes the daemon's steps."""
+
+    def __init__(self, picture_period_s: float) -> None:
+        self.steps: list[StepRecord] = []
+        self.pictures: list[tuple[int, NDArray[np.uint8]]] = []
+        self._picture_period_ns = picture_period_s * 1e9
+
+    def __call__(self, pair: StereoPair, decision: Decision) -> None:
+        """Keep one step."""
+        frame = pair.left
+        self.steps.append(
+            StepRecord(
+                pair.trigger,
+                frame.host_time_ns,
+                frame.setting,
+                decision.level,
+                decision.metric,
+                decision.saturated_share,
+                decision.black_share,
+            )
+        )
+        if not self.pictures or frame.host_time_ns - self.pictures[-1][0] >= self._picture_period_ns:
+            height, width = frame.pixels.shape
+            size = (_PICTURE_WIDTH, round(height * _PICTURE_WIDTH / width))
+            small = np.asarray(cv2.resize(frame.grey8(), size, interpolation=cv2.INTER_AREA), np.uint8)
+            self.pictures.append((frame.host_time_ns, small))

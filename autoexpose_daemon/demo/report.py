@@ -1,0 +1,75 @@
+"""The figures of a demo: the daemon's own account held against what the fakes' trigger wire saw."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from autoexpose_daemon.demo.fakes import Pulse
+from autoexpose_daemon.demo.record import StepRecord
+from drivers.account import Tally
+
+_STEP_STOPS = 0.5  # light that changes by this much between two pulses is a step, not a ramp or flicker's beat
+_SETTLED_STOPS = 0.25
+_SETTLED_FRAMES = 10
+_REFERENCE_FRAMES = 20
+_LARGEST_CLIPPED_SHARE = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class LightStep:
+    """A step of the light, and after how many frames the exposure had settled (None: not before the next step)."""
+
+    time_s: float
+    from_lux: float
+    to_lux: float
+    frames_to_settle: int | None
+
+
+def pulses_in_window(pulses: Sequence[Pulse], tally: Tally) -> list[Pulse]:
+    """The pulses on the wire during the window that the daemon accounts for."""
+    if tally.window_start_ns is None or tally.window_end_ns is None:
+        return []
+    return [pulse for pulse in pulses if tally.window_start_ns <= pulse.host_time_ns < tally.window_end_ns]
+
+
+def light_steps(pulses: Sequence[Pulse], records: Sequence[StepRecord]) -> list[LightStep]:
+    """Every step of the light that enough frames followed to judge it."""
+    changes = [
+        (before, after)
+        for before, after in pairwise(pulses)
+        if abs(np.log2(max(after.lux, 1e-6) / max(before.lux, 1e-6))) > _STEP_STOPS
+    ]
+    ends_ns = [before.host_time_ns for before, _ in changes[1:]] + [pulses[-1].host_time_ns + 1] if changes else []
+    steps = []
+    for (before, after), end_ns in zip(changes, ends_ns, strict=True):
+        # the light changed between the two pulses: the later one's frame was exposed wholly after it
+        between_ns = (before.host_time_ns + after.host_time_ns) // 2
+        following = [record for record in records if between_ns < record.host_time_ns <= end_ns]
+        if len(following) >= _REFERENCE_FRAMES + _SETTLED_FRAMES:
+            time_s = (after.host_time_ns - pulses[0].host_time_ns) * 1e-9
+            steps.append(LightStep(round(time_s, 3), before.lux, after.lux, frames_to_settle(following)))
+    return steps
+
+
+def frames_to_settle(following: Sequence[StepRecord]) -> int | None:
+    """Frames until the first of 10 in a row whose level is within 0.25 stops of where it ends, most of them unclipped.
+
+    Where it ends is the median level of the last 20 frames.
+    """
+    end = np.median([record.applied.level for record in following[-_REFERENCE_FRAMES:]])
+    run = 0
+    for index, record in enumerate(following):
+        clipped = record.saturated_share + record.black_share >= _LARGEST_CLIPPED_SHARE
+        run = 0 if clipped or abs(record.applied.level - end) > _SETTLED_STOPS else run + 1
+        if run == _SETTLED_FRAMES:
+            return index + 1 - _SETTLED_FRAMES
+    return None
+
+
+def steps_as_json(steps: Sequence[LightStep]) -> list[dict[str, float | int | None]]:
+    """The steps as plain data."""
+    return [asdict(step) for step in steps]

@@ -1,0 +1,154 @@
+"""Running the demo from its first process to its last figure."""
+
+from __future__ import annotations
+
+import gc
+import importlib.util
+import json
+import os
+import tempfile
+import threading
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from autoexpose_daemon.cameras import openers
+from autoexpose_daemon.config import Config
+from autoexpose_daemon.demo.fakes import SERIALS, Pulse, fake_cameras, read_pulses
+from autoexpose_daemon.demo.record import Recorder
+from autoexpose_daemon.demo.report import LightStep, light_steps, pulses_in_window, steps_as_json
+from autoexpose_daemon.reference_step import reference_step_ms
+from autoexpose_daemon.runtime import Daemon
+from autoexpose_daemon.service import run_until_stopped
+from drivers.errors import AutoexposeError, ConfigurationError
+
+_RATE_HZ = 60.0
+_PICTURE_PERIOD_S = 0.25
+_REFERENCE_REPEATS = 60
+
+
+@dataclass(frozen=True, slots=True)
+class DemoOptions:
+    """What the demo is asked for on the command line."""
+
+    seconds: float
+    policy: str
+    summary: Path | None
+    plot: Path | None
+    scene: str
+    light: Path | None
+    seed: int
+
+
+def run_demo(options: DemoOptions, stop: threading.Event, console: Console) -> None:
+    """Run the daemon on two fake cameras and report.
+
+    Raises
+    ------
+    AutoexposeError
+        When the fakes do not start, or when the daemon's account of triggers disagrees with the wire's.
+    """
+    if importlib.util.find_spec("numba") is None:
+        raise ConfigurationError("the fake cameras need the extra `sim`: pip install 'autoexpose-daemon[sim]'")
+    config = _configuration(options.policy)
+    arguments = ["--scene", options.scene, "--seed", str(options.seed)]
+    if options.light is not None:
+        arguments += ["--light", str(options.light)]
+    recorder = Recorder(_PICTURE_PERIOD_S)
+    with tempfile.TemporaryDirectory(prefix="autoexpose-demo-") as folder:
+        console.print("starting two fake cameras (the first time compiles their renderer, which takes a minute) ...")
+        with fake_cameras(Path(folder), arguments, f"demo-{os.getpid()}") as truths:
+            daemon = Daemon(config, openers(config), recorder)
+            cpu_percent = _run_for(options.seconds, daemon, stop, console, f"autoexpose demo, {options.policy}")
+            reference_ms = reference_step_ms(_REFERENCE_REPEATS)
+            pulses = pulses_in_window(read_pulses(truths), daemon.tally)
+    steps = light_steps(pulses, recorder.steps)
+    figures = _figures(options, daemon, pulses, steps)
+    figures |= {"daemon_cpu_percent": cpu_percent, "reference_step_ms": round(reference_ms, 3)}
+    _print_figures(console, figures, steps)
+    if options.summary is not None:
+        options.summary.write_text(json.dumps(figures, indent=2) + "\n")
+    if options.plot is not None:
+        from autoexpose_daemon.demo.plot import draw  # noqa: PLC0415  matplotlib takes a second to load
+
+        draw(options.plot, pulses, recorder, f"autoexpose demo: policy {options.policy}, scene {options.scene}")
+        console.print(f"picture of the run: {options.plot}")
+    if figures["triggers"] != figures["pairs"] + sum(figures["lost"].values()):
+        raise AutoexposeError(
+            f"the account does not balance: {figures['triggers']} triggers on the wire, "
+            f"{figures['pairs']} pairs and {sum(figures['lost'].values())} losses accounted for"
+        )
+
+
+def _configuration(policy: str) -> Config:
+    try:
+        return Config.model_validate(
+            {
+                "cameras": {side: {"serial": serial} for side, serial in SERIALS.items()},
+                "trigger": {"mode": "external", "line": "Line0", "rate_hz": _RATE_HZ},
+                "control": {"policy": policy},
+            }
+        )
+    except ValueError as error:
+        raise ConfigurationError(f"--policy: {error}") from error
+
+
+def _run_for(seconds: float, daemon: Daemon, stop: threading.Event, console: Console, title: str) -> float:
+    """Run the daemon for a time; returns the CPU time of this process in percent of the time it took."""
+    gc.freeze()
+    timer = threading.Timer(seconds, stop.set)
+    timer.start()
+    started_s, cpu_s = time.monotonic(), time.process_time()
+    try:
+        run_until_stopped(daemon, stop, console, title)
+    finally:
+        timer.cancel()
+    return round(100 * (time.process_time() - cpu_s) / (time.monotonic() - started_s), 1)
+
+
+def _figures(options: DemoOptions, daemon: Daemon, pulses: list[Pulse], steps: list[LightStep]) -> dict[str, Any]:
+    tally, telemetry = daemon.tally, daemon.telemetry
+    seconds = ((tally.window_end_ns or 0) - (tally.window_start_ns or 0)) * 1e-9
+    return {
+        "transport": "gige",
+        "policy": options.policy,
+        "seconds": round(seconds, 3),
+        "fps": round(tally.pairs / seconds, 2) if seconds else 0.0,
+        "triggers": len(pulses),
+        "pairs": tally.pairs,
+        "lost": {str(reason): count for reason, count in tally.lost.items() if count},
+        "mismatched_pairs": telemetry.mismatched_pairs,
+        "steps": steps_as_json(steps),
+        "decision_ms": telemetry.decision_ms.percentiles(),
+        "write_ms": telemetry.write_ms.percentiles(),
+        "frame_to_node_ms": telemetry.frame_to_node_ms.percentiles(),
+    }
+
+
+def _print_figures(console: Console, figures: Mapping[str, Any], steps: list[LightStep]) -> None:
+    table = Table(box=None, show_header=False, padding=(0, 2))
+    lost = ", ".join(f"{count} {reason}" for reason, count in figures["lost"].items()) or "none"
+    table.add_row("triggers on the wire", str(figures["triggers"]))
+    table.add_row("stereo pairs", f"{figures['pairs']} ({figures['fps']} per second)")
+    table.add_row("lost, by reason", lost)
+    table.add_row("mismatched pairs", str(figures["mismatched_pairs"]))
+    for name, key in (
+        ("decision", "decision_ms"),
+        ("writing nodes", "write_ms"),
+        ("frame to node", "frame_to_node_ms"),
+    ):
+        if figures[key]["p50"] is not None:
+            table.add_row(name, f"{figures[key]['p50']:.2f} ms, p99 {figures[key]['p99']:.2f} ms")
+    table.add_row("daemon CPU", f"{figures['daemon_cpu_percent']} % of one core")
+    table.add_row("literal step here", f"{figures['reference_step_ms']} ms (yardstick of this machine's speed)")
+    for step in steps:
+        settled = "not settled before the next step"
+        if step.frames_to_settle is not None:
+            settled = f"settled after {step.frames_to_settle} frames"
+        table.add_row(f"light step at {step.time_s:.1f} s", f"{step.from_lux:g} to {step.to_lux:g} lux: {settled}")
+    console.print(table)

@@ -1,0 +1,225 @@
+"""The control thread: takes what the rig reports, pairs it, decides, and has both cameras written."""
+
+from __future__ import annotations
+
+import logging
+import queue
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+
+from autoexpose_daemon.config import Config
+from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.control.loop import ControlLoop
+from autoexpose_daemon.telemetry import Telemetry
+from drivers.account import Tally, TriggerAccount
+from drivers.camera import Camera, IncompleteFrame
+from drivers.errors import CameraError
+from drivers.exposure import ExposureLimits, ExposureSetting
+from drivers.frames import Frame, Side, StereoPair
+from drivers.rig import (
+    CameraGone,
+    CameraReady,
+    CameraSilent,
+    FrameArrived,
+    Rig,
+    RigEvent,
+    WriteFailed,
+    Written,
+)
+
+log = logging.getLogger(__name__)
+
+_STOP_S = 10.0  # a camera that does not answer blocks its teardown for 2.5 s a call
+_SILENCE_S = 0.2
+_SILENCE_PERIODS = 3.0
+_WRITE_GUARD_S = 0.003  # what two node writes on two cameras take, with a margin: p99 is 1.4 ms
+_WRITE_MARGIN_S = 0.0005  # behind the expected exposure start: clock latches are good to 0.1 ms
+_REMEMBERED_WRITES = 16
+
+Observer = Callable[[StereoPair, Decision], None]
+
+
+class Daemon:
+    """Exposes the cameras of a rig well, until told to stop.
+
+    Parameters
+    ----------
+    config
+        The checked configuration.
+    openers
+        For each side, what opens its camera.
+    observer
+        Told of every step, on the control thread.
+    """
+
+    def __init__(
+        self, config: Config, openers: Mapping[Side, Callable[[], Camera]], observer: Observer | None = None
+    ) -> None:
+        self.telemetry = Telemetry()
+        self._config = config
+        self._observer = observer
+        period_s = 1.0 / config.trigger.rate_hz
+        self._rig = Rig(openers, max(_SILENCE_S, _SILENCE_PERIODS * period_s), config.start)
+        self._account = TriggerAccount(
+            tuple(openers),
+            period_s * 1e9,
+            time.monotonic_ns(),
+            "frame_id" if config.trigger.mode == "free_run" else "time",
+        )
+        self._limits: dict[Side, ExposureLimits] = {}
+        self._loop: ControlLoop | None = None
+        self._asked = config.start
+        self._asked_arrival_ns: int | None = None
+        self._written: dict[Side, deque[ExposureSetting]] = {side: deque(maxlen=_REMEMBERED_WRITES) for side in openers}
+        self._complaints: dict[Side, str] = {}
+
+    @property
+    def tally(self) -> Tally:
+        """The account of triggers so far."""
+        return self._account.tally
+
+    def run(self, stop: threading.Event) -> None:
+        """Run until `stop` is set, then leave the cameras stopped and free.
+
+        Raises
+        ------
+        CameraError
+            When a camera can never be driven.
+        ConfigurationError
+            When the configured bounds leave no exposure that the cameras can take.
+        """
+        self._rig.start()
+        try:
+            while not stop.is_set():
+                self._take(self._next_events())
+        finally:
+            self._account.close(time.monotonic_ns())
+            self._publish_tally()
+            if not self._rig.stop(_STOP_S):
+                log.error("a camera did not answer while stopping; it frees itself when its heartbeat runs out")
+
+    def _next_events(self) -> list[RigEvent]:
+        """All that has happened, waiting a moment for the first."""
+        try:
+            events = [self._rig.events.get(timeout=0.1)]
+        except queue.Empty:
+            return []
+        while not self._rig.events.empty():  # this thread alone takes events out
+            events.append(self._rig.events.get_nowait())
+        return events
+
+    def _take(self, events: list[RigEvent]) -> None:
+        pairs = [pair for event in events for pair in self._handle(event)]
+        if pairs:
+            *late, newest = pairs
+            for pair in late:
+                self._account.superseded(pair)
+            self._step(newest)
+        if events:
+            self._publish_tally()
+
+    def _handle(self, event: RigEvent) -> list[StereoPair]:
+        """Account for one event; returns the pairs it completed."""
+        match event:
+            case FrameArrived(side, IncompleteFrame() as frame):
+                return self._account.incomplete(side, frame)
+            case FrameArrived(side, Frame() as frame, stale=True):
+                return self._account.stale(side, frame)
+            case FrameArrived(side, Frame() as frame):
+                return self._account.frame(side, frame)
+            case CameraSilent(side):
+                log.warning("%s camera: no frames; asking whether it is there", side)
+                return self._account.silent(side)
+            case CameraGone(side, error, final):
+                self._on_gone(side, error, final)
+                return self._account.gone(side)
+            case CameraReady():
+                self._on_ready(event)
+            case Written():
+                self._on_written(event)
+            case WriteFailed(side, asked, error):
+                self.telemetry.refused_writes += 1
+                self._complain(side, f"{asked} was refused: {error}")
+        return []
+
+    def _on_ready(self, event: CameraReady) -> None:
+        side, camera = event.side, event.description
+        if side in self._limits:
+            self.telemetry.reconnects += 1
+        self._complaints.pop(side, None)
+        log.info("%s camera: %s %s %s, ready", side, camera.vendor, camera.model, camera.serial)
+        for lack in camera.lacks:
+            log.warning("%s camera %s: %s", side, camera.serial, lack)
+        self.telemetry.cameras[side] = f"{camera.model} {camera.serial}"
+        self._limits[side] = event.limits
+        limits = self._config.exposure.limits()
+        for own in self._limits.values():
+            limits = limits.within(own)
+        if self._loop is None or limits != self._loop.limits:
+            log.info(
+                "exposure within %g to %g us, %g to %g dB",
+                limits.min_time_us, limits.max_time_us, limits.min_gain_db, limits.max_gain_db,
+            )  # fmt: skip
+            policy = self._config.control.policy
+            self._loop = ControlLoop(policy, self._config.response_of("left"), limits, self._asked)
+
+    def _on_gone(self, side: Side, error: CameraError, final: bool) -> None:
+        self.telemetry.cameras[side] = "gone"
+        if final:
+            raise error
+        self._complain(side, f"{error}; trying again")
+
+    def _on_written(self, event: Written) -> None:
+        self._written[event.side].append(event.read_back)
+        self.telemetry.write_ms.add_ns(event.finished_ns - event.started_ns)
+        if event.asked is self._asked and self._asked_arrival_ns is not None:
+            self.telemetry.frame_to_node_ms.add_ns(event.finished_ns - self._asked_arrival_ns)
+        if not event.read_back.agrees_with(event.asked):
+            self._complain(event.side, f"{event.asked} was asked for, the camera took {event.read_back}")
+
+    def _complain(self, side: Side, complaint: str) -> None:
+        """Say a thing once, not at every repetition."""
+        if self._complaints.get(side) != complaint:
+            self._complaints[side] = complaint
+            log.warning("%s camera: %s", side, complaint)
+
+    def _step(self, pair: StereoPair) -> None:
+        if self._loop is None:
+            return
+        started_ns = time.monotonic_ns()
+        decision = self._loop.step(pair)
+        self.telemetry.decision_ms.add_ns(time.monotonic_ns() - started_ns)
+        self.telemetry.decision = decision
+        self.telemetry.delivered(pair)
+        if pair.mismatched or any(self._torn(frame) for frame in pair.frames):
+            self.telemetry.mismatched_pairs += 1
+        if decision.setting != self._asked:
+            self._asked = decision.setting
+            self._asked_arrival_ns = max(frame.arrival_time_ns for frame in pair.frames)
+            self._rig.write(decision.setting, self._write_window_ns())
+        if self._observer is not None:
+            self._observer(pair, decision)
+
+    def _torn(self, frame: Frame) -> bool:
+        """Whether the frame was taken with half of a write: a setting that neither camera ever held as a whole."""
+        return not any(
+            frame.setting.agrees_with(written) for settings in self._written.values() for written in settings
+        )
+
+    def _write_window_ns(self) -> int:
+        """When to write: not so close before an exposure starts that one camera, or one node, misses it."""
+        now_ns = time.monotonic_ns()
+        grid = self._account.grid
+        if grid is None:
+            return now_ns
+        next_ns = grid.time_of(grid.last_before(now_ns) + 1)
+        guard_ns = min(_WRITE_GUARD_S * 1e9, grid.period_ns / 4)
+        return now_ns if next_ns - now_ns > guard_ns else round(next_ns + _WRITE_MARGIN_S * 1e9)
+
+    def _publish_tally(self) -> None:
+        tally = self._account.tally
+        self.telemetry.pairs = tally.pairs
+        self.telemetry.lost = dict(tally.lost)
+        self.telemetry.surplus_frames = tally.surplus_frames

@@ -1,0 +1,78 @@
+"""What the daemon knows about itself: counts, rates and latencies, for the terminal, the log and the summary."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from autoexpose_daemon.control.decision import Decision
+from drivers.account import LossReason
+from drivers.exposure import ExposureSetting
+from drivers.frames import Side, StereoPair
+
+_KEPT = 1 << 14  # four and a half minutes at 60 Hz: percentiles of the recent past in bounded memory
+
+
+class Durations:
+    """Durations in ms, the latest of them kept."""
+
+    def __init__(self) -> None:
+        self._values_ms: deque[float] = deque(maxlen=_KEPT)
+
+    def add_ns(self, duration_ns: int) -> None:
+        """Add one duration in ns."""
+        self._values_ms.append(duration_ns * 1e-6)
+
+    def percentiles(self) -> dict[str, float | None]:
+        """Median and 99th percentile in ms; None before the first."""
+        if not self._values_ms:
+            return {"p50": None, "p99": None}
+        p50, p99 = np.percentile(np.array(self._values_ms), [50, 99])
+        return {"p50": round(float(p50), 3), "p99": round(float(p99), 3)}
+
+
+@dataclass(slots=True)
+class Telemetry:
+    """Counters and latest values. Written by the control thread, read by any other."""
+
+    pairs: int = 0
+    lost: dict[LossReason, int] = field(default_factory=dict)
+    surplus_frames: int = 0
+    mismatched_pairs: int = 0
+    refused_writes: int = 0
+    reconnects: int = 0
+    cameras: dict[Side, str] = field(default_factory=dict)
+    applied: ExposureSetting | None = None
+    decision: Decision | None = None
+    decision_ms: Durations = field(default_factory=Durations)
+    write_ms: Durations = field(default_factory=Durations)
+    frame_to_node_ms: Durations = field(default_factory=Durations)
+    _recent_ns: deque[int] = field(default_factory=lambda: deque(maxlen=120))
+
+    def delivered(self, pair: StereoPair) -> None:
+        """Note a pair that control saw."""
+        self.applied = pair.left.setting
+        self._recent_ns.append(pair.left.host_time_ns)
+
+    @property
+    def rate_hz(self) -> float:
+        """Pairs per second over the last of them."""
+        times_ns = list(self._recent_ns)
+        if len(times_ns) < 2 or times_ns[-1] <= times_ns[0]:
+            return 0.0
+        return (len(times_ns) - 1) * 1e9 / (times_ns[-1] - times_ns[0])
+
+    def line(self) -> str:
+        """The state in one line."""
+        lost = ", ".join(f"{count} {reason}" for reason, count in self.lost.items() if count) or "none"
+        parts = [f"{self.rate_hz:.1f} pairs/s", f"{self.pairs} pairs", f"lost: {lost}"]
+        if self.applied is not None:
+            parts.append(f"{self.applied} (E {self.applied.level:.2f})")
+        if self.decision is not None:
+            parts.append(f"metric {self.decision.metric:.4f}")
+        latency = self.frame_to_node_ms.percentiles()
+        if latency["p99"] is not None:
+            parts.append(f"frame to node {latency['p50']:.1f}/{latency['p99']:.1f} ms")
+        return "; ".join(parts)

@@ -1,0 +1,78 @@
+"""The live view: a panel that follows the daemon in a terminal, plain log lines everywhere else."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+
+from rich.console import Console, Group
+from rich.live import Live
+from rich.logging import RichHandler
+from rich.panel import Panel
+from rich.table import Table
+
+from autoexpose_daemon.telemetry import Telemetry
+
+log = logging.getLogger(__name__)
+
+_REFRESH_S = 0.25
+_LINE_PERIOD_S = 5.0
+
+
+def set_up_logging(console: Console) -> None:
+    """Log through rich in a terminal, and as plain lines (systemd adds the time) elsewhere."""
+    if console.is_terminal:
+        handler: logging.Handler = RichHandler(console=console, show_path=False, log_time_format="%H:%M:%S")
+        handler.setFormatter(logging.Formatter("%(message)s"))
+    else:
+        handler = logging.StreamHandler()
+        handler.setFormatter(logging.Formatter("%(levelname)s %(message)s"))
+    logging.basicConfig(level=logging.INFO, handlers=[handler], force=True)
+
+
+def follow(telemetry: Telemetry, stop: threading.Event, console: Console, title: str) -> None:
+    """Show the telemetry until `stop` is set."""
+    if not console.is_terminal:
+        while not stop.wait(_LINE_PERIOD_S):
+            log.info("%s", telemetry.line())
+        return
+    with Live(console=console, auto_refresh=False, transient=False) as live:
+        started_s = time.monotonic()
+        while not stop.wait(_REFRESH_S):
+            live.update(panel(telemetry, f"{title}, {time.monotonic() - started_s:.0f} s"), refresh=True)
+
+
+def panel(telemetry: Telemetry, title: str) -> Panel:
+    """The live view's picture of one moment."""
+    table = Table.grid(padding=(0, 3))
+    for side, camera in telemetry.cameras.items():
+        table.add_row(f"{side} camera", camera)
+    table.add_row("pairs", f"{telemetry.pairs}   {telemetry.rate_hz:.1f} per second")
+    lost = ", ".join(f"{reason} {count}" for reason, count in telemetry.lost.items() if count)
+    table.add_row("lost", lost or "none")
+    if telemetry.mismatched_pairs:
+        table.add_row("mismatched", f"{telemetry.mismatched_pairs} pairs taken with different settings")
+    if telemetry.applied is not None:
+        applied = telemetry.applied
+        table.add_row("exposure", f"{applied.exposure_time_us:.0f} us   gain {applied.gain_db:.1f} dB")
+        table.add_row("level E", f"{applied.level:.2f} stops  {_bar(applied.level, 4.0, 18.0)}")
+    if telemetry.decision is not None:
+        decision = telemetry.decision
+        table.add_row("metric", f"{decision.metric:.4f}")
+        table.add_row("saturated", f"{decision.saturated_share:.0%}   black {decision.black_share:.0%}")
+        table.add_row("decision", decision.reason)
+    for name, durations in (
+        ("decision time", telemetry.decision_ms),
+        ("write time", telemetry.write_ms),
+        ("frame to node", telemetry.frame_to_node_ms),
+    ):
+        percentiles = durations.percentiles()
+        if percentiles["p50"] is not None:
+            table.add_row(name, f"{percentiles['p50']:.2f} ms   p99 {percentiles['p99']:.2f} ms")
+    return Panel(Group(table), title=title, expand=False, border_style="cyan")
+
+
+def _bar(value: float, low: float, high: float, width: int = 28) -> str:
+    filled = round(width * min(max((value - low) / (high - low), 0.0), 1.0))
+    return "[cyan]" + "\u2588" * filled + "[/cyan]" + "\u2591" * (width - filled)

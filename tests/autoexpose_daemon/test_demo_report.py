@@ -1,0 +1,57 @@
+"""The demo's figures, from made-up runs whose answers are known."""
+
+from __future__ import annotations
+
+import math
+
+from autoexpose_daemon.demo.fakes import Pulse
+from autoexpose_daemon.demo.record import StepRecord
+from autoexpose_daemon.demo.report import frames_to_settle, light_steps, pulses_in_window
+from drivers.account import Tally
+from drivers.exposure import ExposureSetting
+
+PERIOD_NS = 16_666_667
+
+
+def record(trigger: int, level: float, clipped: float = 0.0) -> StepRecord:
+    setting = ExposureSetting(math.exp2(level), 0.0)
+    return StepRecord(trigger, trigger * PERIOD_NS, setting, level, 0.1, clipped, 0.0)
+
+
+def test_settling_is_counted_to_the_first_of_ten_good_frames() -> None:
+    levels = [10.0, 11.0, 11.5, *[12.0] * 40]
+    assert frames_to_settle([record(n, level) for n, level in enumerate(levels)]) == 3
+
+
+def test_a_frame_out_of_ten_starts_the_count_again() -> None:
+    levels = [12.0] * 9 + [12.5] + [12.0] * 30
+    assert frames_to_settle([record(n, level) for n, level in enumerate(levels)]) == 10
+
+
+def test_an_oscillation_never_settles() -> None:
+    assert frames_to_settle([record(n, 11.0 + n % 2) for n in range(80)]) is None
+
+
+def test_a_saturated_image_is_not_settled_however_steady() -> None:
+    assert frames_to_settle([record(n, 12.0, clipped=0.6) for n in range(80)]) is None
+    assert frames_to_settle([record(n, 12.0, clipped=0.6 if n < 7 else 0.1) for n in range(80)]) == 7
+
+
+def test_steps_are_found_in_the_light_and_judged_until_the_next() -> None:
+    pulses = [Pulse(n, n * PERIOD_NS, 150.0 if (n // 60) % 2 == 0 else 1.0) for n in range(200)]
+    target = [6.0 if (n // 60) % 2 == 0 else 13.0 for n in range(200)]
+    records = [record(n, target[max(n - 5, 0)]) for n in range(200)]
+    steps = light_steps(pulses, records)
+    assert [(step.from_lux, step.to_lux, step.frames_to_settle) for step in steps] == [(150, 1, 5), (1, 150, 5)]
+    assert steps[0].time_s == round(60 * PERIOD_NS * 1e-9, 3)
+
+
+def test_a_ramp_is_not_a_step() -> None:
+    pulses = [Pulse(n, n * PERIOD_NS, 10.0 * math.exp2(n / 60)) for n in range(200)]
+    assert light_steps(pulses, [record(n, 10.0) for n in range(200)]) == []
+
+
+def test_only_pulses_in_the_window_count() -> None:
+    pulses = [Pulse(n, n * 100, 1.0) for n in range(10)]
+    assert len(pulses_in_window(pulses, Tally(window_start_ns=250, window_end_ns=650))) == 4
+    assert pulses_in_window(pulses, Tally()) == []
