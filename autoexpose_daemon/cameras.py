@@ -8,8 +8,8 @@ from functools import partial
 from autoexpose_daemon.config import Config
 from drivers.aravis import open_camera
 from drivers.camera import Camera
-from drivers.camera_setup import CameraSetup, GigeTuning, TriggerSetup
 from drivers.frames import Side
+from drivers.setup import CameraSetup, TriggerSetup
 
 
 def openers(config: Config) -> dict[Side, Callable[[], Camera]]:
@@ -18,9 +18,9 @@ def openers(config: Config) -> dict[Side, Callable[[], Camera]]:
     if mode == "primary":
         raise AssertionError("the configuration refuses it")
     setup = CameraSetup(
-        trigger=TriggerSetup(mode, config.trigger.rate_hz, config.trigger.line),
+        trigger=TriggerSetup(mode, config.trigger.line, config.trigger.rate_hz),
         pixel_format=config.image.pixel_format,
         binning=config.image.binning,
-        gige=GigeTuning(packet_size=config.transport.packet_size_bytes),
+        packet_size_bytes=config.transport.packet_size_bytes,
     )
     return {side: partial(open_camera, camera.serial, setup) for side, camera in config.sides.items()}

@@ -14,7 +14,7 @@ import typer
 from rich.console import Console
 
 from autoexpose_daemon.config import Config, load_config
-from autoexpose_daemon.control.policy import POLICY_IDS
+from autoexpose_daemon.control.policies import POLICY_IDS
 from drivers.errors import AutoexposeError
 
 app = typer.Typer(

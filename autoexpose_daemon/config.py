@@ -10,8 +10,8 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import ErrorDetails
 
-from autoexpose_daemon.control.policy import POLICY_IDS
-from calibration.response import ResponseFunction, linear, load_response
+from autoexpose_daemon.control.policies import check_policy_id
+from calibration.response import ResponseFunction
 from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Side
@@ -87,10 +87,7 @@ class ControlConfig(_Section):
 
     @model_validator(mode="after")
     def _policy_exists(self) -> Self:
-        if self.policy not in POLICY_IDS:
-            near = difflib.get_close_matches(self.policy, POLICY_IDS, n=1)
-            hint = f"; did you mean {near[0]}?" if near else ""
-            raise ValueError(f"there is no policy {self.policy!r}{hint} Policies: {', '.join(POLICY_IDS)}")
+        check_policy_id(self.policy)
         return self
 
 
@@ -164,7 +161,7 @@ class Config(_Section):
     def response_of(self, side: Side) -> ResponseFunction:
         """The response function of a camera."""
         path = self.sides[side].response
-        return linear() if path is None else load_response(path)
+        return ResponseFunction.linear() if path is None else ResponseFunction.load(path)
 
 
 def load_config(path: Path) -> Config:
@@ -189,13 +186,16 @@ def load_config(path: Path) -> Config:
         raise ConfigurationError("\n".join(_sentence(path, each) for each in error.errors())) from error
     config = _with_absolute_paths(config, path.resolve().parent)
     for side in config.sides:
-        config.response_of(side)
+        try:
+            config.response_of(side)
+        except ConfigurationError as error:
+            raise ConfigurationError(f"{path}: cameras.{side}.response: {error}") from error
     return config
 
 
 def _with_absolute_paths(config: Config, folder: Path) -> Config:
     """Response files are named relative to the configuration file, wherever the daemon is started."""
-    cameras = {
+    cameras: dict[str, CameraConfig] = {
         side: camera.model_copy(update={"response": camera.response and folder / camera.response})
         for side, camera in config.sides.items()
     }

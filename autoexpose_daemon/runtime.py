@@ -69,6 +69,7 @@ class Daemon:
             "frame_id" if config.trigger.mode == "free_run" else "time",
         )
         self._limits: dict[Side, ExposureLimits] = {}
+        self._shared_limits: ExposureLimits | None = None
         self._loop: ControlLoop | None = None
         self._asked = config.start
         self._asked_arrival_ns: int | None = None
@@ -157,7 +158,8 @@ class Daemon:
         limits = self._config.exposure.limits()
         for own in self._limits.values():
             limits = limits.within(own)
-        if self._loop is None or limits != self._loop.limits:
+        if limits != self._shared_limits:
+            self._shared_limits = limits
             log.info(
                 "exposure within %g to %g us, %g to %g dB",
                 limits.min_time_us, limits.max_time_us, limits.min_gain_db, limits.max_gain_db,

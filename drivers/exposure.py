@@ -101,12 +101,19 @@ class ExposureLimits:
         cannot give is handed back to the time.
         """
         level = self.clamp_level(level)
-        gain_db = self._gain_for(level, self._time(exposure_time_us))
-        exposure_time_us = self._time(math.exp2(level - gain_db / DB_PER_STOP))
-        return ExposureSetting(exposure_time_us, self._gain_for(level, exposure_time_us))
+        gain_db = self._gain_for(level, min(max(exposure_time_us, self.min_time_us), self.max_time_us))
+        settings = [
+            ExposureSetting(time_us, self._gain_for(level, time_us))
+            for time_us in self._neighbours_us(math.exp2(level - gain_db / DB_PER_STOP))
+        ]
+        return min(settings, key=lambda setting: abs(setting.level - level))
 
-    def _time(self, exposure_time_us: float) -> float:
-        return _quantise(exposure_time_us, self.min_time_us, self.max_time_us, self.time_step_us)
+    def _neighbours_us(self, exposure_time_us: float) -> tuple[float, ...]:
+        """The exposure times that the camera can take just below and just above a wished one."""
+        return tuple(
+            _quantise(exposure_time_us + shift, self.min_time_us, self.max_time_us, self.time_step_us)
+            for shift in (-self.time_step_us / 2, self.time_step_us / 2)
+        )
 
     def _gain_for(self, level: float, exposure_time_us: float) -> float:
         gain_db = (level - math.log2(exposure_time_us)) * DB_PER_STOP

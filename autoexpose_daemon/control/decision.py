@@ -1,0 +1,36 @@
+"""What one step of the loop decides."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from drivers.exposure import ExposureSetting
+
+
+@dataclass(frozen=True, slots=True)
+class Decision:
+    """The setting both cameras are to take next, and what it rests on.
+
+    Attributes
+    ----------
+    setting
+        Exposure time (us) and gain (dB), within the limits and on their increments.
+    level
+        The exposure level aimed at (stops), within the limits, before quantisation.
+    reason
+        Why, in a few words for a person.
+    metric
+        M_g of the left frame, 0..1 per pixel (eq. 5).
+    saturated_share, black_share
+        Shares (0..1) of the left frame's pixels at or above saturation, and at or below the black level.
+    motion_px
+        Mean speed of image points of the left frame, pixels of full resolution per 1/60 s.
+    """
+
+    setting: ExposureSetting
+    level: float
+    reason: str
+    metric: float
+    saturated_share: float
+    black_share: float
+    motion_px: float

@@ -1,0 +1,89 @@
+"""How fast the image moves: rough optical flow (Begin & Hunter 2022, algorithm 1, lines 1 to 6)."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from autoexpose_daemon.control.image import FLOW_SIZE, fit
+from calibration.prediction import prediction_table
+from calibration.response import ResponseFunction
+
+REFERENCE_INTERVAL_NS = 1e9 / 60
+"""Speeds are per 1/60 s: the paper's tuning (k_offset, w) belongs to displacements per frame of its 60 Hz camera."""
+
+LONGEST_INTERVAL_NS = 250e6
+"""Frames further apart (quarter of a second, 15 frames of the paper's camera) do not show the same things any more."""
+
+
+class FarnebackMotion:
+    """Mean speed of image points between successive frames.
+
+    The previous frame is first brought to the exposure of this one through the response function, since flow takes a
+    change of brightness for motion.
+    """
+
+    def __init__(self, response: ResponseFunction) -> None:
+        self._response = response
+        self._previous_level = 0.0
+        self._previous_time_ns: int | None = None
+        self._current = np.empty((0, 0), np.uint8)
+        self._allocate((0, 0))
+
+    def measure(self, image: NDArray[np.uint8], full_width: int, level: float, device_time_ns: int) -> float:
+        """Mean speed in pixels of full resolution per 1/60 s; 0 for a frame without a usable predecessor.
+
+        Parameters
+        ----------
+        image
+            The prepared image, uint8, (height, width).
+        full_width
+            Width of the frame that `image` was made from, pixels.
+        level
+            Exposure level of this frame, stops.
+        device_time_ns
+            Time stamp of this frame on its camera's clock.
+        """
+        if image.shape != self._shape:
+            self._allocate(image.shape)
+            self._previous_time_ns = None
+        self._shrink(image)
+        speed = 0.0
+        if self._previous_time_ns is not None:
+            interval_ns = device_time_ns - self._previous_time_ns
+            if 0 < interval_ns <= LONGEST_INTERVAL_NS:
+                displacement = self._mean_displacement(level) * full_width / self._current.shape[1]
+                speed = displacement * REFERENCE_INTERVAL_NS / interval_ns
+        self._previous, self._current = self._current, self._previous
+        self._previous_level, self._previous_time_ns = level, device_time_ns
+        return speed
+
+    def _shrink(self, image: NDArray[np.uint8]) -> None:
+        """Halve by area, then interpolate: close to an area average at a ratio like 3.97, for a sixth of its price."""
+        width, height = self._current.shape[1], self._current.shape[0]
+        half_width, half_height = self._half.shape[1], self._half.shape[0]
+        cv2.resize(image, (half_width, half_height), dst=self._half, interpolation=cv2.INTER_AREA)
+        cv2.resize(self._half, (width, height), dst=self._current, interpolation=cv2.INTER_LINEAR)
+
+    def _mean_displacement(self, level: float) -> float:
+        """Mean length of the flow (pixels of the small image) from the previous image to this one."""
+        table = prediction_table(self._response, level - self._previous_level)
+        cv2.LUT(self._previous, table, dst=self._previous_here)
+        # The paper's parameters: pyramid 0.5, 1 level, window 5, 3 iterations, neighbourhood 5, sigma 1.1.
+        cv2.calcOpticalFlowFarneback(self._previous_here, self._current, self._flow, 0.5, 1, 5, 3, 5, 1.1, 0)
+        cv2.split(self._flow, self._parts)
+        cv2.magnitude(self._parts[0], self._parts[1], self._length)
+        return float(cv2.mean(self._length)[0])
+
+    def _allocate(self, shape: tuple[int, ...]) -> None:
+        self._shape = shape
+        width, height = fit(shape, FLOW_SIZE) if min(shape) else (0, 0)
+        half_width, half_height = max(width, shape[1] // 2), max(height, shape[0] // 2)
+        self._half = np.empty((half_height, half_width), np.uint8)
+        self._current = np.empty((height, width), np.uint8)
+        self._previous = np.empty((height, width), np.uint8)
+        self._previous_here = np.empty((height, width), np.uint8)
+        self._flow = np.empty((height, width, 2), np.float32)
+        self._parts = [np.empty((height, width), np.float32) for _ in range(2)]
+        self._length = np.empty((height, width), np.float32)

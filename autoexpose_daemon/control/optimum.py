@@ -1,0 +1,86 @@
+"""The maximum of a metric that is known at a few places only: polynomial and Newton (algorithm 1, step 2)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.polynomial import polynomial
+from numpy.typing import NDArray
+
+_NEWTON_TOLERANCE = 1e-3
+"""Stops: far below the finest exposure step that changes an image; the paper does not give its threshold."""
+
+_NEWTON_STEPS = 30
+"""Newton needs some five steps where it converges at all."""
+
+
+@dataclass(frozen=True, slots=True)
+class Maximum:
+    """Where the maximum lies, and what it is."""
+
+    position: float
+    value: float
+
+
+class PolynomialFit:
+    """Least-squares polynomial through values at fixed positions.
+
+    Seven samples and degree 6, as in the paper, leave nothing to average: the polynomial interpolates, and may swing
+    between the samples.
+    """
+
+    def __init__(self, positions: Sequence[float], degree: int) -> None:
+        self.positions = np.array(positions, dtype=np.float64)
+        self._solve = np.linalg.pinv(np.vander(self.positions, degree + 1, increasing=True))
+
+    def coefficients(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Coefficients (lowest degree first) of the polynomial through `values` at the positions."""
+        return np.asarray(self._solve @ values)
+
+    def maximum(self, values: NDArray[np.float64]) -> Maximum:
+        """The maximum by Newton's method from 0, or the best sample.
+
+        Newton finds any stationary point near 0. It is taken only when it lies between the outer samples, is a
+        maximum, and is no worse than the best sample.
+        """
+        best = best_sample(self.positions, values)
+        coefficients = self.coefficients(values)
+        position = _stationary_point(coefficients, self.positions[0], self.positions[-1])
+        if position is None:
+            return best
+        value = float(polynomial.polyval(position, coefficients))
+        return Maximum(position, value) if value >= best.value else best
+
+
+def best_sample(positions: NDArray[np.float64], values: NDArray[np.float64], origin: float = 0.0) -> Maximum:
+    """The largest sample; of equal ones that nearest to `origin`, so that an image without gradient asks for no change.
+
+    (Plain argmax answers with the first position: every black frame would then be read as "darkest is best".)
+    """
+    ties = np.flatnonzero(values == values.max())
+    index = ties[np.argmin(np.abs(positions[ties] - origin))]
+    return Maximum(float(positions[index]), float(values[index]))
+
+
+def _stationary_point(coefficients: NDArray[np.float64], low: float, high: float) -> float | None:
+    """The maximum that Newton converges to from 0 without leaving [low, high], or None."""
+    # Horner by hand on seven Python floats: a numpy call costs more than the whole evaluation.
+    terms = [float(c) for c in coefficients[::-1]]
+    x = 0.0
+    for _ in range(_NEWTON_STEPS):
+        value = slope = half_curvature = 0.0
+        for term in terms:
+            half_curvature = half_curvature * x + slope
+            slope = slope * x + value
+            value = value * x + term
+        if half_curvature == 0:
+            return None
+        step = slope / (2 * half_curvature)
+        x -= step
+        if not low <= x <= high:
+            return None
+        if abs(step) < _NEWTON_TOLERANCE:
+            return x if half_curvature < 0 else None
+    return None

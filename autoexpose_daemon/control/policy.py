@@ -1,0 +1,104 @@
+"""What a policy sees of a frame, and what it answers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from autoexpose_daemon.control.balance import Balance
+from drivers.exposure import ExposureLimits, ExposureSetting
+
+
+@dataclass(frozen=True, slots=True)
+class PastStep:
+    """A decision whose outcome a later frame shows.
+
+    Attributes
+    ----------
+    setting
+        What was decided.
+    level, metric
+        Exposure level (stops) and M_g of the frame it was decided on.
+    predicted_metric
+        M_g that the policy promised for the frame to be taken with `setting`; None when it promises none.
+    """
+
+    setting: ExposureSetting
+    level: float
+    metric: float
+    predicted_metric: float | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Observation:
+    """Everything a policy may look at.
+
+    Attributes
+    ----------
+    image
+        The left frame made small (`ImagePreparation`), uint8, (height, width). Valid during this step only.
+    setting
+        Exposure time and gain which this frame was really taken with.
+    metric
+        M_g of `image`, 0..1 per pixel.
+    mean
+        Mean signal of `image`, 0 at the black level to 1 at saturation.
+    saturated_share, black_share
+        Shares (0..1) of the pixels of `image` at or beyond saturation and the black level.
+    motion_px
+        Mean speed of image points, pixels of full resolution per 1/60 s.
+    limits
+        Bounds and increments that the next setting will be cut to.
+    realised
+        The past decision that this frame was taken with; None when no remembered one fits its setting.
+    """
+
+    image: NDArray[np.uint8]
+    setting: ExposureSetting
+    metric: float
+    mean: float
+    saturated_share: float
+    black_share: float
+    motion_px: float
+    limits: ExposureLimits
+    realised: PastStep | None
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """What a policy wants.
+
+    Attributes
+    ----------
+    level
+        The exposure level to take next (stops): absolute, not a change, so frames in flight are never corrected twice.
+    reason
+        Why, in a few words for a person.
+    predicted_metric
+        M_g expected at `level`; None when the policy does not predict.
+    exposure_time_us
+        For a policy that chooses time and gain by itself: the time, the gain being what `level` leaves. None: the
+        policy's balance splits.
+    """
+
+    level: float
+    reason: str
+    predicted_metric: float | None = None
+    exposure_time_us: float | None = None
+
+
+class ExposurePolicy(Protocol):
+    """Decides on one exposure level per stereo pair.
+
+    The state that a policy carries from frame to frame is plain data in its own attributes.
+    """
+
+    @property
+    def balance(self) -> Balance:
+        """How the level is split into time and gain."""
+
+    def decide(self, observation: Observation) -> Target:
+        """The target for the frame to be taken next."""

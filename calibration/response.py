@@ -1,0 +1,160 @@
+"""The photometric response function of a camera, and the file it is kept in."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from drivers.errors import ConfigurationError
+
+FORMAT = "autoexpose-response/1"
+GREY_LEVELS = 256
+
+_KEYS = ("format", "log2_exposure", "black_level", "saturation")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ResponseFunction:
+    """How grey levels follow from exposure: ``I = f(log2 of exposure)`` (Begin & Hunter 2022, eq. 16).
+
+    Exposure is known up to a factor only, so the log2 exposures have an arbitrary offset.
+
+    Attributes
+    ----------
+    log2_exposure
+        The inverse of f: log2 exposure (stops) of each grey level 0..255, float64, shape (256,), finite and
+        non-decreasing. Read-only.
+    black_level
+        The grey level without light. A pixel at or below it says only that there was little light.
+    saturation
+        The grey level of a full pixel. A pixel at or above it says only that there was much light.
+
+    Raises
+    ------
+    ConfigurationError
+        When the values cannot be a response function; the message begins with the key at fault.
+    """
+
+    log2_exposure: NDArray[np.float64]
+    black_level: int
+    saturation: int
+
+    def __post_init__(self) -> None:
+        curve = np.array(self.log2_exposure, dtype=np.float64)
+        if curve.shape != (GREY_LEVELS,):
+            raise ConfigurationError(f"log2_exposure has shape {curve.shape}: give 256 numbers, for grey 0 to 255")
+        if not np.isfinite(curve).all():
+            grey = int(np.flatnonzero(~np.isfinite(curve))[0])
+            raise ConfigurationError(f"log2_exposure[{grey}] is {curve[grey]}: give a finite number of stops")
+        if (np.diff(curve) < 0).any():
+            grey = int(np.flatnonzero(np.diff(curve) < 0)[0]) + 1
+            raise ConfigurationError(f"log2_exposure[{grey}] is below log2_exposure[{grey - 1}]: it must not decrease")
+        if not 0 <= self.black_level < self.saturation < GREY_LEVELS:
+            raise ConfigurationError(
+                f"black_level {self.black_level} and saturation {self.saturation} must be grey levels of 0 to 255, "
+                "the black level the lower one"
+            )
+        if curve[self.black_level] == curve[self.saturation]:
+            raise ConfigurationError("log2_exposure does not rise from black_level to saturation: measure it anew")
+        curve.setflags(write=False)
+        object.__setattr__(self, "log2_exposure", curve)
+
+    @classmethod
+    def linear(cls, black_level: int = 0) -> ResponseFunction:
+        """The response of a sensor without gamma: grey above `black_level` (0..254) in proportion to exposure.
+
+        The black level itself stands for half a grey level of light, since log2 of none is not finite.
+        """
+        signal = np.maximum(np.arange(GREY_LEVELS) - float(black_level), 0.5)
+        return cls(np.log2(signal / signal[-1]), black_level, GREY_LEVELS - 1)
+
+    def intensity(self, log2_exposure: NDArray[np.float64]) -> NDArray[np.float64]:
+        """f: the grey level (float64, not rounded) at a log2 exposure (stops), within black level and saturation."""
+        greys = np.arange(self.black_level, self.saturation + 1, dtype=np.float64)
+        return np.asarray(np.interp(log2_exposure, self.log2_exposure[self.black_level : self.saturation + 1], greys))
+
+    def inverse(self, grey: NDArray[np.integer[Any]]) -> NDArray[np.float64]:
+        """f^-1: log2 exposure (stops) of whole grey levels 0..255; those beyond black and saturation count as these."""
+        bounded = np.clip(grey, self.black_level, self.saturation)
+        return np.asarray(self.log2_exposure[bounded])
+
+    @classmethod
+    def load(cls, path: Path) -> ResponseFunction:
+        """Read a response file (YAML, format `autoexpose-response/1`).
+
+        A key this version does not know is refused: it may change what the others mean.
+
+        Raises
+        ------
+        ConfigurationError
+            Naming the file, the key and what to do.
+        """
+        document = _read(path)
+        for key in document:
+            if key not in _KEYS:
+                raise ConfigurationError(f"{path}: unknown key {key!r}: remove it, or update this program")
+        for key in _KEYS:
+            if key not in document:
+                raise ConfigurationError(f"{path}: the key {key!r} is missing: add it")
+        if document["format"] != FORMAT:
+            raise ConfigurationError(f"{path}: format is {document['format']!r}: only {FORMAT!r} can be read")
+        curve = document["log2_exposure"]
+        if not isinstance(curve, list):
+            raise ConfigurationError(f"{path}: log2_exposure is not a list: give 256 numbers, for grey 0 to 255")
+        for grey, stops in enumerate(curve):
+            if isinstance(stops, bool) or not isinstance(stops, int | float) or not _fits_float(stops):
+                raise ConfigurationError(f"{path}: log2_exposure[{grey}] is {stops!r}: give a number of stops")
+        for key in ("black_level", "saturation"):
+            if type(document[key]) is not int:
+                raise ConfigurationError(f"{path}: {key} is {document[key]!r}: give a grey level, 0 to 255")
+        try:
+            return cls(np.array(curve, dtype=np.float64), document["black_level"], document["saturation"])
+        except ConfigurationError as error:
+            raise ConfigurationError(f"{path}: {error}") from None
+
+    def save(self, path: Path) -> None:
+        """Write the response file that `load` reads back exactly.
+
+        Raises
+        ------
+        ConfigurationError
+            When the file cannot be written.
+        """
+        document = {
+            "format": FORMAT,
+            "black_level": self.black_level,
+            "saturation": self.saturation,
+            "log2_exposure": self.log2_exposure.tolist(),
+        }
+        try:
+            path.write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
+        except OSError as error:
+            raise ConfigurationError(f"{path}: cannot be written ({error.strerror}): choose another place") from error
+
+
+def _read(path: Path) -> dict[Any, Any]:
+    """The mapping that a YAML file holds."""
+    try:
+        document = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigurationError(f"{path}: cannot be read ({error.strerror}): check its name and access") from error
+    except (yaml.YAMLError, ValueError, RecursionError) as error:  # ValueError: not UTF-8, or an impossible date
+        raise ConfigurationError(f"{path}: not a YAML file: {str(error).splitlines()[0]}") from error
+    if not isinstance(document, dict):
+        raise ConfigurationError(f"{path}: no keys in it: begin with 'format: {FORMAT}'")
+    return document
+
+
+def _fits_float(number: float) -> bool:
+    """Whether a YAML number fits a float: YAML integers have no bound."""
+    try:
+        math.isfinite(number)
+    except OverflowError:
+        return False
+    return True

@@ -1,0 +1,102 @@
+"""Two fake cameras on one wire and a daemon on them, in real time through stock Aravis."""
+
+from __future__ import annotations
+
+import contextlib
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from autoexpose_daemon.cameras import openers
+from autoexpose_daemon.config import Config
+from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.demo.fakes import read_pulses
+from autoexpose_daemon.demo.report import pulses_in_window
+from autoexpose_daemon.runtime import Daemon
+from drivers.frames import StereoPair
+from tests.fakes import FakeCamera, fake_camera, unique
+
+PATIENCE_S = 30.0
+
+
+@dataclass
+class Run:
+    """A running daemon, seen from a test."""
+
+    left: FakeCamera
+    right: FakeCamera
+    truths: list[Path]
+    daemon: Daemon
+    seen: list[tuple[StereoPair, Decision]] = field(default_factory=list)
+    failure: list[BaseException] = field(default_factory=list)
+
+    @property
+    def triggers_on_the_wire(self) -> int:
+        return len(pulses_in_window(read_pulses(self.truths), self.daemon.tally))
+
+    def wait_until(self, condition: Callable[[], bool], what: str) -> None:
+        deadline = time.monotonic() + PATIENCE_S
+        while not condition():
+            assert not self.failure, self.failure
+            assert time.monotonic() < deadline, f"waited in vain for {what}: {self.daemon.telemetry.line()}"
+            threading.Event().wait(0.01)
+
+    def wait_for_pairs(self, count: int) -> None:
+        """Until that many more stereo pairs have come."""
+        target = self.daemon.telemetry.pairs + count
+        self.wait_until(lambda: self.daemon.telemetry.pairs >= target, f"{count} pairs")
+
+
+@contextlib.contextmanager
+def stereo_cameras() -> Iterator[tuple[FakeCamera, FakeCamera, list[Path]]]:
+    wire = unique("wire")
+    with tempfile.TemporaryDirectory() as folder, contextlib.ExitStack() as stack:
+        truths = [Path(folder) / "left.jsonl", Path(folder) / "right.jsonl"]
+        left, right = (
+            stack.enter_context(fake_camera(side=side, line0=wire, options=["--truth", str(truth)]))
+            for side, truth in zip(("left", "right"), truths, strict=True)
+        )
+        yield left, right, truths
+
+
+@contextlib.contextmanager
+def running_daemon(
+    cameras: tuple[FakeCamera, FakeCamera, list[Path]], settings: dict[str, Any] | None = None
+) -> Iterator[Run]:
+    """A daemon on both cameras, stopped and checked for its account when the block ends."""
+    left, right, truths = cameras
+    config = Config.model_validate(
+        {"cameras": {"left": {"serial": left.serial}, "right": {"serial": right.serial}}} | (settings or {})
+    )
+    seen: list[tuple[StereoPair, Decision]] = []
+    daemon = Daemon(config, openers(config), lambda pair, decision: seen.append((pair, decision)))
+    run = Run(left, right, truths, daemon, seen)
+    stop = threading.Event()
+
+    def control() -> None:
+        try:
+            daemon.run(stop)
+        except BaseException as error:
+            run.failure.append(error)
+
+    thread = threading.Thread(target=control)
+    thread.start()
+    try:
+        yield run
+    finally:
+        stop.set()
+        thread.join()
+    assert not run.failure, run.failure
+    run.wait_until(lambda: _written(run), "the fakes' truth")
+    assert daemon.tally.triggers == run.triggers_on_the_wire
+
+
+def _written(run: Run) -> bool:
+    """Whether the fakes have written the pulses of the whole window down."""
+    end_ns = run.daemon.tally.window_end_ns
+    pulses = read_pulses(run.truths)
+    return end_ns is None or (bool(pulses) and pulses[-1].host_time_ns > end_ns)

@@ -1,0 +1,84 @@
+"""The daemon on two fake cameras through stock Aravis; the account of triggers is checked at the end of every run."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from drivers.account import LossReason
+from tests.autoexpose_daemon.stereo import running_daemon, stereo_cameras
+from tests.fakes import fake_camera
+
+pytestmark = pytest.mark.realtime
+
+
+def test_pairs_arrive_are_decided_on_and_written() -> None:
+    with stereo_cameras() as cameras, running_daemon(cameras, {"control": {"policy": "neves2009"}}) as run:
+        run.wait_for_pairs(120)
+        tally, telemetry = run.daemon.tally, run.daemon.telemetry
+        assert all(pair.right is not None for pair, _ in run.seen[-60:])
+        assert sum(count for reason, count in tally.lost.items() if reason is not LossReason.STARTUP) <= 2
+        assert telemetry.mismatched_pairs <= 2
+        skews_ns = [abs(p.left.host_time_ns - p.right.host_time_ns) for p, _ in run.seen if p.right is not None]
+        assert np.median(skews_ns) < 1e9 / 60 / 10
+        decided = {round(decision.setting.level, 3) for _, decision in run.seen}
+        applied = {round(pair.left.setting.level, 3) for pair, _ in run.seen}
+        assert len(decided & applied) > 1
+
+
+def test_a_killed_camera_leaves_the_other_at_work_and_comes_back() -> None:
+    with stereo_cameras() as cameras, running_daemon(cameras, {"control": {"policy": "neves2009"}}) as run:
+        run.wait_for_pairs(30)
+        run.left.kill()
+        run.wait_until(lambda: run.seen[-1][0].right is None, "frames of the other camera alone")
+        alone = len(run.seen)
+        run.wait_until(lambda: len(run.seen) > alone + 60, "the other camera's frames going on")
+        with fake_camera(
+            run.left.serial,
+            address=run.left.address,
+            line0=run.left.line0,
+            options=["--truth", str(run.truths[0].with_name("again.jsonl"))],
+        ):
+            run.truths.append(run.truths[0].with_name("again.jsonl"))
+            run.wait_for_pairs(30)
+            assert run.daemon.tally.lost[LossReason.CAMERA_GONE] > 0
+            assert run.daemon.telemetry.reconnects == 1
+
+
+@pytest.mark.parametrize(
+    ("fault", "reason"),
+    [
+        ("ignore_triggers", LossReason.TRIGGER_IGNORED),
+        ("freeze", LossReason.LEFT_MISSING),
+        ("delay", LossReason.STALE),
+        ("lose_packets", None),  # sent again
+    ],
+)
+def test_a_fault_is_accounted_for_and_passes(fault: str, reason: LossReason | None) -> None:
+    with stereo_cameras() as cameras, running_daemon(cameras, {"control": {"policy": "fixed"}}) as run:
+        run.wait_for_pairs(30)
+        before = run.daemon.tally.lost.copy()
+        run.left.inject(fault, count=3)
+        run.wait_for_pairs(60)
+        new = run.daemon.tally.lost - before
+        assert new.total() < 30
+        assert reason is None or new[reason] > 0
+
+
+def test_refused_writes_are_counted_and_the_camera_kept() -> None:
+    with stereo_cameras() as cameras, running_daemon(cameras, {"control": {"policy": "neves2009"}}) as run:
+        run.wait_for_pairs(10)
+        run.right.inject("refuse_writes", count=4)
+        run.wait_until(lambda: run.daemon.telemetry.refused_writes > 0, "a refused write")
+        run.wait_for_pairs(60)
+        assert run.daemon.telemetry.reconnects == 0
+
+
+def test_both_cameras_gone_and_back_is_counted_by_the_clock() -> None:
+    with stereo_cameras() as cameras, running_daemon(cameras, {"control": {"policy": "fixed"}}) as run:
+        run.wait_for_pairs(60)
+        for camera in (run.left, run.right):
+            camera.inject("vanish", count=60)
+        run.wait_until(lambda: run.daemon.telemetry.reconnects == 2, "both cameras back")
+        run.wait_for_pairs(30)
+        assert run.daemon.tally.lost[LossReason.CAMERA_GONE] >= 60

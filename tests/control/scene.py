@@ -1,0 +1,57 @@
+"""A tiny world for closed loops in virtual time: a picture of light, a camera with a delay, a clock that is counted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.control.loop import ControlLoop
+from drivers.exposure import ExposureLimits, ExposureSetting
+from drivers.frames import Frame, StereoPair
+
+LIMITS = ExposureLimits(20.0, 7500.0, 0.0, 30.0)
+FRAME_NS = 16_666_667
+
+
+def radiance(seed: int = 0, spread_stops: float = 1.0, shape: tuple[int, int] = (136, 180)) -> NDArray[np.float64]:
+    """Patches of log-normal brightness with median 1, shape (height, width)."""
+    rng = np.random.default_rng(seed)
+    height, width = shape
+    patches = rng.normal(0, spread_stops, (height // 8 + 1, width // 8 + 1))
+    light = np.exp2(np.kron(patches, np.ones((8, 8)))[:height, :width])
+    return np.asarray(light / np.median(light))
+
+
+def expose(light: NDArray[np.float64], setting: ExposureSetting, half_scale_level: float, bits: int = 8) -> Frame:
+    """A noiseless linear frame: light 1 gives half of full scale at `half_scale_level`."""
+    full = 2**bits - 1
+    grey = np.rint(np.clip(light * 0.5 * 2 ** (setting.level - half_scale_level), 0, 1) * full)
+    return Frame(grey.astype(np.uint8 if bits == 8 else np.uint16), bits, 0, 0, 0, 0, setting)
+
+
+def at_time(frame: Frame, index: int) -> Frame:
+    return Frame(frame.pixels, frame.bit_depth, index, index * FRAME_NS, 0, 0, frame.setting)
+
+
+def run(
+    loop: ControlLoop,
+    lights: Sequence[float],
+    start: ExposureSetting,
+    *,
+    delay: int = 2,
+    scene: NDArray[np.float64] | None = None,
+    watch: Callable[[Decision], None] | None = None,
+) -> list[float]:
+    """Levels of the frames taken while half scale lies at `lights`; a decision shows `delay` frames later."""
+    picture = radiance() if scene is None else scene
+    settings = [start] * delay
+    for index, half_scale_level in enumerate(lights):
+        frame = at_time(expose(picture, settings[index], half_scale_level), index)
+        decision = loop.step(StereoPair(index, frame, frame))
+        settings.append(decision.setting)
+        if watch is not None:
+            watch(decision)
+    return [setting.level for setting in settings[: len(lights)]]

@@ -1,0 +1,57 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from autoexpose_daemon.control.balance import BlurNoiseBalance, ExposurePriority
+from drivers.exposure import decibels
+
+from .scene import LIMITS
+
+PAPER = BlurNoiseBalance(weight=0.02, offset=8.0)
+
+
+def gain_of(level: float, motion_px: float) -> float:
+    return math.exp2(level) / PAPER.exposure_time_us(level, motion_px, LIMITS)
+
+
+def test_at_rest_the_gain_is_20() -> None:
+    assert gain_of(12.0, 0.0) == pytest.approx(20)
+    assert decibels(gain_of(12.0, 0.0)) == pytest.approx(26.02, abs=0.01)
+
+
+def test_units_seconds_and_pixels_per_sixtieth() -> None:
+    # 2 ms at gain 10 is c = 0.02 s; 30 px per frame: sqrt((0.02 * 900 + 8) / 0.02) = 36.06
+    assert gain_of(math.log2(2000 * 10), 30.0) == pytest.approx(36.0555, abs=1e-3)
+
+
+@given(st.floats(5, 18), st.floats(0, 60))
+def test_the_split_minimises_the_cost(level: float, motion_px: float) -> None:
+    c = math.exp2(level) * 1e-6
+
+    def cost(gain: float) -> float:
+        # (23), with the linear gain term: t = c / g
+        return (motion_px**2 + 8.0 / c) * (c / gain) * c + 0.02 * c * (gain - 1)
+
+    best = gain_of(level, motion_px)
+    assert all(cost(best) <= cost(best * factor) for factor in (0.5, 0.9, 1.1, 2.0))
+
+
+@given(st.floats(0, 22), st.floats(0, 60))
+def test_bounds_hold_and_the_other_takes_the_remainder(level: float, motion_px: float) -> None:
+    setting = LIMITS.realise(level, PAPER.exposure_time_us(level, motion_px, LIMITS))
+    assert LIMITS.min_time_us <= setting.exposure_time_us <= LIMITS.max_time_us
+    assert LIMITS.min_gain_db <= setting.gain_db <= LIMITS.max_gain_db
+    assert setting.level == pytest.approx(LIMITS.clamp_level(level), abs=1e-6)
+
+
+def test_exposure_priority_uses_gain_only_when_time_is_used_up() -> None:
+    dim, bright = 14.0, 10.0
+    balance = ExposurePriority()
+    assert LIMITS.realise(bright, balance.exposure_time_us(bright, 0, LIMITS)).gain_db == pytest.approx(0, abs=1e-9)
+    assert LIMITS.realise(dim, balance.exposure_time_us(dim, 0, LIMITS)).exposure_time_us == pytest.approx(
+        LIMITS.max_time_us
+    )

@@ -1,0 +1,74 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.errors import ConfigurationError
+from drivers.exposure import DB_PER_STOP, ExposureLimits, ExposureSetting, decibels, linear_gain
+
+LIMITS = ExposureLimits(20.0, 7500.0, 0.0, 30.0)
+
+
+@given(st.floats(-40, 60))
+def test_gain_in_db_is_an_amplitude_ratio(gain_db: float) -> None:
+    assert linear_gain(gain_db) == pytest.approx(10 ** (gain_db / 20))
+    assert decibels(linear_gain(gain_db)) == pytest.approx(gain_db, abs=1e-9)
+
+
+def test_level_is_the_papers_equation_1_in_microseconds() -> None:
+    assert ExposureSetting(1024.0, 0.0).level == pytest.approx(10.0)
+    assert ExposureSetting(1024.0, 20.0).level == pytest.approx(10.0 + math.log2(10) / 20 * 20)
+
+
+@given(st.floats(0, 25), st.floats(1, 1e5))
+def test_a_continuous_camera_realises_every_level_within_its_limits(level: float, time_us: float) -> None:
+    setting = LIMITS.realise(level, time_us)
+    assert LIMITS.min_time_us <= setting.exposure_time_us <= LIMITS.max_time_us
+    assert LIMITS.min_gain_db <= setting.gain_db <= LIMITS.max_gain_db
+    assert setting.level == pytest.approx(LIMITS.clamp_level(level), abs=1e-6)
+
+
+@given(st.floats(4.5, 17.8), st.floats(1, 1e4), st.floats(0.5, 12.0))
+def test_what_the_increment_of_time_leaves_is_handed_to_the_gain(level: float, time_us: float, step: float) -> None:
+    limits = ExposureLimits(20.0, 7500.0, 0.0, 30.0, time_step_us=step)
+    setting = limits.realise(level, time_us)
+    steps = (setting.exposure_time_us - 20.0) / step
+    assert steps == pytest.approx(round(steps), abs=1e-6)
+    if 0.7 < setting.gain_db < 29.0:
+        assert setting.level == pytest.approx(level, abs=1e-6)
+
+
+def test_at_the_lowest_gain_the_time_is_rounded_down_and_the_gain_raised() -> None:
+    limits = ExposureLimits(20.0, 7500.0, 0.0, 30.0, time_step_us=7.0)
+    setting = limits.realise(math.log2(108.9), 1e9)
+    assert setting.exposure_time_us == 104.0
+    assert setting.level == pytest.approx(math.log2(108.9))
+
+
+@given(st.floats(4.5, 17.8), st.floats(20, 7500))
+def test_steps_of_gain_are_kept_and_made_good_by_time(level: float, time_us: float) -> None:
+    limits = ExposureLimits(20.0, 7500.0, 0.0, 30.0, gain_step_db=0.5)
+    setting = limits.realise(level, time_us)
+    assert (2 * setting.gain_db) == pytest.approx(round(2 * setting.gain_db))
+    assert abs(setting.level - level) < 0.26 / DB_PER_STOP
+
+
+@pytest.mark.parametrize("limits", [(0, 10, 0, 1), (20, 10, 0, 1), (10, 20, 5, 1), (-1, 20, 0, 1)])
+def test_limits_that_leave_nothing_are_refused(limits: tuple[float, float, float, float]) -> None:
+    with pytest.raises(ConfigurationError, match="leave no"):
+        ExposureLimits(*limits)
+
+
+def test_limits_are_cut_to_those_of_the_camera() -> None:
+    camera = ExposureLimits(50.0, 1e6, 0.0, 24.0, time_step_us=1.0, gain_step_db=0.1)
+    assert LIMITS.within(camera) == ExposureLimits(50.0, 7500.0, 0.0, 24.0, 1.0, 0.1)
+
+
+def test_settings_agree_but_for_the_rounding_of_cameras() -> None:
+    setting = ExposureSetting(1000.0, 10.0)
+    assert setting.agrees_with(ExposureSetting(1005.0, 10.05))
+    assert not setting.agrees_with(ExposureSetting(1020.0, 10.0))
+    assert not setting.agrees_with(ExposureSetting(1000.0, 10.2))
