@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -92,18 +94,24 @@ def mean_signal(image: NDArray[np.uint8], response: ResponseFunction) -> float:
     return (cv2.mean(image)[0] - response.black_level) / (response.saturation - response.black_level)
 
 
+EXTREME_MARGIN = 0.01
+"""Of the range from black level to saturation, at both ends: noise keeps clipped pixels from being exactly clipped."""
+
+
 class ExtremeShares:
     """The shares of an image that hold no information: saturated and black pixels."""
 
     def __init__(self, response: ResponseFunction) -> None:
-        self._response = response
+        margin = math.ceil(EXTREME_MARGIN * (response.saturation - response.black_level))
+        self._black = response.black_level + margin
+        self._saturated = response.saturation - margin
         self._mask = np.empty((0, 0), np.uint8)
 
     def measure(self, image: NDArray[np.uint8]) -> tuple[float, float]:
-        """(saturated, black): shares 0..1 of the pixels at or above saturation, and at or below the black level."""
+        """(saturated, black): shares 0..1 of the pixels within 1 % of saturation, and of the black level."""
         if self._mask.shape != image.shape:
             self._mask = np.empty(image.shape, np.uint8)
-        cv2.threshold(image, self._response.saturation - 1, 255, cv2.THRESH_BINARY, dst=self._mask)
+        cv2.threshold(image, self._saturated - 1, 255, cv2.THRESH_BINARY, dst=self._mask)
         saturated = cv2.countNonZero(self._mask) / image.size
-        cv2.threshold(image, self._response.black_level, 255, cv2.THRESH_BINARY_INV, dst=self._mask)
+        cv2.threshold(image, self._black, 255, cv2.THRESH_BINARY_INV, dst=self._mask)
         return saturated, cv2.countNonZero(self._mask) / image.size

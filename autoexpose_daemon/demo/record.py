@@ -26,6 +26,7 @@ class StepRecord:
     metric: float
     saturated_share: float
     black_share: float
+    reason: str
 
 
 class Recorder:
@@ -48,6 +49,7 @@ class Recorder:
                 decision.metric,
                 decision.saturated_share,
                 decision.black_share,
+                decision.reason,
             )
         )
         if not self.pictures or frame.host_time_ns - self.pictures[-1][0] >= self._picture_period_ns:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -21,12 +22,16 @@ _LARGEST_CLIPPED_SHARE = 0.5
 
 @dataclass(frozen=True, slots=True)
 class LightStep:
-    """A step of the light, and after how many frames the exposure had settled (None: not before the next step)."""
+    """A step of the light, and after how many frames the exposure had settled (None: not before the next step).
+
+    `mostly` is the reason that the policy gave most often until the next step.
+    """
 
     time_s: float
     from_lux: float
     to_lux: float
     frames_to_settle: int | None
+    mostly: str
 
 
 def pulses_in_window(pulses: Sequence[Pulse], tally: Tally) -> list[Pulse]:
@@ -51,7 +56,8 @@ def light_steps(pulses: Sequence[Pulse], records: Sequence[StepRecord]) -> list[
         following = [record for record in records if between_ns < record.host_time_ns <= end_ns]
         if len(following) >= _REFERENCE_FRAMES + _SETTLED_FRAMES:
             time_s = (after.host_time_ns - pulses[0].host_time_ns) * 1e-9
-            steps.append(LightStep(round(time_s, 3), before.lux, after.lux, frames_to_settle(following)))
+            mostly = Counter(record.reason for record in following).most_common(1)[0][0]
+            steps.append(LightStep(round(time_s, 3), before.lux, after.lux, frames_to_settle(following), mostly))
     return steps
 
 
@@ -68,8 +74,3 @@ def frames_to_settle(following: Sequence[StepRecord]) -> int | None:
         if run == _SETTLED_FRAMES:
             return index + 1 - _SETTLED_FRAMES
     return None
-
-
-def steps_as_json(steps: Sequence[LightStep]) -> list[dict[str, float | int | None]]:
-    """The steps as plain data."""
-    return [asdict(step) for step in steps]

@@ -21,7 +21,7 @@ from autoexpose_daemon.cameras import openers
 from autoexpose_daemon.config import Config
 from autoexpose_daemon.demo.fakes import SERIALS, Pulse, fake_cameras, read_pulses
 from autoexpose_daemon.demo.record import Recorder
-from autoexpose_daemon.demo.report import LightStep, light_steps, pulses_in_window, steps_as_json
+from autoexpose_daemon.demo.report import LightStep, light_steps, pulses_in_window
 from autoexpose_daemon.reference_step import reference_step_ms
 from autoexpose_daemon.runtime import Daemon
 from autoexpose_daemon.service import run_until_stopped
@@ -123,11 +123,15 @@ def _figures(options: DemoOptions, daemon: Daemon, pulses: list[Pulse], steps: l
         "pairs": tally.pairs,
         "lost": {str(reason): count for reason, count in tally.lost.items() if count},
         "mismatched_pairs": telemetry.mismatched_pairs,
-        "steps": steps_as_json(steps),
+        "steps": [_step_as_json(step) for step in steps],
         "decision_ms": telemetry.decision_ms.percentiles(),
         "write_ms": telemetry.write_ms.percentiles(),
         "frame_to_node_ms": telemetry.frame_to_node_ms.percentiles(),
     }
+
+
+def _step_as_json(step: LightStep) -> dict[str, float | int | None]:
+    return {key: getattr(step, key) for key in ("time_s", "from_lux", "to_lux", "frames_to_settle")}
 
 
 def _print_figures(console: Console, figures: Mapping[str, Any], steps: list[LightStep]) -> None:
@@ -147,7 +151,7 @@ def _print_figures(console: Console, figures: Mapping[str, Any], steps: list[Lig
     table.add_row("daemon CPU", f"{figures['daemon_cpu_percent']} % of one core")
     table.add_row("literal step here", f"{figures['reference_step_ms']} ms (yardstick of this machine's speed)")
     for step in steps:
-        settled = "not settled before the next step"
+        settled = f"not settled before the next step (mostly: {step.mostly})"
         if step.frames_to_settle is not None:
             settled = f"settled after {step.frames_to_settle} frames"
         table.add_row(f"light step at {step.time_s:.1f} s", f"{step.from_lux:g} to {step.to_lux:g} lux: {settled}")

@@ -15,7 +15,7 @@ PERIOD_NS = 16_666_667
 
 def record(trigger: int, level: float, clipped: float = 0.0) -> StepRecord:
     setting = ExposureSetting(math.exp2(level), 0.0)
-    return StepRecord(trigger, trigger * PERIOD_NS, setting, level, 0.1, clipped, 0.0)
+    return StepRecord(trigger, trigger * PERIOD_NS, setting, level, 0.1, clipped, 0.0, "held")
 
 
 def test_settling_is_counted_to_the_first_of_ten_good_frames() -> None:
@@ -44,6 +44,13 @@ def test_steps_are_found_in_the_light_and_judged_until_the_next() -> None:
     steps = light_steps(pulses, records)
     assert [(step.from_lux, step.to_lux, step.frames_to_settle) for step in steps] == [(150, 1, 5), (1, 150, 5)]
     assert steps[0].time_s == round(60 * PERIOD_NS * 1e-9, 3)
+
+
+def test_a_step_that_does_not_settle_tells_what_the_policy_said() -> None:
+    pulses = [Pulse(n, n * PERIOD_NS, 150.0 if n < 60 else 1.0) for n in range(160)]
+    (step,) = light_steps(pulses, [record(n, 11.0 + n % 2) for n in range(160)])
+    assert step.frames_to_settle is None
+    assert step.mostly == "held"
 
 
 def test_a_ramp_is_not_a_step() -> None:

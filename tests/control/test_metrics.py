@@ -91,6 +91,6 @@ def test_a_flat_image_has_no_gradient(grey: int) -> None:
 
 def test_shares_and_mean_count_from_black_level_to_saturation() -> None:
     response = ResponseFunction(np.arange(256) / 32, black_level=10, saturation=240)
-    image = np.array([[0, 10, 11, 239], [240, 255, 125, 125]], np.uint8)
+    image = np.array([[0, 13, 14, 236], [237, 255, 125, 125]], np.uint8)
     assert ExtremeShares(response).measure(image) == (2 / 8, 2 / 8)
     assert mean_signal(image, response) == pytest.approx((image.mean() - 10) / 230)
