@@ -1,0 +1,62 @@
+"""What the driver asks of a camera's GenICam nodes, so that its rules are testable without a camera."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+
+class NodeMap(Protocol):
+    """The nodes of one camera, by name.
+
+    Every method that touches the camera raises `NodeError` when the camera or the node's own bounds refuse, and
+    `CameraLostError` when nobody answers.
+    """
+
+    @property
+    def serial(self) -> str:
+        """Serial number of the camera, for messages."""
+
+    def available(self, name: str) -> bool:
+        """Whether the camera has this feature and offers it in its present state; a category is not a feature."""
+
+    def is_float(self, name: str) -> bool:
+        """Whether the feature holds a floating-point number."""
+
+    def unit(self, name: str) -> str | None:
+        """The unit that a floating-point feature declares, None when it declares none."""
+
+    def entries(self, name: str) -> tuple[str, ...]:
+        """The entries an enumeration offers at present; empty when the camera has no such enumeration."""
+
+    def float_bounds(self, name: str) -> tuple[float, float]:
+        """Least and greatest value that the feature takes at present."""
+
+    def float_increment(self, name: str) -> float:
+        """The declared increment; 0.0 when any value is taken."""
+
+    def integer_bounds(self, name: str) -> tuple[int, int]:
+        """Least and greatest value that the feature takes at present."""
+
+    def read_float(self, name: str) -> float:
+        """Value of a floating-point feature."""
+
+    def write_float(self, name: str, value: float) -> None:
+        """Write a floating-point feature."""
+
+    def read_integer(self, name: str) -> int:
+        """Value of an integer feature."""
+
+    def write_integer(self, name: str, value: int) -> None:
+        """Write an integer feature."""
+
+    def write_boolean(self, name: str, value: bool) -> None:
+        """Write a boolean feature."""
+
+    def read_entry(self, name: str) -> str:
+        """The entry an enumeration stands at."""
+
+    def write_entry(self, name: str, entry: str) -> None:
+        """Choose an entry of an enumeration."""
+
+    def execute(self, name: str) -> None:
+        """Execute a command feature."""

@@ -1,0 +1,57 @@
+"""How a camera is to be set up before its first frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+TriggerMode = Literal["external", "free_run"]
+PixelFormat = Literal["Mono8", "Mono12", "Mono16"]
+
+
+@dataclass(frozen=True, slots=True)
+class TriggerSetup:
+    """What starts an exposure.
+
+    Attributes
+    ----------
+    mode
+        "external": every rising edge on `line`; "free_run": the camera's own clock at `rate_hz`.
+    line
+        The camera's input line, by the name of its TriggerSource entry.
+    rate_hz
+        Frame rate (Hz); with an external trigger the rate of the pulses, which the camera is not told.
+    """
+
+    mode: TriggerMode
+    line: str = "Line0"
+    rate_hz: float = 60.0
+
+
+@dataclass(frozen=True, slots=True)
+class CameraSetup:
+    """Trigger wiring, image format and transport of one camera; None keeps what the camera has.
+
+    Attributes
+    ----------
+    trigger
+        What starts an exposure.
+    pixel_format
+        Name of the PixelFormat entry.
+    binning
+        `binning` x `binning` pixels are read as one, over the whole sensor.
+    packet_size_bytes
+        GigE Vision only: size of a stream packet, headers included; None asks for the largest that arrives.
+    socket_buffer_bytes
+        GigE Vision only: what the kernel keeps while no one reads. It is capped by ``net.core.rmem_max``.
+    packet_timeout_ms
+        GigE Vision only: a packet so late is asked for again. With Aravis' own 20 ms one lost packet holds up a frame
+        for two periods at 60 Hz, and all frames behind it.
+    """
+
+    trigger: TriggerSetup
+    pixel_format: PixelFormat | None = None
+    binning: int | None = None
+    packet_size_bytes: int | None = None
+    socket_buffer_bytes: int = 4 << 20
+    packet_timeout_ms: float = 2.0

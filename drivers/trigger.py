@@ -1,0 +1,79 @@
+"""Arming the trigger: a line that starts each exposure, or the camera's own clock."""
+
+from __future__ import annotations
+
+from drivers.errors import ConfigurationError, UnsupportedCameraError
+from drivers.nodes import NodeMap
+from drivers.setup import TriggerSetup
+
+
+def arm_trigger(nodes: NodeMap, setup: TriggerSetup) -> tuple[str, ...]:
+    """Set the camera up to be triggered as `setup` says, and return what it lacks for that, in words.
+
+    Raises
+    ------
+    ConfigurationError
+        When the camera has no such line, or cannot run at that rate.
+    UnsupportedCameraError
+        When it has no hardware trigger, or no frame rate to set.
+    """
+    if "Continuous" in nodes.entries("AcquisitionMode"):
+        nodes.write_entry("AcquisitionMode", "Continuous")
+    _switch_triggers_off(nodes)
+    if setup.mode == "free_run":
+        _set_frame_rate(nodes, setup.rate_hz)
+        return () if _lines(nodes) else ("no hardware trigger line: it can only run freely",)
+    return _arm_line(nodes, setup.line)
+
+
+def _switch_triggers_off(nodes: NodeMap) -> None:
+    """Every trigger, because one left on elsewhere (AcquisitionStart, LineStart) would starve FrameStart."""
+    for selector in nodes.entries("TriggerSelector"):
+        nodes.write_entry("TriggerSelector", selector)
+        if nodes.available("TriggerMode"):
+            nodes.write_entry("TriggerMode", "Off")
+    if "FrameStart" in nodes.entries("TriggerSelector"):
+        nodes.write_entry("TriggerSelector", "FrameStart")
+
+
+def _lines(nodes: NodeMap) -> tuple[str, ...]:
+    return tuple(entry for entry in nodes.entries("TriggerSource") if entry.startswith(("Line", "Input")))
+
+
+def _arm_line(nodes: NodeMap, line: str) -> tuple[str, ...]:
+    selectors = nodes.entries("TriggerSelector")
+    if selectors and "FrameStart" not in selectors:
+        raise UnsupportedCameraError(
+            f"camera {nodes.serial}: no FrameStart trigger; its TriggerSelector offers {', '.join(selectors)}"
+        )
+    if line not in nodes.entries("TriggerSource"):
+        if not _lines(nodes):
+            raise UnsupportedCameraError(
+                f"camera {nodes.serial}: no hardware trigger line; run it with trigger mode free_run"
+            )
+        raise ConfigurationError(
+            f"camera {nodes.serial}: no trigger line {line!r}; it has {', '.join(_lines(nodes))} (trigger line)"
+        )
+    nodes.write_entry("TriggerSource", line)
+    if "RisingEdge" in nodes.entries("TriggerActivation"):
+        nodes.write_entry("TriggerActivation", "RisingEdge")
+    overlaps = "ReadOut" in nodes.entries("TriggerOverlap")
+    if overlaps:
+        nodes.write_entry("TriggerOverlap", "ReadOut")
+    nodes.write_entry("TriggerMode", "On")
+    if overlaps:
+        return ()
+    return ("no TriggerOverlap ReadOut: exposure and readout together must fit into a trigger period",)
+
+
+def _set_frame_rate(nodes: NodeMap, rate_hz: float) -> None:
+    if nodes.available("AcquisitionFrameRateEnable"):
+        nodes.write_boolean("AcquisitionFrameRateEnable", True)
+    if not nodes.is_float("AcquisitionFrameRate"):
+        raise UnsupportedCameraError(f"camera {nodes.serial}: no AcquisitionFrameRate to set for a free run")
+    low, high = nodes.float_bounds("AcquisitionFrameRate")
+    if not low <= rate_hz <= high:
+        raise ConfigurationError(
+            f"camera {nodes.serial}: it cannot run at {rate_hz:g} Hz, only at {low:g} to {high:g} Hz (trigger rate_hz)"
+        )
+    nodes.write_float("AcquisitionFrameRate", rate_hz)

@@ -1,0 +1,53 @@
+"""Chunk data: how each image was taken, in tagged pieces behind its pixels."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from fake_camera.imaging import ExposedFrame
+
+IMAGE_CHUNK_ID = 0x0001
+
+
+@dataclass(frozen=True, slots=True)
+class Chunk:
+    """One kind of chunk: its id, and the type and unit of its eight big-endian bytes."""
+
+    chunk_id: int
+    type: Literal["float", "integer"]
+    unit: str = ""
+
+
+CHUNKS: dict[str, Chunk] = {
+    "ExposureTime": Chunk(0x1001, "float", "us"),
+    "Gain": Chunk(0x1002, "float", "dB"),
+    "FrameID": Chunk(0x1003, "integer"),
+    "Timestamp": Chunk(0x1004, "integer", "ns"),
+}
+"""The chunks on offer, under the names of the entries of ChunkSelector."""
+
+
+def chunk_bytes(frame: ExposedFrame, names: Sequence[str]) -> bytes:
+    """What follows the pixels of `frame` on the wire: the image's own tag, then the chunks `names` with theirs.
+
+    Each piece is followed by its id and its length, so that a reader walks from the end.
+    """
+    values: dict[str, float] = {
+        "ExposureTime": frame.settings.exposure_time_us,
+        "Gain": frame.settings.gain_db,
+        "FrameID": frame.frame_id,
+        "Timestamp": frame.device_time_ns,
+    }
+    pieces = [_tag(IMAGE_CHUNK_ID, frame.pixels.nbytes)]
+    for name in names:
+        chunk = CHUNKS[name]
+        data = struct.pack(">d" if chunk.type == "float" else ">Q", values[name])
+        pieces += [data, _tag(chunk.chunk_id, len(data))]
+    return b"".join(pieces)
+
+
+def _tag(chunk_id: int, length: int) -> bytes:
+    return struct.pack(">II", chunk_id, length)

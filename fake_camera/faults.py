@@ -1,0 +1,171 @@
+"""Faults on order: what a cable, a switch or a camera may do wrong, counted in triggers."""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Self
+
+PER_TRIGGER = frozenset({"freeze", "delay", "ignore_triggers", "vanish"})
+"""Faults whose count is of triggers."""
+
+NAMES = frozenset({"lose_packets", "refuse_writes", "come_back"}) | PER_TRIGGER
+"""All faults there are."""
+
+DELAY_NS = 200_000_000
+"""How late the frames of the fault ``delay`` are sent."""
+
+
+class FaultError(Exception):
+    """An order that is no fault; one sentence says why."""
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """One order: a fault, the trigger after which it begins (None: now) and how much of it.
+
+    ``lose_packets``      `count` stream packets are not sent, from the next trigger's frame on
+    ``delay``             the frames of `count` triggers are sent 0.2 s late, and no frame overtakes them
+    ``freeze``            the frames of `count` triggers are taken but not sent; the control channel answers
+    ``vanish``            cable and power are out for `count` triggers, or until ``come_back`` when it is None
+    ``come_back``         the camera is there again, in its power-on state
+    ``refuse_writes``     `count` writes are answered with an access error
+    ``ignore_triggers``   `count` triggers make no frame, and the frame id does not advance
+    """
+
+    name: str
+    after_trigger: int | None = None
+    count: int | None = 1
+
+    @classmethod
+    def from_json(cls, line: str) -> Self:
+        """The order in a line ``{"fault": NAME, "after_trigger": n or null, "count": n or null}``.
+
+        Without a count it is 1, for ``vanish`` no end.
+
+        Raises
+        ------
+        FaultError
+            The line is no JSON object, or a key, a name or a number in it is wrong.
+        """
+        try:
+            order = json.loads(line)
+        except ValueError as error:
+            raise FaultError(f"the line is not JSON: {error}") from None
+        if not isinstance(order, dict):
+            raise FaultError('the line must be a JSON object such as {"fault": "freeze", "count": 3}')
+        for key in order.keys() - {"fault", "after_trigger", "count"}:
+            raise FaultError(f"unknown key {key!r}: the keys are fault, after_trigger and count")
+        name = order.get("fault")
+        if not isinstance(name, str) or name not in NAMES:
+            raise FaultError(f"unknown fault {name!r}: the faults are {', '.join(sorted(NAMES))}")
+        count = _whole_number(order, "count", 1)
+        if count is not None and name == "come_back":
+            raise FaultError("come_back has no count: leave it out")
+        if count is None and name != "vanish":
+            count = 1
+        return cls(name, _whole_number(order, "after_trigger", 0), count)
+
+
+def _whole_number(order: dict[str, object], key: str, minimum: int) -> int | None:
+    value = order.get(key)
+    if value is None:
+        return None
+    if not isinstance(value, int) or isinstance(value, bool) or value < minimum:
+        raise FaultError(f"{key} must be a whole number from {minimum} or null, not {value!r}")
+    return value
+
+
+@dataclass(slots=True, eq=False)
+class _Order:
+    fault: Fault
+    left: int | None
+
+    def begun(self, trigger: int) -> bool:
+        """Whether the fault reaches the trigger of this number."""
+        return self.fault.after_trigger is None or trigger > self.fault.after_trigger
+
+
+class Faults:
+    """The faults in force; safe to use from any thread.
+
+    The device itself does what concerns exposures: ``freeze``, ``delay`` and ``ignore_triggers`` show in the sink as
+    frames that do not come or come late. The protocol asks `vanished`, `lose_packet` and `refuse_write`.
+
+    `power_on` is called before a vanished camera answers again.
+    """
+
+    def __init__(self, power_on: Callable[[], None] = lambda: None) -> None:
+        self._power_on = power_on
+        self._lock = threading.Lock()
+        self._orders: list[_Order] = []
+        self._trigger = -1  # the last pulse of Line0
+        self._sent = -1  # the last pulse before the exposure of the frame that is being sent
+
+    def add(self, fault: Fault) -> int:
+        """Order a fault; the answer is the number of the last trigger before it (-1 before the first)."""
+        with self._lock:
+            self._orders.append(_Order(fault, fault.count))
+            trigger = self._trigger
+        self._come_back(trigger)
+        return trigger
+
+    def on_trigger(self, trigger: int) -> frozenset[str]:
+        """Count a pulse of Line0; the names of the faults in `PER_TRIGGER` that it meets."""
+        self._come_back(trigger)
+        with self._lock:
+            self._trigger = trigger
+            met = [order for order in self._orders if order.fault.name in PER_TRIGGER and order.begun(trigger)]
+            for order in met:
+                if order.left is not None:
+                    order.left -= 1
+            self._orders = [order for order in self._orders if order.left != 0 or order.fault.name == "vanish"]
+            return frozenset(order.fault.name for order in met)
+
+    def on_send(self, trigger: int) -> None:
+        """Note that the frame of a trigger (or of an exposure after it) is sent now."""
+        with self._lock:
+            self._sent = trigger
+
+    @property
+    def vanished(self) -> bool:
+        """Whether the camera is off the network: answer nothing and send nothing."""
+        with self._lock:
+            return any(order.fault.name == "vanish" and order.begun(self._trigger) for order in self._orders)
+
+    def lose_packet(self) -> bool:
+        """Whether the stream packet about to be sent is to be lost; asked once for each packet."""
+        with self._lock:
+            return self._spend("lose_packets", self._sent)
+
+    def refuse_write(self) -> bool:
+        """Whether the write just received is to be answered with an access error; asked once for each write."""
+        with self._lock:
+            return self._spend("refuse_writes", self._trigger)
+
+    def _spend(self, name: str, trigger: int) -> bool:
+        for order in self._orders:
+            if order.fault.name == name and order.left is not None and order.begun(trigger):
+                order.left -= 1
+                if order.left == 0:
+                    self._orders.remove(order)
+                return True
+        return False
+
+    def _come_back(self, trigger: int) -> None:
+        """End the absences that are over by `trigger`; the camera restarts before it answers again."""
+        with self._lock:
+            called = [order for order in self._orders if order.fault.name == "come_back" and order.begun(trigger)]
+            over = [
+                order
+                for order in self._orders
+                if order.fault.name == "vanish"
+                and (called or (order.left == 0 and trigger > self._trigger))
+                and order.begun(trigger)
+            ]
+        if over:
+            self._power_on()
+        with self._lock:
+            self._orders = [order for order in self._orders if order not in called and order not in over]

@@ -1,0 +1,324 @@
+"""The camera's features by their SFNC names, with the limits, increments and locks that the camera enforces.
+
+The values are those of a Blackfly S with a Sony IMX287, at power-on.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+from fake_camera.imaging import ImageSettings
+
+Value = int | float | bool | str
+Type = Literal["integer", "float", "boolean", "string", "enumeration"]
+
+ENUM_ENTRIES: dict[str, dict[str, int]] = {
+    "PixelFormat": {"Mono8": 0x01080001, "Mono12": 0x01100005, "Mono16": 0x01100007},
+    "AcquisitionMode": {"Continuous": 0, "SingleFrame": 1},
+    "ExposureMode": {"Timed": 0},
+    "ExposureAuto": {"Off": 0, "Once": 1, "Continuous": 2},
+    "GainSelector": {"All": 0},
+    "GainAuto": {"Off": 0, "Once": 1, "Continuous": 2},
+    "TriggerSelector": {"FrameStart": 0},
+    "TriggerMode": {"Off": 0, "On": 1},
+    "TriggerSource": {"Software": 0, "Line0": 1},
+    "TriggerActivation": {"RisingEdge": 3},
+    "TriggerOverlap": {"Off": 0, "ReadOut": 1},
+    "ChunkSelector": {"ExposureTime": 0, "Gain": 1, "FrameID": 2, "Timestamp": 3},
+}
+"""Entries of the enumerations with the integers their registers hold."""
+
+CHUNK_BYTES: dict[str, int] = {"ExposureTime": 8, "Gain": 8, "FrameID": 8, "Timestamp": 8}
+"""Size of each chunk's data: two doubles (us, dB) and two 64-bit integers (count, ns)."""
+
+CHUNK_TRAILER_BYTES = 8
+"""Chunk id and length, which follow the data of each chunk and of the image."""
+
+
+@dataclass(frozen=True, slots=True)
+class Spec:
+    """One feature as declared: `locked_while` names another feature and the value of it that locks this one."""
+
+    name: str
+    type: Type
+    initial: Value
+    minimum: float = 0
+    maximum: float = 0
+    increment: float = 0
+    unit: str = ""
+    writable: bool = True
+    locked_while: tuple[str, Value] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Bounds of a number that hold now; an increment of 0 means any value."""
+
+    minimum: float
+    maximum: float
+    increment: float
+
+
+class FeatureError(Exception):
+    """The camera refuses an access, and why: the protocol answers with the status code of `kind`."""
+
+    def __init__(self, kind: Literal["out_of_range", "read_only", "locked"], message: str) -> None:
+        super().__init__(message)
+        self.kind = kind
+
+
+_ACQUIRING = ("TLParamsLocked", 1)
+_REGION = {"Width": "OffsetX", "OffsetX": "Width", "Height": "OffsetY", "OffsetY": "Height"}  # share an axis
+_HISTORY = 64  # writes that may come between a pulse and the moment its thread gets to run
+
+
+def _specs(serial: str, sensor_width: int, sensor_height: int) -> list[Spec]:
+    """The table of features of one camera."""
+
+    def fixed(name: str, type_: Type, value: Value, unit: str = "") -> Spec:
+        return Spec(name, type_, value, unit=unit, writable=False)
+
+    def choice(name: str, initial: str, locked_while: tuple[str, Value] | None = None) -> Spec:
+        return Spec(name, "enumeration", initial, locked_while=locked_while)
+
+    return [
+        fixed("DeviceVendorName", "string", "Autoexpose"),
+        fixed("DeviceModelName", "string", "FakeGV287M"),
+        fixed("DeviceSerialNumber", "string", serial),
+        fixed("DeviceVersion", "string", "1.0"),
+        fixed("DeviceFirmwareVersion", "string", "1.0"),
+        Spec("DeviceUserID", "string", "", maximum=15, unit="bytes"),
+        fixed("DeviceTemperature", "float", 46.0, "C"),
+        fixed("SensorWidth", "integer", sensor_width, "px"),
+        fixed("SensorHeight", "integer", sensor_height, "px"),
+        fixed("WidthMax", "integer", sensor_width, "px"),
+        fixed("HeightMax", "integer", sensor_height, "px"),
+        Spec("Width", "integer", sensor_width, 8, sensor_width, 4, "px", locked_while=_ACQUIRING),
+        Spec("Height", "integer", sensor_height, 8, sensor_height, 2, "px", locked_while=_ACQUIRING),
+        Spec("OffsetX", "integer", 0, 0, sensor_width, 4, "px", locked_while=_ACQUIRING),
+        Spec("OffsetY", "integer", 0, 0, sensor_height, 2, "px", locked_while=_ACQUIRING),
+        Spec("BinningHorizontal", "integer", 1, 1, 4, 1, locked_while=_ACQUIRING),
+        Spec("BinningVertical", "integer", 1, 1, 4, 1, locked_while=_ACQUIRING),
+        choice("PixelFormat", "Mono8", _ACQUIRING),
+        fixed("PayloadSize", "integer", 0, "bytes"),
+        choice("AcquisitionMode", "Continuous", _ACQUIRING),
+        Spec("AcquisitionFrameRateEnable", "boolean", True),
+        Spec(
+            "AcquisitionFrameRate",
+            "float",
+            30.0,
+            1.0,
+            300.0,
+            unit="Hz",
+            locked_while=("AcquisitionFrameRateEnable", False),
+        ),
+        choice("ExposureMode", "Timed"),
+        Spec("ExposureTime", "float", 5000.0, 10.0, 1e6, 1.0, "us", locked_while=("ExposureAuto", "Continuous")),
+        choice("ExposureAuto", "Continuous"),
+        choice("GainSelector", "All"),
+        Spec("Gain", "float", 0.0, 0.0, 47.0, unit="dB", locked_while=("GainAuto", "Continuous")),
+        choice("GainAuto", "Continuous"),
+        Spec("BlackLevel", "float", 0.0, 0.0, 12.5, unit="%"),
+        Spec("Gamma", "float", 0.8, 0.25, 4.0),
+        Spec("GammaEnable", "boolean", False),
+        choice("TriggerSelector", "FrameStart"),
+        choice("TriggerMode", "Off"),
+        choice("TriggerSource", "Line0"),
+        choice("TriggerActivation", "RisingEdge"),
+        choice("TriggerOverlap", "Off"),
+        Spec("TLParamsLocked", "integer", 0, 0, 1, 1),
+        Spec("ChunkModeActive", "boolean", False, locked_while=_ACQUIRING),
+        choice("ChunkSelector", "ExposureTime"),
+        Spec("ChunkEnable", "boolean", False, locked_while=_ACQUIRING),
+        fixed("Timestamp", "integer", 0, "ns"),
+        fixed("TimestampLatchValue", "integer", 0, "ns"),
+    ]
+
+
+class Features:
+    """The values of one camera's features; safe to use from any thread.
+
+    Commands (AcquisitionStart, AcquisitionStop, TriggerSoftware, TimestampLatch, DeviceReset) are no features:
+    see ``Device.execute``. `device_clock_ns` gives Timestamp; `host_clock_ns` dates the writes.
+    """
+
+    def __init__(
+        self,
+        serial: str,
+        sensor_width: int,
+        sensor_height: int,
+        device_clock_ns: Callable[[], int],
+        host_clock_ns: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        self._specs = {spec.name: spec for spec in _specs(serial, sensor_width, sensor_height)}
+        self._device_clock_ns = device_clock_ns
+        self._host_clock_ns = host_clock_ns
+        self._lock = threading.RLock()
+        self.reset()
+
+    def reset(self) -> None:
+        """Back to the power-on state."""
+        with self._lock:
+            self._values = {spec.name: spec.initial for spec in self._specs.values()}
+            self._chunks = dict.fromkeys(CHUNK_BYTES, False)
+            self._history = deque([(self._host_clock_ns(), self._snapshot())], maxlen=_HISTORY)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All features."""
+        return tuple(self._specs)
+
+    def spec(self, name: str) -> Spec:
+        """The declaration of a feature; KeyError when there is none of this name."""
+        return self._specs[name]
+
+    def get(self, name: str) -> Value:
+        """The value now; an enumeration as the name of its entry."""
+        with self._lock:
+            match name:
+                case "Timestamp":
+                    return self._device_clock_ns()
+                case "WidthMax":
+                    return self._region_max("Width")
+                case "HeightMax":
+                    return self._region_max("Height")
+                case "PayloadSize":
+                    return self._payload_bytes()
+                case "ChunkEnable":
+                    return self._chunks[str(self._values["ChunkSelector"])]
+                case _:
+                    return self._values[name]
+
+    def set(self, name: str, value: Value) -> None:
+        """Write a feature: a number off the increment is rounded to the nearest, one out of range is refused.
+
+        Raises
+        ------
+        FeatureError
+            "out_of_range" (also: no such enumeration entry), "read_only", or "locked" (by the acquisition or
+            by an auto function).
+        """
+        spec = self._specs[name]
+        with self._lock:
+            if not spec.writable:
+                raise FeatureError("read_only", f"{name} can only be read")
+            if spec.locked_while is not None and self.locked(name):
+                raise FeatureError("locked", "{} cannot be written while {} is {}".format(name, *spec.locked_while))
+            self.update(name, self._checked(spec, value))
+
+    def update(self, name: str, value: Value) -> None:
+        """Set a feature as the camera itself does: no access check."""
+        with self._lock:
+            if name == "ChunkEnable":
+                self._chunks[str(self._values["ChunkSelector"])] = bool(value)
+            elif name in ("ExposureAuto", "GainAuto") and value == "Once":
+                self._values[name] = "Off"  # the firmware's auto function holds what it finds, so once is done at once
+            else:
+                self._values[name] = value
+            if name in ("BinningHorizontal", "BinningVertical"):
+                self._open_region()
+            self._history.append((self._host_clock_ns(), self._snapshot()))
+
+    def locked(self, name: str) -> bool:
+        """Whether a writable feature refuses writes at the moment."""
+        condition = self._specs[name].locked_while
+        return condition is not None and self.get(condition[0]) == condition[1]
+
+    def limits(self, name: str) -> Limits:
+        """Bounds and increment of a number, as they hold now (the region shrinks with offset and binning)."""
+        spec = self._specs[name]
+        with self._lock:
+            maximum = spec.maximum
+            if name in _REGION:
+                maximum = self._region_max(name) - float(self._values[_REGION[name]])
+            return Limits(spec.minimum, maximum, spec.increment)
+
+    def enabled_chunks(self) -> tuple[str, ...]:
+        """Chunks that follow the image, in the order of `CHUNK_BYTES`; none unless ChunkModeActive."""
+        with self._lock:
+            return tuple(name for name, on in self._chunks.items() if on and self._values["ChunkModeActive"])
+
+    def image_settings(self, at_ns: int) -> ImageSettings:
+        """The settings that were in force at host time `at_ns` (CLOCK_MONOTONIC): later writes do not count."""
+        with self._lock:
+            for written_ns, settings in reversed(self._history):
+                if written_ns <= at_ns:
+                    return settings
+            return self._history[0][1]
+
+    def _checked(self, spec: Spec, value: Value) -> Value:
+        """The value as the camera takes it: of the right type, within the limits, on the increment."""
+        if spec.type == "enumeration":
+            if value not in ENUM_ENTRIES[spec.name]:
+                raise FeatureError("out_of_range", f"{spec.name} has no entry {value!r}")
+            return value
+        if spec.type == "string":
+            if len(str(value).encode()) > spec.maximum:
+                raise FeatureError("out_of_range", f"{spec.name} holds at most {spec.maximum:g} bytes")
+            return str(value)
+        if spec.type == "boolean":
+            return bool(value)
+        return self._checked_number(spec, float(value))
+
+    def _checked_number(self, spec: Spec, value: float) -> int | float:
+        limits = self.limits(spec.name)
+        if not limits.minimum <= value <= limits.maximum:
+            raise FeatureError(
+                "out_of_range",
+                f"{spec.name} {value:g} {spec.unit} is not within {limits.minimum:g} to {limits.maximum:g}",
+            )
+        if limits.increment:
+            steps = math.floor((value - limits.minimum) / limits.increment + 0.5)
+            value = limits.minimum + steps * limits.increment
+            if value > limits.maximum:
+                value -= limits.increment
+        return int(value) if spec.type == "integer" else value
+
+    def _region_max(self, name: str) -> int:
+        """Largest width (`name` Width or OffsetX) or height of a binned image, a multiple of the increment."""
+        axis, sensor, binning = (
+            ("Width", "SensorWidth", "BinningHorizontal")
+            if name in ("Width", "OffsetX")
+            else ("Height", "SensorHeight", "BinningVertical")
+        )
+        increment = int(self._specs[axis].increment)
+        return int(self._values[sensor]) // int(self._values[binning]) // increment * increment
+
+    def _open_region(self) -> None:
+        """A new binning opens the region to all of the image."""
+        self._values |= {
+            "OffsetX": 0,
+            "OffsetY": 0,
+            "Width": self._region_max("Width"),
+            "Height": self._region_max("Height"),
+        }
+
+    def _payload_bytes(self) -> int:
+        pixel_bytes = 1 if self._values["PixelFormat"] == "Mono8" else 2
+        image = int(self._values["Width"]) * int(self._values["Height"]) * pixel_bytes
+        if not self._values["ChunkModeActive"]:
+            return image
+        chunks = sum(CHUNK_BYTES[name] + CHUNK_TRAILER_BYTES for name in self.enabled_chunks())
+        return image + CHUNK_TRAILER_BYTES + chunks
+
+    def _snapshot(self) -> ImageSettings:
+        values = self._values
+        return ImageSettings(
+            exposure_time_us=float(values["ExposureTime"]),
+            gain_db=float(values["Gain"]),
+            black_level_percent=float(values["BlackLevel"]),
+            gamma=float(values["Gamma"]) if values["GammaEnable"] else 1.0,
+            pixel_format=str(values["PixelFormat"]),
+            offset_x=int(values["OffsetX"]),
+            offset_y=int(values["OffsetY"]),
+            width=int(values["Width"]),
+            height=int(values["Height"]),
+            binning_horizontal=int(values["BinningHorizontal"]),
+            binning_vertical=int(values["BinningVertical"]),
+        )

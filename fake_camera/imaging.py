@@ -1,0 +1,76 @@
+"""What a camera asks of the world: one image for one latched setting, and the frame that comes of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Pixels = NDArray[np.uint8] | NDArray[np.uint16]
+
+
+@dataclass(frozen=True, slots=True)
+class ImageSettings:
+    """The settings of one image, latched at the start of its exposure.
+
+    The region (`offset_x`, `offset_y`, `width`, `height`) is in pixels after binning. `pixel_format` is
+    "Mono8", "Mono12" or "Mono16". `gamma` is 1 when the camera applies none.
+    """
+
+    exposure_time_us: float
+    gain_db: float
+    black_level_percent: float
+    gamma: float
+    pixel_format: str
+    offset_x: int
+    offset_y: int
+    width: int
+    height: int
+    binning_horizontal: int
+    binning_vertical: int
+
+
+class ImageSource(Protocol):
+    """The scene, the light and the sensor behind a camera's protocol."""
+
+    sensor_width: int
+    sensor_height: int
+
+    def take(self, start_s: float, settings: ImageSettings, noise_seed: int) -> Pixels:
+        """The image of an exposure that starts `start_s` seconds after the epoch of Line0.
+
+        Returns grey levels of shape (settings.height, settings.width): uint8 for Mono8, uint16 for Mono12 and
+        Mono16. The same arguments give the same image.
+        """
+        ...
+
+    def lux(self, time_s: float) -> float:
+        """Illumination in lux, `time_s` seconds after the epoch of Line0."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ExposedFrame:
+    """One image as the camera sends it.
+
+    Attributes
+    ----------
+    frame_id
+        1, 2, 3 ... since AcquisitionStart, unwrapped.
+    trigger
+        Number of the pulse of Line0 that started the exposure, None when no pulse did.
+    device_time_ns
+        Start of the exposure on the device's own clock.
+    pixels
+        Grey levels, shape (height, width), uint8 or uint16.
+    settings
+        What the image was taken with.
+    """
+
+    frame_id: int
+    trigger: int | None
+    device_time_ns: int
+    pixels: Pixels
+    settings: ImageSettings

@@ -1,0 +1,120 @@
+"""Line0: a virtual trigger wire. Processes that name the same wire see the same pulses with the same numbers.
+
+Nothing travels along it: its pulses lie on a grid of CLOCK_MONOTONIC, and the processes share the grid through a
+small file. Each holds a shared lock on the file, so whoever finds it unlocked knows that its grid is a dead one's.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import re
+import struct
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Self
+
+_GRID = struct.Struct("=8sqd")  # magic, epoch (ns), rate (Hz)
+_MAGIC = b"AELINE0\x01"
+_NS_PER_S = 1_000_000_000
+
+
+class WireError(Exception):
+    """The wire cannot be joined; one sentence says why."""
+
+
+class Line0:
+    """A grid of pulses: pulse n rises `n / rate_hz` seconds after `epoch_ns` (CLOCK_MONOTONIC), n = 0, 1, 2 ...
+
+    Without a lock file it is private to its process.
+    """
+
+    def __init__(self, epoch_ns: int, rate_hz: float, lock: int | None = None, path: Path | None = None) -> None:
+        self.epoch_ns = epoch_ns
+        self.rate_hz = rate_hz
+        self._lock = lock
+        self._path = path
+
+    @classmethod
+    def join(
+        cls,
+        name: str,
+        rate_hz: float,
+        directory: Path | None = None,
+        clock_ns: Callable[[], int] = time.monotonic_ns,
+    ) -> Self:
+        """Join the wire `name`, or be its first process and start it now.
+
+        Raises
+        ------
+        WireError
+            The name is no plain word, or the wire runs at another rate.
+        """
+        if not re.fullmatch(r"[\w.-]{1,64}", name):
+            raise WireError(f"the wire's name {name!r} must be a word of letters, digits, dots and dashes")
+        path = (directory or _shared_directory()) / f"fake-camera-line0-{name}"
+        lock = _open_locked(path, rate_hz, clock_ns)
+        epoch_ns, running_hz = _read_grid(lock)
+        if running_hz != rate_hz:
+            os.close(lock)
+            raise WireError(f"Line0 {name} runs at {running_hz:g} Hz, so this camera cannot join it at {rate_hz:g} Hz")
+        return cls(epoch_ns, rate_hz, lock, path)
+
+    def pulse_time_ns(self, pulse: int) -> int:
+        """When a pulse rises, CLOCK_MONOTONIC."""
+        return self.epoch_ns + round(pulse * _NS_PER_S / self.rate_hz)
+
+    def first_pulse_after(self, time_ns: int) -> int:
+        """Number of the first pulse that rises later than `time_ns`."""
+        pulse = max(0, int((time_ns - self.epoch_ns) * self.rate_hz / _NS_PER_S) - 1)
+        while self.pulse_time_ns(pulse) <= time_ns:
+            pulse += 1
+        return pulse
+
+    def close(self) -> None:
+        """Leave the wire; the last process to leave removes it."""
+        if self._lock is None or self._path is None:
+            return
+        if _try_exclusive(self._lock):
+            self._path.unlink(missing_ok=True)
+        os.close(self._lock)
+        self._lock = None
+
+
+def _shared_directory() -> Path:
+    return Path(os.environ.get("XDG_RUNTIME_DIR") or "/dev/shm")
+
+
+def _open_locked(path: Path, rate_hz: float, clock_ns: Callable[[], int]) -> int:
+    """The wire's file, open, holding a grid, under a shared lock."""
+    while True:
+        lock = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+        if _try_exclusive(lock):
+            os.pwrite(lock, _GRID.pack(_MAGIC, clock_ns(), rate_hz), 0)
+        # Passing from one lock to the other is not atomic: between them another process may find the file unlocked
+        # and start the wire anew, or remove it. The first is harmless, as the grid is read under the shared lock.
+        fcntl.flock(lock, fcntl.LOCK_SH)
+        if _is_file_at(lock, path) and os.pread(lock, len(_MAGIC), 0) == _MAGIC:
+            return lock
+        os.close(lock)
+
+
+def _try_exclusive(lock: int) -> bool:
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
+
+
+def _is_file_at(descriptor: int, path: Path) -> bool:
+    try:
+        return os.path.samestat(path.stat(), os.fstat(descriptor))
+    except FileNotFoundError:
+        return False
+
+
+def _read_grid(lock: int) -> tuple[int, float]:
+    _, epoch_ns, rate_hz = _GRID.unpack(os.pread(lock, _GRID.size, 0))
+    return epoch_ns, rate_hz

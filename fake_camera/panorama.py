@@ -1,0 +1,99 @@
+"""Pans a camera's view across a still of real radiance."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+GREY = 0.18
+"""Reflectance that the still's log-mean radiance stands for: the photographers' grey card."""
+
+ROOM_TO_PAN = 1.4
+"""Least size of the still in views, across and down: a smaller one is enlarged."""
+
+DISPARITY_PX = 24.0
+"""What the right camera sees lies this much farther left: all of the still is at one distance."""
+
+
+def load_radiance(path: Path) -> NDArray[np.float32]:
+    """Luminance of a Radiance .hdr file, scaled to a log-mean of `GREY`, shape (rows, columns), finite and >= 0.
+
+    Raises
+    ------
+    ValueError
+        When the file is missing, unreadable, not an image, or black.
+    """
+    try:
+        content = np.frombuffer(path.read_bytes(), np.uint8)
+    except OSError as error:
+        raise ValueError(f"scene {path} cannot be read: {error.strerror}") from error
+    if not content[:2].tobytes() == b"#?":
+        raise ValueError(f"scene {path} is not a Radiance picture: give a .hdr file")
+    try:
+        image = cv2.imdecode(content, cv2.IMREAD_ANYDEPTH | cv2.IMREAD_COLOR)
+    except cv2.error:
+        image = None
+    if image is None:
+        raise ValueError(f"scene {path} is damaged: no picture can be decoded from it")
+    blue, green, red = (np.nan_to_num(image[..., i].astype(np.float32), posinf=0.0) for i in range(3))
+    luminance = np.maximum(0.0722 * blue + 0.7152 * green + 0.2126 * red, np.float32(0.0))
+    lit = luminance[luminance > 0]
+    if lit.size == 0:
+        raise ValueError(f"scene {path} is black: give a picture with light in it")
+    scaled = luminance * (GREY / math.exp(float(np.log(lit).mean(dtype=np.float64))))
+    return np.asarray(scaled, np.float32)
+
+
+class Panorama:
+    """One camera's view of a still, panned from one end to the other and back; all of it follows the light.
+
+    Parameters
+    ----------
+    radiance
+        Radiance per lux, shape (rows, columns).
+    side
+        "left" or "right".
+    width, height
+        Size of the view in pixels.
+    period_s
+        Duration of one pan to and fro.
+    """
+
+    def __init__(
+        self, radiance: NDArray[np.float32], side: str, width: int, height: int, period_s: float = 24.0
+    ) -> None:
+        rows, columns = radiance.shape
+        scale = max(1.0, ROOM_TO_PAN * height / rows, ROOM_TO_PAN * width / columns)
+        size = (math.ceil(columns * scale), math.ceil(rows * scale))
+        self._still = cv2.resize(radiance, size, interpolation=cv2.INTER_LINEAR) if scale > 1.0 else radiance
+        self._size = (width, height)
+        self._shift_px = DISPARITY_PX if side == "right" else 0.0
+        self._period_s = period_s
+
+    def image_shift_px(self, start_s: float, end_s: float) -> float:
+        """How far the image moves between two instants."""
+        return math.dist(self._centre(start_s), self._centre(end_s))
+
+    def radiance(self, times_s: NDArray[np.float64], lux: float) -> NDArray[np.float32]:
+        """Mean radiance over the instants, in lux times reflectance, shape (height, width), float32."""
+        total = np.zeros(self._size[::-1], np.float32)
+        for time_s in times_s:
+            x, y = self._centre(float(time_s))
+            total += cv2.getRectSubPix(self._still, self._size, (x + self._shift_px, y))
+        total *= np.float32(lux / len(times_s))
+        return total
+
+    def _centre(self, time_s: float) -> tuple[float, float]:
+        """Middle of the left camera's view on the still, in its pixels."""
+        rows, columns = self._still.shape
+        phase = 2.0 * math.pi * max(time_s, 0.0) / self._period_s
+        reach_x = (columns - self._size[0] - DISPARITY_PX) / 2.0
+        reach_y = (rows - self._size[1]) / 2.0
+        # Cosines only: the pan is at rest at time 0.
+        x = (columns - DISPARITY_PX) / 2.0 - reach_x * math.cos(phase)
+        y = rows / 2.0 + reach_y * 0.5 * (1.0 - math.cos(2.0 * phase))
+        return x, y

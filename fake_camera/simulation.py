@@ -1,0 +1,118 @@
+"""The world of one camera: a scene under a light script, seen by a sensor."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fake_camera.imaging import ImageSettings, ImageSource, Pixels
+from fake_camera.lighting import LightScript
+from fake_camera.panorama import Panorama, load_radiance
+from fake_camera.path import CameraPath, right_of
+from fake_camera.render import Pinhole, Renderer
+from fake_camera.room import furnished_room
+from fake_camera.sensor import Sensor, SensorModel
+
+Side = Literal["left", "right"]
+
+BLUR_STEP_PX = 1.5
+"""An exposure is rendered as one instant for every so many pixels that the image moves ..."""
+
+MAX_INSTANTS = 4
+"""... but never as more: two cameras at 60 Hz have to share two cores with the daemon."""
+
+
+class Scene(Protocol):
+    """Linear radiance, before any sensor."""
+
+    def image_shift_px(self, start_s: float, end_s: float) -> float:
+        """About how far the image moves between two instants, in pixels."""
+
+    def radiance(self, times_s: NDArray[np.float64], lux: float) -> NDArray[np.float32]:
+        """Mean radiance over the instants in lux times reflectance, shape (height, width); affine in `lux`."""
+
+
+class RoomView:
+    """What one camera of the stereo pair sees of the furnished room on its way along the path."""
+
+    def __init__(self, renderer: Renderer, path: CameraPath, side: Side) -> None:
+        self._renderer = renderer
+        self._path = path
+        self._side = side
+
+    def pose(self, time_s: float) -> NDArray[np.float64]:
+        """Pose of this camera, camera to world, shape (4, 4)."""
+        pose = self._path.pose(time_s)
+        return right_of(pose) if self._side == "right" else pose
+
+    def image_shift_px(self, start_s: float, end_s: float) -> float:
+        """About how far the image moves between two instants: the turn, and the way seen from 1 m."""
+        start, end = self.pose(start_s), self.pose(end_s)
+        turn_rad = math.acos(min(max(float(start[:3, 2] @ end[:3, 2]), -1.0), 1.0))
+        return self._renderer.camera.focal_px * (turn_rad + math.dist(start[:3, 3], end[:3, 3]))
+
+    def radiance(self, times_s: NDArray[np.float64], lux: float) -> NDArray[np.float32]:
+        """Mean radiance over the instants in lux times reflectance, shape (height, width); overwritten by the next."""
+        return self._renderer.render(np.array([self.pose(float(time_s)) for time_s in times_s]), lux)
+
+
+class SimulatedCamera:
+    """An `ImageSource`: a scene under a light script, exposed by a sensor. It reads no clock; not for two threads."""
+
+    def __init__(self, scene: Scene, light: LightScript, sensor: Sensor) -> None:
+        self.sensor_width = sensor.model.width
+        self.sensor_height = sensor.model.height
+        self._scene = scene
+        self._light = light
+        self._sensor = sensor
+
+    def take(self, start_s: float, settings: ImageSettings, noise_seed: int) -> Pixels:
+        """The image of one exposure, see `ImageSource.take`; motion and light are those of this very exposure."""
+        exposure_s = settings.exposure_time_us * 1e-6
+        shift_px = self._scene.image_shift_px(start_s, start_s + exposure_s)
+        instants = min(max(math.ceil(shift_px / BLUR_STEP_PX), 1), MAX_INSTANTS)
+        # Jittered within equal parts of the exposure: blur of few instants then has no constant gaps.
+        jitter = np.random.default_rng(noise_seed).random(instants)
+        times_s = start_s + exposure_s * (np.arange(instants) + jitter) / instants
+        radiance = self._scene.radiance(times_s, self._light.mean_lux(start_s, exposure_s))
+        return self._sensor.expose(radiance, settings, noise_seed)
+
+    def lux(self, time_s: float) -> float:
+        """Illumination of the light script at `time_s`, with flicker averaged out."""
+        return self._light.lux(time_s)
+
+
+def build_image_source(scene: str, side: Side, light: LightScript, seed: int, response: str = "linear") -> ImageSource:
+    """Build the world of one camera. Its first image of each pixel format is slow where kernels are not compiled yet.
+
+    Parameters
+    ----------
+    scene
+        "room", or the path of a Radiance .hdr file to pan across.
+    side
+        Which camera of the stereo pair this is; both must be built with the same scene, light and seed.
+    light
+        Illumination over time.
+    seed
+        Decides the room; the noise also depends on the side.
+    response
+        Name of the sensor's response function.
+
+    Raises
+    ------
+    ValueError
+        One sentence: what is wrong with the file, or that there is no such response function.
+    """
+    model = SensorModel()
+    sensor = Sensor(model, 2 * seed + (side == "right"), response)
+    view: Scene
+    if scene == "room":
+        renderer = Renderer(furnished_room(seed), Pinhole(model.width, model.height))
+        view = RoomView(renderer, CameraPath(), side)
+    else:
+        view = Panorama(load_radiance(Path(scene)), side, model.width, model.height)
+    return SimulatedCamera(view, light, sensor)

@@ -1,0 +1,330 @@
+"""What every opened camera must do, whatever it hangs on; a new transport adds a line to BACKENDS."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+
+from drivers.aravis import AravisCamera, find_cameras, open_camera
+from drivers.camera import IncompleteFrame
+from drivers.errors import CameraBusyError, CameraLostError, CameraNotFoundError, ConfigurationError, NodeError
+from drivers.exposure import ExposureSetting
+from drivers.frames import Frame
+from drivers.setup import CameraSetup, TriggerSetup
+from tests.fakes import FakeCamera, fake_camera
+
+pytestmark = pytest.mark.realtime
+
+RATE_HZ = 60.0
+PERIOD_NS = 1e9 / RATE_HZ
+EXTERNAL = TriggerSetup("external", "Line0", RATE_HZ)
+PATIENCE_S = 10.0
+
+
+@dataclass(frozen=True)
+class Backend:
+    transport: str
+    start: Callable[..., contextlib.AbstractContextManager[FakeCamera]]
+
+
+BACKENDS = [Backend("gige", fake_camera)]
+
+
+@pytest.fixture(scope="module", params=BACKENDS, ids=lambda backend: backend.transport)
+def backend(request: pytest.FixtureRequest) -> Backend:
+    chosen: Backend = request.param
+    return chosen
+
+
+@pytest.fixture(scope="module")
+def fake(backend: Backend) -> Iterator[FakeCamera]:
+    with backend.start() as running:
+        yield running
+
+
+@pytest.fixture(scope="module")
+def idle(backend: Backend) -> Iterator[FakeCamera]:
+    """A second camera, opened by no one between tests."""
+    with backend.start() as running:
+        yield running
+
+
+@pytest.fixture(scope="module")
+def streaming(fake: FakeCamera) -> Iterator[AravisCamera]:
+    with opened(fake) as camera:
+        camera.start()
+        yield camera
+
+
+@pytest.fixture
+def camera(streaming: AravisCamera) -> AravisCamera:
+    """The shared camera at a known setting, older frames drained."""
+    streaming.write(ExposureSetting(2000.0, 0.0))
+    frames_until(streaming, lambda frame: frame.setting == ExposureSetting(2000.0, 0.0))
+    return streaming
+
+
+@contextlib.contextmanager
+def opened(fake: FakeCamera, **setup: Any) -> Iterator[AravisCamera]:
+    camera = open_camera(fake.serial, CameraSetup(**{"trigger": EXTERNAL, **setup}))
+    with contextlib.closing(camera):
+        yield camera
+
+
+def frames_until(camera: AravisCamera, enough: Callable[[Frame], bool]) -> list[Frame]:
+    """Complete frames up to the first that is `enough`."""
+    frames: list[Frame] = []
+    deadline_s = time.monotonic() + PATIENCE_S
+    while time.monotonic() < deadline_s:
+        frame = camera.next_frame(0.2)
+        if isinstance(frame, Frame):
+            frames.append(frame)
+            if enough(frame):
+                return frames
+    raise AssertionError(f"none of {len(frames)} frames was the one waited for")
+
+
+def next_frames(camera: AravisCamera, count: int) -> list[Frame]:
+    numbers = iter(range(1, count + 1))
+    return frames_until(camera, lambda _: next(numbers) == count)
+
+
+def test_cameras_are_found_by_serial(backend: Backend, fake: FakeCamera, idle: FakeCamera) -> None:
+    found = {camera.serial: camera for camera in find_cameras()}
+    assert found[fake.serial].transport == found[idle.serial].transport == backend.transport
+    assert found[fake.serial].id != found[idle.serial].id
+
+
+def test_an_unknown_serial_is_told_with_those_that_answer(fake: FakeCamera) -> None:
+    with pytest.raises(CameraNotFoundError, match=rf"NOBODY answers.*{fake.serial}"):
+        open_camera("NOBODY", CameraSetup(EXTERNAL))
+
+
+def test_the_camera_describes_itself(fake: FakeCamera, camera: AravisCamera) -> None:
+    assert camera.description.serial == fake.serial
+    assert camera.description.lacks == ()
+    limits = camera.limits
+    assert 0 < limits.min_time_us < 100
+    assert limits.max_time_us > 1e5
+    assert limits.min_gain_db == 0 < limits.max_gain_db
+    assert limits.time_step_us > 0
+
+
+def test_triggers_make_frames_without_a_gap(camera: AravisCamera) -> None:
+    frames = next_frames(camera, 60)
+    assert np.all(np.diff([frame.frame_id for frame in frames]) == 1)
+    assert {(frame.pixels.shape, frame.pixels.dtype, frame.bit_depth) for frame in frames} == {
+        ((540, 720), np.dtype(np.uint8), 8)
+    }
+    periods_ns = np.diff([frame.device_time_ns for frame in frames])
+    assert np.median(periods_ns) == pytest.approx(PERIOD_NS, rel=0.02)
+
+
+def test_host_times_keep_the_grid_of_the_trigger_across_latches(camera: AravisCamera) -> None:
+    frames = next_frames(camera, 10)
+    camera.latch_clock()
+    frames += next_frames(camera, 10)
+    start = frames[0]
+    triggers = np.array([frame.frame_id - start.frame_id for frame in frames])
+    error_ns = np.array([frame.host_time_ns - start.host_time_ns for frame in frames]) - triggers * PERIOD_NS
+    assert np.median(np.abs(error_ns)) < 2e6
+    assert all(frame.host_time_ns + frame.setting.exposure_time_us * 1e3 < frame.arrival_time_ns for frame in frames)
+
+
+def test_a_write_is_read_back_and_shows_in_its_own_frames(camera: AravisCamera) -> None:
+    old, new = ExposureSetting(2000.0, 0.0), ExposureSetting(5000.0, 6.0)
+    first_id = next_frames(camera, 1)[0].frame_id
+    taken = camera.write(new)
+    assert taken.exposure_time_us == 5000.0
+    assert taken.gain_db == pytest.approx(6.0, abs=0.1)
+    settings = [frame.setting for frame in frames_until(camera, lambda frame: frame.frame_id >= first_id + 10)]
+    changed = next(index for index, setting in enumerate(settings) if setting != old)
+    assert 1 <= changed + 1 <= 5
+    torn = settings[changed] if settings[changed] != taken else None
+    assert torn in (None, ExposureSetting(taken.exposure_time_us, old.gain_db))
+    assert set(settings[changed + 1 :]) == {taken}
+
+
+def test_rounding_is_read_back(camera: AravisCamera) -> None:
+    taken = camera.write(ExposureSetting(2345.4, 0.0))
+    assert taken.exposure_time_us != 2345.4
+    assert taken.exposure_time_us == pytest.approx(2345.4, abs=camera.limits.time_step_us)
+
+
+@pytest.mark.parametrize(
+    ("setting", "node"),
+    [(ExposureSetting(1.0, 0.0), "ExposureTime"), (ExposureSetting(1e9, 0.0), "ExposureTime"),
+     (ExposureSetting(2000.0, 99.0), "Gain"), (ExposureSetting(2000.0, -3.0), "Gain")],
+)  # fmt: skip
+def test_values_out_of_bounds_are_refused_by_name(camera: AravisCamera, setting: ExposureSetting, node: str) -> None:
+    with pytest.raises(NodeError, match=rf"{camera.description.serial}.*{node}"):
+        camera.write(setting)
+
+
+def test_a_refused_write_is_told_and_the_next_one_writes_everything(fake: FakeCamera, camera: AravisCamera) -> None:
+    fake.inject("refuse_writes", count=1)
+    with pytest.raises(NodeError, match="ExposureTime"):
+        camera.write(ExposureSetting(3000.0, 3.0))
+    taken = camera.write(ExposureSetting(2000.0, 3.0))
+    assert taken.exposure_time_us == 2000.0
+    frames_until(camera, lambda frame: frame.setting == taken)
+
+
+def test_lost_packets_are_asked_for_again(fake: FakeCamera, camera: AravisCamera) -> None:
+    fake.inject("lose_packets", count=3)
+    frames = next_frames(camera, 30)
+    assert np.all(np.diff([frame.frame_id for frame in frames]) == 1)
+
+
+def test_frames_lost_whole_leave_a_gap_in_the_ids(fake: FakeCamera, camera: AravisCamera) -> None:
+    before = next_frames(camera, 1)[0].frame_id
+    fake.inject("lose_packets", count=80)
+    frames = next_frames(camera, 30)
+    gaps = np.diff([before, *(frame.frame_id for frame in frames)]) - 1
+    assert np.all(gaps >= 0)
+    assert 1 <= gaps.sum() <= 4
+
+
+def test_mono12_is_handed_on_whole(idle: FakeCamera) -> None:
+    with opened(idle, pixel_format="Mono12") as camera:
+        camera.write(ExposureSetting(20000.0, 24.0))
+        camera.start()
+        frame = frames_until(camera, lambda frame: bool(frame.pixels.max() > 255))[-1]
+        assert (frame.pixels.dtype, frame.bit_depth) == (np.uint16, 12)
+        assert frame.pixels.max() <= 4095
+        assert np.array_equal(frame.grey8(), frame.pixels >> 4)
+
+
+def test_binning_takes_the_whole_sensor_and_is_undone(idle: FakeCamera) -> None:
+    for binning, shape in ((2, (270, 360)), (1, (540, 720))):
+        with opened(idle, binning=binning, pixel_format="Mono8") as camera:
+            camera.start()
+            assert next_frames(camera, 1)[0].pixels.shape == shape
+
+
+def test_a_free_run_keeps_its_rate(idle: FakeCamera) -> None:
+    with opened(idle, trigger=TriggerSetup("free_run", rate_hz=40.0)) as camera:
+        camera.start()
+        frames = next_frames(camera, 20)
+        assert np.median(np.diff([frame.device_time_ns for frame in frames])) == pytest.approx(25e6, rel=0.05)
+
+
+def test_a_vanished_camera_is_lost_and_can_be_opened_again(backend: Backend) -> None:
+    with backend.start() as fake, opened(fake) as camera:
+        camera.start()
+        next_frames(camera, 5)
+        fake.inject("vanish", count=None)
+        while isinstance(camera.next_frame(0.2), Frame | IncompleteFrame):
+            pass
+        with pytest.raises(CameraLostError, match=fake.serial):
+            camera.write(ExposureSetting(3000.0, 0.0))
+        with pytest.raises(CameraLostError):
+            camera.next_frame(0.2)
+        closing = threading.Thread(target=camera.close)  # it waits for answers that do not come
+        closing.start()
+        fake.inject("come_back")
+        with opened(fake) as again:
+            again.start()
+            assert next_frames(again, 5)[-1].frame_id < 100
+            closing.join(PATIENCE_S)
+            assert not closing.is_alive()
+            next_frames(again, 5)
+
+
+HOLDER = """
+import sys, time
+from drivers.aravis import open_camera
+from drivers.setup import CameraSetup, TriggerSetup
+camera = open_camera(sys.argv[1], CameraSetup(TriggerSetup("external")))
+camera.start()
+print("held", flush=True)
+time.sleep(60)
+"""
+
+
+@contextlib.contextmanager
+def holder(serial: str) -> Iterator[subprocess.Popen[str]]:
+    """Another process that has the camera open and running."""
+    with subprocess.Popen([sys.executable, "-c", HOLDER, serial], stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "held\n"
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def test_a_camera_in_other_hands_is_busy_until_its_killed_holder_is_forgotten(
+    idle: FakeCamera, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with holder(idle.serial) as process:
+        with monkeypatch.context() as impatient, pytest.raises(CameraBusyError, match=idle.serial):
+            impatient.setattr("drivers.aravis.CONTROL_PATIENCE_S", 0.5)
+            open_camera(idle.serial, CameraSetup(EXTERNAL))
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        start_s = time.monotonic()
+        with opened(idle) as camera:
+            assert time.monotonic() - start_s < PATIENCE_S
+            camera.start()
+            next_frames(camera, 5)
+
+
+def test_closing_ends_a_wait_and_is_final(idle: FakeCamera) -> None:
+    outcome: list[str] = []
+
+    def read(camera: AravisCamera) -> None:
+        try:
+            while True:
+                camera.next_frame(0.2)
+        except CameraLostError as error:
+            outcome.append(str(error))
+
+    with opened(idle) as camera:
+        camera.start()
+        reader = threading.Thread(target=read, args=(camera,))
+        reader.start()
+        next_frames(camera, 1)
+        camera.close()
+        camera.close()
+        reader.join(PATIENCE_S)
+        assert outcome == [f"camera {idle.serial} is closed"]
+        for call in (camera.start, camera.latch_clock, lambda: camera.write(ExposureSetting(2000.0, 0.0))):
+            with pytest.raises(CameraLostError):
+                call()
+
+
+def open_files() -> int:
+    return len(os.listdir("/proc/self/fd"))  # noqa: PTH208
+
+
+def threads() -> int:
+    return len(os.listdir("/proc/self/task"))  # noqa: PTH208
+
+
+def test_cycles_of_opening_and_closing_leave_nothing_behind(idle: FakeCamera) -> None:
+    counts, kept_errors = [], []
+    for _ in range(3):
+        with opened(idle) as camera:
+            camera.start()
+            next_frames(camera, 2)
+            with pytest.raises(NodeError) as refusal:
+                camera.write(ExposureSetting(1e9, 0.0))
+        kept_errors.append(refusal)
+        counts.append((open_files(), threads()))
+    with pytest.raises(ConfigurationError) as misfit:
+        open_camera(idle.serial, CameraSetup(EXTERNAL, binning=64))
+    kept_errors.append(misfit)
+    counts.append((open_files(), threads()))
+    assert counts == counts[:1] * 4

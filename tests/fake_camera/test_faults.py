@@ -1,0 +1,199 @@
+"""Faults: orders as JSON lines, how they count, and the socket they come through."""
+
+from __future__ import annotations
+
+import json
+import socket
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from fake_camera.control_socket import ControlSocket
+from fake_camera.faults import Fault, FaultError, Faults
+
+
+def met(faults: Faults, name: str, triggers: range) -> list[int]:
+    return [trigger for trigger in triggers if name in faults.on_trigger(trigger)]
+
+
+@pytest.mark.parametrize(
+    ("line", "fault"),
+    [
+        ('{"fault": "freeze"}', Fault("freeze", None, 1)),
+        ('{"fault": "lose_packets", "after_trigger": 7, "count": 3}', Fault("lose_packets", 7, 3)),
+        ('{"fault": "vanish", "after_trigger": null, "count": null}', Fault("vanish", None, None)),
+        ('{"fault": "come_back"}', Fault("come_back", None, 1)),
+    ],
+)
+def test_reads_an_order(line: str, fault: Fault) -> None:
+    assert Fault.from_json(line) == fault
+
+
+@pytest.mark.parametrize(
+    ("line", "complaint"),
+    [
+        ("", "not JSON"),
+        ("{", "not JSON"),
+        ("[]", "JSON object"),
+        ('{"fault": "explode"}', "unknown fault 'explode'"),
+        ('{"fault": ["freeze"]}', "unknown fault"),
+        ('{"count": 1}', "unknown fault None"),
+        ('{"fault": "freeze", "after": 1}', "unknown key 'after'"),
+        ('{"fault": "freeze", "count": 0}', "count must be"),
+        ('{"fault": "freeze", "count": true}', "count must be"),
+        ('{"fault": "freeze", "after_trigger": 1.5}', "after_trigger must be"),
+        ('{"fault": "come_back", "count": 2}', "no count"),
+    ],
+)
+def test_refuses_what_is_no_order(line: str, complaint: str) -> None:
+    with pytest.raises(FaultError, match=complaint):
+        Fault.from_json(line)
+
+
+@pytest.mark.parametrize("name", ["freeze", "delay", "ignore_triggers"])
+def test_counts_triggers_after_the_one_named(name: str) -> None:
+    faults = Faults()
+    faults.add(Fault(name, after_trigger=4, count=3))
+    assert met(faults, name, range(12)) == [5, 6, 7]
+
+
+def test_begins_at_once_when_no_trigger_is_named() -> None:
+    faults = Faults()
+    faults.on_trigger(9)
+    assert faults.add(Fault("freeze", count=2)) == 9
+    assert met(faults, "freeze", range(10, 20)) == [10, 11]
+
+
+def test_vanishes_for_a_count_and_restarts_before_it_answers() -> None:
+    vanished_at_power_on = []
+    faults = Faults(lambda: vanished_at_power_on.append(faults.vanished))
+    faults.add(Fault("vanish", after_trigger=2, count=2))
+    gone = [(faults.on_trigger(trigger), faults.vanished)[1] for trigger in range(7)]
+    assert gone == [False, False, False, True, True, False, False]
+    assert vanished_at_power_on == [True]
+
+
+def test_stays_away_until_called_back() -> None:
+    restarts = []
+    faults = Faults(lambda: restarts.append(1))
+    faults.add(Fault("vanish", count=None))
+    assert faults.vanished
+    assert met(faults, "vanish", range(100)) == list(range(100))
+    faults.add(Fault("come_back", after_trigger=101))
+    faults.on_trigger(101)
+    assert faults.vanished
+    assert faults.on_trigger(102) == frozenset()
+    assert not faults.vanished
+    assert len(restarts) == 1
+
+
+def test_comes_back_at_once() -> None:
+    faults = Faults()
+    faults.add(Fault("vanish", count=None))
+    faults.add(Fault("come_back"))
+    assert not faults.vanished
+
+
+def test_another_order_does_not_end_an_absence() -> None:
+    faults = Faults()
+    faults.add(Fault("vanish", count=1))
+    faults.on_trigger(0)
+    faults.add(Fault("freeze", after_trigger=50))
+    assert faults.vanished
+
+
+def test_loses_packets_from_the_frame_of_the_trigger_on() -> None:
+    faults = Faults()
+    faults.add(Fault("lose_packets", after_trigger=1, count=3))
+    lost = []
+    for trigger in range(4):
+        faults.on_trigger(trigger)
+        faults.on_send(trigger)
+        lost += [(trigger, packet) for packet in range(2) if faults.lose_packet()]
+    assert lost == [(2, 0), (2, 1), (3, 0)]
+
+
+def test_a_packet_of_an_earlier_frame_is_not_lost_though_the_trigger_has_passed() -> None:
+    faults = Faults()
+    faults.add(Fault("lose_packets", after_trigger=1, count=1))
+    faults.on_trigger(2)
+    faults.on_send(1)
+    assert not faults.lose_packet()
+
+
+def test_refuses_a_count_of_writes() -> None:
+    faults = Faults()
+    faults.add(Fault("refuse_writes", count=2))
+    assert [faults.refuse_write() for _ in range(4)] == [True, True, False, False]
+
+
+@pytest.fixture
+def control(tmp_path: Path) -> Iterator[tuple[Path, Faults]]:
+    faults = Faults()
+    control = ControlSocket(tmp_path / "control", faults)
+    yield tmp_path / "control", faults
+    control.close()
+
+
+def ask(path: Path, *lines: str) -> list[dict[str, object]]:
+    with socket.socket(socket.AF_UNIX) as client:
+        client.settimeout(5)
+        client.connect(str(path))
+        client.sendall("".join(line + "\n" for line in lines).encode())
+        client.shutdown(socket.SHUT_WR)
+        with client.makefile() as answers:
+            return [json.loads(answer) for answer in answers]
+
+
+def test_each_line_is_acknowledged(control: tuple[Path, Faults]) -> None:
+    path, faults = control
+    faults.on_trigger(8)
+    answers = ask(path, '{"fault": "freeze", "after_trigger": 10, "count": 2}', "nonsense", '{"fault": "vanish"}')
+    assert answers[0] == {"ok": True, "fault": "freeze", "after_trigger": 10, "count": 2, "last_trigger": 8}
+    assert answers[1]["ok"] is False
+    assert "not JSON" in str(answers[1]["error"])
+    assert answers[2]["ok"] is True
+    assert faults.vanished
+
+
+def test_serves_several_connections_at_once(control: tuple[Path, Faults]) -> None:
+    path, _ = control
+    with socket.socket(socket.AF_UNIX) as idle:
+        idle.connect(str(path))
+        assert ask(path, '{"fault": "delay"}')[0]["ok"] is True
+
+
+def test_bytes_that_are_no_text_are_answered(control: tuple[Path, Faults]) -> None:
+    path, _ = control
+    with socket.socket(socket.AF_UNIX) as client:
+        client.settimeout(5)
+        client.connect(str(path))
+        client.sendall(b"\xff\xfe\n")
+        assert json.loads(client.recv(4096))["ok"] is False
+
+
+def test_the_socket_file_goes_with_the_server(tmp_path: Path) -> None:
+    path = tmp_path / "control"
+    ControlSocket(path, Faults()).close()
+    assert not path.exists()
+
+
+def test_replaces_a_dead_socket_file_but_not_a_live_one(tmp_path: Path) -> None:
+    path = tmp_path / "control"
+    dead = socket.socket(socket.AF_UNIX)
+    dead.bind(str(path))
+    dead.close()
+    control = ControlSocket(path, Faults())
+    with pytest.raises(OSError, match="in use"):
+        ControlSocket(path, Faults())
+    assert ask(path, '{"fault": "delay"}')[0]["ok"] is True
+    control.close()
+
+
+def test_does_not_replace_a_file_of_another_kind(tmp_path: Path) -> None:
+    path = tmp_path / "notes.txt"
+    path.write_text("mine")
+    with pytest.raises(OSError, match="in use"):
+        ControlSocket(path, Faults())
+    assert path.read_text() == "mine"

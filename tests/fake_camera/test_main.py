@@ -1,0 +1,44 @@
+"""The process: ready line, clean end, and one sentence for each mistake."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from fake_camera.line0 import Line0
+
+COMMAND = [sys.executable, "-m", "fake_camera", "--address", "127.0.9.1", "--serial", "FAKE-M"]
+
+
+@pytest.mark.realtime
+def test_says_when_it_is_ready_and_ends_cleanly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    truth, control = tmp_path / "truth.jsonl", tmp_path / "control"
+    options = ["--line0", "wire", "--line0-rate-hz", "50", "--truth", str(truth), "--control", str(control)]
+    with subprocess.Popen([*COMMAND, *options], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as camera:
+        assert camera.stdout is not None
+        ready = camera.stdout.readline()
+        assert ready == "fake camera FAKE-M (left) at 127.0.9.1, Line0 wire at 50 Hz, scene room\n"
+        assert control.is_socket()
+        camera.send_signal(signal.SIGTERM)
+        _, errors = camera.communicate(timeout=10)
+    assert (camera.returncode, errors) == (0, "")
+    assert [path.name for path in tmp_path.iterdir()] == ["truth.jsonl"]
+
+
+@pytest.mark.realtime
+def test_a_mistake_is_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    wire = Line0.join("wire", 60.0)
+    options = ["--line0", "wire", "--line0-rate-hz", "50"]
+    camera = subprocess.run([*COMMAND, *options], capture_output=True, text=True, timeout=60, check=False)
+    wire.close()
+    assert camera.returncode == 2
+    assert camera.stdout == ""
+    assert camera.stderr == (
+        "fake camera FAKE-M at 127.0.9.1: Line0 wire runs at 60 Hz, so this camera cannot join it at 50 Hz\n"
+    )

@@ -1,0 +1,94 @@
+"""Fake cameras as processes, for tests that meet them over the wire."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import random
+import socket
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+STOP_TIMEOUT_S = 10.0
+CONTROL_TIMEOUT_S = 5.0
+
+
+def unique(prefix: str) -> str:
+    """A name that parallel test runs on one machine do not share."""
+    return f"{prefix}-{random.SystemRandom().getrandbits(32):08x}"
+
+
+def loopback_address() -> str:
+    """A loopback address of one's own, away from those that people use by hand."""
+    numbers = random.SystemRandom()
+    return f"127.{numbers.randint(1, 254)}.{numbers.randint(1, 254)}.{numbers.randint(2, 254)}"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FakeCamera:
+    """A running fake camera."""
+
+    serial: str
+    address: str
+    line0: str
+    control: Path
+    process: subprocess.Popen[str]
+
+    def inject(self, fault: str, after_trigger: int | None = None, count: int | None = 1) -> int:
+        """Order a fault and wait for the acknowledgement; the number of the last trigger before it."""
+        order = {"fault": fault, "after_trigger": after_trigger}
+        if fault != "come_back":
+            order["count"] = count
+        with socket.socket(socket.AF_UNIX) as connection:
+            connection.settimeout(CONTROL_TIMEOUT_S)
+            connection.connect(str(self.control))
+            connection.sendall(json.dumps(order).encode() + b"\n")
+            with connection.makefile("r") as lines:
+                answer: dict[str, Any] = json.loads(lines.readline())
+        assert answer["ok"], answer
+        return int(answer["last_trigger"])
+
+    def kill(self) -> None:
+        """Pull the plug: the process ends without a word on the wire."""
+        self.process.kill()
+        self.process.wait()
+
+
+@contextlib.contextmanager
+def fake_camera(
+    serial: str | None = None,
+    *,
+    address: str | None = None,
+    side: str = "left",
+    line0: str | None = None,
+    options: Sequence[str] = (),
+) -> Iterator[FakeCamera]:
+    """Run ``python -m fake_camera`` until the block ends; it answers on the wire when the block begins.
+
+    Serial, address and the wire's name are made up when not given. `options` are further command line options.
+    """
+    serial = serial or unique("FAKE")
+    address = address or loopback_address()
+    line0 = line0 or unique("wire")
+    with tempfile.TemporaryDirectory() as directory:
+        control = Path(directory) / "control"
+        command = [sys.executable, "-m", "fake_camera", "--serial", serial, "--address", address, "--side", side]
+        command += ["--line0", line0, "--control", str(control), *options]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+            try:
+                assert process.stdout is not None
+                ready = process.stdout.readline()
+                assert serial in ready, f"no ready line from {' '.join(command)}: {ready!r}"
+                yield FakeCamera(serial, address, line0, control, process)
+            finally:
+                process.terminate()
+                try:
+                    process.wait(STOP_TIMEOUT_S)
+                except subprocess.TimeoutExpired:
+                    process.kill()
+                    raise
