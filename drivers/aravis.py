@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 import logging
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, Literal, TypeVar
 
@@ -42,8 +43,11 @@ CONTROL_RETRY_S = 0.2
 
 Transport = Literal["gige", "usb3"]
 _TRANSPORTS: dict[str, Transport] = {"GigEVision": "gige", "USB3Vision": "usb3"}
-_discovery = threading.Lock()
-"""Aravis keeps one device list for the whole process; a refresh under way must not change it under a reader."""
+FRESH_S = 2.0
+"""A search takes a second: the second camera of a rig is opened from what the search for the first one found."""
+_opening = threading.Lock()
+"""One camera at a time is searched for and opened. Aravis keeps one device list for the process, and two cameras whose
+descriptions were parsed at the same time came up with broken node maps (0.8.26, once in six tries)."""
 _SILENCE = (Aravis.DeviceError.TIMEOUT, Aravis.DeviceError.NOT_CONNECTED)
 _HOLES = (
     Aravis.BufferStatus.TIMEOUT,
@@ -67,22 +71,48 @@ class FoundCamera:
     id: str
 
 
+_found: list[FoundCamera] = []
+_found_s = float("-inf")
+
+
 def find_cameras() -> list[FoundCamera]:
     """Search every interface for cameras, which takes about a second."""
-    with _discovery:
-        Aravis.update_device_list()
-        return [
-            FoundCamera(
-                serial=Aravis.get_device_serial_nbr(index),
-                vendor=Aravis.get_device_vendor(index),
-                model=Aravis.get_device_model(index),
-                transport=_TRANSPORTS[Aravis.get_device_protocol(index)],
-                address=Aravis.get_device_address(index),
-                id=Aravis.get_device_id(index),
-            )
-            for index in range(Aravis.get_n_devices())
-            if Aravis.get_device_protocol(index) in _TRANSPORTS
-        ]
+    with _opening:
+        return _search()
+
+
+def _search() -> list[FoundCamera]:
+    global _found, _found_s  # noqa: PLW0603  beside Aravis' own list, which is one for the process too
+    Aravis.update_device_list()
+    _found = [
+        FoundCamera(
+            serial=Aravis.get_device_serial_nbr(index),
+            vendor=Aravis.get_device_vendor(index),
+            model=Aravis.get_device_model(index),
+            transport=_TRANSPORTS[Aravis.get_device_protocol(index)],
+            address=Aravis.get_device_address(index),
+            id=Aravis.get_device_id(index),
+        )
+        for index in range(Aravis.get_n_devices())
+        if Aravis.get_device_protocol(index) in _TRANSPORTS
+    ]
+    _found_s = time.monotonic()
+    return _found
+
+
+def _find(serial: str) -> FoundCamera:
+    with _opening:
+        recent = _found if time.monotonic() - _found_s < FRESH_S else []
+        for camera in itertools.chain(recent, _searched()):
+            if camera.serial == serial:
+                return camera
+        others = ", ".join(sorted(camera.serial for camera in _found)) or "none"
+    raise CameraNotFoundError(f"no camera with serial {serial} answers; cameras that do: {others}")
+
+
+def _searched() -> Iterator[FoundCamera]:
+    """A new search, made only when it is asked for its first camera."""
+    yield from _search()
 
 
 def open_camera(serial: str, setup: CameraSetup) -> AravisCamera:
@@ -95,12 +125,9 @@ def open_camera(serial: str, setup: CameraSetup) -> AravisCamera:
     ConfigurationError, UnsupportedCameraError, NodeError
         The setup does not fit this camera; the message says what to change.
     """
-    found = {camera.serial: camera for camera in find_cameras()}
-    if serial not in found:
-        others = ", ".join(sorted(found)) or "none"
-        raise CameraNotFoundError(f"no camera with serial {serial} answers; cameras that do: {others}")
+    found = _find(serial)
     try:
-        return _set_up(found[serial], setup)
+        return _set_up(found, setup)
     except AutoexposeError as error:
         # The frames of a traceback hold the camera open, and in control, for as long as someone keeps the error.
         raise error.with_traceback(None) from None
@@ -108,12 +135,13 @@ def open_camera(serial: str, setup: CameraSetup) -> AravisCamera:
 
 def _set_up(found: FoundCamera, setup: CameraSetup) -> AravisCamera:
     try:
-        with _discovery:
+        with _opening:
             camera = Aravis.Camera.new(found.id)
     except GLib.Error as error:
         raise CameraNotFoundError(f"camera {found.serial} was seen but could not be opened: {error.message}") from None
     _take_control(camera, found.serial)
-    return AravisCamera(found, camera, AravisNodes(camera.get_device(), found.serial), setup)
+    with _opening:
+        return AravisCamera(found, camera, AravisNodes(camera.get_device(), found.serial), setup)
 
 
 def _take_control(camera: Any, serial: str) -> None:
@@ -261,6 +289,7 @@ class AravisCamera:
         self._setting: ExposureSetting | None = self._dialect.read(nodes)
         self._ledger = SettingLedger(self._setting)
         self._frame_ids = FrameIdUnwrapper()
+        self._unreadable = False
         self._stream = _create_stream(camera, nodes, setup)
         self._chunks = camera.create_chunk_parser()
         # The handler runs on a thread of Aravis and must never be the last to hold the camera: it knows the event only.
@@ -359,7 +388,11 @@ class AravisCamera:
             pixels, bit_depth = decode_pixels(buffer.get_data(), buffer.get_image_pixel_format(), width, height)
             setting = self._read_setting(buffer) if self._chunked else self._ledger.setting_at(host_time_ns)
         except (ValueError, GLib.Error) as error:
-            _log.warning("camera %s: frame %d cannot be read: %s", self._description.serial, frame_id, error)
+            if not self._unreadable:
+                _log.warning(
+                    "camera %s: frames cannot be read, the first is %d: %s", self._description.serial, frame_id, error
+                )
+            self._unreadable = True
             return IncompleteFrame(frame_id, host_time_ns)
         return Frame(pixels, bit_depth, frame_id, device_time_ns, host_time_ns, arrival_time_ns, setting)
 

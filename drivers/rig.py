@@ -177,7 +177,9 @@ class _Unit:
                 self._run(camera)
             except CameraError as error:
                 self._events.put(CameraGone(self._side, error, final=False))
-            finally:
+                # A dead camera is closed aside: that takes up to 10 s, and it may be back long before.
+                threading.Thread(target=camera.close, name=f"close-{self._side}", daemon=True).start()
+            else:
                 camera.close()
 
     def _run(self, camera: Camera) -> None:

@@ -1,0 +1,21 @@
+"""Debian's own Aravis tools on our cameras, for longer than `make test` takes."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+
+from tests.fakes import fake_camera
+
+
+def test_arv_camera_test_completes_every_buffer() -> None:
+    with fake_camera() as camera:
+        listed = subprocess.run(["arv-tool-0.8"], text=True, capture_output=True, timeout=30, check=True).stdout
+        name = next(line.split()[0] for line in listed.splitlines() if camera.serial in line)
+        command = ["arv-camera-test-0.8", "-n", name, "--duration", "5", "--no-packet-socket"]
+        result = subprocess.run(command, text=True, capture_output=True, timeout=60, check=True)
+    print(result.stdout)
+    completed = int(re.findall(r"n_completed_buffers\s*=\s*(\d+)", result.stdout)[-1])
+    failures = int(re.findall(r"n_failures\s*=\s*(\d+)", result.stdout)[-1])
+    assert completed > 100
+    assert failures == 0

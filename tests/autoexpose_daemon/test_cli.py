@@ -1,0 +1,120 @@
+"""The command line as a user meets it: processes, exit codes, and what they print."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from tests.autoexpose_daemon.stereo import stereo_cameras
+from tests.fake_camera.gige_client import CCP, GvcpClient
+from tests.fakes import fake_camera
+
+AUTOEXPOSE = [sys.executable, "-c", "from autoexpose_daemon.cli import main; main()"]
+
+
+def autoexpose(*arguments: str, timeout_s: float = 60.0) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([*AUTOEXPOSE, *arguments], capture_output=True, text=True, timeout=timeout_s, check=False)
+
+
+def test_config_check_says_what_a_good_file_holds(tmp_path: Path) -> None:
+    file = tmp_path / "rig.yaml"
+    file.write_text("cameras: {left: {serial: A}, right: {serial: B}}")
+    result = autoexpose("config", "check", str(file))
+    assert result.returncode == 0
+    assert "left A, right B" in result.stdout
+
+
+def test_a_bad_file_is_one_sentence_and_no_traceback(tmp_path: Path) -> None:
+    file = tmp_path / "rig.yaml"
+    file.write_text("cameras: {left: {serial: A}}\nexposure: {max_time: 1}")
+    result = autoexpose("run", "-c", str(file))
+    assert result.returncode == 1
+    assert (
+        result.stderr.strip()
+        == f"autoexpose: {file}: exposure.max_time: unknown key; did you mean exposure.max_time_us?"
+    )
+
+
+@pytest.mark.parametrize("policy", ["begin2021", "kim2018"])
+def test_a_policy_that_cannot_be_had_is_named(policy: str) -> None:
+    result = autoexpose("demo", "--policy", policy)
+    assert result.returncode == 1
+    assert policy in result.stderr
+    assert "Traceback" not in result.stderr
+
+
+def test_a_scene_that_cannot_be_read_ends_the_demo_with_the_cameras_own_words() -> None:
+    result = autoexpose("demo", "--scene", "no-such.hdr")
+    assert result.returncode == 1
+    assert "no-such.hdr" in result.stderr
+    assert "Traceback" not in result.stderr
+
+
+@pytest.mark.realtime
+def test_list_shows_a_camera_with_its_serial() -> None:
+    with fake_camera() as camera:
+        result = autoexpose("list")
+    assert result.returncode == 0
+    assert any(camera.serial in line and camera.address in line for line in result.stdout.splitlines())
+
+
+@pytest.mark.realtime
+def test_run_stops_on_sigterm_and_leaves_the_cameras_free(tmp_path: Path) -> None:
+    file = tmp_path / "rig.yaml"
+    with stereo_cameras() as (left, right, _):
+        file.write_text(f"cameras: {{left: {{serial: {left.serial}}}, right: {{serial: {right.serial}}}}}")
+        with subprocess.Popen([*AUTOEXPOSE, "run", "-c", str(file)], stderr=subprocess.PIPE, text=True) as process:
+            assert process.stderr is not None
+            lines = iter(process.stderr.readline, "")
+            ready = list(itertools.islice((line for line in lines if line.endswith("ready\n")), 2))
+            process.send_signal(signal.SIGTERM)
+            _, rest = process.communicate(timeout=30)
+        assert len(ready) == 2
+        assert process.returncode == 0, rest
+        assert "stopped:" in rest
+        for camera in (left, right):
+            with GvcpClient(camera.address) as client:
+                assert client.read(CCP) == 0
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize(("policy", "settles"), [("neves2009", True), ("fixed", False)])
+def test_the_demo_reports_what_happened(tmp_path: Path, policy: str, settles: bool) -> None:
+    light = tmp_path / "light.yaml"
+    light.write_text("repeat_s: 2\nlight: [{at_s: 0, lux: 150}, {at_s: 1, lux: 1}]")
+    summary, plot = tmp_path / "out.json", tmp_path / "out.png"
+    started_s = time.monotonic()
+    result = autoexpose(
+        "demo",
+        "--seconds",
+        "5",
+        "--policy",
+        policy,
+        "--light",
+        str(light),
+        "--summary",
+        str(summary),
+        "--plot",
+        str(plot),
+    )
+    assert result.returncode == 0, result.stderr
+    assert time.monotonic() - started_s < 60
+    figures = json.loads(summary.read_text())
+    assert figures["transport"] == "gige"
+    assert figures["policy"] == policy
+    assert figures["triggers"] == figures["pairs"] + sum(figures["lost"].values())
+    assert figures["pairs"] > figures["triggers"] / 2
+    assert figures["reference_step_ms"] > 0
+    assert figures["daemon_cpu_percent"] > 0
+    assert figures["decision_ms"]["p50"] <= figures["decision_ms"]["p99"]
+    assert figures["steps"]
+    assert plot.read_bytes().startswith(b"\x89PNG")
+    settled = [step["frames_to_settle"] is not None for step in figures["steps"]]
+    assert all(settled) if settles else not all(settled)
