@@ -19,6 +19,9 @@ from drivers.frames import Side
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 
+DEFAULT_START = ExposureSetting(2000.0, 0.0)
+"""Right for an office, and six stops from either end of the range."""
+
 
 class _Section(BaseModel):
     """Unknown keys are errors: a misspelt limit must not silently be no limit."""
@@ -138,9 +141,8 @@ class Config(_Section):
                 f"exposure.max_time_us {self.exposure.max_time_us:g} us does not fit into the period of "
                 f"{period_us:.0f} us that trigger.rate_hz {self.trigger.rate_hz:g} leaves"
             )
-        start = self.control.start
-        if start is not None and self.start != ExposureSetting(start.exposure_time_us, start.gain_db):
-            raise ValueError(f"control.start {start.exposure_time_us:g} us, {start.gain_db:g} dB is outside exposure")
+        if not self.exposure.limits().contain(self.start):
+            raise ValueError(f"control.start {self.start} is outside the bounds of exposure")
         return self
 
     @property
@@ -154,9 +156,10 @@ class Config(_Section):
     @property
     def start(self) -> ExposureSetting:
         """The exposure before the first frame: 2 ms without gain unless configured, within the bounds."""
-        configured = self.control.start or StartConfig(exposure_time_us=2000.0)
-        wanted = ExposureSetting(configured.exposure_time_us, configured.gain_db)
-        return self.exposure.limits().realise(wanted.level, wanted.exposure_time_us)
+        configured = self.control.start
+        if configured is not None:
+            return ExposureSetting(configured.exposure_time_us, configured.gain_db)
+        return self.exposure.limits().realise(DEFAULT_START.level, DEFAULT_START.exposure_time_us)
 
     def response_of(self, side: Side) -> ResponseFunction:
         """The response function of a camera."""

@@ -74,7 +74,8 @@ class Daemon:
         self._asked = config.start
         self._asked_arrival_ns: int | None = None
         self._written: dict[Side, deque[ExposureSetting]] = {side: deque(maxlen=_REMEMBERED_WRITES) for side in openers}
-        self._complaints: dict[Side, str] = {}
+        self._write_again = False
+        self._complaints: set[tuple[Side, str]] = set()
 
     @property
     def tally(self) -> Tally:
@@ -142,14 +143,15 @@ class Daemon:
                 self._on_written(event)
             case WriteFailed(side, asked, error):
                 self.telemetry.refused_writes += 1
-                self._complain(side, f"{asked} was refused: {error}")
+                self._write_again = True
+                self._complain(side, "refused", f"{asked} was refused: {error}")
         return []
 
     def _on_ready(self, event: CameraReady) -> None:
         side, camera = event.side, event.description
         if side in self._limits:
             self.telemetry.reconnects += 1
-        self._complaints.pop(side, None)
+        self._complaints.discard((side, "gone"))
         log.info("%s camera: %s %s %s, ready", side, camera.vendor, camera.model, camera.serial)
         for lack in camera.lacks:
             log.warning("%s camera %s: %s", side, camera.serial, lack)
@@ -171,20 +173,23 @@ class Daemon:
         self.telemetry.cameras[side] = "gone"
         if final:
             raise error
-        self._complain(side, f"{error}; trying again")
+        self._complain(side, "gone", f"{error}; trying again")
 
     def _on_written(self, event: Written) -> None:
         self._written[event.side].append(event.read_back)
         self.telemetry.write_ms.add_ns(event.finished_ns - event.started_ns)
         if event.asked is self._asked and self._asked_arrival_ns is not None:
             self.telemetry.frame_to_node_ms.add_ns(event.finished_ns - self._asked_arrival_ns)
-        if not event.read_back.agrees_with(event.asked):
-            self._complain(event.side, f"{event.asked} was asked for, the camera took {event.read_back}")
+        self._complaints.discard((event.side, "refused"))
+        if event.read_back.agrees_with(event.asked):
+            self._complaints.discard((event.side, "clipped"))
+        else:
+            self._complain(event.side, "clipped", f"{event.asked} was asked for, the camera took {event.read_back}")
 
-    def _complain(self, side: Side, complaint: str) -> None:
-        """Say a thing once, not at every repetition."""
-        if self._complaints.get(side) != complaint:
-            self._complaints[side] = complaint
+    def _complain(self, side: Side, kind: str, complaint: str) -> None:
+        """Say a thing when it begins, not at every repetition."""
+        if (side, kind) not in self._complaints:
+            self._complaints.add((side, kind))
             log.warning("%s camera: %s", side, complaint)
 
     def _step(self, pair: StereoPair) -> None:
@@ -197,8 +202,8 @@ class Daemon:
         self.telemetry.delivered(pair)
         if pair.mismatched or any(self._torn(frame) for frame in pair.frames):
             self.telemetry.mismatched_pairs += 1
-        if decision.setting != self._asked:
-            self._asked = decision.setting
+        if decision.setting != self._asked or self._write_again:
+            self._asked, self._write_again = decision.setting, False
             self._asked_arrival_ns = max(frame.arrival_time_ns for frame in pair.frames)
             self._rig.write(decision.setting, self._write_window_ns())
         if self._observer is not None:

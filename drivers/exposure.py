@@ -73,6 +73,13 @@ class ExposureLimits:
         """The setting of the highest exposure level."""
         return ExposureSetting(self.max_time_us, self.max_gain_db)
 
+    def contain(self, setting: ExposureSetting) -> bool:
+        """Whether `setting` is within the bounds."""
+        return (
+            self.min_time_us <= setting.exposure_time_us <= self.max_time_us
+            and self.min_gain_db <= setting.gain_db <= self.max_gain_db
+        )
+
     def clamp_level(self, level: float) -> float:
         """The exposure level within these limits nearest to `level` (stops)."""
         return min(max(level, self.darkest.level), self.brightest.level)

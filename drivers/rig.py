@@ -216,8 +216,17 @@ class _Unit:
             if setting is not None:
                 self._write(camera, setting)
             elif look or time.monotonic() >= next_latch_s:
-                camera.latch_clock()  # also tells whether a silent camera still answers
+                self._latch_clock(camera)
                 next_latch_s = time.monotonic() + _CLOCK_PERIOD_S
+
+    def _latch_clock(self, camera: Camera) -> None:
+        """Also tells whether a silent camera still answers."""
+        try:
+            camera.latch_clock()
+        except CameraLostError:
+            raise
+        except CameraError as error:
+            log.warning("%s camera: its clock was not read: %s", self._side, error)
 
     def _write(self, camera: Camera, setting: ExposureSetting) -> None:
         started_ns = time.monotonic_ns()

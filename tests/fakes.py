@@ -5,17 +5,24 @@ from __future__ import annotations
 import contextlib
 import json
 import random
+import shutil
 import socket
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 STOP_TIMEOUT_S = 10.0
 CONTROL_TIMEOUT_S = 5.0
+FOREIGN_COMMAND = "arv-fake-gv-camera-0.8"
+FOREIGN_ADDRESS = "127.0.0.1"
+"""It binds to the address of an interface and to no other, so that one machine runs one of them."""
 
 
 def unique(prefix: str) -> str:
@@ -92,3 +99,24 @@ def fake_camera(
                 except subprocess.TimeoutExpired:
                     process.kill()
                     raise
+
+
+@contextlib.contextmanager
+def foreign_camera(*options: str) -> Iterator[str]:
+    """Run Aravis' own fake camera until the block ends; yields its serial."""
+    if shutil.which(FOREIGN_COMMAND) is None:
+        pytest.skip(f"{FOREIGN_COMMAND} (Debian package aravis-tools) is missing")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.bind((FOREIGN_ADDRESS, 3956))
+        except OSError:
+            pytest.skip(f"another camera answers at {FOREIGN_ADDRESS}")
+    name = unique("ARV")
+    with subprocess.Popen([FOREIGN_COMMAND, "-i", FOREIGN_ADDRESS, "-s", name, *options]) as process:
+        try:
+            deadline_s = time.monotonic() + 10
+            while name not in subprocess.run(["arv-tool-0.8"], capture_output=True, text=True, check=True).stdout:
+                assert time.monotonic() < deadline_s
+            yield name
+        finally:
+            process.terminate()

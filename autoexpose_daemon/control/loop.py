@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import deque
 
 from autoexpose_daemon.control.decision import Decision
@@ -18,10 +17,6 @@ from drivers.frames import StereoPair
 
 REMEMBERED_STEPS = 32
 """Half a second at 60 Hz: the slowest camera reported takes 0.4 s from write to effect."""
-
-SAME_TIME_STOPS = 0.02
-SAME_GAIN_DB = 0.1
-"""How far a camera may round a setting that is still recognised as the one decided."""
 
 _DEFAULT_PARAMETERS = ControlParameters()
 
@@ -115,12 +110,7 @@ class ControlLoop:
 
     def _decision_realised_by(self, setting: ExposureSetting) -> PastStep | None:
         """The latest remembered step that decided on `setting`."""
-        return next((past for past in reversed(self._past) if _same(past.setting, setting)), None)
-
-
-def _same(one: ExposureSetting, other: ExposureSetting) -> bool:
-    stops = abs(math.log2(one.exposure_time_us / other.exposure_time_us))
-    return stops <= SAME_TIME_STOPS and abs(one.gain_db - other.gain_db) <= SAME_GAIN_DB
+        return next((past for past in reversed(self._past) if past.setting.agrees_with(setting)), None)
 
 
 def _limited(reason: str, above: bool) -> str:

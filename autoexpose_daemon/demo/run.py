@@ -61,7 +61,7 @@ def run_demo(options: DemoOptions, stop: threading.Event, console: Console) -> N
         arguments += ["--light", str(options.light)]
     recorder = Recorder(_PICTURE_PERIOD_S)
     with tempfile.TemporaryDirectory(prefix="autoexpose-demo-") as folder:
-        console.print("starting two fake cameras (the first time compiles their renderer, which takes a minute) ...")
+        console.print("starting two fake cameras ... (the first start compiles their renderer)")
         with fake_cameras(Path(folder), arguments, f"demo-{os.getpid()}") as truths:
             daemon = Daemon(config, openers(config), recorder)
             cpu_percent = _run_for(options.seconds, daemon, stop, console, f"autoexpose demo, {options.policy}")

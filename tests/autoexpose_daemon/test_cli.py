@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -14,7 +15,7 @@ import pytest
 
 from tests.autoexpose_daemon.stereo import stereo_cameras
 from tests.fake_camera.gige_client import CCP, GvcpClient
-from tests.fakes import fake_camera
+from tests.fakes import fake_camera, foreign_camera
 
 AUTOEXPOSE = [sys.executable, "-c", "from autoexpose_daemon.cli import main; main()"]
 
@@ -82,6 +83,40 @@ def test_run_stops_on_sigterm_and_leaves_the_cameras_free(tmp_path: Path) -> Non
         for camera in (left, right):
             with GvcpClient(camera.address) as client:
                 assert client.read(CCP) == 0
+
+
+@pytest.mark.realtime
+def test_run_drives_a_camera_that_we_did_not_write(tmp_path: Path) -> None:
+    file = tmp_path / "rig.yaml"
+    with foreign_camera() as serial:
+        file.write_text(
+            f"cameras: {{left: {{serial: {serial}}}}}\n"
+            "trigger: {mode: free_run, rate_hz: 25}\n"
+            "control: {policy: neves2009, start: {exposure_time_us: 300}}"
+        )
+        with subprocess.Popen([*AUTOEXPOSE, "run", "-c", str(file)], stderr=subprocess.PIPE, text=True) as process:
+            assert process.stderr is not None
+            told = list(itertools.takewhile(lambda line: "pairs/s" not in line, iter(process.stderr.readline, "")))
+            process.send_signal(signal.SIGTERM)
+            _, rest = process.communicate(timeout=30)
+        exposure = subprocess.run(
+            ["arv-tool-0.8", "-a", "127.0.0.1", "control", "ExposureTimeAbs"],
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout
+    assert process.returncode == 0, [*told, rest]
+    lacks = " ".join(told)
+    assert "gain has no dB scale: left at its present value" in lacks
+    assert "no chunk data" in lacks
+    figures = re.search(r"stopped: .*?; (\d+) pairs; lost: (.*?);", rest)
+    assert figures is not None, rest
+    pairs = int(figures[1])
+    lost = sum(int(n) for n, why in re.findall(r"(\d+) (\w+)", figures[2]) if why not in ("startup", "shutdown"))
+    assert pairs > 0.9 * (pairs + lost)
+    written = re.search(r"ExposureTimeAbs = (\d+)", exposure)
+    assert written is not None
+    assert int(written[1]) != 300
 
 
 @pytest.mark.realtime

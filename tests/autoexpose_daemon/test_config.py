@@ -63,6 +63,11 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
         load_config(tmp_path / "no-such.yaml")
 
 
+def test_a_configured_start_is_taken_to_the_letter() -> None:
+    config = Config.model_validate(STEREO | {"control": {"start": {"exposure_time_us": 300}}})
+    assert config.start == ExposureSetting(300.0, 0.0)
+
+
 @given(st.floats(1.0, 7000.0), st.floats(1.0, 7000.0))
 def test_the_start_is_always_within_the_bounds(low: float, high: float) -> None:
     low, high = sorted((low, high))

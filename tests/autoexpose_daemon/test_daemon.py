@@ -65,13 +65,16 @@ def test_a_fault_is_accounted_for_and_passes(fault: str, reason: LossReason | No
         assert reason is None or new[reason] > 0
 
 
-def test_refused_writes_are_counted_and_the_camera_kept() -> None:
+def test_refused_writes_are_counted_and_made_again() -> None:
     with stereo_cameras() as cameras, running_daemon(cameras, {"control": {"policy": "neves2009"}}) as run:
         run.wait_for_pairs(10)
         run.right.inject("refuse_writes", count=4)
         run.wait_until(lambda: run.daemon.telemetry.refused_writes > 0, "a refused write")
+        run.wait_for_pairs(30)
+        before = run.daemon.telemetry.mismatched_pairs
         run.wait_for_pairs(60)
         assert run.daemon.telemetry.reconnects == 0
+        assert run.daemon.telemetry.mismatched_pairs - before <= 2
 
 
 def test_both_cameras_gone_and_back_is_counted_by_the_clock() -> None:

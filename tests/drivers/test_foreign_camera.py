@@ -3,51 +3,21 @@
 from __future__ import annotations
 
 import contextlib
-import shutil
-import socket
-import subprocess
-import time
-from collections.abc import Iterator
 from itertools import pairwise
 
 import pytest
 
-from drivers.aravis import find_cameras, open_camera
+from drivers.aravis import open_camera
 from drivers.camera import IncompleteFrame
 from drivers.errors import NodeError
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame
 from drivers.setup import CameraSetup, TriggerSetup
-from tests.fakes import unique
+from tests.fakes import foreign_camera
 
-COMMAND = "arv-fake-gv-camera-0.8"
-ADDRESS = "127.0.0.1"
-"""It binds to the address of an interface and to no other, so that one machine runs one of them."""
 FREE_RUN = CameraSetup(TriggerSetup("free_run", rate_hz=60.0), pixel_format="Mono8")
 
-pytestmark = [
-    pytest.mark.realtime,
-    pytest.mark.skipif(shutil.which(COMMAND) is None, reason=f"{COMMAND} (Debian package aravis-tools) is missing"),
-]
-
-
-@contextlib.contextmanager
-def foreign_camera(*options: str) -> Iterator[str]:
-    """Run it until the block ends; its serial."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        try:
-            probe.bind((ADDRESS, 3956))
-        except OSError:
-            pytest.skip(f"another camera answers at {ADDRESS}")
-    name = unique("ARV")
-    with subprocess.Popen([COMMAND, "-i", ADDRESS, "-s", name, *options]) as process:
-        try:
-            deadline_s = time.monotonic() + 10
-            while name not in {camera.serial for camera in find_cameras()}:
-                assert time.monotonic() < deadline_s
-            yield name
-        finally:
-            process.terminate()
+pytestmark = pytest.mark.realtime
 
 
 def test_it_runs_freely_on_exposure_time_alone() -> None:
