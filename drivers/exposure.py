@@ -117,9 +117,12 @@ class ExposureLimits:
 
     def _neighbours_us(self, exposure_time_us: float) -> tuple[float, ...]:
         """The exposure times that the camera can take just below and just above a wished one."""
+        if self.time_step_us <= 0:
+            return (min(max(exposure_time_us, self.min_time_us), self.max_time_us),)
+        steps = (exposure_time_us - self.min_time_us) / self.time_step_us
         return tuple(
-            _quantise(exposure_time_us + shift, self.min_time_us, self.max_time_us, self.time_step_us)
-            for shift in (-self.time_step_us / 2, self.time_step_us / 2)
+            _quantise(self.min_time_us + n * self.time_step_us, self.min_time_us, self.max_time_us, self.time_step_us)
+            for n in (math.floor(steps + 1e-6), math.ceil(steps - 1e-6))
         )
 
     def _gain_for(self, level: float, exposure_time_us: float) -> float:

@@ -48,6 +48,11 @@ def test_at_the_lowest_gain_the_time_is_rounded_down_and_the_gain_raised() -> No
     assert setting.level == pytest.approx(math.log2(108.9))
 
 
+def test_a_time_on_the_grid_is_kept() -> None:
+    limits = ExposureLimits(20.0, 7500.0, 0.0, 30.0, time_step_us=1.0)
+    assert limits.realise(16.9, 7500.0).exposure_time_us == 7500.0
+
+
 @given(st.floats(4.5, 17.8), st.floats(20, 7500))
 def test_steps_of_gain_are_kept_and_made_good_by_time(level: float, time_us: float) -> None:
     limits = ExposureLimits(20.0, 7500.0, 0.0, 30.0, gain_step_db=0.5)
