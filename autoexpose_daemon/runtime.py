@@ -8,6 +8,9 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
+from dataclasses import replace
+
+import numpy as np
 
 from autoexpose_daemon.config import Config
 from autoexpose_daemon.control.decision import Decision
@@ -94,6 +97,7 @@ class Daemon:
         """
         self._rig.start()
         try:
+            self._warm_up()
             while not stop.is_set():
                 self._take(self._next_events())
         finally:
@@ -101,6 +105,14 @@ class Daemon:
             self._publish_tally()
             if not self._rig.stop(_STOP_S):
                 log.error("a camera did not answer while stopping; it frees itself when its heartbeat runs out")
+
+    def _warm_up(self) -> None:
+        """Decide on a black frame while the cameras are being searched for: OpenCV's first calls take 50 ms."""
+        limits, start = self._config.exposure.limits(), self._config.start
+        black = Frame(np.zeros((540, 720), np.uint8), 8, 0, 0, 0, 0, start)
+        loop = ControlLoop(self._config.control.policy, self._config.response_of("left"), limits, start)
+        loop.step(StereoPair(0, black, black))
+        loop.step(StereoPair(1, replace(black, device_time_ns=1), None))
 
     def _next_events(self) -> list[RigEvent]:
         """All that has happened, waiting a moment for the first."""
