@@ -37,7 +37,8 @@ log = logging.getLogger(__name__)
 _STOP_S = 10.0  # a camera that does not answer blocks its teardown for 2.5 s a call
 _SILENCE_S = 0.2
 _SILENCE_PERIODS = 3.0
-_WRITE_GUARD_S = 0.003  # what two node writes on two cameras take, with a margin: p99 is 1.4 ms
+_WRITE_GUARD_S = 0.005  # writing and reading back both nodes takes 0.6 ms as a rule, 4 ms once in a hundred
+_WRITE_GUARD_PERIODS = 0.3
 _WRITE_MARGIN_S = 0.0005  # behind the expected exposure start: clock latches are good to 0.1 ms
 _REMEMBERED_WRITES = 16
 
@@ -234,7 +235,7 @@ class Daemon:
         if grid is None:
             return now_ns
         next_ns = grid.time_of(grid.last_before(now_ns) + 1)
-        guard_ns = min(_WRITE_GUARD_S * 1e9, grid.period_ns / 4)
+        guard_ns = min(_WRITE_GUARD_S * 1e9, _WRITE_GUARD_PERIODS * grid.period_ns)
         return now_ns if next_ns - now_ns > guard_ns else round(next_ns + _WRITE_MARGIN_S * 1e9)
 
     def _publish_tally(self) -> None:
