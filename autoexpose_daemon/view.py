@@ -28,7 +28,9 @@ def set_up_logging(console: Console) -> None:
     else:
         handler = logging.StreamHandler()
         handler.setFormatter(logging.Formatter("%(levelname)s %(message)s"))
-    logging.basicConfig(level=logging.INFO, handlers=[handler], force=True)
+    logging.basicConfig(level=logging.WARNING, handlers=[handler], force=True)
+    for package in ("autoexpose_daemon", "drivers"):
+        logging.getLogger(package).setLevel(logging.INFO)
 
 
 def follow(telemetry: Telemetry, stop: threading.Event, console: Console, title: str) -> None:
