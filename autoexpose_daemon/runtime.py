@@ -34,7 +34,7 @@ from drivers.rig import (
 
 log = logging.getLogger(__name__)
 
-_STOP_S = 10.0  # a camera that does not answer blocks its teardown for 2.5 s a call
+_STOP_S = 9.0  # a camera that does not answer holds up its teardown for 5 to 10 s
 _SILENCE_S = 0.2
 _SILENCE_PERIODS = 3.0
 _WRITE_GUARD_S = 0.005  # writing and reading back both nodes takes 0.6 ms as a rule, 4 ms once in a hundred

@@ -184,7 +184,10 @@ class AravisNodes:
         except GLib.Error as error:
             failure = self._told(error, doing)
         del function  # it holds the device, and the traceback would hold it
-        raise failure
+        try:
+            raise failure
+        finally:
+            del failure  # it would hold this frame, the frame it, and the garbage collector block on a dead camera
 
     def _told(self, error: GLib.Error, doing: str) -> CameraError:
         if any(error.matches(Aravis.device_error_quark(), code) for code in _SILENCE):

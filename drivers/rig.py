@@ -176,7 +176,8 @@ class _Unit:
             try:
                 self._run(camera)
             except CameraError as error:
-                self._events.put(CameraGone(self._side, error, final=False))
+                # An error's traceback would keep the camera from being freed.
+                self._events.put(CameraGone(self._side, error.with_traceback(None), final=False))
                 # A dead camera is closed aside: that takes up to 10 s, and it may be back long before.
                 threading.Thread(target=camera.close, name=f"close-{self._side}", daemon=True).start()
             else:
@@ -235,7 +236,7 @@ class _Unit:
         except CameraLostError:
             raise
         except CameraError as error:
-            self._events.put(WriteFailed(self._side, setting, error))
+            self._events.put(WriteFailed(self._side, setting, error.with_traceback(None)))
             return
         self._events.put(Written(self._side, setting, read_back, started_ns, time.monotonic_ns()))
 
