@@ -59,6 +59,7 @@ class ControlLoop:
         self._metric = GradientMetric(parameters.metric_delta, parameters.metric_lambda)
         self._policy = build_policy(policy_id, PolicySetup(response, self._metric, start, parameters))
         self._preparation = ImagePreparation()
+        self._right_preparation = ImagePreparation()
         self._shares = ExtremeShares(response)
         self._motion = FarnebackMotion(response)
         self._past: deque[PastStep] = deque(maxlen=REMEMBERED_STEPS)
@@ -98,7 +99,9 @@ class ControlLoop:
         saturated_share, black_share = self._shares.measure(image)
         return Observation(
             image=image,
+            right_image=None if pair.right is None else self._right_preparation.prepare(pair.right.grey8()),
             setting=left.setting,
+            device_time_ns=left.device_time_ns,
             metric=self._metric.measure(image),
             mean=mean_signal(image, self._response),
             saturated_share=saturated_share,

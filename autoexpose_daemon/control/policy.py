@@ -40,8 +40,12 @@ class Observation:
     ----------
     image
         The left frame made small (`ImagePreparation`), uint8, (height, width). Valid during this step only.
+    right_image
+        The right frame made small in the same way; None in a rig of one camera, or while one is gone.
     setting
         Exposure time and gain which this frame was really taken with.
+    device_time_ns
+        Time stamp of the left frame on its camera's clock.
     metric
         M_g of `image`, 0..1 per pixel.
     mean
@@ -57,7 +61,9 @@ class Observation:
     """
 
     image: NDArray[np.uint8]
+    right_image: NDArray[np.uint8] | None
     setting: ExposureSetting
+    device_time_ns: int
     metric: float
     mean: float
     saturated_share: float
