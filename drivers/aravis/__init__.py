@@ -1,0 +1,7 @@
+"""Cameras through Aravis: finding them, opening one by its serial number, streaming frames."""
+
+from drivers.aravis.camera import AravisCamera
+from drivers.aravis.discovery import FoundCamera, find_cameras
+from drivers.aravis.opening import open_camera
+
+__all__ = ["AravisCamera", "FoundCamera", "find_cameras", "open_camera"]

@@ -1,0 +1,192 @@
+"""A camera opened through Aravis: its stream of frames and the writing of its settings."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+from drivers.aravis.discovery import FoundCamera
+from drivers.aravis.introspection import Aravis, GLib
+from drivers.aravis.nodes import AravisNodes
+from drivers.camera import CameraDescription, IncompleteFrame
+from drivers.clock import find_clock
+from drivers.dialect import find_dialect, switch_auto_off
+from drivers.errors import CameraError, CameraLostError
+from drivers.exposure import ExposureLimits, ExposureSetting
+from drivers.frames import Frame
+from drivers.image_format import choose_pixel_format, decode_pixels, set_binning
+from drivers.metadata import FrameIdUnwrapper, SettingLedger, enable_chunks
+from drivers.setup import CameraSetup
+from drivers.trigger import arm_trigger
+
+BUFFERS = 16
+"""A quarter of a second at 60 Hz: longer than any pause of the reading thread worth surviving."""
+FRAME_RETENTION_US = 50_000
+"""A GigE Vision frame still incomplete so long after its last packet is given up; frames behind it wait until then."""
+_HOLES = (
+    Aravis.BufferStatus.TIMEOUT,
+    Aravis.BufferStatus.MISSING_PACKETS,
+    Aravis.BufferStatus.WRONG_PACKET_ID,
+    Aravis.BufferStatus.SIZE_MISMATCH,
+)
+_log = logging.getLogger(__name__)
+
+
+class AravisCamera:
+    """An opened camera (see `drivers.camera.Camera`); made by `open_camera`."""
+
+    def __init__(self, found: FoundCamera, camera: Any, nodes: AravisNodes, setup: CameraSetup) -> None:
+        self._camera = camera
+        self._nodes = nodes
+        self._frames = threading.Lock()
+        self._closed = threading.Event()
+        nodes.call("stop acquisition", camera.stop_acquisition)
+        choose_pixel_format(nodes, setup.pixel_format)
+        set_binning(nodes, setup.binning)
+        switch_auto_off(nodes)
+        trigger_lacks = arm_trigger(nodes, setup.trigger)
+        self._dialect = find_dialect(nodes)
+        self._chunked, chunk_lacks = enable_chunks(nodes, self._dialect.gain_node is not None)
+        self._clock, clock_lacks = find_clock(nodes)
+        lacks = (*self._dialect.lacks, *trigger_lacks, *chunk_lacks, *clock_lacks)
+        self._description = CameraDescription(found.vendor, found.model, found.serial, lacks)
+        self._limits = self._dialect.limits(nodes)
+        self._setting: ExposureSetting | None = self._dialect.read(nodes)
+        self._ledger = SettingLedger(self._setting)
+        self._frame_ids = FrameIdUnwrapper()
+        self._unreadable = False
+        self._stream = _create_stream(camera, nodes, setup)
+        self._chunks = camera.create_chunk_parser()
+        # The handler runs on a thread of Aravis and must never be the last to hold the camera: it knows the event only.
+        lost = nodes.silent
+        self._control_lost = camera.get_device().connect("control-lost", lambda _device: lost.set())
+
+    @property
+    def description(self) -> CameraDescription:
+        """Who the camera is, and what it lacks."""
+        return self._description
+
+    @property
+    def limits(self) -> ExposureLimits:
+        """Bounds and increments of exposure time and gain, as found when the camera was opened."""
+        return self._limits
+
+    def start(self) -> None:
+        """Start acquisition."""
+        self._check_present()
+        self._nodes.call("start acquisition", self._camera.start_acquisition)
+
+    def next_frame(self, timeout_s: float) -> Frame | IncompleteFrame | None:
+        """Wait for the next frame; None when none came within `timeout_s`."""
+        with self._frames:
+            self._check_present()
+            buffer = self._stream.timeout_pop_buffer(int(timeout_s * 1e6))
+            if buffer is None:
+                return None
+            arrival_time_ns = time.monotonic_ns()
+            try:
+                return self._read(buffer, arrival_time_ns)
+            finally:
+                buffer.set_timestamp(0)  # shows whether the next frame in this buffer brought its leader
+                self._stream.push_buffer(buffer)
+
+    def write(self, setting: ExposureSetting) -> ExposureSetting:
+        """Write what differs from the last setting read back, and return what the nodes read back now."""
+        self._check_present()
+        present, self._setting = self._setting, None  # unknown, should a node refuse half-way
+        self._setting = self._dialect.write(self._nodes, setting, present)
+        self._ledger.record(time.monotonic_ns(), self._setting)
+        return self._setting
+
+    def latch_clock(self) -> None:
+        """Measure anew how the camera's clock maps to the host's."""
+        self._check_present()
+        self._clock.latch()
+
+    def close(self) -> None:
+        """Stop acquisition, give control back and free everything; waits for a `next_frame` under way.
+
+        A camera that does not answer holds this up for 5 to 10 s: Aravis tells it goodbye and awaits the answers.
+        """
+        self._closed.set()
+        with self._frames:
+            if self._camera is None:
+                return
+            device = self._camera.get_device()
+            device.disconnect(self._control_lost)
+            self._part("stop acquisition", self._camera.stop_acquisition)
+            if self._camera.is_gv_device():
+                self._part("give control back", device.leave_control)
+            self._nodes.release()
+            # The stream first: its thread ends while the device is still there to be told.
+            self._chunks = self._stream = None
+            self._camera = None
+
+    def _part(self, doing: str, function: Callable[[], object]) -> None:
+        """One step of parting, left out once the camera is silent: each would block for seconds."""
+        if self._nodes.silent.is_set():
+            return
+        try:
+            self._nodes.call(doing, function)
+        except CameraError as error:
+            _log.warning("%s", error)
+
+    def _check_present(self) -> None:
+        if self._closed.is_set():
+            raise CameraLostError(f"camera {self._description.serial} is closed")
+        if self._nodes.silent.is_set():
+            raise CameraLostError(f"camera {self._description.serial} does not answer any more")
+
+    def _read(self, buffer: Any, arrival_time_ns: int) -> Frame | IncompleteFrame | None:
+        status = buffer.get_status()
+        if status != Aravis.BufferStatus.SUCCESS and status not in _HOLES:
+            return None  # emptied by a stop
+        device_time_ns = buffer.get_timestamp()
+        if status in _HOLES and not device_time_ns:
+            return None  # its leader is among what was lost, and with it its number: the gap in the ids tells of it
+        frame_id = self._frame_ids.unwrap(buffer.get_frame_id())
+        host_time_ns = self._clock.host_time_ns(device_time_ns, arrival_time_ns)
+        if status in _HOLES:
+            return IncompleteFrame(frame_id, host_time_ns)
+        try:
+            width, height = buffer.get_image_width(), buffer.get_image_height()
+            pixels, bit_depth = decode_pixels(buffer.get_data(), buffer.get_image_pixel_format(), width, height)
+            setting = self._read_setting(buffer) if self._chunked else self._ledger.setting_at(host_time_ns)
+        except (ValueError, GLib.Error) as error:
+            if not self._unreadable:
+                _log.warning(
+                    "camera %s: frames cannot be read, the first is %d: %s", self._description.serial, frame_id, error
+                )
+            self._unreadable = True
+            return IncompleteFrame(frame_id, host_time_ns)
+        return Frame(pixels, bit_depth, frame_id, device_time_ns, host_time_ns, arrival_time_ns, setting)
+
+    def _read_setting(self, buffer: Any) -> ExposureSetting:
+        exposure_time_us = self._chunks.get_float_value(buffer, "ChunkExposureTime")
+        if self._dialect.gain_node is None:
+            return ExposureSetting(exposure_time_us, 0.0)
+        return ExposureSetting(exposure_time_us, self._chunks.get_float_value(buffer, "ChunkGain"))
+
+
+def _create_stream(camera: Any, nodes: AravisNodes, setup: CameraSetup) -> Any:
+    """The stream with its pool of buffers, made once chunks and format are set, as they decide the payload's size."""
+    if camera.is_gv_device():
+        # The kernel hands packet sockets over in 5 ms blocks; a plain socket is quicker.
+        camera.gv_set_stream_options(Aravis.GvStreamOption.PACKET_SOCKET_DISABLED)
+        if setup.packet_size_bytes is None:
+            nodes.call("find the packet size", camera.gv_auto_packet_size)
+        else:
+            nodes.call("set the packet size", camera.gv_set_packet_size, setup.packet_size_bytes)
+    stream = nodes.call("open the stream", camera.create_stream, None, None)
+    if camera.is_gv_device():
+        stream.set_property("socket-buffer", Aravis.GvStreamSocketBuffer.FIXED)
+        stream.set_property("socket-buffer-size", setup.socket_buffer_bytes)
+        stream.set_property("packet-timeout", int(setup.packet_timeout_ms * 1e3))
+        stream.set_property("frame-retention", FRAME_RETENTION_US)
+    payload_bytes = nodes.call("read the payload size", camera.get_payload)
+    for _ in range(BUFFERS):
+        stream.push_buffer(Aravis.Buffer.new_allocate(payload_bytes))
+    return stream

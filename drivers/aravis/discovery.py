@@ -1,0 +1,78 @@
+"""Which cameras answer, and by which name Aravis opens them."""
+
+from __future__ import annotations
+
+import itertools
+import threading
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+from drivers.aravis.introspection import Aravis
+from drivers.errors import CameraNotFoundError
+
+FRESH_S = 2.0
+"""A search takes a second: the second camera of a rig is opened from what the search for the first one found."""
+OPENING = threading.Lock()
+"""One camera at a time is searched for and opened. Aravis keeps one device list for the process, and two cameras whose
+descriptions were parsed at the same time came up with broken node maps (0.8.26, once in six tries)."""
+Transport = Literal["gige", "usb3"]
+_TRANSPORTS: dict[str, Transport] = {"GigEVision": "gige", "USB3Vision": "usb3"}
+
+
+@dataclass(frozen=True, slots=True)
+class FoundCamera:
+    """A camera that answered the search; `id` is the name that Aravis opens it by."""
+
+    serial: str
+    vendor: str
+    model: str
+    transport: Transport
+    address: str
+    id: str
+
+
+_found: list[FoundCamera] = []
+_found_s = float("-inf")
+
+
+def find_cameras() -> list[FoundCamera]:
+    """Search every interface for cameras, which takes about a second."""
+    with OPENING:
+        return _search()
+
+
+def _search() -> list[FoundCamera]:
+    global _found, _found_s  # noqa: PLW0603  beside Aravis' own list, which is one for the process too
+    Aravis.update_device_list()
+    _found = [
+        FoundCamera(
+            serial=Aravis.get_device_serial_nbr(index),
+            vendor=Aravis.get_device_vendor(index),
+            model=Aravis.get_device_model(index),
+            transport=_TRANSPORTS[Aravis.get_device_protocol(index)],
+            address=Aravis.get_device_address(index),
+            id=Aravis.get_device_id(index),
+        )
+        for index in range(Aravis.get_n_devices())
+        if Aravis.get_device_protocol(index) in _TRANSPORTS
+    ]
+    _found_s = time.monotonic()
+    return _found
+
+
+def find_camera(serial: str) -> FoundCamera:
+    """The camera of that serial, from a recent search or a new one; raises CameraNotFoundError."""
+    with OPENING:
+        recent = _found if time.monotonic() - _found_s < FRESH_S else []
+        for camera in itertools.chain(recent, _searched()):
+            if camera.serial == serial:
+                return camera
+        others = ", ".join(sorted(camera.serial for camera in _found)) or "none"
+    raise CameraNotFoundError(f"no camera with serial {serial} answers; cameras that do: {others}")
+
+
+def _searched() -> Iterator[FoundCamera]:
+    """A new search, made only when it is asked for its first camera."""
+    yield from _search()

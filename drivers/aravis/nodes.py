@@ -1,0 +1,123 @@
+"""The nodes of an Aravis device, its errors in this project's words."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from drivers.aravis.introspection import Aravis, GLib
+from drivers.errors import CameraError, CameraLostError, NodeError
+
+T = TypeVar("T")
+
+_SILENCE = (Aravis.DeviceError.TIMEOUT, Aravis.DeviceError.NOT_CONNECTED)
+
+
+class AravisNodes:
+    """The node map of an Aravis device (see `drivers.nodes.NodeMap`), its errors in this project's words."""
+
+    def __init__(self, device: Any, serial: str) -> None:
+        self._device = device
+        self.serial = serial
+        self.silent = threading.Event()
+        """Set once a request was left without an answer: the camera is lost."""
+        device.set_range_check_policy(Aravis.RangeCheckPolicy.ENABLE)
+        device.set_access_check_policy(Aravis.AccessCheckPolicy.ENABLE)
+        device.set_register_cache_policy(Aravis.RegisterCachePolicy.DISABLE)
+
+    def release(self) -> None:
+        """Let go of the device, so that what still refers to these nodes (a traceback) does not keep it open."""
+        self._device = None
+
+    def call(self, doing: str, function: Callable[..., T], *arguments: object) -> T:
+        """Call into Aravis; `doing` completes the sentence "camera S: could not ..."."""
+        try:
+            return function(*arguments)
+        except GLib.Error as error:
+            failure = self._told(error, doing)
+        del function  # it holds the device, and the traceback would hold it
+        try:
+            raise failure
+        finally:
+            del failure  # it would hold this frame, the frame it, and the garbage collector block on a dead camera
+
+    def _told(self, error: GLib.Error, doing: str) -> CameraError:
+        if any(error.matches(Aravis.device_error_quark(), code) for code in _SILENCE):
+            self.silent.set()
+            return CameraLostError(f"camera {self.serial} does not answer: could not {doing}")
+        return NodeError(f"camera {self.serial}: could not {doing}: {error.message}")
+
+    def available(self, name: str) -> bool:
+        """Whether the camera has this feature and offers it at present."""
+        node = self._device.get_feature(name)
+        if node is None or isinstance(node, Aravis.GcCategory):
+            return False
+        return bool(self.call(f"look for {name}", self._device.is_feature_available, name))
+
+    def is_float(self, name: str) -> bool:
+        """Whether the feature is there and holds a floating-point number."""
+        return isinstance(self._device.get_feature(name), Aravis.GcFloat) and self.available(name)
+
+    def unit(self, name: str) -> str | None:
+        """The unit that a floating-point feature declares."""
+        return self._device.get_feature(name).get_unit() or None
+
+    def entries(self, name: str) -> tuple[str, ...]:
+        """The entries an enumeration offers at present."""
+        if not isinstance(self._device.get_feature(name), Aravis.GcEnumeration) or not self.available(name):
+            return ()
+        names = self._device.dup_available_enumeration_feature_values_as_strings
+        return tuple(self.call(f"list the entries of {name}", names, name))
+
+    def float_bounds(self, name: str) -> tuple[float, float]:
+        """Least and greatest value."""
+        bounds = self.call(f"read the bounds of {name}", self._device.get_float_feature_bounds, name)
+        return bounds.min, bounds.max
+
+    def float_increment(self, name: str) -> float:
+        """The declared increment; Aravis gives an error, or the least positive float, when none is declared."""
+        try:
+            increment: float = self._device.get_float_feature_increment(name)
+        except GLib.Error as error:
+            if error.matches(Aravis.gc_error_quark(), Aravis.GcError.PROPERTY_NOT_DEFINED):
+                return 0.0
+            raise self._told(error, f"read the increment of {name}") from None
+        return increment if increment > 1e-9 else 0.0
+
+    def integer_bounds(self, name: str) -> tuple[int, int]:
+        """Least and greatest value."""
+        bounds = self.call(f"read the bounds of {name}", self._device.get_integer_feature_bounds, name)
+        return bounds.min, bounds.max
+
+    def read_float(self, name: str) -> float:
+        """Value of a floating-point feature."""
+        return float(self.call(f"read {name}", self._device.get_float_feature_value, name))
+
+    def write_float(self, name: str, value: float) -> None:
+        """Write a floating-point feature."""
+        self.call(f"set {name} to {value:g}", self._device.set_float_feature_value, name, value)
+
+    def read_integer(self, name: str) -> int:
+        """Value of an integer feature."""
+        return int(self.call(f"read {name}", self._device.get_integer_feature_value, name))
+
+    def write_integer(self, name: str, value: int) -> None:
+        """Write an integer feature."""
+        self.call(f"set {name} to {value}", self._device.set_integer_feature_value, name, value)
+
+    def write_boolean(self, name: str, value: bool) -> None:
+        """Write a boolean feature."""
+        self.call(f"set {name} to {value}", self._device.set_boolean_feature_value, name, value)
+
+    def read_entry(self, name: str) -> str:
+        """The entry an enumeration stands at."""
+        return str(self.call(f"read {name}", self._device.get_string_feature_value, name))
+
+    def write_entry(self, name: str, entry: str) -> None:
+        """Choose an entry of an enumeration."""
+        self.call(f"set {name} to {entry}", self._device.set_string_feature_value, name, entry)
+
+    def execute(self, name: str) -> None:
+        """Execute a command feature."""
+        self.call(f"execute {name}", self._device.execute_command, name)
