@@ -270,7 +270,7 @@ def test_a_camera_in_other_hands_is_busy_until_its_killed_holder_is_forgotten(
 ) -> None:
     with holder(idle.serial) as process:
         with monkeypatch.context() as impatient, pytest.raises(CameraBusyError, match=idle.serial):
-            impatient.setattr("drivers.aravis.CONTROL_PATIENCE_S", 0.5)
+            impatient.setattr("drivers.aravis.opening.CONTROL_PATIENCE_S", 0.5)
             open_camera(idle.serial, CameraSetup(EXTERNAL))
         process.send_signal(signal.SIGKILL)
         process.wait()
