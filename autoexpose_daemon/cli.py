@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import importlib.util
+import os
 import signal
-import subprocess
 import sys
 import threading
 from importlib.metadata import entry_points
@@ -89,7 +90,9 @@ def list_cameras() -> None:
 )
 def fake_camera(context: typer.Context) -> None:
     """Start a fake camera (a process of its own); its options: autoexpose fake-camera --help."""
-    raise SystemExit(subprocess.call([sys.executable, "-m", "fake_camera", *context.args]))
+    if importlib.util.find_spec("numba") is None:
+        raise AutoexposeError("the fake cameras need the extra `sim`: pip install 'autoexpose-daemon[sim]'")
+    os.execv(sys.executable, [sys.executable, "-m", "fake_camera", *context.args])
 
 
 @config_app.command("check")

@@ -18,7 +18,7 @@ from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.telemetry import Telemetry
 from drivers.account import Tally, TriggerAccount
 from drivers.camera import Camera, IncompleteFrame
-from drivers.errors import CameraError
+from drivers.errors import AutoexposeError
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Frame, Side, StereoPair
 from drivers.rig import (
@@ -78,6 +78,8 @@ class Daemon:
         self._asked = config.start
         self._asked_arrival_ns: int | None = None
         self._written: dict[Side, deque[ExposureSetting]] = {side: deque(maxlen=_REMEMBERED_WRITES) for side in openers}
+        self._last_trigger = -1
+        self._off_rate = False
         self._write_again = False
         self._complaints: set[tuple[Side, str]] = set()
 
@@ -91,10 +93,8 @@ class Daemon:
 
         Raises
         ------
-        CameraError
-            When a camera can never be driven.
-        ConfigurationError
-            When the configured bounds leave no exposure that the cameras can take.
+        UnsupportedCameraError, ConfigurationError
+            When a camera can never be driven as configured.
         """
         self._rig.start()
         try:
@@ -128,10 +128,13 @@ class Daemon:
     def _take(self, events: list[RigEvent]) -> None:
         pairs = [pair for event in events for pair in self._handle(event)]
         if pairs:
-            *late, newest = pairs
-            for pair in late:
-                self._account.superseded(pair)
-            self._step(newest)
+            newest = max(pairs, key=lambda pair: (pair.trigger, len(pair.frames)))
+            for pair in pairs:
+                if pair.trigger != newest.trigger:
+                    self._account.superseded(pair)
+            if newest.trigger > self._last_trigger:  # a pair may come after one of its frames was used alone
+                self._last_trigger = newest.trigger
+                self._step(newest)
         if events:
             self._publish_tally()
 
@@ -182,7 +185,7 @@ class Daemon:
             policy = self._config.control.policy
             self._loop = ControlLoop(policy, self._config.response_of("left"), limits, self._asked)
 
-    def _on_gone(self, side: Side, error: CameraError, final: bool) -> None:
+    def _on_gone(self, side: Side, error: AutoexposeError, final: bool) -> None:
         self.telemetry.cameras[side] = "gone"
         if final:
             raise error
@@ -212,7 +215,7 @@ class Daemon:
         decision = self._loop.step(pair)
         self.telemetry.decision_ms.add_ns(time.monotonic_ns() - started_ns)
         self.telemetry.decision = decision
-        self.telemetry.delivered(pair)
+        self.telemetry.delivered(pair, complete=len(pair.frames) == len(self._written))
         if pair.mismatched or any(self._torn(frame) for frame in pair.frames):
             self.telemetry.mismatched_pairs += 1
         if decision.setting != self._asked or self._write_again:
@@ -239,7 +242,12 @@ class Daemon:
         return now_ns if next_ns - now_ns > guard_ns else round(next_ns + _WRITE_MARGIN_S * 1e9)
 
     def _publish_tally(self) -> None:
-        tally = self._account.tally
+        tally, grid = self._account.tally, self._account.grid
+        if grid is not None and grid.off_rate and not self._off_rate:
+            log.warning(
+                "frames do not come at trigger.rate_hz %g: check the wiring, or mend it", self._config.trigger.rate_hz
+            )
+        self._off_rate = grid is not None and grid.off_rate
         self.telemetry.pairs = tally.pairs
         self.telemetry.lost = dict(tally.lost)
         self.telemetry.surplus_frames = tally.surplus_frames

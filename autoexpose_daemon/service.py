@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import threading
+import time
 
 from rich.console import Console
 
@@ -44,4 +45,4 @@ def run_until_stopped(daemon: Daemon, stop: threading.Event, console: Console, t
         thread.join()
     if failures:
         raise failures[0]
-    log.info("stopped: %s", daemon.telemetry.line())
+    log.info("stopped: %s", daemon.telemetry.line(time.monotonic_ns()))

@@ -13,6 +13,7 @@ from drivers.exposure import ExposureSetting
 from drivers.frames import Side, StereoPair
 
 _KEPT = 1 << 14  # four and a half minutes at 60 Hz: percentiles of the recent past in bounded memory
+_PAUSE_NS = 1_000_000_000
 
 
 class Durations:
@@ -51,27 +52,39 @@ class Telemetry:
     frame_to_node_ms: Durations = field(default_factory=Durations)
     _recent_ns: deque[int] = field(default_factory=lambda: deque(maxlen=120))
 
-    def delivered(self, pair: StereoPair) -> None:
-        """Note a pair that control saw."""
+    def delivered(self, pair: StereoPair, complete: bool) -> None:
+        """Note what control saw: a `complete` pair, or what one camera of two gave."""
         self.applied = pair.left.setting
-        self._recent_ns.append(pair.left.host_time_ns)
+        if complete:
+            self._recent_ns.append(pair.left.host_time_ns)
 
     @property
-    def rate_hz(self) -> float:
-        """Pairs per second over the last of them."""
+    def oddities(self) -> dict[str, int]:
+        """What should not happen and did, in words, with its count."""
+        counts = {
+            "mismatched pairs": self.mismatched_pairs,
+            "refused writes": self.refused_writes,
+            "reconnects": self.reconnects,
+            "surplus frames": self.surplus_frames,
+        }
+        return {name: count for name, count in counts.items() if count}
+
+    def rate_hz(self, now_ns: int) -> float:
+        """Complete pairs per second over the last of them; 0 when none came for a second."""
         times_ns = list(self._recent_ns)
-        if len(times_ns) < 2 or times_ns[-1] <= times_ns[0]:
+        if len(times_ns) < 2 or times_ns[-1] <= times_ns[0] or now_ns - times_ns[-1] > _PAUSE_NS:
             return 0.0
         return (len(times_ns) - 1) * 1e9 / (times_ns[-1] - times_ns[0])
 
-    def line(self) -> str:
+    def line(self, now_ns: int) -> str:
         """The state in one line."""
         lost = ", ".join(f"{count} {reason}" for reason, count in self.lost.items() if count) or "none"
-        parts = [f"{self.rate_hz:.1f} pairs/s", f"{self.pairs} pairs", f"lost: {lost}"]
+        parts = [f"{self.rate_hz(now_ns):.1f} pairs/s", f"{self.pairs} pairs", f"lost: {lost}"]
         if self.applied is not None:
             parts.append(f"{self.applied} (E {self.applied.level:.2f})")
         if self.decision is not None:
             parts.append(f"metric {self.decision.metric:.4f}")
+        parts += [f"{count} {name}" for name, count in self.oddities.items()]
         latency = self.frame_to_node_ms.percentiles()
         if latency["p99"] is not None:
             parts.append(f"frame to node {latency['p50']:.1f}/{latency['p99']:.1f} ms")

@@ -37,7 +37,7 @@ def follow(telemetry: Telemetry, stop: threading.Event, console: Console, title:
     """Show the telemetry until `stop` is set."""
     if not console.is_terminal:
         while not stop.wait(_LINE_PERIOD_S):
-            log.info("%s", telemetry.line())
+            log.info("%s", telemetry.line(time.monotonic_ns()))
         return
     with Live(console=console, auto_refresh=False, transient=False) as live:
         started_s = time.monotonic()
@@ -48,13 +48,13 @@ def follow(telemetry: Telemetry, stop: threading.Event, console: Console, title:
 def panel(telemetry: Telemetry, title: str) -> Panel:
     """The live view's picture of one moment."""
     table = Table.grid(padding=(0, 3))
-    for side, camera in telemetry.cameras.items():
+    for side, camera in list(telemetry.cameras.items()):  # the control thread adds to it
         table.add_row(f"{side} camera", camera)
-    table.add_row("pairs", f"{telemetry.pairs}   {telemetry.rate_hz:.1f} per second")
+    table.add_row("pairs", f"{telemetry.pairs}   {telemetry.rate_hz(time.monotonic_ns()):.1f} per second")
     lost = ", ".join(f"{reason} {count}" for reason, count in telemetry.lost.items() if count)
     table.add_row("lost", lost or "none")
-    if telemetry.mismatched_pairs:
-        table.add_row("mismatched", f"{telemetry.mismatched_pairs} pairs taken with different settings")
+    for name, count in telemetry.oddities.items():
+        table.add_row(name, str(count))
     if telemetry.applied is not None:
         applied = telemetry.applied
         table.add_row("exposure", f"{applied.exposure_time_us:.0f} us   gain {applied.gain_db:.1f} dB")

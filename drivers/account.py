@@ -175,10 +175,20 @@ class TriggerAccount:
         else:
             last = self.grid.last_before(now_ns)
         assert self.grid is not None
+        tracks = self._tracks.values()
+        still = all(track.streaming and track.silent for track in tracks)
+        if still and last - max(track.trigger for track in tracks) >= _SILENCE_PERIODS:
+            last = max(track.trigger for track in tracks)
         self.tally.window_end_ns = round(self.grid.time_of(last) + self.grid.period_ns / 2)
         for side, track in self._tracks.items():
-            self._settle(side, last + 1, _Fate.SHUTDOWN if track.streaming else track.gap_fate)
+            self._settle(side, last + 1, self._closing_fate(track, still))
         self._resolve()
+
+    @staticmethod
+    def _closing_fate(track: _Track, still: bool) -> _Fate:
+        if not track.streaming:
+            return track.gap_fate
+        return _Fate.MISSING if track.silent and not still else _Fate.SHUTDOWN
 
     def _arrival(self, side: Side, frame_id: int, time_ns: int | None, outcome: _Outcome) -> list[StereoPair]:
         track = self._tracks[side]
@@ -197,8 +207,9 @@ class TriggerAccount:
         for other_side, other in self._tracks.items():
             if not other.streaming and other.gap_fate is _Fate.GONE:
                 self._settle(other_side, trigger - _HOLD_PERIODS, _Fate.GONE)
-            elif other.streaming:
-                self._settle(other_side, trigger - _PATIENCE_PERIODS, _Fate.MISSING)
+            elif other is not track:
+                overdue = _Fate.SILENT if other.streaming else other.gap_fate
+                self._settle(other_side, trigger - _PATIENCE_PERIODS, overdue)
         return self._resolve() + self._release_lone()
 
     def _number(self, track: _Track, frame_id: int, time_ns: int | None) -> int | None:

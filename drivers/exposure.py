@@ -85,20 +85,22 @@ class ExposureLimits:
         return min(max(level, self.darkest.level), self.brightest.level)
 
     def within(self, other: ExposureLimits) -> ExposureLimits:
-        """These limits cut to `other`, with the coarser increments of the two.
+        """These limits cut to `other`, with the coarser increments of the two, counted from where a camera counts them.
 
         Raises
         ------
         ConfigurationError
             When the two leave nothing to choose.
         """
+        time_grid = max(self, other, key=lambda limits: limits.time_step_us)
+        gain_grid = max(self, other, key=lambda limits: limits.gain_step_db)
         return ExposureLimits(
-            max(self.min_time_us, other.min_time_us),
+            _next_on_grid(max(self.min_time_us, other.min_time_us), time_grid.min_time_us, time_grid.time_step_us),
             min(self.max_time_us, other.max_time_us),
-            max(self.min_gain_db, other.min_gain_db),
+            _next_on_grid(max(self.min_gain_db, other.min_gain_db), gain_grid.min_gain_db, gain_grid.gain_step_db),
             min(self.max_gain_db, other.max_gain_db),
-            max(self.time_step_us, other.time_step_us),
-            max(self.gain_step_db, other.gain_step_db),
+            time_grid.time_step_us,
+            gain_grid.gain_step_db,
         )
 
     def realise(self, level: float, exposure_time_us: float) -> ExposureSetting:
@@ -137,3 +139,8 @@ def _quantise(value: float, low: float, high: float, step: float) -> float:
         return value
     steps = min(round((value - low) / step), math.floor((high - low) / step + 1e-9))
     return low + steps * step
+
+
+def _next_on_grid(value: float, origin: float, step: float) -> float:
+    """The value of the grid ``origin + n * step`` at or just above `value`."""
+    return origin + math.ceil((value - origin) / step - 1e-9) * step if step > 0 else value

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 _PHASE_GAIN = 0.2  # follows clock latches (tens of us a second) within a few frames, averages their jitter
 _PERIOD_GAIN = 0.01  # an hour's outage must not cost a trigger at crystal precision, so the rate is averaged long
-_LARGEST_RATE_ERROR = 0.01  # a rate further off is another rate, not a tolerance: it shows as ignored triggers
+_LARGEST_RATE_ERROR = 0.01  # what is further off is another rate and no tolerance
 
 
 class TriggerGrid:
@@ -23,6 +23,11 @@ class TriggerGrid:
     def period_ns(self) -> float:
         """The trigger period as seen, in ns of the host clock."""
         return self._period_ns
+
+    @property
+    def off_rate(self) -> bool:
+        """Whether the triggers seem to come at another rate than the nominal one."""
+        return abs(self._period_ns / self._nominal_period_ns - 1.0) > 0.99 * _LARGEST_RATE_ERROR
 
     def time_of(self, trigger: int) -> float:
         """When `trigger` is expected (host clock, ns)."""

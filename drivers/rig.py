@@ -14,13 +14,20 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from drivers.camera import Camera, CameraDescription, IncompleteFrame
-from drivers.errors import CameraError, CameraLostError, UnsupportedCameraError
+from drivers.errors import (
+    AutoexposeError,
+    CameraError,
+    CameraLostError,
+    ConfigurationError,
+    UnsupportedCameraError,
+)
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Frame, Side
 
 log = logging.getLogger(__name__)
 
 _CLOCK_PERIOD_S = 1.0  # a crystal off by 50 ppm drifts 50 us in it, far below a trigger period
+_SHORTEST_BACK_OFF_S = 0.1
 _LONGEST_BACK_OFF_S = 2.0
 _FRAME_POLL_S = 0.05
 _BACKLOG = 24  # frames that may wait for the control thread before pixels are let go
@@ -44,10 +51,10 @@ class CameraSilent:
 
 @dataclass(frozen=True, slots=True)
 class CameraGone:
-    """A camera is lost or cannot be opened; it is tried again unless `final`."""
+    """A camera is lost or cannot be opened; it is tried again unless `final`: it never can be."""
 
     side: Side
-    error: CameraError
+    error: AutoexposeError
     final: bool
 
 
@@ -160,28 +167,35 @@ class _Unit:
         return not self._thread.is_alive()
 
     def _live(self) -> None:
-        back_off_s = 0.1
+        back_off_s = _SHORTEST_BACK_OFF_S
+        ever_ran = False
         while not self._stopping:
             try:
                 camera = self._opener()
-            except CameraError as error:
-                final = isinstance(error, UnsupportedCameraError)
-                self._events.put(CameraGone(self._side, error, final))
+            except AutoexposeError as error:
+                final = isinstance(error, UnsupportedCameraError | ConfigurationError) and not ever_ran
+                self._events.put(CameraGone(self._side, error.with_traceback(None), final))
                 if final:
                     return
-                self._rest(back_off_s)
-                back_off_s = min(2 * back_off_s, _LONGEST_BACK_OFF_S)
-                continue
-            back_off_s = 0.1
-            try:
-                self._run(camera)
-            except CameraError as error:
-                # An error's traceback would keep the camera from being freed.
-                self._events.put(CameraGone(self._side, error.with_traceback(None), final=False))
-                # A dead camera is closed aside: that takes up to 10 s, and it may be back long before.
-                threading.Thread(target=camera.close, name=f"close-{self._side}", daemon=True).start()
             else:
-                camera.close()
+                began_s = time.monotonic()
+                self._run_and_close(camera)
+                ever_ran = True
+                if time.monotonic() - began_s > _LONGEST_BACK_OFF_S:
+                    back_off_s = _SHORTEST_BACK_OFF_S
+            self._rest(back_off_s)
+            back_off_s = min(2 * back_off_s, _LONGEST_BACK_OFF_S)
+
+    def _run_and_close(self, camera: Camera) -> None:
+        try:
+            self._run(camera)
+        except CameraError as error:
+            # An error's traceback would keep the camera from being freed.
+            self._events.put(CameraGone(self._side, error.with_traceback(None), final=False))
+            # A dead camera is closed aside: that takes up to 10 s, and it may be back long before.
+            threading.Thread(target=camera.close, name=f"close-{self._side}", daemon=True).start()
+        else:
+            camera.close()
 
     def _run(self, camera: Camera) -> None:
         """Stream and serve writes until told to stop, or until the camera is lost (raises CameraError)."""

@@ -42,16 +42,9 @@ class CameraSetup:
         `binning` x `binning` pixels are read as one, over the whole sensor.
     packet_size_bytes
         GigE Vision only: size of a stream packet, headers included; None asks for the largest that arrives.
-    socket_buffer_bytes
-        GigE Vision only: what the kernel keeps while no one reads. It is capped by ``net.core.rmem_max``.
-    packet_timeout_ms
-        GigE Vision only: a packet so late is asked for again. With Aravis' own 20 ms one lost packet holds up a frame
-        for two periods at 60 Hz, and all frames behind it.
     """
 
     trigger: TriggerSetup
     pixel_format: PixelFormat | None = None
     binning: int | None = None
     packet_size_bytes: int | None = None
-    socket_buffer_bytes: int = 4 << 20
-    packet_timeout_ms: float = 2.0

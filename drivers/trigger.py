@@ -54,6 +54,8 @@ def _arm_line(nodes: NodeMap, line: str) -> tuple[str, ...]:
         raise ConfigurationError(
             f"camera {nodes.serial}: no trigger line {line!r}; it has {', '.join(_lines(nodes))} (trigger line)"
         )
+    if nodes.available("AcquisitionFrameRateEnable"):
+        nodes.write_boolean("AcquisitionFrameRateEnable", False)  # some cameras cap triggered frames by it, too
     nodes.write_entry("TriggerSource", line)
     if "RisingEdge" in nodes.entries("TriggerActivation"):
         nodes.write_entry("TriggerActivation", "RisingEdge")

@@ -42,6 +42,12 @@ def _parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     return parser.parse_args(arguments)
 
 
+def _serial(text: str) -> str:
+    if not 1 <= len(text.encode()) <= 15 or not text.isascii():
+        raise argparse.ArgumentTypeError(f"{text!r} does not fit: GigE Vision has room for 15 ASCII characters")
+    return text
+
+
 def _rate(text: str) -> float:
     rate_hz = float(text)
     if not 1 <= rate_hz <= 1000:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import select
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -29,8 +31,14 @@ class Pulse:
 
 
 @contextmanager
-def fake_cameras(folder: Path, arguments: Sequence[str], wire: str) -> Iterator[list[Path]]:
-    """Run a left and a right fake camera on one trigger wire; yields their truth files."""
+def fake_cameras(folder: Path, arguments: Sequence[str], wire: str, stop: threading.Event) -> Iterator[list[Path]]:
+    """Run a left and a right fake camera on one trigger wire; yields their truth files.
+
+    Raises
+    ------
+    AutoexposeError
+        When a camera does not start, or `stop` is set before both have.
+    """
     truths = [folder / f"{side}.truth.jsonl" for side in SERIALS]
     with ExitStack() as stack:
         starting = [
@@ -38,7 +46,7 @@ def fake_cameras(folder: Path, arguments: Sequence[str], wire: str) -> Iterator[
             for side, truth in zip(SERIALS, truths, strict=True)
         ]
         for side, process in zip(SERIALS, starting, strict=True):
-            _wait_ready(side, process)
+            _wait_ready(side, process, stop)
         yield truths
 
 
@@ -59,13 +67,14 @@ def _fake_camera(side: Side, truth: Path, arguments: Sequence[str]) -> Iterator[
             process.communicate()
 
 
-def _wait_ready(side: Side, process: subprocess.Popen[str]) -> None:
+def _wait_ready(side: Side, process: subprocess.Popen[str], stop: threading.Event) -> None:
+    """Until the camera prints its first line."""
     assert process.stdout is not None
-    too_late = threading.Timer(_READY_S, process.kill)
-    too_late.start()
-    line = process.stdout.readline()
-    too_late.cancel()
-    if not line:
+    deadline_s = time.monotonic() + _READY_S
+    while not select.select([process.stdout], [], [], 0.1)[0]:
+        if stop.is_set() or time.monotonic() > deadline_s:
+            raise AutoexposeError(f"stopped before the {side} fake camera was ready")
+    if not process.stdout.readline():
         _, complaint = process.communicate()
         lines = complaint.strip().splitlines() or ["it said nothing"]
         raise AutoexposeError(f"the {side} fake camera did not start: {lines[-1]}")

@@ -64,13 +64,16 @@ def light_steps(pulses: Sequence[Pulse], records: Sequence[StepRecord]) -> list[
 def frames_to_settle(following: Sequence[StepRecord]) -> int | None:
     """Frames until the first of 10 in a row whose level is within 0.25 stops of where it ends, most of them unclipped.
 
-    Where it ends is the median level of the last 20 frames.
+    Where it ends is the median level of the last 20 frames. Frames are counted by their triggers, lost ones included.
     """
     end = np.median([record.applied.level for record in following[-_REFERENCE_FRAMES:]])
     run = 0
     for index, record in enumerate(following):
         clipped = record.saturated_share + record.black_share >= _LARGEST_CLIPPED_SHARE
+        missed = index > 0 and record.trigger != following[index - 1].trigger + 1
+        if missed:
+            run = 0
         run = 0 if clipped or abs(record.applied.level - end) > _SETTLED_STOPS else run + 1
         if run == _SETTLED_FRAMES:
-            return index + 1 - _SETTLED_FRAMES
+            return following[index + 1 - _SETTLED_FRAMES].trigger - following[0].trigger
     return None

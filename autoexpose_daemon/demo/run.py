@@ -19,6 +19,7 @@ from rich.table import Table
 
 from autoexpose_daemon.cameras import openers
 from autoexpose_daemon.config import Config
+from autoexpose_daemon.control.policies import check_policy_id
 from autoexpose_daemon.demo.fakes import SERIALS, Pulse, fake_cameras, read_pulses
 from autoexpose_daemon.demo.record import Recorder
 from autoexpose_daemon.demo.report import LightStep, light_steps, pulses_in_window
@@ -55,6 +56,7 @@ def run_demo(options: DemoOptions, stop: threading.Event, console: Console) -> N
     """
     if importlib.util.find_spec("numba") is None:
         raise ConfigurationError("the fake cameras need the extra `sim`: pip install 'autoexpose-daemon[sim]'")
+    _check_writable(options.summary, options.plot)
     config = _configuration(options.policy)
     arguments = ["--scene", options.scene, "--seed", str(options.seed)]
     if options.light is not None:
@@ -62,7 +64,7 @@ def run_demo(options: DemoOptions, stop: threading.Event, console: Console) -> N
     recorder = Recorder(_PICTURE_PERIOD_S)
     with tempfile.TemporaryDirectory(prefix="autoexpose-demo-") as folder:
         console.print("starting two fake cameras ... (the first start compiles their renderer)")
-        with fake_cameras(Path(folder), arguments, f"demo-{os.getpid()}") as truths:
+        with fake_cameras(Path(folder), arguments, f"demo-{os.getpid()}", stop) as truths:
             daemon = Daemon(config, openers(config), recorder)
             cpu_percent = _run_for(options.seconds, daemon, stop, console, f"autoexpose demo, {options.policy}")
             reference_ms = reference_step_ms(_REFERENCE_REPEATS)
@@ -86,16 +88,21 @@ def run_demo(options: DemoOptions, stop: threading.Event, console: Console) -> N
 
 
 def _configuration(policy: str) -> Config:
-    try:
-        return Config.model_validate(
-            {
-                "cameras": {side: {"serial": serial} for side, serial in SERIALS.items()},
-                "trigger": {"mode": "external", "line": "Line0", "rate_hz": _RATE_HZ},
-                "control": {"policy": policy},
-            }
-        )
-    except ValueError as error:
-        raise ConfigurationError(f"--policy: {error}") from error
+    check_policy_id(policy)
+    return Config.model_validate(
+        {
+            "cameras": {side: {"serial": serial} for side, serial in SERIALS.items()},
+            "trigger": {"mode": "external", "line": "Line0", "rate_hz": _RATE_HZ},
+            "control": {"policy": policy},
+        }
+    )
+
+
+def _check_writable(*files: Path | None) -> None:
+    """Before the run, not after it."""
+    for file in files:
+        if file is not None and (file.is_dir() or not os.access(file.absolute().parent, os.W_OK)):
+            raise ConfigurationError(f"{file}: cannot be written; name a file in a folder that is there")
 
 
 def _run_for(seconds: float, daemon: Daemon, stop: threading.Event, console: Console, title: str) -> float:

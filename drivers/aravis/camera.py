@@ -24,6 +24,11 @@ from drivers.trigger import arm_trigger
 
 BUFFERS = 16
 """A quarter of a second at 60 Hz: longer than any pause of the reading thread worth surviving."""
+SOCKET_BUFFER_BYTES = 4 << 20
+"""What the kernel keeps of a GigE Vision stream while no one reads; capped by ``net.core.rmem_max``."""
+PACKET_TIMEOUT_US = 2_000
+"""A packet so late is asked for again. With Aravis' own 20 ms one lost packet holds up its frame, and those behind it,
+for two periods at 60 Hz."""
 FRAME_RETENTION_US = 50_000
 """A GigE Vision frame still incomplete so long after its last packet is given up; frames behind it wait until then."""
 _HOLES = (
@@ -183,8 +188,8 @@ def _create_stream(camera: Any, nodes: AravisNodes, setup: CameraSetup) -> Any:
     stream = nodes.call("open the stream", camera.create_stream, None, None)
     if camera.is_gv_device():
         stream.set_property("socket-buffer", Aravis.GvStreamSocketBuffer.FIXED)
-        stream.set_property("socket-buffer-size", setup.socket_buffer_bytes)
-        stream.set_property("packet-timeout", int(setup.packet_timeout_ms * 1e3))
+        stream.set_property("socket-buffer-size", SOCKET_BUFFER_BYTES)
+        stream.set_property("packet-timeout", PACKET_TIMEOUT_US)
         stream.set_property("frame-retention", FRAME_RETENTION_US)
     payload_bytes = nodes.call("read the payload size", camera.get_payload)
     for _ in range(BUFFERS):

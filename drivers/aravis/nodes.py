@@ -14,6 +14,11 @@ T = TypeVar("T")
 _SILENCE = (Aravis.DeviceError.TIMEOUT, Aravis.DeviceError.NOT_CONNECTED)
 
 
+def is_silence(error: GLib.Error) -> bool:
+    """Whether Aravis says that a request was left without an answer."""
+    return any(error.matches(Aravis.device_error_quark(), code) for code in _SILENCE)
+
+
 class AravisNodes:
     """The node map of an Aravis device (see `drivers.nodes.NodeMap`), its errors in this project's words."""
 
@@ -43,7 +48,7 @@ class AravisNodes:
             del failure  # it would hold this frame, the frame it, and the garbage collector block on a dead camera
 
     def _told(self, error: GLib.Error, doing: str) -> CameraError:
-        if any(error.matches(Aravis.device_error_quark(), code) for code in _SILENCE):
+        if is_silence(error):
             self.silent.set()
             return CameraLostError(f"camera {self.serial} does not answer: could not {doing}")
         return NodeError(f"camera {self.serial}: could not {doing}: {error.message}")

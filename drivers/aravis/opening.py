@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import time
 from typing import Any
 
 from drivers.aravis.camera import AravisCamera
 from drivers.aravis.discovery import OPENING, FoundCamera, find_camera
 from drivers.aravis.introspection import Aravis, GLib
-from drivers.aravis.nodes import AravisNodes
-from drivers.errors import AutoexposeError, CameraBusyError, CameraNotFoundError
+from drivers.aravis.nodes import AravisNodes, is_silence
+from drivers.errors import AutoexposeError, CameraBusyError, CameraLostError, CameraNotFoundError
 from drivers.setup import CameraSetup
-
-CONTROL_PATIENCE_S = 4.0
-"""A camera keeps a killed controller for its heartbeat timeout, 3 s as a rule."""
-CONTROL_RETRY_S = 0.2
 
 
 def open_camera(serial: str, setup: CameraSetup) -> AravisCamera:
@@ -47,17 +42,16 @@ def _set_up(found: FoundCamera, setup: CameraSetup) -> AravisCamera:
 
 
 def _take_control(camera: Any, serial: str) -> None:
-    """A GigE Vision camera opens for anyone, without a word on who controls it: insist. USB3 claims are exclusive."""
-    if not camera.is_gv_device():
-        return
+    """A GigE Vision camera opens for anyone, without a word on who controls it. USB3 claims are exclusive.
+
+    A camera keeps a killed controller for its heartbeat timeout, 3 s as a rule: after a CameraBusyError, try again.
+    """
     device = camera.get_device()
-    deadline_s = time.monotonic() + CONTROL_PATIENCE_S
-    while not device.is_controller():
-        try:
-            device.take_control()
-        except GLib.Error as error:
-            if time.monotonic() > deadline_s:
-                raise CameraBusyError(
-                    f"camera {serial} is controlled by another program ({error.message}); close that one"
-                ) from None
-            time.sleep(CONTROL_RETRY_S)
+    if not camera.is_gv_device() or device.is_controller():
+        return
+    try:
+        device.take_control()
+    except GLib.Error as error:
+        if is_silence(error):
+            raise CameraLostError(f"camera {serial} was found but does not answer any more") from None
+        raise CameraBusyError(f"camera {serial} is controlled by another program; close that one") from None

@@ -19,3 +19,17 @@ def test_arv_camera_test_completes_every_buffer() -> None:
     failures = int(re.findall(r"n_failures\s*=\s*(\d+)", result.stdout)[-1])
     assert completed > 100
     assert failures == 0
+
+
+def test_arv_tool_lists_both_cameras_and_reads_and_writes_their_nodes() -> None:
+    def tool(*arguments: str) -> str:
+        return subprocess.run(
+            ["arv-tool-0.8", *arguments], text=True, capture_output=True, timeout=30, check=True
+        ).stdout
+
+    with fake_camera(side="left") as left, fake_camera(side="right") as right:
+        listed = tool()
+        for camera, exposure_us in ((left, 1234), (right, 4321)):
+            assert camera.serial in listed
+            tool("-a", camera.address, "control", "ExposureAuto=Off", f"ExposureTime={exposure_us}")
+            assert f"ExposureTime = {exposure_us} " in tool("-a", camera.address, "control", "ExposureTime") + " "

@@ -42,7 +42,9 @@ class Run:
         deadline = time.monotonic() + PATIENCE_S
         while not condition():
             assert not self.failure, self.failure
-            assert time.monotonic() < deadline, f"waited in vain for {what}: {self.daemon.telemetry.line()}"
+            assert time.monotonic() < deadline, (
+                f"waited in vain for {what}: {self.daemon.telemetry.line(time.monotonic_ns())}"
+            )
             threading.Event().wait(0.01)
 
     def wait_for_pairs(self, count: int) -> None:

@@ -43,12 +43,18 @@ def test_a_bad_file_is_one_sentence_and_no_traceback(tmp_path: Path) -> None:
     )
 
 
-@pytest.mark.parametrize("policy", ["begin2021", "kim2018"])
-def test_a_policy_that_cannot_be_had_is_named(policy: str) -> None:
-    result = autoexpose("demo", "--policy", policy)
+def test_a_policy_that_does_not_exist_is_named_with_a_near_one() -> None:
+    result = autoexpose("demo", "--policy", "begin2021")
     assert result.returncode == 1
-    assert policy in result.stderr
-    assert "Traceback" not in result.stderr
+    assert result.stderr.startswith("autoexpose: there is no policy 'begin2021'; did you mean begin2022?")
+    assert result.stderr.count("\n") == 1
+
+
+def test_a_summary_that_cannot_be_written_is_refused_before_the_run(tmp_path: Path) -> None:
+    result = autoexpose("demo", "--summary", str(tmp_path / "missing" / "out.json"))
+    assert result.returncode == 1
+    assert result.stderr.count("\n") == 1
+    assert "out.json" in result.stderr
 
 
 def test_a_scene_that_cannot_be_read_ends_the_demo_with_the_cameras_own_words() -> None:

@@ -28,6 +28,13 @@ def test_a_frame_out_of_ten_starts_the_count_again() -> None:
     assert frames_to_settle([record(n, level) for n, level in enumerate(levels)]) == 10
 
 
+def test_lost_frames_count_and_break_the_run() -> None:
+    every_second = [record(2 * n, 11.0 if n < 5 else 12.0) for n in range(30)]
+    assert frames_to_settle(every_second) is None
+    one_lost = [record(n, 11.0 if n < 5 else 12.0) for n in range(60) if n != 3]
+    assert frames_to_settle(one_lost) == 5
+
+
 def test_an_oscillation_never_settles() -> None:
     assert frames_to_settle([record(n, 11.0 + n % 2) for n in range(80)]) is None
 

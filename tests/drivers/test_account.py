@@ -178,6 +178,14 @@ def test_superseded_pairs_are_stale() -> None:
     assert rig.account.tally.pairs == 2
 
 
+@pytest.mark.parametrize(("rate_error", "off"), [(0.0, False), (0.003, False), (0.05, True), (-0.05, True)])
+def test_a_trigger_at_another_rate_is_noticed(rate_error: float, off: bool) -> None:
+    rig = FakeRig(period_ns=PERIOD_NS * (1 + rate_error))
+    rig.pulses(600)
+    assert rig.account.grid is not None
+    assert rig.account.grid.off_rate is off
+
+
 def test_frames_between_triggers_are_surplus() -> None:
     rig = FakeRig(period_ns=PERIOD_NS / 4)
     rig.pulses(40)
@@ -194,6 +202,48 @@ def test_a_camera_that_answers_but_sends_nothing_takes_bounded_memory() -> None:
     assert len(rig.released) > 1900
     rig.close()
     assert rig.account.tally.triggers == 2004
+
+
+def test_a_camera_that_never_got_a_trigger_takes_bounded_memory() -> None:
+    rig = FakeRig()
+    rig.pulses(2000, right="absent")
+    assert len(rig.account._open) < 700
+    assert len(rig.released) == 2000
+    assert rig.account.tally.lost[LossReason.STARTUP] > 1000
+    assert set(rig.close()) == {"startup"}
+    assert rig.account.tally.triggers == 2000
+
+
+@pytest.mark.parametrize("periods", [100, 1000, 5000])
+def test_a_trigger_that_stands_still_for_long_is_no_loss(periods: int) -> None:
+    rig = FakeRig()
+    rig.pulses(3)
+    rig.pulse(left="silent", right="silent")
+    rig.pulses(periods, left="ignored", right="ignored")
+    rig.pulses(3)
+    assert rig.close() == {}
+    assert rig.account.tally.pairs == 6
+
+
+def test_a_trigger_that_stands_still_at_the_end_is_no_loss() -> None:
+    rig = FakeRig()
+    rig.pulses(5)
+    rig.pulse(left="silent", right="silent")
+    rig.pulses(1000, left="ignored", right="ignored")
+    assert rig.close() == {}
+    assert rig.account.tally.triggers == 5
+
+
+@pytest.mark.parametrize("periods", [50, 400, 1400])
+def test_a_silent_camera_is_not_excused_by_the_shutdown(periods: int) -> None:
+    rig = FakeRig()
+    rig.pulses(3)
+    rig.pulse(right="silent")
+    rig.pulses(periods, right="absent")
+    lost = rig.close()
+    assert "shutdown" not in lost
+    assert sum(lost.values()) == periods + 1
+    assert set(lost) <= {"right_missing", "trigger_ignored"}
 
 
 def test_a_single_free_running_camera_is_counted_by_its_frame_ids() -> None:

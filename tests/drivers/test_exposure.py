@@ -72,6 +72,15 @@ def test_limits_are_cut_to_those_of_the_camera() -> None:
     assert LIMITS.within(camera) == ExposureLimits(50.0, 7500.0, 0.0, 24.0, 1.0, 0.1)
 
 
+@given(st.floats(10, 100), st.floats(0.5, 40), st.floats(5, 17), st.floats(20, 7500))
+def test_cut_limits_keep_the_grid_of_the_camera(least: float, step: float, level: float, time_us: float) -> None:
+    camera = ExposureLimits(least, 1e6, 0.0, 48.0, time_step_us=step)
+    setting = LIMITS.within(camera).realise(level, time_us)
+    steps = (setting.exposure_time_us - least) / step
+    assert steps == pytest.approx(round(steps), abs=1e-5)
+    assert 20.0 <= setting.exposure_time_us <= 7500.0
+
+
 def test_settings_agree_but_for_the_rounding_of_cameras() -> None:
     setting = ExposureSetting(1000.0, 10.0)
     assert setting.agrees_with(ExposureSetting(1005.0, 10.05))

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from drivers.camera import Camera, CameraDescription
-from drivers.errors import CameraLostError, CameraNotFoundError, NodeError, UnsupportedCameraError
+from drivers.errors import CameraLostError, CameraNotFoundError, ConfigurationError, NodeError, UnsupportedCameraError
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Frame, Side
 from drivers.rig import CameraGone, CameraReady, CameraSilent, FrameArrived, Rig, RigEvent, WriteFailed, Written
@@ -129,6 +129,31 @@ def test_a_camera_that_cannot_be_driven_is_not_tried_again() -> None:
 
     with running({"left": opener}) as rig:
         assert wait_for(rig, CameraGone).final
+
+
+def test_a_setup_that_does_not_fit_is_final() -> None:
+    def opener() -> Camera:
+        raise ConfigurationError("camera S: no trigger line 'Line9'")
+
+    with running({"left": opener}) as rig:
+        gone = wait_for(rig, CameraGone)
+        assert gone.final
+        assert "Line9" in str(gone.error)
+
+
+def test_a_camera_that_cannot_start_is_not_opened_in_a_frenzy() -> None:
+    opened: list[ScriptedCamera] = []
+
+    def opener() -> Camera:
+        camera = ScriptedCamera()
+        camera.lost = True
+        opened.append(camera)
+        return camera
+
+    with running({"left": opener}) as rig:
+        for _ in range(3):
+            wait_for(rig, CameraGone)
+        assert len(opened) <= 5
 
 
 def test_a_lost_camera_is_rebuilt_with_the_last_wanted_setting_and_disturbs_no_other() -> None:

@@ -33,6 +33,7 @@ def test_a_line_is_armed_after_every_trigger_is_off() -> None:
         ("TriggerSelector", "FrameStart"),
         ("TriggerMode", "Off"),
         ("TriggerSelector", "FrameStart"),
+        ("AcquisitionFrameRateEnable", False),
         ("TriggerSource", "Line0"),
         ("TriggerActivation", "RisingEdge"),
         ("TriggerOverlap", "ReadOut"),
