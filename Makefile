@@ -8,13 +8,16 @@ APT := $(SUDO) env DEBIAN_FRONTEND=noninteractive apt-get -y --no-install-recomm
 
 # What the daemon and the demo stand on, and what only the tests need.
 DEMO_PACKAGES := gir1.2-aravis-0.8 python3-gi python3-venv
-TEST_PACKAGES := $(DEMO_PACKAGES) aravis-tools-cli aravis-tools tshark
+TEST_PACKAGES := $(DEMO_PACKAGES) aravis-tools-cli aravis-tools tshark gcc libc6-dev python3-dev
+
+# Of the optional C extension: built where there are a compiler and python3-dev, as after `make setup`.
+NATIVE_SOURCES := setup.py $(wildcard autoexpose_daemon/control/native/*)
 
 .PHONY: setup demo test lint bench accept soak clean
 .DEFAULT_GOAL := demo
 
-# Stamps make second runs start at once; they are remade when pyproject.toml changes.
-$(VENV)/demo.stamp: pyproject.toml
+# Stamps make second runs start at once; they are remade when what is installed changes.
+$(VENV)/demo.stamp: pyproject.toml $(NATIVE_SOURCES)
 	@./tools/apt-missing $(DEMO_PACKAGES) | xargs -r sh -c '$(APT) update && $(APT) install "$$@"' --
 	@[ -x $(PY) ] || /usr/bin/python3 -m venv --system-site-packages $(VENV)
 	@echo "installing Python packages into $(VENV) ..."
@@ -54,5 +57,5 @@ soak: $(VENV)/dev.stamp ## endurance: ten minutes of demo, the account must bala
 	$(VENV)/bin/autoexpose demo --seconds 600 --policy neves2009 --summary out/soak.json
 
 clean:
-	rm -rf $(VENV) out build *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) out build *.egg-info autoexpose_daemon/control/_native.*.so .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -3,40 +3,41 @@
 from __future__ import annotations
 
 import difflib
+from dataclasses import fields
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, BeforeValidator, Field, ValidationError, model_validator
 from pydantic_core import ErrorDetails
 
+from autoexpose_daemon.config_roi import RoiConfig
+from autoexpose_daemon.config_section import Finite, Positive, Section
+from autoexpose_daemon.control.parameters import BalanceId, ControlParameters, MotionId
 from autoexpose_daemon.control.policies import check_policy_id
 from calibration.response import ResponseFunction
+from calibration.strict_yaml import load_mapping
 from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Side
-
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 DEFAULT_START = ExposureSetting(2000.0, 0.0)
 """Right for an office, and six stops from either end of the range."""
 
 
-class _Section(BaseModel):
-    """Unknown keys are errors: a misspelt limit must not silently be no limit."""
+def _refuse_number(serial: object) -> object:
+    if isinstance(serial, int | float):  # as a number it may have lost leading zeros already
+        raise ValueError(f'{serial} is a number: put the serial in quotes, "{serial}"')
+    return serial
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
-
-class CameraConfig(_Section):
+class CameraConfig(Section):
     """One camera: its serial, and the file with its response function (none: a linear response)."""
 
-    serial: Annotated[str, Field(min_length=1)]
+    serial: Annotated[str, Field(min_length=1), BeforeValidator(_refuse_number)]
     response: Path | None = None
 
 
-class CamerasConfig(_Section):
+class CamerasConfig(Section):
     """The cameras of the rig; a rig of one camera has only `left`."""
 
     left: CameraConfig
@@ -49,7 +50,7 @@ class CamerasConfig(_Section):
         return self
 
 
-class TriggerConfig(_Section):
+class TriggerConfig(Section):
     """How frames are started: by pulses on an input line, or by the camera itself."""
 
     mode: Literal["external", "primary", "free_run"] = "external"
@@ -57,7 +58,7 @@ class TriggerConfig(_Section):
     rate_hz: Positive = 60.0
 
 
-class ExposureConfig(_Section):
+class ExposureConfig(Section):
     """Bounds of the exposure; each is cut to the camera's own."""
 
     min_time_us: Positive = 20.0
@@ -75,18 +76,40 @@ class ExposureConfig(_Section):
         return ExposureLimits(self.min_time_us, self.max_time_us, self.min_gain_db, self.max_gain_db)
 
 
-class StartConfig(_Section):
+class StartConfig(Section):
     """The exposure before the first frame; the policy `fixed` stays there."""
 
     exposure_time_us: Positive
     gain_db: Finite = 0.0
 
 
-class ControlConfig(_Section):
-    """Which policy decides, and where it starts."""
+_TUNING = ControlParameters()
+
+
+class ControlConfig(Section):
+    """Which policy decides, where it starts, what it looks at, and how it is tuned."""
 
     policy: str = "begin2022"
     start: StartConfig | None = None
+    roi: RoiConfig = RoiConfig()
+    balance: BalanceId = _TUNING.balance
+    flicker_hz: float = _TUNING.flicker_hz
+    motion: MotionId = _TUNING.motion
+    focal_length_px: float | None = _TUNING.focal_length_px
+    metric_delta: float = _TUNING.metric_delta
+    metric_lambda: float = _TUNING.metric_lambda
+    balance_weight: float = _TUNING.balance_weight
+    balance_offset: float = _TUNING.balance_offset
+    mean_target: float = _TUNING.mean_target
+
+    def parameters(self) -> ControlParameters:
+        """What the control loop is tuned with."""
+        return ControlParameters(**{field.name: getattr(self, field.name) for field in fields(ControlParameters)})
+
+    @model_validator(mode="after")
+    def _tuning_makes_sense(self) -> Self:
+        self.parameters()
+        return self
 
     @model_validator(mode="after")
     def _policy_exists(self) -> Self:
@@ -94,11 +117,11 @@ class ControlConfig(_Section):
         return self
 
 
-class ResponseConfig(_Section):
+class ResponseConfig(Section):
     """What holds for the response functions of both cameras; calibration adds to it."""
 
 
-class TransportConfig(_Section):
+class TransportConfig(Section):
     """GigE Vision tuning; the defaults suit a direct link.
 
     `packet_size_bytes` None lets camera and host agree on the largest that passes.
@@ -107,14 +130,14 @@ class TransportConfig(_Section):
     packet_size_bytes: Annotated[int, Field(ge=576, le=16000)] | None = None
 
 
-class ImageConfig(_Section):
+class ImageConfig(Section):
     """What the cameras send; None leaves a camera as it is."""
 
     pixel_format: Literal["Mono8", "Mono12", "Mono16"] | None = None
     binning: Annotated[int, Field(ge=1, le=8)] | None = None
 
 
-class Config(_Section):
+class Config(Section):
     """The whole configuration."""
 
     cameras: CamerasConfig
@@ -131,6 +154,12 @@ class Config(_Section):
             raise ValueError("trigger.mode free_run takes one camera: two that run freely never see the same instant")
         if self.trigger.mode == "primary":
             raise ValueError("trigger.mode primary is not available yet: wire both cameras to one line, mode external")
+        return self
+
+    @model_validator(mode="after")
+    def _regions_have_cameras(self) -> Self:
+        if self.control.roi.right is not None and self.cameras.right is None:
+            raise ValueError("control.roi.right is given, but there is no cameras.right: remove it")
         return self
 
     @model_validator(mode="after")
@@ -168,21 +197,14 @@ class Config(_Section):
 
 
 def load_config(path: Path) -> Config:
-    """Read and check a configuration file, with the response files it names.
+    """Read and check a configuration file, with the response and mask files it names.
 
     Raises
     ------
     ConfigurationError
         One sentence for each thing that is wrong, with file and key.
     """
-    try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ConfigurationError(f"{path}: cannot be read: {error.strerror}") from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ConfigurationError(f"{path}: is not YAML: {' '.join(str(error).split())}") from error
-    if not isinstance(content, dict):
-        raise ConfigurationError(f"{path}: must hold keys such as `cameras:`; see docs/configuration.md")
+    content = load_mapping(path, "begin with `cameras:`; see docs/configuration.md")
     try:
         config = Config.model_validate(content)
     except ValidationError as error:
@@ -193,16 +215,23 @@ def load_config(path: Path) -> Config:
             config.response_of(side)
         except ConfigurationError as error:
             raise ConfigurationError(f"{path}: cameras.{side}.response: {error}") from error
+    try:
+        config.control.roi.regions()
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{path}: {error}") from error
     return config
 
 
 def _with_absolute_paths(config: Config, folder: Path) -> Config:
-    """Response files are named relative to the configuration file, wherever the daemon is started."""
+    """Files are named relative to the configuration file, wherever the daemon is started."""
     cameras: dict[str, CameraConfig] = {
         side: camera.model_copy(update={"response": camera.response and folder / camera.response})
         for side, camera in config.sides.items()
     }
-    return config.model_copy(update={"cameras": config.cameras.model_copy(update=cameras)})
+    control = config.control.model_copy(update={"roi": config.control.roi.relative_to(folder)})
+    return config.model_copy(
+        update={"cameras": config.cameras.model_copy(update=cameras), "control": control},
+    )
 
 
 def _sentence(path: Path, error: ErrorDetails) -> str:
@@ -222,6 +251,8 @@ def _keys_of(parents: list[str]) -> list[str]:
     """The keys known below a path of keys, read off the models themselves."""
     model: type[BaseModel] = Config
     for parent in parents:
+        if parent.isdecimal():  # a place in a list
+            continue
         annotation: Any = model.model_fields[parent].annotation
         candidates = [annotation, *getattr(annotation, "__args__", ())]
         model = next(c for c in candidates if isinstance(c, type) and issubclass(c, BaseModel))

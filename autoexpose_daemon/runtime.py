@@ -73,6 +73,7 @@ class Daemon:
             "frame_id" if config.trigger.mode == "free_run" else "time",
         )
         self._limits: dict[Side, ExposureLimits] = {}
+        self._regions = config.control.roi.regions()
         self._shared_limits: ExposureLimits | None = None
         self._loop: ControlLoop | None = None
         self._asked = config.start
@@ -183,7 +184,14 @@ class Daemon:
                 limits.min_time_us, limits.max_time_us, limits.min_gain_db, limits.max_gain_db,
             )  # fmt: skip
             policy = self._config.control.policy
-            self._loop = ControlLoop(policy, self._config.response_of("left"), limits, self._asked)
+            self._loop = ControlLoop(
+                policy,
+                self._config.response_of("left"),
+                limits,
+                self._asked,
+                parameters=self._config.control.parameters(),
+                regions=self._regions,
+            )
 
     def _on_gone(self, side: Side, error: AutoexposeError, final: bool) -> None:
         self.telemetry.cameras[side] = "gone"

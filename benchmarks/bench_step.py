@@ -1,24 +1,26 @@
-"""What a step of `begin2022` costs by stage, beside the literal step, interleaved, as medians of thread time.
+"""What a step of `begin2022` costs, whole and by stage, beside the literal step: interleaved medians of thread time.
 
-Run with `.venv/bin/python benchmarks/bench_step.py [--repeats N]`.
+Run with `.venv/bin/python benchmarks/bench_step.py [--repeats N] [--json OUT.json]`.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import statistics
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from autoexpose_daemon.control.image import ImagePreparation
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.metrics import ExtremeShares, GradientMetric, PackedTables, mean_signal
-from autoexpose_daemon.control.motion import FarnebackMotion
+from autoexpose_daemon.control.motion import DisMotion, FarnebackMotion
 from autoexpose_daemon.control.optimum import PolynomialFit
+from autoexpose_daemon.control.parameters import ControlParameters, MotionId
 from autoexpose_daemon.control.policies.begin2022 import DEGREE, DELTA_LEVELS
 from autoexpose_daemon.reference_step import ReferenceStep, synthetic_frames
 from calibration.prediction import prediction_tables
@@ -29,90 +31,123 @@ from drivers.frames import Frame, StereoPair
 SETTING = ExposureSetting(1000.0, 10.0)
 LIMITS = ExposureLimits(20.0, 7500.0, 0.0, 30.0)
 FRAME_NS = 16_666_667
+RESPONSE = ResponseFunction.linear()
+PREDICTIONS = (7, 13, 25, 49)
 LITERAL = "literal step"
-OURS = "begin2022, whole step"
+
+Stages = dict[str, Callable[[int], object]]
+"""Things to time by name; each is called with the number of the frame."""
 
 
-class Run:
-    """The things to time, fed with two frames in turn as a camera would."""
+def step_of(frames: tuple[np.ndarray, ...], native: bool, motion: MotionId) -> Callable[[int], object]:
+    """Our whole step."""
+    loop = ControlLoop("begin2022", RESPONSE, LIMITS, SETTING, ControlParameters(motion=motion))
+    loop._metric.native = native  # the policy uses this object too
 
-    def __init__(self) -> None:
-        response = ResponseFunction.linear()
-        self.frames = synthetic_frames()
-        self.turn = 0
-        self.literal = ReferenceStep()
-        self.loop = ControlLoop("begin2022", response, LIMITS, SETTING)
-        self.preparation = ImagePreparation()
-        self.metric = GradientMetric()
-        self.tables = PackedTables(prediction_tables(response, [d for d in DELTA_LEVELS if d != 0]))
-        self.fit = PolynomialFit(DELTA_LEVELS, DEGREE)
-        self.motion = FarnebackMotion(response)
-        self.shares = ExtremeShares(response)
-        self.response = response
-        self.image = self.preparation.prepare(self.frames[0])
-        self.curve: NDArray[np.float64] = np.insert(self.metric.measure_predictions(self.image, self.tables), 3, 0.1)
+    def step(turn: int) -> None:
+        frame = Frame(frames[turn % 2], 8, turn, turn * FRAME_NS, 0, 0, SETTING)
+        loop.step(StereoPair(turn, frame, None))
 
-    def run_literal(self) -> None:
-        self.literal(self.frames[self.turn % 2], self.frames[1 - self.turn % 2])
-
-    def run_loop(self) -> None:
-        pixels = self.frames[1 - self.turn % 2]
-        frame = Frame(pixels, 8, self.turn, self.turn * FRAME_NS, 0, 0, SETTING)
-        self.loop.step(StereoPair(self.turn, frame, None))
-
-    def run_preparation(self) -> None:
-        self.image = self.preparation.prepare(self.frames[1 - self.turn % 2])
-
-    def run_shares(self) -> None:
-        self.shares.measure(self.image)
-        mean_signal(self.image, self.response)
-
-    def run_metric(self) -> None:
-        self.metric.measure(self.image)
-
-    def run_predictions(self) -> None:
-        self.metric.measure_predictions(self.image, self.tables)
-
-    def run_optimum(self) -> None:
-        self.fit.maximum(self.curve)
-
-    def run_motion(self) -> None:
-        self.motion.measure(self.image, 720, SETTING.level, self.turn * FRAME_NS)
+    return step
 
 
-def measure(repeats: int) -> dict[str, float]:
-    """Median thread time of each stage, microseconds."""
-    run = Run()
-    stages: dict[str, Callable[[], None]] = {
-        LITERAL: run.run_literal,
-        OURS: run.run_loop,
-        "  downsize, median": run.run_preparation,
-        "  mean, saturated, black": run.run_shares,
-        "  metric": run.run_metric,
-        "  6 predictions": run.run_predictions,
-        "  polynomial, Newton": run.run_optimum,
-        "  motion (Farneback)": run.run_motion,
+def whole_steps(frames: tuple[np.ndarray, ...], paths: dict[str, bool]) -> Stages:
+    """The literal step and ours, by path and flow."""
+    literal = ReferenceStep()
+    stages: Stages = {LITERAL: lambda turn: literal(frames[1 - turn % 2], frames[turn % 2])}
+    for path, native in paths.items():
+        stages[f"step, {path}"] = step_of(frames, native, "dis")
+        stages[f"step, {path}, same flow"] = step_of(frames, native, "farneback")
+    return stages
+
+
+def single_stages(frames: tuple[np.ndarray, ...], paths: dict[str, bool]) -> Stages:
+    """The parts of our step."""
+    preparation, shares = ImagePreparation(), ExtremeShares(RESPONSE)
+    image = ImagePreparation().prepare(frames[0])
+    images = [image, ImagePreparation().prepare(frames[1])]
+    dis, farneback = DisMotion(RESPONSE), FarnebackMotion(RESPONSE)
+    fit, curve = PolynomialFit(DELTA_LEVELS, DEGREE), 0.3 - 0.02 * np.square(np.asarray(DELTA_LEVELS) - 0.3)
+    stages: Stages = {
+        "downsize, median": lambda turn: preparation.prepare(frames[turn % 2]),
+        "mean, saturated, black": lambda turn: (shares.measure(image), mean_signal(image, RESPONSE)),
+        "motion, DIS": lambda turn: dis.measure(images[turn % 2], 720, SETTING.level, turn * FRAME_NS),
+        "motion, Farneback": lambda turn: farneback.measure(images[turn % 2], 720, SETTING.level, turn * FRAME_NS),
+        "polynomial, Newton": lambda turn: fit.maximum(curve),
     }
+    for path, native in paths.items():
+        metric = GradientMetric(native=native)
+        stages[f"metric, {path}"] = lambda turn, metric=metric: metric.measure(image)
+        for count in PREDICTIONS:
+            tables = PackedTables(prediction_tables(RESPONSE, np.linspace(-2, 2, count).tolist()))
+            stages[f"{count} predictions, {path}"] = lambda turn, metric=metric, tables=tables: (
+                metric.measure_predictions(image, tables)
+            )
+    return stages
+
+
+def measure(stages: Stages, repeats: int) -> dict[str, float]:
+    """Median thread time of each stage, microseconds; the stages take turns."""
     times: dict[str, list[int]] = {name: [] for name in stages}
-    for run.turn in range(1, repeats + 6):
+    for turn in range(1, repeats + 6):
         for name, stage in stages.items():
             start_ns = time.thread_time_ns()
-            stage()
+            stage(turn)
             times[name].append(time.thread_time_ns() - start_ns)
     return {name: statistics.median(samples[5:]) / 1e3 for name, samples in times.items()}
+
+
+def figures_of(times_us: dict[str, float]) -> dict[str, object]:
+    """What --json writes; None for what needs the C extension, where it is not built."""
+
+    def ratio(name: str) -> float | None:
+        return round(times_us[LITERAL] / times_us[name], 3) if name in times_us else None
+
+    return {
+        "ratio_numpy": ratio("step, numpy"),
+        "ratio_native": ratio("step, native"),
+        "ratio_numpy_same_flow": ratio("step, numpy, same flow"),
+        "ratio_native_same_flow": ratio("step, native, same flow"),
+        "opencv_version": cv2.__version__,
+        "instruction_set": instruction_set(),
+        "literal_us": round(times_us[LITERAL], 1),
+        "predictions_us": {
+            path: {str(count): round(times_us[f"{count} predictions, {path}"], 1) for count in PREDICTIONS}
+            for path in ("numpy", "native")
+            if f"metric, {path}" in times_us
+        },
+    }
+
+
+def instruction_set() -> str | None:
+    """The one that the C extension uses here."""
+    try:
+        from autoexpose_daemon.control import _native  # noqa: PLC0415
+    except ImportError:
+        return None
+    return _native.INSTRUCTION_SETS[0]
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--repeats", type=int, default=200)
-    repeats = parser.parse_args().repeats
+    parser.add_argument("--json", type=Path, metavar="OUT.json", help="write the figures here")
+    arguments = parser.parse_args()
+    repeats = max(1, arguments.repeats)
     cv2.setNumThreads(1)
-    times_us = measure(max(1, repeats))
-    print(f"OpenCV {cv2.__version__}, one thread, 720x540, medians of {repeats}")
-    print(f"{'stage':26}{'us':>8}{'share of literal step':>24}")
+    frames = synthetic_frames()
+    paths = {"numpy": False} | ({"native": True} if instruction_set() else {})
+    whole = measure(whole_steps(frames, paths), repeats)
+    times_us = whole | measure(single_stages(frames, paths), repeats)
+    figures = figures_of(times_us)
+    print(f"OpenCV {cv2.__version__}, C extension: {instruction_set() or 'not built'}, one thread, 720x540", end="")
+    print(f", medians of {repeats}\n{'':26}{'us':>8}{'literal step / this':>22}")
     for name, time_us in times_us.items():
-        print(f"{name:26}{time_us:8.0f}{time_us / times_us[LITERAL]:24.3f}")
-    print(f"ratio of the literal step to ours: {times_us[LITERAL] / times_us[OURS]:.2f}")
+        print(f"{name:26}{time_us:8.0f}" + (f"{whole[LITERAL] / time_us:22.2f}" if name in whole else ""))
+    for name in ("ratio_numpy", "ratio_native", "ratio_numpy_same_flow", "ratio_native_same_flow"):
+        print(f"{name} {figures[name]}")
+    if arguments.json:
+        arguments.json.write_text(json.dumps(figures, indent=2) + "\n")
 
 
 if __name__ == "__main__":

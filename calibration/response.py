@@ -11,6 +11,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from calibration.strict_yaml import load_mapping
 from drivers.errors import ConfigurationError
 
 FORMAT = "autoexpose-response/1"
@@ -95,7 +96,7 @@ class ResponseFunction:
         ConfigurationError
             Naming the file, the key and what to do.
         """
-        document = _read(path)
+        document = load_mapping(path, f"begin with 'format: {FORMAT}'")
         for key in document:
             if key not in _KEYS:
                 raise ConfigurationError(f"{path}: unknown key {key!r}: remove it, or update this program")
@@ -136,19 +137,6 @@ class ResponseFunction:
             path.write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
         except OSError as error:
             raise ConfigurationError(f"{path}: cannot be written ({error.strerror}): choose another place") from error
-
-
-def _read(path: Path) -> dict[Any, Any]:
-    """The mapping that a YAML file holds."""
-    try:
-        document = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ConfigurationError(f"{path}: cannot be read ({error.strerror}): check its name and access") from error
-    except (yaml.YAMLError, ValueError, RecursionError) as error:  # ValueError: not UTF-8, or an impossible date
-        raise ConfigurationError(f"{path}: not a YAML file: {str(error).splitlines()[0]}") from error
-    if not isinstance(document, dict):
-        raise ConfigurationError(f"{path}: no keys in it: begin with 'format: {FORMAT}'")
-    return document
 
 
 def _fits_float(number: float) -> bool:

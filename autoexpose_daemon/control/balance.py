@@ -55,3 +55,51 @@ class ExposurePriority:
     def exposure_time_us(self, level: float, motion_px: float, limits: ExposureLimits) -> float:
         """The time that gives the whole level at the lowest gain."""
         return math.exp2(level) / linear_gain(limits.min_gain_db)
+
+
+@dataclass(frozen=True, slots=True)
+class FixedRatio:
+    """``g = k t``: gain and time rise together (Lu et al. 2010, Begin & Hunter 2022, section 1.3).
+
+    k is such that both reach their upper bounds at once, so the whole range of levels can be had; below the level
+    where the gain meets its lower bound only the time is left to change.
+    """
+
+    def exposure_time_us(self, level: float, motion_px: float, limits: ExposureLimits) -> float:
+        """``t = sqrt(c / k)`` of ``t g = c``."""
+        k = linear_gain(limits.max_gain_db) / limits.max_time_us
+        return math.sqrt(math.exp2(level) / k)
+
+
+@dataclass(frozen=True, slots=True)
+class FixedGain:
+    """The gain stays, only the time changes (Kim et al. 2018); beyond what the time can give, bounds decide."""
+
+    gain_db: float
+
+    def exposure_time_us(self, level: float, motion_px: float, limits: ExposureLimits) -> float:
+        """The time that gives the level at the fixed gain."""
+        return math.exp2(level) / linear_gain(self.gain_db)
+
+
+@dataclass(frozen=True, slots=True)
+class FlickerBalance:
+    """Exposure times of whole flicker periods, which see every phase of the light alike; the gain gives the rest.
+
+    As `ExposurePriority`, with the time rounded down to whole periods. Where not even one period fits under the
+    upper bound of the time, or the light is too strong for it at the lowest gain, exposure priority it is.
+
+    Attributes
+    ----------
+    flicker_hz
+        Flashes per second: twice the mains frequency, 100 or 120.
+    """
+
+    flicker_hz: float
+
+    def exposure_time_us(self, level: float, motion_px: float, limits: ExposureLimits) -> float:
+        """The longest whole number of periods within the time of exposure priority and the bounds, or that time."""
+        period_us = 1e6 / self.flicker_hz
+        priority_us = ExposurePriority().exposure_time_us(level, motion_px, limits)
+        periods = math.floor(min(priority_us, limits.max_time_us) / period_us * (1 + 1e-9))
+        return periods * period_us if periods else priority_us

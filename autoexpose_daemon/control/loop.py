@@ -2,27 +2,40 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
 
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.image import ImagePreparation
 from autoexpose_daemon.control.metrics import ExtremeShares, GradientMetric, mean_signal
-from autoexpose_daemon.control.motion import FarnebackMotion
-from autoexpose_daemon.control.parameters import ControlParameters
+from autoexpose_daemon.control.motion import DisMotion, FarnebackMotion, FlowMotion
+from autoexpose_daemon.control.parameters import ControlParameters, MotionId
 from autoexpose_daemon.control.policies import PolicySetup, build_policy
 from autoexpose_daemon.control.policy import Observation, PastStep
+from autoexpose_daemon.control.region import Region
 from calibration.response import ResponseFunction
+from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.frames import StereoPair
+from drivers.frames import Frame, Side, StereoPair
 
 REMEMBERED_STEPS = 32
 """Half a second at 60 Hz: the slowest camera reported takes 0.4 s from write to effect."""
+
+REFERENCE_RATE_HZ = 60.0
+"""Image speeds are in pixels per 1/60 s, the unit of the paper's tuning."""
+
+FARNEBACK_POLICIES = ("begin2022", "mehta2020")
+"""Those that Begin & Hunter ran with their own balance, and so with Farneback's flow."""
 
 _DEFAULT_PARAMETERS = ControlParameters()
 
 
 class ControlLoop:
-    """Decides once per stereo pair, on the left frame, for both cameras.
+    """Decides once per stereo pair, for both cameras.
 
     Targets are absolute: the level of this frame, as its metadata tell it, plus a change. So frames that were on
     their way while a setting was being written are never corrected twice.
@@ -38,12 +51,14 @@ class ControlLoop:
     start
         The setting the cameras start with; the policy `fixed` stays there.
     parameters
-        Tuning.
+        Tuning and choices.
+    regions
+        What counts in the picture of a camera; all of it where there is none.
 
     Raises
     ------
     ConfigurationError
-        For a policy that does not exist or is not built yet.
+        For a policy that does not exist.
     """
 
     def __init__(
@@ -53,36 +68,49 @@ class ControlLoop:
         limits: ExposureLimits,
         start: ExposureSetting,
         parameters: ControlParameters = _DEFAULT_PARAMETERS,
+        *,
+        regions: Mapping[Side, Region] | None = None,
     ) -> None:
         self._limits = limits
         self._response = response
+        self._focal_length_px = parameters.focal_length_px
         self._metric = GradientMetric(parameters.metric_delta, parameters.metric_lambda)
         self._policy = build_policy(policy_id, PolicySetup(response, self._metric, start, parameters))
-        self._preparation = ImagePreparation()
-        self._right_preparation = ImagePreparation()
+        self._views = {"left": View(), "right": View()}
+        for side, region in (regions or {}).items():
+            self._views[side] = View(region)
         self._shares = ExtremeShares(response)
-        self._motion = FarnebackMotion(response)
+        self._motion = _flow(parameters.motion, policy_id, response)
         self._past: deque[PastStep] = deque(maxlen=REMEMBERED_STEPS)
 
-    def step(self, pair: StereoPair) -> Decision:
+    def step(self, pair: StereoPair, angular_rate_rad_s: float | None = None) -> Decision:
         """Look at a pair and decide on the next setting of both cameras.
 
         The left frame must have at least 90x68 pixels. Left and right may have been taken with different settings:
         everything refers to the left frame and its own setting.
 
+        Parameters
+        ----------
+        pair
+            The frames.
+        angular_rate_rad_s
+            How fast the camera turns, by an inertial sensor; the speed of image points is then this rate times the
+            focal length, and no flow is computed. None: flow.
+
         Raises
         ------
         ConfigurationError
-            For a frame that is too small.
+            For a frame that is too small, a region that does not fit the frames, or an angular rate without a focal
+            length.
         """
-        observation = self._observe(pair)
+        observation = self._observe(pair, angular_rate_rad_s)
         target = self._policy.decide(observation)
         level = self._limits.clamp_level(target.level)
         wished_us = target.exposure_time_us
         if wished_us is None:
             wished_us = self._policy.balance.exposure_time_us(level, observation.motion_px, self._limits)
         setting = self._limits.realise(level, wished_us)
-        self._past.append(PastStep(setting, observation.setting.level, observation.metric, target.predicted_metric))
+        self._past.append(PastStep(setting, observation.setting.level, observation.metric, target))
         return Decision(
             setting=setting,
             level=level,
@@ -93,27 +121,65 @@ class ControlLoop:
             motion_px=observation.motion_px,
         )
 
-    def _observe(self, pair: StereoPair) -> Observation:
-        left = pair.left
-        image = self._preparation.prepare(left.grey8())
-        saturated_share, black_share = self._shares.measure(image)
+    def _observe(self, pair: StereoPair, angular_rate_rad_s: float | None) -> Observation:
+        left, right = pair.left, pair.right
+        image, weights = self._views["left"].look(left)
+        right_image, right_weights = (None, None) if right is None else self._views["right"].look(right)
+        saturated_share, black_share = self._shares.measure(image, weights)
         return Observation(
             image=image,
-            right_image=None if pair.right is None else self._right_preparation.prepare(pair.right.grey8()),
+            right_image=right_image,
             setting=left.setting,
             device_time_ns=left.device_time_ns,
-            metric=self._metric.measure(image),
-            mean=mean_signal(image, self._response),
+            metric=self._metric.measure(image, weights),
+            mean=mean_signal(image, self._response, weights),
             saturated_share=saturated_share,
             black_share=black_share,
-            motion_px=self._motion.measure(image, left.pixels.shape[1], left.setting.level, left.device_time_ns),
+            motion_px=self._speed_px(image, left, angular_rate_rad_s),
             limits=self._limits,
             realised=self._decision_realised_by(left.setting),
+            weights=weights,
+            right_weights=right_weights,
         )
+
+    def _speed_px(self, image: NDArray[np.uint8], frame: Frame, angular_rate_rad_s: float | None) -> float:
+        """Mean speed of image points, pixels of full resolution per 1/60 s."""
+        if angular_rate_rad_s is None:
+            return self._motion.measure(image, frame.pixels.shape[1], frame.setting.level, frame.device_time_ns)
+        if self._focal_length_px is None:
+            raise ConfigurationError("an angular rate needs control.focal_length_px: give the focal length in pixels")
+        if not math.isfinite(angular_rate_rad_s):
+            raise ConfigurationError(f"the angular rate is {angular_rate_rad_s}: give a finite number of rad/s")
+        return abs(angular_rate_rad_s) * self._focal_length_px / REFERENCE_RATE_HZ
 
     def _decision_realised_by(self, setting: ExposureSetting) -> PastStep | None:
         """The latest remembered step that decided on `setting`."""
         return next((past for past in reversed(self._past) if past.setting.agrees_with(setting)), None)
+
+
+class View:
+    """How control looks at one camera: the prepared image, and the weights of its region."""
+
+    def __init__(self, region: Region | None = None) -> None:
+        self._preparation = ImagePreparation()
+        self._region = region
+        self._weights: NDArray[np.uint8] | None = None
+        self._shape: tuple[int, ...] = ()
+
+    def look(self, frame: Frame) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
+        """The prepared image of a frame, valid until the next call, and its weights."""
+        image = self._preparation.prepare(frame.grey8())
+        if self._region is not None and frame.pixels.shape != self._shape:
+            self._weights = self._region.weights(frame.pixels.shape)
+            self._shape = frame.pixels.shape
+        return image, self._weights
+
+
+def _flow(motion: MotionId, policy_id: str, response: ResponseFunction) -> FlowMotion:
+    """The optical flow that was configured, or else that of the policy."""
+    if motion == "policy":
+        motion = "farneback" if policy_id in FARNEBACK_POLICIES else "dis"
+    return FarnebackMotion(response) if motion == "farneback" else DisMotion(response)
 
 
 def _limited(reason: str, above: bool) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -9,16 +11,23 @@ from numpy.typing import NDArray
 from autoexpose_daemon.control.image import FLOW_SIZE, fit
 from calibration.prediction import prediction_table
 from calibration.response import ResponseFunction
+from drivers.errors import ConfigurationError
 
 REFERENCE_INTERVAL_NS = 1e9 / 60
 """Speeds are per 1/60 s: the paper's tuning (k_offset, w) belongs to displacements per frame of its 60 Hz camera."""
+
+_DIS_FINEST_SCALE = 1
+"""Flow is found at half of the size and enlarged."""
+
+_DIS_LEAST_SIDE = 16
+"""Twice DIS' patches of 8 pixels; OpenCV 5.0 may crash below."""
 
 LONGEST_INTERVAL_NS = 250e6
 """Frames further apart (quarter of a second, 15 frames of the paper's camera) do not show the same things any more."""
 
 
-class FarnebackMotion:
-    """Mean speed of image points between successive frames.
+class FlowMotion(ABC):
+    """Mean speed of image points between successive frames, by an optical flow that subclasses bring.
 
     The previous frame is first brought to the exposure of this one through the response function, since flow takes a
     change of brightness for motion.
@@ -30,6 +39,10 @@ class FarnebackMotion:
         self._previous_time_ns: int | None = None
         self._current = np.empty((0, 0), np.uint8)
         self._allocate((0, 0))
+
+    @abstractmethod
+    def _calculate(self, previous: NDArray[np.uint8], current: NDArray[np.uint8], flow: NDArray[np.float32]) -> None:
+        """Write into `flow`, (height, width, 2), how far each pixel of `previous` has moved, in pixels."""
 
     def measure(self, image: NDArray[np.uint8], full_width: int, level: float, device_time_ns: int) -> float:
         """Mean speed in pixels of full resolution per 1/60 s; 0 for a frame without a usable predecessor.
@@ -44,6 +57,11 @@ class FarnebackMotion:
             Exposure level of this frame, stops.
         device_time_ns
             Time stamp of this frame on its camera's clock.
+
+        Raises
+        ------
+        ConfigurationError
+            For frames that `DisMotion` cannot work on.
         """
         if image.shape != self._shape:
             self._allocate(image.shape)
@@ -70,8 +88,7 @@ class FarnebackMotion:
         """Mean length of the flow (pixels of the small image) from the previous image to this one."""
         table = prediction_table(self._response, level - self._previous_level)
         cv2.LUT(self._previous, table, dst=self._previous_here)
-        # The paper's parameters: pyramid 0.5, 1 level, window 5, 3 iterations, neighbourhood 5, sigma 1.1.
-        cv2.calcOpticalFlowFarneback(self._previous_here, self._current, self._flow, 0.5, 1, 5, 3, 5, 1.1, 0)
+        self._calculate(self._previous_here, self._current, self._flow)
         cv2.split(self._flow, self._parts)
         cv2.magnitude(self._parts[0], self._parts[1], self._length)
         return float(cv2.mean(self._length)[0])
@@ -87,3 +104,39 @@ class FarnebackMotion:
         self._flow = np.empty((height, width, 2), np.float32)
         self._parts = [np.empty((height, width), np.float32) for _ in range(2)]
         self._length = np.empty((height, width), np.float32)
+
+
+class FarnebackMotion(FlowMotion):
+    """Motion by Farneback's flow with the paper's parameters.
+
+    Of 720x540 frames shifted by up to 40 pixels it finds the speed within 5 %; it saturates near 45 to 50 and reports
+    less the further beyond. In the dark it reports too little: at a mean of 4 grey levels an eighth to a third.
+    """
+
+    def _calculate(self, previous: NDArray[np.uint8], current: NDArray[np.uint8], flow: NDArray[np.float32]) -> None:
+        # Pyramid 0.5, 1 level, window 5, 3 iterations, neighbourhood 5, sigma 1.1.
+        cv2.calcOpticalFlowFarneback(previous, current, flow, 0.5, 1, 5, 3, 5, 1.1, 0)
+
+
+class DisMotion(FlowMotion):
+    """Motion by dense inverse search (DIS), preset ultrafast: a quarter of the time of Farneback's flow or less.
+
+    Of 720x540 frames shifted by 8 to 40 pixels it finds the speed within 3 %, by 48 within 8 %, in the dark too; with
+    sharp edges up to 60. Beyond it reports less: a third at 80 without sharp edges. Where the mean is 4 grey levels,
+    noise passes for a speed of 1.
+    """
+
+    def __init__(self, response: ResponseFunction) -> None:
+        super().__init__(response)
+        self._dis = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST)
+        self._dis.setFinestScale(_DIS_FINEST_SCALE)
+
+    def _calculate(self, previous: NDArray[np.uint8], current: NDArray[np.uint8], flow: NDArray[np.float32]) -> None:
+        if min(current.shape) < _DIS_LEAST_SIDE:
+            height, width = current.shape
+            raise ConfigurationError(
+                f"frames shrunk to {width}x{height} pixels are too narrow for DIS flow: at least {_DIS_LEAST_SIDE} "
+                "pixels either way are needed; use Farneback flow or a squarer region of the sensor"
+            )
+        flow.fill(0)  # DIS starts from what it finds there
+        self._dis.calc(previous, current, flow)

@@ -3,9 +3,22 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
+from typing import Literal
 
 from drivers.errors import ConfigurationError
+
+BalanceId = Literal["policy", "blur_noise", "exposure_priority", "fixed_ratio", "flicker"]
+MotionId = Literal["policy", "farneback", "dis"]
+
+_NUMBERS = {
+    "metric_delta": "0 to below 1",
+    "metric_lambda": "above 0",
+    "balance_weight": "above 0",
+    "balance_offset": "0 or more",
+    "mean_target": "above 0, below 1",
+    "flicker_hz": "above 0",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,6 +37,15 @@ class ControlParameters:
         k_offset of eq. (25).
     mean_target
         Mean signal that `neves2009` holds, as a share of saturation.
+    balance
+        What splits a level into time and gain; `policy`: what the policy's paper does (its Table 1).
+    flicker_hz
+        Flashes of the light per second, for the balance `flicker`: twice the mains frequency.
+    motion
+        How optical flow is computed; `policy`: Farneback's for the policies of Begin & Hunter, as in the paper, and DIS
+        for all others.
+    focal_length_px
+        Of the left camera, in pixels of its frames; only for an angular rate given from outside. None: not known.
 
     Raises
     ------
@@ -36,15 +58,17 @@ class ControlParameters:
     balance_weight: float = 0.02
     balance_offset: float = 8.0
     mean_target: float = 0.20
+    balance: BalanceId = "policy"
+    flicker_hz: float = 100.0
+    motion: MotionId = "policy"
+    focal_length_px: float | None = None
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            may_be_zero = field.name in ("metric_delta", "balance_offset")
-            if not math.isfinite(value) or value < 0 or (value == 0 and not may_be_zero):
-                raise ConfigurationError(
-                    f"{field.name} is {value:g}: give a number {'of 0 or more' if may_be_zero else 'above 0'}"
-                )
-        for name in ("metric_delta", "mean_target"):
-            if getattr(self, name) >= 1:
-                raise ConfigurationError(f"{name} is {getattr(self, name):g}: give a number below 1")
+        for name, range_ in _NUMBERS.items():
+            value = getattr(self, name)
+            too_low = value < 0 or (value == 0 and not range_.startswith("0"))
+            too_high = value >= 1 and range_.endswith("below 1")
+            if not math.isfinite(value) or too_low or too_high:
+                raise ConfigurationError(f"{name} is {value:g}: give a number {range_}")
+        if self.focal_length_px is not None and not 0 < self.focal_length_px < math.inf:
+            raise ConfigurationError(f"focal_length_px is {self.focal_length_px:g}: give a number above 0")

@@ -22,14 +22,19 @@ class PastStep:
         What was decided.
     level, metric
         Exposure level (stops) and M_g of the frame it was decided on.
-    predicted_metric
-        M_g that the policy promised for the frame to be taken with `setting`; None when it promises none.
+    target
+        What the policy wanted, before bounds and increments made it `setting`.
     """
 
     setting: ExposureSetting
     level: float
     metric: float
-    predicted_metric: float | None
+    target: Target
+
+    @property
+    def predicted_metric(self) -> float | None:
+        """M_g that the policy promised for the frame to be taken with `setting`; None when it promised none."""
+        return self.target.predicted_metric
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,6 +63,9 @@ class Observation:
         Bounds and increments that the next setting will be cut to.
     realised
         The past decision that this frame was taken with; None when no remembered one fits its setting.
+    weights, right_weights
+        How much each pixel of `image` and `right_image` counts, uint8 of their shapes; None: all alike. The figures
+        above honour them; a policy that looks at pixels must, too.
     """
 
     image: NDArray[np.uint8]
@@ -71,6 +79,20 @@ class Observation:
     motion_px: float
     limits: ExposureLimits
     realised: PastStep | None
+    weights: NDArray[np.uint8] | None = None
+    right_weights: NDArray[np.uint8] | None = None
+
+    def realises(self, target: Target) -> bool:
+        """Whether this frame was taken because `target` was asked for.
+
+        A policy that asks for query images recognises its answers by this; it never counts frames, since cameras
+        take one to three of them until a setting shows.
+        """
+        past = self.realised
+        return past is not None and (past.target.level, past.target.exposure_time_us) == (
+            target.level,
+            target.exposure_time_us,
+        )
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,6 +18,9 @@ _SETTLED_STOPS = 0.25
 _SETTLED_FRAMES = 10
 _REFERENCE_FRAMES = 20
 _LARGEST_CLIPPED_SHARE = 0.5
+_DECIDED_STOPS = 0.5
+_REALISED_STOPS = 0.05
+_LONGEST_DELAY_FRAMES = 30
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,3 +80,16 @@ def frames_to_settle(following: Sequence[StepRecord]) -> int | None:
         if run == _SETTLED_FRAMES:
             return following[index + 1 - _SETTLED_FRAMES].trigger - following[0].trigger
     return None
+
+
+def delay_frames(records: Sequence[StepRecord]) -> int | None:
+    """Frames from the decision on a large change to the first frame taken with it: the median, None without any."""
+    delays = []
+    for index, (before, record) in enumerate(pairwise(records), start=1):
+        if abs(record.decided_level - before.decided_level) < _DECIDED_STOPS:
+            continue
+        for later in records[index + 1 : index + 1 + _LONGEST_DELAY_FRAMES]:
+            if abs(later.applied.level - record.decided_level) < _REALISED_STOPS:
+                delays.append(later.trigger - record.trigger)
+                break
+    return round(float(np.median(delays))) if delays else None

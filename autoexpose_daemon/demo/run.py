@@ -22,7 +22,7 @@ from autoexpose_daemon.config import Config
 from autoexpose_daemon.control.policies import check_policy_id
 from autoexpose_daemon.demo.fakes import SERIALS, Pulse, fake_cameras, read_pulses
 from autoexpose_daemon.demo.record import Recorder
-from autoexpose_daemon.demo.report import LightStep, light_steps, pulses_in_window
+from autoexpose_daemon.demo.report import LightStep, delay_frames, light_steps, pulses_in_window
 from autoexpose_daemon.reference_step import reference_step_ms
 from autoexpose_daemon.runtime import Daemon
 from autoexpose_daemon.service import run_until_stopped
@@ -71,6 +71,7 @@ def run_demo(options: DemoOptions, stop: threading.Event, console: Console) -> N
             pulses = pulses_in_window(read_pulses(truths), daemon.tally)
     steps = light_steps(pulses, recorder.steps)
     figures = _figures(options, daemon, pulses, steps)
+    figures |= {"delay_frames": delay_frames(recorder.steps), "first_trigger": pulses[0].trigger if pulses else None}
     figures |= {"daemon_cpu_percent": cpu_percent, "reference_step_ms": round(reference_ms, 3)}
     _print_figures(console, figures, steps)
     if options.summary is not None:

@@ -2,14 +2,20 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from autoexpose_daemon.config import Config, load_config
+from autoexpose_daemon.control.parameters import ControlParameters
+from autoexpose_daemon.control.region import Rectangle
 from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureSetting
 
+LEFT = "cameras: {left: {serial: A}}\n"
 STEREO = {"cameras": {"left": {"serial": "A"}, "right": {"serial": "B"}}}
 
 
@@ -48,6 +54,24 @@ def test_a_short_file_has_the_documented_defaults(tmp_path: Path) -> None:
         ("cameras: {left: {serial: A}, right: {serial: A}}", ["same camera"]),
         ("cameras: {left: {serial: A}, right: {serial: B}}\ntrigger: {mode: free_run}", ["free_run"]),
         ("cameras: {left: {serial: A, response: missing.yaml}}", ["missing.yaml"]),
+        ("cameras: {left: {serial: 22500001}}", ["cameras.left.serial", "quotes"]),
+        ("x: 2024-13-45", ["YAML"]),
+        ("exposure: {max_time_us: 100}\ncameras: {left: {serial: A}}\nexposure: {}", ["'exposure'", "twice", "line 3"]),
+        (LEFT + "control: {balance: blurnoise}", ["control.balance", "blur_noise"]),
+        (LEFT + "control: {motion: lucas}", ["control.motion", "farneback"]),
+        (LEFT + "control: {metric_delta: 2}", ["control: metric_delta is 2"]),
+        (LEFT + "control: {flicker_hz: 0}", ["control: flicker_hz is 0"]),
+        (LEFT + "control: {focal_length_px: -1}", ["control: focal_length_px is -1"]),
+        (
+            LEFT + "control: {roi: {left: {rectangle: []}}}",
+            ["control.roi.left.rectangle", "control.roi.left.rectangles"],
+        ),
+        (LEFT + "control: {roi: {left: {rectangles: [{box: [0, 0, 9]}]}}}", ["control.roi.left.rectangles.0.box"]),
+        (LEFT + "control: {roi: {left: {rectangles: [{box: [0, 0, 9, 0]}]}}}", ["control.roi.left.rectangles.0.box.3"]),
+        (LEFT + "control: {roi: {left: {rectangles: [{wieght: 1}]}}}", ["rectangles.0.wieght", "rectangles.0.weight"]),
+        (LEFT + "control: {roi: {left: {background_weight: 2}}}", ["control.roi.left.background_weight"]),
+        (LEFT + "control: {roi: {left: {mask: none.png}}}", ["control.roi.left.mask", "none.png", "cannot be read"]),
+        (LEFT + "control: {roi: {right: {}}}", ["control.roi.right", "cameras.right"]),
         ("[1, 2", ["YAML"]),
         ("just words", ["cameras"]),
     ],
@@ -56,6 +80,62 @@ def test_a_mistake_is_named_with_its_key(tmp_path: Path, text: str, words: list[
     message = complaint(tmp_path, text)
     for word in words:
         assert word in message
+
+
+WHITE = np.full((540, 720), 255, np.uint8)
+
+
+@pytest.mark.parametrize(
+    ("file_name", "picture", "words"),
+    [
+        ("mask.jpg", WHITE, ["not a PNG"]),
+        ("mask.png", np.zeros((540, 720), np.uint8), ["black all over"]),
+        ("mask.png", np.full((540, 720), 65535, np.uint16), ["8-bit grey"]),
+        ("mask.png", np.full((540, 720, 3), 255, np.uint8), ["8-bit grey"]),
+        ("mask.png", np.pad(np.full((2, 2), 255, np.uint8), 269), ["no pixel"]),
+    ],
+)
+def test_a_mask_that_cannot_be_used_is_named_with_file_and_key(
+    tmp_path: Path, file_name: str, picture: NDArray[np.uint8], words: list[str]
+) -> None:
+    assert cv2.imwrite(str(tmp_path / file_name), picture)
+    message = complaint(tmp_path, LEFT + f"control: {{roi: {{left: {{mask: {file_name}}}}}}}")
+    for word in ["control.roi.left", str(tmp_path / file_name), *words]:
+        assert word in message
+
+
+def test_a_text_file_is_no_mask(tmp_path: Path) -> None:
+    (tmp_path / "mask.png").write_text("mask")
+    assert "not a PNG" in complaint(tmp_path, LEFT + "control: {roi: {left: {mask: mask.png}}}")
+
+
+def test_regions_are_read_relative_to_the_configuration(tmp_path: Path) -> None:
+    assert cv2.imwrite(str(tmp_path / "left.png"), WHITE)
+    file = tmp_path / "rig.yaml"
+    file.write_text(
+        "cameras: {left: {serial: A}, right: {serial: B}}\n"
+        "control: {roi: {left: {mask: left.png},"
+        " right: {background_weight: 0.5, rectangles: [{box: [0, 0, 720, 100], weight: 0}, {box: [8, 9, 30, 40]}]}}}\n"
+    )
+    regions = load_config(file).control.roi.regions()
+    assert regions["left"].mask is not None
+    assert (regions["left"].mask == 255).all()
+    assert regions["right"].mask is None
+    assert regions["right"].background_weight == 0.5
+    assert regions["right"].rectangles == (Rectangle(0, 0, 720, 100, 0.0), Rectangle(8, 9, 30, 40, 1.0))
+
+
+def test_tuning_reaches_the_loop(tmp_path: Path) -> None:
+    file = tmp_path / "rig.yaml"
+    file.write_text(
+        LEFT + "control: {balance: flicker, flicker_hz: 120, motion: dis, focal_length_px: 860, metric_delta: 0.06,"
+        " metric_lambda: 10, balance_weight: 0.1, balance_offset: 1, mean_target: 0.4}"
+    )
+    assert load_config(file).control.parameters() == ControlParameters(
+        metric_delta=0.06, metric_lambda=10, balance_weight=0.1, balance_offset=1, mean_target=0.4,
+        balance="flicker", flicker_hz=120, motion="dis", focal_length_px=860,
+    )  # fmt: skip
+    assert Config.model_validate(STEREO).control.parameters() == ControlParameters()
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from autoexpose_daemon.demo.fakes import Pulse
 from autoexpose_daemon.demo.record import StepRecord
-from autoexpose_daemon.demo.report import frames_to_settle, light_steps, pulses_in_window
+from autoexpose_daemon.demo.report import delay_frames, frames_to_settle, light_steps, pulses_in_window
 from drivers.account import Tally
 from drivers.exposure import ExposureSetting
 
@@ -69,3 +70,10 @@ def test_only_pulses_in_the_window_count() -> None:
     pulses = [Pulse(n, n * 100, 1.0) for n in range(10)]
     assert len(pulses_in_window(pulses, Tally(window_start_ns=250, window_end_ns=650))) == 4
     assert pulses_in_window(pulses, Tally()) == []
+
+
+def test_the_delay_is_read_off_large_changes() -> None:
+    levels = [10.0 if n < 23 else 13.0 for n in range(60)]
+    records = [replace(record(n, levels[n]), decided_level=10.0 if n < 20 else 13.0) for n in range(60)]
+    assert delay_frames(records) == 3
+    assert delay_frames(records[30:]) is None

@@ -6,8 +6,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from autoexpose_daemon.control.balance import BlurNoiseBalance, ExposurePriority
-from drivers.exposure import decibels
+from autoexpose_daemon.control.balance import (
+    BlurNoiseBalance,
+    ExposurePriority,
+    FixedGain,
+    FixedRatio,
+    FlickerBalance,
+)
+from drivers.exposure import ExposureLimits, decibels, linear_gain
 
 from .scene import LIMITS
 
@@ -55,3 +61,41 @@ def test_exposure_priority_uses_gain_only_when_time_is_used_up() -> None:
     assert LIMITS.realise(dim, balance.exposure_time_us(dim, 0, LIMITS)).exposure_time_us == pytest.approx(
         LIMITS.max_time_us
     )
+
+
+@given(st.floats(4.33, 17.85))
+def test_fixed_ratio_reaches_both_upper_bounds_at_once(level: float) -> None:
+    setting = LIMITS.realise(level, FixedRatio().exposure_time_us(level, 0, LIMITS))
+    k = linear_gain(30.0) / 7500
+    if setting.gain_db > 1e-6:
+        assert linear_gain(setting.gain_db) == pytest.approx(k * setting.exposure_time_us)
+    else:
+        assert setting.exposure_time_us <= 1 / k
+    assert setting.level == pytest.approx(level)
+
+
+@given(st.floats(4.33, 12.87), st.floats(0, 20))
+def test_fixed_gain_changes_the_time_alone(stops_of_time: float, gain_db: float) -> None:
+    level = stops_of_time + math.log2(linear_gain(gain_db))
+    setting = LIMITS.realise(level, FixedGain(gain_db).exposure_time_us(level, 0, LIMITS))
+    assert setting.gain_db == pytest.approx(gain_db)
+
+
+@pytest.mark.parametrize("flicker_hz", [100.0, 120.0])
+@given(st.floats(4.33, 19.5))
+def test_flicker_takes_whole_periods_where_they_fit(flicker_hz: float, level: float) -> None:
+    limits = ExposureLimits(20.0, 30_000.0, 0.0, 30.0)
+    setting = limits.realise(level, FlickerBalance(flicker_hz).exposure_time_us(level, 0, limits))
+    periods = setting.exposure_time_us * 1e-6 * flicker_hz
+    if math.exp2(level) >= 1e6 / flicker_hz:
+        assert periods == pytest.approx(round(periods))
+        longest = min(math.exp2(level), 30_000.0)
+        assert longest - setting.exposure_time_us < 1e6 / flicker_hz * (1 + 1e-6)
+    else:  # too bright for one period
+        assert setting.gain_db == pytest.approx(0, abs=1e-9)
+    assert setting.level == pytest.approx(limits.clamp_level(level))
+
+
+def test_flicker_is_exposure_priority_when_no_period_fits() -> None:
+    for level in (8.0, 14.0):
+        assert FlickerBalance(100.0).exposure_time_us(level, 0, LIMITS) == pytest.approx(2.0**level)

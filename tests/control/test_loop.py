@@ -10,19 +10,20 @@ from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.image import ImagePreparation
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.metrics import GradientMetric
-from autoexpose_daemon.control.parameters import ControlParameters
+from autoexpose_daemon.control.motion import DisMotion, FarnebackMotion, FlowMotion
+from autoexpose_daemon.control.parameters import BalanceId, ControlParameters, MotionId
 from autoexpose_daemon.control.policies import POLICY_IDS
+from autoexpose_daemon.control.region import Rectangle, Region
 from calibration.response import ResponseFunction
 from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.frames import Frame, StereoPair
+from drivers.frames import Frame, Side, StereoPair
 
 from .scene import LIMITS, at_time, expose, radiance, run
 
 LINEAR = ResponseFunction.linear()
 START = ExposureSetting(1000.0, 0.0)
 X150 = float(np.log2(150))
-BUILT = ("fixed", "neves2009", "shim2018", "begin2022", "majer2018-standard", "majer2018-full", "majer2018-fixed")
 
 
 def make(policy_id: str, limits: ExposureLimits = LIMITS) -> ControlLoop:
@@ -79,7 +80,7 @@ def test_fixed_never_moves(policy_id: str) -> None:
         assert decision.setting.gain_db == pytest.approx(5.0)
 
 
-@pytest.mark.parametrize("policy_id", BUILT)
+@pytest.mark.parametrize("policy_id", POLICY_IDS)
 def test_black_and_white_frames_crash_nothing_and_bounds_hold(policy_id: str) -> None:
     limits = ExposureLimits(20.0, 7500.0, 0.0, 30.0, time_step_us=7.0, gain_step_db=0.1)
 
@@ -145,27 +146,73 @@ def test_the_left_frame_decides_also_when_the_right_one_differs() -> None:
     assert make("begin2022").step(StereoPair(0, left, right)) == make("begin2022").step(StereoPair(0, left, None))
 
 
-@pytest.mark.parametrize("policy_id", [policy_id for policy_id in POLICY_IDS if policy_id not in BUILT])
-def test_a_policy_of_later_is_refused_in_one_sentence(policy_id: str) -> None:
-    with pytest.raises(ConfigurationError, match=f"'{policy_id}' is not part of this version yet"):
-        make(policy_id)
-
-
 def test_an_unknown_policy_is_refused_with_the_choices() -> None:
     with pytest.raises(ConfigurationError, match="no policy 'begin2023'; did you mean begin2022"):
         make("begin2023")
 
 
 @pytest.mark.parametrize(
-    ("name", "value"), [("metric_delta", 1.0), ("balance_weight", 0.0), ("mean_target", float("nan"))]
+    ("name", "value"),
+    [
+        ("metric_delta", 1.0),
+        ("balance_weight", 0.0),
+        ("mean_target", float("nan")),
+        ("flicker_hz", 0.0),
+        ("focal_length_px", -1.0),
+    ],
 )
 def test_a_parameter_without_sense_is_named(name: str, value: float) -> None:
     with pytest.raises(ConfigurationError, match=name):
         ControlParameters(**{name: value})
 
 
-def test_the_steady_state_allocates_no_image() -> None:
-    loop, frame = make("begin2022"), expose(radiance(9, 1.0, (540, 720)), START, 11.0)
+@pytest.mark.parametrize(
+    ("balance", "gain_db"),
+    [("exposure_priority", 0.0), ("blur_noise", 26.02), ("fixed_ratio", 9.36), ("policy", 26.02)],
+)
+def test_the_balance_can_be_chosen(balance: BalanceId, gain_db: float) -> None:
+    setting = ExposureSetting(2.0**11, 0.0)
+    loop = ControlLoop("begin2022", LINEAR, LIMITS, setting, ControlParameters(balance=balance))
+    black = Frame(np.zeros((136, 180), np.uint8), 8, 0, 0, 0, 0, setting)
+    decision = loop.step(StereoPair(0, black, None))
+    assert decision.level == pytest.approx(11)
+    assert decision.setting.gain_db == pytest.approx(gain_db, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("policy_id", "motion", "flow"),
+    [
+        ("begin2022", "policy", FarnebackMotion),
+        ("neves2009", "policy", DisMotion),
+        ("begin2022", "dis", DisMotion),
+        ("neves2009", "farneback", FarnebackMotion),
+    ],
+)
+def test_the_flow_can_be_chosen(policy_id: str, motion: MotionId, flow: type[FlowMotion]) -> None:
+    frames = [at_time(expose(np.roll(radiance(5, 1.0, (540, 720)), 6 * i, 1), START, 11.0), i) for i in range(2)]
+    loop = ControlLoop(policy_id, LINEAR, LIMITS, START, ControlParameters(motion=motion))
+    expected, preparation = flow(LINEAR), ImagePreparation()
+    for index, frame in enumerate(frames):
+        speed = expected.measure(preparation.prepare(frame.grey8()), 720, START.level, frame.device_time_ns)
+        assert loop.step(StereoPair(index, frame, None)).motion_px == pytest.approx(speed, rel=1e-6)
+
+
+def test_an_angular_rate_replaces_the_flow() -> None:
+    loop = ControlLoop("begin2022", LINEAR, LIMITS, START, ControlParameters(focal_length_px=860.0))
+    frame = expose(radiance(5), START, 11.0)
+    # 30 degrees a second at a focal length of 860 pixels: 450 pixels a second
+    assert loop.step(StereoPair(0, frame, None), -np.pi / 6).motion_px == pytest.approx(7.505, abs=1e-3)
+    assert loop.step(StereoPair(1, at_time(frame, 1), None)).motion_px == 0  # no predecessor that flow was told of
+    with pytest.raises(ConfigurationError, match="finite"):
+        loop.step(StereoPair(2, frame, None), float("nan"))
+    with pytest.raises(ConfigurationError, match="focal_length_px"):
+        make("begin2022").step(StereoPair(0, frame, None), 0.5)
+
+
+@pytest.mark.parametrize("regions", [{}, {"left": Region("roi", (Rectangle(0, 0, 720, 270, 0.5),), 0.1)}])
+def test_the_steady_state_allocates_no_image(regions: dict[Side, Region]) -> None:
+    loop = ControlLoop("begin2022", LINEAR, LIMITS, START, regions=regions)
+    frame = expose(radiance(9, 1.0, (540, 720)), START, 11.0)
     for index in range(3):
         loop.step(StereoPair(index, at_time(frame, index), None))
     tracemalloc.start()

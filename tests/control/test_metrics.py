@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -47,11 +48,12 @@ def random_image(seed: int, height: int = 9, width: int = 11) -> NDArray[np.uint
 
 
 @settings(max_examples=40)
-@given(st.integers(0, 2**32 - 1))
-def test_metric_equals_the_slow_one(seed: int) -> None:
+@given(st.integers(0, 2**32 - 1), st.sampled_from([None, False]))
+def test_metric_equals_the_slow_one(seed: int, native: bool | None) -> None:
     image = random_image(seed)
-    assert GradientMetric().measure(image) == pytest.approx(slow_metric(image), abs=1e-12)
-    assert GradientMetric(0.06, 10.0).measure(image) == pytest.approx(slow_metric(image, 0.06, 10.0), abs=1e-12)
+    assert GradientMetric(native=native).measure(image) == pytest.approx(slow_metric(image), abs=1e-12)
+    other = GradientMetric(0.06, 10.0, native)
+    assert other.measure(image) == pytest.approx(slow_metric(image, 0.06, 10.0), abs=1e-12)
 
 
 @pytest.mark.parametrize("count", [1, 4, 5, 7])
@@ -94,3 +96,55 @@ def test_shares_and_mean_count_from_black_level_to_saturation() -> None:
     image = np.array([[0, 13, 14, 236], [237, 255, 125, 125]], np.uint8)
     assert ExtremeShares(response).measure(image) == (2 / 8, 2 / 8)
     assert mean_signal(image, response) == pytest.approx((image.mean() - 10) / 230)
+
+
+@settings(max_examples=30)
+@given(st.integers(0, 2**32 - 1), st.sampled_from([None, False]))
+def test_equal_weights_change_nothing_and_the_weight_0_takes_out(seed: int, native: bool | None) -> None:
+    metric, image = GradientMetric(native=native), random_image(seed, 12, 20)
+    assert metric.measure(image, np.full(image.shape, 7, np.uint8)) == pytest.approx(metric.measure(image))
+    half = np.zeros(image.shape, np.uint8)
+    half[:, :10] = 200
+    seen = metric.measure(image, half)
+    changed = image.copy()
+    changed[:, 11:] = 255 - changed[:, 11:]  # column 10 is in reach of a gradient that counts
+    assert metric.measure(changed, half) == seen
+    alone = metric.measure(image, 255 - half.clip(0, 1) * 255)
+    assert (seen + alone) / 2 == pytest.approx(metric.measure(image))
+
+
+@settings(max_examples=30)
+@given(st.integers(0, 2**32 - 1))
+def test_weighted_shares_and_mean_are_weighted_means(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    image = rng.choice([0, 2, 3, 100, 252, 253, 255], (9, 14)).astype(np.uint8)
+    weights = rng.integers(0, 256, image.shape).astype(np.uint8)
+    response = ResponseFunction.linear()
+    saturated, black = ExtremeShares(response).measure(image, weights)
+    everywhere = np.stack([image >= response.saturation - 3, image <= response.black_level + 3])
+    assert (saturated, black) == pytest.approx(tuple(np.average(m, weights=weights) for m in everywhere))
+    mean = (np.average(image, weights=weights) - response.black_level) / (response.saturation - response.black_level)
+    assert mean_signal(image, response, weights) == pytest.approx(mean)
+
+
+@pytest.mark.parametrize("native", [None, False])
+def test_no_image_is_allocated_once_the_buffers_are_there(native: bool | None) -> None:
+    image, weights = random_image(1, 270, 360), random_image(2, 270, 360)
+    metric, shares = GradientMetric(native=native), ExtremeShares(ResponseFunction.linear())
+    tables = PackedTables(prediction_tables(ResponseFunction.linear(), [-1.0, 1.0]))
+
+    def measure_all() -> None:
+        for some_weights in (None, weights):
+            metric.measure(image, some_weights)
+            metric.measure_predictions(image, tables, some_weights)
+            shares.measure(image, some_weights)
+            mean_signal(image, ResponseFunction.linear(), some_weights)
+
+    measure_all()
+    tracemalloc.start()
+    try:
+        measure_all()
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert peak < image.size / 2

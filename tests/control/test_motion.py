@@ -6,48 +6,87 @@ import pytest
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.image import ImagePreparation
-from autoexpose_daemon.control.motion import FarnebackMotion
+from autoexpose_daemon.control.motion import DisMotion, FarnebackMotion, FlowMotion
 from calibration.response import ResponseFunction
+from drivers.errors import ConfigurationError
 
 SIXTIETH_NS = 16_666_667
 
 
-def view(shift_px: int, gain: float = 1.0) -> NDArray[np.uint8]:
+BOTH = pytest.mark.parametrize("flow", [FarnebackMotion, DisMotion])
+
+
+def view(shift_px: int, gain: float = 1.0, noise: float = 0.0) -> NDArray[np.uint8]:
     """A window into blurred noise, moved by `shift_px`, 720x540, as control sees it."""
     rng = np.random.default_rng(5)
-    noise = cv2.GaussianBlur(rng.normal(0, 1, (540, 800)), (0, 0), 12)
-    scene = np.asarray(noise, np.float64) / noise.std() * 25 + 70
-    frame = np.clip(scene[:, 20 + shift_px : 740 + shift_px] * gain, 0, 255).astype(np.uint8)
-    return ImagePreparation().prepare(frame).copy()
+    texture = cv2.GaussianBlur(rng.normal(0, 1, (540, 840)), (0, 0), 12)
+    scene = np.asarray(texture, np.float64) / texture.std() * 25 + 70
+    frame = scene[:, 20 + shift_px : 740 + shift_px] * gain + np.random.default_rng(6).normal(0, 1, (540, 720)) * noise
+    return ImagePreparation().prepare(np.clip(frame, 0, 255).astype(np.uint8)).copy()
 
 
-def speed(second: NDArray[np.uint8], *, stops: float = 0.0, interval_ns: int = SIXTIETH_NS) -> float:
-    motion = FarnebackMotion(ResponseFunction.linear())
-    assert motion.measure(view(0), 720, 10.0, 0) == 0
+def speed(
+    flow: type[FlowMotion],
+    second: NDArray[np.uint8],
+    *,
+    stops: float = 0.0,
+    interval_ns: int = SIXTIETH_NS,
+    first: NDArray[np.uint8] | None = None,
+) -> float:
+    motion = flow(ResponseFunction.linear())
+    assert motion.measure(view(0) if first is None else first, 720, 10.0, 0) == 0
     return motion.measure(second, 720, 10.0 + stops, interval_ns)
 
 
-def test_pixels_of_full_resolution_per_sixtieth() -> None:
-    assert speed(view(8)) == pytest.approx(8, rel=0.2)
+@BOTH
+@pytest.mark.parametrize("shift_px", [4, 8, 16, 24, 32, 40])
+def test_pixels_of_full_resolution_per_sixtieth(flow: type[FlowMotion], shift_px: int) -> None:
+    assert speed(flow, view(shift_px)) == pytest.approx(shift_px, rel=0.1)
 
 
-def test_the_true_interval_counts() -> None:
-    assert speed(view(8), interval_ns=2 * SIXTIETH_NS) == pytest.approx(speed(view(8)) / 2)
+@BOTH
+def test_the_true_interval_counts(flow: type[FlowMotion]) -> None:
+    assert speed(flow, view(8), interval_ns=2 * SIXTIETH_NS) == pytest.approx(speed(flow, view(8)) / 2)
 
 
-def test_rest_is_rest() -> None:
-    assert speed(view(0)) < 0.1
+@BOTH
+def test_rest_is_rest(flow: type[FlowMotion]) -> None:
+    assert speed(flow, view(0)) < 0.1
 
 
-def test_a_change_of_exposure_is_not_motion() -> None:
-    compensated, ignored = speed(view(0, 2.0), stops=1.0), speed(view(0, 2.0))
-    assert compensated < 0.3
-    assert ignored > 3 * compensated
+@BOTH
+def test_a_change_of_exposure_is_not_motion(flow: type[FlowMotion]) -> None:
+    compensated, ignored = speed(flow, view(0, 2.0), stops=1.0), speed(flow, view(0, 2.0))
+    assert compensated < 0.5
+    assert ignored > 2 * compensated
 
 
+@pytest.mark.parametrize("shift_px", [8, 24, 40])
+def test_dis_sees_in_the_dark_what_farneback_misses(shift_px: int) -> None:
+    first, second = view(0, 0.06, 1.5), view(shift_px, 0.06, 1.5)
+    assert speed(DisMotion, second, first=first) == pytest.approx(shift_px, rel=0.12)
+    assert speed(FarnebackMotion, second, first=first) < shift_px / 2
+
+
+def test_each_flow_starts_afresh() -> None:
+    used = DisMotion(ResponseFunction.linear())
+    for frame, shift_px in enumerate([0, 40, 0, 8]):
+        last = used.measure(view(shift_px), 720, 10.0, frame * SIXTIETH_NS)
+    assert last == pytest.approx(speed(DisMotion, view(8)))
+
+
+def test_dis_refuses_strips_that_it_cannot_work_on() -> None:
+    motion = DisMotion(ResponseFunction.linear())
+    strip = np.zeros((50, 360), np.uint8)
+    motion.measure(strip, 720, 10.0, 0)
+    with pytest.raises(ConfigurationError, match="90x12 pixels are too narrow"):
+        motion.measure(strip, 720, 10.0, SIXTIETH_NS)
+
+
+@BOTH
 @pytest.mark.parametrize("interval_ns", [0, -SIXTIETH_NS, 10**9])
-def test_no_speed_across_a_gap_or_a_clock_that_went_back(interval_ns: int) -> None:
-    assert speed(view(8), interval_ns=interval_ns) == 0
+def test_no_speed_across_a_gap_or_a_clock_that_went_back(flow: type[FlowMotion], interval_ns: int) -> None:
+    assert speed(flow, view(8), interval_ns=interval_ns) == 0
 
 
 def test_another_size_starts_anew() -> None:

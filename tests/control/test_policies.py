@@ -14,7 +14,7 @@ from autoexpose_daemon.control.policies.begin2022 import EPSILON, Begin2022, gai
 from autoexpose_daemon.control.policies.majer2018 import Majer2018
 from autoexpose_daemon.control.policies.neves2009 import Neves2009
 from autoexpose_daemon.control.policies.shim2018 import Shim2018, gamma_table, next_level
-from autoexpose_daemon.control.policy import Observation, PastStep
+from autoexpose_daemon.control.policy import Observation, PastStep, Target
 from calibration.response import ResponseFunction
 from drivers.exposure import ExposureSetting
 
@@ -89,7 +89,7 @@ def test_feedback_follows_equations_21_and_22() -> None:
     metric = observe(image).metric
 
     def promised(past_metric: float, predicted: float | None) -> Observation:
-        return observe(image, PastStep(SETTING, 0.0, past_metric, predicted))
+        return observe(image, PastStep(SETTING, 0.0, past_metric, Target(SETTING.level, "", predicted)))
 
     # promised half of what came: r close to 2
     better = promised(metric - 0.02, metric - 0.01)

@@ -6,34 +6,32 @@ import difflib
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from autoexpose_daemon.control.balance import BlurNoiseBalance, ExposurePriority
+from autoexpose_daemon.control.balance import (
+    Balance,
+    BlurNoiseBalance,
+    ExposurePriority,
+    FixedGain,
+    FixedRatio,
+    FlickerBalance,
+)
 from autoexpose_daemon.control.metrics import GradientMetric
 from autoexpose_daemon.control.parameters import ControlParameters
 from autoexpose_daemon.control.policies.begin2022 import Begin2022
 from autoexpose_daemon.control.policies.fixed import Fixed
+from autoexpose_daemon.control.policies.kim2018 import Kim2018
+from autoexpose_daemon.control.policies.lu2010 import Lu2010
 from autoexpose_daemon.control.policies.majer2018 import Majer2018
+from autoexpose_daemon.control.policies.mehta2020 import Mehta2020
+from autoexpose_daemon.control.policies.metric_map import MetricMap
 from autoexpose_daemon.control.policies.neves2009 import Neves2009
 from autoexpose_daemon.control.policies.shim2018 import Shim2018
+from autoexpose_daemon.control.policies.shin2019 import Shin2019
+from autoexpose_daemon.control.policies.zhang2017 import Zhang2017
 from autoexpose_daemon.control.policy import ExposurePolicy
+from autoexpose_daemon.control.quality import CombinedQuality
 from calibration.response import ResponseFunction
 from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureSetting
-
-POLICY_IDS = (
-    "fixed",
-    "neves2009",
-    "lu2010",
-    "zhang2017",
-    "shim2018",
-    "kim2018",
-    "shin2019",
-    "mehta2020",
-    "begin2022",
-    "majer2018-standard",
-    "majer2018-full",
-    "majer2018-fixed",
-)
-"""Every id there will be; `build_policy` says which of them this version cannot build yet."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,17 +43,57 @@ class PolicySetup:
     start: ExposureSetting
     parameters: ControlParameters
 
+    def balance(self, of_the_paper: Balance) -> Balance:
+        """The balance that was configured, or else that of the policy's paper."""
+        match self.parameters.balance:
+            case "policy":
+                return of_the_paper
+            case "blur_noise":
+                return self.blur_noise()
+            case "exposure_priority":
+                return ExposurePriority()
+            case "fixed_ratio":
+                return FixedRatio()
+            case "flicker":
+                return FlickerBalance(self.parameters.flicker_hz)
+
+    def blur_noise(self) -> BlurNoiseBalance:
+        """The balance of Begin & Hunter with the configured weights."""
+        return BlurNoiseBalance(self.parameters.balance_weight, self.parameters.balance_offset)
+
+    def quality(self) -> CombinedQuality:
+        """The metric of eq. (14) on gradients that count as configured."""
+        return CombinedQuality(self.parameters.metric_delta, self.parameters.metric_lambda)
+
+
+# How each splits time and gain: Table 1 of Begin & Hunter 2022; of mehta2020 its section 3.3; shin2019 sets both by
+# itself; majer2018 sets one "exposure" and leaves it open.
+_BUILDERS: dict[str, Callable[[PolicySetup], ExposurePolicy]] = {
+    "fixed": lambda setup: Fixed(setup.start, setup.balance(ExposurePriority())),
+    "neves2009": lambda setup: Neves2009(setup.parameters.mean_target, setup.balance(ExposurePriority())),
+    "lu2010": lambda setup: Lu2010(setup.balance(FixedRatio())),
+    "zhang2017": lambda setup: Zhang2017(setup.response, setup.balance(ExposurePriority())),
+    "shim2018": lambda setup: Shim2018(setup.metric, setup.balance(ExposurePriority())),
+    "kim2018": lambda setup: Kim2018(setup.balance(FixedGain(setup.start.gain_db)), setup.start.gain_db),
+    "shin2019": lambda setup: Shin2019(setup.quality(), setup.balance(ExposurePriority())),
+    "mehta2020": lambda setup: Mehta2020(setup.metric, setup.balance(setup.blur_noise())),
+    "begin2022": lambda setup: Begin2022(setup.response, setup.metric, setup.balance(setup.blur_noise())),
+    "majer2018-standard": lambda setup: Majer2018("top_half", setup.response, setup.balance(ExposurePriority())),
+    "majer2018-full": lambda setup: Majer2018("full", setup.response, setup.balance(ExposurePriority())),
+    "majer2018-fixed": lambda setup: Fixed(setup.start, setup.balance(ExposurePriority())),
+    "metric-map": lambda setup: MetricMap(setup.response, setup.metric, setup.balance(setup.blur_noise())),
+}
+
+POLICY_IDS = tuple(_BUILDERS)
+"""Every policy there is."""
+
 
 def check_policy_id(policy_id: str) -> None:
-    """Raise a ConfigurationError for an id that does not exist or is not built yet."""
-    if policy_id not in POLICY_IDS:
+    """Raise a ConfigurationError for an id that does not exist."""
+    if policy_id not in _BUILDERS:
         near = difflib.get_close_matches(policy_id, POLICY_IDS, n=1)
         hint = f"did you mean {near[0]}? " if near else ""
-        raise ConfigurationError(f"there is no policy {policy_id!r}; {hint}choose one of {', '.join(_BUILDERS)}")
-    if policy_id not in _BUILDERS:
-        raise ConfigurationError(
-            f"policy {policy_id!r} is not part of this version yet: choose one of {', '.join(_BUILDERS)}"
-        )
+        raise ConfigurationError(f"there is no policy {policy_id!r}; {hint}choose one of {', '.join(POLICY_IDS)}")
 
 
 def build_policy(policy_id: str, setup: PolicySetup) -> ExposurePolicy:
@@ -64,23 +102,7 @@ def build_policy(policy_id: str, setup: PolicySetup) -> ExposurePolicy:
     Raises
     ------
     ConfigurationError
-        For an id that does not exist or is not built yet.
+        For an id that does not exist.
     """
     check_policy_id(policy_id)
     return _BUILDERS[policy_id](setup)
-
-
-# How each splits time and gain: Table 1 of Begin & Hunter 2022; majer2018 sets one "exposure" and leaves it open.
-_BUILDERS: dict[str, Callable[[PolicySetup], ExposurePolicy]] = {
-    "fixed": lambda setup: Fixed(setup.start, ExposurePriority()),
-    "neves2009": lambda setup: Neves2009(setup.parameters.mean_target, ExposurePriority()),
-    "shim2018": lambda setup: Shim2018(setup.metric, ExposurePriority()),
-    "begin2022": lambda setup: Begin2022(
-        setup.response,
-        setup.metric,
-        BlurNoiseBalance(setup.parameters.balance_weight, setup.parameters.balance_offset),
-    ),
-    "majer2018-standard": lambda setup: Majer2018("top_half", setup.response, ExposurePriority()),
-    "majer2018-full": lambda setup: Majer2018("full", setup.response, ExposurePriority()),
-    "majer2018-fixed": lambda setup: Fixed(setup.start, ExposurePriority()),
-}

@@ -47,7 +47,7 @@ class Begin2022:
     def decide(self, observation: Observation) -> Target:
         """The level that promises most, relative to the level of this frame."""
         metrics = np.full(len(DELTA_LEVELS), observation.metric)
-        metrics[self._changing] = self._metric.measure_predictions(observation.image, self._tables)
+        metrics[self._changing] = self._metric.measure_predictions(observation.image, self._tables, observation.weights)
         best = self._fit.maximum(metrics)
         beyond = gain_ratio(observation) >= RATIO_THRESHOLD
         delta_level = best.position * (STEP_FACTOR if beyond else 1.0)

@@ -10,6 +10,7 @@ from autoexpose_daemon.control.balance import Balance
 from autoexpose_daemon.control.metrics import mean_signal
 from autoexpose_daemon.control.policy import Observation, Target
 from calibration.response import ResponseFunction
+from drivers.errors import ConfigurationError
 
 DESIRED_BRIGHTNESS = 0.5
 """b_d of the paper's experiments (section 4); it recommends 0.4 to 0.5."""
@@ -51,7 +52,10 @@ class Majer2018:
         if self.level is not None and not due:
             return Target(self.level, "held: decides every five frames")
         rows = observation.image.shape[0] // 2 if self.region == "top_half" else observation.image.shape[0]
-        brightness = max(mean_signal(observation.image[:rows], self.response), SMALLEST_SIGNAL)
+        weights = None if observation.weights is None else observation.weights[:rows]
+        if weights is not None and not weights.any():
+            raise ConfigurationError("control.roi leaves nothing of the top half, the part that this policy looks at")
+        brightness = max(mean_signal(observation.image[:rows], self.response, weights), SMALLEST_SIGNAL)
         factor = 1 + CONTROL_GAIN * (DESIRED_BRIGHTNESS / brightness - 1)
         self.level = observation.limits.clamp_level(observation.setting.level + math.log2(factor))
         where = "top half" if self.region == "top_half" else "image"

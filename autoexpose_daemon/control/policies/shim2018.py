@@ -59,7 +59,7 @@ class Shim2018:
     def decide(self, observation: Observation) -> Target:
         """The law's step from the level of this frame."""
         metrics = np.full(len(GAMMAS), observation.metric)
-        metrics[self._changing] = self._metric.measure_predictions(observation.image, self._tables)
+        metrics[self._changing] = self._metric.measure_predictions(observation.image, self._tables, observation.weights)
         level = observation.setting.level
         if np.ptp(metrics) == 0:
             return Target(level, "held: no gradient under any gamma")

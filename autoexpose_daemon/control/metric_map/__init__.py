@@ -1,0 +1,1 @@
+"""What the policy `metric-map` is made of: one idea per file, all pure."""

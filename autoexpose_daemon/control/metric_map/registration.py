@@ -1,0 +1,97 @@
+"""How much brighter the scene has become from one frame to the next, whatever exposures the two were taken with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.response import ResponseFunction
+
+STRIDE = 5
+"""Every fifth pixel across and down: some 3900 of 360x270 fix a median to 0.01 stop."""
+
+LEAST_SHARE = 0.01
+"""Of the compared pixels, which must be unclipped in both frames: a handful of them is noise, or one small thing."""
+
+MARGIN = 0.03
+"""Of the range from black level to saturation: closer to the ends noise is clipped, and the median would lean."""
+
+
+@dataclass(frozen=True, slots=True)
+class LightChange:
+    """What two frames say about the light between them.
+
+    Attributes
+    ----------
+    stops
+        The rise of the light.
+    measured
+        Whether enough pixels were unclipped in both frames; else `stops` is but a bound, on the side of less change.
+    """
+
+    stops: float
+    measured: bool
+
+
+class Registration:
+    """The median change of log radiance, clipped pixels counted as the bounds that they are.
+
+    A pixel unclipped in both frames gives a change. One that is clipped in one of them gives a bound: saturated now, it
+    changed at least so much. The median sought is the M with as many pixels surely above as surely below it, which is
+    the ordinary median when nothing is clipped. Without the bounds, a large change would be judged by the few pixels
+    of extreme noise that remain unclipped.
+
+    Attributes
+    ----------
+    previous
+        Grey levels of the frame before, every fifth across and down, uint8; None before the first.
+    previous_level
+        Its exposure level, stops.
+    """
+
+    def __init__(self, response: ResponseFunction) -> None:
+        margin = MARGIN * (response.saturation - response.black_level)
+        # Near the black level one grey level is too large a part of the signal to be a logarithm.
+        low = response.black_level + max(4.0, margin)
+        high = response.saturation - margin
+        greys = np.arange(256)
+        self._log_exposure = response.inverse(np.clip(greys, round(low), round(high))).astype(np.float32)
+        self._state = (greys >= high).astype(np.int8) - (greys <= low)
+        self.previous: NDArray[np.uint8] | None = None
+        self.previous_level = 0.0
+
+    def change(
+        self, image: NDArray[np.uint8], level: float, weights: NDArray[np.uint8] | None = None
+    ) -> LightChange | None:
+        """The change of light since the frame before; None when no pixel tells of any.
+
+        Parameters
+        ----------
+        image
+            uint8, (height, width).
+        level
+            Exposure level of this frame, stops.
+        weights
+            Pixels that weigh nothing (uint8, same shape) do not count; None: all do.
+        """
+        now = np.ascontiguousarray(image[::STRIDE, ::STRIDE])
+        before, level_change = self.previous, level - self.previous_level
+        self.previous, self.previous_level = now, level
+        if before is None or before.shape != now.shape:
+            return None
+        if weights is not None:
+            counts = weights[::STRIDE, ::STRIDE] > 0
+            before, now = before[counts], now[counts]
+        first, second = self._state[before], self._state[now]
+        changes = self._log_exposure[now] - self._log_exposure[before]
+        known = changes[(first == 0) & (second == 0)]
+        at_least = changes[second > first]
+        at_most = changes[second < first]
+        values = np.concatenate([known, known, at_least, at_most])
+        if values.size == 0:
+            return None
+        rank = min(known.size + at_least.size, values.size - 1)
+        median = float(np.partition(values, rank)[rank])
+        return LightChange(median - level_change, known.size >= LEAST_SHARE * changes.size)

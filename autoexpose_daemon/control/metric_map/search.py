@@ -1,0 +1,63 @@
+"""Which exposure level to take: the best of the map, or one that would tell more."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.response import ResponseFunction
+
+PLATEAU = 0.01
+"""What lies within 1 % of the maximum is as good: its centre is farthest from both edges."""
+
+HALF_SCALE = 0.5
+DARK_SIGNAL = 1 / 16
+"""A frame whose 99th percentile lies below this is dark: more than 3 stops up, prediction turns noise into gradient."""
+
+LONGEST_JUMP = 7.0
+"""Stops, up out of the dark."""
+
+SHALLOWEST_PROBE = 1.5
+PROBE_PER_SHARE = 5.0
+"""A probe goes 1.5 stops deeper than the lowest exposure seen, and up to 6.5 when all is saturated."""
+
+PROBE_WORTH, PROBE_POWER = 1.5, 0.5
+PROBE_WORTH_MOVING, PROBE_POWER_MOVING = 1.0, 1.0
+"""What a saturated pixel may be worth, as a multiple of what a well exposed one carries, and how soon the bonus rises
+with depth. A still camera pays for a probe once and may look half a stop deeper; a moving one would nibble for ever."""
+
+
+def plateau_centre(levels: NDArray[np.float64], values: NDArray[np.float64]) -> float:
+    """Centre (stops) of the stretch around the maximum in which values stay within `PLATEAU` of it."""
+    best = int(values.argmax())
+    enough = values >= values[best] * (1.0 - PLATEAU)
+    low = high = best
+    while low > 0 and enough[low - 1]:
+        low -= 1
+    while high < len(levels) - 1 and enough[high + 1]:
+        high += 1
+    return float((levels[low] + levels[high]) / 2.0)
+
+
+def probe_bonus(
+    levels: NDArray[np.float64], lowest_level: float, saturated_share: float, density: float, moving: bool
+) -> NDArray[np.float64]:
+    """What the saturated part of the lowest exposure seen may be worth at lower levels, in the metric's unit.
+
+    With s the saturated share and x the depth in units of ``1.5 + 5 s`` stops it is ``a s density min(x, 2 - x)^p``
+    between x = 0 and 2; a and p depend on whether the camera moves. `density` is the metric that a pixel of good
+    exposure carries in this scene.
+    """
+    worth, power = (PROBE_WORTH_MOVING, PROBE_POWER_MOVING) if moving else (PROBE_WORTH, PROBE_POWER)
+    depth = (lowest_level - levels) / (SHALLOWEST_PROBE + PROBE_PER_SHARE * saturated_share)
+    shape = np.clip(np.minimum(depth, 2.0 - depth), 0.0, 1.0) ** power
+    return np.asarray(worth * saturated_share * density * shape)
+
+
+def dark_jump(signal: float, response: ResponseFunction) -> float:
+    """Stops that bring a 99th percentile of `signal` to half scale, at most 7; 0 for a frame that is not dark."""
+    if signal >= DARK_SIGNAL:
+        return 0.0
+    scale = response.saturation - response.black_level
+    now, wanted = response.inverse(np.rint(np.array([signal, HALF_SCALE]) * scale).astype(int) + response.black_level)
+    return float(min(wanted - now, LONGEST_JUMP))

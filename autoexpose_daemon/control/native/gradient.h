@@ -1,0 +1,37 @@
+/* Gradient information of a grey image seen through look-up tables, as exact integer sums. */
+#ifndef AUTOEXPOSE_GRADIENT_H
+#define AUTOEXPOSE_GRADIENT_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+enum {
+    GREY_LEVELS = 256,
+    LANES = 8,               /* tables looked up at once */
+    WIDEST = 524288          /* pixels: a row's sums of 255 * 255, one per 8 pixels, must fit 32 bits */
+};
+
+/* Pixel (y, x) lies at data[y * row_step + x * column_step]. */
+typedef struct {
+    const uint8_t *data;
+    ptrdiff_t row_step, column_step;
+    size_t height, width; /* at least 2 each, width at most WIDEST */
+} Image;
+
+/* sums[lane] = sum over pixels of region * weights[m], m the rounded Sobel magnitude (at most 255, borders mirrored)
+ * of the image seen through table `lane`: words[8 * grey + lane]. With words == NULL the image is taken as
+ * it is, and sums[0] alone counts. With region == NULL every pixel counts once; else region has the image's size.
+ * Returns 0, or -1 without memory. */
+typedef int GradientSums(const Image *image, const Image *region, const uint8_t *words, const uint8_t *weights,
+                         uint64_t sums[LANES]);
+
+typedef struct {
+    const char *name;
+    GradientSums *sums;
+} InstructionSet;
+
+/* Those that this processor has, best first; the end has no name. All give the same sums. The first call must be over
+ * before another thread calls. */
+const InstructionSet *instruction_sets(void);
+
+#endif

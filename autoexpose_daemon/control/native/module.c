@@ -1,0 +1,162 @@
+/* Python's way to gradient.h, through the buffer protocol: needs neither numpy's headers nor its version. */
+#define PY_SSIZE_T_CLEAN
+#include <Python.h>
+#include <string.h>
+
+#include "gradient.h"
+
+/* Takes hold of a buffer of unsigned bytes with `dimensions` dimensions; 0, or -1 with an exception set. */
+static int hold_bytes(PyObject *object, Py_buffer *view, int dimensions, int flags, const char *what)
+{
+    if (PyObject_GetBuffer(object, view, flags | PyBUF_FORMAT) < 0)
+        return -1;
+    if (view->itemsize == 1 && view->ndim == dimensions && (!view->format || view->format[0] == 'B'))
+        return 0;
+    PyErr_Format(PyExc_ValueError, "%s must be an array of uint8 with %d dimension(s)", what, dimensions);
+    PyBuffer_Release(view);
+    return -1;
+}
+
+static Image image_of(const Py_buffer *view)
+{
+    return (Image){view->buf, view->strides[0], view->strides[1], (size_t)view->shape[0], (size_t)view->shape[1]};
+}
+
+static const InstructionSet *find_set(const char *name)
+{
+    const InstructionSet *set = instruction_sets();
+    while (name && set->name && strcmp(set->name, name) != 0)
+        set++;
+    if (set->name)
+        return set;
+    PyErr_Format(PyExc_ValueError, "instruction set %s is not one that this processor has", name);
+    return NULL;
+}
+
+static int check_shapes(const Py_buffer *image, const Py_buffer *region, const Py_buffer *words,
+                        const Py_buffer *weights)
+{
+    if (image->shape[0] < 2 || image->shape[1] < 2 || image->shape[1] > WIDEST)
+        PyErr_Format(PyExc_ValueError, "an image of %zdx%zd pixels has no gradient here: at least 2x2, at most %d wide",
+                     image->shape[1], image->shape[0], (int)WIDEST);
+    else if (region && (region->shape[0] != image->shape[0] || region->shape[1] != image->shape[1]))
+        PyErr_SetString(PyExc_ValueError, "region must have the shape of the image");
+    else if (weights->shape[0] != GREY_LEVELS)
+        PyErr_SetString(PyExc_ValueError, "weights must have 256 entries");
+    else if (words && (words->shape[1] != GREY_LEVELS || words->shape[2] != LANES))
+        PyErr_SetString(PyExc_ValueError, "words must have the shape (n, 256, 8)");
+    else
+        return 0;
+    return -1;
+}
+
+static PyObject *sums_of(const Py_buffer *image_view, const Py_buffer *region_view, const Py_buffer *words_view,
+                         const uint8_t *weights, GradientSums *sum)
+{
+    const Image image = image_of(image_view);
+    const Image region = region_view ? image_of(region_view) : (Image){0};
+    const Py_ssize_t groups = words_view ? words_view->shape[0] : 1, lanes = words_view ? LANES : 1;
+    PyObject *result = PyTuple_New(groups * lanes);
+    for (Py_ssize_t group = 0; result && group < groups; group++) {
+        const uint8_t *words = words_view ? (const uint8_t *)words_view->buf + group * GREY_LEVELS * LANES : NULL;
+        uint64_t sums[LANES];
+        int failed;
+        Py_BEGIN_ALLOW_THREADS
+        failed = sum(&image, region_view ? &region : NULL, words, weights, sums);
+        Py_END_ALLOW_THREADS
+        if (failed) {
+            Py_DECREF(result);
+            return PyErr_NoMemory();
+        }
+        for (Py_ssize_t lane = 0; lane < lanes; lane++) {
+            PyObject *number = PyLong_FromUnsignedLongLong(sums[lane]);
+            if (!number) {
+                Py_DECREF(result);
+                return NULL;
+            }
+            PyTuple_SET_ITEM(result, group * lanes + lane, number);
+        }
+    }
+    return result;
+}
+
+PyDoc_STRVAR(gradient_sums_doc,
+             "gradient_sums(image, weights, words=None, region=None, instruction_set=None)\n--\n\n"
+             "Sums over `image` of the weight of its gradient magnitude, exact: one int per table.\n\n"
+             "image: uint8 (height, width). weights: uint8 (256,), of each magnitude. words: uint8 (n, 256, 8), 8n\n"
+             "tables that the image is seen through; None for the image as it is. region: uint8 (height, width), what\n"
+             "each pixel counts. instruction_set: one of INSTRUCTION_SETS; None for the best.");
+
+static PyObject *gradient_sums(PyObject *module, PyObject *arguments, PyObject *keywords)
+{
+    static char *names[] = {"image", "weights", "words", "region", "instruction_set", NULL};
+    PyObject *objects[4] = {NULL, NULL, Py_None, Py_None}, *result = NULL;
+    const char *set_name = NULL;
+    Py_buffer image, weights, words, region;
+    (void)module;
+    if (!PyArg_ParseTupleAndKeywords(arguments, keywords, "OO|OOz", names, &objects[0], &objects[1], &objects[2],
+                                     &objects[3], &set_name))
+        return NULL;
+    const InstructionSet *set = find_set(set_name);
+    const int has_words = objects[2] != Py_None, has_region = objects[3] != Py_None;
+    if (!set || hold_bytes(objects[0], &image, 2, PyBUF_STRIDES, "image") < 0)
+        return NULL;
+    if (hold_bytes(objects[1], &weights, 1, PyBUF_ND, "weights") < 0)
+        goto release_image;
+    if (has_words && hold_bytes(objects[2], &words, 3, PyBUF_ND, "words") < 0)
+        goto release_weights;
+    if (has_region && hold_bytes(objects[3], &region, 2, PyBUF_STRIDES, "region") < 0)
+        goto release_words;
+    if (!check_shapes(&image, has_region ? &region : NULL, has_words ? &words : NULL, &weights))
+        result = sums_of(&image, has_region ? &region : NULL, has_words ? &words : NULL, weights.buf, set->sums);
+    if (has_region)
+        PyBuffer_Release(&region);
+release_words:
+    if (has_words)
+        PyBuffer_Release(&words);
+release_weights:
+    PyBuffer_Release(&weights);
+release_image:
+    PyBuffer_Release(&image);
+    return result;
+}
+
+static PyObject *set_names(void)
+{
+    const InstructionSet *sets = instruction_sets();
+    Py_ssize_t count = 0;
+    while (sets[count].name)
+        count++;
+    PyObject *names = PyTuple_New(count);
+    for (Py_ssize_t i = 0; names && i < count; i++) {
+        PyObject *name = PyUnicode_FromString(sets[i].name);
+        if (!name) {
+            Py_DECREF(names);
+            return NULL;
+        }
+        PyTuple_SET_ITEM(names, i, name);
+    }
+    return names;
+}
+
+static PyMethodDef methods[] = {
+    {"gradient_sums", (PyCFunction)(void (*)(void))gradient_sums, METH_VARARGS | METH_KEYWORDS, gradient_sums_doc},
+    {NULL, NULL, 0, NULL},
+};
+
+static struct PyModuleDef definition = {
+    .m_base = PyModuleDef_HEAD_INIT,
+    .m_name = "_native",
+    .m_doc = "Gradient sums in one pass, by the best instructions of this processor.",
+    .m_size = -1,
+    .m_methods = methods,
+};
+
+PyMODINIT_FUNC PyInit__native(void)
+{
+    PyObject *module = PyModule_Create(&definition), *names = module ? set_names() : NULL;
+    if (!names || PyModule_AddObjectRef(module, "INSTRUCTION_SETS", names) < 0)
+        Py_CLEAR(module);
+    Py_XDECREF(names);
+    return module;
+}

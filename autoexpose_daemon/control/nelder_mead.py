@@ -1,0 +1,138 @@
+"""The search of Nelder and Mead (1965) for a maximum, one question at a time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+Point = tuple[float, ...]
+
+REFLECTION, EXPANSION, CONTRACTION, SHRINK = 1.0, 2.0, 0.5, 0.5
+"""The usual coefficients."""
+
+Phase = Literal["start", "reflect", "expand", "contract", "shrink"]
+
+
+@dataclass(slots=True)
+class NelderMead:
+    """Ask where to measure next, tell what was measured there; all state is plain data.
+
+    Points are kept within a box by clipping each coordinate.
+
+    Attributes
+    ----------
+    low, high
+        Corners of the box.
+    pending
+        Points still to be measured, the next one first: never empty.
+    vertices
+        Measured vertices of the simplex with their values, the best first once complete.
+    phase
+        Why `pending` is to be measured.
+    reflected
+        The reflected point and its value, while expanding or contracting.
+    """
+
+    low: Point
+    high: Point
+    pending: list[Point]
+    vertices: list[tuple[Point, float]] = field(default_factory=list)
+    phase: Phase = "start"
+    reflected: tuple[Point, float] | None = None
+
+    @classmethod
+    def around(cls, start: Sequence[float], steps: Sequence[float], low: Point, high: Point) -> NelderMead:
+        """A search from `start` and, for each coordinate, a point one of `steps` away from it.
+
+        A step that would leave the box goes the other way.
+        """
+        search = cls(low, high, [])
+        origin = search.clip(start)
+        points = [origin]
+        for axis, step in enumerate(steps):
+            inside = low[axis] <= origin[axis] + step <= high[axis]
+            moved = origin[axis] + (step if inside else -step)
+            points.append(search.clip((*origin[:axis], moved, *origin[axis + 1 :])))
+        search.pending = points
+        return search
+
+    @property
+    def question(self) -> Point:
+        """Where to measure next."""
+        return self.pending[0]
+
+    @property
+    def best(self) -> tuple[Point, float]:
+        """The best vertex and its value; there must be one."""
+        return max(self.vertices, key=lambda vertex: vertex[1])
+
+    @property
+    def size(self) -> float:
+        """Largest extent of the simplex along a coordinate; infinite until all vertices are known."""
+        if len(self.vertices) <= len(self.low):
+            return math.inf
+        points = [point for point, _ in self.vertices]
+        return max(float(max(axis) - min(axis)) for axis in zip(*points, strict=True))
+
+    def clip(self, point: Sequence[float]) -> Point:
+        """The point of the box nearest to `point`."""
+        return tuple(min(max(x, low), high) for x, low, high in zip(point, self.low, self.high, strict=True))
+
+    def tell(self, value: float) -> None:
+        """The value measured at `question`."""
+        point = self.pending.pop(0)
+        match self.phase:
+            case "start" | "shrink":
+                self.vertices.append((point, value))
+                if not self.pending:
+                    self._reflect()
+            case "reflect":
+                self._judge_reflection(point, value)
+            case "expand":
+                assert self.reflected is not None
+                self._replace_worst(max((point, value), self.reflected, key=lambda vertex: vertex[1]))
+            case "contract":
+                assert self.reflected is not None
+                if value > max(self.vertices[-1][1], self.reflected[1]):
+                    self._replace_worst((point, value))
+                else:
+                    self._shrink()
+
+    def _reflect(self) -> None:
+        self.vertices.sort(key=lambda vertex: -vertex[1])  # stable: of equal ones the older stays first
+        self._ask("reflect", self._from_centre(-REFLECTION))
+
+    def _judge_reflection(self, point: Point, value: float) -> None:
+        self.reflected = (point, value)
+        if value > self.vertices[0][1]:
+            self._ask("expand", self._from_centre(-EXPANSION))
+        elif value > self.vertices[-2][1]:
+            self._replace_worst((point, value))
+        elif value > self.vertices[-1][1]:
+            self._ask("contract", self._from_centre(-CONTRACTION))
+        else:
+            self._ask("contract", self._from_centre(CONTRACTION))
+
+    def _replace_worst(self, vertex: tuple[Point, float]) -> None:
+        self.vertices[-1] = vertex
+        self._reflect()
+
+    def _shrink(self) -> None:
+        best = self.vertices[0]
+        moved = [self._between(best[0], point, SHRINK) for point, _ in self.vertices[1:]]
+        self.vertices = [best]
+        self.phase, self.pending = "shrink", moved
+
+    def _ask(self, phase: Phase, point: Point) -> None:
+        self.phase, self.pending = phase, [point]
+
+    def _from_centre(self, factor: float) -> Point:
+        """The point `factor` times as far from the centre of all but the worst vertex as the worst one is."""
+        others = [point for point, _ in self.vertices[:-1]]
+        centre = tuple(sum(axis) / len(others) for axis in zip(*others, strict=True))
+        return self._between(centre, self.vertices[-1][0], factor)
+
+    def _between(self, origin: Point, point: Point, factor: float) -> Point:
+        return self.clip([o + factor * (x - o) for o, x in zip(origin, point, strict=True)])

@@ -1,0 +1,55 @@
+"""What policies share that search with query images: frames taken only to learn what they measure."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from autoexpose_daemon.control.policy import Observation, Target
+
+BLIND_SHARE = 0.95
+"""A frame of which more is black, or more is saturated, tells a search nothing but the way."""
+
+BLIND_STEP_STOPS = 2.0
+
+VALUE_CHANGE, MEAN_CHANGE, MEAN_FLOOR = 0.15, 0.15, 0.02
+"""How far a metric and the mean signal may drift, as shares of themselves, before the scene counts as another one."""
+
+WORST_OF_EXPECTED = 0.3
+"""A first frame that falls short of the search's promise by this share was searched in a scene that has changed."""
+
+
+def way_out(observation: Observation) -> Target | None:
+    """For a frame that is all but black or all but saturated: two stops towards the light; else None."""
+    if observation.black_share > BLIND_SHARE:
+        return Target(observation.setting.level + BLIND_STEP_STOPS, "query: too dark to search")
+    if observation.saturated_share > BLIND_SHARE:
+        return Target(observation.setting.level - BLIND_STEP_STOPS, "query: too bright to search")
+    return None
+
+
+@dataclass(slots=True)
+class Held:
+    """What a search has found, and how its first frame looked: when that is no longer so, search again.
+
+    Attributes
+    ----------
+    target
+        Where the search ended.
+    expected
+        The metric it expects there.
+    value, mean
+        Metric and mean signal of the first frame taken there; None before it has come.
+    """
+
+    target: Target
+    expected: float
+    value: float | None = None
+    mean: float | None = None
+
+    def still_holds(self, value: float, mean: float) -> bool:
+        """Whether a frame taken at `target` with this metric and mean signal shows the scene that was searched."""
+        if self.value is None or self.mean is None:
+            self.value, self.mean = value, mean
+            return value >= self.expected - WORST_OF_EXPECTED * abs(self.expected)
+        moved = abs(value - self.value) > VALUE_CHANGE * abs(self.value) and self.value != 0
+        return not moved and abs(mean - self.mean) <= MEAN_FLOOR + MEAN_CHANGE * abs(self.mean)

@@ -1,0 +1,90 @@
+"""The part of a camera's picture that counts: rectangles and a mask, as weights of the prepared image."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from autoexpose_daemon.control.image import CONTROL_SIZE, fit
+from drivers.errors import ConfigurationError
+
+_REACH = np.ones((5, 5), np.uint8)
+"""What a measure of one prepared pixel looks at: the median filter one pixel around it, the gradient another one."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rectangle:
+    """A rectangle in pixels of the camera's frames, and its weight, 0 to 1."""
+
+    x: int
+    y: int
+    width: int
+    height: int
+    weight: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Region:
+    """Which pixels of a camera count, and how much.
+
+    Attributes
+    ----------
+    name
+        What to call this region in errors: file and key of the configuration.
+    rectangles
+        Painted in this order: where two overlap, the later one counts. None at all: the whole picture.
+    background_weight
+        Weight 0 to 1 of what no rectangle covers.
+    mask
+        Grey 0 (does not count) to 255, uint8, of the size of the frames; multiplied with the rectangles.
+    """
+
+    name: str
+    rectangles: tuple[Rectangle, ...] = ()
+    background_weight: float = 0.0
+    mask: NDArray[np.uint8] | None = None
+
+    def weights(self, shape: tuple[int, ...]) -> NDArray[np.uint8]:
+        """Weights of the prepared image of frames of `shape` (height, width): uint8, of the prepared size.
+
+        A prepared pixel weighs as much as the least of all that it and its measures look at, so that not even the
+        blurred edge of what is masked counts.
+
+        Raises
+        ------
+        ConfigurationError
+            When the region does not fit such frames, or nothing of it is left.
+        """
+        full = self._full_weights((shape[0], shape[1]))
+        size = fit(shape, CONTROL_SIZE)
+        small = cv2.resize(full, size, interpolation=cv2.INTER_AREA)
+        ignored = cv2.resize(np.where(full == 0, np.float32(1), np.float32(0)), size, interpolation=cv2.INTER_AREA)
+        small[ignored > 1e-3] = 0
+        weights = np.asarray(cv2.erode(small, _REACH), np.uint8)
+        if not weights.any():
+            raise ConfigurationError(
+                f"{self.name}: leaves no pixel of {shape[1]}x{shape[0]} frames that counts: enlarge the region"
+            )
+        return weights
+
+    def _full_weights(self, shape: tuple[int, int]) -> NDArray[np.uint8]:
+        height, width = shape
+        weights = np.full(shape, 1.0 if not self.rectangles else self.background_weight, np.float32)
+        for index, rectangle in enumerate(self.rectangles):
+            right, bottom = rectangle.x + rectangle.width, rectangle.y + rectangle.height
+            if right > width or bottom > height:
+                raise ConfigurationError(
+                    f"{self.name}: rectangle {index} reaches to pixel ({right}, {bottom}), frames are {width}x{height}"
+                )
+            weights[rectangle.y : bottom, rectangle.x : right] = rectangle.weight
+        if self.mask is not None:
+            if self.mask.shape != shape:
+                raise ConfigurationError(
+                    f"{self.name}: the mask is {self.mask.shape[1]}x{self.mask.shape[0]} pixels, frames are "
+                    f"{width}x{height}: draw it in the size of the frames"
+                )
+            weights *= self.mask.astype(np.float32) / 255
+        return np.rint(255 * weights).astype(np.uint8)

@@ -1,0 +1,97 @@
+"""Runs a plan over processes."""
+
+from __future__ import annotations
+
+import multiprocessing
+import signal
+from collections.abc import Generator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from evaluation.closed_loop import Entrant, Series, run
+from evaluation.plan import Split, Task
+from evaluation.scores import Score
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trace:
+    """What a plot of one run shows, by frame: exposure levels (stops), the oracle's, and shares of its metric."""
+
+    levels: NDArray[np.float32]
+    oracle_levels: NDArray[np.float32]
+    ratios: NDArray[np.float32]
+    first_scored: int
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """One policy in one course with one delay."""
+
+    policy: str
+    scenario: str
+    scene: str
+    seed: int
+    delay_frames: int
+    split: Split
+    score: Score
+    trace: Trace | None = None
+
+
+def run_task(task: Task, policies: Sequence[str]) -> list[Run]:
+    """All policies through one course, with all of its delays."""
+    entrants = [Entrant.of(policy, delay) for delay in task.delays for policy in policies]
+    return [_run_of(task, series) for series in run(task.scenario, task.scene, task.seed, entrants)]
+
+
+def run_plan(tasks: Sequence[Task], policies: Sequence[str], jobs: int) -> Generator[tuple[Task, list[Run]]]:
+    """Run all tasks in `jobs` processes; yields each as it is done.
+
+    The processes are spawned, not forked, so that they share no state of OpenCV's; whoever stops iterating, by Ctrl-C
+    for one, ends them.
+    """
+    if jobs == 1:
+        threads = cv2.getNumThreads()
+        cv2.setNumThreads(1)
+        try:
+            for task in tasks:
+                yield task, run_task(task, policies)
+        finally:
+            cv2.setNumThreads(threads)
+        return
+    context = multiprocessing.get_context("spawn")
+    executor = ProcessPoolExecutor(jobs, mp_context=context, initializer=_start_worker)
+    before = set(multiprocessing.active_children())
+    try:
+        futures = {executor.submit(run_task, task, policies): task for task in tasks}
+        for future in as_completed(futures):
+            yield futures[future], future.result()
+    except BaseException:
+        executor.shutdown(wait=False, cancel_futures=True)
+        for child in set(multiprocessing.active_children()) - before:
+            child.terminate()
+        raise
+    finally:
+        executor.shutdown(wait=True, cancel_futures=True)
+
+
+def _start_worker() -> None:
+    # Ctrl-C reaches the whole group of processes: the parent alone decides.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    cv2.setNumThreads(1)
+
+
+def _run_of(task: Task, series: Series) -> Run:
+    trace = None
+    if task.keep_traces:
+        levels, best, ratios = (
+            array.astype(np.float32) for array in (series.levels, series.oracle_levels, series.ratios)
+        )
+        trace = Trace(levels, best, ratios, series.first_scored)
+    entrant = series.entrant
+    return Run(
+        entrant.name, task.scenario, task.scene, task.seed, entrant.delay_frames, task.split, series.score(), trace
+    )

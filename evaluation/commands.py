@@ -1,0 +1,116 @@
+"""The command `autoexpose arena`."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Sequence
+from contextlib import closing
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Table
+
+from autoexpose_daemon.control.policies import POLICY_IDS, check_policy_id
+from drivers.errors import AutoexposeError, ConfigurationError
+from evaluation.arena import Run, run_plan
+from evaluation.plan import Task, full_plan, quick_plan
+from evaluation.report import cells, mean_ratios, write_report
+from evaluation.results import document
+from evaluation.scenarios import SCENARIOS
+
+DEFAULT_POLICY = "begin2022"
+
+arena_app = typer.Typer(add_completion=False)
+
+
+@arena_app.callback(invoke_without_command=True)
+def arena(
+    *,
+    quick: Annotated[bool, typer.Option("--quick", help="Every scenario once: about a minute.")] = False,
+    json_file: Annotated[Path | None, typer.Option("--json", help="Write all figures to this JSON file.")] = None,
+    report: Annotated[Path | None, typer.Option(help="Write a report with plots into this folder.")] = None,
+    policies: Annotated[str, typer.Option(help="Ids, separated by commas.")] = ",".join(POLICY_IDS),
+    scenarios: Annotated[str, typer.Option(help="Ids, separated by commas.")] = ",".join(SCENARIOS),
+    pictures: Annotated[Path | None, typer.Option(help="A folder of Radiance .hdr files as further scenes.")] = None,
+    jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = len(os.sched_getaffinity(0)),
+) -> None:
+    """Run every policy through every scenario and compare them with the best exposure of each frame."""
+    chosen = _chosen(policies, scenarios)
+    if json_file is not None and not json_file.parent.is_dir():
+        raise ConfigurationError(f"{json_file}: there is no folder {json_file.parent}: make it, or choose another file")
+    stills = _pictures(pictures) if pictures else []
+    plan = quick_plan(chosen[1], stills) if quick else full_plan(chosen[1], stills)
+    console = Console()
+    runs = _run(plan, chosen[0], jobs, console)
+    figures = document(runs, DEFAULT_POLICY)
+    if json_file is not None:
+        json_file.write_text(json.dumps(figures, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    _print(figures["results"], console)
+    if report is not None:
+        console.print(f"report: {write_report(runs, DEFAULT_POLICY, report)}")
+
+
+def _chosen(policies: str, scenarios: str) -> tuple[list[str], list[str]]:
+    """The ids asked for, each once."""
+    policy_ids = list(dict.fromkeys(policies.split(",")))
+    scenario_ids = list(dict.fromkeys(scenarios.split(",")))
+    for policy in policy_ids:
+        check_policy_id(policy)
+    for scenario in scenario_ids:
+        if scenario not in SCENARIOS:
+            raise ConfigurationError(f"there is no scenario {scenario!r}: choose from {', '.join(SCENARIOS)}")
+    return policy_ids, scenario_ids
+
+
+def _pictures(folder: Path) -> list[str]:
+    stills = sorted(str(file) for file in folder.glob("*.hdr"))
+    if not stills:
+        raise ConfigurationError(f"{folder}: no .hdr file in it: give a folder of Radiance pictures")
+    return stills
+
+
+def _run(plan: Sequence[Task], policies: Sequence[str], jobs: int, console: Console) -> list[Run]:
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.percentage:3.0f} %"),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(elapsed_when_finished=False),
+    )
+    runs: list[Run] = []
+    try:
+        # Tasks take minutes in the full arena, so the speed is estimated over all of the past.
+        with Progress(*columns, console=console, speed_estimate_period=3600.0) as progress:
+            bar = progress.add_task("arena", total=sum(task.frames * len(task.delays) for task in plan))
+            with closing(run_plan(plan, policies, jobs)) as finished:
+                for task, done in finished:
+                    runs += done
+                    progress.update(bar, advance=task.frames * len(task.delays), description=task.scenario)
+    except KeyboardInterrupt:
+        raise AutoexposeError("arena stopped before it was done: nothing was written") from None
+    return runs
+
+
+def _print(rows: Sequence[dict[str, object]], console: Console) -> None:
+    scenarios = [scenario for scenario in SCENARIOS if any(row["scenario"] == scenario for row in rows)]
+    table = Table(title="Metric as a share of the oracle's: mean (worst 5 % of frames; median frames to settle)")
+    table.add_column("policy")
+    for scenario in scenarios:
+        table.add_column(scenario, justify="right")
+    table.add_column("mean", justify="right")
+    ranking = mean_ratios(rows)
+    names = [policy for policy, _ in ranking]
+    parts = [cells(rows, names, scenarios, k) for k in ("metric_ratio_mean", "metric_ratio_p05", "settle_frames")]
+    for index, (policy, mean) in enumerate(ranking):
+        figures = [
+            f"{ratio:.2f} ({worst:.2f}; {'-' if math.isnan(settle) else f'{settle:.0f}'})"
+            for ratio, worst, settle in zip(*(part[index] for part in parts), strict=True)
+        ]
+        table.add_row(policy, *figures, f"{mean:.3f}")
+    console.print(table)
