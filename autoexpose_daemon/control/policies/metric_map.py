@@ -1,4 +1,4 @@
-"""Policy `metric-map`, the default: a map of predicted metric over absolute exposure level, fused over frames."""
+"""Policy `metric-map`: a map of predicted metric over absolute exposure level, fused over frames."""
 
 from __future__ import annotations
 
@@ -32,6 +32,9 @@ MOVING_PX = 2.0
 SLOW_PX = 8.0
 """Flow up to which slopes of brightness are taken for the light's and led."""
 
+FLOW_STOPS = 0.5
+"""Flow across a greater change of light or exposure is an error of the flow: the motion known before stands."""
+
 AGE_PER_PX = 0.02
 AGE_PER_STOP = 0.1
 """Stops by which sightings count as farther for each pixel of motion, and for each stop of light."""
@@ -39,6 +42,9 @@ AGE_PER_STOP = 0.1
 LEAST_DENSITY = 0.01
 DENSITY_DECAY = 0.98
 """Of the metric per unsaturated pixel that a good exposure has lately had: halved in half a second."""
+
+BLIND_SHARE = 0.8
+"""Saturated share above which a darker sighting, however far, knows more of what lies between."""
 
 SAME_JUMP_STOPS = 0.5
 """Jumps out of the dark are rough: one that is on its way is not corrected by less."""
@@ -54,7 +60,8 @@ class MetricMap:
     """Goes where the map promises most, for both cameras of a pair; docs/policy.md tells why.
 
     All targets are absolute levels, and the map is one of absolute levels, so frames in flight are never corrected
-    twice. The state is plain data: `registration`, `forecast`, `latency`, `memory`, `target` and `densities`.
+    twice. The state is plain data: `registration`, `forecast`, `latency`, `memory`, `target`,
+    `densities` and `motion_px`.
     """
 
     def __init__(self, response: ResponseFunction, metric: GradientMetric, balance: Balance) -> None:
@@ -68,6 +75,7 @@ class MetricMap:
         self.memory = MetricMemory()
         self.target: float | None = None
         self.densities: list[float] = []
+        self.motion_px = 0.0
 
     def decide(self, observation: Observation) -> Target:
         """The level that promises most, for the frame that will show this decision."""
@@ -88,12 +96,14 @@ class MetricMap:
 
     def _remember(self, observation: Observation, views: tuple[View, ...]) -> None:
         level = observation.setting.level
+        level_change = level - self.registration.previous_level
         light = self.registration.change(observation.image, level, observation.weights)
         self.forecast.add(light.stops if light else 0.0)
         # What was seen before an unmeasured change either still fits, or is contradicted and dropped.
         change = light.stops if light and light.measured else 0.0
-        # Flow across such a change is an error of the flow.
-        motion = max(observation.motion_px - MOVING_PX, 0.0) if light and light.measured else 0.0
+        if light and light.measured and max(abs(change), abs(level_change)) < FLOW_STOPS:
+            self.motion_px = observation.motion_px
+        motion = max(self.motion_px - MOVING_PX, 0.0)
         self.memory.pass_frame(change, AGE_PER_PX * motion + AGE_PER_STOP * abs(change))
         self.memory.add(Sighting(level, views))
         if len(self.densities) != len(views):
@@ -107,16 +117,17 @@ class MetricMap:
         jump = dark_jump(min(view.signal for view in views), self._response)
         if jump == 0 or self.memory.highest().level > level + 1.0:
             return None
-        on_its_way = self.target is not None and abs(self.target - level - jump) < SAME_JUMP_STOPS
-        return Target(self.target if on_its_way and self.target else level + jump, "too dark to predict: jumps")
+        target = level + jump
+        if self.target is not None and abs(self.target - target) < SAME_JUMP_STOPS:
+            target = self.target
+        return Target(target, "too dark to predict: jumps")
 
     def _best(self, observation: Observation) -> Target:
         level = observation.setting.level
         held = level if self.target is None else self.target
         levels = _bins(observation.limits)
-        steady = observation.motion_px < SLOW_PX
-        ahead = self.forecast.ahead(self.latency.frames, steady)
-        moving = observation.motion_px >= MOVING_PX
+        ahead = self.forecast.ahead(self.latency.frames, steady=self.motion_px < SLOW_PX)
+        moving = self.motion_px >= MOVING_PX
         worth, metric = self._worth(levels + ahead, moving)
         best = float(worth.max())
         if best <= 0:
@@ -138,7 +149,8 @@ class MetricMap:
         camera sees does not outvote the other.
         """
         metrics = self.memory.fuse(levels)
-        frontier, known_again = self.memory.frontier(math.inf if moving else TRUSTED_RISE)
+        blind = max(view.saturated_share for view in self.memory.sightings[-1].views) > BLIND_SHARE
+        frontier, known_again = self.memory.frontier(math.inf if moving or blind else TRUSTED_RISE)
         unknown = levels > known_again
         # What a camera may yet see is part of its best, until a darker frame has shown whether it is there.
         hidden = np.array([view.saturated_share for view in frontier.views]) * np.array(self.densities)
