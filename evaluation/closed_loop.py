@@ -36,9 +36,6 @@ from evaluation.scores import Score, score
 from evaluation.stage import LIMITS, Stage
 from fake_camera.simulation import Side
 
-ORACLE_EVERY = 4
-"""Frames between two that the oracle is asked about; 4 has no common factor with the 3 frames of flicker's beat."""
-
 LIGHT_JUMP_STOPS = 0.2
 """The oracle is asked about both frames where the light changes by more in between."""
 
@@ -149,7 +146,7 @@ def run_one(
 
 
 def run(
-    scenario: str, scene: str, seed: int, entrants: Sequence[Entrant], *, frames: int | None = None, exact: bool = False
+    scenario: str, scene: str, seed: int, entrants: Sequence[Entrant], *, frames: int | None = None
 ) -> list[Series]:
     """Take all entrants through one course, each in a closed loop of its own.
 
@@ -161,27 +158,38 @@ def run(
         Who runs; the result of one does not depend on the others.
     frames
         Stop after so many frames; None: at the scenario's end.
-    exact
-        Ask the exhaustive oracle about every frame: 20 times slower.
     """
+    stage, first_scored = course_of(scenario, scene, seed)
+    # One exposure serves both cameras; where only one of them sees what matters, both are judged.
+    sides: tuple[Side, ...] = ("left", "right") if stage.has_lamp else ("left",)
+    oracle = Oracle(stage, sides)
+    kind = SCENARIOS[scenario]
+    return race(
+        stage, entrants, oracle, frames=frames or kind.frames, first_scored=first_scored, every=kind.oracle_every
+    )
+
+
+def course_of(scenario: str, scene: str, seed: int) -> tuple[Stage, int]:
+    """The stage of one course, and the first frame of it that is scored."""
     kind = SCENARIOS[scenario]
     course = kind.draw(np.random.default_rng([seed, list(SCENARIOS).index(scenario)]))
-    stage = Stage(build_views(scene, seed, course.gaze, kind.at_window), course, seed)
-    sides: tuple[Side, ...] = ("left", "right") if course.lamp else ("left",)
-    return race(stage, entrants, frames or kind.frames, course.first_scored, Oracle(stage, sides, exhaustive=exact))
+    return Stage(build_views(scene, seed, course.gaze, kind.at_window), course, seed), course.first_scored
 
 
 def race(
-    stage: Stage, entrants: Sequence[Entrant], frames: int, first_scored: int, oracle: Oracle, *, exact: bool = False
+    stage: Stage, entrants: Sequence[Entrant], oracle: Oracle, *, frames: int, first_scored: int, every: int
 ) -> list[Series]:
-    """Take all entrants through the first `frames` frames of a stage, from the best exposure of the first one."""
+    """Take all entrants through the first `frames` frames of a stage, from the best exposure of the first one.
+
+    The oracle is asked every so many frames, at the last one, and where the light jumps.
+    """
     start = _start(oracle)
     response = ResponseFunction.linear()
     loops = [entrant.make_loop(response, LIMITS, start) for entrant in entrants]
     runs = [Series(entrant, first_scored, [start] * entrant.delay_frames) for entrant in entrants]
     for frame in range(frames):
         stage.go_to(frame)
-        asked = exact or _is_asked(stage, frame, frames)
+        asked = frame % every == 0 or frame == frames - 1 or _light_jumps_at(stage, frame, frames)
         for loop, series in zip(loops, runs, strict=True):
             _step(stage, loop, series)
             series.judged.append(oracle.judge(series.settings[frame]))
@@ -198,12 +206,12 @@ def _start(oracle: Oracle) -> ExposureSetting:
     return LIMITS.realise(level, balance.exposure_time_us(level, 0.0, LIMITS))
 
 
-def _is_asked(stage: Stage, frame: int, frames: int) -> bool:
+def _light_jumps_at(stage: Stage, frame: int, frames: int) -> bool:
     def jump(first: int) -> bool:
         before, after = stage.glimpse_lux(max(first, 0)), stage.glimpse_lux(first + 1)
         return abs(math.log2((after + 1e-6) / (before + 1e-6))) > LIGHT_JUMP_STOPS
 
-    return frame % ORACLE_EVERY == 0 or frame == frames - 1 or jump(frame - 1) or (frame + 1 < frames and jump(frame))
+    return jump(frame - 1) or (frame + 1 < frames and jump(frame))
 
 
 def _step(stage: Stage, loop: ControlLoop, series: Series) -> None:

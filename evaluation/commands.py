@@ -15,6 +15,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
+from autoexpose_daemon.config import ControlConfig
 from autoexpose_daemon.control.policies import POLICY_IDS, check_policy_id
 from drivers.errors import AutoexposeError, ConfigurationError
 from evaluation.arena import Run, run_plan
@@ -23,7 +24,7 @@ from evaluation.report import cells, mean_ratios, write_report
 from evaluation.results import document
 from evaluation.scenarios import SCENARIOS
 
-DEFAULT_POLICY = "begin2022"
+DEFAULT_POLICY = str(ControlConfig.model_fields["policy"].default)
 
 arena_app = typer.Typer(add_completion=False)
 
@@ -99,18 +100,19 @@ def _run(plan: Sequence[Task], policies: Sequence[str], jobs: int, console: Cons
 
 def _print(rows: Sequence[dict[str, object]], console: Console) -> None:
     scenarios = [scenario for scenario in SCENARIOS if any(row["scenario"] == scenario for row in rows)]
-    table = Table(title="Metric as a share of the oracle's: mean (worst 5 % of frames; median frames to settle)")
-    table.add_column("policy")
-    for scenario in scenarios:
-        table.add_column(scenario, justify="right")
-    table.add_column("mean", justify="right")
     ranking = mean_ratios(rows)
-    names = [policy for policy, _ in ranking]
-    parts = [cells(rows, names, scenarios, k) for k in ("metric_ratio_mean", "metric_ratio_p05", "settle_frames")]
-    for index, (policy, mean) in enumerate(ranking):
+    policies = [policy for policy, _ in ranking]
+    ratios = cells(rows, policies, scenarios, "metric_ratio_mean")
+    settle = cells(rows, policies, scenarios, "settle_frames")
+    table = Table(title="Metric as a share of the oracle's, mean; below it the median of frames to settle")
+    table.add_column("policy", no_wrap=True)
+    for scenario in scenarios:
+        table.add_column(scenario.replace("_", "\n"), justify="right")
+    table.add_column("mean", justify="right")
+    for (policy, mean), shares, frames in zip(ranking, ratios, settle, strict=True):
         figures = [
-            f"{ratio:.2f} ({worst:.2f}; {'-' if math.isnan(settle) else f'{settle:.0f}'})"
-            for ratio, worst, settle in zip(*(part[index] for part in parts), strict=True)
+            f"{share:.2f}\n[dim]{'-' if math.isnan(count) else f'{count:.0f}'}[/]"
+            for share, count in zip(shares, frames, strict=True)
         ]
         table.add_row(policy, *figures, f"{mean:.3f}")
     console.print(table)

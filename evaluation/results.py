@@ -53,7 +53,7 @@ def results(runs: Sequence[Run]) -> list[dict[str, Any]]:
     for policy, scenario in sorted({(run.policy, run.scenario) for run in runs}):
         group = [run for run in runs if (run.policy, run.scenario) == (policy, scenario)]
         settle = [math.inf if run.score.settle_frames is None else run.score.settle_frames for run in group]
-        median = sorted(settle)[(len(settle) - 1) // 2] if math.inf in settle else float(np.median(settle))
+        median = float(np.median(settle))
         rows.append(
             {
                 "policy": policy,

@@ -43,11 +43,25 @@ class Course:
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
-    """A scenario: `draw` makes its course from random numbers; angle 0 of the gaze is a window for `at_window`."""
+    """A scenario.
+
+    Attributes
+    ----------
+    frames
+        How long it is.
+    draw
+        Makes its course from random numbers.
+    at_window
+        Whether angle 0 of the gaze is a window.
+    oracle_every
+        Frames between two that the oracle is asked about, interpolating between them. Against asking about every frame
+        the mean ratio then errs by less than 0.003. 2 and 4 have no common factor with the 3 frames of flicker's beat.
+    """
 
     frames: int
     draw: Callable[[np.random.Generator], Course]
     at_window: bool = False
+    oracle_every: int = 4
 
 
 def step_time_s(rng: np.random.Generator) -> tuple[float, int]:
@@ -99,8 +113,8 @@ def _pan(rng: np.random.Generator) -> Course:
 
 def _flicker(rng: np.random.Generator) -> Course:
     """Mains of 50 Hz, as exact as mains are; so bright that exposures are far shorter than the 10 ms of a flash."""
-    flicker = Flicker(100.0 * (1 + float(rng.uniform(-1e-3, 1e-3))), float(rng.uniform(0.8, 1.0)))
-    return Course(LightScript((Change(0.0, float(rng.uniform(150, 400))),), flicker=flicker), _still, 60)
+    flicker = Flicker(100.0 * (1 + float(rng.uniform(-1e-3, 1e-3))), float(rng.uniform(0.9, 1.0)))
+    return Course(LightScript((Change(0.0, float(rng.uniform(400.0, 1200.0))),), flicker=flicker), _still, 60)
 
 
 def _lowlight_fast(rng: np.random.Generator) -> Course:
@@ -129,9 +143,9 @@ SCENARIOS = {
     "step_up": Scenario(120, _step(up=True)),
     "step_down": Scenario(120, _step(up=False)),
     "tunnel": Scenario(220, _tunnel),
-    "pan": Scenario(270, _pan, at_window=True),
+    "pan": Scenario(270, _pan, at_window=True, oracle_every=2),
     "flicker": Scenario(180, _flicker),
-    "lowlight_fast": Scenario(150, _lowlight_fast),
+    "lowlight_fast": Scenario(150, _lowlight_fast, oracle_every=2),
     "sun_shadow": Scenario(150, _sun_shadow),
     "lamp_right": Scenario(110, _lamp_right),
 }

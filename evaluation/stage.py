@@ -49,10 +49,12 @@ class Stage:
         self._start_times_s = start_times_s
         self._seed = seed
         self._sensors = {side: Sensor(SensorModel(), 2 * seed + (side == "right")) for side in views}
-        self._cameras = {
+        self._films = {
             side: _Film(view, course.light, course.lamp if side == "right" else None) for side, view in views.items()
         }
-        self._light = course.light
+        self.views = views
+        self.light = course.light
+        self.has_lamp = course.lamp is not None
         self.frame = 0
         self.go_to(0)
 
@@ -63,12 +65,16 @@ class Stage:
     def go_to(self, frame: int) -> None:
         """All that follows is about this frame."""
         self.frame = frame
-        for film in self._cameras.values():
+        for film in self._films.values():
             film.go_to(self.start_s(frame))
 
     def glimpse_lux(self, frame: int) -> float:
         """Light during the first millisecond of a frame."""
-        return self._light.mean_lux(self.start_s(frame), 1e-3)
+        return self.light.mean_lux(self.start_s(frame), 1e-3)
+
+    def radiance(self, side: Side, exposure_s: float) -> Radiance:
+        """Mean radiance over an exposure of this frame, float32, (height, width); overwritten by the next call."""
+        return self._films[side].radiance(exposure_s)
 
     def expose(self, side: Side, setting: ExposureSetting) -> NDArray[np.uint8]:
         """The image that one camera takes of this frame, uint8, (540, 720)."""
@@ -76,7 +82,7 @@ class Stage:
         settings = ImageSettings(
             setting.exposure_time_us, setting.gain_db, 0.0, 1.0, "Mono8", 0, 0, model.width, model.height, 1, 1
         )
-        radiance = self._cameras[side].radiance(setting.exposure_time_us * 1e-6)
+        radiance = self.radiance(side, setting.exposure_time_us * 1e-6)
         image = self._sensors[side].expose(radiance, settings, self._seed * 100_000 + self.frame)
         return image.astype(np.uint8, copy=False)
 

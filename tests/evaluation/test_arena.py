@@ -1,0 +1,151 @@
+"""The command from end to end, its JSON and its report."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from drivers.errors import AutoexposeError, ConfigurationError
+from evaluation import commands, plan
+from evaluation.arena import Run, run_plan
+from evaluation.commands import arena_app
+from evaluation.plan import Task, full_plan, quick_plan
+from evaluation.report import mean_ratios
+from evaluation.results import document, results
+from evaluation.scenarios import SCENARIOS
+from evaluation.scores import Score
+from evaluation.targets import outcomes
+
+FIGURES = {
+    "settle_frames": (int, float, type(None)),
+    "overshoot_stops": float,
+    "steady_std_stops": float,
+    "metric_ratio_mean": float,
+    "metric_ratio_p05": float,
+    "bad_frame_share": float,
+    "gain_db_mean": float,
+}
+COMMON = {"policy": str, "scenario": str, "delay_frames": int, "split": str, **FIGURES}
+
+
+def made_up(policy: str, scenario: str, settle: int | None, ratio: float, *, delay: int = 2, seed: int = 1000) -> Run:
+    return Run(policy, scenario, "room", seed, delay, "heldout", Score(settle, 0.1, 0.05, ratio, ratio / 2, 0.0, 12.0))
+
+
+@pytest.fixture
+def short_scenarios(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("step_down", "flicker"):
+        scenario = SCENARIOS[name]
+        monkeypatch.setitem(SCENARIOS, name, replace(scenario, frames=64))
+    monkeypatch.setattr(plan, "HELD_OUT_SCENES", ("shelves", "street"))
+
+
+@pytest.mark.usefixtures("short_scenarios")
+def test_quick_arena_writes_json_and_report(tmp_path: Path) -> None:
+    out, folder = tmp_path / "out.json", tmp_path / "report"
+    options = ["--quick", "--jobs", "1", "--policies", "begin2022,fixed", "--scenarios", "step_down,flicker"]
+    result = CliRunner().invoke(arena_app, [*options, "--json", str(out), "--report", str(folder)])
+
+    assert result.exit_code == 0, result.output
+    figures = json.loads(out.read_text())
+    assert set(figures) == {"default_policy", "runs", "results"}
+    assert len(figures["runs"]) == len(figures["results"]) == 4
+    for run in figures["runs"]:
+        check(run, {**COMMON, "scene": str, "seed": int})
+        assert run["settle_frames"] is None or isinstance(run["settle_frames"], int)
+        assert run["split"] == "heldout" and run["seed"] >= 1000
+    for row in figures["results"]:
+        check(row, {**COMMON, "stuck_share": float})
+    report = (folder / "arena.md").read_text()
+    assert "`begin2022`" in report and "| step_down | flicker |" in report
+    assert {file.name for file in folder.iterdir()} == {"arena.md", "table.png", "step_down.png", "flicker.png"}
+
+
+def check(entry: dict[str, object], schema: dict[str, object]) -> None:
+    assert set(entry) == set(schema)
+    for key, kind in schema.items():
+        assert isinstance(entry[key], kind), key  # type: ignore[arg-type]
+
+
+def test_processes_give_what_one_process_gives() -> None:
+    tasks = [Task("step_down", scene, 1, (2,), "tune") for scene in ("leaves", "shelves")]
+    alone = dict(run_plan(tasks, ["fixed"], 1))
+    spread = dict(run_plan(tasks, ["fixed"], 2))
+
+    assert alone == spread
+
+
+def test_ctrl_c_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(commands, "run_plan", interrupted)
+    with pytest.raises(AutoexposeError, match="stopped before it was done"):
+        arena_app(["--quick", "--jobs", "1"], standalone_mode=False)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--policies", "begin"], "there is no policy 'begin'"),
+        (["--scenarios", "step"], "there is no scenario 'step'"),
+        (["--json", "nowhere/out.json"], "there is no folder nowhere"),
+        (["--pictures", "nowhere"], "no .hdr file"),
+    ],
+)
+def test_bad_options_are_one_sentence(options: list[str], message: str) -> None:
+    with pytest.raises(ConfigurationError, match=message):
+        arena_app([*options, "--quick"], standalone_mode=False)
+
+
+def test_median_of_settling_counts_stuck_runs_as_latest() -> None:
+    def row(*settle: int | None) -> dict[str, object]:
+        return results([made_up("a", "pan", frames, 0.5, seed=1000 + i) for i, frames in enumerate(settle)])[0]
+
+    assert row(4, 8, None)["settle_frames"] == 8
+    assert row(4, 8)["settle_frames"] == 6
+    assert row(4, None, None)["settle_frames"] is None
+    assert row(4, None)["settle_frames"] is None
+    assert row(4, None, None)["stuck_share"] == pytest.approx(2 / 3)
+
+
+def test_results_are_of_held_out_runs_with_two_frames_of_delay() -> None:
+    runs = [
+        made_up("a", "pan", 3, 0.8),
+        made_up("a", "pan", 3, 0.6, seed=1001),
+        made_up("a", "pan", 3, 0.1, delay=3),
+        Run("a", "pan", "room", 7, 2, "tune", Score(1, 0.0, 0.0, 0.2, 0.2, 0.0, 0.0)),
+    ]
+    figures = document(runs, "a")
+
+    assert len(figures["runs"]) == 4
+    assert [row["metric_ratio_mean"] for row in figures["results"]] == [pytest.approx(0.7)]
+
+
+def test_ranking_is_by_the_mean_over_scenarios() -> None:
+    runs = [made_up(p, s, 3, r) for p, s, r in (("a", "pan", 0.9), ("a", "tunnel", 0.1), ("b", "pan", 0.6))]
+
+    assert mean_ratios(results(runs)) == [("b", pytest.approx(0.6)), ("a", pytest.approx(0.5))]
+
+
+def test_targets_depend_on_the_delay() -> None:
+    def share(settle: int | None, delay: int) -> float:
+        return outcomes([made_up("a", "step_up", settle, 0.9, delay=delay)])[0].reached
+
+    assert [share(8, 2), share(9, 2), share(11, 3), share(None, 2)] == [1.0, 0.0, 1.0, 0.0]
+
+
+def test_the_full_plan_keeps_tuning_and_judging_apart() -> None:
+    tasks = full_plan(list(SCENARIOS))
+    tuned = {task.scene for task in tasks if task.split == "tune"}
+    held_out = {task.scene for task in tasks if task.split == "heldout"}
+
+    assert all((task.seed >= 1000) == (task.split == "heldout") for task in tasks)
+    assert all(task.seed < 100 or task.split == "heldout" for task in tasks)
+    assert len(held_out - tuned) >= 2
+    assert {delay for task in tasks for delay in task.delays} == {1, 2, 3}
+    assert {task.scenario for task in quick_plan(list(SCENARIOS))} == set(SCENARIOS)

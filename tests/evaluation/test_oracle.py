@@ -1,0 +1,90 @@
+"""The oracle's short cuts against trying everything."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from autoexpose_daemon.control.balance import Balance, BlurNoiseBalance, ExposurePriority, FixedRatio
+from drivers.exposure import ExposureSetting
+from evaluation.closed_loop import Entrant, course_of, race
+from evaluation.oracle import LEVELS, Best, Oracle, rounded_motion
+from evaluation.scenarios import SCENARIOS
+from evaluation.stage import LIMITS
+from fake_camera.simulation import Side
+
+
+@pytest.mark.parametrize(
+    ("scenario", "scene", "seed", "frame"),
+    [
+        ("step_down", "street", 1003, 80),  # hills so narrow that a coarser grid overlooks the best one
+        ("pan", "leaves", 6, 75),
+        ("lowlight_fast", "shelves", 4, 50),
+        ("flicker", "street", 7, 61),
+        ("tunnel", "room", 5, 100),
+    ],
+)
+@pytest.mark.parametrize("balance", [ExposurePriority(), BlurNoiseBalance(0.02, 8.0), FixedRatio()])
+def test_search_finds_what_trying_everything_finds(
+    scenario: str, scene: str, seed: int, frame: int, balance: Balance
+) -> None:
+    stage, _ = course_of(scenario, scene, seed)
+    stage.go_to(frame)
+    quick = Oracle(stage).best(balance, 7.3)
+    exhaustive = Oracle(stage, exhaustive=True).best(balance, 7.3)
+
+    assert quick is not None and exhaustive is not None
+    assert quick.metrics[0] == pytest.approx(exhaustive.metrics[0], rel=0.005)
+    assert quick.level == pytest.approx(exhaustive.level, abs=0.3)
+
+
+def test_two_cameras_share_one_exposure() -> None:
+    stage, _ = course_of("lamp_right", "leaves", 6)
+    stage.go_to(50)
+    sides: tuple[Side, Side] = ("left", "right")
+    balance = ExposurePriority()
+    quick, exhaustive = (Oracle(stage, sides, exhaustive=flag).best(balance, 0.0) for flag in (False, True))
+    assert quick is not None and exhaustive is not None
+    assert quick.joint == pytest.approx(exhaustive.joint, rel=0.005)
+    assert quick.joint < 0.99
+
+    judge = Oracle(stage, sides)
+    ratios = []
+    for level in LEVELS:
+        setting = LIMITS.realise(float(level), balance.exposure_time_us(float(level), 0.0, LIMITS))
+        ratios.append(exhaustive.ratio(judge.judge(setting)))
+    assert max(ratios) == pytest.approx(1.0)
+
+
+def test_interpolating_the_oracle_changes_ratios_little() -> None:
+    entrants = [Entrant.of("begin2022"), Entrant.of("neves2009")]
+    every = SCENARIOS["pan"].oracle_every
+    means = []
+    for exact in (False, True):
+        stage, first_scored = course_of("pan", "shelves", 4)
+        oracle = Oracle(stage, exhaustive=exact)
+        runs = race(stage, entrants, oracle, frames=62, first_scored=first_scored, every=1 if exact else every)
+        means.append([series.ratios[30:].mean() for series in runs])
+
+    assert np.allclose(means[0], means[1], atol=0.005)
+
+
+def test_nothing_to_see_is_no_best() -> None:
+    class Dark:
+        frame = 0
+
+        def expose(self, _side: Side, _setting: ExposureSetting) -> np.ndarray:
+            return np.zeros((540, 720), np.uint8)
+
+    assert Oracle(Dark()).best(ExposurePriority(), 0.0) is None  # type: ignore[arg-type]
+
+
+def test_ratio_of_one_camera_is_the_share_of_its_best() -> None:
+    assert Best(10.0, (0.4,), 1.0).ratio((0.1,)) == pytest.approx(0.25)
+
+
+def test_motion_is_rounded_to_half_octaves() -> None:
+    assert rounded_motion(0.3) == 0.0
+    assert rounded_motion(8.0) == 8.0
+    assert rounded_motion(9.4) == 8.0
+    assert rounded_motion(9.6) == pytest.approx(8 * 2**0.5)
