@@ -194,7 +194,7 @@ def race(
             _step(stage, loop, series)
             series.judged.append(oracle.judge(series.settings[frame]))
             if asked:
-                series.best[frame] = oracle.best(loop._policy.balance, series.motion_px[frame])
+                series.best[frame] = oracle.best(loop.balance, series.motion_px[frame])
     return runs
 
 

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from autoexpose_daemon.control.balance import Balance
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.image import ImagePreparation
 from autoexpose_daemon.control.metrics import ExtremeShares, GradientMetric, mean_signal
@@ -82,6 +83,11 @@ class ControlLoop:
         self._shares = ExtremeShares(response)
         self._motion = _flow(parameters.motion, policy_id, response)
         self._past: deque[PastStep] = deque(maxlen=REMEMBERED_STEPS)
+
+    @property
+    def balance(self) -> Balance:
+        """How the policy splits a level into time and gain."""
+        return self._policy.balance
 
     def step(self, pair: StereoPair, angular_rate_rad_s: float | None = None) -> Decision:
         """Look at a pair and decide on the next setting of both cameras.
