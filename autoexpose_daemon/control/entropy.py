@@ -8,6 +8,12 @@ from numpy.typing import NDArray
 from calibration.response import GREY_LEVELS
 
 
+def level_counts(levels: NDArray[np.uint8], weights: NDArray[np.uint8] | None = None) -> NDArray[np.float64]:
+    """How often each level 0..255 occurs, or the sum of its pixels' weights: float64, shape (256,)."""
+    flat = None if weights is None else weights.ravel()
+    return np.bincount(levels.ravel(), weights=flat, minlength=GREY_LEVELS).astype(np.float64)
+
+
 def grey_shares(image: NDArray[np.uint8], weights: NDArray[np.uint8] | None = None) -> NDArray[np.float64]:
     """P_i of eq. (2): the share (0..1) of each grey level, float64, shape (256,), sum 1.
 
@@ -18,9 +24,7 @@ def grey_shares(image: NDArray[np.uint8], weights: NDArray[np.uint8] | None = No
     weights
         uint8 of the same shape: how much each pixel counts, not all of them 0. None: all alike.
     """
-    counts = np.bincount(
-        image.ravel(), weights=None if weights is None else weights.ravel(), minlength=GREY_LEVELS
-    ).astype(np.float64)
+    counts = level_counts(image, weights)
     return np.asarray(counts / counts.sum())
 
 

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from autoexpose_daemon.control.entropy import level_counts
 from calibration.response import GREY_LEVELS, ResponseFunction
 
 SOFT_PERCENTILE = 0.7
@@ -45,12 +46,7 @@ def median_gradient(image: NDArray[np.uint8], weights: NDArray[np.uint8] | None 
     weights
         uint8 of the same shape: how much each pixel counts, not all of them 0. None: all alike.
     """
-    counts = np.bincount(
-        gradient_magnitude(image).ravel(),
-        weights=None if weights is None else weights.ravel(),
-        minlength=GREY_LEVELS,
-    )
-    cumulative = np.cumsum(counts)
+    cumulative = np.cumsum(level_counts(gradient_magnitude(image), weights))
     return int(np.searchsorted(cumulative, cumulative[-1] / 2)) / 255
 
 

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from autoexpose_daemon.control.balance import Balance
-from autoexpose_daemon.control.metrics import GradientMetric, PackedTables
+from autoexpose_daemon.control.metrics import GradientMetric
 from autoexpose_daemon.control.optimum import PolynomialFit
 from autoexpose_daemon.control.policy import Observation, Target
+from autoexpose_daemon.control.predicted_curve import PredictedCurve
 from calibration.prediction import prediction_tables
 from calibration.response import ResponseFunction
 
@@ -39,15 +38,12 @@ class Begin2022:
 
     def __init__(self, response: ResponseFunction, metric: GradientMetric, balance: Balance) -> None:
         self.balance = balance
-        self._metric = metric
         self._fit = PolynomialFit(DELTA_LEVELS, DEGREE)
-        self._changing = self._fit.positions != 0.0
-        self._tables = PackedTables(prediction_tables(response, [delta for delta in DELTA_LEVELS if delta != 0.0]))
+        self._curve = PredictedCurve(metric, prediction_tables(response, DELTA_LEVELS), DELTA_LEVELS.index(0.0))
 
     def decide(self, observation: Observation) -> Target:
         """The level that promises most, relative to the level of this frame."""
-        metrics = np.full(len(DELTA_LEVELS), observation.metric)
-        metrics[self._changing] = self._metric.measure_predictions(observation.image, self._tables, observation.weights)
+        metrics = self._curve.measure(observation)
         best = self._fit.maximum(metrics)
         beyond = gain_ratio(observation) >= RATIO_THRESHOLD
         delta_level = best.position * (STEP_FACTOR if beyond else 1.0)

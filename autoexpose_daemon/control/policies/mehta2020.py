@@ -8,10 +8,11 @@ import numpy as np
 from numpy.polynomial import polynomial
 
 from autoexpose_daemon.control.balance import Balance
-from autoexpose_daemon.control.metrics import GradientMetric, PackedTables
+from autoexpose_daemon.control.metrics import GradientMetric
 from autoexpose_daemon.control.optimum import PolynomialFit, best_sample
 from autoexpose_daemon.control.policies.shim2018 import gamma_table
 from autoexpose_daemon.control.policy import Observation, Target
+from autoexpose_daemon.control.predicted_curve import PredictedCurve
 
 GAMMAS = (1 / 1.9, 1 / 1.5, 1 / 1.2, 1.0, 1.2, 1.5, 1.9)
 """Anchors of Mehta's code, which raises grey levels to 1/gamma: above 1 a picture brightens, unlike in eq. (15)."""
@@ -49,15 +50,12 @@ class Mehta2020:
 
     def __init__(self, metric: GradientMetric, balance: Balance) -> None:
         self.balance = balance
-        self._metric = metric
         self._fit = PolynomialFit(GAMMAS, DEGREE)
-        self._changing = self._fit.positions != 1.0
-        self._tables = PackedTables(np.stack([gamma_table(1 / gamma) for gamma in GAMMAS if gamma != 1.0]))
+        self._curve = PredictedCurve(metric, np.stack([gamma_table(1 / gamma) for gamma in GAMMAS]), GAMMAS.index(1.0))
 
     def decide(self, observation: Observation) -> Target:
         """The law's step from the level of this frame."""
-        metrics = np.full(len(GAMMAS), observation.metric)
-        metrics[self._changing] = self._metric.measure_predictions(observation.image, self._tables, observation.weights)
+        metrics = self._curve.measure(observation)
         level = observation.setting.level
         if np.ptp(metrics) == 0:
             return Target(level, "held: no gradient under any gamma")

@@ -9,9 +9,10 @@ from numpy.polynomial import polynomial
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.balance import Balance
-from autoexpose_daemon.control.metrics import GradientMetric, PackedTables
+from autoexpose_daemon.control.metrics import GradientMetric
 from autoexpose_daemon.control.optimum import PolynomialFit, best_sample
 from autoexpose_daemon.control.policy import Observation, Target
+from autoexpose_daemon.control.predicted_curve import PredictedCurve
 
 GAMMAS = (0.1, 0.5, 0.8, 1.0, 1.2, 1.5, 1.9)
 """The anchors that public implementations of Shim et al. 2018 share; below 1 a picture brightens."""
@@ -51,15 +52,12 @@ class Shim2018:
 
     def __init__(self, metric: GradientMetric, balance: Balance) -> None:
         self.balance = balance
-        self._metric = metric
         self._fit = PolynomialFit(GAMMAS, DEGREE)
-        self._changing = self._fit.positions != 1.0
-        self._tables = PackedTables(np.stack([gamma_table(gamma) for gamma in GAMMAS if gamma != 1.0]))
+        self._curve = PredictedCurve(metric, np.stack([gamma_table(gamma) for gamma in GAMMAS]), GAMMAS.index(1.0))
 
     def decide(self, observation: Observation) -> Target:
         """The law's step from the level of this frame."""
-        metrics = np.full(len(GAMMAS), observation.metric)
-        metrics[self._changing] = self._metric.measure_predictions(observation.image, self._tables, observation.weights)
+        metrics = self._curve.measure(observation)
         level = observation.setting.level
         if np.ptp(metrics) == 0:
             return Target(level, "held: no gradient under any gamma")
