@@ -15,7 +15,7 @@ import typer
 from rich.console import Console
 
 from autoexpose_daemon.config import Config, load_config
-from autoexpose_daemon.control.policies import POLICY_IDS
+from autoexpose_daemon.control.policies import DEFAULT_POLICY, POLICY_IDS
 from drivers.errors import AutoexposeError
 
 app = typer.Typer(
@@ -58,7 +58,7 @@ def stop_on_signals(stop: threading.Event) -> None:
 def demo(
     *,
     seconds: Annotated[float, typer.Option(min=2.0, help="How long to run.")] = 20.0,
-    policy: Annotated[str, typer.Option(help=f"Who decides: {', '.join(POLICY_IDS)}.")] = "begin2022",
+    policy: Annotated[str, typer.Option(help=f"Who decides: {', '.join(POLICY_IDS)}.")] = DEFAULT_POLICY,
     summary: Annotated[Path | None, typer.Option(help="Write the figures of the run to this JSON file.")] = None,
     plot: Annotated[Path | None, typer.Option(help="Draw the run into this PNG file.")] = None,
     scene: Annotated[str, typer.Option(help="What the cameras see: `room`, or a Radiance .hdr file.")] = "room",

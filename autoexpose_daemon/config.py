@@ -13,7 +13,7 @@ from pydantic_core import ErrorDetails
 from autoexpose_daemon.config_roi import RoiConfig
 from autoexpose_daemon.config_section import Finite, Positive, Section
 from autoexpose_daemon.control.parameters import BalanceId, ControlParameters, MotionId
-from autoexpose_daemon.control.policies import check_policy_id
+from autoexpose_daemon.control.policies import DEFAULT_POLICY, check_policy_id
 from calibration.response import ResponseFunction
 from calibration.strict_yaml import load_mapping
 from drivers.errors import ConfigurationError
@@ -89,7 +89,7 @@ _TUNING = ControlParameters()
 class ControlConfig(Section):
     """Which policy decides, where it starts, what it looks at, and how it is tuned."""
 
-    policy: str = "begin2022"
+    policy: str = DEFAULT_POLICY
     start: StartConfig | None = None
     roi: RoiConfig = RoiConfig()
     balance: BalanceId = _TUNING.balance

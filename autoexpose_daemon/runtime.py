@@ -192,6 +192,8 @@ class Daemon:
                 parameters=self._config.control.parameters(),
                 regions=self._regions,
             )
+            if self._loop.shortfall:
+                log.warning("policy %s: %s", policy, self._loop.shortfall)
 
     def _on_gone(self, side: Side, error: AutoexposeError, final: bool) -> None:
         self.telemetry.cameras[side] = "gone"

@@ -15,16 +15,13 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
-from autoexpose_daemon.config import ControlConfig
-from autoexpose_daemon.control.policies import POLICY_IDS, check_policy_id
+from autoexpose_daemon.control.policies import DEFAULT_POLICY, POLICY_IDS, check_policy_id
 from drivers.errors import AutoexposeError, ConfigurationError
 from evaluation.arena import Run, run_plan
 from evaluation.plan import Task, full_plan, quick_plan
 from evaluation.report import cells, mean_ratios, write_report
 from evaluation.results import document
 from evaluation.scenarios import SCENARIOS
-
-DEFAULT_POLICY = str(ControlConfig.model_fields["policy"].default)
 
 arena_app = typer.Typer(add_completion=False)
 

@@ -71,6 +71,27 @@ def shelves(rng: np.random.Generator, width: int, height: int) -> Still:
     return _textured(rng, np.asarray(cv2.GaussianBlur(still, (0, 0), 0.8), np.float32))
 
 
+def hall(rng: np.random.Generator, width: int, height: int) -> Still:
+    """Machines in the half-dark of a workshop; windows 4 to 5 stops brighter, mirrored by the floor."""
+    floor, sill = int(0.7 * height), int(rng.uniform(0.25, 0.35) * height)
+    still = np.full((height, width), rng.uniform(0.1, 0.2), np.float32)
+    still[floor:] = 0.08
+    pitch, glass = int(rng.integers(150, 320)), float(rng.uniform(3.0, 6.0))
+    for left in range(int(rng.integers(pitch)), width, pitch):
+        bar = max(pitch // 5, 12)
+        for pane in range(left, min(left + pitch * 2 // 3, width) - bar, bar):
+            still[40:sill, pane : pane + bar - 5] = glass * rng.uniform(0.6, 1.2)
+            still[floor + 20 : height - 20, pane : pane + bar - 5] = glass * 0.08
+    for _ in range(width // 40):
+        x, tall, wide = int(rng.integers(width)), int(rng.integers(40, 260)), int(rng.integers(30, 160))
+        tone = 0.12 * 2.0 ** float(rng.normal(0.0, 1.3))
+        cv2.rectangle(still, (x, floor + 30 - tall), (x + wide, floor + 30), tone, -1)
+        for _ in range(int(rng.integers(2, 12))):
+            centre = (x + int(rng.integers(wide)), floor + 30 - int(rng.integers(tall)))
+            cv2.circle(still, centre, int(rng.integers(3, 16)), tone * float(rng.choice((0.2, 2.5))), -1, cv2.LINE_AA)
+    return _textured(rng, np.asarray(cv2.GaussianBlur(still, (0, 0), 0.8), np.float32))
+
+
 def _textured(rng: np.random.Generator, still: Still) -> Still:
     """The grain of surfaces, fine and coarse, about a quarter of a stop."""
     fine = rng.normal(0.0, 0.2, still.shape).astype(np.float32)
@@ -79,4 +100,4 @@ def _textured(rng: np.random.Generator, still: Still) -> Still:
     return np.asarray(still * np.exp2(grain), np.float32)
 
 
-PAINTERS: dict[str, Painter] = {"leaves": leaves, "street": street, "shelves": shelves}
+PAINTERS: dict[str, Painter] = {"leaves": leaves, "street": street, "shelves": shelves, "hall": hall}

@@ -16,6 +16,7 @@ from autoexpose_daemon.control.metrics import ExtremeShares, GradientMetric, mea
 from autoexpose_daemon.control.motion import DisMotion, FarnebackMotion, FlowMotion
 from autoexpose_daemon.control.parameters import ControlParameters, MotionId
 from autoexpose_daemon.control.policies import PolicySetup, build_policy
+from autoexpose_daemon.control.policies.metric_map import MetricMap
 from autoexpose_daemon.control.policy import Observation, PastStep
 from autoexpose_daemon.control.region import Region
 from calibration.response import ResponseFunction
@@ -88,6 +89,11 @@ class ControlLoop:
     def balance(self) -> Balance:
         """How the policy splits a level into time and gain."""
         return self._policy.balance
+
+    @property
+    def shortfall(self) -> str | None:
+        """What the policy does less of than it could, and why; None for nothing."""
+        return self._policy.shortfall if isinstance(self._policy, MetricMap) else None
 
     def step(self, pair: StereoPair, angular_rate_rad_s: float | None = None) -> Decision:
         """Look at a pair and decide on the next setting of both cameras.

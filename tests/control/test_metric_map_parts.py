@@ -7,7 +7,7 @@ import pytest
 
 from autoexpose_daemon.control.metric_map.forecast import Forecast
 from autoexpose_daemon.control.metric_map.latency import Latency
-from autoexpose_daemon.control.metric_map.memory import FORGOTTEN, MetricMemory, Sighting
+from autoexpose_daemon.control.metric_map.memory import FORGOTTEN, LEAST_GAP, MetricMemory, Sighting
 from autoexpose_daemon.control.metric_map.registration import Registration
 from autoexpose_daemon.control.metric_map.search import dark_jump, plateau_centre, probe_bonus
 from autoexpose_daemon.control.metric_map.view import DELTAS, FEWER_DELTAS, View, Viewer
@@ -76,9 +76,9 @@ def test_the_map_prefers_the_nearest_sighting_and_moves_with_the_light() -> None
     memory.add(Sighting(13.0, (view(-3.0, height=1.01),)))
     memory.add(Sighting(16.0, (view(-6.0, height=0.99),)))
     levels = np.arange(6.0, 18.0, 0.25)
-    assert levels[memory.fuse(levels)[0].argmax()] == 10.0
+    assert levels[memory.fuse(levels, moving=True)[0].argmax()] == 10.0
     memory.pass_frame(2.0, 0.0)  # brighter: the same pictures at lower levels
-    assert levels[memory.fuse(levels)[0].argmax()] == 8.0
+    assert levels[memory.fuse(levels, moving=True)[0].argmax()] == 8.0
 
 
 def test_what_saturation_hides_is_asked_of_a_darker_frame() -> None:
@@ -87,8 +87,16 @@ def test_what_saturation_hides_is_asked_of_a_darker_frame() -> None:
     for share, expected in ((0.0, 0.1), (0.9, 1.0)):
         memory = MetricMemory()
         memory.add(Sighting(9.5, (View(np.full(DELTAS.shape, 1.0), 0.0, 0.5),)))
-        memory.sightings.append(Sighting(13.0, (View(np.full(DELTAS.shape, 0.1), share, 1.0),)))
-        assert memory.fuse(levels)[0, 0] == pytest.approx(expected, abs=0.3)
+        memory.sightings.append(Sighting(12.0, (View(np.full(DELTAS.shape, 0.1), share, 1.0),)))
+        assert memory.fuse(levels, moving=True)[0, 0] == pytest.approx(expected, abs=0.3)
+
+
+def test_a_still_camera_doubts_what_is_far_up_and_a_moving_one_goes_there() -> None:
+    promise = View(np.interp(DELTAS, [2.0, 6.0], [0.8, 1.0]), 0.0, 0.5)
+    memory = MetricMemory([Sighting(8.0, (promise,))])
+    levels = np.array([10.0, 14.0])
+    assert np.diff(memory.fuse(levels, moving=True)[0]) > 0
+    assert np.diff(memory.fuse(levels, moving=False)[0]) < 0
 
 
 def test_a_contradiction_empties_the_map() -> None:
@@ -120,6 +128,11 @@ def test_a_gap_is_a_frontier_for_a_still_camera_only() -> None:
     assert (frontier.level, known_again) == (15.0, 11.0)
     frontier, known_again = memory.frontier(np.inf)
     assert (frontier.level, known_again) == (8.0, -np.inf)
+
+
+def test_a_narrow_gap_is_none() -> None:
+    memory = MetricMemory([Sighting(8.0, (view(),)), Sighting(8.0 + 3.0 + LEAST_GAP, (view(),))])
+    assert memory.frontier(3.0) == (memory.sightings[0], -np.inf)
 
 
 def test_a_ramp_goes_on() -> None:

@@ -21,7 +21,18 @@ BLINDNESS = 3.0
 """A prediction downward counts as (1 + 3 s) times as far, s the saturated share of the frame it is made from."""
 
 TRUSTED_RISE = 3.0
-"""Stops upward that a prediction holds; from there on it takes noise for gradient, and counts twice as far."""
+"""Stops upward that a prediction holds. From there on it takes noise for gradient."""
+
+NEARER_UP = 0.4
+FARTHER_BEYOND = 2.0
+"""Predictions upward count as 0.4 times as far while they hold, and the stops beyond as 2."""
+
+DOUBT = 0.5
+"""A prediction upward loses the factor exp(-0.5) of its promise for each stop beyond `TRUSTED_RISE`, the camera still:
+what is far up has then to be better by much than what is sure. In motion the whole content may be new."""
+
+LEAST_GAP = 1.0
+"""Stops that must be unknown between two sightings before a look into the gap is worth a frame."""
 
 BLEND = 0.3
 """Stops of distance over which one prediction hands over to the next."""
@@ -84,22 +95,25 @@ class MetricMemory:
         kept = [old for old in self.sightings if abs(old.level - sighting.level) >= CELL]
         self.sightings = [*kept[1 - CAPACITY :], sighting]
 
-    def fuse(self, levels: NDArray[np.float64]) -> NDArray[np.float64]:
-        """M_g expected at levels (stops, shape (n,)) under the present light: float64, shape (cameras, n)."""
-        values, distances = self._predictions(levels)
+    def fuse(self, levels: NDArray[np.float64], moving: bool) -> NDArray[np.float64]:
+        """M_g expected at levels (stops, shape (n,)) under the present light: float64, shape (cameras, n).
+
+        A still camera doubts what is far up, see `DOUBT`.
+        """
+        values, distances = self._predictions(levels, moving)
         weights = np.exp((distances.min(axis=0) - distances) / BLEND)
         return np.asarray((weights * values).sum(axis=0) / weights.sum(axis=0))
 
     def frontier(self, longest_gap: float) -> tuple[Sighting, float]:
         """Where the known ends below the newest sighting: the last sighting before it, and the level it begins again.
 
-        Going down from the newest, a next sighting that is more than `longest_gap` stops away leaves a gap, which it
-        cannot tell about any better than the upper one. Without a gap the unknown reaches down to minus infinity.
+        A sighting tells what is up to `longest_gap` stops above it. Going down from the newest, a next one farther away
+        than that and `LEAST_GAP` leaves a gap. Without a gap the unknown reaches down to minus infinity.
         """
         frontier = self.sightings[-1]
         below = [sighting for sighting in self.sightings if sighting.level < frontier.level]
         for sighting in sorted(below, key=lambda sighting: -sighting.level):
-            if frontier.level - sighting.level > longest_gap:
+            if frontier.level - sighting.level > longest_gap + LEAST_GAP:
                 return frontier, sighting.level + longest_gap
             frontier = sighting
         return frontier, -math.inf
@@ -117,7 +131,7 @@ class MetricMemory:
             return False
         if len(self.sightings[-1].views) != len(sighting.views):
             return True
-        values, distances = self._predictions(np.array([sighting.level]))
+        values, distances = self._predictions(np.array([sighting.level]), moving=True)
         for camera, view in enumerate(sighting.views):
             nearest = int(distances[:, camera, 0].argmin())
             if distances[nearest, camera, 0] < CONTRADICTION_RANGE:
@@ -126,15 +140,19 @@ class MetricMemory:
                     return True
         return False
 
-    def _predictions(self, levels: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _predictions(
+        self, levels: NDArray[np.float64], moving: bool
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """(metric, distance in stops) by sighting, camera and level."""
         values = np.empty((len(self.sightings), len(self.sightings[0].views), len(levels)))
         distances = np.empty_like(values)
+        doubt = 0.0 if moving else DOUBT
         for row, sighting in enumerate(self.sightings):
             delta = levels - sighting.level
-            up = np.maximum(delta, 0.0) + np.maximum(delta - TRUSTED_RISE, 0.0) + sighting.age
+            beyond = np.maximum(delta - TRUSTED_RISE, 0.0)
+            up = NEARER_UP * np.clip(delta, 0.0, TRUSTED_RISE) + FARTHER_BEYOND * beyond + sighting.age
             down = np.maximum(-delta, 0.0)
             for camera, view in enumerate(sighting.views):
-                values[row, camera] = np.interp(delta, DELTAS, view.curve)
+                values[row, camera] = np.interp(delta, DELTAS, view.curve) * np.exp(-doubt * beyond)
                 distances[row, camera] = up + down * (1.0 + BLINDNESS * view.saturated_share)
         return values, distances

@@ -13,15 +13,19 @@ from autoexpose_daemon.control.metrics import ExtremeShares, GradientMetric, Pac
 from calibration.prediction import prediction_tables
 from calibration.response import ResponseFunction
 
-_OUTER = (2.0, 2.5, 3.25, 4.0, 5.0, 6.0)
-_INNER = (0.25, 0.5, 0.75, 1.0, 1.25, 1.5)
-_RISES = (*_INNER, *_OUTER)
+_NEAR = (0.25, 0.5, 0.75, 1.0, 1.25, 1.5)
+_FALLS = (*_NEAR, 2.0, 2.5, 3.25, 4.0, 5.0, 6.0)
+_RISES = (*_NEAR, 1.75, 2.0, 2.25, 2.5, 2.75, 3.0, 3.5, 4.0, 5.0, 6.0)
 
-DELTAS: NDArray[np.float64] = np.array([*(-rise for rise in reversed(_RISES)), 0.0, *_RISES])
-"""Changes of level (stops) at which every view gives the metric."""
+DELTAS: NDArray[np.float64] = np.array([*(-fall for fall in reversed(_FALLS)), 0.0, *_RISES])
+"""Changes of level (stops) at which every view gives the metric; finest where predictions hold, which is up to 3 stops
+upward: a peak may be half a stop wide."""
 
 FEWER_DELTAS: NDArray[np.float64] = np.array([-6, -4, -2.5, -1.5, -1, -0.5, 0, 0.5, 1, 1.5, 2.5, 4, 6])
 """For the second camera, which sees much the same: half the price, the rest interpolated."""
+
+FEWEST_DELTAS: NDArray[np.float64] = np.array([-6, -3, -1, 0, 1, 3, 6])
+"""For the second camera when predictions are dear."""
 
 BRIGHT_QUANTILE = 0.99
 """Of the pixels: what is brighter may be a lamp or a reflection."""
@@ -34,7 +38,7 @@ class View:
     Attributes
     ----------
     curve
-        M_g predicted at `DELTAS`, float64, shape (25,); at 0 it is measured, not predicted.
+        M_g predicted at `DELTAS`, float64, shape (29,); at 0 it is measured, not predicted.
     saturated_share
         0..1.
     signal
@@ -56,7 +60,7 @@ class Viewer:
     metric
         The metric; its buffers may be shared.
     deltas
-        Changes of level to predict, `DELTAS` or `FEWER_DELTAS`.
+        Changes of level to predict, `DELTAS` or fewer.
     """
 
     def __init__(self, response: ResponseFunction, metric: GradientMetric, deltas: Sequence[float]) -> None:

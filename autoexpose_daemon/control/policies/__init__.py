@@ -87,6 +87,8 @@ _BUILDERS: dict[str, Callable[[PolicySetup], ExposurePolicy]] = {
 POLICY_IDS = tuple(_BUILDERS)
 """Every policy there is."""
 
+DEFAULT_POLICY = "metric-map"
+
 
 def check_policy_id(policy_id: str) -> None:
     """Raise a ConfigurationError for an id that does not exist."""

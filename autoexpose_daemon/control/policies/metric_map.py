@@ -13,7 +13,7 @@ from autoexpose_daemon.control.metric_map.latency import Latency
 from autoexpose_daemon.control.metric_map.memory import TRUSTED_RISE, MetricMemory, Sighting
 from autoexpose_daemon.control.metric_map.registration import Registration
 from autoexpose_daemon.control.metric_map.search import dark_jump, plateau_centre, probe_bonus
-from autoexpose_daemon.control.metric_map.view import DELTAS, FEWER_DELTAS, View, Viewer
+from autoexpose_daemon.control.metric_map.view import DELTAS, FEWER_DELTAS, FEWEST_DELTAS, View, Viewer
 from autoexpose_daemon.control.metrics import GradientMetric
 from autoexpose_daemon.control.policy import Observation, Target
 from calibration.response import ResponseFunction
@@ -67,8 +67,15 @@ class MetricMap:
     def __init__(self, response: ResponseFunction, metric: GradientMetric, balance: Balance) -> None:
         self.balance = balance
         self._response = response
-        self._left = Viewer(response, metric, list(DELTAS))
-        self._right = Viewer(response, metric, list(FEWER_DELTAS))
+        left, right = (DELTAS, FEWER_DELTAS) if metric.native else (FEWER_DELTAS, FEWEST_DELTAS)
+        self.shortfall = (
+            None
+            if metric.native
+            else f"the C extension is not built: predicts {len(left)} and {len(right)} exposures of the left and right "
+            f"image, not {len(DELTAS)} and {len(FEWER_DELTAS)}, to stay inside a third of the frame period"
+        )
+        self._left = Viewer(response, metric, list(left))
+        self._right = Viewer(response, metric, list(right))
         self.registration = Registration(response)
         self.forecast = Forecast()
         self.latency = Latency()
@@ -148,7 +155,7 @@ class MetricMap:
         Worth is the metric and what a probe may bring, as a share of each camera's own best, averaged: a lamp that one
         camera sees does not outvote the other.
         """
-        metrics = self.memory.fuse(levels)
+        metrics = self.memory.fuse(levels, moving)
         blind = max(view.saturated_share for view in self.memory.sightings[-1].views) > BLIND_SHARE
         frontier, known_again = self.memory.frontier(math.inf if moving or blind else TRUSTED_RISE)
         unknown = levels > known_again
