@@ -133,6 +133,17 @@ def test_frames_in_flight_are_not_corrected_twice() -> None:
     assert np.ptp(targets) < 0.3
 
 
+def test_feedback_goes_against_the_exposure_of_the_frame_itself() -> None:
+    """Not against the newest setting: a frame in flight during a write would get the wrong correction."""
+    image = expose(SCENE, START, 9.0)
+    brighter = replace(image, setting=ExposureSetting(4 * START.exposure_time_us, START.gain_db))
+    fresh, busy = make(), make()
+    target = fresh.step(StereoPair(0, image, None)).level
+    busy.step(StereoPair(0, brighter, None))
+    assert busy.step(StereoPair(1, at_time(image, 1), None)).level == pytest.approx(target, abs=0.3)
+    assert make().step(StereoPair(0, brighter, None)).level == pytest.approx(target + 2.0, abs=0.3)
+
+
 @pytest.mark.parametrize("delay", [1, 3])
 def test_the_delay_is_learnt(delay: int) -> None:
     loop = make()
@@ -187,6 +198,21 @@ def test_a_probe_below_saturation_learns_once() -> None:
     scene[:, 130:] = 2.0**5
     levels = run(make(), [12.0] * 60, START, scene=scene)
     assert np.ptp(levels[30:]) == 0
+
+
+def test_without_the_extension_it_predicts_less_and_says_so() -> None:
+    with_extension, without = GradientMetric(), GradientMetric(native=False)
+    with_extension.native = True
+    assert MetricMap(LINEAR, with_extension, BlurNoiseBalance(0.02, 8.0)).shortfall is None
+    assert "29" in str(MetricMap(LINEAR, without, BlurNoiseBalance(0.02, 8.0)).shortfall)
+
+
+def test_a_step_is_settled_without_the_extension_too() -> None:
+    loop = make()
+    loop._policy = MetricMap(LINEAR, GradientMetric(native=False), BlurNoiseBalance(0.02, 8.0))
+    lights = [15.5] * 30 + [15.5 - X150] * 40
+    levels = run(loop, lights, START, scene=SCENE)
+    assert settle(ratios(levels, lights)[30:]) <= 8
 
 
 def test_sightings_are_plain_data() -> None:
