@@ -31,6 +31,7 @@ from drivers.rig import (
     WriteFailed,
     Written,
 )
+from drivers.start_check import StartCheck
 
 log = logging.getLogger(__name__)
 
@@ -72,6 +73,8 @@ class Daemon:
             time.monotonic_ns(),
             "frame_id" if config.trigger.mode == "free_run" else "time",
         )
+        lines = {} if config.trigger.mode == "free_run" else dict.fromkeys(openers, config.trigger.line)
+        self._start_check = StartCheck(lines, config.trigger.rate_hz)
         self._limits: dict[Side, ExposureLimits] = {}
         self._regions = config.control.roi.regions()
         self._shared_limits: ExposureLimits | None = None
@@ -138,6 +141,8 @@ class Daemon:
                 self._step(newest)
         if events:
             self._publish_tally()
+        for finding in self._start_check.findings(time.monotonic_ns()):
+            log.warning("%s", finding)
 
     def _handle(self, event: RigEvent) -> list[StereoPair]:
         """Account for one event; returns the pairs it completed."""
@@ -147,6 +152,7 @@ class Daemon:
             case FrameArrived(side, Frame() as frame, stale=True):
                 return self._account.stale(side, frame)
             case FrameArrived(side, Frame() as frame):
+                self._start_check.frame(side, frame.host_time_ns)
                 return self._account.frame(side, frame)
             case CameraSilent(side):
                 log.warning("%s camera: no frames; asking whether it is there", side)
@@ -174,6 +180,7 @@ class Daemon:
             log.warning("%s camera %s: %s", side, camera.serial, lack)
         self.telemetry.cameras[side] = f"{camera.model} {camera.serial}"
         self._limits[side] = event.limits
+        self._start_check.ready(side, time.monotonic_ns())
         limits = self._config.exposure.limits()
         for own in self._limits.values():
             limits = limits.within(own)

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import threading
+import time
+
 import numpy as np
 import pytest
 
+from autoexpose_daemon.cameras import openers
+from autoexpose_daemon.config import Config
+from autoexpose_daemon.runtime import Daemon
 from drivers.account import LossReason
-from tests.autoexpose_daemon.stereo import running_daemon, stereo_cameras
+from tests.autoexpose_daemon.stereo import PATIENCE_S, running_daemon, stereo_cameras
 from tests.fakes import fake_camera
 
 pytestmark = pytest.mark.realtime
@@ -85,3 +91,20 @@ def test_both_cameras_gone_and_back_is_counted_by_the_clock() -> None:
         run.wait_until(lambda: run.daemon.telemetry.reconnects == 2, "both cameras back")
         run.wait_for_pairs(30)
         assert run.daemon.tally.lost[LossReason.CAMERA_GONE] >= 60
+
+
+def test_a_trigger_at_another_rate_is_told_at_the_start(caplog: pytest.LogCaptureFixture) -> None:
+    with stereo_cameras() as (left, right, _):
+        cameras = {"left": {"serial": left.serial}, "right": {"serial": right.serial}}
+        config = Config.model_validate({"cameras": cameras, "trigger": {"rate_hz": 50}})
+        daemon, stop = Daemon(config, openers(config)), threading.Event()
+        thread = threading.Thread(target=daemon.run, args=(stop,))
+        thread.start()
+        try:
+            deadline = time.monotonic() + PATIENCE_S
+            while "frames a second where trigger.rate_hz is 50" not in caplog.text and time.monotonic() < deadline:
+                threading.Event().wait(0.01)
+        finally:
+            stop.set()
+            thread.join()
+    assert "the left camera starts 60.0 frames a second where trigger.rate_hz is 50" in caplog.text
