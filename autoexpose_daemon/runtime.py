@@ -73,7 +73,7 @@ class Daemon:
             time.monotonic_ns(),
             "frame_id" if config.trigger.mode == "free_run" else "time",
         )
-        lines = {} if config.trigger.mode == "free_run" else dict.fromkeys(openers, config.trigger.line)
+        lines = dict.fromkeys(config.triggered_sides, config.trigger.line)
         self._start_check = StartCheck(lines, config.trigger.rate_hz)
         self._limits: dict[Side, ExposureLimits] = {}
         self._regions = config.control.roi.regions()

@@ -92,6 +92,15 @@ class Acquisition:
             return None
         return self._triggered(time_ns, pulse)
 
+    def line3_pulse(self, time_ns: int) -> Exposure | None:
+        """Line3 has risen: the exposure it starts, if the camera waits for it and is ready for it."""
+        if not self._waits_for("Line3") or time_ns < self._started_ns or "vanish" in self._faults:
+            return None
+        if "ignore_triggers" in self._faults:
+            self.counters.ignored += 1
+            return None
+        return self._triggered(time_ns, None)
+
     def software_trigger(self, time_ns: int) -> Exposure | None:
         """TriggerSoftware: the exposure it starts, if the camera waits for it and is ready for it."""
         return self._triggered(time_ns, None) if self._waits_for("Software") else None

@@ -32,6 +32,20 @@ def test_pairs_arrive_are_decided_on_and_written() -> None:
         assert len(decided & applied) > 1
 
 
+def test_the_left_camera_may_trigger_the_right_one() -> None:
+    trigger = {"mode": "primary", "line": "Line3", "output_line": "Line1", "rate_hz": 40}
+    with (
+        stereo_cameras(left_triggers_right=True) as cameras,
+        running_daemon(cameras, {"control": {"policy": "neves2009"}, "trigger": trigger}) as run,
+    ):
+        run.wait_for_pairs(80)
+        pairs = [pair for pair, _ in run.seen[-60:]]
+        skews_ns = [abs(pair.left.host_time_ns - pair.right.host_time_ns) for pair in pairs if pair.right is not None]
+        assert len(skews_ns) == 60
+        assert np.median(skews_ns) < 1e9 / 40 / 10
+        assert sum(count for reason, count in run.daemon.tally.lost.items() if reason is not LossReason.STARTUP) <= 2
+
+
 def test_a_killed_camera_leaves_the_other_at_work_and_comes_back() -> None:
     with stereo_cameras() as cameras, running_daemon(cameras, {"control": {"policy": "neves2009"}}) as run:
         run.wait_for_pairs(30)
