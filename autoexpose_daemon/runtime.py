@@ -6,7 +6,6 @@ import logging
 import queue
 import threading
 import time
-from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
@@ -19,7 +18,7 @@ from autoexpose_daemon.telemetry import Telemetry
 from drivers.account import Tally, TriggerAccount
 from drivers.camera import Camera, IncompleteFrame
 from drivers.errors import AutoexposeError
-from drivers.exposure import ExposureLimits, ExposureSetting
+from drivers.exposure import ExposureLimits
 from drivers.frames import Frame, Side, StereoPair
 from drivers.rig import (
     CameraGone,
@@ -32,6 +31,7 @@ from drivers.rig import (
     Written,
 )
 from drivers.start_check import StartCheck
+from drivers.write_ledger import WriteLedger
 
 log = logging.getLogger(__name__)
 
@@ -41,7 +41,6 @@ _SILENCE_PERIODS = 3.0
 _WRITE_GUARD_S = 0.005  # writing and reading back both nodes takes 0.6 ms as a rule, 4 ms once in a hundred
 _WRITE_GUARD_PERIODS = 0.3
 _WRITE_MARGIN_S = 0.0005  # behind the expected exposure start: clock latches are good to 0.1 ms
-_REMEMBERED_WRITES = 16
 
 Observer = Callable[[StereoPair, Decision], None]
 
@@ -81,7 +80,7 @@ class Daemon:
         self._loop: ControlLoop | None = None
         self._asked = config.start
         self._asked_arrival_ns: int | None = None
-        self._written: dict[Side, deque[ExposureSetting]] = {side: deque(maxlen=_REMEMBERED_WRITES) for side in openers}
+        self._ledger = WriteLedger(tuple(openers))
         self._last_trigger = -1
         self._off_rate = False
         self._write_again = False
@@ -209,7 +208,8 @@ class Daemon:
         self._complain(side, "gone", f"{error}; trying again")
 
     def _on_written(self, event: Written) -> None:
-        self._written[event.side].append(event.read_back)
+        self._ledger.written(event, self._account.grid)
+        self.telemetry.late_writes = self._ledger.late
         self.telemetry.write_ms.add_ns(event.finished_ns - event.started_ns)
         if event.asked is self._asked and self._asked_arrival_ns is not None:
             self.telemetry.frame_to_node_ms.add_ns(event.finished_ns - self._asked_arrival_ns)
@@ -232,21 +232,16 @@ class Daemon:
         decision = self._loop.step(pair)
         self.telemetry.decision_ms.add_ns(time.monotonic_ns() - started_ns)
         self.telemetry.decision = decision
-        self.telemetry.delivered(pair, complete=len(pair.frames) == len(self._written))
-        if pair.mismatched or any(self._torn(frame) for frame in pair.frames):
+        self.telemetry.delivered(pair, complete=len(pair.frames) == len(self._config.sides))
+        if self._ledger.mismatched(pair):
             self.telemetry.mismatched_pairs += 1
+            self.telemetry.unexplained_mismatches += not self._ledger.explains(pair)
         if decision.setting != self._asked or self._write_again:
             self._asked, self._write_again = decision.setting, False
             self._asked_arrival_ns = max(frame.arrival_time_ns for frame in pair.frames)
             self._rig.write(decision.setting, self._write_window_ns())
         if self._observer is not None:
             self._observer(pair, decision)
-
-    def _torn(self, frame: Frame) -> bool:
-        """Whether the frame was taken with half of a write: a setting that neither camera ever held as a whole."""
-        return not any(
-            frame.setting.agrees_with(written) for settings in self._written.values() for written in settings
-        )
 
     def _write_window_ns(self) -> int:
         """When to write: not so close before an exposure starts that one camera, or one node, misses it."""

@@ -25,6 +25,7 @@ def test_pairs_arrive_are_decided_on_and_written() -> None:
         assert all(pair.right is not None for pair, _ in run.seen[-60:])
         assert sum(count for reason, count in tally.lost.items() if reason is not LossReason.STARTUP) <= 2
         assert telemetry.mismatched_pairs <= 2
+        assert telemetry.unexplained_mismatches == 0
         skews_ns = [abs(p.left.host_time_ns - p.right.host_time_ns) for p, _ in run.seen if p.right is not None]
         assert np.median(skews_ns) < 1e9 / 60 / 10
         decided = {round(decision.setting.level, 3) for _, decision in run.seen}
