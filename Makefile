@@ -52,9 +52,10 @@ bench: $(VENV)/dev.stamp ## where the time goes, as ratios
 accept: $(VENV)/dev.stamp ## the longer checks in real time, about five minutes
 	$(VENV)/bin/pytest tests/accept -p no:cacheprovider --override-ini addopts=-ra --timeout 600 -s
 
-soak: $(VENV)/dev.stamp ## endurance: ten minutes of demo, the account must balance
+soak: $(VENV)/dev.stamp ## endurance: ten minutes of demo, the account must balance; cables pulled 50 times
 	@mkdir -p out
 	$(VENV)/bin/autoexpose demo --seconds 600 --policy neves2009 --summary out/soak.json
+	REPLUG_CYCLES=50 $(VENV)/bin/pytest tests/autoexpose_daemon/test_replug.py
 
 clean:
 	rm -rf $(VENV) out build *.egg-info autoexpose_daemon/control/_native.*.so .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache

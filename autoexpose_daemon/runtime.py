@@ -19,6 +19,7 @@ from drivers.account import Tally, TriggerAccount
 from drivers.camera import Camera, IncompleteFrame
 from drivers.errors import AutoexposeError
 from drivers.exposure import ExposureLimits
+from drivers.frame_memory import return_freed_frames
 from drivers.frames import Frame, Side, StereoPair
 from drivers.rig import (
     CameraGone,
@@ -99,6 +100,7 @@ class Daemon:
         UnsupportedCameraError, ConfigurationError
             When a camera can never be driven as configured.
         """
+        return_freed_frames()
         self._rig.start()
         try:
             self._warm_up()
