@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 
-from autoexpose_daemon.config import Config, TriggerConfig
+from autoexpose_daemon.config import Config
 from drivers.aravis import open_camera
 from drivers.camera import Camera
 from drivers.frames import Side
@@ -19,7 +19,7 @@ def openers(config: Config) -> dict[Side, Callable[[], Camera]]:
             open_camera,
             camera.serial,
             CameraSetup(
-                trigger=_trigger(config.trigger, side),
+                trigger=_trigger(config, side),
                 pixel_format=config.image.pixel_format,
                 binning=config.image.binning,
                 packet_size_bytes=config.transport.packet_size_bytes,
@@ -29,8 +29,13 @@ def openers(config: Config) -> dict[Side, Callable[[], Camera]]:
     }
 
 
-def _trigger(trigger: TriggerConfig, side: Side) -> TriggerSetup:
+def _trigger(config: Config, side: Side) -> TriggerSetup:
     """With mode primary the left camera runs by its own clock, and its exposures trigger the right one."""
-    if trigger.mode == "primary" and side == "left":
-        return TriggerSetup("free_run", rate_hz=trigger.rate_hz, output_line=trigger.output_line)
-    return TriggerSetup("free_run" if trigger.mode == "free_run" else "external", trigger.line, trigger.rate_hz)
+    trigger = config.trigger
+    return TriggerSetup(
+        "external" if side in config.triggered_sides else "free_run",
+        trigger.line,
+        trigger.rate_hz,
+        config.exposure.max_time_us,
+        trigger.output_line if trigger.mode == "primary" and side == "left" else None,
+    )

@@ -4,11 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from fake_camera.features import Features
+from fake_camera.features import Features, readout_ns
 from fake_camera.imaging import ImageSettings
-
-FULL_READOUT_NS = 3_000_000
-"""Readout of the sensor's full height; a lower region takes proportionally less."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,11 +138,10 @@ class Acquisition:
 
     def _expose(self, start_ns: int, trigger: int | None) -> Exposure:
         settings = self._features.image_settings(start_ns)
-        rows = settings.height * settings.binning_vertical / int(self._features.get("SensorHeight"))
         self._last_start_ns = start_ns
         self._exposure_end_ns = start_ns + round(settings.exposure_time_us * 1e3)
         self._readout_start_ns = max(self._exposure_end_ns, self._readout_end_ns)
-        self._readout_end_ns = self._readout_start_ns + round(FULL_READOUT_NS * rows)
+        self._readout_end_ns = self._readout_start_ns + readout_ns(settings, int(self._features.get("SensorHeight")))
         self._frame_id += 1
         self.counters.exposures += 1
         exposure = Exposure(

@@ -77,6 +77,9 @@ class FeatureError(Exception):
 
 
 _ACQUIRING = ("TLParamsLocked", 1)
+FULL_READOUT_NS = 3_000_000
+"""Readout of the sensor's full height; a lower region takes proportionally less."""
+
 _REGION = {"Width": "OffsetX", "OffsetX": "Width", "Height": "OffsetY", "OffsetY": "Height"}  # share an axis
 _HISTORY = 64  # writes that may come between a pulse and the moment its thread gets to run
 
@@ -121,6 +124,7 @@ def _specs(serial: str, sensor_width: int, sensor_height: int) -> list[Spec]:
             unit="Hz",
             locked_while=("AcquisitionFrameRateEnable", False),
         ),
+        fixed("SensorReadoutTime", "float", 0.0, "us"),
         choice("ExposureMode", "Timed"),
         Spec("ExposureTime", "float", 5000.0, 10.0, 1e6, 1.0, "us", locked_while=("ExposureAuto", "Continuous")),
         choice("ExposureAuto", "Continuous"),
@@ -147,6 +151,11 @@ def _specs(serial: str, sensor_width: int, sensor_height: int) -> list[Spec]:
     ]
 
 
+def readout_ns(settings: ImageSettings, sensor_height: int) -> int:
+    """How long the rows of an image take to be read."""
+    return round(FULL_READOUT_NS * settings.height * settings.binning_vertical / sensor_height)
+
+
 class Features:
     """The values of one camera's features; safe to use from any thread.
 
@@ -168,6 +177,7 @@ class Features:
             "WidthMax": lambda: self._region_max("Width"),
             "HeightMax": lambda: self._region_max("Height"),
             "PayloadSize": self._payload_bytes,
+            "SensorReadoutTime": lambda: readout_ns(self._snapshot(), sensor_height) * 1e-3,
             "ChunkEnable": lambda: self._chunks[str(self._values["ChunkSelector"])],
             "LineMode": lambda: "Output" if self._values["LineSelector"] == "Line1" else "Input",
             "LineSource": lambda: self._values["LineSource"] if self._values["LineSelector"] == "Line1" else "Off",

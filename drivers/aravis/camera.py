@@ -20,6 +20,7 @@ from drivers.frames import Frame
 from drivers.image_format import choose_pixel_format, decode_pixels, set_binning
 from drivers.metadata import FrameIdUnwrapper, SettingLedger, enable_chunks
 from drivers.setup import CameraSetup
+from drivers.timing import timing_lacks
 from drivers.trigger import arm_trigger
 
 BUFFERS = 16
@@ -56,7 +57,8 @@ class AravisCamera:
         self._dialect = find_dialect(nodes)
         self._chunked, chunk_lacks = enable_chunks(nodes, self._dialect.gain_node is not None)
         self._clock, clock_lacks = find_clock(nodes)
-        lacks = (*self._dialect.lacks, *trigger_lacks, *chunk_lacks, *clock_lacks)
+        timing = timing_lacks(nodes, setup.trigger)
+        lacks = (*self._dialect.lacks, *trigger_lacks, *timing, *chunk_lacks, *clock_lacks)
         self._description = CameraDescription(found.vendor, found.model, found.serial, lacks)
         self._limits = self._dialect.limits(nodes)
         self._setting: ExposureSetting | None = self._dialect.read(nodes)
