@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import socket
 import struct
 import threading
@@ -12,10 +13,12 @@ from ipaddress import IPv4Interface
 import pytest
 
 from drivers import gvcp
+from drivers.aravis import find_cameras, open_camera
 from drivers.gvcp import Control, GigeCamera, control_of, search
 from drivers.network import NetworkInterface, find_interfaces
+from drivers.setup import CameraSetup, TriggerSetup
 from tests.fake_camera.gige_client import ACCESS_DENIED, CCP, READREG, GvcpClient, gige_camera, parse_ack
-from tests.fakes import loopback_address, unique
+from tests.fakes import foreign_camera, loopback_address, unique
 
 LO = NetworkInterface("lo", IPv4Interface("127.0.0.1/8"), 65536, None)
 
@@ -64,6 +67,27 @@ def test_control_is_seen_from_outside() -> None:
 
 def test_no_camera_is_silence() -> None:
     assert control_of(loopback_address(), answer_s=0.01) == "silent"
+
+
+@pytest.mark.realtime
+def test_aravis_finds_the_same_camera() -> None:
+    serial = unique("T")
+    with gige_camera(loopback_address(), serial):
+        ours = find(serial, [LO])
+        (theirs,) = (camera for camera in find_cameras() if camera.serial == serial)
+    assert (ours.serial, ours.vendor, ours.model) == (theirs.serial, theirs.vendor, theirs.model)
+    assert str(ours.address.ip) == theirs.address
+
+
+@pytest.mark.realtime
+def test_a_camera_that_we_did_not_write_answers() -> None:
+    with foreign_camera() as serial:
+        camera = find(serial, [LO])
+        assert camera.reachable
+        assert control_of(str(camera.address.ip)) == "free"
+        with contextlib.closing(open_camera(serial, CameraSetup(TriggerSetup("free_run", rate_hz=25.0)))):
+            assert control_of(str(camera.address.ip)) == "held"
+        assert control_of(str(camera.address.ip)) == "free"
 
 
 @contextmanager
