@@ -1,4 +1,4 @@
-"""USB3 Vision cameras as libusb and the kernel see them, without opening one."""
+"""USB3 Vision cameras as libusb and the kernel see them, without claiming one."""
 
 from __future__ import annotations
 
@@ -25,6 +25,7 @@ UDEV_MATCH = "ef0500"
 Blind = Literal["no bus", "no libusb", "no list"]
 """Why no USB camera can be seen at all: the kernel shows no USB, libusb does not load, or it cannot list devices."""
 
+_DEVICES = "sys/bus/usb/devices"
 _RULE_FOLDERS = ("etc/udev/rules.d", "run/udev/rules.d", "usr/local/lib/udev/rules.d", "usr/lib/udev/rules.d")
 
 
@@ -83,16 +84,17 @@ def find_usb(root: Path = Path("/"), get_backend: Callable[[], Any] = libusb1.ge
     """Look for cameras with libusb; what else there is to know of them is read below `root`."""
     cameras: list[UsbCamera] = []
     blind: Blind | None = None
-    if not (root / "sys/bus/usb/devices").is_dir():
-        blind = "no bus"
-    elif (backend := get_backend()) is None:
-        blind = "no libusb"
+    backend = get_backend()
+    try:
+        devices = [] if backend is None else list(usb.core.find(find_all=True, backend=backend))
+        cameras = [_describe(device, root) for device in devices if _is_camera(device)]
+    except usb.core.USBError:
+        blind = "no list"
     else:
-        try:
-            devices = usb.core.find(find_all=True, backend=backend)
-            cameras = [_describe(device, root) for device in devices if _is_camera(device)]
-        except usb.core.USBError:
-            blind = "no list"
+        if not devices and not (root / _DEVICES).is_dir():
+            blind = "no bus"
+        elif backend is None:
+            blind = "no libusb"
     return UsbFacts(
         cameras=tuple(sorted(cameras, key=lambda camera: camera.node.path)),
         blind=blind,
@@ -114,17 +116,14 @@ def _is_camera(device: Any) -> bool:
 
 
 def _describe(device: Any, root: Path) -> UsbCamera:
-    folder = _sysfs_folder(device.bus, device.address, root)
-
-    def value(name: str) -> str | None:
-        return None if folder is None else read_value(folder / name)
-
-    root_hub = root / f"sys/bus/usb/devices/usb{device.bus}"
+    ports = ".".join(str(port) for port in device.port_numbers or ())
+    folder = root / _DEVICES / f"{device.bus}-{ports}"
+    root_hub = root / _DEVICES / f"usb{device.bus}"
     return UsbCamera(
-        serial=value("serial"),
-        vendor=value("manufacturer") or f"vendor {device.idVendor:04x}",
-        model=value("product") or f"product {device.idProduct:04x}",
-        speed_mbps=None if folder is None else read_number(folder / "speed"),
+        serial=read_value(folder / "serial") or _ask(device, "serial_number"),
+        vendor=read_value(folder / "manufacturer") or _ask(device, "manufacturer") or f"vendor {device.idVendor:04x}",
+        model=read_value(folder / "product") or _ask(device, "product") or f"product {device.idProduct:04x}",
+        speed_mbps=read_number(folder / "speed"),
         bus=device.bus,
         bus_speed_mbps=read_number(root_hub / "speed"),
         controller=root_hub.resolve().parent.name if root_hub.exists() else None,
@@ -132,11 +131,13 @@ def _describe(device: Any, root: Path) -> UsbCamera:
     )
 
 
-def _sysfs_folder(bus: int, address: int, root: Path) -> Path | None:
-    for folder in (root / "sys/bus/usb/devices").iterdir():
-        if (read_number(folder / "busnum"), read_number(folder / "devnum")) == (bus, address):
-            return folder
-    return None
+def _ask(device: Any, name: str) -> str | None:
+    """A text that the camera has and sysfs does not show: where there is no sysfs, libusb opens the camera for it."""
+    try:
+        text: str | None = getattr(device, name)
+    except (usb.core.USBError, ValueError):  # may not be opened; pyusb tells that in either way
+        return None
+    return text
 
 
 def _read_node(path: str, root: Path) -> DeviceNode:

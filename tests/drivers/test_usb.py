@@ -6,9 +6,10 @@ import os
 from pathlib import Path
 
 import pytest
+import usb.core
 
 from drivers.usb import Process, find_usb
-from tests.drivers.usb_tree import RefusingDevices, UsbDevice, UsbTree
+from tests.drivers.usb_tree import ListedDevices, RefusingDevices, UsbDevice, UsbTree
 
 RULE = 'SUBSYSTEM=="usb", ENV{ID_USB_INTERFACES}=="*:ef0500:*", GROUP="video", MODE="0660"'
 
@@ -56,11 +57,16 @@ def test_cameras_are_told_apart_by_bus_and_address(tree: UsbTree) -> None:
 
 
 def test_a_camera_without_strings_goes_by_its_numbers(tree: UsbTree) -> None:
-    tree.plug_in(UsbDevice(serial=None))
-    for name in ("manufacturer", "product"):
-        (tree.root / "sys/bus/usb/devices/2-3" / name).unlink()
+    tree.plug_in(UsbDevice(serial=None, maker=None, product=None))
     (camera,) = find_usb(tree.root, tree.backend).cameras
     assert (camera.serial, camera.vendor, camera.model) == (None, "vendor 1234", "product abcd")
+
+
+def test_a_name_that_neither_sysfs_nor_the_camera_gives_is_unknown(tmp_path: Path) -> None:
+    """No sysfs, and a camera that may not be opened."""
+    (camera,) = find_usb(tmp_path, lambda: ListedDevices([UsbDevice()], usb.core.USBError("Access denied"))).cameras
+    assert (camera.serial, camera.vendor, camera.model) == (None, "vendor 1234", "product abcd")
+    assert (camera.speed_mbps, camera.bus_speed_mbps, camera.controller) == (None, None, None)
 
 
 def test_a_missing_node_is_told(tree: UsbTree) -> None:

@@ -17,14 +17,21 @@ CAMERA_INTERFACES = ((0xEF, 0x05, 0x00), (0xEF, 0x05, 0x02))
 
 @dataclass(frozen=True)
 class UsbDevice:
-    """A device to plug into the tree."""
+    """A device to plug into the tree; its address is also the number of its port."""
 
     bus: int = 2
     address: int = 3
     serial: str | None = "U3V-1"
+    maker: str | None = "Maker"
+    product: str | None = "Model"
     speed_mbps: float = 5000
     controller: str = "0000:00:14.0"
     interfaces: tuple[tuple[int, int, int], ...] = CAMERA_INTERFACES
+
+    def texts(self) -> dict[str, str]:
+        """The strings that it has, by their names in sysfs."""
+        strings = {"serial": self.serial, "manufacturer": self.maker, "product": self.product}
+        return {name: text for name, text in strings.items() if text is not None}
 
 
 class UsbTree:
@@ -40,10 +47,9 @@ class UsbTree:
         hub = self.root / f"sys/devices/pci0000:00/{device.controller}/usb{device.bus}"
         folder = hub / f"{device.bus}-{device.address}"
         self.write(hub / "speed", f"{device.speed_mbps:g}")
-        texts = {"busnum": device.bus, "devnum": device.address, "speed": device.speed_mbps, "manufacturer": "Maker"}
-        texts |= {"product": "Model"} | ({} if device.serial is None else {"serial": device.serial})
-        for name, text in texts.items():
-            self.write(folder / name, f"{text}")
+        for name, text in device.texts().items():
+            self.write(folder / name, text)
+        self.write(folder / "speed", f"{device.speed_mbps:g}")
         for place in (hub, folder):
             link = self.root / "sys/bus/usb/devices" / place.name
             if not link.exists():
@@ -71,20 +77,31 @@ class UsbTree:
 
 
 class ListedDevices(IBackend):  # type: ignore[misc]  # pyusb has no types
-    """As much of libusb as listing takes: an attempt to open a device fails the test."""
+    """As much of libusb as listing takes. `refusal` is raised when a device is opened: by default it fails the test."""
 
-    def __init__(self, devices: list[UsbDevice]) -> None:
+    def __init__(self, devices: list[UsbDevice], refusal: BaseException | None = None) -> None:
         self._devices = devices
+        self._refusal = refusal or AssertionError("the device was opened")
 
     def enumerate_devices(self) -> Iterator[UsbDevice]:
         return iter(self._devices)
 
     def get_device_descriptor(self, dev: UsbDevice) -> Any:
         names = ["bLength", "bDescriptorType", "bcdUSB", "bDeviceClass", "bDeviceSubClass", "bDeviceProtocol"]
-        names += ["bMaxPacketSize0", "bcdDevice", "iManufacturer", "iProduct", "iSerialNumber"]
-        numbers = dict.fromkeys(names, 1)
-        place = {"bus": dev.bus, "address": dev.address, "port_number": 1, "port_numbers": (1,), "speed": 4}
-        return SimpleNamespace(**numbers, **place, idVendor=0x1234, idProduct=0xABCD, bNumConfigurations=1)
+        numbers = dict.fromkeys([*names, "bMaxPacketSize0", "bcdDevice"], 1)
+        strings = {"iManufacturer": dev.maker, "iProduct": dev.product, "iSerialNumber": dev.serial}
+        return SimpleNamespace(
+            **numbers,
+            **{name: int(text is not None) for name, text in strings.items()},  # 0: no such string
+            bus=dev.bus,
+            address=dev.address,
+            port_number=dev.address,
+            port_numbers=(dev.address,),
+            speed=4,
+            idVendor=0x1234,
+            idProduct=0xABCD,
+            bNumConfigurations=1,
+        )
 
     def get_configuration_descriptor(self, dev: UsbDevice, config: int) -> Any:
         names = ["bLength", "bDescriptorType", "wTotalLength", "bConfigurationValue", "iConfiguration"]
@@ -106,7 +123,7 @@ class ListedDevices(IBackend):  # type: ignore[misc]  # pyusb has no types
         )
 
     def open_device(self, dev: UsbDevice) -> Any:
-        raise AssertionError("the device was opened")
+        raise self._refusal
 
 
 class RefusingDevices(ListedDevices):
