@@ -7,7 +7,7 @@ SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 APT := $(SUDO) env DEBIAN_FRONTEND=noninteractive apt-get -y --no-install-recommends
 
 # What the daemon and the demo stand on, and what only the tests need.
-DEMO_PACKAGES := gir1.2-aravis-0.8 python3-gi python3-venv
+DEMO_PACKAGES := gir1.2-aravis-0.8 python3-gi python3-venv libusb-1.0-0
 TEST_PACKAGES := $(DEMO_PACKAGES) aravis-tools-cli aravis-tools tshark gcc libc6-dev python3-dev
 
 # Of the optional C extension: built where there are a compiler and python3-dev, as after `make setup`.

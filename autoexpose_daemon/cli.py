@@ -85,6 +85,18 @@ def list_cameras() -> None:
         raise AutoexposeError("no camera found: check power, cable and network, and that the camera is in your subnet")
 
 
+@app.command()
+def doctor(
+    config: Annotated[Path | None, typer.Option("-c", "--config", help="What to check the host for.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
+) -> None:
+    """Tell before a start what would stop the daemon: cameras, USB, network, permissions."""
+    from autoexpose_daemon.doctor.examine import examine  # noqa: PLC0415  libusb loads only where it is needed
+
+    if not examine(config, as_json):
+        raise typer.Exit(1)
+
+
 @app.command(
     "fake-camera", context_settings={"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []}
 )
