@@ -14,12 +14,14 @@ from pathlib import Path
 from fake_camera.control_socket import ControlSocket
 from fake_camera.device import Device
 from fake_camera.features import ENUM_ENTRIES, Features
+from fake_camera.genapi.description import Description
 from fake_camera.gige import AddressTakenError, GigeServer
 from fake_camera.imaging import ImageSource
 from fake_camera.lighting import LightScript
 from fake_camera.line0 import Line0, WireError
 from fake_camera.simulation import build_image_source
 from fake_camera.truth import TruthFile
+from fake_camera.xml_camera import XmlCamera
 
 
 def _parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
@@ -37,6 +39,7 @@ def _parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     add("--light", type=Path, metavar="FILE", help="light script (one with steps is built in)")
     add("--response", choices=["linear", "gamma", "s_shaped"], default="linear", help="of the sensor (%(default)s)")
     add("--seed", type=int, default=0, help="fixes room, noise and clock (%(default)s)")
+    add("--xml", type=Path, metavar="FILE", help="wear this GenICam description of a real camera (none: its own)")
     add("--truth", type=Path, metavar="FILE", help="write the light at each pulse of the wire as JSON lines")
     add("--control", type=Path, metavar="SOCKET", help="Unix socket that takes faults as JSON lines")
     return parser.parse_args(arguments)
@@ -82,7 +85,10 @@ def _run(options: argparse.Namespace, resources: contextlib.ExitStack) -> Device
     resources.callback(device.close)
     if options.control is not None:
         resources.callback(ControlSocket(options.control, device.faults).close)
-    server = GigeServer(device, options.address)
+    xml = None
+    if options.xml is not None:
+        xml = XmlCamera(Description.from_bytes(options.xml.read_bytes(), str(options.xml)), device)
+    server = GigeServer(device, options.address, xml)
     server.start()
     resources.callback(server.close)
     return device
