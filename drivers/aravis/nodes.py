@@ -11,6 +11,8 @@ from drivers.errors import CameraError, CameraLostError, NodeError
 
 T = TypeVar("T")
 
+RANGE_TOLERANCE = 1e-9
+"""Of a value at its limit that went through a change of units."""
 _SILENCE = (Aravis.DeviceError.TIMEOUT, Aravis.DeviceError.NOT_CONNECTED)
 
 
@@ -27,7 +29,9 @@ class AravisNodes:
         self.serial = serial
         self.silent = threading.Event()
         """Set once a request was left without an answer: the camera is lost."""
-        device.set_range_check_policy(Aravis.RangeCheckPolicy.ENABLE)
+        # Ranges are checked here: Aravis 0.8.26 leaves the limits of falling converters the wrong way round, and takes
+        # lookup tables for them, as those behind the pixel formats of Basler's ace. It then refuses every value.
+        device.set_range_check_policy(Aravis.RangeCheckPolicy.DISABLE)
         device.set_access_check_policy(Aravis.AccessCheckPolicy.ENABLE)
         device.set_register_cache_policy(Aravis.RegisterCachePolicy.DISABLE)
 
@@ -64,8 +68,15 @@ class AravisNodes:
         """Whether the feature is there and holds a floating-point number."""
         return isinstance(self._device.get_feature(name), Aravis.GcFloat) and self.available(name)
 
+    def is_integer(self, name: str) -> bool:
+        """Whether the feature is there and holds an integer that counts something."""
+        node = self._device.get_feature(name)
+        if isinstance(node, Aravis.GcEnumeration | Aravis.GcBoolean | Aravis.GcFloat):
+            return False
+        return isinstance(node, Aravis.GcInteger) and self.available(name)
+
     def unit(self, name: str) -> str | None:
-        """The unit that a floating-point feature declares."""
+        """The unit that a number declares."""
         return self._device.get_feature(name).get_unit() or None
 
     def entries(self, name: str) -> tuple[str, ...]:
@@ -78,7 +89,7 @@ class AravisNodes:
     def float_bounds(self, name: str) -> tuple[float, float]:
         """Least and greatest value."""
         bounds = self.call(f"read the bounds of {name}", self._device.get_float_feature_bounds, name)
-        return bounds.min, bounds.max
+        return min(bounds), max(bounds)
 
     def float_increment(self, name: str) -> float:
         """The declared increment; Aravis gives an error, or the least positive float, when none is declared."""
@@ -93,7 +104,11 @@ class AravisNodes:
     def integer_bounds(self, name: str) -> tuple[int, int]:
         """Least and greatest value."""
         bounds = self.call(f"read the bounds of {name}", self._device.get_integer_feature_bounds, name)
-        return bounds.min, bounds.max
+        return min(bounds), max(bounds)
+
+    def integer_increment(self, name: str) -> int:
+        """The declared increment."""
+        return int(self.call(f"read the increment of {name}", self._device.get_integer_feature_increment, name))
 
     def read_float(self, name: str) -> float:
         """Value of a floating-point feature."""
@@ -101,6 +116,7 @@ class AravisNodes:
 
     def write_float(self, name: str, value: float) -> None:
         """Write a floating-point feature."""
+        self._check_range(name, value, self.float_bounds(name))
         self.call(f"set {name} to {value:g}", self._device.set_float_feature_value, name, value)
 
     def read_integer(self, name: str) -> int:
@@ -109,7 +125,15 @@ class AravisNodes:
 
     def write_integer(self, name: str, value: int) -> None:
         """Write an integer feature."""
+        self._check_range(name, value, self.integer_bounds(name))
         self.call(f"set {name} to {value}", self._device.set_integer_feature_value, name, value)
+
+    def _check_range(self, name: str, value: float, bounds: tuple[float, float]) -> None:
+        slack = RANGE_TOLERANCE * abs(value)
+        if not bounds[0] - slack <= value <= bounds[1] + slack:
+            raise NodeError(
+                f"camera {self.serial}: could not set {name} to {value:g}, it takes {bounds[0]:g} to {bounds[1]:g}"
+            )
 
     def write_boolean(self, name: str, value: bool) -> None:
         """Write a boolean feature."""
