@@ -74,7 +74,7 @@ class SettingLedger:
 
 @dataclass(frozen=True, slots=True)
 class ChunkNodes:
-    """The chunk nodes that tell a frame's setting: exposure time, in units of `us_per_unit`, and gain in dB, if driven."""
+    """The chunk nodes that tell a frame's setting: exposure time in units of `us_per_unit`; gain in dB, if driven."""
 
     exposure_time: str
     us_per_unit: float
@@ -85,7 +85,7 @@ def enable_chunks(nodes: NodeMap, gain_driven: bool) -> tuple[ChunkNodes | None,
     """Have each frame tell its exposure time and gain; None when the camera cannot, with the lack in words."""
     wanted = ("ExposureTime", "Gain") if gain_driven else ("ExposureTime",)
     try:
-        if nodes.available("ChunkModeActive"):
+        if nodes.exists("ChunkSelector") and nodes.available("ChunkModeActive"):
             nodes.write_boolean("ChunkModeActive", True)  # first: some selectors are there only while it is on
             if set(wanted) <= set(nodes.entries("ChunkSelector")):
                 for chunk in wanted:

@@ -16,6 +16,9 @@ class NodeMap(Protocol):
     def serial(self) -> str:
         """Serial number of the camera, for messages."""
 
+    def exists(self, name: str) -> bool:
+        """Whether the camera has this feature, in whatever state."""
+
     def available(self, name: str) -> bool:
         """Whether the camera has this feature and offers it in its present state; a category is not a feature."""
 

@@ -67,7 +67,7 @@ def _warm_up(source: ImageSource) -> None:
     source.lux(0.0)
 
 
-def _run(options: argparse.Namespace, resources: contextlib.ExitStack) -> Device:
+def _run(options: argparse.Namespace, resources: contextlib.ExitStack) -> tuple[Device, XmlCamera | None]:
     """Start the camera; what `resources` holds must be closed to stop it."""
     light = LightScript.from_file(options.light) if options.light else LightScript.default()
     source = build_image_source(options.scene, options.side, light, options.seed, options.response)
@@ -91,7 +91,18 @@ def _run(options: argparse.Namespace, resources: contextlib.ExitStack) -> Device
     server = GigeServer(device, options.address, xml)
     server.start()
     resources.callback(server.close)
-    return device
+    return device, xml
+
+
+def _worn(xml: XmlCamera | None) -> str:
+    """What the camera passes for, and where that is less than the real one."""
+    if xml is None:
+        return ""
+    who = f", as {xml.description.vendor} {xml.description.model}"
+    line = f", trigger line {xml.trigger_line}" if xml.trigger_line else ", no trigger line"
+    wire = " (a USB3 Vision camera, here over GigE Vision)" if xml.description.is_usb3 else ""
+    closed = f", without {', '.join(xml.not_available)}" if xml.not_available else ""
+    return who + wire + line + closed
 
 
 def _sentence(error: Exception) -> str:
@@ -109,17 +120,15 @@ def main(arguments: list[str] | None = None) -> int:
         signal.signal(number, lambda *_: stop.set())
     with contextlib.ExitStack() as resources:
         try:
-            device = _run(options, resources)
+            device, xml = _run(options, resources)
         except (AddressTakenError, OSError, ValueError, WireError) as error:
             print(f"fake camera {options.serial} at {options.address}: {_sentence(error)}", file=sys.stderr)
             return 2
         gc.collect()
         gc.freeze()  # a full collection over all that the compiler leaves behind takes 60 ms: four frames late
         wire = f"Line0 {options.line0} at {options.line0_rate_hz:g} Hz" if options.line0 else "no Line0"
-        print(
-            f"fake camera {options.serial} ({options.side}) at {options.address}, {wire}, scene {options.scene}",
-            flush=True,
-        )
+        place = f"({options.side}) at {options.address}, {wire}, scene {options.scene}"
+        print(f"fake camera {options.serial} {place}{_worn(xml)}", flush=True)
         stop.wait()
         print(device.counters, flush=True)
     return 0

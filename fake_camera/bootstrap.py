@@ -44,6 +44,7 @@ def bootstrap_registers(
     privilege: ControlPrivilege,
     stream: StreamChannel,
     description: bytes,
+    *,
     description_address: int = DESCRIPTION_ADDRESS,
 ) -> Iterator[Register]:
     """The bootstrap registers of a camera at an IPv4 address, and the memory of its zipped description."""

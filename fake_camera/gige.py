@@ -79,7 +79,8 @@ class GigeServer:
             return RegisterMap((*bootstrap, *feature_registers(device)))
         description = zipped(model, xml.description.data)
         at = free_address(xml, len(description))
-        return XmlRegisters(bootstrap_registers(device, address, privilege, self._stream, description, at), xml)
+        bootstrap = bootstrap_registers(device, address, privilege, self._stream, description, description_address=at)
+        return XmlRegisters(bootstrap, xml)
 
     def _serve(self) -> None:
         with selectors.DefaultSelector() as selector:

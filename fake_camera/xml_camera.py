@@ -14,7 +14,7 @@ from fake_camera.genapi.memory import Fixed, Memory
 from fake_camera.genapi.solve import assign
 from fake_camera.imaging import ExposedFrame
 from fake_camera.xml_features import Animation, Watch
-from fake_camera.xml_power_on import CHUNKS, COMMANDS, PowerOn
+from fake_camera.xml_power_on import CHUNKS, COMMANDS, PowerOn, trigger_lines
 
 _BANKS = {
     "TriggerSelector": ("TriggerMode", "TriggerSource", "TriggerActivation", "TriggerOverlap"),
@@ -39,11 +39,15 @@ class XmlCamera:
         self._device = device
         self._fixed: Fixed = lambda address, count: None
         self._lock = threading.RLock()
-        self._ports = {
-            name: Memory() for name, node in description.nodes.items() if node.kind == "Port" and "ChunkID" in node.parts
-        }
+        chunk_ports = (name for name, node in description.nodes.items() if "ChunkID" in node.parts)
+        self._ports = {name: Memory() for name in chunk_ports}
         self._power_on()
         device.on_power_on(self._power_on)
+
+    @property
+    def trigger_line(self) -> str | None:
+        """The line that the wire is plugged into, by the camera's own name for it."""
+        return next(iter(trigger_lines(self._evaluator)), None)
 
     def place(self, fixed: Fixed) -> None:
         """Put the camera behind a wire whose own registers are read with `fixed` (see `Memory`)."""
@@ -164,14 +168,18 @@ class XmlCamera:
         return found
 
     def _run_commands(self, address: int, count: int) -> None:
-        for field, number, name in self._commands:
-            if field.address < address + count and address < field.address + field.length:
-                data = self._evaluator.bytes_of(field)
-                if field.decode(data) == number:
-                    self._device.execute(name)
-                    self._evaluator.write(field, field.encode(0, data))
-                    if name == "TimestampLatch":
-                        self._latched_ns = int(self._device.features.get("TimestampLatchValue"))
+        written = [
+            (field, name)
+            for field, number, name in self._commands
+            if field.address < address + count
+            and address < field.address + field.length
+            and field.decode(self._evaluator.bytes_of(field)) == number
+        ]
+        for field, name in written:
+            self._device.execute(name)
+            self._evaluator.write(field, field.encode(0, self._evaluator.bytes_of(field)))  # reads 0: done
+            if name == "TimestampLatch":
+                self._latched_ns = int(self._device.features.get("TimestampLatchValue"))
 
     def _show_latch(self) -> None:
         """The latched time goes into its registers when someone reads, so that latching takes no time."""
@@ -189,11 +197,8 @@ class XmlCamera:
 
     def _chunk_size(self, port: str) -> int:
         """Bytes of a chunk: up to the end of the last register that is read through its port."""
-        return max(
-            sum(int((part.text or "0").strip(), 0) for part in node.parts.get("Address", [])) + node.integer("Length", 4)
-            for node in self.description.nodes.values()
-            if node.text("pPort") == port
-        )
+        nodes = [node for node in self.description.nodes.values() if node.text("pPort") == port]
+        return max(node.integer("Address", 0) + node.integer("Length", 4) for node in nodes)
 
     def _chunk_bytes(self) -> int:
         if not self._animation.chunk_mode:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from fake_camera.features import FeatureError, Features
 from fake_camera.genapi.evaluator import Evaluator, NodeError
@@ -53,8 +53,6 @@ class Animation:
         The features that writes are looked out for.
     chunk_mode
         Whether chunk data follow the images.
-    enabled_chunks
-        The entries of ChunkSelector that are switched on, of those that are filled.
     """
 
     def __init__(self, evaluator: Evaluator, features: Features, banked: Mapping[str, tuple[str, ...]]) -> None:
@@ -69,17 +67,21 @@ class Animation:
 
     @property
     def enabled_chunks(self) -> tuple[str, ...]:
+        """The entries of ChunkSelector that are switched on, of those that are filled."""
         return tuple(entry for entry, enabled in self._chunks.items() if enabled)
 
     def chunk_value(self, content: str, frame: ExposedFrame) -> float:
         """What a chunk tells of a frame, in the units of its node."""
-        settings = frame.settings
-        if content == "Gain":
-            gain_db = settings.gain_db
-            return gain_db if self._gain_in_db else self._raw_gain(gain_db)
-        return {"ExposureTime": settings.exposure_time_us, "FrameID": frame.frame_id, "Timestamp": frame.device_time_ns}[
-            content
-        ]
+        match content:
+            case "ExposureTime":
+                return frame.settings.exposure_time_us / time_unit_us(self._evaluator, "ChunkExposureTime")
+            case "Gain":
+                gain_db = frame.settings.gain_db
+                return gain_db if self._gain_in_db else self._raw_gain(gain_db)
+            case "FrameID":
+                return frame.frame_id
+            case _:
+                return frame.device_time_ns
 
     def show_payload(self, chunk_bytes: int) -> None:
         """Bring the payload size up to date, where it lies in a register."""

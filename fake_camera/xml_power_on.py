@@ -67,8 +67,9 @@ class PowerOn:
                 self._open(name, writable=False)
 
     def _image(self, width: int, height: int) -> None:
-        for name, size in (("SensorWidth", width), ("SensorHeight", height), ("WidthMax", width), ("HeightMax", height)):
-            self._number(name, (8, size, 1, size), writable=False)
+        for axis, size in (("Width", width), ("Height", height)):
+            for name in (f"Sensor{axis}", f"{axis}Max"):
+                self._number(name, (8, size, 1, size), writable=False)
         for name, low, size, step in (("Width", 8, width, 4), ("Height", 8, height, 2)):
             self._number(name, (low, size, step, size))
         for name in ("OffsetX", "OffsetY"):

@@ -57,6 +57,10 @@ class AravisNodes:
             return CameraLostError(f"camera {self.serial} does not answer: could not {doing}")
         return NodeError(f"camera {self.serial}: could not {doing}: {error.message}")
 
+    def exists(self, name: str) -> bool:
+        """Whether the camera's description has this feature."""
+        return self._device.get_feature(name) is not None
+
     def available(self, name: str) -> bool:
         """Whether the camera has this feature and offers it at present."""
         node = self._device.get_feature(name)

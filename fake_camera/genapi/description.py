@@ -54,17 +54,14 @@ class Description:
 
     @classmethod
     def from_bytes(cls, text: bytes, source: str) -> Description:
-        """Read a description; what stands before its first element (a camera's name, say) is left out.
+        """Read a description; what stands before its XML declaration (a camera's name, say) is left out.
 
         Raises
         ------
         ValueError
             When it is no GenICam description; `source` tells which file it was.
         """
-        start = max(text.find(b"<?xml"), 0) or max(text.find(b"<RegisterDescription"), 0)
-        if b"<?xml" in text[:512]:
-            start = text.index(b"<?xml")
-        data = text[start:].strip()
+        data = text[max(text.find(b"<?xml"), 0) :].strip()
         try:
             root = fromstring(data)
         except ParseError as error:
@@ -72,7 +69,9 @@ class Description:
         for element in root.iter():
             element.tag = element.tag.rpartition("}")[2]
         if root.tag != "RegisterDescription":
-            raise ValueError(f"{source}: a GenICam description begins with RegisterDescription, this one with {root.tag}")
+            raise ValueError(
+                f"{source}: a GenICam description begins with RegisterDescription, this one with {root.tag}"
+            )
         nodes: dict[str, Node] = {}
         _collect(root, nodes)
         return cls(
@@ -83,7 +82,7 @@ class Description:
     def is_usb3(self) -> bool:
         """Whether this is a USB3 Vision camera.
 
-        Where the description names no standard, its byte order tells: GigE Vision's is big-endian, USB3 Vision's little.
+        Where the description names no standard, its byte order tells: GigE Vision's is big, USB3 Vision's little.
         """
         if self.namespace in ("GEV", "U3V"):
             return self.namespace == "U3V"

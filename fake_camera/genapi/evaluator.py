@@ -157,7 +157,11 @@ class Evaluator:
     def selecting_entry(self, selector: str, entry: str) -> contextlib.AbstractContextManager[None]:
         """As `selecting`, by the name of the entry; nothing where there is no such selector or entry."""
         entries = self._nodes[selector].entries if self.kind(selector) == "Enumeration" else {}
-        return self.selecting(selector, entries[entry].integer("Value", 0)) if entry in entries else contextlib.nullcontext()
+        return (
+            self.selecting(selector, entries[entry].integer("Value", 0))
+            if entry in entries
+            else contextlib.nullcontext()
+        )
 
     def bound(self, name: str, which: str) -> Number | None:
         """The Min, Max or Inc (`which`) of a number, its own or that of what is behind it; None when not declared."""

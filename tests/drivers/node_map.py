@@ -63,6 +63,9 @@ class MemoryNodes:
         assert isinstance(node, kind), f"{name} is a {type(node).__name__}"
         return node
 
+    def exists(self, name: str) -> bool:
+        return name in self.nodes
+
     def available(self, name: str) -> bool:
         return name in self.nodes
 
