@@ -1,0 +1,237 @@
+"""Tiny GenICam descriptions, one for each combination of dialects seen in the field, for cameras nobody sells."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+DATA = Path(os.environ.get("AUTOEXPOSE_DATA", Path(__file__).parents[2] / "shared" / "data"))
+REAL = (
+    "AVT_Mako_G125B", "Allied_Vision_1800_U-811m", "Basler-a2A2600-20gmBAS", "Basler-acA1300-60gm",
+    "FLIR_BFS_PGE_88S6M", "PGR_BlackflyS_16S2M",
+)  # fmt: skip
+"""Descriptions of real cameras, in `DATA` where they are."""
+
+COMBINATIONS = (
+    "",
+    "ExposureTimeAbs=Float GainRaw=Integer TriggerOverlap ChunkModeActive",
+    "ExposureTimeAbs=Float Gain=Category GainRaw=Float TriggerOverlap ChunkModeActive",
+    "ExposureTimeAbs=Float Gain=Category GainRaw=Integer TriggerOverlap ChunkModeActive",
+    "ExposureTimeAbs=Float Gain=Float TriggerOverlap ChunkModeActive",
+    "ExposureTimeAbs=Float Gain=Float GainRaw=Integer TriggerOverlap ChunkModeActive",
+    "ExposureTimeAbs=Float:us ExposureTimeRaw=Integer GainRaw=Integer ChunkModeActive ChunkExposureTime=Float "
+    "ChunkFramecounter=Integer",
+    "ExposureTimeAbs=Float:us ExposureTimeRaw=Integer GainRaw=Integer ChunkModeActive ChunkExposureTime=Float "
+    "ChunkGainAll=Integer ChunkFramecounter=Integer",
+    "ExposureTimeAbs=Float:us ExposureTimeRaw=Integer ExposureTimeBaseAbs=Float:us GainRaw=Integer ChunkModeActive "
+    "ChunkFramecounter=Integer",
+    "ExposureTimeAbs=Float:us ExposureTimeRaw=Integer ExposureTimeBaseAbs=Float:us GainRaw=Integer ChunkModeActive "
+    "ChunkExposureTime=Float ChunkFramecounter=Integer",
+    "ExposureTime=Float",
+    "ExposureTime=Float:s",
+    "ExposureTime=Float:us Gain=Float",
+    "ExposureTime=Float:us Gain=Float:dB",
+    "ExposureTime=Float:us Gain=Float:dB ChunkModeActive ChunkExposureTime=Float:us ChunkGain=Float:dB "
+    "ChunkFrameID=Integer",
+    "ExposureTime=Float:us ExposureTimeRaw=Integer Gain=Float GainRaw=Integer",
+    "ExposureTime=Float:us ExposureTimeRaw=Integer Gain=Float:dB GainRaw=Integer TriggerOverlap ChunkModeActive "
+    "ChunkExposureTime=Float:us ChunkGain=Float:dB ChunkFrameID=Integer",
+    "ExposureTime=Float:us ExposureTimeAbs=Float:us Gain=Float:dB TriggerOverlap ChunkModeActive "
+    "ChunkExposureTime=Float ChunkGain=Float ChunkFrameCounter=Integer",
+    "ExposureTime=Float:µs Gain=Float:dB",
+    "ExposureTime=Integer",
+)
+"""What 92 descriptions of 5 vendors declare of exposure time, gain, overlap and chunks, each combination once, in the
+order of the table that lists them; a feature with its type and unit."""
+
+
+class _Writer:
+    """Writes nodes in one of three ways, as vendors do.
+
+    Way 0: big-endian floats, nothing conditional. Way 1: big-endian integers behind converters, limits behind
+    SwissKnives, conditions in bits. Way 2: little-endian, conditions in a StructReg, registers by pAddress.
+    """
+
+    def __init__(self, way: int) -> None:
+        self._way = way
+        self._at = 0x20000
+        self._order = "LittleEndian" if way == 2 else "BigEndian"
+        self.nodes: list[str] = []
+
+    def register(self, kind: str, name: str, access: str = "RW", length: int = 4, extra: str = "") -> None:
+        where = f"<Address>0x{self._at:X}</Address>"
+        if self._way == 2:
+            self.nodes.append(f'<Integer Name="{name}_At"><Value>{self._at}</Value></Integer>')
+            where = f"<pAddress>{name}_At</pAddress>"
+        self.place(kind, name, where, access, length, extra)
+        self._at += 0x10
+
+    def place(self, kind: str, name: str, where: str, access: str, length: int = 4, extra: str = "") -> None:
+        port = extra if "<pPort>" in extra else f"<pPort>Device</pPort>{extra}"
+        self.nodes.append(
+            f'<{kind} Name="{name}">{where}<Length>{length}</Length><AccessMode>{access}</AccessMode>{port}'
+            f"<Cachable>NoCache</Cachable><Endianess>{self._order}</Endianess></{kind}>"
+        )
+
+    def conditions(self, name: str) -> str:
+        """Elements that make a feature conditional, and the registers behind them."""
+        if self._way == 0:
+            return ""
+        bits = {"Implemented": 0, "Available": 1, "Locked": 3}
+        where = f"<Address>0x{self._at:X}</Address>"
+        self._at += 0x10
+        if self._way == 1:
+            for what, bit in bits.items():
+                self.place("MaskedIntReg", f"{name}_{what}", where, "RO", extra=f"<Bit>{bit}</Bit>")
+        else:
+            entries = "".join(f'<StructEntry Name="{name}_{what}"><Bit>{bit}</Bit></StructEntry>' for what, bit in bits.items())
+            self.place("StructReg", f"{name}_Inquiry", where, "RO", extra=entries)
+        return "".join(f"<pIs{what}>{name}_{what}</pIs{what}>" for what in bits)
+
+    def number(self, name: str, type_: str, unit: str) -> None:
+        conditions = self.conditions(name)
+        unit = f"<Unit>{unit}</Unit>" if unit else ""
+        through = {"": name}
+        for which in ("Min", "Max"):
+            through[f"p{which}"] = f"{name}_{which}"
+        if type_ == "Integer" or self._way == 1:
+            for node in (f"{name}_Raw", f"{name}_RawMin", f"{name}_RawMax"):
+                self.register("IntReg", node, "RW" if node.endswith("Raw") else "RO", extra="<Sign>Unsigned</Sign>")
+        else:
+            length = 8 if self._way == 0 else 4
+            for node in (f"{name}_Raw", f"{name}_RawMin", f"{name}_RawMax"):
+                self.register("FloatReg", node, "RW" if node.endswith("Raw") else "RO", length)
+        value, low, high = f"{name}_Raw", f"{name}_RawMin", f"{name}_RawMax"
+        if type_ == "Float" and self._way == 1:
+            self.nodes.append(
+                f'<Converter Name="{name}_Converter"><FormulaTo>FROM*{SCALE}</FormulaTo>'
+                f"<FormulaFrom>TO/{SCALE}</FormulaFrom><pValue>{value}</pValue><Slope>Increasing</Slope></Converter>"
+            )
+            for limit in (low, high):
+                self.nodes.append(
+                    f'<SwissKnife Name="{limit}_Scaled"><pVariable Name="P1">{limit}</pVariable>'
+                    f"<Formula>(P1&lt;&gt;0)?(P1/{SCALE}):0</Formula></SwissKnife>"
+                )
+            value, low, high = f"{name}_Converter", f"{low}_Scaled", f"{high}_Scaled"
+        self.nodes.append(
+            f'<{type_} Name="{name}">{conditions}<pValue>{value}</pValue><pMin>{low}</pMin><pMax>{high}</pMax>{unit}'
+            f"</{type_}>"
+        )
+
+    def choice(self, name: str, entries: dict[str, int], selects: tuple[str, ...] = (), value: str = "") -> None:
+        """An enumeration; with a `value` it is the client's own, without a register."""
+        conditions = self.conditions(name)
+        inside = "".join(f'<EnumEntry Name="{entry}"><Value>{number}</Value></EnumEntry>' for entry, number in entries.items())
+        inside += f"<Value>{value}</Value>" if value else f"<pValue>{name}_Raw</pValue>"
+        inside += "".join(f"<pSelected>{selected}</pSelected>" for selected in selects)
+        if not value:
+            self.register("IntReg", f"{name}_Raw")
+        self.nodes.append(f'<Enumeration Name="{name}">{conditions}{inside}</Enumeration>')
+
+    def command(self, name: str, value: int = 1) -> None:
+        self.register("IntReg", f"{name}_Raw", "WO")
+        self.nodes.append(
+            f'<Command Name="{name}"><pValue>{name}_Raw</pValue><CommandValue>{value}</CommandValue></Command>'
+        )
+
+    def chunk(self, name: str, type_: str, unit: str, chunk_id: int) -> None:
+        """A chunk's value, counted in whole numbers."""
+        unit = f"<Unit>{unit}</Unit>" if unit else ""
+        kind, sign = ("FloatReg", "") if type_ == "Float" and self._way == 0 else ("IntReg", "<Sign>Signed</Sign>")
+        value = f"{name}_Raw"
+        self.place(kind, value, "<Address>0x0</Address>", "RO", 4, f"<pPort>{name}_Port</pPort>{sign}")
+        if type_ == "Float" and self._way:
+            self.nodes.append(
+                f'<SwissKnife Name="{name}_Scaled"><pVariable Name="RAW">{value}</pVariable>'
+                f"<Formula>RAW/{SCALE}</Formula></SwissKnife>"
+            )
+            value = f"{name}_Scaled"
+        self.nodes.append(f'<{type_} Name="{name}"><pValue>{value}</pValue>{unit}</{type_}>')
+        self.nodes.append(f'<Port Name="{name}_Port"><ChunkID>{chunk_id:X}</ChunkID></Port>')
+
+
+SCALE = 16
+"""Counts in a unit, where numbers are converted."""
+
+
+def features(combination: str) -> dict[str, tuple[str, str]]:
+    """Type and unit of each feature that a combination names."""
+    found = {}
+    for token in combination.split():
+        name, _, declared = token.partition("=")
+        type_, _, unit = declared.partition(":")
+        found[name] = type_, unit
+    return found
+
+
+def xml_camera(number: int) -> bytes:
+    """The description of the camera with the `number`-th combination."""
+    declared = features(COMBINATIONS[number])
+    writer = _Writer(number % 3)
+    for name, (type_, unit) in declared.items():
+        if name.startswith("Chunk") or type_ not in ("Integer", "Float"):
+            continue
+        if name == "ExposureTimeRaw":
+            writer.number(name, type_, "")
+        elif name != "ExposureTimeBaseAbs":
+            writer.number(name, type_, unit)
+    if "ExposureTimeBaseAbs" in declared:
+        writer.number("ExposureTimeBaseAbs", "Float", "us")
+    if declared.get("Gain", ("", ""))[0] == "Category":
+        writer.nodes.append('<Category Name="Gain"><pFeature>GainRaw</pFeature></Category>')
+    _everything_else(writer, declared)
+    return _document(number, writer.nodes)
+
+
+def _everything_else(writer: _Writer, declared: dict[str, tuple[str, str]]) -> None:
+    for name in ("Width", "Height", "OffsetX", "OffsetY"):
+        writer.number(name, "Integer", "")
+    writer.register("IntReg", "PayloadSize_Raw", "RO")
+    writer.nodes.append('<Integer Name="PayloadSize"><pValue>PayloadSize_Raw</pValue></Integer>')
+    writer.choice("PixelFormat", {"Mono8": 0x01080001, "Mono10": 0x01100003})
+    writer.choice("AcquisitionMode", {"Continuous": 2, "SingleFrame": 0})
+    writer.choice("ExposureAuto", {"Off": 0, "Continuous": 2})
+    writer.choice("TriggerSelector", {"AcquisitionStart": 0, "FrameStart": 1}, ("TriggerMode", "TriggerSource"))
+    writer.choice("TriggerMode", {"Off": 0, "On": 1})
+    writer.choice("TriggerSource", {"Software": 0, "Line1": 1, "Line2": 2})
+    if "TriggerOverlap" in declared:
+        writer.choice("TriggerOverlap", {"Off": 0, "ReadOut": 1})
+    writer.command("AcquisitionStart")
+    writer.command("AcquisitionStop", 0)
+    if "ChunkModeActive" in declared:
+        _chunk_control(writer, declared)
+
+
+def _chunk_control(writer: _Writer, declared: dict[str, tuple[str, str]]) -> None:
+    writer.register("IntReg", "ChunkModeActive_Raw")
+    writer.nodes.append('<Boolean Name="ChunkModeActive"><pValue>ChunkModeActive_Raw</pValue></Boolean>')
+    chunks = {name: kind for name, kind in declared.items() if name.startswith("Chunk") and kind[0]}
+    if not chunks:
+        return
+    entries = {name.removeprefix("Chunk"): number for number, name in enumerate(chunks)}
+    writer.choice("ChunkSelector", entries, ("ChunkEnable",))
+    writer.register("IntReg", "ChunkEnable_Raw")
+    writer.nodes.append('<Boolean Name="ChunkEnable"><pValue>ChunkEnable_Raw</pValue></Boolean>')
+    for number, (name, (type_, unit)) in enumerate(chunks.items()):
+        writer.chunk(name, type_, unit, 0x9A000001 + number)
+
+
+def _document(number: int, nodes: list[str]) -> bytes:
+    names = "".join(f"<pFeature>{name}</pFeature>" for name in _features_of(nodes))
+    text = (
+        '<?xml version="1.0" encoding="utf-8"?>'
+        '<RegisterDescription xmlns="http://www.genicam.org/GenApi/Version_1_1" '
+        f'ModelName="Tiny{number}" VendorName="Nobody" StandardNameSpace="GEV" SchemaMajorVersion="1" '
+        'SchemaMinorVersion="1" SchemaSubMinorVersion="0" MajorVersion="1" MinorVersion="0" SubMinorVersion="0" '
+        'ToolTip="" ProductGuid="1" VersionGuid="1">'
+        f'<Category Name="Root">{names}</Category>{"".join(nodes)}<Port Name="Device"/></RegisterDescription>'
+    )
+    return text.encode()
+
+
+def _features_of(nodes: list[str]) -> Iterator[str]:
+    for node in nodes:
+        name = node.split('"')[1]
+        if "_" not in name:
+            yield name
