@@ -138,8 +138,8 @@ def _find_gain(nodes: NodeMap) -> tuple[Quantity | None, tuple[str, ...]]:
     for name in (*GAIN_NODES, "GainRaw"):
         if nodes.available(name):
             unit = nodes.unit(name) if _is_number(nodes, name) else None
-            why = f"gain has no dB scale ({name} is in {unit or 'numbers without a unit'})"
-            return None, (f"{why}: left at its present value, exposure time alone is driven",)
+            told = f"{name} is in {unit or 'numbers without a unit'}"
+            return None, (f"gain has no dB scale: left at its present value, exposure time alone is driven ({told})",)
     return None, ("no gain node: exposure time alone is driven",)
 
 

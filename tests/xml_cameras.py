@@ -46,6 +46,10 @@ COMBINATIONS = (
 order of the table that lists them; a feature with its type and unit."""
 
 
+SCALE = 16
+"""Counts in a unit, where numbers are converted."""
+
+
 class _Writer:
     """Writes nodes in one of three ways, as vendors do.
 
@@ -60,18 +64,19 @@ class _Writer:
         self.nodes: list[str] = []
 
     def register(self, kind: str, name: str, access: str = "RW", length: int = 4, extra: str = "") -> None:
+        """A register at an address of its own."""
         where = f"<Address>0x{self._at:X}</Address>"
         if self._way == 2:
             self.nodes.append(f'<Integer Name="{name}_At"><Value>{self._at}</Value></Integer>')
             where = f"<pAddress>{name}_At</pAddress>"
-        self.place(kind, name, where, access, length, extra)
         self._at += 0x10
+        self.place(kind, name, f"{where}<pPort>Device</pPort><AccessMode>{access}</AccessMode>{extra}", length)
 
-    def place(self, kind: str, name: str, where: str, access: str, length: int = 4, extra: str = "") -> None:
-        port = extra if "<pPort>" in extra else f"<pPort>Device</pPort>{extra}"
+    def place(self, kind: str, name: str, parts: str, length: int = 4) -> None:
+        """A register with these `parts` besides length and byte order."""
         self.nodes.append(
-            f'<{kind} Name="{name}">{where}<Length>{length}</Length><AccessMode>{access}</AccessMode>{port}'
-            f"<Cachable>NoCache</Cachable><Endianess>{self._order}</Endianess></{kind}>"
+            f'<{kind} Name="{name}"><Length>{length}</Length><Endianess>{self._order}</Endianess>'
+            f"<Cachable>NoCache</Cachable>{parts}</{kind}>"
         )
 
     def conditions(self, name: str) -> str:
@@ -79,54 +84,52 @@ class _Writer:
         if self._way == 0:
             return ""
         bits = {"Implemented": 0, "Available": 1, "Locked": 3}
-        where = f"<Address>0x{self._at:X}</Address>"
+        where = f"<Address>0x{self._at:X}</Address><pPort>Device</pPort><AccessMode>RO</AccessMode>"
         self._at += 0x10
         if self._way == 1:
             for what, bit in bits.items():
-                self.place("MaskedIntReg", f"{name}_{what}", where, "RO", extra=f"<Bit>{bit}</Bit>")
+                self.place("MaskedIntReg", f"{name}_{what}", f"{where}<Bit>{bit}</Bit>")
         else:
-            entries = "".join(f'<StructEntry Name="{name}_{what}"><Bit>{bit}</Bit></StructEntry>' for what, bit in bits.items())
-            self.place("StructReg", f"{name}_Inquiry", where, "RO", extra=entries)
+            entry = '<StructEntry Name="{}_{}"><Bit>{}</Bit></StructEntry>'
+            entries = "".join(entry.format(name, what, bit) for what, bit in bits.items())
+            self.place("StructReg", f"{name}_Inquiry", where + entries)
         return "".join(f"<pIs{what}>{name}_{what}</pIs{what}>" for what in bits)
 
     def number(self, name: str, type_: str, unit: str) -> None:
+        """A number whose value and limits lie in registers."""
         conditions = self.conditions(name)
-        unit = f"<Unit>{unit}</Unit>" if unit else ""
-        through = {"": name}
-        for which in ("Min", "Max"):
-            through[f"p{which}"] = f"{name}_{which}"
-        if type_ == "Integer" or self._way == 1:
-            for node in (f"{name}_Raw", f"{name}_RawMin", f"{name}_RawMax"):
-                self.register("IntReg", node, "RW" if node.endswith("Raw") else "RO", extra="<Sign>Unsigned</Sign>")
-        else:
-            length = 8 if self._way == 0 else 4
-            for node in (f"{name}_Raw", f"{name}_RawMin", f"{name}_RawMax"):
-                self.register("FloatReg", node, "RW" if node.endswith("Raw") else "RO", length)
-        value, low, high = f"{name}_Raw", f"{name}_RawMin", f"{name}_RawMax"
+        floats = type_ == "Float" and self._way != 1
+        kind, length = ("FloatReg", 8 if self._way == 0 else 4) if floats else ("IntReg", 4)
+        parts = {"pValue": f"{name}_Raw", "pMin": f"{name}_RawMin", "pMax": f"{name}_RawMax"}
+        for part, register in parts.items():
+            self.register(kind, register, "RW" if part == "pValue" else "RO", length)
         if type_ == "Float" and self._way == 1:
-            self.nodes.append(
-                f'<Converter Name="{name}_Converter"><FormulaTo>FROM*{SCALE}</FormulaTo>'
-                f"<FormulaFrom>TO/{SCALE}</FormulaFrom><pValue>{value}</pValue><Slope>Increasing</Slope></Converter>"
-            )
-            for limit in (low, high):
-                self.nodes.append(
-                    f'<SwissKnife Name="{limit}_Scaled"><pVariable Name="P1">{limit}</pVariable>'
-                    f"<Formula>(P1&lt;&gt;0)?(P1/{SCALE}):0</Formula></SwissKnife>"
-                )
-            value, low, high = f"{name}_Converter", f"{low}_Scaled", f"{high}_Scaled"
-        self.nodes.append(
-            f'<{type_} Name="{name}">{conditions}<pValue>{value}</pValue><pMin>{low}</pMin><pMax>{high}</pMax>{unit}'
-            f"</{type_}>"
-        )
+            parts = {part: self._scaled(register, part == "pValue") for part, register in parts.items()}
+        inside = "".join(f"<{part}>{register}</{part}>" for part, register in parts.items())
+        unit = f"<Unit>{unit}</Unit>" if unit else ""
+        self.nodes.append(f'<{type_} Name="{name}">{conditions}{inside}{unit}</{type_}>')
 
-    def choice(self, name: str, entries: dict[str, int], selects: tuple[str, ...] = (), value: str = "") -> None:
-        """An enumeration; with a `value` it is the client's own, without a register."""
+    def _scaled(self, register: str, writable: bool) -> str:
+        """The node that reads a register in counts of 1/`SCALE`."""
+        if writable:
+            self.nodes.append(
+                f'<Converter Name="{register}_Scaled"><FormulaTo>FROM*{SCALE}</FormulaTo><FormulaFrom>TO/{SCALE}'
+                f"</FormulaFrom><pValue>{register}</pValue><Slope>Increasing</Slope></Converter>"
+            )
+        else:
+            self.nodes.append(
+                f'<SwissKnife Name="{register}_Scaled"><pVariable Name="RAW">{register}</pVariable>'
+                f"<Formula>(RAW&lt;&gt;0)?(RAW/{SCALE}):0</Formula></SwissKnife>"
+            )
+        return f"{register}_Scaled"
+
+    def choice(self, name: str, entries: dict[str, int], selects: tuple[str, ...] = ()) -> None:
+        """An enumeration in a register."""
         conditions = self.conditions(name)
-        inside = "".join(f'<EnumEntry Name="{entry}"><Value>{number}</Value></EnumEntry>' for entry, number in entries.items())
-        inside += f"<Value>{value}</Value>" if value else f"<pValue>{name}_Raw</pValue>"
+        entry = '<EnumEntry Name="{}"><Value>{}</Value></EnumEntry>'
+        inside = "".join(entry.format(*item) for item in entries.items()) + f"<pValue>{name}_Raw</pValue>"
         inside += "".join(f"<pSelected>{selected}</pSelected>" for selected in selects)
-        if not value:
-            self.register("IntReg", f"{name}_Raw")
+        self.register("IntReg", f"{name}_Raw")
         self.nodes.append(f'<Enumeration Name="{name}">{conditions}{inside}</Enumeration>')
 
     def command(self, name: str, value: int = 1) -> None:
@@ -136,23 +139,16 @@ class _Writer:
         )
 
     def chunk(self, name: str, type_: str, unit: str, chunk_id: int) -> None:
-        """A chunk's value, counted in whole numbers."""
-        unit = f"<Unit>{unit}</Unit>" if unit else ""
-        kind, sign = ("FloatReg", "") if type_ == "Float" and self._way == 0 else ("IntReg", "<Sign>Signed</Sign>")
+        """A number in the chunk data."""
+        floats = type_ == "Float" and self._way == 0
         value = f"{name}_Raw"
-        self.place(kind, value, "<Address>0x0</Address>", "RO", 4, f"<pPort>{name}_Port</pPort>{sign}")
-        if type_ == "Float" and self._way:
-            self.nodes.append(
-                f'<SwissKnife Name="{name}_Scaled"><pVariable Name="RAW">{value}</pVariable>'
-                f"<Formula>RAW/{SCALE}</Formula></SwissKnife>"
-            )
-            value = f"{name}_Scaled"
+        where = f"<Address>0x0</Address><pPort>{name}_Port</pPort><AccessMode>RO</AccessMode>"
+        self.place("FloatReg" if floats else "IntReg", value, where)
+        if type_ == "Float" and not floats:
+            value = self._scaled(value, False)
+        unit = f"<Unit>{unit}</Unit>" if unit else ""
         self.nodes.append(f'<{type_} Name="{name}"><pValue>{value}</pValue>{unit}</{type_}>')
         self.nodes.append(f'<Port Name="{name}_Port"><ChunkID>{chunk_id:X}</ChunkID></Port>')
-
-
-SCALE = 16
-"""Counts in a unit, where numbers are converted."""
 
 
 def features(combination: str) -> dict[str, tuple[str, str]]:
@@ -170,14 +166,8 @@ def xml_camera(number: int) -> bytes:
     declared = features(COMBINATIONS[number])
     writer = _Writer(number % 3)
     for name, (type_, unit) in declared.items():
-        if name.startswith("Chunk") or type_ not in ("Integer", "Float"):
-            continue
-        if name == "ExposureTimeRaw":
-            writer.number(name, type_, "")
-        elif name != "ExposureTimeBaseAbs":
+        if type_ in ("Integer", "Float") and not name.startswith("Chunk"):
             writer.number(name, type_, unit)
-    if "ExposureTimeBaseAbs" in declared:
-        writer.number("ExposureTimeBaseAbs", "Float", "us")
     if declared.get("Gain", ("", ""))[0] == "Category":
         writer.nodes.append('<Category Name="Gain"><pFeature>GainRaw</pFeature></Category>')
     _everything_else(writer, declared)

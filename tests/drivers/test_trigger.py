@@ -75,3 +75,32 @@ def test_a_free_run_tells_of_a_missing_line_and_refuses_rates_out_of_reach() -> 
     )
     with pytest.raises(UnsupportedCameraError, match="no AcquisitionFrameRate"):
         arm_trigger(MemoryNodes({}), FREE_RUN)
+
+
+def test_older_names_of_the_frame_rate_are_known() -> None:
+    nodes = MemoryNodes(
+        {
+            "AcquisitionFrameRateAuto": EnumerationNode("Continuous", ("Off", "Continuous")),
+            "AcquisitionFrameRateEnabled": BooleanNode(),
+            "AcquisitionFrameRateAbs": FloatNode(30.0, 1.0, 200.0),
+        }
+    )
+    arm_trigger(nodes, FREE_RUN)
+    assert nodes.writes == [
+        ("AcquisitionFrameRateAuto", "Off"),
+        ("AcquisitionFrameRateEnabled", True),
+        ("AcquisitionFrameRateAbs", 60.0),
+    ]
+
+
+def test_a_fixed_rate_is_a_trigger_source_on_some_cameras() -> None:
+    nodes = triggered(TriggerSource=EnumerationNode("Freerun", ("Freerun", "Line1", "FixedRate")))
+    arm_trigger(nodes, FREE_RUN)
+    assert nodes.read_entry("TriggerSource") == "FixedRate"
+    assert nodes.read_entry("TriggerMode") == "On"
+
+
+def test_triggers_without_a_mode_are_passed_over() -> None:
+    nodes = triggered(TriggerMode=EnumerationNode("", ()))
+    arm_trigger(nodes, FREE_RUN)
+    assert not any(name == "TriggerMode" for name, _ in nodes.writes)
