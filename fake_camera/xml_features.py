@@ -17,6 +17,7 @@ from fake_camera.xml_power_on import (
     FRAME_RATES,
     GAINS,
     GAMMA_SWITCHES,
+    PIXEL_FORMATS,
     in_db,
     limits,
     spoken,
@@ -26,6 +27,8 @@ from fake_camera.xml_power_on import (
 
 RAW_GAIN_RANGE_DB = 24.0
 """What a gain without dB spans from its least to its greatest value, linear in dB."""
+_RAW_GAIN_LIMITS = (0.0, 240.0)
+"""Of a gain that declares none."""
 EXPOSURE_RANGE_US = (1.0, 1e7)
 """What the sensor can do, should a description's limits allow more."""
 _TOLERANCE = 1e-6  # of limits that went through formulas
@@ -109,12 +112,16 @@ class Animation:
         with self._evaluator.selecting_entry("GainSelector", "All"):
             names = spoken(self._evaluator, GAINS)
             self._gain_in_db = bool(names) and in_db(self._evaluator, names[0])
-            self._raw_limits = (0.0, 1.0)
-            if names and not self._gain_in_db:
-                low, high = limits(self._evaluator, names[0])
-                self._raw_limits = float(low), float(high)
+            self._raw_limits = self._gain_limits(names[0]) if names else _RAW_GAIN_LIMITS
         if names:
             yield from self._watch(names[0], lambda: self._apply_gain(names[0]), ("GainSelector", "All"))
+
+    def _gain_limits(self, name: str) -> tuple[float, float]:
+        with contextlib.suppress(NodeError):
+            low, high = limits(self._evaluator, name)
+            if low < high < float("inf"):
+                return float(low), float(high)
+        return _RAW_GAIN_LIMITS
 
     def _apply_gain(self, name: str) -> None:
         value = self._evaluator.value(name)
@@ -153,13 +160,7 @@ class Animation:
             yield from self._watch(size, apply)
             yield from self._watch(offset, apply)
 
-        yield from self._watch("PixelFormat", self._apply_pixel_format)
-
-    def _apply_pixel_format(self) -> None:
-        entry = self._entry("PixelFormat")
-        if entry not in ("Mono8", "Mono12", "Mono16"):
-            raise FeatureError("out_of_range", f"pixel format {entry} is not simulated")
-        self._features.update("PixelFormat", entry)
+        yield from self._watch("PixelFormat", lambda: self._features.update("PixelFormat", self._entry("PixelFormat")))
 
     def _trigger(self) -> Iterator[Watch]:
         selection = ("TriggerSelector", "FrameStart")
@@ -224,7 +225,9 @@ class Animation:
     def _check(self, name: str) -> None:
         """Refuse a number that a client put out of its limits, and an entry that does not exist."""
         if self._evaluator.node(name).kind == "Enumeration":
-            self._entry(name)
+            entry = self._entry(name)
+            if name == "PixelFormat" and entry not in PIXEL_FORMATS:
+                raise FeatureError("out_of_range", f"pixel format {entry} is not simulated")
             return
         value = self._evaluator.value(name)
         low, high = limits(self._evaluator, name)

@@ -17,6 +17,7 @@ FRAME_RATES = ("AcquisitionFrameRate", "AcquisitionFrameRateAbs")
 FRAME_RATE_SWITCHES = ("AcquisitionFrameRateEnable", "AcquisitionFrameRateEnabled")
 GAMMA_SWITCHES = ("GammaEnable", "GammaEnabled")
 """Names that vendors give these features, those in physical units first."""
+PIXEL_FORMATS = ("Mono8", "Mono12", "Mono16")
 CHUNKS = {
     "ExposureTime": "ExposureTime", "Gain": "Gain", "GainAll": "Gain", "FrameID": "FrameID", "FrameCounter": "FrameID",
     "Framecounter": "FrameID", "Timestamp": "Timestamp",
@@ -33,6 +34,7 @@ _GAMMA = (0.25, 4.0, 0.01, 0.8)
 _FILLINGS = (0, 1, 10, 1_000_000)
 """What empty registers are tried with, for formulas may divide by them: a count, some bits, a time base (us)."""
 _CONDITIONS = (("pIsImplemented", True), ("pIsAvailable", True), ("pIsLocked", False))
+_LIMITS = ("pMin", "pMax", "pInc")
 _NUMBERS = ("Integer", "Float", "IntReg", "MaskedIntReg", "FloatReg", "Converter", "IntConverter")
 
 
@@ -63,8 +65,7 @@ class PowerOn:
             self._command("AcquisitionStop")
         self._command("TimestampLatch")
         for name in ("PayloadSize", "TimestampLatchValue"):
-            if evaluator.kind(name):
-                self._open(name, writable=False)
+            self._open(name, writable=False)
 
     def _image(self, width: int, height: int) -> None:
         for axis, size in (("Width", width), ("Height", height)):
@@ -74,7 +75,7 @@ class PowerOn:
             self._number(name, (low, size, step, size))
         for name in ("OffsetX", "OffsetY"):
             self._open(name)
-        self._choice("PixelFormat", ("Mono8", "Mono12", "Mono16"))
+        self._choice("PixelFormat", PIXEL_FORMATS)
         self._number("GevSCPSPacketSize", (220, 9000, 4, 9000))
 
     def _exposure(self) -> None:
@@ -138,10 +139,9 @@ class PowerOn:
     def _number(self, name: str, wished: Sequence[Number], writable: bool = True) -> None:
         """Open a number, give it limits where registers hold them, and its value within the limits it then has."""
         evaluator = self._evaluator
-        if evaluator.kind(name) not in _NUMBERS:
+        if evaluator.kind(name) not in _NUMBERS or not self._open(name, writable):
             return
-        self._open(name, writable)
-        parts = [name, *filter(None, map(evaluator.node(name).text, ("pMin", "pMax")))]
+        parts = [name, *(node.text(tag) for node in evaluator.chain(name) for tag in _LIMITS if node.text(tag))]
         fields = {register: field for part in parts for register, field in evaluator.fields(part).items()}
         empty = {register: field for register, field in fields.items() if not evaluator.value(register)}
         for filling in _FILLINGS:
@@ -174,15 +174,13 @@ class PowerOn:
             self._open(name)
 
     def _switch(self, name: str, on: bool) -> None:
-        if self._evaluator.kind(name):
-            self._open(name)
+        if self._evaluator.kind(name) and self._open(name):
             assign(self._evaluator, name, int(on))
 
     def _choice(self, name: str, entries: Sequence[str]) -> None:
         """Open an enumeration and these of its entries, and choose the first that there is."""
-        if self._evaluator.kind(name) != "Enumeration":
+        if self._evaluator.kind(name) != "Enumeration" or not self._open(name):
             return
-        self._open(name)
         there = {entry: node for entry, node in self._evaluator.node(name).entries.items() if entry in entries}
         for entry, node in there.items():
             for tag, wanted in _CONDITIONS:
@@ -193,16 +191,25 @@ class PowerOn:
                 assign(self._evaluator, name, there[entry].integer("Value", 0))
                 return
 
-    def _open(self, name: str, writable: bool = True) -> None:
-        """Make a node, and those that it rests on, implemented, available and not locked."""
+    def _open(self, name: str, writable: bool = True) -> bool:
+        """Make a node, and those that it rests on, implemented, available and not locked; False if it has no value."""
         evaluator = self._evaluator
-        nodes = list(evaluator.chain(name))
-        for limit in ("pMin", "pMax", "pInc"):
-            nodes += [part for node in tuple(nodes) if node.text(limit) for part in evaluator.chain(node.text(limit))]
+        if evaluator.kind(name) is None:
+            return False
+        try:
+            nodes = list(evaluator.chain(name))
+            for limit in _LIMITS:
+                nodes += [
+                    part for node in tuple(nodes) if node.text(limit) for part in evaluator.chain(node.text(limit))
+                ]
+        except NodeError:  # the description misses a node
+            self.failed.append(name)
+            return False
         for node in nodes:
             for tag, wanted in _CONDITIONS[: 3 if writable else 2]:
                 if node.text(tag):
                     self._fulfil(name, node.text(tag), wanted)
+        return True
 
     def _fulfil(self, name: str, condition: str, wanted: bool) -> None:
         """Find registers that make a condition come true, and keep it true."""

@@ -9,6 +9,11 @@ REGISTERS = ("IntReg", "MaskedIntReg", "FloatReg", "StringReg", "Register", "Str
 _BELOW_STRUCT = ("StructEntry",)
 
 
+def whole_number(text: str) -> int:
+    """The number that `text` is, in decimal or as 0x...; raises ValueError when it is none."""
+    return int(text, 16 if "x" in text.lower() else 10)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Node:
     """One node: its kind (the name of its element), its name, and the elements in it, outer ones of a StructReg last.
@@ -28,7 +33,7 @@ class Node:
     def integer(self, tag: str, default: int) -> int:
         """The number in the first element `tag`, written in decimal or as 0x..."""
         text = self.text(tag)
-        return int(text, 0) if text else default
+        return whole_number(text) if text else default
 
     @property
     def entries(self) -> dict[str, Node]:

@@ -8,7 +8,7 @@ import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from fake_camera.genapi.description import REGISTERS, Description, Node
+from fake_camera.genapi.description import REGISTERS, Description, Node, whole_number
 from fake_camera.genapi.formula import FormulaError, Number, compile_formula
 from fake_camera.genapi.memory import Memory
 
@@ -94,6 +94,8 @@ class Evaluator:
         self._depth += 1
         try:
             return self._value(self.node(name))
+        except (struct.error, OverflowError) as error:
+            raise NodeError(f"node {name}: {error}") from error
         finally:
             self._depth -= 1
 
@@ -104,11 +106,21 @@ class Evaluator:
             self.value(name)
         return self._seen
 
+    def chain(self, name: str) -> tuple[Node, ...]:
+        """A node and those behind it, which must all be available for the first to be."""
+        nodes = [self.node(name)]
+        while (behind := self._behind(nodes[-1])) is not None:
+            if len(nodes) > _DEEPEST:
+                raise NodeError(f"node {name} rests on itself")
+            nodes.append(self.node(behind))
+        return tuple(nodes)
+
     def target(self, name: str) -> str:
-        """The node that holds the value of `name`: behind its pValue and its chosen index."""
-        node = self.node(name)
-        behind = self._behind(node)
-        return name if behind is None else self.target(behind)
+        """The node that holds the value of `name`: behind its pValue and its chosen index; itself where one misses."""
+        try:
+            return self.chain(name)[-1].name
+        except NodeError:
+            return name
 
     def field(self, name: str) -> Field:
         """Where a register node lies at present."""
@@ -133,7 +145,10 @@ class Evaluator:
         node = self.node(name)
         if node.kind in REGISTERS:
             field = self._field(node)
-            self.write(field, field.encode(value, self.bytes_of(field)))
+            try:
+                self.write(field, field.encode(value, self.bytes_of(field)))
+            except (ValueError, OverflowError, struct.error) as error:  # no number, infinite, or too large for a float
+                raise NodeError(f"node {name}: {error}") from error
             return
         behind = self._behind(node)
         if behind is None:
@@ -188,12 +203,6 @@ class Evaluator:
             value = self._formula(node, "FormulaTo", "FROM", value)
         return self.bounded(behind, value)
 
-    def chain(self, name: str) -> tuple[Node, ...]:
-        """A node and those behind it, which must all be available for the first to be."""
-        node = self.node(name)
-        behind = self._behind(node)
-        return (node,) if behind is None else (node, *self.chain(behind))
-
     def _value(self, node: Node) -> Number:
         if node.kind in REGISTERS:
             field = self._field(node)
@@ -218,7 +227,7 @@ class Evaluator:
         if "pIndex" in node.parts and node.kind not in REGISTERS:
             index = int(self.value(node.text("pIndex")))
             for part in node.parts.get("pValueIndexed", []):
-                if int(part.get("Index", "-1"), 0) == index:
+                if whole_number(part.get("Index", "-1")) == index:
                     return (part.text or "").strip()
             return node.text("pValueDefault") or None
         return node.text("pValue") or None
@@ -227,7 +236,7 @@ class Evaluator:
         if "pIndex" in node.parts:
             index = int(self.value(node.text("pIndex")))
             for part in node.parts.get("ValueIndexed", []):
-                if int(part.get("Index", "-1"), 0) == index:
+                if whole_number(part.get("Index", "-1")) == index:
                     return (part.text or "").strip()
             return node.text("ValueDefault", "0")
         return node.text("Value")
@@ -276,7 +285,7 @@ class Evaluator:
 
     def _address(self, node: Node, length: int) -> int:
         """The sum of all that says where a register is."""
-        address = sum(int((part.text or "0").strip(), 0) for part in node.parts.get("Address", []))
+        address = sum(whole_number((part.text or "0").strip()) for part in node.parts.get("Address", []))
         address += sum(int(self.value((part.text or "").strip())) for part in node.parts.get("pAddress", []))
         for part in node.parts.get("IntSwissKnife", []):
             inline = Node("", "IntSwissKnife", {})
@@ -284,7 +293,7 @@ class Evaluator:
                 inline.parts.setdefault(child.tag, []).append(child)
             address += int(self._formula(inline, "Formula"))
         for part in node.parts.get("pIndex", []):
-            offset = int(part.get("Offset", "0"), 0) or length
+            offset = whole_number(part.get("Offset", "0")) or length
             if "pOffset" in part.attrib:
                 offset = int(self.value(part.attrib["pOffset"]))
             address += offset * int(self.value((part.text or "").strip()))
@@ -298,6 +307,6 @@ def _number(text: str) -> Number:
     """A number as descriptions write it."""
     text = text.strip()
     try:
-        return int(text, 0)
+        return whole_number(text) if text else 0
     except ValueError:
-        return float(text) if text else 0
+        return float(text)

@@ -87,7 +87,7 @@ def _formulas(evaluator: Evaluator, name: str) -> str:
     texts: list[str] = []
 
     def collect(name: str) -> None:
-        if name in seen:
+        if name in seen or evaluator.kind(name) is None:
             return
         seen.add(name)
         node = evaluator.node(name)

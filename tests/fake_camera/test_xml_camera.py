@@ -188,3 +188,17 @@ def test_a_gamma_without_a_switch_acts() -> None:
         assert device.features.image_settings(1 << 62).gamma == 1.0
     finally:
         device.close()
+
+
+def test_a_description_with_a_node_missing_still_makes_a_camera() -> None:
+    whole = Description.from_bytes(xml_camera(FLIR), "")
+    device = Device(Ramp(), "X1")
+    try:
+        incomplete = 0
+        for name in whole.nodes:
+            nodes = {other: node for other, node in whole.nodes.items() if other != name}
+            worn = XmlCamera(Description(whole.data, whole.vendor, whole.model, whole.namespace, nodes), device)
+            incomplete += bool(worn.not_available)
+        assert incomplete > 10
+    finally:
+        device.close()
