@@ -63,6 +63,11 @@ class _Writer:
         self._order = "LittleEndian" if way == 2 else "BigEndian"
         self.nodes: list[str] = []
 
+    @property
+    def converts(self) -> bool:
+        """Whether numbers lie behind converters."""
+        return self._way == 1
+
     def register(self, kind: str, name: str, access: str = "RW", length: int = 4, extra: str = "") -> None:
         """A register at an address of its own."""
         where = f"<Address>0x{self._at:X}</Address>"
@@ -179,7 +184,11 @@ def _everything_else(writer: _Writer, declared: dict[str, tuple[str, str]]) -> N
         writer.number(name, "Integer", "")
     writer.register("IntReg", "PayloadSize_Raw", "RO")
     writer.nodes.append('<Integer Name="PayloadSize"><pValue>PayloadSize_Raw</pValue></Integer>')
-    writer.choice("PixelFormat", {"Mono8": 0x01080001, "Mono10": 0x01100003})
+    if writer.converts:
+        _lookup_and_period(writer)
+    else:
+        writer.choice("PixelFormat", {"Mono8": 0x01080001, "Mono10": 0x01100003})
+        writer.number("AcquisitionFrameRate", "Float", "Hz")
     writer.choice("AcquisitionMode", {"Continuous": 2, "SingleFrame": 0})
     writer.choice("ExposureAuto", {"Off": 0, "Continuous": 2})
     writer.choice("TriggerSelector", {"AcquisitionStart": 0, "FrameStart": 1}, ("TriggerMode", "TriggerSource"))
@@ -191,6 +200,31 @@ def _everything_else(writer: _Writer, declared: dict[str, tuple[str, str]]) -> N
     writer.command("AcquisitionStop", 0)
     if "ChunkModeActive" in declared:
         _chunk_control(writer, declared)
+
+
+def _lookup_and_period(writer: _Writer) -> None:
+    """Pixel formats behind a lookup table, and a frame rate over a register that holds a period: as on Basler's ace."""
+    writer.register("IntReg", "PixelFormat_Raw")
+    writer.nodes.append(
+        '<IntConverter Name="PixelFormat_Lookup"><FormulaTo>(FROM=0x01080001)?1:((FROM=0x01100003)?3:0xFFFFFFFF)'
+        "</FormulaTo><FormulaFrom>(TO=1)?0x01080001:((TO=3)?0x01100003:0xFFFFFFFF)</FormulaFrom>"
+        "<pValue>PixelFormat_Raw</pValue><Slope>Varying</Slope></IntConverter>"
+    )
+    writer.nodes.append(
+        '<Enumeration Name="PixelFormat"><EnumEntry Name="Mono8"><Value>0x01080001</Value></EnumEntry>'
+        '<EnumEntry Name="Mono10"><Value>0x01100003</Value></EnumEntry><pValue>PixelFormat_Lookup</pValue>'
+        "</Enumeration>"
+    )
+    writer.register("IntReg", "TimeBase_Raw", "RO")
+    writer.number("FramePeriod", "Integer", "")
+    writer.nodes.append(
+        '<Converter Name="FrameRate_Falling"><pVariable Name="BASE">TimeBase_Raw</pVariable>'
+        "<FormulaTo>BASE/FROM</FormulaTo><FormulaFrom>BASE/TO</FormulaFrom><pValue>FramePeriod</pValue>"
+        "<Slope>Decreasing</Slope></Converter>"
+    )
+    writer.nodes.append(
+        '<Float Name="AcquisitionFrameRateAbs"><pValue>FrameRate_Falling</pValue><Unit>Hz</Unit></Float>'
+    )
 
 
 def _chunk_control(writer: _Writer, declared: dict[str, tuple[str, str]]) -> None:

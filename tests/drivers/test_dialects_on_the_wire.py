@@ -176,6 +176,16 @@ def test_the_driver_exposes_by_it_and_each_frame_tells_how(worn: Worn) -> None:
         check_words(worn, camera)
 
 
+@pytest.mark.parametrize("worn", [10, 11, 12, "Basler-acA1300-60gm"], ids=str, indirect=True)
+def test_the_driver_runs_it_freely_at_a_rate(worn: Worn) -> None:
+    """Number 10 and the Basler hold a period in the register of the rate, whose limits Aravis has the wrong way round."""
+    with contextlib.closing(open_camera(worn.serial, CameraSetup(TriggerSetup("free_run", rate_hz=50.0)))) as camera:
+        assert worn.device.features.get("AcquisitionFrameRate") == pytest.approx(50.0, rel=0.01)
+        camera.start()
+        frames = [frame for _ in range(5) if isinstance(frame := camera.next_frame(0.5), Frame)]
+        assert np.diff([frame.device_time_ns for frame in frames]) == pytest.approx(20e6, rel=0.01)
+
+
 def check_gain(worn: Worn, camera: AravisCamera) -> None:
     setting = ExposureSetting(2000.0, 6.0)
     if worn.gain_in_db:
