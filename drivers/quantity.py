@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from drivers.nodes import NodeMap
@@ -38,7 +39,16 @@ class Quantity:
     def write(self, nodes: NodeMap, value: float) -> None:
         """Write the node; an integer takes the value of its increment that is nearest."""
         if not self.integer:
-            nodes.write_float(self.node, value / self.scale)
+            nodes.write_float(self.node, self._own(nodes, value))
             return
         low, increment = nodes.integer_bounds(self.node)[0], max(nodes.integer_increment(self.node), 1)
-        nodes.write_integer(self.node, low + round((value / self.scale - low) / increment) * increment)
+        steps = (round(value / self.scale) - low + increment // 2) // increment
+        nodes.write_integer(self.node, low + steps * increment)
+
+    def _own(self, nodes: NodeMap, value: float) -> float:
+        """A value in the node's own unit; one at a limit is not to leave it by the last digit."""
+        if self.scale == 1.0:
+            return value
+        own = value / self.scale
+        limits = (limit for limit in nodes.float_bounds(self.node) if math.isclose(own, limit))
+        return next(limits, own)

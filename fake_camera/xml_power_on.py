@@ -163,11 +163,13 @@ class PowerOn:
     def _limit(self, name: str, wished: Sequence[Number], filling: int) -> None:
         """Set those limits and increments that lie in registers."""
         evaluator = self._evaluator
-        for which, value in zip(("Inc", "Min", "Max"), (wished[2], wished[0], wished[1]), strict=True):
-            holder, own_value = evaluator.bounded(name, value)
-            limit = evaluator.node(holder).text(f"p{which}")
+        holder, one = evaluator.bounded(name, wished[0])
+        low, high = sorted((one, evaluator.bounded(name, wished[1])[1]))  # a falling converter swaps them
+        step = max(evaluator.bounded(name, wished[2])[1], 1e-3)
+        for tag, value in (("pInc", step), ("pMin", low), ("pMax", high)):
+            limit = evaluator.node(holder).text(tag)
             if limit and any(evaluator.value(register) in (0, filling) for register in evaluator.fields(limit)):
-                assign(evaluator, limit, max(own_value, 1e-3) if which == "Inc" else own_value)
+                assign(evaluator, limit, value)
 
     def _command(self, name: str) -> None:
         if self._evaluator.kind(name) == "Command":
@@ -247,6 +249,8 @@ def time_unit_us(evaluator: Evaluator, name: str) -> float:
 def limits(evaluator: Evaluator, name: str) -> tuple[Number, Number]:
     """Least and greatest value of a number; where none is declared, any."""
     low, high = evaluator.bound(name, "Min"), evaluator.bound(name, "Max")
+    if low is not None and high is not None:
+        return min(low, high), max(low, high)  # a falling converter swaps them
     return float("-inf") if low is None else low, float("inf") if high is None else high
 
 

@@ -11,8 +11,6 @@ from drivers.errors import CameraError, CameraLostError, NodeError
 
 T = TypeVar("T")
 
-RANGE_TOLERANCE = 1e-9
-"""Of a value at its limit that went through a change of units."""
 _SILENCE = (Aravis.DeviceError.TIMEOUT, Aravis.DeviceError.NOT_CONNECTED)
 
 
@@ -29,9 +27,7 @@ class AravisNodes:
         self.serial = serial
         self.silent = threading.Event()
         """Set once a request was left without an answer: the camera is lost."""
-        # Ranges are checked here: Aravis 0.8.26 leaves the limits of falling converters the wrong way round, and takes
-        # lookup tables for them, as those behind the pixel formats of Basler's ace. It then refuses every value.
-        device.set_range_check_policy(Aravis.RangeCheckPolicy.DISABLE)
+        device.set_range_check_policy(Aravis.RangeCheckPolicy.ENABLE)
         device.set_access_check_policy(Aravis.AccessCheckPolicy.ENABLE)
         device.set_register_cache_policy(Aravis.RegisterCachePolicy.DISABLE)
 
@@ -93,7 +89,7 @@ class AravisNodes:
     def float_bounds(self, name: str) -> tuple[float, float]:
         """Least and greatest value."""
         bounds = self.call(f"read the bounds of {name}", self._device.get_float_feature_bounds, name)
-        return min(bounds), max(bounds)
+        return bounds.min, bounds.max
 
     def float_increment(self, name: str) -> float:
         """The declared increment; Aravis gives an error, or the least positive float, when none is declared."""
@@ -108,7 +104,7 @@ class AravisNodes:
     def integer_bounds(self, name: str) -> tuple[int, int]:
         """Least and greatest value."""
         bounds = self.call(f"read the bounds of {name}", self._device.get_integer_feature_bounds, name)
-        return min(bounds), max(bounds)
+        return bounds.min, bounds.max
 
     def integer_increment(self, name: str) -> int:
         """The declared increment."""
@@ -120,7 +116,6 @@ class AravisNodes:
 
     def write_float(self, name: str, value: float) -> None:
         """Write a floating-point feature."""
-        self._check_range(name, value, self.float_bounds(name))
         self.call(f"set {name} to {value:g}", self._device.set_float_feature_value, name, value)
 
     def read_integer(self, name: str) -> int:
@@ -129,15 +124,7 @@ class AravisNodes:
 
     def write_integer(self, name: str, value: int) -> None:
         """Write an integer feature."""
-        self._check_range(name, value, self.integer_bounds(name))
         self.call(f"set {name} to {value}", self._device.set_integer_feature_value, name, value)
-
-    def _check_range(self, name: str, value: float, bounds: tuple[float, float]) -> None:
-        slack = RANGE_TOLERANCE * abs(value)
-        if not bounds[0] - slack <= value <= bounds[1] + slack:
-            raise NodeError(
-                f"camera {self.serial}: could not set {name} to {value:g}, it takes {bounds[0]:g} to {bounds[1]:g}"
-            )
 
     def write_boolean(self, name: str, value: bool) -> None:
         """Write a boolean feature."""
@@ -148,8 +135,16 @@ class AravisNodes:
         return str(self.call(f"read {name}", self._device.get_string_feature_value, name))
 
     def write_entry(self, name: str, entry: str) -> None:
-        """Choose an entry of an enumeration."""
-        self.call(f"set {name} to {entry}", self._device.set_string_feature_value, name, entry)
+        """Choose an entry of an enumeration.
+
+        Without the check of ranges: Aravis 0.8.26 takes a lookup table between entries and register, as behind the
+        pixel formats of Basler's ace, for a scale, and finds every entry out of range.
+        """
+        self._device.set_range_check_policy(Aravis.RangeCheckPolicy.DISABLE)
+        try:
+            self.call(f"set {name} to {entry}", self._device.set_string_feature_value, name, entry)
+        finally:
+            self._device.set_range_check_policy(Aravis.RangeCheckPolicy.ENABLE)
 
     def execute(self, name: str) -> None:
         """Execute a command feature."""

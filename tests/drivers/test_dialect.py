@@ -72,6 +72,13 @@ def test_exposure_time_in_other_units_is_driven_in_microseconds(unit: str, us: f
     assert nodes.writes[0] == ("ExposureTime", pytest.approx(1230.0 / us))
 
 
+def test_a_limit_survives_the_change_of_units() -> None:
+    nodes = sfnc2(ExposureTime=FloatNode(0.005, 1.1e-5, 0.7, "s"))
+    dialect = find_dialect(nodes)
+    for time_us in (dialect.limits(nodes).min_time_us, dialect.limits(nodes).max_time_us):
+        assert dialect.write(nodes, ExposureSetting(time_us, 3.0), None).exposure_time_us == time_us
+
+
 def test_integer_exposure_times_take_the_nearest_increment() -> None:
     nodes = sfnc2(ExposureTime=IntegerNode(5000, 20, 100_000, increment=7))
     dialect = find_dialect(nodes)

@@ -178,7 +178,7 @@ def test_the_driver_exposes_by_it_and_each_frame_tells_how(worn: Worn) -> None:
 
 @pytest.mark.parametrize("worn", [10, 11, 12, "Basler-acA1300-60gm"], ids=str, indirect=True)
 def test_the_driver_runs_it_freely_at_a_rate(worn: Worn) -> None:
-    """Number 10 and the Basler hold a period in the register of the rate, whose limits Aravis has the wrong way round."""
+    """Number 10 and the Basler hold a period in the register of the rate."""
     with contextlib.closing(open_camera(worn.serial, CameraSetup(TriggerSetup("free_run", rate_hz=50.0)))) as camera:
         assert worn.device.features.get("AcquisitionFrameRate") == pytest.approx(50.0, rel=0.01)
         camera.start()
