@@ -12,6 +12,9 @@ MICROSECONDS = {None: 1.0, "us": 1.0, "µs": 1.0, "μs": 1.0, "usec": 1.0, "s": 
 DECIBELS = {"db": 1.0}
 """The one unit of gain that says what it is."""
 
+EXACT = 1 << 53
+"""Floating-point numbers tell all integers below this one apart."""
+
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
@@ -42,8 +45,8 @@ class Quantity:
             nodes.write_float(self.node, self._own(nodes, value))
             return
         low, increment = nodes.integer_bounds(self.node)[0], max(nodes.integer_increment(self.node), 1)
-        steps = (round(value / self.scale) - low + increment // 2) // increment
-        nodes.write_integer(self.node, low + steps * increment)
+        origin = low if abs(low) < EXACT else 0  # no least value is declared: steps count from 0
+        nodes.write_integer(self.node, origin + round((value / self.scale - origin) / increment) * increment)
 
     def _own(self, nodes: NodeMap, value: float) -> float:
         """A value in the node's own unit; one at a limit is not to leave it by the last digit."""

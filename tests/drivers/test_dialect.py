@@ -84,6 +84,8 @@ def test_integer_exposure_times_take_the_nearest_increment() -> None:
     dialect = find_dialect(nodes)
     assert dialect.limits(nodes).time_step_us == 7.0
     assert dialect.write(nodes, ExposureSetting(1000.0, 3.0), None).exposure_time_us == 20 + 140 * 7
+    boundless = sfnc2(ExposureTime=IntegerNode(5000, -(1 << 63)))
+    assert find_dialect(boundless).write(boundless, ExposureSetting(1234.4, 3.0), None).exposure_time_us == 1234
 
 
 def test_a_count_of_known_length_is_driven() -> None:
