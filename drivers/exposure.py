@@ -138,7 +138,7 @@ def _quantise(value: float, low: float, high: float, step: float) -> float:
     if step <= 0:
         return value
     steps = min(round((value - low) / step), math.floor((high - low) / step + 1e-9))
-    return low + steps * step
+    return min(low + steps * step, high)  # the product may round to just above the bound
 
 
 def _next_on_grid(value: float, origin: float, step: float) -> float:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from drivers.exposure import ExposureSetting
 
 Side = Literal["left", "right"]
+SettingSource = Literal["chunk", "ledger"]
 Pixels = NDArray[np.uint8] | NDArray[np.uint16]
 
 
@@ -34,6 +35,8 @@ class Frame:
         When the frame was complete in the host's memory, CLOCK_MONOTONIC.
     setting
         Exposure time and gain that this very frame was taken with.
+    setting_source
+        How that is known: "chunk", the frame itself says so; "ledger", inferred from when the camera was written.
     """
 
     pixels: Pixels
@@ -43,6 +46,7 @@ class Frame:
     host_time_ns: int
     arrival_time_ns: int
     setting: ExposureSetting
+    setting_source: SettingSource = "chunk"
 
     def grey8(self) -> NDArray[np.uint8]:
         """The pixels as 8-bit grey levels, shape (height, width); deeper ones are shifted, not rounded."""

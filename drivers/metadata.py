@@ -4,14 +4,20 @@ from __future__ import annotations
 
 import threading
 from collections import deque
+from dataclasses import dataclass
 
+from drivers.errors import NodeError
 from drivers.exposure import ExposureSetting
+from drivers.latency import WriteLatency
 from drivers.nodes import NodeMap
+from drivers.quantity import MICROSECONDS
 
 FRAME_ID_CYCLE = 0xFFFF
 """GigE Vision 1 counts frames 1 ... 65535 and skips 0, so that ids repeat after 65535 frames and not 65536."""
 LEDGER_LENGTH = 64
 """Writes remembered; at one a frame, a second at 60 Hz, longer than a frame is ever under way."""
+
+_INFERRED = "a frame's setting is inferred from when it was written"
 
 
 class FrameIdUnwrapper:
@@ -37,37 +43,57 @@ class FrameIdUnwrapper:
 class SettingLedger:
     """Which setting a frame was taken with, for cameras that do not say so themselves.
 
-    A setting is taken to hold for exposures that start after it was read back. Cameras latch a frame or two later;
-    until that delay is measured, the frames right after a write may carry the new setting too early.
+    A setting holds for exposures that start later than it was read back by the camera's latency: that of cameras that
+    latch at the start of an exposure (none), until the brightness of frames has told another (`WriteLatency`).
     """
 
     def __init__(self, setting: ExposureSetting) -> None:
         self._lock = threading.Lock()
         self._writes = deque([(0, setting)], maxlen=LEDGER_LENGTH)
+        self._latency = WriteLatency()
 
     def record(self, host_time_ns: int, setting: ExposureSetting) -> None:
         """Note that the nodes read back `setting` at `host_time_ns`; times must not decrease."""
         with self._lock:
+            self._latency.write(host_time_ns, setting.level - self._writes[-1][1].level)
             self._writes.append((host_time_ns, setting))
 
+    def observe(self, host_time_ns: int, grey: float) -> None:
+        """Learn from the mean grey level of the frame whose exposure started at `host_time_ns`, in their order."""
+        with self._lock:
+            self._latency.frame(host_time_ns, grey)
+
     def setting_at(self, host_time_ns: int) -> ExposureSetting:
-        """The setting last read back before `host_time_ns`; the oldest remembered one for times before all."""
+        """The setting of an exposure that started at `host_time_ns`; the oldest remembered one for times before all."""
         with self._lock:
             for written_ns, setting in reversed(self._writes):
-                if written_ns <= host_time_ns:
+                if written_ns + self._latency.latency_ns <= host_time_ns:
                     return setting
             return self._writes[0][1]
 
 
-def enable_chunks(nodes: NodeMap, gain_driven: bool) -> tuple[bool, tuple[str, ...]]:
-    """Have each frame tell its exposure time and gain; whether the camera can, and the lack in words if not."""
+@dataclass(frozen=True, slots=True)
+class ChunkNodes:
+    """The chunk nodes that tell a frame's setting: exposure time in units of `us_per_unit`; gain in dB, if driven."""
+
+    exposure_time: str
+    us_per_unit: float
+    gain: str | None
+
+
+def enable_chunks(nodes: NodeMap, gain_driven: bool) -> tuple[ChunkNodes | None, tuple[str, ...]]:
+    """Have each frame tell its exposure time and gain; None when the camera cannot, with the lack in words."""
     wanted = ("ExposureTime", "Gain") if gain_driven else ("ExposureTime",)
-    if nodes.available("ChunkModeActive"):
-        nodes.write_boolean("ChunkModeActive", True)
-        if set(wanted) <= set(nodes.entries("ChunkSelector")):
-            for chunk in wanted:
-                nodes.write_entry("ChunkSelector", chunk)
-                nodes.write_boolean("ChunkEnable", True)
-            return True, ()
-        nodes.write_boolean("ChunkModeActive", False)
-    return False, (f"no chunk data of {' and '.join(wanted)}: a frame's setting is inferred from when it was written",)
+    try:
+        if nodes.exists("ChunkSelector") and nodes.available("ChunkModeActive"):
+            nodes.write_boolean("ChunkModeActive", True)  # first: some selectors are there only while it is on
+            if set(wanted) <= set(nodes.entries("ChunkSelector")):
+                for chunk in wanted:
+                    nodes.write_entry("ChunkSelector", chunk)
+                    nodes.write_boolean("ChunkEnable", True)
+                us_per_unit = MICROSECONDS.get(nodes.unit("ChunkExposureTime"), 1.0)
+                return ChunkNodes("ChunkExposureTime", us_per_unit, "ChunkGain" if gain_driven else None), ()
+            nodes.write_boolean("ChunkModeActive", False)
+    except NodeError as error:
+        return None, (f"{_INFERRED} (chunk data cannot be switched on: {error})",)
+    return None, (f"no chunk data of {' and '.join(wanted)}: {_INFERRED}",)

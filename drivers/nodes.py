@@ -16,14 +16,20 @@ class NodeMap(Protocol):
     def serial(self) -> str:
         """Serial number of the camera, for messages."""
 
+    def exists(self, name: str) -> bool:
+        """Whether the camera has this feature, in whatever state."""
+
     def available(self, name: str) -> bool:
         """Whether the camera has this feature and offers it in its present state; a category is not a feature."""
 
     def is_float(self, name: str) -> bool:
         """Whether the feature holds a floating-point number."""
 
+    def is_integer(self, name: str) -> bool:
+        """Whether the feature holds an integer that counts something: no enumeration, no boolean."""
+
     def unit(self, name: str) -> str | None:
-        """The unit that a floating-point feature declares, None when it declares none."""
+        """The unit that a number declares, None when it declares none."""
 
     def entries(self, name: str) -> tuple[str, ...]:
         """The entries an enumeration offers at present; empty when the camera has no such enumeration."""
@@ -36,6 +42,9 @@ class NodeMap(Protocol):
 
     def integer_bounds(self, name: str) -> tuple[int, int]:
         """Least and greatest value that the feature takes at present."""
+
+    def integer_increment(self, name: str) -> int:
+        """The declared increment; 1 when none is declared."""
 
     def read_float(self, name: str) -> float:
         """Value of a floating-point feature."""

@@ -6,6 +6,11 @@ from drivers.errors import ConfigurationError, UnsupportedCameraError
 from drivers.nodes import NodeMap
 from drivers.setup import TriggerSetup
 
+RATE_NODES = ("AcquisitionFrameRate", "AcquisitionFrameRateAbs")
+RATE_SWITCHES = ("AcquisitionFrameRateEnable", "AcquisitionFrameRateEnabled")
+FIXED_RATE = "FixedRate"
+"""Allied Vision's GigE cameras run at their frame rate by this trigger source; with triggers off, at full speed."""
+
 
 def arm_trigger(nodes: NodeMap, setup: TriggerSetup) -> tuple[str, ...]:
     """Set the camera up to be triggered as `setup` says, and return what it lacks for that, in words.
@@ -33,7 +38,7 @@ def _switch_triggers_off(nodes: NodeMap) -> None:
     """Every trigger, because one left on elsewhere (AcquisitionStart, LineStart) would starve FrameStart."""
     for selector in nodes.entries("TriggerSelector"):
         nodes.write_entry("TriggerSelector", selector)
-        if nodes.available("TriggerMode"):
+        if "Off" in nodes.entries("TriggerMode"):  # some list selectors whose trigger has no mode
             nodes.write_entry("TriggerMode", "Off")
     if "FrameStart" in nodes.entries("TriggerSelector"):
         nodes.write_entry("TriggerSelector", "FrameStart")
@@ -57,8 +62,7 @@ def _arm_line(nodes: NodeMap, line: str) -> tuple[str, ...]:
         raise ConfigurationError(
             f"camera {nodes.serial}: no trigger line {line!r}; it has {', '.join(_lines(nodes))} (trigger line)"
         )
-    if nodes.available("AcquisitionFrameRateEnable"):
-        nodes.write_boolean("AcquisitionFrameRateEnable", False)  # some cameras cap triggered frames by it, too
+    _limit_rate(nodes, False)  # some cameras cap triggered frames by it, too
     nodes.write_entry("TriggerSource", line)
     if "RisingEdge" in nodes.entries("TriggerActivation"):
         nodes.write_entry("TriggerActivation", "RisingEdge")
@@ -88,14 +92,25 @@ def _drive_line(nodes: NodeMap, line: str) -> None:
     nodes.write_entry("LineSource", "ExposureActive")
 
 
+def _limit_rate(nodes: NodeMap, limit: bool) -> None:
+    for name in RATE_SWITCHES:
+        if nodes.available(name):
+            nodes.write_boolean(name, limit)
+
+
 def _set_frame_rate(nodes: NodeMap, rate_hz: float) -> None:
-    if nodes.available("AcquisitionFrameRateEnable"):
-        nodes.write_boolean("AcquisitionFrameRateEnable", True)
-    if not nodes.is_float("AcquisitionFrameRate"):
-        raise UnsupportedCameraError(f"camera {nodes.serial}: no AcquisitionFrameRate to set for a free run")
-    low, high = nodes.float_bounds("AcquisitionFrameRate")
+    if "Off" in nodes.entries("AcquisitionFrameRateAuto"):
+        nodes.write_entry("AcquisitionFrameRateAuto", "Off")
+    _limit_rate(nodes, True)
+    if FIXED_RATE in nodes.entries("TriggerSource"):
+        nodes.write_entry("TriggerSource", FIXED_RATE)
+        nodes.write_entry("TriggerMode", "On")
+    name = next((name for name in RATE_NODES if nodes.is_float(name)), None)
+    if name is None:
+        raise UnsupportedCameraError(f"camera {nodes.serial}: no {RATE_NODES[0]} to set for a free run")
+    low, high = nodes.float_bounds(name)
     if not low <= rate_hz <= high:
         raise ConfigurationError(
             f"camera {nodes.serial}: it cannot run at {rate_hz:g} Hz, only at {low:g} to {high:g} Hz (trigger rate_hz)"
         )
-    nodes.write_float("AcquisitionFrameRate", rate_hz)
+    nodes.write_float(name, rate_hz)

@@ -15,12 +15,14 @@ from fake_camera.control_socket import ControlSocket
 from fake_camera.device import Device
 from fake_camera.exposure_wire import ExposureInput, ExposureOutput
 from fake_camera.features import ENUM_ENTRIES, Features
+from fake_camera.genapi.description import Description
 from fake_camera.gige import AddressTakenError, GigeServer
 from fake_camera.imaging import ImageSource
 from fake_camera.lighting import LightScript
 from fake_camera.line0 import Line0, WireError
 from fake_camera.simulation import build_image_source
 from fake_camera.truth import TruthFile
+from fake_camera.xml_camera import XmlCamera
 
 
 def _parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
@@ -40,6 +42,7 @@ def _parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     add("--light", type=Path, metavar="FILE", help="light script (one with steps is built in)")
     add("--response", choices=["linear", "gamma", "s_shaped"], default="linear", help="of the sensor (%(default)s)")
     add("--seed", type=int, default=0, help="fixes room, noise and clock (%(default)s)")
+    add("--xml", type=Path, metavar="FILE", help="wear this GenICam description of a real camera (none: its own)")
     add("--truth", type=Path, metavar="FILE", help="write the light at each pulse of the wire as JSON lines")
     add("--control", type=Path, metavar="SOCKET", help="Unix socket that takes faults as JSON lines")
     return parser.parse_args(arguments)
@@ -67,7 +70,7 @@ def _warm_up(source: ImageSource) -> None:
     source.lux(0.0)
 
 
-def _run(options: argparse.Namespace, resources: contextlib.ExitStack) -> Device:
+def _run(options: argparse.Namespace, resources: contextlib.ExitStack) -> tuple[Device, XmlCamera | None]:
     """Start the camera; what `resources` holds must be closed to stop it."""
     light = LightScript.from_file(options.light) if options.light else LightScript.default()
     source = build_image_source(options.scene, options.side, light, options.seed, options.response)
@@ -91,10 +94,24 @@ def _run(options: argparse.Namespace, resources: contextlib.ExitStack) -> Device
         resources.callback(ExposureInput(options.line3, device.line3_pulse).close)
     if options.control is not None:
         resources.callback(ControlSocket(options.control, device.faults).close)
-    server = GigeServer(device, options.address)
+    xml = None
+    if options.xml is not None:
+        xml = XmlCamera(Description.from_bytes(options.xml.read_bytes(), str(options.xml)), device)
+    server = GigeServer(device, options.address, xml)
     server.start()
     resources.callback(server.close)
-    return device
+    return device, xml
+
+
+def _worn(xml: XmlCamera | None) -> str:
+    """What the camera passes for, and where that is less than the real one."""
+    if xml is None:
+        return ""
+    who = f", as {xml.description.vendor} {xml.description.model}"
+    line = f", trigger line {xml.trigger_line}" if xml.trigger_line else ", no trigger line"
+    wire = " (a USB3 Vision camera, here over GigE Vision)" if xml.description.is_usb3 else ""
+    closed = f", without {', '.join(xml.not_available)}" if xml.not_available else ""
+    return who + wire + line + closed
 
 
 def _sentence(error: Exception) -> str:
@@ -112,17 +129,15 @@ def main(arguments: list[str] | None = None) -> int:
         signal.signal(number, lambda *_: stop.set())
     with contextlib.ExitStack() as resources:
         try:
-            device = _run(options, resources)
+            device, xml = _run(options, resources)
         except (AddressTakenError, OSError, ValueError, WireError) as error:
             print(f"fake camera {options.serial} at {options.address}: {_sentence(error)}", file=sys.stderr)
             return 2
         gc.collect()
         gc.freeze()  # a full collection over all that the compiler leaves behind takes 60 ms: four frames late
         wire = f"Line0 {options.line0} at {options.line0_rate_hz:g} Hz" if options.line0 else "no Line0"
-        print(
-            f"fake camera {options.serial} ({options.side}) at {options.address}, {wire}, scene {options.scene}",
-            flush=True,
-        )
+        place = f"({options.side}) at {options.address}, {wire}, scene {options.scene}"
+        print(f"fake camera {options.serial} {place}{_worn(xml)}", flush=True)
         stop.wait()
         print(device.counters, flush=True)
     return 0

@@ -18,7 +18,7 @@ CONTROL_PRIVILEGE = 0x0A00
 """Address of the one register whose write depends on who writes: the control channel handles it."""
 
 DESCRIPTION_ADDRESS = 0x100000
-"""Where the zipped GenICam description lies."""
+"""Where the zipped GenICam description lies, unless the camera has registers there."""
 
 LATCH_TIMESTAMP = 2
 """What to write to the timestamp control register."""
@@ -39,14 +39,20 @@ def mac_address(serial: str) -> int:
 
 
 def bootstrap_registers(
-    device: Device, address: str, privilege: ControlPrivilege, stream: StreamChannel, description: bytes
+    device: Device,
+    address: str,
+    privilege: ControlPrivilege,
+    stream: StreamChannel,
+    description: bytes,
+    *,
+    description_address: int = DESCRIPTION_ADDRESS,
 ) -> Iterator[Register]:
     """The bootstrap registers of a camera at an IPv4 address, and the memory of its zipped description."""
     yield from _identity(device, address)
-    url = f"Local:{device.features.get('DeviceModelName')}.zip;{DESCRIPTION_ADDRESS:x};{len(description):x}"
+    url = f"Local:{device.features.get('DeviceModelName')}.zip;{description_address:x};{len(description):x}"
     yield constant(0x0200, url.encode().ljust(512, b"\0"))
     yield constant(0x0400, bytes(512))  # no second description
-    yield constant(DESCRIPTION_ADDRESS, description)
+    yield constant(description_address, description)
     yield constant(0x0600, _u32(1))  # network interfaces
     yield constant(0x0900, _u32(0))  # message channels
     yield constant(0x0904, _u32(1))  # stream channels

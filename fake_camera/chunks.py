@@ -41,13 +41,14 @@ def chunk_bytes(frame: ExposedFrame, names: Sequence[str]) -> bytes:
         "FrameID": frame.frame_id,
         "Timestamp": frame.device_time_ns,
     }
-    pieces = [_tag(IMAGE_CHUNK_ID, frame.pixels.nbytes)]
+    pieces = [chunk_tag(IMAGE_CHUNK_ID, frame.pixels.nbytes)]
     for name in names:
         chunk = CHUNKS[name]
         data = struct.pack(">d" if chunk.type == "float" else ">Q", values[name])
-        pieces += [data, _tag(chunk.chunk_id, len(data))]
+        pieces += [data, chunk_tag(chunk.chunk_id, len(data))]
     return b"".join(pieces)
 
 
-def _tag(chunk_id: int, length: int) -> bytes:
+def chunk_tag(chunk_id: int, length: int) -> bytes:
+    """What follows the data of each piece: its id and its length."""
     return struct.pack(">II", chunk_id, length)

@@ -19,6 +19,8 @@ from fake_camera.imaging import ExposedFrame
 from fake_camera.privilege import ControlPrivilege
 from fake_camera.registers import RegisterMap, feature_registers
 from fake_camera.stream_channel import StreamChannel
+from fake_camera.xml_camera import XmlCamera
+from fake_camera.xml_registers import XmlRegisters, free_address
 
 _BROADCAST_ADDRESSES = ("255.255.255.255", "127.255.255.255")
 _EXPIRY_CHECK_S = 0.1
@@ -31,8 +33,8 @@ class AddressTakenError(Exception):
 class GigeServer:
     """Serves one device at one IPv4 address of this machine (127.0.0.1, 127.0.0.2 ...), always on UDP port 3956."""
 
-    def __init__(self, device: Device, address: str) -> None:
-        """Bind the sockets.
+    def __init__(self, device: Device, address: str, xml: XmlCamera | None = None) -> None:
+        """Bind the sockets; the device shows the description and the memory of `xml` when there is one.
 
         Raises
         ------
@@ -47,13 +49,8 @@ class GigeServer:
         self._broadcast_sockets = [_bind(broadcast, reuse=True) for broadcast in _BROADCAST_ADDRESSES]
         self._stream = StreamChannel(address, device.faults)
         privilege = ControlPrivilege()
-        description = zipped(str(device.features.get("DeviceModelName")), genicam_xml(device.features))
-        registers = RegisterMap(
-            (
-                *bootstrap_registers(device, address, privilege, self._stream, description),
-                *feature_registers(device),
-            )
-        )
+        self._xml = xml
+        registers = self._registers(address, privilege)
         self._control = ControlChannel(registers, privilege, self._stream.resend, self._released)
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._serve, name=f"gvcp {address}", daemon=True)
@@ -72,6 +69,18 @@ class GigeServer:
         for udp in (self._socket, *self._broadcast_sockets):
             udp.close()
         self._stream.close()
+
+    def _registers(self, address: str, privilege: ControlPrivilege) -> RegisterMap:
+        device, xml = self._device, self._xml
+        model = str(device.features.get("DeviceModelName"))
+        if xml is None:
+            description = zipped(model, genicam_xml(device.features))
+            bootstrap = bootstrap_registers(device, address, privilege, self._stream, description)
+            return RegisterMap((*bootstrap, *feature_registers(device)))
+        description = zipped(model, xml.description.data)
+        at = free_address(xml, len(description))
+        bootstrap = bootstrap_registers(device, address, privilege, self._stream, description, description_address=at)
+        return XmlRegisters(bootstrap, xml)
 
     def _serve(self) -> None:
         with selectors.DefaultSelector() as selector:
@@ -94,8 +103,11 @@ class GigeServer:
                 self._socket.sendto(answer, peer)
 
     def _send(self, frame: ExposedFrame) -> None:
-        features = self._device.features
-        chunks = chunk_bytes(frame, features.enabled_chunks()) if features.get("ChunkModeActive") else b""
+        if self._xml is not None:
+            chunks = self._xml.chunks(frame)
+        else:
+            features = self._device.features
+            chunks = chunk_bytes(frame, features.enabled_chunks()) if features.get("ChunkModeActive") else b""
         self._stream.send(frame, chunks)
 
     def _released(self) -> None:

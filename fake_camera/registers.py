@@ -23,11 +23,12 @@ LOCK = 0x58
 _SLOT_BYTES = 0x80
 _FIRST_SLOT = 0x10000
 
-_STATUS = {
+FEATURE_STATUS = {
     "out_of_range": Status.INVALID_PARAMETER,
     "read_only": Status.WRITE_PROTECT,
     "locked": Status.ACCESS_DENIED,
 }
+"""How GigE Vision answers what a feature refuses."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,7 +177,7 @@ def _value(device: Device, spec: Spec, address: int) -> Register:
         try:
             device.features.set(spec.name, decode(spec, data))
         except FeatureError as error:
-            raise GvcpError(_STATUS[error.kind]) from error
+            raise GvcpError(FEATURE_STATUS[error.kind]) from error
 
     return Register(
         address,

@@ -16,7 +16,8 @@ from drivers.clock import find_clock
 from drivers.dialect import find_dialect, switch_auto_off
 from drivers.errors import CameraError, CameraLostError
 from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.frames import Frame
+from drivers.frames import Frame, Pixels, SettingSource
+from drivers.gamma import switch_gamma_off
 from drivers.image_format import choose_pixel_format, decode_pixels, set_binning
 from drivers.metadata import FrameIdUnwrapper, SettingLedger, enable_chunks
 from drivers.network import SOCKET_BUFFER_BYTES
@@ -31,6 +32,8 @@ PACKET_TIMEOUT_US = 2_000
 for two periods at 60 Hz."""
 FRAME_RETENTION_US = 50_000
 """A GigE Vision frame still incomplete so long after its last packet is given up; frames behind it wait until then."""
+SPARSE = 8
+"""Every so many rows and columns are enough to see the brightness change."""
 _HOLES = (
     Aravis.BufferStatus.TIMEOUT,
     Aravis.BufferStatus.MISSING_PACKETS,
@@ -54,10 +57,11 @@ class AravisCamera:
         switch_auto_off(nodes)
         trigger_lacks = arm_trigger(nodes, setup.trigger)
         self._dialect = find_dialect(nodes)
-        self._chunked, chunk_lacks = enable_chunks(nodes, self._dialect.gain_node is not None)
+        gamma_lacks = switch_gamma_off(nodes)
+        self._chunk_nodes, chunk_lacks = enable_chunks(nodes, self._dialect.gain is not None)
         self._clock, clock_lacks = find_clock(nodes)
         timing = timing_lacks(nodes, setup.trigger)
-        lacks = (*self._dialect.lacks, *trigger_lacks, *timing, *chunk_lacks, *clock_lacks)
+        lacks = (*self._dialect.lacks, *trigger_lacks, *timing, *gamma_lacks, *chunk_lacks, *clock_lacks)
         self._description = CameraDescription(found.vendor, found.model, found.serial, lacks)
         self._limits = self._dialect.limits(nodes)
         self._setting: ExposureSetting | None = self._dialect.read(nodes)
@@ -160,7 +164,7 @@ class AravisCamera:
         try:
             width, height = buffer.get_image_width(), buffer.get_image_height()
             pixels, bit_depth = decode_pixels(buffer.get_data(), buffer.get_image_pixel_format(), width, height)
-            setting = self._read_setting(buffer) if self._chunked else self._ledger.setting_at(host_time_ns)
+            setting, source = self._read_setting(buffer, pixels, host_time_ns)
         except (ValueError, GLib.Error) as error:
             if not self._unreadable:
                 _log.warning(
@@ -168,13 +172,16 @@ class AravisCamera:
                 )
             self._unreadable = True
             return IncompleteFrame(frame_id, host_time_ns)
-        return Frame(pixels, bit_depth, frame_id, device_time_ns, host_time_ns, arrival_time_ns, setting)
+        return Frame(pixels, bit_depth, frame_id, device_time_ns, host_time_ns, arrival_time_ns, setting, source)
 
-    def _read_setting(self, buffer: Any) -> ExposureSetting:
-        exposure_time_us = self._chunks.get_float_value(buffer, "ChunkExposureTime")
-        if self._dialect.gain_node is None:
-            return ExposureSetting(exposure_time_us, 0.0)
-        return ExposureSetting(exposure_time_us, self._chunks.get_float_value(buffer, "ChunkGain"))
+    def _read_setting(self, buffer: Any, pixels: Pixels, host_time_ns: int) -> tuple[ExposureSetting, SettingSource]:
+        chunks = self._chunk_nodes
+        if chunks is None:
+            self._ledger.observe(host_time_ns, float(pixels[::SPARSE, ::SPARSE].mean()))
+            return self._ledger.setting_at(host_time_ns), "ledger"
+        exposure_time_us = self._chunks.get_float_value(buffer, chunks.exposure_time) * chunks.us_per_unit
+        gain_db = 0.0 if chunks.gain is None else self._chunks.get_float_value(buffer, chunks.gain)
+        return ExposureSetting(exposure_time_us, gain_db), "chunk"
 
 
 def _create_stream(camera: Any, nodes: AravisNodes, setup: CameraSetup) -> Any:

@@ -53,6 +53,10 @@ class AravisNodes:
             return CameraLostError(f"camera {self.serial} does not answer: could not {doing}")
         return NodeError(f"camera {self.serial}: could not {doing}: {error.message}")
 
+    def exists(self, name: str) -> bool:
+        """Whether the camera's description has this feature."""
+        return self._device.get_feature(name) is not None
+
     def available(self, name: str) -> bool:
         """Whether the camera has this feature and offers it at present."""
         node = self._device.get_feature(name)
@@ -64,8 +68,15 @@ class AravisNodes:
         """Whether the feature is there and holds a floating-point number."""
         return isinstance(self._device.get_feature(name), Aravis.GcFloat) and self.available(name)
 
+    def is_integer(self, name: str) -> bool:
+        """Whether the feature is there and holds an integer that counts something."""
+        node = self._device.get_feature(name)
+        if isinstance(node, Aravis.GcEnumeration | Aravis.GcBoolean | Aravis.GcFloat):
+            return False
+        return isinstance(node, Aravis.GcInteger) and self.available(name)
+
     def unit(self, name: str) -> str | None:
-        """The unit that a floating-point feature declares."""
+        """The unit that a number declares."""
         return self._device.get_feature(name).get_unit() or None
 
     def entries(self, name: str) -> tuple[str, ...]:
@@ -95,6 +106,10 @@ class AravisNodes:
         bounds = self.call(f"read the bounds of {name}", self._device.get_integer_feature_bounds, name)
         return bounds.min, bounds.max
 
+    def integer_increment(self, name: str) -> int:
+        """The declared increment."""
+        return int(self.call(f"read the increment of {name}", self._device.get_integer_feature_increment, name))
+
     def read_float(self, name: str) -> float:
         """Value of a floating-point feature."""
         return float(self.call(f"read {name}", self._device.get_float_feature_value, name))
@@ -120,8 +135,16 @@ class AravisNodes:
         return str(self.call(f"read {name}", self._device.get_string_feature_value, name))
 
     def write_entry(self, name: str, entry: str) -> None:
-        """Choose an entry of an enumeration."""
-        self.call(f"set {name} to {entry}", self._device.set_string_feature_value, name, entry)
+        """Choose an entry of an enumeration.
+
+        Without the check of ranges: Aravis 0.8.26 takes a lookup table between entries and register, as behind the
+        pixel formats of Basler's ace, for a scale, and finds every entry out of range.
+        """
+        self._device.set_range_check_policy(Aravis.RangeCheckPolicy.DISABLE)
+        try:
+            self.call(f"set {name} to {entry}", self._device.set_string_feature_value, name, entry)
+        finally:
+            self._device.set_range_check_policy(Aravis.RangeCheckPolicy.ENABLE)
 
     def execute(self, name: str) -> None:
         """Execute a command feature."""

@@ -25,6 +25,8 @@ class IntegerNode:
     value: int
     low: int = 0
     high: int = 1 << 62
+    unit: str | None = None
+    increment: int = 1
 
 
 @dataclass
@@ -61,14 +63,21 @@ class MemoryNodes:
         assert isinstance(node, kind), f"{name} is a {type(node).__name__}"
         return node
 
+    def exists(self, name: str) -> bool:
+        return name in self.nodes
+
     def available(self, name: str) -> bool:
         return name in self.nodes
 
     def is_float(self, name: str) -> bool:
         return isinstance(self.nodes.get(name), FloatNode)
 
+    def is_integer(self, name: str) -> bool:
+        return isinstance(self.nodes.get(name), IntegerNode)
+
     def unit(self, name: str) -> str | None:
-        return self._node(name, FloatNode).unit
+        node = self.nodes.get(name)
+        return node.unit if isinstance(node, FloatNode | IntegerNode) else None
 
     def entries(self, name: str) -> tuple[str, ...]:
         return self._node(name, EnumerationNode).entries if name in self.nodes else ()
@@ -83,6 +92,9 @@ class MemoryNodes:
     def integer_bounds(self, name: str) -> tuple[int, int]:
         node = self._node(name, IntegerNode)
         return node.low, node.high
+
+    def integer_increment(self, name: str) -> int:
+        return self._node(name, IntegerNode).increment
 
     def read_float(self, name: str) -> float:
         return self._node(name, FloatNode).value

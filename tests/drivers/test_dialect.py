@@ -31,7 +31,10 @@ def test_time_and_gain_in_db_are_driven() -> None:
 def test_gain_without_db_is_left_alone_and_told() -> None:
     nodes = sfnc1()
     dialect = find_dialect(nodes)
-    assert dialect.lacks == ("gain has no dB scale: left at its present value, exposure time alone is driven",)
+    assert dialect.lacks == (
+        "gain has no dB scale: left at its present value, exposure time alone is driven "
+        "(GainRaw is in numbers without a unit)",
+    )
     assert dialect.limits(nodes) == ExposureLimits(20.0, 2e5, 0.0, 0.0)
     assert dialect.write(nodes, ExposureSetting(100.0, 0.0), None) == ExposureSetting(100.0, 0.0)
     assert nodes.writes == [("ExposureTimeAbs", 100.0)]
@@ -40,8 +43,8 @@ def test_gain_without_db_is_left_alone_and_told() -> None:
 
 
 @pytest.mark.parametrize("gain", [FloatNode(1.0), FloatNode(1.0, unit="%"), IntegerNode(1)])
-def test_a_gain_that_is_no_float_in_db_is_left_alone(gain: Node) -> None:
-    assert find_dialect(sfnc2(Gain=gain)).gain_node is None
+def test_a_gain_that_is_not_in_db_is_left_alone(gain: Node) -> None:
+    assert find_dialect(sfnc2(Gain=gain)).gain is None
 
 
 def test_no_gain_at_all_is_told() -> None:
@@ -50,21 +53,62 @@ def test_no_gain_at_all_is_told() -> None:
     assert find_dialect(nodes).lacks == ("no gain node: exposure time alone is driven",)
 
 
-@pytest.mark.parametrize(
-    ("node", "words"),
-    [
-        (FloatNode(0.005, unit="s"), "in 's' and not in microseconds"),
-        (IntegerNode(5000), "not a floating-point number"),
-    ],
-)
-def test_exposure_times_in_other_dialects_are_refused_by_name(node: Node, words: str) -> None:
-    with pytest.raises(UnsupportedCameraError, match=f"M1: its ExposureTime is {words}"):
-        find_dialect(sfnc2(ExposureTime=node))
+def test_a_gain_in_db_is_driven_by_its_other_name_and_as_an_integer() -> None:
+    nodes = sfnc2(GainAbs=IntegerNode(3, 0, 24, "dB", 2))
+    del nodes.nodes["Gain"]
+    dialect = find_dialect(nodes)
+    assert dialect.lacks == ()
+    assert dialect.limits(nodes).gain_step_db == 2.0
+    assert dialect.write(nodes, ExposureSetting(5000.0, 6.7), None).gain_db == 6.0
+
+
+@pytest.mark.parametrize("unit, us", [("s", 1e6), ("ms", 1e3), ("µs", 1.0), ("ns", 1e-3)])
+def test_exposure_time_in_other_units_is_driven_in_microseconds(unit: str, us: float) -> None:
+    nodes = sfnc2(ExposureTime=FloatNode(5000.0 / us, 10.0 / us, 1e6 / us, unit, 10.0 / us))
+    dialect = find_dialect(nodes)
+    limits = dialect.limits(nodes)
+    assert (limits.min_time_us, limits.max_time_us, limits.time_step_us) == pytest.approx((10.0, 1e6, 10.0))
+    assert dialect.write(nodes, ExposureSetting(1230.0, 3.0), None).exposure_time_us == pytest.approx(1230.0)
+    assert nodes.writes[0] == ("ExposureTime", pytest.approx(1230.0 / us))
+
+
+def test_a_limit_survives_the_change_of_units() -> None:
+    nodes = sfnc2(ExposureTime=FloatNode(0.005, 1.1e-5, 0.7, "s"))
+    dialect = find_dialect(nodes)
+    for time_us in (dialect.limits(nodes).min_time_us, dialect.limits(nodes).max_time_us):
+        assert dialect.write(nodes, ExposureSetting(time_us, 3.0), None).exposure_time_us == time_us
+
+
+def test_integer_exposure_times_take_the_nearest_increment() -> None:
+    nodes = sfnc2(ExposureTime=IntegerNode(5000, 20, 100_000, increment=7))
+    dialect = find_dialect(nodes)
+    assert dialect.limits(nodes).time_step_us == 7.0
+    assert dialect.write(nodes, ExposureSetting(1000.0, 3.0), None).exposure_time_us == 20 + 140 * 7
+    boundless = sfnc2(ExposureTime=IntegerNode(5000, -(1 << 63)))
+    assert find_dialect(boundless).write(boundless, ExposureSetting(1234.4, 3.0), None).exposure_time_us == 1234
+
+
+def test_a_count_of_known_length_is_driven() -> None:
+    nodes = MemoryNodes({"ExposureTimeRaw": IntegerNode(50, 1, 4095), "ExposureTimeBaseAbs": FloatNode(20.0)})
+    dialect = find_dialect(nodes)
+    assert dialect.limits(nodes).min_time_us == dialect.limits(nodes).time_step_us == 20.0
+    assert dialect.write(nodes, ExposureSetting(1000.0, 0.0), None).exposure_time_us == 1000.0
+    assert nodes.writes == [("ExposureTimeRaw", 50)]
+
+
+def test_an_unknown_unit_is_refused_by_name_unless_another_name_helps() -> None:
+    nodes = sfnc2(ExposureTime=FloatNode(1.0, unit="lines"))
+    with pytest.raises(UnsupportedCameraError, match="M1: its ExposureTime is in 'lines', which is no unit of time"):
+        find_dialect(nodes)
+    nodes.nodes["ExposureTimeAbs"] = FloatNode(5000.0, 10.0)
+    assert find_dialect(nodes).time.node == "ExposureTimeAbs"
 
 
 def test_a_camera_without_exposure_time_is_refused_with_what_it_offers() -> None:
-    with pytest.raises(UnsupportedCameraError, match="offers only ExposureTimeRaw"):
+    with pytest.raises(UnsupportedCameraError, match="its ExposureTimeRaw counts in steps whose length it does not"):
         find_dialect(MemoryNodes({"ExposureTimeRaw": IntegerNode(1)}))
+    with pytest.raises(UnsupportedCameraError, match="offers only Shutter"):
+        find_dialect(MemoryNodes({"Shutter": FloatNode(1.0)}))
     with pytest.raises(UnsupportedCameraError, match="no other exposure node"):
         find_dialect(MemoryNodes({}))
 

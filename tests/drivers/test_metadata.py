@@ -4,9 +4,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from drivers.errors import NodeError
 from drivers.exposure import ExposureSetting
-from drivers.metadata import FrameIdUnwrapper, SettingLedger, enable_chunks
-from tests.drivers.node_map import BooleanNode, EnumerationNode, MemoryNodes
+from drivers.metadata import ChunkNodes, FrameIdUnwrapper, SettingLedger, enable_chunks
+from tests.drivers.node_map import BooleanNode, EnumerationNode, FloatNode, MemoryNodes
 
 
 def on_the_wire(frame: int) -> int:
@@ -54,6 +55,21 @@ def test_the_ledger_gives_the_setting_last_written_before_the_frame() -> None:
     ]  # fmt: skip
 
 
+def test_the_ledger_follows_the_latency_that_brightness_tells() -> None:
+    """A camera that shows a write 25 ms later, written between frames 10 ms apart."""
+    ledger = SettingLedger(ExposureSetting(1000.0, 0.0))
+    written_ns, times_us = 0, [1000.0, 4000.0]
+    for start_ns in range(0, 400_000_000, 10_000_000):
+        if start_ns in (100_000_000, 250_000_000):
+            written_ns = start_ns + 1_000_000 - 10_000_000
+            times_us.reverse()
+            ledger.record(written_ns, ExposureSetting(times_us[0], 0.0))
+        shown_us = times_us[0] if start_ns >= written_ns + 25_000_000 or not written_ns else times_us[1]
+        ledger.observe(start_ns, shown_us / 40)
+        if start_ns >= 250_000_000:
+            assert ledger.setting_at(start_ns).exposure_time_us == shown_us
+
+
 def test_the_ledger_forgets_the_oldest_only() -> None:
     ledger = SettingLedger(ExposureSetting(1.0, 0.0))
     for time in range(1, 200):
@@ -71,7 +87,10 @@ def test_chunks_are_switched_on(gain_driven: bool) -> None:
             "ChunkEnable": BooleanNode(),
         }
     )
-    assert enable_chunks(nodes, gain_driven) == (True, ())
+    assert enable_chunks(nodes, gain_driven) == (
+        ChunkNodes("ChunkExposureTime", 1.0, "ChunkGain" if gain_driven else None),
+        (),
+    )
     assert (("ChunkSelector", "Gain") in nodes.writes) == gain_driven
     assert nodes.writes[0] == ("ChunkModeActive", True)
 
@@ -81,9 +100,33 @@ def test_missing_chunks_are_told() -> None:
         {"ChunkModeActive": BooleanNode(), "ChunkSelector": EnumerationNode("Image", ("Image", "ExposureTime"))}
     )
     lacking = (
-        False,
+        None,
         ("no chunk data of ExposureTime and Gain: a frame's setting is inferred from when it was written",),
     )
     assert enable_chunks(nodes, True) == lacking
     assert nodes.writes[-1] == ("ChunkModeActive", False)
     assert enable_chunks(MemoryNodes({}), True) == lacking
+
+
+def test_a_chunk_of_another_unit_is_read_in_microseconds() -> None:
+    nodes = MemoryNodes(
+        {
+            "ChunkModeActive": BooleanNode(),
+            "ChunkSelector": EnumerationNode("ExposureTime", ("ExposureTime",)),
+            "ChunkEnable": BooleanNode(),
+            "ChunkExposureTime": FloatNode(0.0, unit="s"),
+        }
+    )
+    assert enable_chunks(nodes, False) == (ChunkNodes("ChunkExposureTime", 1e6, None), ())
+
+
+def test_chunks_that_cannot_be_switched_on_are_told_with_the_reason() -> None:
+    class Refusing(MemoryNodes):
+        def write_boolean(self, name: str, value: bool) -> None:
+            raise NodeError(f"could not set {name}: write-protect")
+
+    nodes = Refusing({"ChunkModeActive": BooleanNode(), "ChunkSelector": EnumerationNode("Image", ("Image",))})
+    chunks, (lack,) = enable_chunks(nodes, False)
+    assert chunks is None
+    assert lack.startswith("a frame's setting is inferred from when it was written")
+    assert "could not set ChunkModeActive: write-protect" in lack

@@ -105,3 +105,32 @@ def test_a_primary_camera_without_such_an_output_is_refused() -> None:
         arm_trigger(triggered(**LINES), TriggerSetup("free_run", output_line="Line7"))
     with pytest.raises(UnsupportedCameraError, match="Line1 cannot tell when it exposes"):
         arm_trigger(triggered(**LINES | {"LineSource": EnumerationNode("Off", ("Off",))}), PRIMARY)
+
+
+def test_older_names_of_the_frame_rate_are_known() -> None:
+    nodes = MemoryNodes(
+        {
+            "AcquisitionFrameRateAuto": EnumerationNode("Continuous", ("Off", "Continuous")),
+            "AcquisitionFrameRateEnabled": BooleanNode(),
+            "AcquisitionFrameRateAbs": FloatNode(30.0, 1.0, 200.0),
+        }
+    )
+    arm_trigger(nodes, FREE_RUN)
+    assert nodes.writes == [
+        ("AcquisitionFrameRateAuto", "Off"),
+        ("AcquisitionFrameRateEnabled", True),
+        ("AcquisitionFrameRateAbs", 60.0),
+    ]
+
+
+def test_a_fixed_rate_is_a_trigger_source_on_some_cameras() -> None:
+    nodes = triggered(TriggerSource=EnumerationNode("Freerun", ("Freerun", "Line1", "FixedRate")))
+    arm_trigger(nodes, FREE_RUN)
+    assert nodes.read_entry("TriggerSource") == "FixedRate"
+    assert nodes.read_entry("TriggerMode") == "On"
+
+
+def test_triggers_without_a_mode_are_passed_over() -> None:
+    nodes = triggered(TriggerMode=EnumerationNode("", ()))
+    arm_trigger(nodes, FREE_RUN)
+    assert not any(name == "TriggerMode" for name, _ in nodes.writes)

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from fake_camera.line0 import Line0
+from tests.xml_cameras import xml_camera
 
 COMMAND = [sys.executable, "-m", "fake_camera", "--address", "127.0.9.1", "--serial", "FAKE-M"]
 
@@ -42,3 +43,32 @@ def test_a_mistake_is_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert camera.stderr == (
         "fake camera FAKE-M at 127.0.9.1: Line0 wire runs at 60 Hz, so this camera cannot join it at 50 Hz\n"
     )
+
+
+@pytest.mark.realtime
+def test_a_camera_in_a_description_says_what_it_passes_for(tmp_path: Path) -> None:
+    description = tmp_path / "camera.xml"
+    description.write_bytes(b"Nobody (USB3)\n" + xml_camera(16).replace(b"GEV", b"U3V"))
+    with subprocess.Popen([*COMMAND, "--xml", str(description)], stdout=subprocess.PIPE, text=True) as camera:
+        assert camera.stdout is not None
+        ready = camera.stdout.readline()
+        camera.terminate()
+    assert ready.endswith(
+        "scene room, as Nobody Tiny16 (a USB3 Vision camera, here over GigE Vision), trigger line Line1\n"
+    )
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [(None, "camera.xml: No such file or directory"), ("<html/>", "camera.xml: a GenICam description begins with")],
+)
+def test_a_bad_description_is_one_sentence(tmp_path: Path, text: str | None, words: str) -> None:
+    description = tmp_path / "camera.xml"
+    if text is not None:
+        description.write_text(text)
+    command = [*COMMAND, "--xml", str(description)]
+    camera = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert camera.returncode == 2
+    assert words in camera.stderr
+    assert camera.stderr.count("\n") == 1

@@ -1,0 +1,115 @@
+"""A GenICam description, as a table of nodes by name."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from xml.etree.ElementTree import Element, ParseError, fromstring
+
+REGISTERS = ("IntReg", "MaskedIntReg", "FloatReg", "StringReg", "Register", "StructEntry")
+_BELOW_STRUCT = ("StructEntry",)
+
+
+def whole_number(text: str) -> int:
+    """The number that `text` is, in decimal or as 0x...; raises ValueError when it is none."""
+    return int(text, 16 if "x" in text.lower() else 10)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Node:
+    """One node: its kind (the name of its element), its name, and the elements in it, outer ones of a StructReg last.
+
+    An element may be there several times (Address, pVariable): the value of a node's own comes first.
+    """
+
+    name: str
+    kind: str
+    parts: dict[str, list[Element]]
+
+    def text(self, tag: str, default: str = "") -> str:
+        """The text of the first element `tag`, `default` where there is none."""
+        parts = self.parts.get(tag)
+        return (parts[0].text or "").strip() if parts else default
+
+    def integer(self, tag: str, default: int) -> int:
+        """The number in the first element `tag`, written in decimal or as 0x..."""
+        text = self.text(tag)
+        return whole_number(text) if text else default
+
+    @property
+    def entries(self) -> dict[str, Node]:
+        """The entries of an enumeration."""
+        return {entry.name: entry for entry in map(_node, self.parts.get("EnumEntry", []))}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Description:
+    """A whole description: who the camera is, and its nodes.
+
+    Attributes
+    ----------
+    data
+        The description itself, as a camera hands it out.
+    """
+
+    data: bytes
+    vendor: str
+    model: str
+    namespace: str
+    nodes: dict[str, Node]
+
+    @classmethod
+    def from_bytes(cls, text: bytes, source: str) -> Description:
+        """Read a description; what stands before its XML declaration (a camera's name, say) is left out.
+
+        Raises
+        ------
+        ValueError
+            When it is no GenICam description; `source` tells which file it was.
+        """
+        data = text[max(text.find(b"<?xml"), 0) :].strip()
+        try:
+            root = fromstring(data)
+        except ParseError as error:
+            raise ValueError(f"{source}: not an XML file ({error}); give the GenICam description of a camera") from None
+        for element in root.iter():
+            element.tag = element.tag.rpartition("}")[2]
+        if root.tag != "RegisterDescription":
+            raise ValueError(
+                f"{source}: a GenICam description begins with RegisterDescription, this one with {root.tag}"
+            )
+        nodes: dict[str, Node] = {}
+        _collect(root, nodes)
+        return cls(
+            data, root.get("VendorName", ""), root.get("ModelName", ""), root.get("StandardNameSpace", ""), nodes
+        )
+
+    @property
+    def is_usb3(self) -> bool:
+        """Whether this is a USB3 Vision camera.
+
+        Where the description names no standard, its byte order tells: GigE Vision's is big, USB3 Vision's little.
+        """
+        if self.namespace in ("GEV", "U3V"):
+            return self.namespace == "U3V"
+        orders = [node.text("Endianess") for node in self.nodes.values() if node.text("pPort") == "Device"]
+        return 2 * orders.count("LittleEndian") > len(orders)
+
+
+def _collect(parent: Element, nodes: dict[str, Node]) -> None:
+    for element in parent:
+        if element.tag == "Group":
+            _collect(element, nodes)
+        elif element.tag == "StructReg":
+            for entry in element.findall("StructEntry"):
+                node = _node(entry, element)
+                nodes[node.name] = node
+        elif name := element.get("Name"):
+            nodes[name] = _node(element)
+
+
+def _node(element: Element, outer: Element | None = None) -> Node:
+    parts: dict[str, list[Element]] = {}
+    for child in (*element, *(() if outer is None else outer)):
+        if child.tag not in _BELOW_STRUCT:
+            parts.setdefault(child.tag, []).append(child)
+    return Node(element.get("Name", ""), element.tag, parts)

@@ -1,0 +1,312 @@
+"""The values of nodes: read from registers through formulas, and written back the other way."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from fake_camera.genapi.description import REGISTERS, Description, Node, whole_number
+from fake_camera.genapi.formula import FormulaError, Number, compile_formula
+from fake_camera.genapi.memory import Memory
+
+_WHOLE = ("Integer", "IntReg", "MaskedIntReg", "StructEntry", "IntSwissKnife", "IntConverter", "Enumeration", "Boolean")
+_DEEPEST = 64  # nodes that a value may rest on, one upon the other: more is a circle
+
+
+class NodeError(ValueError):
+    """A node that has no value, or cannot be set: missing, circular, or beyond what is understood here."""
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """A register, or some bits of one: where a value lies in a camera's memory."""
+
+    port: str
+    address: int
+    length: int
+    shift: int
+    bits: int
+    signed: bool
+    little_endian: bool
+    floating: bool
+
+    def decode(self, data: bytes) -> Number:
+        """The value in the register's bytes."""
+        order = "<" if self.little_endian else ">"
+        if self.floating:
+            return float(struct.unpack(order + ("d" if self.length == 8 else "f"), data)[0])
+        raw = int.from_bytes(data, "little" if self.little_endian else "big") >> self.shift & (1 << self.bits) - 1
+        return raw - (1 << self.bits) if self.signed and raw >> self.bits - 1 else raw
+
+    def encode(self, value: Number, data: bytes) -> bytes:
+        """The register's bytes `data` with `value` in them, cut to the bits there are."""
+        if self.floating:
+            return struct.pack(("<" if self.little_endian else ">") + ("d" if self.length == 8 else "f"), value)
+        order = "little" if self.little_endian else "big"
+        mask = (1 << self.bits) - 1
+        low, high = (-(1 << self.bits - 1), mask >> 1) if self.signed else (0, mask)
+        raw = int.from_bytes(data, order) & ~(mask << self.shift)  # type: ignore[arg-type]
+        raw |= (min(max(round(value), low), high) & mask) << self.shift
+        return raw.to_bytes(self.length, order)  # type: ignore[arg-type]
+
+
+class Evaluator:
+    """Values of the nodes of a description over a camera's memory. Not thread-safe.
+
+    `ports` are further memories by the name of their Port, as those of chunk data. Nodes with a value of their own,
+    and no register, belong to the client: here they keep what the description says, unless `selecting`.
+    """
+
+    def __init__(self, description: Description, memory: Memory, ports: dict[str, Memory] | None = None) -> None:
+        self._nodes = description.nodes
+        self._memory = memory
+        self._ports = ports or {}
+        self._chosen: dict[str, int] = {}
+        self._seen: dict[str, Field] = {}
+        self._depth = 0
+
+    def node(self, name: str) -> Node:
+        """The node of that name; raises NodeError when there is none."""
+        try:
+            return self._nodes[name]
+        except KeyError:
+            raise NodeError(f"no node {name}") from None
+
+    def kind(self, name: str) -> str | None:
+        """The kind of a node, None when there is none of that name."""
+        return self._nodes[name].kind if name in self._nodes else None
+
+    def value(self, name: str) -> Number:
+        """The value of a node; an enumeration's is a number, a boolean's 0 or 1.
+
+        Raises
+        ------
+        NodeError
+            When the node has no value.
+        """
+        if name in self._chosen:
+            return self._chosen[name]
+        if self._depth > _DEEPEST:
+            raise NodeError(f"node {name} rests on itself")
+        self._depth += 1
+        try:
+            return self._value(self.node(name))
+        except (struct.error, OverflowError) as error:
+            raise NodeError(f"node {name}: {error}") from error
+        finally:
+            self._depth -= 1
+
+    def fields(self, name: str) -> dict[str, Field]:
+        """The registers that the value of a node rests on at present, by the names of their nodes."""
+        self._seen = {}
+        with contextlib.suppress(NodeError):
+            self.value(name)
+        return self._seen
+
+    def chain(self, name: str) -> tuple[Node, ...]:
+        """A node and those behind it, which must all be available for the first to be."""
+        nodes = [self.node(name)]
+        while (behind := self._behind(nodes[-1])) is not None:
+            if len(nodes) > _DEEPEST:
+                raise NodeError(f"node {name} rests on itself")
+            nodes.append(self.node(behind))
+        return tuple(nodes)
+
+    def target(self, name: str) -> str:
+        """The node that holds the value of `name`: behind its pValue and its chosen index; itself where one misses."""
+        try:
+            return self.chain(name)[-1].name
+        except NodeError:
+            return name
+
+    def field(self, name: str) -> Field:
+        """Where a register node lies at present."""
+        return self._field(self.node(name))
+
+    def bytes_of(self, field: Field) -> bytes:
+        """The present bytes of a register."""
+        return self._port(field).read(field.address, field.length)
+
+    def write(self, field: Field, data: bytes) -> None:
+        """Store the bytes of a register."""
+        self._port(field).write(field.address, data)
+
+    def set(self, name: str, value: Number) -> None:
+        """Set a node by its pValue and the formulas of its converters, down to a register.
+
+        Raises
+        ------
+        NodeError
+            When there is no way down: a SwissKnife, or a node that is the client's.
+        """
+        node = self.node(name)
+        if node.kind in REGISTERS:
+            field = self._field(node)
+            try:
+                self.write(field, field.encode(value, self.bytes_of(field)))
+            except (ValueError, OverflowError, struct.error) as error:  # no number, infinite, or too large for a float
+                raise NodeError(f"node {name}: {error}") from error
+            return
+        behind = self._behind(node)
+        if behind is None:
+            raise NodeError(f"node {name} cannot be set")
+        if node.kind in ("Converter", "IntConverter"):
+            self.set(behind, self._formula(node, "FormulaTo", "FROM", value))
+        elif node.kind == "Boolean":
+            self.set(behind, node.integer("OnValue", 1) if value else node.integer("OffValue", 0))
+        else:
+            self.set(behind, round(value) if node.kind in _WHOLE else value)
+
+    @contextlib.contextmanager
+    def selecting(self, selector: str, value: int) -> Iterator[None]:
+        """Within the block the selector stands at `value`, whatever it stands at."""
+        before, self._chosen = self._chosen, {**self._chosen, selector: value, self.target(selector): value}
+        try:
+            yield
+        finally:
+            self._chosen = before
+
+    def selecting_entry(self, selector: str, entry: str) -> contextlib.AbstractContextManager[None]:
+        """As `selecting`, by the name of the entry; nothing where there is no such selector or entry."""
+        entries = self._nodes[selector].entries if self.kind(selector) == "Enumeration" else {}
+        return (
+            self.selecting(selector, entries[entry].integer("Value", 0))
+            if entry in entries
+            else contextlib.nullcontext()
+        )
+
+    def bound(self, name: str, which: str) -> Number | None:
+        """The Min, Max or Inc (`which`) of a number, its own or that of what is behind it; None when not declared."""
+        node = self.node(name)
+        if f"p{which}" in node.parts:
+            return self.value(node.text(f"p{which}"))
+        if which in node.parts:
+            return _number(node.text(which))
+        behind = self._behind(node)
+        if behind is None or node.kind == "Enumeration":
+            return None
+        limit = self.bound(behind, which)
+        if limit is None or node.kind not in ("Converter", "IntConverter"):
+            return limit
+        return None if which == "Inc" else self._formula(node, "FormulaFrom", "TO", limit)
+
+    def bounded(self, name: str, value: Number) -> tuple[str, Number]:
+        """The node at or behind `name` that declares bounds (else the last one), and `value` in its own terms."""
+        node = self.node(name)
+        behind = self._behind(node)
+        if behind is None or {"pMin", "pMax", "Min", "Max"} & node.parts.keys():
+            return name, value
+        if node.kind in ("Converter", "IntConverter"):
+            value = self._formula(node, "FormulaTo", "FROM", value)
+        return self.bounded(behind, value)
+
+    def _value(self, node: Node) -> Number:
+        if node.kind in REGISTERS:
+            field = self._field(node)
+            self._seen[node.name] = field
+            return field.decode(self.bytes_of(field))
+        if node.kind in ("SwissKnife", "IntSwissKnife"):
+            return self._formula(node, "Formula")
+        behind = self._behind(node)
+        if behind is None:
+            if "Value" not in node.parts and "ValueDefault" not in node.parts:
+                raise NodeError(f"node {node.name} has no value")
+            return _number(self._indexed_value(node))
+        value = self.value(behind)
+        if node.kind in ("Converter", "IntConverter"):
+            return self._formula(node, "FormulaFrom", "TO", value)
+        if node.kind == "Boolean":
+            return int(value == node.integer("OnValue", 1))
+        return int(value) if node.kind in _WHOLE else value
+
+    def _behind(self, node: Node) -> str | None:
+        """The node that holds the value of this one, if another does."""
+        if "pIndex" in node.parts and node.kind not in REGISTERS:
+            index = int(self.value(node.text("pIndex")))
+            for part in node.parts.get("pValueIndexed", []):
+                if whole_number(part.get("Index", "-1")) == index:
+                    return (part.text or "").strip()
+            return node.text("pValueDefault") or None
+        return node.text("pValue") or None
+
+    def _indexed_value(self, node: Node) -> str:
+        if "pIndex" in node.parts:
+            index = int(self.value(node.text("pIndex")))
+            for part in node.parts.get("ValueIndexed", []):
+                if whole_number(part.get("Index", "-1")) == index:
+                    return (part.text or "").strip()
+            return node.text("ValueDefault", "0")
+        return node.text("Value")
+
+    def _formula(self, node: Node, tag: str, given: str = "", value: Number = 0) -> Number:
+        """Evaluate a formula of a node, the variable `given` being `value`."""
+        known = {part.get("Name", ""): (part.text or "").strip() for part in node.parts.get("pVariable", [])}
+        constants = {part.get("Name", ""): part.text or "" for part in node.parts.get("Constant", [])}
+        expressions = {part.get("Name", ""): part.text or "" for part in node.parts.get("Expression", [])}
+        integer = node.kind in _WHOLE
+        values: dict[str, Number] = {given: value}  # some formulas ask for one variable a hundred times
+
+        def variable(name: str) -> Number:
+            if name in values:
+                return values[name]
+            if name in known:
+                return values.setdefault(name, self.value(known[name]))
+            if name in constants:
+                return _number(constants[name])
+            if name in expressions:
+                return compile_formula(expressions[name].strip(), integer)(variable)
+            raise FormulaError(f"unknown variable {name}")
+
+        try:
+            result = compile_formula(node.text(tag), integer)(variable)
+            return math.trunc(result) if integer else result
+        except NodeError:
+            raise
+        except (ValueError, ArithmeticError) as error:
+            raise NodeError(f"formula of node {node.name}: {error}") from error
+
+    def _field(self, node: Node) -> Field:
+        length = int(self.value(node.text("pLength"))) if "pLength" in node.parts else node.integer("Length", 4)
+        little_endian = node.text("Endianess", "LittleEndian") == "LittleEndian"
+        shift, bits = 0, 8 * length
+        if "Bit" in node.parts or "LSB" in node.parts:
+            lsb = node.integer("LSB", node.integer("Bit", 0))
+            msb = node.integer("MSB", node.integer("Bit", 0))
+            bits = abs(msb - lsb) + 1
+            # Big-endian descriptions count bits from the highest one, as the registers of GigE Vision are drawn.
+            shift = min(lsb, msb) if little_endian else 8 * length - 1 - max(lsb, msb)
+        return Field(
+            node.text("pPort"), self._address(node, length), length, shift, bits, node.text("Sign") == "Signed",
+            little_endian, node.kind == "FloatReg",
+        )  # fmt: skip
+
+    def _address(self, node: Node, length: int) -> int:
+        """The sum of all that says where a register is."""
+        address = sum(whole_number((part.text or "0").strip()) for part in node.parts.get("Address", []))
+        address += sum(int(self.value((part.text or "").strip())) for part in node.parts.get("pAddress", []))
+        for part in node.parts.get("IntSwissKnife", []):
+            inline = Node("", "IntSwissKnife", {})
+            for child in part:
+                inline.parts.setdefault(child.tag, []).append(child)
+            address += int(self._formula(inline, "Formula"))
+        for part in node.parts.get("pIndex", []):
+            offset = whole_number(part.get("Offset", "0")) or length
+            if "pOffset" in part.attrib:
+                offset = int(self.value(part.attrib["pOffset"]))
+            address += offset * int(self.value((part.text or "").strip()))
+        return address
+
+    def _port(self, field: Field) -> Memory:
+        return self._ports.get(field.port, self._memory)
+
+
+def _number(text: str) -> Number:
+    """A number as descriptions write it."""
+    text = text.strip()
+    try:
+        return whole_number(text) if text else 0
+    except ValueError:
+        return float(text)

@@ -1,0 +1,163 @@
+"""Finding what registers must hold so that nodes come out as wished, where no formula leads back."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+
+from fake_camera.genapi.evaluator import Evaluator, Field, NodeError
+from fake_camera.genapi.formula import Number
+
+Wish = Callable[[], bool]
+_CLOSE = 1e-6
+_STEPS = 64  # halvings of a 64-bit register
+
+
+def assign(evaluator: Evaluator, name: str, value: Number) -> None:
+    """Make a node come out as `value`, or as near to it as its registers can; a node that is fixed stays.
+
+    By the way that the node itself goes; else the bits of the registers that it rests on are put together by what
+    each adds (sums, shifts, scales); else one register is searched by halving (any rising or falling formula).
+    """
+    try:
+        evaluator.set(name, value)
+        return
+    except (NodeError, ArithmeticError, ValueError):
+        pass
+    for way in (_compose, _halve):
+        fields = evaluator.fields(name)
+        before = {node: evaluator.bytes_of(field) for node, field in fields.items()}
+        if fields and way(evaluator, name, value, fields):
+            return
+        _restore(evaluator, fields, before)
+
+
+def achieve(evaluator: Evaluator, wish: Wish, name: str, kept: Mapping[int, Sequence[Wish]]) -> bool:
+    """Try values in the registers behind the node `name` until `wish` holds.
+
+    What was `kept` for the address of a register that changes must stay true.
+
+    First one register at a time: the numbers that formulas compare with, single bits, nothing, everything. Then two.
+    """
+    if _holds(wish):
+        return True
+    fields = evaluator.fields(name)
+    constants = {int(text, 0) for text in re.findall(r"\b(?:0[xX][0-9a-fA-F]+|\d+)\b", _formulas(evaluator, name))}
+    trials = [(node, value) for node in fields for value in _trials(evaluator, fields[node], constants)]
+    small = [(node, value) for node, value in trials if value in (0, 1, 2, 3)]
+    changes: Iterator[tuple[tuple[str, int], ...]] = itertools.chain(
+        ((trial,) for trial in trials), itertools.islice(itertools.combinations(small, 2), 2000)
+    )
+    for change in changes:
+        before = {node: evaluator.bytes_of(fields[node]) for node, _ in change}
+        for node, value in change:
+            evaluator.set(node, value)
+        touched = [was for node, _ in change for was in kept.get(fields[node].address, ())]
+        if _holds(wish) and all(map(_holds, touched)):
+            return True
+        _restore(evaluator, fields, before)
+    return False
+
+
+def _holds(wish: Wish) -> bool:
+    try:
+        return wish()
+    except NodeError:
+        return False
+
+
+def _restore(evaluator: Evaluator, fields: dict[str, Field], before: dict[str, bytes]) -> None:
+    for node, data in before.items():
+        evaluator.write(fields[node], data)
+
+
+def _trials(evaluator: Evaluator, field: Field, constants: set[int]) -> list[int]:
+    """Values worth a try in one register, the present one among them with bits added."""
+    present = 0 if field.floating else int(field.decode(evaluator.bytes_of(field)))
+    bits = [present | 1 << bit for bit in range(min(field.bits, 64))]
+    everything = (1 << field.bits) - 1
+    return list(dict.fromkeys([1, 0, *sorted(constants), *(present | value for value in constants), *bits, everything]))
+
+
+def _formulas(evaluator: Evaluator, name: str) -> str:
+    """The formulas that a node rests on, one after the other."""
+    seen: set[str] = set()
+    texts: list[str] = []
+
+    def collect(name: str) -> None:
+        if name in seen or evaluator.kind(name) is None:
+            return
+        seen.add(name)
+        node = evaluator.node(name)
+        texts.append(node.text("Formula"))
+        for tag in ("pVariable", "pValue"):
+            for part in node.parts.get(tag, []):
+                collect((part.text or "").strip())
+
+    collect(name)
+    return " ".join(texts)
+
+
+def _compose(evaluator: Evaluator, name: str, value: Number, fields: dict[str, Field]) -> bool:
+    """Choose bits, those that add most first, until their sum reaches `value`; whether it did."""
+    try:
+        for node in fields:
+            evaluator.set(node, 0)
+        base = evaluator.value(name)
+        parts = [part for node, field in fields.items() for part in _contributions(evaluator, name, node, field, base)]
+        raw = dict.fromkeys(fields, 0)
+        rest = value - base
+        for gain, node, bit in sorted(parts, reverse=True):
+            if 0 < gain <= rest * (1 + _CLOSE):
+                rest -= gain
+                raw[node] |= bit
+        for node, number in raw.items():
+            evaluator.set(node, number)
+        smallest = min((gain for gain, _, _ in parts if gain > 0), default=0.0)
+        return abs(evaluator.value(name) - value) <= max(smallest, _CLOSE * abs(value))
+    except NodeError:
+        return False
+
+
+def _contributions(
+    evaluator: Evaluator, name: str, node: str, field: Field, base: Number
+) -> Iterator[tuple[Number, str, int]]:
+    """What each bit of a register, alone, adds to the value of `name`."""
+    if field.floating:
+        return
+    for bit in range(field.bits - field.signed):
+        evaluator.set(node, 1 << bit)
+        yield evaluator.value(name) - base, node, 1 << bit
+    evaluator.set(node, 0)
+
+
+def _halve(evaluator: Evaluator, name: str, value: Number, fields: dict[str, Field]) -> bool:
+    """Search the registers one by one for the number that gives `value` or comes nearest; whether it came near."""
+    for node, field in reversed(fields.items()):  # a divisor comes after what many nodes share, such as a time base
+        before = evaluator.bytes_of(field)
+        if _search(evaluator, name, value, node, field):
+            return True
+        evaluator.write(field, before)
+    return False
+
+
+def _search(evaluator: Evaluator, name: str, value: Number, node: str, field: Field) -> bool:
+    def at(number: Number) -> float:
+        evaluator.set(node, number)
+        try:
+            return float(evaluator.value(name)) - value
+        except NodeError:
+            return math.nan
+
+    low, high = (1e-6, 1e12) if field.floating else (1, (1 << field.bits - field.signed) - 1)
+    below, above = at(low), at(high)
+    if math.isnan(below) or math.isnan(above) or below * above > 0:
+        return False
+    for _ in range(_STEPS):
+        middle = math.sqrt(low * high) if field.floating else (int(low) + int(high)) // 2
+        error = at(middle)
+        low, high = (middle, high) if (error < 0) == (below < 0) else (low, middle)
+    best = min((low, high), key=lambda number: abs(at(number)))
+    return abs(at(best)) <= 0.05 * abs(value) + _CLOSE

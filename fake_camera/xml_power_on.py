@@ -1,0 +1,261 @@
+"""Power-on state of a camera known by its description only: features available, within limits, at usual values."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator, Sequence
+
+from fake_camera.genapi.evaluator import Evaluator, NodeError
+from fake_camera.genapi.formula import Number
+from fake_camera.genapi.solve import Wish, achieve, assign
+
+TIME_UNITS_US = {"s": 1e6, "ms": 1e3, "ns": 1e-3}
+"""Microseconds in the units of time that descriptions name; other texts and none mean microseconds."""
+EXPOSURE_TIMES = ("ExposureTime", "ExposureTimeAbs", "ExposureTimeRaw")
+GAINS = ("Gain", "GainAbs", "GainRaw")
+FRAME_RATES = ("AcquisitionFrameRate", "AcquisitionFrameRateAbs")
+FRAME_RATE_SWITCHES = ("AcquisitionFrameRateEnable", "AcquisitionFrameRateEnabled")
+GAMMA_SWITCHES = ("GammaEnable", "GammaEnabled")
+"""Names that vendors give these features, those in physical units first."""
+PIXEL_FORMATS = ("Mono8", "Mono12", "Mono16")
+CHUNKS = {
+    "ExposureTime": "ExposureTime", "Gain": "Gain", "GainAll": "Gain", "FrameID": "FrameID", "FrameCounter": "FrameID",
+    "Framecounter": "FrameID", "Timestamp": "Timestamp",
+}  # fmt: skip
+"""What the chunks hold that are filled, by the names that vendors give the entries of ChunkSelector."""
+COMMANDS = ("AcquisitionStart", "AcquisitionStop", "TimestampLatch", "TriggerSoftware")
+LOCKED = "TLParamsLocked"
+_EXPOSURE_US = (10.0, 1e6, 1.0, 5000.0)
+_GAIN_DB = (0.0, 36.0, 0.01, 0.0)
+_RAW_GAIN = (0, 240, 1, 0)
+_RATE_HZ = (1.0, 200.0, 0.01, 30.0)
+_GAMMA = (0.25, 4.0, 0.01, 0.8)
+"""Least, greatest, increment and value at power-on, wherever the description leaves them to registers."""
+_FILLINGS = (0, 1, 10, 1_000_000)
+"""What empty registers are tried with, for formulas may divide by them: a count, some bits, a time base (us)."""
+_CONDITIONS = (("pIsImplemented", True), ("pIsAvailable", True), ("pIsLocked", False))
+_LIMITS = ("pMin", "pMax", "pInc")
+_NUMBERS = ("Integer", "Float", "IntReg", "MaskedIntReg", "FloatReg", "Converter", "IntConverter")
+
+
+class PowerOn:
+    """Sets the registers of one camera through its `evaluator`.
+
+    Attributes
+    ----------
+    failed
+        What could not be made available.
+    """
+
+    def __init__(self, evaluator: Evaluator, sensor_width: int, sensor_height: int) -> None:
+        self._evaluator = evaluator
+        self._selection: tuple[str, int] | None = None
+        self._kept: dict[int, list[Wish]] = {}
+        self.failed: list[str] = []
+        self._image(sensor_width, sensor_height)
+        self._exposure()
+        with self._selecting("GainSelector", "All"):
+            self._gain()
+        with self._selecting("TriggerSelector", "FrameStart"):
+            self._trigger()
+            self._command("TriggerSoftware")
+        self._chunks()
+        with self._at(LOCKED, 1):  # clients lock the transport parameters before they start
+            self._command("AcquisitionStart")
+            self._command("AcquisitionStop")
+        self._command("TimestampLatch")
+        for name in ("PayloadSize", "TimestampLatchValue"):
+            self._open(name, writable=False)
+
+    def _image(self, width: int, height: int) -> None:
+        for axis, size in (("Width", width), ("Height", height)):
+            for name in (f"Sensor{axis}", f"{axis}Max"):
+                self._number(name, (8, size, 1, size), writable=False)
+        for name, low, size, step in (("Width", 8, width, 4), ("Height", 8, height, 2)):
+            self._number(name, (low, size, step, size))
+        for name in ("OffsetX", "OffsetY"):
+            self._open(name)
+        self._choice("PixelFormat", PIXEL_FORMATS)
+        self._number("GevSCPSPacketSize", (220, 9000, 4, 9000))
+
+    def _exposure(self) -> None:
+        self._choice("ExposureMode", ("Timed",))
+        self._choice("ExposureAuto", ("Off", "Continuous"))
+        for name in spoken(self._evaluator, EXPOSURE_TIMES):
+            unit_us = time_unit_us(self._evaluator, name)
+            self._number(name, tuple(number / unit_us for number in _EXPOSURE_US))
+        for name in FRAME_RATE_SWITCHES:
+            self._switch(name, True)
+        for name in spoken(self._evaluator, FRAME_RATES):
+            self._number(name, _RATE_HZ)
+        self._choice("AcquisitionMode", ("Continuous",))
+        for name in GAMMA_SWITCHES:
+            self._switch(name, False)
+        self._number("Gamma", _GAMMA)
+
+    def _gain(self) -> None:
+        self._choice("GainAuto", ("Off", "Continuous"))
+        for name in spoken(self._evaluator, GAINS):
+            self._number(name, _GAIN_DB if in_db(self._evaluator, name) else _RAW_GAIN)
+
+    def _trigger(self) -> None:
+        self._choice("TriggerMode", ("Off", "On"))
+        lines = trigger_lines(self._evaluator)
+        self._choice("TriggerSource", (*lines, "Software", "Freerun", "FixedRate"))
+        self._choice("TriggerActivation", ("RisingEdge",))
+        self._choice("TriggerOverlap", ("Off", "ReadOut"))
+
+    def _chunks(self) -> None:
+        self._switch("ChunkModeActive", True)  # some selectors are there only while chunks are on
+        if self._evaluator.kind("ChunkSelector") == "Enumeration":
+            for entry in CHUNKS:
+                with self._selecting("ChunkSelector", entry) as offered:
+                    if offered:
+                        self._switch("ChunkEnable", False)
+        if self._evaluator.kind("ChunkModeActive"):
+            assign(self._evaluator, "ChunkModeActive", 0)
+
+    @contextlib.contextmanager
+    def _selecting(self, selector: str, entry: str) -> Iterator[bool]:
+        """Within the block, features are those that the selector selects at this entry, if there is one."""
+        if self._evaluator.kind(selector) != "Enumeration" or entry not in self._evaluator.node(selector).entries:
+            yield False
+            return
+        self._choice(selector, (entry,))
+        with self._at(selector, self._evaluator.node(selector).entries[entry].integer("Value", 0)):
+            yield True
+
+    @contextlib.contextmanager
+    def _at(self, name: str, value: int) -> Iterator[None]:
+        """Within the block, all that is wished for is wished for while the client has set `name` to `value`."""
+        if self._evaluator.kind(name) is None:
+            yield
+            return
+        self._selection = (name, value)
+        with self._evaluator.selecting(name, value):
+            yield
+        self._selection = None
+
+    def _number(self, name: str, wished: Sequence[Number], writable: bool = True) -> None:
+        """Open a number, give it limits where registers hold them, and its value within the limits it then has."""
+        evaluator = self._evaluator
+        if evaluator.kind(name) not in _NUMBERS or not self._open(name, writable):
+            return
+        parts = [name, *(node.text(tag) for node in evaluator.chain(name) for tag in _LIMITS if node.text(tag))]
+        fields = {register: field for part in parts for register, field in evaluator.fields(part).items()}
+        empty = {register: field for register, field in fields.items() if not evaluator.value(register)}
+        for filling in _FILLINGS:
+            for register in empty:
+                evaluator.set(register, filling)
+            with contextlib.suppress(NodeError):
+                self._limit(name, wished, filling)
+                low, high = limits(evaluator, name)
+                value = min(max(wished[3], low), high)
+                assign(evaluator, name, value)
+                taken = abs(evaluator.value(name) - value) <= 0.01 * abs(value)
+                if low < high and taken and (value == wished[3] or not filling):
+                    return
+        for register in empty:
+            evaluator.set(register, 0)
+        if writable:
+            self.failed.append(name)
+
+    def _limit(self, name: str, wished: Sequence[Number], filling: int) -> None:
+        """Set those limits and increments that lie in registers."""
+        evaluator = self._evaluator
+        holder, one = evaluator.bounded(name, wished[0])
+        low, high = sorted((one, evaluator.bounded(name, wished[1])[1]))  # a falling converter swaps them
+        step = max(evaluator.bounded(name, wished[2])[1], 1e-3)
+        for tag, value in (("pInc", step), ("pMin", low), ("pMax", high)):
+            limit = evaluator.node(holder).text(tag)
+            if limit and any(evaluator.value(register) in (0, filling) for register in evaluator.fields(limit)):
+                assign(evaluator, limit, value)
+
+    def _command(self, name: str) -> None:
+        if self._evaluator.kind(name) == "Command":
+            self._open(name)
+
+    def _switch(self, name: str, on: bool) -> None:
+        if self._evaluator.kind(name) and self._open(name):
+            assign(self._evaluator, name, int(on))
+
+    def _choice(self, name: str, entries: Sequence[str]) -> None:
+        """Open an enumeration and these of its entries, and choose the first that there is."""
+        if self._evaluator.kind(name) != "Enumeration" or not self._open(name):
+            return
+        there = {entry: node for entry, node in self._evaluator.node(name).entries.items() if entry in entries}
+        for entry, node in there.items():
+            for tag, wanted in _CONDITIONS:
+                if node.text(tag):
+                    self._fulfil(f"{name} {entry}", node.text(tag), wanted)
+        for entry in entries:
+            if entry in there:
+                assign(self._evaluator, name, there[entry].integer("Value", 0))
+                return
+
+    def _open(self, name: str, writable: bool = True) -> bool:
+        """Make a node, and those that it rests on, implemented, available and not locked; False if it has no value."""
+        evaluator = self._evaluator
+        if evaluator.kind(name) is None:
+            return False
+        try:
+            nodes = list(evaluator.chain(name))
+            for limit in _LIMITS:
+                nodes += [
+                    part for node in tuple(nodes) if node.text(limit) for part in evaluator.chain(node.text(limit))
+                ]
+        except NodeError:  # the description misses a node
+            self.failed.append(name)
+            return False
+        for node in nodes:
+            for tag, wanted in _CONDITIONS[: 3 if writable else 2]:
+                if node.text(tag):
+                    self._fulfil(name, node.text(tag), wanted)
+        return True
+
+    def _fulfil(self, name: str, condition: str, wanted: bool) -> None:
+        """Find registers that make a condition come true, and keep it true."""
+        evaluator, selection = self._evaluator, self._selection
+
+        def wish() -> bool:
+            with contextlib.nullcontext() if selection is None else evaluator.selecting(*selection):
+                return bool(evaluator.value(condition)) == wanted
+
+        if not achieve(evaluator, wish, condition, self._kept):
+            self.failed.append(name)
+            return
+        for field in evaluator.fields(condition).values():
+            self._kept.setdefault(field.address, []).append(wish)
+
+
+def spoken(evaluator: Evaluator, names: Sequence[str]) -> tuple[str, ...]:
+    """Those of `names` that drive this camera: numbers, and raw ones only where no other name stands for the same."""
+    there = [name for name in names if evaluator.kind(name) in _NUMBERS]
+    physical = [name for name in there if not name.endswith("Raw")]
+    registers = {evaluator.target(name) for name in physical}
+    return tuple(name for name in there if name in physical or not physical or evaluator.target(name) in registers)
+
+
+def in_db(evaluator: Evaluator, name: str) -> bool:
+    """Whether a gain says that it is in dB."""
+    return evaluator.node(name).text("Unit").lower() == "db"
+
+
+def time_unit_us(evaluator: Evaluator, name: str) -> float:
+    """How many microseconds one unit of a time is."""
+    return TIME_UNITS_US.get(evaluator.node(name).text("Unit"), 1.0)
+
+
+def limits(evaluator: Evaluator, name: str) -> tuple[Number, Number]:
+    """Least and greatest value of a number; where none is declared, any."""
+    low, high = evaluator.bound(name, "Min"), evaluator.bound(name, "Max")
+    if low is not None and high is not None:
+        return min(low, high), max(low, high)  # a falling converter swaps them
+    return float("-inf") if low is None else low, float("inf") if high is None else high
+
+
+def trigger_lines(evaluator: Evaluator) -> tuple[str, ...]:
+    """The external lines among the trigger sources; the wire is plugged into the first."""
+    if evaluator.kind("TriggerSource") != "Enumeration":
+        return ()
+    return tuple(entry for entry in evaluator.node("TriggerSource").entries if entry.startswith(("Line", "Input")))

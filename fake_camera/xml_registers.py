@@ -1,0 +1,59 @@
+"""The memory of a described camera behind GigE Vision: bootstrap registers first, then the camera's own."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from fake_camera.features import FeatureError
+from fake_camera.gvcp import GvcpError, Status
+from fake_camera.registers import FEATURE_STATUS, Register, RegisterMap
+from fake_camera.xml_camera import XmlCamera
+
+_BASES = (0x100000, 0x4000_0000, 0x5000_0000, 0x6000_0000, 0x7000_0000, 0xE000_0000)
+
+
+def free_address(camera: XmlCamera, length: int) -> int:
+    """Where `length` bytes of zipped description lie in the way of none of the camera's registers."""
+    taken = [
+        int((part.text or "0").strip(), 0)
+        for node in camera.description.nodes.values()
+        for part in node.parts.get("Address", [])
+    ]
+    room = length + 0x10_0000  # registers may be addressed by an offset from those named
+    return next(base for base in _BASES if not any(base - 0x10_0000 <= address < base + room for address in taken))
+
+
+class XmlRegisters(RegisterMap):
+    """All registers of a described camera on GigE Vision."""
+
+    def __init__(self, bootstrap: Iterable[Register], camera: XmlCamera) -> None:
+        super().__init__(bootstrap)
+        self._camera = camera
+        camera.place(self._bootstrap)
+
+    def read(self, address: int, count: int) -> bytes:
+        """Read `count` bytes; what is no bootstrap register is the camera's memory, see `RegisterMap.read`."""
+        known = self._bootstrap(address, count)
+        return self._camera.read(address, count) if known is None else known
+
+    def write(self, address: int, data: bytes) -> None:
+        """Write `data`, see `RegisterMap.write`."""
+        try:
+            super().write(address, data)
+        except GvcpError as error:
+            if error.status != Status.INVALID_ADDRESS:
+                raise
+        else:
+            return
+        try:
+            self._camera.write(address, data)
+        except FeatureError as error:
+            raise GvcpError(FEATURE_STATUS[error.kind]) from error
+
+    def _bootstrap(self, address: int, count: int) -> bytes | None:
+        try:
+            return super().read(address, count)
+        except GvcpError as error:
+            if error.status != Status.INVALID_ADDRESS:
+                raise
+            return None

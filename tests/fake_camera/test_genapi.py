@@ -1,0 +1,202 @@
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import pytest
+
+from fake_camera.genapi.description import Description
+from fake_camera.genapi.evaluator import Evaluator, NodeError
+from fake_camera.genapi.formula import FormulaError, compile_formula
+from fake_camera.genapi.memory import Memory
+from fake_camera.genapi.solve import achieve, assign
+
+BIG = "<pPort>Device</pPort><Endianess>BigEndian</Endianess>"
+LITTLE = "<pPort>Device</pPort><Endianess>LittleEndian</Endianess>"
+
+
+def camera(*nodes: str, memory: Memory | None = None) -> Evaluator:
+    text = (
+        f'<?xml version="1.0"?><RegisterDescription ModelName="M" VendorName="V">{"".join(nodes)}</RegisterDescription>'
+    )
+    return Evaluator(Description.from_bytes(text.encode(), "test"), memory or Memory())
+
+
+def formula(text: str, integer: bool = False, **variables: float) -> float:
+    values: Mapping[str, float] = variables
+    return compile_formula(text, integer)(values.__getitem__)
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("1 + 2 * 3 - 4", 3), ("(1 + 2) * 3", 9), ("2 ** 3 ** 2", 512), ("-2 ** 2", -4), ("7 % 4", 3),
+        ("0x10 | 1", 17), ("6 & 3", 2), ("6 ^ 3", 5), ("1 << 4 >> 2", 4), ("~0 & 0xFF", 255), ("!0 + !5", 1),
+        ("1 = 1", 1), ("1 <> 1", 0), ("2 >= 2 && 1 < 2", 1), ("0 || 0", 0), ("1 ? 2 : 0 ? 3 : 4", 2), ("0?2:0?3:4", 4),
+        ("EXP(LN(5))", 5), ("LG(1000)", 3), ("SQRT(16) + ABS(-1)", 5), ("SGN(-3) + TRUNC(2.9) + CEIL(0.1)", 2),
+        ("1.5e1 + .5", 15.5), ("2.0e-3", 0.002), ("PI", math.pi), ("A.B * C_1", 6),
+    ],
+)  # fmt: skip
+def test_formulas(text: str, value: float) -> None:
+    assert formula(text, **{"A.B": 2, "C_1": 3}) == pytest.approx(value)
+
+
+def test_integer_formulas_divide_towards_zero() -> None:
+    assert formula("7 / 2") == 3.5
+    assert formula("7 / 2", integer=True) == 3
+    assert formula("-7 / 2", integer=True) == -3
+
+
+@pytest.mark.parametrize("text", ["1 +", "(1", "1 ? 2", "FOO(1)", "1 2", ""])
+def test_what_is_no_formula_is_refused(text: str) -> None:
+    with pytest.raises(FormulaError, match="formula"):
+        compile_formula(text, False)
+
+
+@pytest.mark.parametrize("text", ["1 / 0", "2 ** 5000"])
+def test_what_has_no_value_is_told(text: str) -> None:
+    with pytest.raises(FormulaError):
+        formula(text)
+
+
+def test_bits_count_from_the_top_when_big_endian_and_from_the_bottom_when_little() -> None:
+    memory = Memory()
+    memory.write(0x10, bytes.fromhex("80000003"))
+    for name, parts, value in (
+        ("top", f"<Bit>0</Bit>{BIG}", 1), ("low", f"<LSB>31</LSB><MSB>30</MSB>{BIG}", 3),
+        ("little", f"<LSB>0</LSB><MSB>7</MSB>{LITTLE}", 0x80),
+        ("negative", f"<LSB>31</LSB><MSB>30</MSB><Sign>Signed</Sign>{BIG}", -1),
+    ):  # fmt: skip
+        node = f'<MaskedIntReg Name="{name}"><Address>0x10</Address><Length>4</Length>{parts}</MaskedIntReg>'
+        evaluator = camera(node, memory=memory)
+        assert evaluator.value(name) == value
+    evaluator.set("negative", 1)
+    assert memory.read(0x10, 4) == bytes.fromhex("80000001")
+
+
+def test_addresses_are_sums_and_indices() -> None:
+    evaluator = camera(
+        '<Integer Name="Base"><Value>0x100</Value></Integer>',
+        '<Integer Name="Index"><Value>2</Value></Integer>',
+        '<IntReg Name="Indexed"><Address>0x10</Address><pAddress>Base</pAddress>'
+        f'<pIndex Offset="0x20">Index</pIndex>{BIG}</IntReg>',
+        f'<IntReg Name="Computed"><Address>4</Address><IntSwissKnife Name="X"><pVariable Name="I">Index</pVariable>'
+        f"<Formula>I*8</Formula></IntSwissKnife>{BIG}</IntReg>",
+    )
+    assert evaluator.field("Indexed").address == 0x150
+    assert evaluator.field("Computed").address == 20
+    with evaluator.selecting("Index", 0):
+        assert evaluator.field("Indexed").address == 0x110
+
+
+def test_struct_entries_share_a_register_and_indexed_values_choose_theirs() -> None:
+    memory = Memory()
+    evaluator = camera(
+        f"<StructReg><Address>0x20</Address><Length>4</Length>{LITTLE}"
+        '<StructEntry Name="Here"><Bit>0</Bit></StructEntry><StructEntry Name="There"><Bit>1</Bit></StructEntry>'
+        "</StructReg>",
+        '<Integer Name="Choice"><Value>1</Value></Integer>',
+        '<Integer Name="Chosen"><pIndex>Choice</pIndex><pValueIndexed Index="0">Here</pValueIndexed>'
+        '<pValueIndexed Index="1">There</pValueIndexed><pValueDefault>Here</pValueDefault></Integer>',
+        memory=memory,
+    )
+    evaluator.set("Chosen", 1)
+    assert (evaluator.value("Here"), evaluator.value("There")) == (0, 1)
+    assert memory.read(0x20, 4) == b"\x02\0\0\0"
+
+
+def test_converters_go_both_ways_and_carry_limits() -> None:
+    evaluator = camera(
+        '<Float Name="Gain"><pValue>dB</pValue></Float>',
+        '<Converter Name="dB"><FormulaTo>EXP(FROM/20*LN(10))*256</FormulaTo><FormulaFrom>20*LG(TO/256)</FormulaFrom>'
+        "<pValue>Factor</pValue></Converter>",
+        '<Integer Name="Factor"><pValue>Raw</pValue><Min>256</Min><Max>2560</Max></Integer>',
+        f'<IntReg Name="Raw"><Address>0</Address>{BIG}</IntReg>',
+    )
+    evaluator.set("Gain", 6.0)
+    assert evaluator.value("Raw") == 511
+    assert evaluator.value("Gain") == pytest.approx(6.0, abs=0.02)
+    assert evaluator.bound("Gain", "Min") == 0.0
+    assert evaluator.bound("Gain", "Max") == pytest.approx(20.0)
+
+
+def test_circles_and_missing_nodes_are_told() -> None:
+    evaluator = camera('<Integer Name="A"><pValue>B</pValue></Integer><Integer Name="B"><pValue>A</pValue></Integer>')
+    with pytest.raises(NodeError, match="rests on itself"):
+        evaluator.value("A")
+    with pytest.raises(NodeError, match="no node C"):
+        evaluator.value("C")
+
+
+REGISTERS = "".join(f'<IntReg Name="R{n}"><Address>{4 * n}</Address>{BIG}</IntReg>' for n in range(3))
+
+
+def knife(text: str, *registers: str) -> Evaluator:
+    variables = "".join(f'<pVariable Name="{name}">{name}</pVariable>' for name in registers)
+    return camera(REGISTERS, f'<SwissKnife Name="K">{variables}<Formula>{text}</Formula></SwissKnife>')
+
+
+@pytest.mark.parametrize(
+    ("text", "registers", "value"),
+    [
+        ("R0 * 6.02 / (2**14)", ("R0",), 24.0),
+        ("(R0 &lt;&lt; 32) | R1", ("R0", "R1"), 0x123456789A),
+        ("R0 - R1 + 10", ("R0", "R1"), 730),
+        ("1e6 / R0", ("R0",), 200.0),
+    ],
+)
+def test_registers_are_found_that_give_a_value(text: str, registers: tuple[str, ...], value: float) -> None:
+    evaluator = knife(text, *registers)
+    assign(evaluator, "K", value)
+    assert evaluator.value("K") == pytest.approx(value, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("text", "registers"),
+    [
+        ("(R0 &amp; 0x40000000) &gt;&gt; 30", ("R0",)),
+        ("R0 = 17", ("R0",)),
+        ("R0 &amp;&amp; (R1 || R2)", ("R0", "R1", "R2")),
+    ],
+)
+def test_conditions_are_made_true_without_breaking_earlier_ones(text: str, registers: tuple[str, ...]) -> None:
+    evaluator = knife(text, *registers)
+    unlocked = lambda: not int(evaluator.value("R0")) & 0x10000000  # noqa: E731
+    assert achieve(evaluator, lambda: bool(evaluator.value("K")), "K", {0: [unlocked]})
+    assert evaluator.value("K") and unlocked()
+
+
+def test_what_cannot_be_achieved_leaves_the_registers_alone() -> None:
+    evaluator = knife("R0 * 0", "R0")
+    assert not achieve(evaluator, lambda: bool(evaluator.value("K")), "K", {})
+    assert evaluator.value("R0") == 0
+
+
+@pytest.mark.parametrize(
+    ("namespace", "order", "usb3"),
+    [
+        ("GEV", "LittleEndian", False),
+        ("U3V", "BigEndian", True),
+        ("None", "LittleEndian", True),
+        ("None", "BigEndian", False),
+    ],
+)
+def test_its_standard_or_its_byte_order_tells_the_wire(namespace: str, order: str, usb3: bool) -> None:
+    text = (
+        f'<RegisterDescription ModelName="M" VendorName="V" StandardNameSpace="{namespace}"><IntReg Name="R">'
+        f"<Address>0</Address><pPort>Device</pPort><Endianess>{order}</Endianess></IntReg></RegisterDescription>"
+    )
+    assert Description.from_bytes(text.encode(), "").is_usb3 == usb3
+
+
+def test_text_before_the_declaration_is_left_out() -> None:
+    text = b'Camera of Nobody (USB3)\n<?xml version="1.0"?><RegisterDescription ModelName="M" VendorName="V"/>'
+    description = Description.from_bytes(text, "")
+    assert (description.vendor, description.model) == ("V", "M")
+    assert description.data.startswith(b"<?xml")
+
+
+@pytest.mark.parametrize(("text", "words"), [(b"hello", "not an XML file"), (b"<html/>", "this one with html")])
+def test_what_is_no_description_is_refused_in_one_sentence(text: bytes, words: str) -> None:
+    with pytest.raises(ValueError, match=f"some.xml: .*{words}"):
+        Description.from_bytes(text, "some.xml")
