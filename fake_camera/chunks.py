@@ -41,14 +41,17 @@ def chunk_bytes(frame: ExposedFrame, names: Sequence[str]) -> bytes:
         "FrameID": frame.frame_id,
         "Timestamp": frame.device_time_ns,
     }
-    pieces = [chunk_tag(IMAGE_CHUNK_ID, frame.pixels.nbytes)]
-    for name in names:
-        chunk = CHUNKS[name]
-        data = struct.pack(">d" if chunk.type == "float" else ">Q", values[name])
-        pieces += [data, chunk_tag(chunk.chunk_id, len(data))]
+    layouts = {name: ">d" if CHUNKS[name].type == "float" else ">Q" for name in names}
+    return tagged(frame, [(CHUNKS[name].chunk_id, struct.pack(layouts[name], values[name])) for name in names])
+
+
+def tagged(frame: ExposedFrame, chunks: Sequence[tuple[int, bytes]]) -> bytes:
+    """What follows the pixels of `frame` when its chunks are these, each an id and its data."""
+    pieces = [_tag(IMAGE_CHUNK_ID, frame.pixels.nbytes)]
+    for chunk_id, data in chunks:
+        pieces += [data, _tag(chunk_id, len(data))]
     return b"".join(pieces)
 
 
-def chunk_tag(chunk_id: int, length: int) -> bytes:
-    """What follows the data of each piece: its id and its length."""
+def _tag(chunk_id: int, length: int) -> bytes:
     return struct.pack(">II", chunk_id, length)

@@ -11,7 +11,7 @@ import time
 
 from fake_camera import gvcp
 from fake_camera.bootstrap import bootstrap_registers
-from fake_camera.chunks import chunk_bytes
+from fake_camera.chunks import chunk_bytes, tagged
 from fake_camera.control_channel import ControlChannel
 from fake_camera.device import Device
 from fake_camera.genicam_xml import genicam_xml, zipped
@@ -104,7 +104,8 @@ class GigeServer:
 
     def _send(self, frame: ExposedFrame) -> None:
         if self._xml is not None:
-            chunks = self._xml.chunks(frame)
+            on = self._xml.chunks(frame)
+            chunks = b"" if on is None else tagged(frame, on)
         else:
             features = self._device.features
             chunks = chunk_bytes(frame, features.enabled_chunks()) if features.get("ChunkModeActive") else b""

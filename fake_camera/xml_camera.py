@@ -5,9 +5,8 @@ from __future__ import annotations
 import contextlib
 import threading
 
-from fake_camera.chunks import IMAGE_CHUNK_ID, chunk_tag
 from fake_camera.device import Device
-from fake_camera.features import FeatureError
+from fake_camera.features import CHUNK_TRAILER_BYTES, FeatureError
 from fake_camera.genapi.description import REGISTERS, Description
 from fake_camera.genapi.evaluator import Evaluator, Field, NodeError
 from fake_camera.genapi.memory import Fixed, Memory
@@ -87,22 +86,22 @@ class XmlCamera:
                 watch.apply()
             self._animation.show_payload(self._chunk_bytes())
 
-    def chunks(self, frame: ExposedFrame) -> bytes:
-        """What follows the pixels of `frame`: the image's tag, then the chunks that are switched on, with theirs."""
+    def chunks(self, frame: ExposedFrame) -> list[tuple[int, bytes]] | None:
+        """Id and data of each chunk that is switched on, in their order; None while there are no chunk data at all."""
         with self._lock:
             if not self._animation.chunk_mode:
-                return b""
-            pieces = [chunk_tag(IMAGE_CHUNK_ID, frame.pixels.nbytes)]
-            for entry in self._animation.enabled_chunks:
-                port, chunk_id = self._chunk_port(entry)
-                value = self._animation.chunk_value(CHUNKS[entry], frame)
-                known = self._chunk_data.get(entry)
-                if known is None or known[0] != value:
-                    assign(self._evaluator, f"Chunk{entry}", value)
-                    known = value, self._ports[port].read(0, self._chunk_size(port))
-                    self._chunk_data[entry] = known
-                pieces += [known[1], chunk_tag(chunk_id, len(known[1]))]
-            return b"".join(pieces)
+                return None
+            return [self._chunk(entry, frame) for entry in self._animation.enabled_chunks]
+
+    def _chunk(self, entry: str, frame: ExposedFrame) -> tuple[int, bytes]:
+        port, chunk_id = self._chunk_port(entry)
+        value = self._animation.chunk_value(CHUNKS[entry], frame)
+        known = self._chunk_data.get(entry)
+        if known is None or known[0] != value:
+            assign(self._evaluator, f"Chunk{entry}", value)
+            known = value, self._ports[port].read(0, self._chunk_size(port))
+            self._chunk_data[entry] = known
+        return chunk_id, known[1]
 
     def _power_on(self) -> None:
         with self._lock:
@@ -201,7 +200,8 @@ class XmlCamera:
         return max(node.integer("Address", 0) + node.integer("Length", 4) for node in nodes)
 
     def _chunk_bytes(self) -> int:
+        """What the chunk data add to the payload: image and chunks are followed by a tag each."""
         if not self._animation.chunk_mode:
             return 0
-        tag = len(chunk_tag(0, 0))
-        return tag + sum(tag + self._chunk_size(self._chunk_port(entry)[0]) for entry in self._animation.enabled_chunks)
+        sizes = [self._chunk_size(self._chunk_port(entry)[0]) for entry in self._animation.enabled_chunks]
+        return sum(sizes) + CHUNK_TRAILER_BYTES * (1 + len(sizes))

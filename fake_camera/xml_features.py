@@ -65,8 +65,8 @@ class Animation:
         self._lines = trigger_lines(evaluator)
         self.chunk_mode = False
         self._chunks: dict[str, bool] = {}
-        self.watches = [*self._exposure(), *self._gain(), *self._rate(), *self._image(), *self._trigger()]
-        self.watches += self._chunk_data()
+        self.watches = [*self._exposure(), *self._gain(), *self._gamma(), *self._rate()]
+        self.watches += [*self._image(), *self._trigger(), *self._chunk_data()]
 
     @property
     def enabled_chunks(self) -> tuple[str, ...]:
@@ -137,15 +137,17 @@ class Animation:
     def _rate(self) -> Iterator[Watch]:
         self._features.update("AcquisitionFrameRateEnable", True)
         for name in spoken(self._evaluator, FRAME_RATES)[:1]:
-            yield from self._watch(name, lambda name=name: self._copy(name, "AcquisitionFrameRate"))  # type: ignore[misc]
+            yield from self._copied(name, "AcquisitionFrameRate")
         for name in FRAME_RATE_SWITCHES:
-            yield from self._watch(name, lambda name=name: self._copy(name, "AcquisitionFrameRateEnable"))  # type: ignore[misc]
+            yield from self._copied(name, "AcquisitionFrameRateEnable")
+
+    def _gamma(self) -> Iterator[Watch]:
         switches = [name for name in GAMMA_SWITCHES if self._evaluator.kind(name)]
         self._features.update("GammaEnable", not switches)
-        for name in switches:
-            yield from self._watch(name, lambda name=name: self._copy(name, "GammaEnable"))  # type: ignore[misc]
         self._features.update("Gamma", 1.0)
-        yield from self._watch("Gamma", lambda: self._copy("Gamma", "Gamma"))
+        for name in switches:
+            yield from self._copied(name, "GammaEnable")
+        yield from self._copied("Gamma", "Gamma")
 
     def _image(self) -> Iterator[Watch]:
         for size, offset in (("Width", "OffsetX"), ("Height", "OffsetY")):
@@ -243,6 +245,11 @@ class Animation:
                 return entry
         raise FeatureError("out_of_range", f"{name} has no entry of value {value:g}")
 
-    def _copy(self, name: str, feature: str) -> None:
-        value = self._evaluator.value(name)
-        self._features.update(feature, bool(value) if feature.endswith("Enable") else float(value))
+    def _copied(self, name: str, feature: str) -> Iterator[Watch]:
+        """Look out for a feature whose value is that of a `feature` of the device."""
+
+        def apply() -> None:
+            value = self._evaluator.value(name)
+            self._features.update(feature, bool(value) if feature.endswith("Enable") else float(value))
+
+        return self._watch(name, apply)

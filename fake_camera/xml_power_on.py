@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 from fake_camera.genapi.evaluator import Evaluator, NodeError
 from fake_camera.genapi.formula import Number
@@ -25,12 +26,27 @@ CHUNKS = {
 """What the chunks hold that are filled, by the names that vendors give the entries of ChunkSelector."""
 COMMANDS = ("AcquisitionStart", "AcquisitionStop", "TimestampLatch", "TriggerSoftware")
 LOCKED = "TLParamsLocked"
-_EXPOSURE_US = (10.0, 1e6, 1.0, 5000.0)
-_GAIN_DB = (0.0, 36.0, 0.01, 0.0)
-_RAW_GAIN = (0, 240, 1, 0)
-_RATE_HZ = (1.0, 200.0, 0.01, 30.0)
-_GAMMA = (0.25, 4.0, 0.01, 0.8)
-"""Least, greatest, increment and value at power-on, wherever the description leaves them to registers."""
+
+
+class Wished(NamedTuple):
+    """Limits, increment and value of a number at power-on, where the description leaves them to registers."""
+
+    low: float
+    high: float
+    step: float
+    value: float
+
+    def over(self, unit: float) -> Wished:
+        """The same, counted in units of `unit`."""
+        return Wished(*(number / unit for number in self))
+
+
+_EXPOSURE_US = Wished(10.0, 1e6, 1.0, 5000.0)
+_GAIN_DB = Wished(0.0, 36.0, 0.01, 0.0)
+_RAW_GAIN = Wished(0, 240, 1, 0)
+_RATE_HZ = Wished(1.0, 200.0, 0.01, 30.0)
+_GAMMA = Wished(0.25, 4.0, 0.01, 0.8)
+_PACKET_BYTES = Wished(220, 9000, 4, 9000)
 _FILLINGS = (0, 1, 10, 1_000_000)
 """What empty registers are tried with, for formulas may divide by them: a count, some bits, a time base (us)."""
 _CONDITIONS = (("pIsImplemented", True), ("pIsAvailable", True), ("pIsLocked", False))
@@ -70,20 +86,19 @@ class PowerOn:
     def _image(self, width: int, height: int) -> None:
         for axis, size in (("Width", width), ("Height", height)):
             for name in (f"Sensor{axis}", f"{axis}Max"):
-                self._number(name, (8, size, 1, size), writable=False)
-        for name, low, size, step in (("Width", 8, width, 4), ("Height", 8, height, 2)):
-            self._number(name, (low, size, step, size))
+                self._number(name, Wished(8, size, 1, size), writable=False)
+        for name, size, step in (("Width", width, 4), ("Height", height, 2)):
+            self._number(name, Wished(8, size, step, size))
         for name in ("OffsetX", "OffsetY"):
             self._open(name)
         self._choice("PixelFormat", PIXEL_FORMATS)
-        self._number("GevSCPSPacketSize", (220, 9000, 4, 9000))
+        self._number("GevSCPSPacketSize", _PACKET_BYTES)
 
     def _exposure(self) -> None:
         self._choice("ExposureMode", ("Timed",))
         self._choice("ExposureAuto", ("Off", "Continuous"))
         for name in spoken(self._evaluator, EXPOSURE_TIMES):
-            unit_us = time_unit_us(self._evaluator, name)
-            self._number(name, tuple(number / unit_us for number in _EXPOSURE_US))
+            self._number(name, _EXPOSURE_US.over(time_unit_us(self._evaluator, name)))
         for name in FRAME_RATE_SWITCHES:
             self._switch(name, True)
         for name in spoken(self._evaluator, FRAME_RATES):
@@ -136,7 +151,7 @@ class PowerOn:
             yield
         self._selection = None
 
-    def _number(self, name: str, wished: Sequence[Number], writable: bool = True) -> None:
+    def _number(self, name: str, wished: Wished, writable: bool = True) -> None:
         """Open a number, give it limits where registers hold them, and its value within the limits it then has."""
         evaluator = self._evaluator
         if evaluator.kind(name) not in _NUMBERS or not self._open(name, writable):
@@ -150,22 +165,22 @@ class PowerOn:
             with contextlib.suppress(NodeError):
                 self._limit(name, wished, filling)
                 low, high = limits(evaluator, name)
-                value = min(max(wished[3], low), high)
+                value = min(max(wished.value, low), high)
                 assign(evaluator, name, value)
                 taken = abs(evaluator.value(name) - value) <= 0.01 * abs(value)
-                if low < high and taken and (value == wished[3] or not filling):
+                if low < high and taken and (value == wished.value or not filling):
                     return
         for register in empty:
             evaluator.set(register, 0)
         if writable:
             self.failed.append(name)
 
-    def _limit(self, name: str, wished: Sequence[Number], filling: int) -> None:
+    def _limit(self, name: str, wished: Wished, filling: int) -> None:
         """Set those limits and increments that lie in registers."""
         evaluator = self._evaluator
-        holder, one = evaluator.bounded(name, wished[0])
-        low, high = sorted((one, evaluator.bounded(name, wished[1])[1]))  # a falling converter swaps them
-        step = max(evaluator.bounded(name, wished[2])[1], 1e-3)
+        holder, one = evaluator.bounded(name, wished.low)
+        low, high = sorted((one, evaluator.bounded(name, wished.high)[1]))  # a falling converter swaps them
+        step = max(evaluator.bounded(name, wished.step)[1], 1e-3)
         for tag, value in (("pInc", step), ("pMin", low), ("pMax", high)):
             limit = evaluator.node(holder).text(tag)
             if limit and any(evaluator.value(register) in (0, filling) for register in evaluator.fields(limit)):
