@@ -8,13 +8,14 @@ from dataclasses import dataclass
 from typing import Literal
 
 from fake_camera.imaging import ExposedFrame
+from fake_camera.registers import ByteOrder
 
 IMAGE_CHUNK_ID = 0x0001
 
 
 @dataclass(frozen=True, slots=True)
 class Chunk:
-    """One kind of chunk: its id, and the type and unit of its eight big-endian bytes."""
+    """One kind of chunk: its id, and the type and unit of its eight bytes."""
 
     chunk_id: int
     type: Literal["float", "integer"]
@@ -30,7 +31,7 @@ CHUNKS: dict[str, Chunk] = {
 """The chunks on offer, under the names of the entries of ChunkSelector."""
 
 
-def chunk_bytes(frame: ExposedFrame, names: Sequence[str]) -> bytes:
+def chunk_bytes(frame: ExposedFrame, names: Sequence[str], byte_order: ByteOrder) -> bytes:
     """What follows the pixels of `frame` on the wire: the image's own tag, then the chunks `names` with theirs.
 
     Each piece is followed by its id and its length, so that a reader walks from the end.
@@ -41,13 +42,10 @@ def chunk_bytes(frame: ExposedFrame, names: Sequence[str]) -> bytes:
         "FrameID": frame.frame_id,
         "Timestamp": frame.device_time_ns,
     }
-    pieces = [_tag(IMAGE_CHUNK_ID, frame.pixels.nbytes)]
+    prefix = {"big": ">", "little": "<"}[byte_order]
+    pieces = [struct.pack(f"{prefix}II", IMAGE_CHUNK_ID, frame.pixels.nbytes)]
     for name in names:
         chunk = CHUNKS[name]
-        data = struct.pack(">d" if chunk.type == "float" else ">Q", values[name])
-        pieces += [data, _tag(chunk.chunk_id, len(data))]
+        layout = f"{prefix}{'d' if chunk.type == 'float' else 'Q'}II"
+        pieces.append(struct.pack(layout, values[name], chunk.chunk_id, 8))
     return b"".join(pieces)
-
-
-def _tag(chunk_id: int, length: int) -> bytes:
-    return struct.pack(">II", chunk_id, length)

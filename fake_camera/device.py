@@ -42,6 +42,7 @@ class Device:
         seed: int = 0,
         line0: Line0 | None = None,
         truth: TruthFile | None = None,
+        model: str = "FakeGV287M",
     ) -> None:
         self._source = source
         self._identity = f"{seed} {serial}"
@@ -52,7 +53,7 @@ class Device:
         self._clock_offset_ns = oscillator.randrange(1_000_000_000, 10_000_000_000)
         self._clock_rate = 1 + oscillator.uniform(-10e-6, 10e-6)
         self._power_on_ns = time.monotonic_ns()
-        self.features = Features(serial, source.sensor_width, source.sensor_height, self.now_ns)
+        self.features = Features(serial, source.sensor_width, source.sensor_height, self.now_ns, model=model)
         self.faults = Faults(self._power_on)
         self._acquisition = Acquisition(self.features)
         self._lock = threading.Lock()  # guards the acquisition; never held while other code is called back

@@ -78,7 +78,7 @@ _REGION = {"Width": "OffsetX", "OffsetX": "Width", "Height": "OffsetY", "OffsetY
 _HISTORY = 64  # writes that may come between a pulse and the moment its thread gets to run
 
 
-def _specs(serial: str, sensor_width: int, sensor_height: int) -> list[Spec]:
+def _specs(model: str, serial: str, sensor_width: int, sensor_height: int) -> list[Spec]:
     """The table of features of one camera."""
 
     def fixed(name: str, type_: Type, value: Value, unit: str = "") -> Spec:
@@ -89,7 +89,7 @@ def _specs(serial: str, sensor_width: int, sensor_height: int) -> list[Spec]:
 
     return [
         fixed("DeviceVendorName", "string", "Autoexpose"),
-        fixed("DeviceModelName", "string", "FakeGV287M"),
+        fixed("DeviceModelName", "string", model),
         fixed("DeviceSerialNumber", "string", serial),
         fixed("DeviceVersion", "string", "1.0"),
         fixed("DeviceFirmwareVersion", "string", "1.0"),
@@ -155,8 +155,9 @@ class Features:
         sensor_height: int,
         device_clock_ns: Callable[[], int],
         host_clock_ns: Callable[[], int] = time.monotonic_ns,
+        model: str = "FakeGV287M",
     ) -> None:
-        self._specs = {spec.name: spec for spec in _specs(serial, sensor_width, sensor_height)}
+        self._specs = {spec.name: spec for spec in _specs(model, serial, sensor_width, sensor_height)}
         self._device_clock_ns = device_clock_ns
         self._host_clock_ns = host_clock_ns
         self._lock = threading.RLock()

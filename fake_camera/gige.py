@@ -10,7 +10,7 @@ import threading
 import time
 
 from fake_camera import gvcp
-from fake_camera.bootstrap import bootstrap_registers
+from fake_camera.bootstrap import GIGE_VISION, bootstrap_registers
 from fake_camera.chunks import chunk_bytes
 from fake_camera.control_channel import ControlChannel
 from fake_camera.device import Device
@@ -47,11 +47,11 @@ class GigeServer:
         self._broadcast_sockets = [_bind(broadcast, reuse=True) for broadcast in _BROADCAST_ADDRESSES]
         self._stream = StreamChannel(address, device.faults)
         privilege = ControlPrivilege()
-        description = zipped(str(device.features.get("DeviceModelName")), genicam_xml(device.features))
+        description = zipped(str(device.features.get("DeviceModelName")), genicam_xml(device.features, GIGE_VISION))
         registers = RegisterMap(
             (
                 *bootstrap_registers(device, address, privilege, self._stream, description),
-                *feature_registers(device),
+                *feature_registers(device, GIGE_VISION.byte_order),
             )
         )
         self._control = ControlChannel(registers, privilege, self._stream.resend, self._released)
@@ -95,7 +95,9 @@ class GigeServer:
 
     def _send(self, frame: ExposedFrame) -> None:
         features = self._device.features
-        chunks = chunk_bytes(frame, features.enabled_chunks()) if features.get("ChunkModeActive") else b""
+        chunks = b""
+        if features.get("ChunkModeActive"):
+            chunks = chunk_bytes(frame, features.enabled_chunks(), GIGE_VISION.byte_order)
         self._stream.send(frame, chunks)
 
     def _released(self) -> None:
