@@ -155,6 +155,7 @@ class Features:
         sensor_height: int,
         device_clock_ns: Callable[[], int],
         host_clock_ns: Callable[[], int] = time.monotonic_ns,
+        *,
         model: str = "FakeGV287M",
     ) -> None:
         self._specs = {spec.name: spec for spec in _specs(model, serial, sensor_width, sensor_height)}

@@ -14,6 +14,7 @@ from fake_camera.bootstrap import GIGE_VISION, bootstrap_registers
 from fake_camera.chunks import chunk_bytes
 from fake_camera.control_channel import ControlChannel
 from fake_camera.device import Device
+from fake_camera.faults import GIGE
 from fake_camera.genicam_xml import genicam_xml, zipped
 from fake_camera.imaging import ExposedFrame
 from fake_camera.privilege import ControlPrivilege
@@ -57,6 +58,7 @@ class GigeServer:
         self._control = ControlChannel(registers, privilege, self._stream.resend, self._released)
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._serve, name=f"gvcp {address}", daemon=True)
+        device.faults.restrict(GIGE)
         device.connect(self._send)
         device.on_power_on(self._power_on)
 
