@@ -124,6 +124,7 @@ class Faults:
         self._gone = False
         self._names = NAMES
         self._lock = threading.Lock()
+        self._restart = threading.Lock()  # held while the camera restarts
         self._orders: list[_Order] = []
         self._trigger = -1  # the last pulse of Line0
         self._sent = -1  # the last pulse before the exposure of the frame that is being sent
@@ -203,21 +204,22 @@ class Faults:
         return False
 
     def _come_back(self, trigger: int) -> None:
-        """End the absences that are over by `trigger`; the camera restarts before it answers again."""
-        with self._lock:
-            called = [order for order in self._orders if order.fault.name == "come_back" and order.begun(trigger)]
-            over = [
-                order
-                for order in self._orders
-                if order.fault.name == "vanish"
-                and (called or (order.left == 0 and trigger > self._trigger))
-                and order.begun(trigger)
-            ]
-        if over:
-            self._power_on()
-        with self._lock:
-            self._orders = [order for order in self._orders if order not in called and order not in over]
-            self._gone = self._gone and not over
+        """End the absences that are over by `trigger`; the camera restarts, once, before it answers again."""
+        with self._restart:
+            with self._lock:
+                called = [order for order in self._orders if order.fault.name == "come_back" and order.begun(trigger)]
+                over = [
+                    order
+                    for order in self._orders
+                    if order.fault.name == "vanish"
+                    and (called or (order.left == 0 and trigger > self._trigger))
+                    and order.begun(trigger)
+                ]
+            if over:
+                self._power_on()
+            with self._lock:
+                self._orders = [order for order in self._orders if order not in called and order not in over]
+                self._gone = self._gone and not over
 
     def _go_away(self) -> None:
         with self._lock:

@@ -9,7 +9,7 @@ import threading
 from collections.abc import Callable
 
 from fake_camera.usb3 import usbip
-from fake_camera.usb3.descriptors import INTERFACE_OF
+from fake_camera.usb3.descriptors import INTERFACE_OF, INTERFACES
 from fake_camera.usb3.endpoint import InEndpoint, Request
 from fake_camera.usb3.usb_device import Setup, StallError, UsbDevice
 
@@ -41,6 +41,11 @@ class Claims:
         for interface in freed:
             self._released(interface)
 
+    def forget(self) -> None:
+        """The camera is unplugged: nobody holds anything any more."""
+        with self._lock:
+            self._holders.clear()
+
 
 class Connection:
     """A client on a stream socket.
@@ -65,7 +70,7 @@ class Connection:
                     self._answer(usbip.parse(self._receive(usbip.HEADER_BYTES)))
         for sequence in list(self._pending):
             self._cancel(sequence)
-        self._claims.release(self, *INTERFACE_OF.values())
+        self._claims.release(self, *INTERFACES)
 
     def hang_up(self) -> None:
         """Cut the connection."""
@@ -81,7 +86,7 @@ class Connection:
         if code != usbip.REQUEST_IMPORT:
             raise usbip.ProtocolError(f"operation {code:#x}")
         bus_id = self._receive(usbip.BUS_ID_BYTES).rstrip(b"\0").decode("ascii", "replace")
-        accepted = bus_id == usbip.BUS_ID and (self._local or self._claims.claim(self, *INTERFACE_OF.values()))
+        accepted = bus_id == usbip.BUS_ID and (self._local or self._claims.claim(self, *INTERFACES))
         if not self._local:
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._send(usbip.import_reply(accepted))
@@ -105,6 +110,8 @@ class Connection:
         status = 0
         if not word.claims:
             self._claims.release(self, word.interface)
+        elif word.interface not in INTERFACES:
+            status = -errno.ENOENT
         elif not self._claims.claim(self, word.interface):
             status = -errno.EBUSY
         self._send(usbip.claimed(word.sequence, status))
@@ -130,7 +137,7 @@ class Connection:
         except StallError:
             self._complete(submit.sequence, -errno.EPIPE)
             return
-        self._complete(submit.sequence, 0, memoryview(answer), 0 if setup.request_type & 0x80 else setup.length)
+        self._complete(submit.sequence, 0, answer, 0 if setup.request_type & 0x80 else setup.length)
 
     def _read(self, submit: usbip.Submit) -> None:
         def complete(status: int, data: memoryview) -> None:
@@ -157,9 +164,7 @@ class Connection:
         del self._pending[sequence]
         return True
 
-    def _complete(
-        self, sequence: int, status: int, data: memoryview = memoryview(b""), accepted_bytes: int = 0
-    ) -> None:
+    def _complete(self, sequence: int, status: int, data: bytes | memoryview = b"", accepted_bytes: int = 0) -> None:
         with contextlib.suppress(OSError):  # the client has gone: its own thread finds out
             self._send(usbip.submitted(sequence, status, len(data) or accepted_bytes), data)
 

@@ -12,6 +12,9 @@ CONTROL_OUT, CONTROL_IN, EVENT_IN, STREAM_IN = 0x01, 0x81, 0x82, 0x83
 INTERFACE_OF = {CONTROL_OUT: 0, CONTROL_IN: 0, EVENT_IN: 1, STREAM_IN: 2}
 """Which interface an endpoint belongs to."""
 
+INTERFACES = tuple(sorted(set(INTERFACE_OF.values())))
+"""Their numbers."""
+
 VENDOR_ID, PRODUCT_ID = 0x1209, 0x0001
 """Numbers of the pid.codes registry that are free for tests: no driver takes the camera for another device."""
 

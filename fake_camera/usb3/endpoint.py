@@ -77,6 +77,13 @@ class InEndpoint:
         with self._lock:
             self._transfers.clear()
 
+    def reset(self) -> None:
+        """The camera is unplugged: whoever waited waits no more."""
+        with self._lock:
+            self._halted = False
+            self._transfers.clear()
+            self._requests.clear()
+
     def halt(self) -> None:
         """Stall until the host clears the halt; what has not been fetched is lost."""
         with self._lock:

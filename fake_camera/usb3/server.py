@@ -64,6 +64,7 @@ class Usb3Server:
             connections, self._connections = self._connections, set()
         for connection in connections:
             connection.hang_up()
+        self._claims.forget()
 
     def _accept(self, listener: socket.socket) -> None:
         with contextlib.suppress(OSError):  # the camera was unplugged

@@ -15,11 +15,6 @@ _EXTENDED_CHUNKS = 0x4000
 _SUCCESS, _DATA_DISCARDED = 0x0000, 0xA100
 
 
-def block_id(frame_id: int) -> int:
-    """The 64-bit block id of frame 1, 2, 3 ...: on USB they count from 0."""
-    return frame_id - 1
-
-
 def leader(frame: ExposedFrame, has_chunks: bool) -> bytes:
     """What precedes the payload: which block it is, when it was taken, and what kind of image."""
     settings = frame.settings
@@ -29,7 +24,7 @@ def leader(frame: ExposedFrame, has_chunks: bool) -> bytes:
         b"U3VL",
         0,
         LEADER_BYTES,
-        block_id(frame.frame_id),
+        frame.frame_id,
         0,
         _IMAGE | (_EXTENDED_CHUNKS if has_chunks else 0),
         frame.device_time_ns,
@@ -49,5 +44,5 @@ def trailer(frame: ExposedFrame, has_chunks: bool, sent_bytes: int, payload_byte
     layout = struct.pack("<I", 0) if has_chunks else b""  # the set of chunks never changes while the camera streams
     size = MAX_TRAILER_BYTES - 4 + len(layout)
     height = frame.pixels.shape[0]
-    head = struct.pack("<4sHHQHHQI", b"U3VT", 0, size, block_id(frame.frame_id), status, 0, sent_bytes, height)
+    head = struct.pack("<4sHHQHHQI", b"U3VT", 0, size, frame.frame_id, status, 0, sent_bytes, height)
     return head + layout

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import errno
 import struct
-from dataclasses import dataclass
 from enum import IntEnum
 
 from fake_camera.chunks import chunk_bytes
@@ -45,7 +45,7 @@ class StallError(Exception):
     """The device does not know a request to its default endpoint."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclasses.dataclass(frozen=True, slots=True)
 class Setup:
     """A request to the default endpoint."""
 
@@ -101,8 +101,7 @@ class UsbDevice:
         self._configuration = 0
         self._halted_out = False
         for endpoint in self.endpoints.values():
-            endpoint.flush()
-            endpoint.clear_halt()
+            endpoint.reset()
 
     def released(self, interface: int) -> None:
         """Nobody listens to an interface any more: forget what waits there."""
@@ -135,6 +134,7 @@ class UsbDevice:
         return answer[: setup.length]
 
     def _send(self, frame: ExposedFrame) -> None:
+        frame = dataclasses.replace(frame, frame_id=frame.frame_id - 1)  # on USB they count from 0
         features = self._device.features
         chunks = b""
         if features.get("ChunkModeActive"):
