@@ -99,7 +99,7 @@ def configuration_descriptor() -> bytes:
 
 def object_store_descriptor() -> bytes:
     """The BOS: what SuperSpeed devices tell of their link power and speeds."""
-    usb2 = struct.pack("<BBBI", 7, 0x10, 0x02, 0)
+    usb2 = struct.pack("<BBBI", 7, 0x10, 0x02, 1 << 1)  # link power management, which SuperSpeed devices must have
     super_speed = struct.pack("<BBBBHBBH", 10, 0x10, 0x03, 0, _SUPER_SPEED, 3, 0, 0)
     return struct.pack("<BBHB", 5, 0x0F, 5 + len(usb2) + len(super_speed), 2) + usb2 + super_speed
 

@@ -1,4 +1,4 @@
-"""Stock Aravis takes the fake for a real USB3 Vision camera. Run by test_usb3_aravis.py, in a process under the shim."""
+"""Stock Aravis takes the fake for a USB3 Vision camera. Run by test_usb3_aravis.py, in a process under the shim."""
 
 from __future__ import annotations
 

@@ -14,7 +14,10 @@
 #include <unistd.h>
 
 enum { MAX_EVENTS = 64, LOOK_EVERY_MS = 100, MAX_DESCRIPTOR_BYTES = 1024 };
-enum { DEVICE_DESCRIPTOR = 0x0100, CONFIGURATION_DESCRIPTOR = 0x0200, DEVICE_DESCRIPTOR_BYTES = 18 };
+enum { DEVICE_DESCRIPTOR = 0x0100, CONFIGURATION_DESCRIPTOR = 0x0200, STRING_DESCRIPTOR = 0x0300 };
+enum { DEVICE_DESCRIPTOR_BYTES = 18, FIRST_STRING_INDEX = 14, STRINGS = 3, MAX_STRING_BYTES = 255 };
+
+static const char *const string_names[STRINGS] = {"manufacturer", "product", "serial"};
 
 struct camera {
     char *path;
@@ -22,6 +25,7 @@ struct camera {
     int device; /* 0: nothing is plugged in */
     size_t descriptor_bytes;
     unsigned char descriptors[MAX_DESCRIPTOR_BYTES];
+    char strings[STRINGS][MAX_STRING_BYTES / 2 + 2]; /* as sysfs has them, with a line feed */
 };
 
 static pthread_once_t once = PTHREAD_ONCE_INIT;
@@ -68,6 +72,19 @@ static void tell(int port, bool arrived)
         complain("a USB event got lost: %s", strerror(errno));
 }
 
+static void read_strings(struct camera *camera)
+{
+    for (int i = 0; i < STRINGS; i++) {
+        unsigned char utf16[MAX_STRING_BYTES] = "";
+        char *text = camera->strings[i];
+        uint16_t index = camera->descriptors[FIRST_STRING_INDEX + i];
+        long bytes = usbip_ask(camera->connection, STRING_DESCRIPTOR | index, utf16, sizeof utf16);
+        for (long at = 2; at + 1 < bytes; at += 2)
+            *text++ = utf16[at + 1] ? '?' : (char)utf16[at];
+        strcpy(text, "\n");
+    }
+}
+
 static bool read_descriptors(struct camera *camera)
 {
     unsigned char *device = camera->descriptors, *configuration = device + DEVICE_DESCRIPTOR_BYTES;
@@ -76,6 +93,7 @@ static bool read_descriptors(struct camera *camera)
         return false;
     long bytes = usbip_ask(camera->connection, CONFIGURATION_DESCRIPTOR, configuration, room);
     camera->descriptor_bytes = DEVICE_DESCRIPTOR_BYTES + (size_t)bytes;
+    read_strings(camera);
     return bytes > 0;
 }
 
@@ -239,6 +257,9 @@ int bus_open_attribute(const char *name)
         strcpy(text, "5000\n");
     else if (!strcmp(attribute, "bConfigurationValue"))
         strcpy(text, "1\n");
+    for (int i = 0; i < STRINGS; i++)
+        if (!strcmp(attribute, string_names[i]))
+            fd = file_of(camera->strings[i], strlen(camera->strings[i]));
     pthread_mutex_unlock(&lock);
     return *text ? file_of(text, strlen(text)) : fd;
 }
