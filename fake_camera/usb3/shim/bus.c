@@ -101,7 +101,7 @@ static void look_at(int port)
 {
     struct camera *camera = &cameras[port - 1];
     char byte;
-    if (camera->device && recv(camera->connection, &byte, 1, MSG_PEEK | MSG_DONTWAIT) == 0) {
+    if (camera->device && (recv(camera->connection, &byte, 1, MSG_PEEK | MSG_DONTWAIT) >= 0 || errno != EAGAIN)) {
         tell(port, false);
         real_close(camera->connection);
         camera->device = 0;
