@@ -31,7 +31,11 @@ class Usb3Server:
         self._lock = threading.Lock()
         self._listeners: list[socket.socket] = []
         self._connections: set[Connection] = set()
-        self._plug()
+        try:
+            self._plug()
+        except OSError:
+            self._unplug()
+            raise
         device.on_power_off(self._unplug)
         device.on_power_on(self._power_on)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import gc
 import os
 import threading
@@ -35,6 +36,7 @@ Aravis.disable_interface("GigEVision")  # its discovery waits a second for answe
 SOCKET, OTHER_SOCKET = (Path(path) for path in os.environ[CAMERAS_VARIABLE].split(":"))
 PATIENCE_S = 5.0
 RATE_HZ = 100.0
+USBDEVFS_RESET = 0x5514
 
 
 @contextlib.contextmanager
@@ -346,6 +348,16 @@ def test_a_stalled_stream_goes_on_when_the_camera_is_opened_again(fake: Device) 
     camera.start_acquisition()
     next_buffer(stream)
     camera.stop_acquisition()
+
+
+def test_a_usbfs_call_that_the_shim_lacks_is_named(fake: Device, capfd: pytest.CaptureFixture[str]) -> None:
+    found()
+    address = int(Path("/sys/bus/usb/devices/100-1/devnum").read_text())
+    node = os.open(f"/dev/bus/usb/100/{address:03d}", os.O_RDWR)
+    with pytest.raises(OSError, match="Inappropriate ioctl"):
+        fcntl.ioctl(node, USBDEVFS_RESET)
+    os.close(node)
+    assert "libusb needs the usbfs call 0x5514, which is missing" in capfd.readouterr().err
 
 
 def test_frozen_frames_do_not_come_but_are_counted(fake: Device) -> None:
