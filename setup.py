@@ -25,7 +25,7 @@ setup(
         # No module of Python's: it is preloaded into programs that use libusb.
         Extension(
             "fake_camera.usb3._shim",
-            sources=[f"{SHIM}/{part}.c" for part in ("bus", "handle", "interpose", "udev", "usbip")],
+            sources=[f"{SHIM}/{part}.c" for part in ("bus", "handle", "interpose", "link", "udev", "usbip")],
             depends=[f"{SHIM}/shim.h"],
             extra_compile_args=["-std=gnu11", "-fvisibility=hidden", "-Wall", "-Wextra"],
             optional=True,

@@ -37,7 +37,7 @@ def _parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     add("--address", help=f"loopback address of a GigE Vision camera ({_ADDRESS})")
     add("--usb3", action="store_true", help="be a USB3 Vision camera: needs --socket, --tcp or --exec")
     add("--socket", type=Path, metavar="PATH", help="Unix socket to serve USB/IP on")
-    add("--tcp", type=int, nargs="?", const=TCP_PORT, metavar="PORT", help="TCP port to serve USB/IP on (%(const)d)")
+    add("--tcp", type=int, nargs="?", const=TCP_PORT, metavar="PORT", help="TCP port of 127.0.0.1 for it (%(const)d)")
     add("--exec", nargs=argparse.REMAINDER, metavar="COMMAND", help="run a command that sees the camera on its USB bus")
     add("--serial", default="FAKE-LEFT", help="its serial number (%(default)s)")
     add("--side", choices=["left", "right"], default="left", help="its place in the stereo rig (%(default)s)")

@@ -142,9 +142,8 @@ class Faults:
             The camera's transport has no such fault.
         """
         if fault.name not in self._names:
-            raise FaultError(
-                f"{fault.name} is no fault of this camera's transport: {', '.join(sorted(self._names))} are"
-            )
+            names = ", ".join(sorted(self._names))
+            raise FaultError(f"{fault.name} is no fault of this camera's transport: its faults are {names}")
         with self._lock:
             self._orders.append(_Order(fault, fault.count))
             trigger = self._trigger

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 
 from fake_camera.usb3.run import ShimError, client_environment
@@ -12,7 +11,7 @@ from fake_camera.usb3.run import ShimError, client_environment
 _USAGE = "usage: python -m fake_camera.usb3 SOCKET... -- COMMAND..."
 
 
-def main(arguments: Sequence[str]) -> int:
+def main(arguments: list[str]) -> int:
     """Become the command; returns 2, with one sentence on stderr, when that cannot be."""
     if "--" not in arguments[:-1]:
         print(_USAGE, file=sys.stderr)

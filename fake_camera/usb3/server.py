@@ -90,6 +90,6 @@ class Usb3Server:
 
 def _listen_tcp(port: int) -> socket.socket:
     try:
-        return socket.create_server(("", port))
+        return socket.create_server(("127.0.0.1", port))
     except OSError as error:
         raise OSError(f"TCP port {port} cannot be opened: {error.strerror or error}") from error

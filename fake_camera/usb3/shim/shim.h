@@ -6,7 +6,8 @@
  *   interpose.c  the C library's open, close, ioctl and statfs
  *   udev.c       libudev's enumeration and monitor
  *   bus.c        which cameras are plugged in
- *   handle.c     an open camera: its URBs
+ *   handle.c     the descriptors of open cameras, and usbfs' calls on them
+ *   link.c       an open camera's URBs
  *   usbip.c      the words of USB/IP
  */
 #ifndef SHIM_H
@@ -75,6 +76,19 @@ int bus_monitor_start(void);                    /* a descriptor that is readable
 void bus_monitor_stop(void);
 int bus_open_attribute(const char *name);       /* "PORT_NAME/ATTRIBUTE"; a descriptor, or -1 and errno */
 int bus_connect(int device);                    /* to the camera at an address; a socket, or -1 and errno */
+
+/* --- link.c: these return 0, or -1 and errno, as usbfs' calls do --- */
+
+struct link;
+struct usbdevfs_urb;
+
+struct link *link_open(int sock, int *fd); /* takes the socket and gives the descriptor for libusb; or NULL and errno */
+void link_close(struct link *link);
+int link_submit(struct link *link, struct usbdevfs_urb *urb);
+int link_reap(struct link *link, struct usbdevfs_urb **urb);
+int link_discard(struct link *link, struct usbdevfs_urb *urb);
+int link_claim(struct link *link, uint8_t interface, bool claims);
+int link_request(struct link *link, uint8_t recipient, uint8_t request, uint16_t value, uint16_t index);
 
 /* --- handle.c --- */
 
