@@ -40,7 +40,8 @@ class Usb3Server:
         device.on_power_on(self._power_on)
 
     def close(self) -> None:
-        """Stop to listen, hang up, and remove the socket file."""
+        """Stop to listen, for good, hang up, and remove the socket file."""
+        self._sockets.clear()
         self._unplug()
 
     def _power_on(self) -> None:
