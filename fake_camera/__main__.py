@@ -21,7 +21,7 @@ from fake_camera.lighting import LightScript
 from fake_camera.line0 import Line0, WireError
 from fake_camera.simulation import build_image_source
 from fake_camera.truth import TruthFile
-from fake_camera.usb3.run import ShimError, run
+from fake_camera.usb3.run import ShimError, run, shim_path
 from fake_camera.usb3.server import Usb3Server
 from fake_camera.usb3.usbip import TCP_PORT
 
@@ -134,17 +134,16 @@ def main(arguments: list[str] | None = None) -> int:
     notes = sys.stderr if options.exec else sys.stdout  # the command's output is its own
     with contextlib.ExitStack() as resources:
         try:
+            if options.exec:
+                shim_path()  # rather than when the camera is ready
             if options.usb3 and options.socket is None:
                 options.socket = Path(resources.enter_context(tempfile.TemporaryDirectory())) / "camera"
             device = _run(options, resources)
             gc.collect()
             gc.freeze()  # a full collection over all that the compiler leaves behind takes 60 ms: four frames late
             wire = f"Line0 {options.line0} at {options.line0_rate_hz:g} Hz" if options.line0 else "no Line0"
-            print(
-                f"fake camera {options.serial} ({options.side}) {where}, {wire}, scene {options.scene}",
-                file=notes,
-                flush=True,
-            )
+            name = f"fake camera {options.serial} ({options.side})"
+            print(f"{name} {where}, {wire}, scene {options.scene}", file=notes, flush=True)
             status = 0
             if options.exec:
                 status = run(options.exec, [options.socket], stop)

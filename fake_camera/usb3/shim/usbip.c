@@ -70,11 +70,14 @@ int usbip_import(const char *path)
     struct timeval patience = {.tv_sec = HANDSHAKE_S};
     setsockopt(sock, SOL_SOCKET, SO_RCVTIMEO, &patience, sizeof patience);
 
-    unsigned char request[8 + BUS_ID_BYTES] = {VERSION >> 8, VERSION & 0xFF, REQUEST_IMPORT >> 8, REQUEST_IMPORT & 0xFF};
-    strcpy((char *)request + 8, "1-1");
+    struct {
+        uint16_t version, code;
+        uint32_t status;
+        char bus_id[BUS_ID_BYTES];
+    } request = {htons(VERSION), htons(REQUEST_IMPORT), 0, "1-1"};
     unsigned char reply[8 + DEVICE_BYTES];
     bool imported = connect(sock, (struct sockaddr *)&address, sizeof address) == 0
-        && send_all(sock, &(struct iovec){request, sizeof request}, 1)
+        && send_all(sock, &(struct iovec){&request, sizeof request}, 1)
         && usbip_receive(sock, reply, 8)
         && memcmp(reply + 4, "\0\0\0\0", 4) == 0
         && usbip_receive(sock, reply + 8, DEVICE_BYTES);
