@@ -22,6 +22,7 @@ from fake_camera.usb3.run import ShimError, client_environment
 
 STOP_TIMEOUT_S = 10.0
 CONTROL_TIMEOUT_S = 5.0
+SUITE_TIMEOUT_S = 100.0
 FOREIGN_COMMAND = "arv-fake-gv-camera-0.8"
 FOREIGN_ADDRESS = "127.0.0.1"
 """It binds to the address of an interface and to no other, so that one machine runs one of them."""
@@ -109,6 +110,16 @@ def usb3_environment(*sockets: Path | None) -> dict[str, str]:
         return client_environment([socket for socket in sockets if socket is not None])
     except ShimError as error:
         pytest.skip(str(error))
+
+
+def run_under_shim(suite: Path, *sockets: Path) -> None:
+    """Run the tests of a file in a process whose USB bus has ports at these sockets; all must pass."""
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(suite)]
+    environment = usb3_environment(*sockets)
+    inner = subprocess.run(
+        command, env=environment, capture_output=True, text=True, timeout=SUITE_TIMEOUT_S, check=False
+    )
+    assert inner.returncode == 0, inner.stdout + inner.stderr
 
 
 @contextlib.contextmanager

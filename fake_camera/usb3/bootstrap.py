@@ -131,7 +131,7 @@ def _streaming(device: Device, stream: StreamChannel) -> Iterator[Register]:
         return struct.pack("<Q", device.features.get("PayloadSize"))
 
     def size(offset: int, name: str) -> Register:
-        return _unsigned(SIRM + offset, lambda: getattr(stream, name), lambda value: stream.set_size(name, value))
+        return _unsigned(SIRM + offset, lambda: getattr(stream.sizes, name), lambda value: stream.set_size(name, value))
 
     yield constant(SIRM + 0x00, _u32(_ALIGNMENT_LOG2 << 24))
     yield _unsigned(SIRM + 0x04, lambda: int(stream.enabled), lambda value: stream.enable(bool(value & 1)))
@@ -139,10 +139,10 @@ def _streaming(device: Device, stream: StreamChannel) -> Iterator[Register]:
     yield _unsigned(SIRM + 0x10, lambda: stream.LEADER_BYTES)
     yield _unsigned(SIRM + 0x14, lambda: stream.TRAILER_BYTES)
     yield size(0x18, "max_leader_bytes")
-    yield size(0x1C, "payload_transfer_bytes")
-    yield size(0x20, "payload_transfer_count")
-    yield size(0x24, "final_transfer1_bytes")
-    yield size(0x28, "final_transfer2_bytes")
+    yield size(0x1C, "payload_bytes")
+    yield size(0x20, "payload_count")
+    yield size(0x24, "final1_bytes")
+    yield size(0x28, "final2_bytes")
     yield size(0x2C, "max_trailer_bytes")
 
 

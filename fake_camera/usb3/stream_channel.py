@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,14 +18,17 @@ from fake_camera.usb3.endpoint import InEndpoint
 MEMORY_BYTES = 8 << 20
 """Frames that the host does not fetch wait in the camera's memory; those that find it full are discarded."""
 
-_SIZES = (
-    "max_leader_bytes",
-    "payload_transfer_bytes",
-    "payload_transfer_count",
-    "final_transfer1_bytes",
-    "final_transfer2_bytes",
-    "max_trailer_bytes",
-)
+
+@dataclass(slots=True)
+class TransferSizes:
+    """What the host chose: a frame is a leader, `payload_count` transfers, two that may be shorter, and a trailer."""
+
+    max_leader_bytes: int = 0
+    payload_bytes: int = 0
+    payload_count: int = 0
+    final1_bytes: int = 0
+    final2_bytes: int = 0
+    max_trailer_bytes: int = 0
 
 
 class StreamChannel:
@@ -34,6 +38,8 @@ class StreamChannel:
     ----------
     enabled
         Whether frames are sent.
+    sizes
+        Of the transfers they are sent in.
     """
 
     LEADER_BYTES = u3vsp.LEADER_BYTES
@@ -50,19 +56,13 @@ class StreamChannel:
         """Back to the power-on state."""
         with self._lock:
             self.enabled = False
-            self.max_leader_bytes = 0
-            self.payload_transfer_bytes = 0
-            self.payload_transfer_count = 0
-            self.final_transfer1_bytes = 0
-            self.final_transfer2_bytes = 0
-            self.max_trailer_bytes = 0
+            self.sizes = TransferSizes()
 
     def set_size(self, name: str, value: int) -> None:
-        """Set a size in bytes, or a count, of the SIRM; raises CommandError ACCESS_DENIED while the stream is on."""
-        assert name in _SIZES
+        """Set one of the sizes; raises CommandError ACCESS_DENIED while the stream is on."""
         if self.enabled:
             raise CommandError(Status.ACCESS_DENIED)
-        setattr(self, name, value)
+        setattr(self.sizes, name, value)
 
     def enable(self, on: bool) -> None:
         """Start or stop to send frames; what the host has not fetched is forgotten.
@@ -74,7 +74,8 @@ class StreamChannel:
         """
         if on and self._endpoint.halted:
             raise CommandError(Status.STREAM_HALTED)
-        if on and (self.max_leader_bytes < self.LEADER_BYTES or self.max_trailer_bytes < self.TRAILER_BYTES):
+        fits = self.sizes.max_leader_bytes >= self.LEADER_BYTES and self.sizes.max_trailer_bytes >= self.TRAILER_BYTES
+        if on and not fits:
             raise CommandError(Status.STREAM_SIZES_INCONSISTENT)
         with self._lock:
             self.enabled = on
@@ -110,9 +111,9 @@ class StreamChannel:
 
     def _cut(self, payload: memoryview) -> list[memoryview]:
         """The payload in the transfers that the host expects; what does not fit is discarded."""
-        sizes = [self.payload_transfer_bytes] * self.payload_transfer_count
+        sizes = self.sizes
         pieces = []
-        for size in (*sizes, self.final_transfer1_bytes, self.final_transfer2_bytes):
+        for size in (*[sizes.payload_bytes] * sizes.payload_count, sizes.final1_bytes, sizes.final2_bytes):
             if size and payload:
                 pieces.append(payload[:size])
                 payload = payload[size:]

@@ -282,6 +282,27 @@ def test_unplugged_while_streaming_and_replugged(fake: Device, other: Device, cy
         streaming.stop_acquisition()
 
 
+def test_cycles_of_streaming_and_unplugging_leave_nothing_behind(fake: Device) -> None:
+    counts: list[tuple[int, int]] = []
+    for _ in range(6):
+        camera = opened(fake)
+        stream = stream_of(camera)
+        camera.start_acquisition()
+        next_buffer(stream)
+        fake.faults.add(Fault("vanish", None, None))
+        del stream, camera
+        gc.collect()
+        fake.faults.add(Fault("come_back", None, None))
+        assert list(found()) == [serial_of(fake)]
+        if counts:
+            wait_for(lambda: open_files_and_threads() == counts[0])
+        counts.append(open_files_and_threads())
+
+
+def open_files_and_threads() -> tuple[int, int]:
+    return len(list(Path("/proc/self/fd").iterdir())), len(list(Path("/proc/self/task").iterdir()))
+
+
 def test_a_reset_camera_comes_back_by_itself(fake: Device) -> None:
     camera = opened(fake)
     with contextlib.suppress(GLib.Error):  # it may go before it acknowledges

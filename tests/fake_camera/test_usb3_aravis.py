@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from fake_camera.usb3.run import CAMERAS_VARIABLE, ShimError, client_environment
-from tests.fakes import FakeCamera, usb3_camera, usb3_environment
+from tests.fakes import FakeCamera, run_under_shim, usb3_camera, usb3_environment
 
 pytestmark = pytest.mark.realtime
 
@@ -45,15 +45,7 @@ def output(environment: Mapping[str, str], *command: str) -> str:
 
 def test_aravis_under_the_shim(tmp_path: Path) -> None:
     pytest.importorskip("gi", reason="PyGObject is not installed")
-    inner = subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(SUITE)],
-        env=usb3_environment(tmp_path / "left", tmp_path / "right"),
-        capture_output=True,
-        text=True,
-        timeout=100,
-        check=False,
-    )
-    assert inner.returncode == 0, inner.stdout + inner.stderr
+    run_under_shim(SUITE, tmp_path / "left", tmp_path / "right")
 
 
 @needs_arv_tool
