@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import threading
 from dataclasses import dataclass
 
@@ -112,9 +113,12 @@ class StreamChannel:
     def _cut(self, payload: memoryview) -> list[memoryview]:
         """The payload in the transfers that the host expects; what does not fit is discarded."""
         sizes = self.sizes
+        equal = itertools.repeat(sizes.payload_bytes, sizes.payload_count if sizes.payload_bytes else 0)
         pieces = []
-        for size in (*[sizes.payload_bytes] * sizes.payload_count, sizes.final1_bytes, sizes.final2_bytes):
-            if size and payload:
+        for size in itertools.chain(equal, (sizes.final1_bytes, sizes.final2_bytes)):
+            if not payload:
+                break
+            if size:
                 pieces.append(payload[:size])
                 payload = payload[size:]
         return pieces

@@ -212,6 +212,20 @@ def test_a_frame_comes_in_transfers_of_the_sizes_that_the_host_chose(host: UsbIp
         assert struct.unpack_from("<HHQ", trailer, 16) == (0, 0, FRAME_BYTES)
 
 
+def test_what_does_not_fit_the_hosts_transfers_is_discarded_and_told(host: UsbIpClient) -> None:
+    assert host.start_stream() == SUCCESS
+    sirm = host.stream_registers()
+    assert host.write_memory(sirm + 0x04, bytes(4)) == SUCCESS
+    assert host.write_memory(sirm + 0x20, b"\xff" * 4) == SUCCESS  # ever so many transfers ...
+    assert host.write_memory(sirm + 0x1C, bytes(4)) == SUCCESS  # ... of nothing
+    assert host.write_memory(sirm + 0x24, struct.pack("<I", 4096)) == SUCCESS
+    assert host.write_memory(sirm + 0x04, struct.pack("<I", 1)) == SUCCESS
+    assert host.write_memory(SLOTS["AcquisitionStart"], struct.pack("<I", 1)) == SUCCESS
+    leader, payload, trailer = (host.read(STREAM, 1 << 20)[1] for _ in range(3))
+    assert (leader[:4], len(payload), trailer[:4]) == (b"U3VL", 4096, b"U3VT")
+    assert struct.unpack_from("<HHQ", trailer, 16) == (0xA100, 0, 4096)
+
+
 def test_sizes_are_fixed_while_the_stream_is_on_and_must_fit(host: UsbIpClient) -> None:
     sirm = host.stream_registers()
     assert host.write_memory(sirm + 0x04, struct.pack("<I", 1)) == SIZES_INCONSISTENT
