@@ -59,6 +59,7 @@ class Connection:
         self._device = device
         self._claims = claims
         self._local = stream.family == socket.AF_UNIX
+        self._hung_up = False
         self._sending = threading.Lock()
         self._pending: dict[int, tuple[InEndpoint | None, Request]] = {}
 
@@ -66,14 +67,15 @@ class Connection:
         """Answer until the client hangs up or talks nonsense."""
         with self._socket, contextlib.suppress(OSError, EOFError, usbip.ProtocolError):
             if self._imported():
-                while True:
+                while not self._hung_up:
                     self._answer(usbip.parse(self._receive(usbip.HEADER_BYTES)))
         for sequence in list(self._pending):
             self._cancel(sequence)
         self._claims.release(self, *INTERFACES)
 
     def hang_up(self) -> None:
-        """Cut the connection."""
+        """Cut the connection; what has been received and not yet been answered never will be."""
+        self._hung_up = True
         with contextlib.suppress(OSError):
             self._socket.shutdown(socket.SHUT_RDWR)
 

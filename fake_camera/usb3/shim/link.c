@@ -115,7 +115,7 @@ static bool receive_answer(struct link *link)
         return false;
     bool complete = taken_back || receive_data(link, entry, answer.actual_length);
     pthread_mutex_lock(&link->lock);
-    finish(link, entry, taken_back ? -ENOENT : complete ? answer.status : -ESHUTDOWN, answer.actual_length);
+    finish(link, entry, taken_back ? -ENOENT : complete ? answer.status : -ESHUTDOWN, complete ? answer.actual_length : 0);
     pthread_mutex_unlock(&link->lock);
     return complete;
 }
