@@ -7,7 +7,7 @@ SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 APT := $(SUDO) env DEBIAN_FRONTEND=noninteractive apt-get -y --no-install-recommends
 
 # What the daemon and the demo stand on, and what only the tests need.
-DEMO_PACKAGES := gir1.2-aravis-0.8 python3-gi python3-venv
+DEMO_PACKAGES := gir1.2-aravis-0.8 python3-gi python3-venv libusb-1.0-0
 TEST_PACKAGES := $(DEMO_PACKAGES) aravis-tools-cli aravis-tools tshark gcc libc6-dev python3-dev usbutils
 SHIM_PACKAGES := gcc libc6-dev python3-dev
 
@@ -57,9 +57,10 @@ bench: $(VENV)/dev.stamp ## where the time goes, as ratios
 accept: $(VENV)/dev.stamp ## the longer checks in real time, about five minutes
 	$(VENV)/bin/pytest tests/accept -p no:cacheprovider --override-ini addopts=-ra --timeout 600 -s
 
-soak: $(VENV)/dev.stamp ## endurance: ten minutes of demo, the account must balance
+soak: $(VENV)/dev.stamp ## endurance: ten minutes of demo, the account must balance; cables pulled 50 times
 	@mkdir -p out
 	$(VENV)/bin/autoexpose demo --seconds 600 --policy neves2009 --summary out/soak.json
+	REPLUG_CYCLES=50 $(VENV)/bin/pytest tests/autoexpose_daemon/test_replug.py
 
 clean:
 	rm -rf $(VENV) out build *.egg-info autoexpose_daemon/control/_native.*.so fake_camera/usb3/_shim.*.so .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache

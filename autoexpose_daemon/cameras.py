@@ -14,13 +14,28 @@ from drivers.setup import CameraSetup, TriggerSetup
 
 def openers(config: Config) -> dict[Side, Callable[[], Camera]]:
     """For each side of the rig, what opens its camera as configured."""
-    mode = config.trigger.mode
-    if mode == "primary":
-        raise AssertionError("the configuration refuses it")
-    setup = CameraSetup(
-        trigger=TriggerSetup(mode, config.trigger.line, config.trigger.rate_hz),
-        pixel_format=config.image.pixel_format,
-        binning=config.image.binning,
-        packet_size_bytes=config.transport.packet_size_bytes,
+    return {
+        side: partial(
+            open_camera,
+            camera.serial,
+            CameraSetup(
+                trigger=_trigger(config, side),
+                pixel_format=config.image.pixel_format,
+                binning=config.image.binning,
+                packet_size_bytes=config.transport.packet_size_bytes,
+            ),
+        )
+        for side, camera in config.sides.items()
+    }
+
+
+def _trigger(config: Config, side: Side) -> TriggerSetup:
+    """With mode primary the left camera runs by its own clock, and its exposures trigger the right one."""
+    trigger = config.trigger
+    return TriggerSetup(
+        "external" if side in config.triggered_sides else "free_run",
+        trigger.line,
+        trigger.rate_hz,
+        config.exposure.max_time_us,
+        trigger.output_line if trigger.mode == "primary" and side == "left" else None,
     )
-    return {side: partial(open_camera, camera.serial, setup) for side, camera in config.sides.items()}

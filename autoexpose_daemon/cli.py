@@ -85,6 +85,18 @@ def list_cameras() -> None:
         raise AutoexposeError("no camera found: check power, cable and network, and that the camera is in your subnet")
 
 
+@app.command()
+def doctor(
+    config: Annotated[Path | None, typer.Option("-c", "--config", help="What to check the host for.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
+) -> None:
+    """Tell before a start what would stop the daemon: cameras, USB, network, permissions."""
+    from autoexpose_daemon.doctor.examine import examine  # noqa: PLC0415  libusb loads only where it is needed
+
+    if not examine(config, as_json):
+        raise typer.Exit(1)
+
+
 @app.command(
     "fake-camera", context_settings={"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []}
 )
@@ -105,10 +117,21 @@ def check_config(file: Path) -> None:
 
 def main() -> None:
     """Run the command line; errors of ours are one sentence on stderr and exit code 1."""
-    for point in entry_points(group="autoexpose.commands"):
-        app.add_typer(point.load(), name=point.name)
     try:
+        _add_commands(next((word for word in sys.argv[1:] if not word.startswith("-")), None))
         app()
     except AutoexposeError as error:
         typer.echo(f"autoexpose: {error}", err=True)
         raise SystemExit(1) from None
+
+
+def _add_commands(asked: str | None) -> None:
+    """Add the commands of other floors: the one that is asked for, or all for the help; to load them takes a second."""
+    for point in entry_points(group="autoexpose.commands"):
+        if asked in (None, point.name):
+            try:
+                app.add_typer(point.load(), name=point.name)
+            except ImportError as error:
+                if asked is not None:
+                    needs = f"`autoexpose {asked}` needs {error.name}"
+                    raise AutoexposeError(f"{needs}: install autoexpose-daemon with its extra sim") from error

@@ -51,10 +51,11 @@ class CamerasConfig(Section):
 
 
 class TriggerConfig(Section):
-    """How frames are started: by pulses on an input line, or by the camera itself."""
+    """How frames are started: by pulses on an input line, by the left camera for both, or by a camera for itself."""
 
     mode: Literal["external", "primary", "free_run"] = "external"
     line: str = "Line0"
+    output_line: str = "Line1"
     rate_hz: Positive = 60.0
 
 
@@ -152,8 +153,10 @@ class Config(Section):
     def _wiring_fits_the_rig(self) -> Self:
         if self.trigger.mode == "free_run" and self.cameras.right is not None:
             raise ValueError("trigger.mode free_run takes one camera: two that run freely never see the same instant")
-        if self.trigger.mode == "primary":
-            raise ValueError("trigger.mode primary is not available yet: wire both cameras to one line, mode external")
+        if self.trigger.mode == "primary" and self.cameras.right is None:
+            raise ValueError(
+                "trigger.mode primary takes two cameras: for a single one that runs freely choose free_run"
+            )
         return self
 
     @model_validator(mode="after")
@@ -181,6 +184,12 @@ class Config(Section):
         if self.cameras.right is not None:
             cameras["right"] = self.cameras.right
         return cameras
+
+    @property
+    def triggered_sides(self) -> tuple[Side, ...]:
+        """The cameras that wait for pulses on a line."""
+        waiting: dict[str, tuple[Side, ...]] = {"external": tuple(self.sides), "primary": ("right",), "free_run": ()}
+        return waiting[self.trigger.mode]
 
     @property
     def start(self) -> ExposureSetting:

@@ -6,7 +6,6 @@ import logging
 import queue
 import threading
 import time
-from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
@@ -19,7 +18,8 @@ from autoexpose_daemon.telemetry import Telemetry
 from drivers.account import Tally, TriggerAccount
 from drivers.camera import Camera, IncompleteFrame
 from drivers.errors import AutoexposeError
-from drivers.exposure import ExposureLimits, ExposureSetting
+from drivers.exposure import ExposureLimits
+from drivers.frame_memory import return_freed_frames
 from drivers.frames import Frame, Side, StereoPair
 from drivers.rig import (
     CameraGone,
@@ -31,6 +31,8 @@ from drivers.rig import (
     WriteFailed,
     Written,
 )
+from drivers.start_check import StartCheck
+from drivers.write_ledger import WriteLedger
 
 log = logging.getLogger(__name__)
 
@@ -40,7 +42,6 @@ _SILENCE_PERIODS = 3.0
 _WRITE_GUARD_S = 0.005  # writing and reading back both nodes takes 0.6 ms as a rule, 4 ms once in a hundred
 _WRITE_GUARD_PERIODS = 0.3
 _WRITE_MARGIN_S = 0.0005  # behind the expected exposure start: clock latches are good to 0.1 ms
-_REMEMBERED_WRITES = 16
 
 Observer = Callable[[StereoPair, Decision], None]
 
@@ -72,13 +73,15 @@ class Daemon:
             time.monotonic_ns(),
             "frame_id" if config.trigger.mode == "free_run" else "time",
         )
+        lines = dict.fromkeys(config.triggered_sides, config.trigger.line)
+        self._start_check = StartCheck(lines, config.trigger.rate_hz)
         self._limits: dict[Side, ExposureLimits] = {}
         self._regions = config.control.roi.regions()
         self._shared_limits: ExposureLimits | None = None
         self._loop: ControlLoop | None = None
         self._asked = config.start
         self._asked_arrival_ns: int | None = None
-        self._written: dict[Side, deque[ExposureSetting]] = {side: deque(maxlen=_REMEMBERED_WRITES) for side in openers}
+        self._ledger = WriteLedger(tuple(openers))
         self._last_trigger = -1
         self._off_rate = False
         self._write_again = False
@@ -97,6 +100,7 @@ class Daemon:
         UnsupportedCameraError, ConfigurationError
             When a camera can never be driven as configured.
         """
+        return_freed_frames()
         self._rig.start()
         try:
             self._warm_up()
@@ -138,6 +142,8 @@ class Daemon:
                 self._step(newest)
         if events:
             self._publish_tally()
+        for finding in self._start_check.findings(time.monotonic_ns()):
+            log.warning("%s", finding)
 
     def _handle(self, event: RigEvent) -> list[StereoPair]:
         """Account for one event; returns the pairs it completed."""
@@ -147,6 +153,7 @@ class Daemon:
             case FrameArrived(side, Frame() as frame, stale=True):
                 return self._account.stale(side, frame)
             case FrameArrived(side, Frame() as frame):
+                self._start_check.frame(side, frame.host_time_ns)
                 return self._account.frame(side, frame)
             case CameraSilent(side):
                 log.warning("%s camera: no frames; asking whether it is there", side)
@@ -174,6 +181,7 @@ class Daemon:
             log.warning("%s camera %s: %s", side, camera.serial, lack)
         self.telemetry.cameras[side] = f"{camera.model} {camera.serial}"
         self._limits[side] = event.limits
+        self._start_check.ready(side, time.monotonic_ns())
         limits = self._config.exposure.limits()
         for own in self._limits.values():
             limits = limits.within(own)
@@ -202,7 +210,8 @@ class Daemon:
         self._complain(side, "gone", f"{error}; trying again")
 
     def _on_written(self, event: Written) -> None:
-        self._written[event.side].append(event.read_back)
+        self._ledger.written(event, self._account.grid)
+        self.telemetry.late_writes = self._ledger.late
         self.telemetry.write_ms.add_ns(event.finished_ns - event.started_ns)
         if event.asked is self._asked and self._asked_arrival_ns is not None:
             self.telemetry.frame_to_node_ms.add_ns(event.finished_ns - self._asked_arrival_ns)
@@ -225,21 +234,16 @@ class Daemon:
         decision = self._loop.step(pair)
         self.telemetry.decision_ms.add_ns(time.monotonic_ns() - started_ns)
         self.telemetry.decision = decision
-        self.telemetry.delivered(pair, complete=len(pair.frames) == len(self._written))
-        if pair.mismatched or any(self._torn(frame) for frame in pair.frames):
+        self.telemetry.delivered(pair, complete=len(pair.frames) == len(self._config.sides))
+        if self._ledger.mismatched(pair):
             self.telemetry.mismatched_pairs += 1
+            self.telemetry.unexplained_mismatches += not self._ledger.explains(pair)
         if decision.setting != self._asked or self._write_again:
             self._asked, self._write_again = decision.setting, False
             self._asked_arrival_ns = max(frame.arrival_time_ns for frame in pair.frames)
             self._rig.write(decision.setting, self._write_window_ns())
         if self._observer is not None:
             self._observer(pair, decision)
-
-    def _torn(self, frame: Frame) -> bool:
-        """Whether the frame was taken with half of a write: a setting that neither camera ever held as a whole."""
-        return not any(
-            frame.setting.agrees_with(written) for settings in self._written.values() for written in settings
-        )
 
     def _write_window_ns(self) -> int:
         """When to write: not so close before an exposure starts that one camera, or one node, misses it."""

@@ -42,6 +42,8 @@ class Telemetry:
     lost: dict[LossReason, int] = field(default_factory=dict)
     surplus_frames: int = 0
     mismatched_pairs: int = 0
+    unexplained_mismatches: int = 0
+    late_writes: int = 0
     refused_writes: int = 0
     reconnects: int = 0
     cameras: dict[Side, str] = field(default_factory=dict)
@@ -63,6 +65,8 @@ class Telemetry:
         """What should not happen and did, in words, with its count."""
         counts = {
             "mismatched pairs": self.mismatched_pairs,
+            "mismatches without a late write": self.unexplained_mismatches,
+            "late writes": self.late_writes,
             "refused writes": self.refused_writes,
             "reconnects": self.reconnects,
             "surplus frames": self.surplus_frames,

@@ -21,11 +21,18 @@ class TriggerSetup:
         The camera's input line, by the name of its TriggerSource entry.
     rate_hz
         Frame rate (Hz); with an external trigger the rate of the pulses, which the camera is not told.
+    longest_exposure_us
+        The longest exposure time that will be asked for.
+    output_line
+        In a free run, the output line that the camera holds active while it exposes, for another camera to be
+        triggered by; None: none.
     """
 
     mode: TriggerMode
     line: str = "Line0"
     rate_hz: float = 60.0
+    longest_exposure_us: float = 0.0
+    output_line: str | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,6 +22,9 @@ def arm_trigger(nodes: NodeMap, setup: TriggerSetup) -> tuple[str, ...]:
     _switch_triggers_off(nodes)
     if setup.mode == "free_run":
         _set_frame_rate(nodes, setup.rate_hz)
+        if setup.output_line is not None:
+            _drive_line(nodes, setup.output_line)
+            return ()
         return () if _lines(nodes) else ("no hardware trigger line: it can only run freely",)
     return _arm_line(nodes, setup.line)
 
@@ -66,6 +69,23 @@ def _arm_line(nodes: NodeMap, line: str) -> tuple[str, ...]:
     if overlaps:
         return ()
     return ("no TriggerOverlap ReadOut: exposure and readout together must fit into a trigger period",)
+
+
+def _drive_line(nodes: NodeMap, line: str) -> None:
+    """Have an output line tell when the camera exposes."""
+    lines = nodes.entries("LineSelector")
+    if line not in lines:
+        has = f"it has {', '.join(lines)}" if lines else "it has no LineSelector"
+        raise ConfigurationError(f"camera {nodes.serial}: no output line {line!r}; {has} (trigger output_line)")
+    nodes.write_entry("LineSelector", line)
+    if "Output" in nodes.entries("LineMode") and nodes.read_entry("LineMode") != "Output":
+        nodes.write_entry("LineMode", "Output")
+    if "ExposureActive" not in nodes.entries("LineSource"):
+        raise UnsupportedCameraError(
+            f"camera {nodes.serial}: {line} cannot tell when it exposes (no LineSource ExposureActive): choose an "
+            "output line (trigger output_line), or trigger both cameras from outside"
+        )
+    nodes.write_entry("LineSource", "ExposureActive")
 
 
 def _set_frame_rate(nodes: NodeMap, rate_hz: float) -> None:

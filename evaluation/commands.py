@@ -101,7 +101,8 @@ def _print(rows: Sequence[dict[str, object]], console: Console) -> None:
     policies = [policy for policy, _ in ranking]
     ratios = cells(rows, policies, scenarios, "metric_ratio_mean")
     settle = cells(rows, policies, scenarios, "settle_frames")
-    table = Table(title="Metric as a share of the oracle's, mean; below it the median of frames to settle")
+    title = "Metric as a share of the oracle's, mean; below it the median of frames to settle"
+    table = Table(title=title, box=None, padding=(0, 1, 0, 0), pad_edge=False)
     table.add_column("policy", no_wrap=True)
     for scenario in scenarios:
         table.add_column(scenario.replace("_", "\n"), justify="right")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -10,7 +11,9 @@ import matplotlib as mpl
 mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
+from PIL import Image
 
 from evaluation.arena import Run
 from evaluation.plan import MAIN_DELAY
@@ -33,8 +36,7 @@ def plot_table(
         if np.isfinite(value):
             axes.text(column, row, f"{value:.2f}", ha="center", va="center", color="white" if value < 0.6 else "black")
     axes.set_title(title)
-    figure.savefig(file, dpi=110)
-    plt.close(figure)
+    _save(figure, file)
 
 
 def plot_traces(runs: Sequence[Run], folder: Path) -> Mapping[str, str]:
@@ -67,5 +69,13 @@ def _plot_scenario(scenario: str, runs: Sequence[Run], file: Path) -> None:
     for axes in (upper, lower):
         axes.grid(alpha=0.3)
         axes.axvline(0.0, color="grey", linewidth=0.8)
-    figure.savefig(file, dpi=110)
+    _save(figure, file)
+
+
+def _save(figure: Figure, file: Path) -> None:
+    """In 64 colours: a third of the size, and it cannot be seen."""
+    canvas = io.BytesIO()
+    figure.savefig(canvas, dpi=110)
     plt.close(figure)
+    with Image.open(canvas) as picture:
+        picture.convert("RGB").quantize(64).save(file, optimize=True)

@@ -14,6 +14,7 @@ from pathlib import Path
 
 from fake_camera.control_socket import ControlSocket
 from fake_camera.device import Device
+from fake_camera.exposure_wire import ExposureInput, ExposureOutput
 from fake_camera.features import ENUM_ENTRIES, Features
 from fake_camera.gige import AddressTakenError, GigeServer
 from fake_camera.imaging import ImageSource
@@ -43,6 +44,8 @@ def _parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     add("--side", choices=["left", "right"], default="left", help="its place in the stereo rig (%(default)s)")
     add("--line0", metavar="NAME", help="trigger wire, shared with the cameras that name the same (none)")
     add("--line0-rate-hz", type=_rate, default=60.0, metavar="HZ", help="pulses per second of the wire (%(default)g)")
+    add("--line1", type=Path, metavar="SOCKET", help="wire from the exposure output to another camera's Line3")
+    add("--line3", type=Path, metavar="SOCKET", help="wire from another camera's Line1")
     add("--scene", default="room", metavar="room|FILE.hdr", help="what it sees (%(default)s)")
     add("--light", type=Path, metavar="FILE", help="light script (one with steps is built in)")
     add("--response", choices=["linear", "gamma", "s_shaped"], default="linear", help="of the sensor (%(default)s)")
@@ -103,6 +106,12 @@ def _run(options: argparse.Namespace, resources: contextlib.ExitStack) -> Device
     model = "FakeU3V287M" if options.usb3 else "FakeGV287M"
     device = Device(source, options.serial, options.seed, line0, truth, model=model)
     resources.callback(device.close)
+    if options.line1 is not None:
+        output = ExposureOutput(options.line1)
+        resources.callback(output.close)
+        device.wire_line1(output.rise)
+    if options.line3 is not None:
+        resources.callback(ExposureInput(options.line3, device.line3_pulse).close)
     if options.control is not None:
         resources.callback(ControlSocket(options.control, device.faults).close)
     if options.usb3:

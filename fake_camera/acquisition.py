@@ -4,11 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from fake_camera.features import Features
+from fake_camera.features import Features, readout_ns
 from fake_camera.imaging import ImageSettings
-
-FULL_READOUT_NS = 3_000_000
-"""Readout of the sensor's full height; a lower region takes proportionally less."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,6 +91,15 @@ class Acquisition:
             return None
         return self._triggered(time_ns, pulse)
 
+    def line3_pulse(self, time_ns: int) -> Exposure | None:
+        """Line3 has risen: the exposure it starts, if the camera waits for it and is ready for it."""
+        if not self._waits_for("Line3") or time_ns < self._started_ns or "vanish" in self._faults:
+            return None
+        if "ignore_triggers" in self._faults:
+            self.counters.ignored += 1
+            return None
+        return self._triggered(time_ns, None)
+
     def software_trigger(self, time_ns: int) -> Exposure | None:
         """TriggerSoftware: the exposure it starts, if the camera waits for it and is ready for it."""
         return self._triggered(time_ns, None) if self._waits_for("Software") else None
@@ -134,11 +140,10 @@ class Acquisition:
 
     def _expose(self, start_ns: int, trigger: int | None) -> Exposure:
         settings = self._features.image_settings(start_ns)
-        rows = settings.height * settings.binning_vertical / int(self._features.get("SensorHeight"))
         self._last_start_ns = start_ns
         self._exposure_end_ns = start_ns + round(settings.exposure_time_us * 1e3)
         self._readout_start_ns = max(self._exposure_end_ns, self._readout_end_ns)
-        self._readout_end_ns = self._readout_start_ns + round(FULL_READOUT_NS * rows)
+        self._readout_end_ns = self._readout_start_ns + readout_ns(settings, int(self._features.get("SensorHeight")))
         self._frame_id += 1
         self.counters.exposures += 1
         exposure = Exposure(

@@ -61,6 +61,7 @@ class Device:
         self._sink: Callable[[ExposedFrame], None] = lambda frame: None
         self._on_power_on: list[Callable[[], None]] = []
         self._on_power_off: list[Callable[[], None]] = []
+        self._show_exposure: Callable[[int], None] = lambda start_ns: None
         self._exposures: SimpleQueue[Exposure | None] = SimpleQueue()
         self._wake = threading.Event()
         self._closed = threading.Event()
@@ -107,6 +108,15 @@ class Device:
         """Hand each finished frame to `sink`, on the device's sending thread, which may take its time to send it."""
         self._sink = sink
 
+    def wire_line1(self, rise: Callable[[int], None]) -> None:
+        """Call `rise` with the start of each exposure (CLOCK_MONOTONIC, ns) while Line1 shows it; it must not wait."""
+        self._show_exposure = rise
+
+    def line3_pulse(self, time_ns: int) -> None:
+        """Line3 rises at `time_ns`, CLOCK_MONOTONIC."""
+        with self._lock:
+            self._start(self._acquisition.line3_pulse(time_ns))
+
     def on_power_on(self, callback: Callable[[], None]) -> None:
         """Call `callback` when the camera restarts (DeviceReset, or back after it vanished): forget the client."""
         self._on_power_on.append(callback)
@@ -139,8 +149,11 @@ class Device:
         return self._clock_offset_ns + round((host_ns - self._power_on_ns) * self._clock_rate)
 
     def _start(self, exposure: Exposure | None) -> None:
-        if exposure is not None and not self.faults.vanished:
-            self._exposures.put(exposure)
+        if exposure is None or self.faults.vanished:
+            return
+        if self.features.shows_exposure:
+            self._show_exposure(exposure.start_ns)
+        self._exposures.put(exposure)
 
     def _latch(self) -> None:
         """Follow the wire and the free run, each by its nominal times; how late this thread runs does not show."""

@@ -27,9 +27,12 @@ ENUM_ENTRIES: dict[str, dict[str, int]] = {
     "GainAuto": {"Off": 0, "Once": 1, "Continuous": 2},
     "TriggerSelector": {"FrameStart": 0},
     "TriggerMode": {"Off": 0, "On": 1},
-    "TriggerSource": {"Software": 0, "Line0": 1},
+    "TriggerSource": {"Software": 0, "Line0": 1, "Line3": 4},
     "TriggerActivation": {"RisingEdge": 3},
     "TriggerOverlap": {"Off": 0, "ReadOut": 1},
+    "LineSelector": {"Line0": 0, "Line1": 1, "Line3": 3},
+    "LineMode": {"Input": 0, "Output": 1},
+    "LineSource": {"Off": 0, "ExposureActive": 3},
     "ChunkSelector": {"ExposureTime": 0, "Gain": 1, "FrameID": 2, "Timestamp": 3},
 }
 """Entries of the enumerations with the integers their registers hold."""
@@ -74,6 +77,9 @@ class FeatureError(Exception):
 
 
 _ACQUIRING = ("TLParamsLocked", 1)
+FULL_READOUT_NS = 3_000_000
+"""Readout of the sensor's full height; a lower region takes proportionally less."""
+
 _REGION = {"Width": "OffsetX", "OffsetX": "Width", "Height": "OffsetY", "OffsetY": "Height"}  # share an axis
 _HISTORY = 64  # writes that may come between a pulse and the moment its thread gets to run
 
@@ -118,6 +124,7 @@ def _specs(model: str, serial: str, sensor_width: int, sensor_height: int) -> li
             unit="Hz",
             locked_while=("AcquisitionFrameRateEnable", False),
         ),
+        fixed("SensorReadoutTime", "float", 0.0, "us"),
         choice("ExposureMode", "Timed"),
         Spec("ExposureTime", "float", 5000.0, 10.0, 1e6, 1.0, "us", locked_while=("ExposureAuto", "Continuous")),
         choice("ExposureAuto", "Continuous"),
@@ -132,6 +139,9 @@ def _specs(model: str, serial: str, sensor_width: int, sensor_height: int) -> li
         choice("TriggerSource", "Line0"),
         choice("TriggerActivation", "RisingEdge"),
         choice("TriggerOverlap", "Off"),
+        choice("LineSelector", "Line0"),
+        fixed("LineMode", "enumeration", "Input"),
+        choice("LineSource", "Off", ("LineMode", "Input")),
         Spec("TLParamsLocked", "integer", 0, 0, 1, 1),
         Spec("ChunkModeActive", "boolean", False, locked_while=_ACQUIRING),
         choice("ChunkSelector", "ExposureTime"),
@@ -139,6 +149,11 @@ def _specs(model: str, serial: str, sensor_width: int, sensor_height: int) -> li
         fixed("Timestamp", "integer", 0, "ns"),
         fixed("TimestampLatchValue", "integer", 0, "ns"),
     ]
+
+
+def readout_ns(settings: ImageSettings, sensor_height: int) -> int:
+    """How long the rows of an image take to be read."""
+    return round(FULL_READOUT_NS * settings.height * settings.binning_vertical / sensor_height)
 
 
 class Features:
@@ -159,7 +174,16 @@ class Features:
         model: str = "FakeGV287M",
     ) -> None:
         self._specs = {spec.name: spec for spec in _specs(model, serial, sensor_width, sensor_height)}
-        self._device_clock_ns = device_clock_ns
+        self._derived: dict[str, Callable[[], Value]] = {
+            "Timestamp": device_clock_ns,
+            "WidthMax": lambda: self._region_max("Width"),
+            "HeightMax": lambda: self._region_max("Height"),
+            "PayloadSize": self._payload_bytes,
+            "SensorReadoutTime": lambda: readout_ns(self._snapshot(), sensor_height) * 1e-3,
+            "ChunkEnable": lambda: self._chunks[str(self._values["ChunkSelector"])],
+            "LineMode": lambda: "Output" if self._values["LineSelector"] == "Line1" else "Input",
+            "LineSource": lambda: self._values["LineSource"] if self._values["LineSelector"] == "Line1" else "Off",
+        }
         self._host_clock_ns = host_clock_ns
         self._lock = threading.RLock()
         self.reset()
@@ -183,19 +207,8 @@ class Features:
     def get(self, name: str) -> Value:
         """The value now; an enumeration as the name of its entry."""
         with self._lock:
-            match name:
-                case "Timestamp":
-                    return self._device_clock_ns()
-                case "WidthMax":
-                    return self._region_max("Width")
-                case "HeightMax":
-                    return self._region_max("Height")
-                case "PayloadSize":
-                    return self._payload_bytes()
-                case "ChunkEnable":
-                    return self._chunks[str(self._values["ChunkSelector"])]
-                case _:
-                    return self._values[name]
+            derived = self._derived.get(name)
+            return self._values[name] if derived is None else derived()
 
     def set(self, name: str, value: Value) -> None:
         """Write a feature: a number off the increment is rounded to the nearest, one out of range is refused.
@@ -226,6 +239,12 @@ class Features:
             if name in ("BinningHorizontal", "BinningVertical"):
                 self._open_region()
             self._history.append((self._host_clock_ns(), self._snapshot()))
+
+    @property
+    def shows_exposure(self) -> bool:
+        """Whether Line1 is active while the camera exposes."""
+        with self._lock:
+            return self._values["LineSource"] == "ExposureActive"
 
     def locked(self, name: str) -> bool:
         """Whether a writable feature refuses writes at the moment."""

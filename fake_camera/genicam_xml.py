@@ -33,6 +33,7 @@ _CATEGORIES = {
     "DeviceControl": ("Device", "Timestamp"),
     "ImageFormatControl": ("Sensor", "Width", "Height", "Offset", "Binning", "PixelFormat"),
     "AcquisitionControl": ("Acquisition", "Exposure", "Trigger"),
+    "DigitalIOControl": ("Line",),
     "AnalogControl": ("Gain", "BlackLevel", "Gamma"),
     "ChunkDataControl": ("Chunk",),
     "TransportLayerControl": ("PayloadSize", "TLParamsLocked", "Gev", "U3V"),
@@ -41,6 +42,7 @@ _CATEGORIES = {
 
 _SELECTED = {
     "GainSelector": ("Gain", "GainAuto"),
+    "LineSelector": ("LineMode", "LineSource"),
     "TriggerSelector": ("TriggerMode", "TriggerSource", "TriggerActivation", "TriggerOverlap", "TriggerSoftware"),
     "ChunkSelector": ("ChunkEnable",),
 }

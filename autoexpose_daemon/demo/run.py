@@ -131,6 +131,8 @@ def _figures(options: DemoOptions, daemon: Daemon, pulses: list[Pulse], steps: l
         "pairs": tally.pairs,
         "lost": {str(reason): count for reason, count in tally.lost.items() if count},
         "mismatched_pairs": telemetry.mismatched_pairs,
+        "unexplained_mismatches": telemetry.unexplained_mismatches,
+        "late_writes": telemetry.late_writes,
         "steps": [_step_as_json(step) for step in steps],
         "decision_ms": telemetry.decision_ms.percentiles(),
         "write_ms": telemetry.write_ms.percentiles(),

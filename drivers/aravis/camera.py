@@ -19,13 +19,13 @@ from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Frame
 from drivers.image_format import choose_pixel_format, decode_pixels, set_binning
 from drivers.metadata import FrameIdUnwrapper, SettingLedger, enable_chunks
+from drivers.network import SOCKET_BUFFER_BYTES
 from drivers.setup import CameraSetup
+from drivers.timing import timing_lacks
 from drivers.trigger import arm_trigger
 
 BUFFERS = 16
 """A quarter of a second at 60 Hz: longer than any pause of the reading thread worth surviving."""
-SOCKET_BUFFER_BYTES = 4 << 20
-"""What the kernel keeps of a GigE Vision stream while no one reads; capped by ``net.core.rmem_max``."""
 PACKET_TIMEOUT_US = 2_000
 """A packet so late is asked for again. With Aravis' own 20 ms one lost packet holds up its frame, and those behind it,
 for two periods at 60 Hz."""
@@ -56,7 +56,8 @@ class AravisCamera:
         self._dialect = find_dialect(nodes)
         self._chunked, chunk_lacks = enable_chunks(nodes, self._dialect.gain_node is not None)
         self._clock, clock_lacks = find_clock(nodes)
-        lacks = (*self._dialect.lacks, *trigger_lacks, *chunk_lacks, *clock_lacks)
+        timing = timing_lacks(nodes, setup.trigger)
+        lacks = (*self._dialect.lacks, *trigger_lacks, *timing, *chunk_lacks, *clock_lacks)
         self._description = CameraDescription(found.vendor, found.model, found.serial, lacks)
         self._limits = self._dialect.limits(nodes)
         self._setting: ExposureSetting | None = self._dialect.read(nodes)

@@ -31,6 +31,7 @@ def test_a_minute_of_demo(tmp_path: Path, policy: str) -> None:
     assert figures["triggers"] == figures["pairs"] + sum(figures["lost"].values())
     assert sum(lost.values()) <= figures["triggers"] / 1000
     assert figures["mismatched_pairs"] <= figures["triggers"] / 1000
+    assert figures["unexplained_mismatches"] == 0
     settled = [step["frames_to_settle"] is not None for step in figures["steps"]]
     assert len(settled) >= 10
     if policy == "neves2009":

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import threading
+import time
+
 import numpy as np
 import pytest
 
+from autoexpose_daemon.cameras import openers
+from autoexpose_daemon.config import Config
+from autoexpose_daemon.runtime import Daemon
 from drivers.account import LossReason
-from tests.autoexpose_daemon.stereo import running_daemon, stereo_cameras
+from tests.autoexpose_daemon.stereo import PATIENCE_S, running_daemon, stereo_cameras
 from tests.fakes import fake_camera
 
 pytestmark = pytest.mark.realtime
@@ -19,11 +25,26 @@ def test_pairs_arrive_are_decided_on_and_written() -> None:
         assert all(pair.right is not None for pair, _ in run.seen[-60:])
         assert sum(count for reason, count in tally.lost.items() if reason is not LossReason.STARTUP) <= 2
         assert telemetry.mismatched_pairs <= 2
+        assert telemetry.unexplained_mismatches == 0
         skews_ns = [abs(p.left.host_time_ns - p.right.host_time_ns) for p, _ in run.seen if p.right is not None]
         assert np.median(skews_ns) < 1e9 / 60 / 10
         decided = {round(decision.setting.level, 3) for _, decision in run.seen}
         applied = {round(pair.left.setting.level, 3) for pair, _ in run.seen}
         assert len(decided & applied) > 1
+
+
+def test_the_left_camera_may_trigger_the_right_one() -> None:
+    trigger = {"mode": "primary", "line": "Line3", "output_line": "Line1", "rate_hz": 40}
+    with (
+        stereo_cameras(left_triggers_right=True) as cameras,
+        running_daemon(cameras, {"control": {"policy": "neves2009"}, "trigger": trigger}) as run,
+    ):
+        run.wait_for_pairs(80)
+        pairs = [pair for pair, _ in run.seen[-60:]]
+        skews_ns = [abs(pair.left.host_time_ns - pair.right.host_time_ns) for pair in pairs if pair.right is not None]
+        assert len(skews_ns) == 60
+        assert np.median(skews_ns) < 1e9 / 40 / 10
+        assert sum(count for reason, count in run.daemon.tally.lost.items() if reason is not LossReason.STARTUP) <= 2
 
 
 def test_a_killed_camera_leaves_the_other_at_work_and_comes_back() -> None:
@@ -85,3 +106,20 @@ def test_both_cameras_gone_and_back_is_counted_by_the_clock() -> None:
         run.wait_until(lambda: run.daemon.telemetry.reconnects == 2, "both cameras back")
         run.wait_for_pairs(30)
         assert run.daemon.tally.lost[LossReason.CAMERA_GONE] >= 60
+
+
+def test_a_trigger_at_another_rate_is_told_at_the_start(caplog: pytest.LogCaptureFixture) -> None:
+    with stereo_cameras() as (left, right, _):
+        cameras = {"left": {"serial": left.serial}, "right": {"serial": right.serial}}
+        config = Config.model_validate({"cameras": cameras, "trigger": {"rate_hz": 50}})
+        daemon, stop = Daemon(config, openers(config)), threading.Event()
+        thread = threading.Thread(target=daemon.run, args=(stop,))
+        thread.start()
+        try:
+            deadline = time.monotonic() + PATIENCE_S
+            while "frames a second where trigger.rate_hz is 50" not in caplog.text and time.monotonic() < deadline:
+                threading.Event().wait(0.01)
+        finally:
+            stop.set()
+            thread.join()
+    assert "the left camera starts 60.0 frames a second where trigger.rate_hz is 50" in caplog.text

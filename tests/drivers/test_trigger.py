@@ -75,3 +75,33 @@ def test_a_free_run_tells_of_a_missing_line_and_refuses_rates_out_of_reach() -> 
     )
     with pytest.raises(UnsupportedCameraError, match="no AcquisitionFrameRate"):
         arm_trigger(MemoryNodes({}), FREE_RUN)
+
+
+PRIMARY = TriggerSetup("free_run", rate_hz=60.0, output_line="Line1")
+LINES: dict[str, Node] = {
+    "LineSelector": EnumerationNode("Line0", ("Line0", "Line1", "Line2")),
+    "LineMode": EnumerationNode("Input", ("Input", "Output")),
+    "LineSource": EnumerationNode("Off", ("Off", "ExposureActive")),
+}
+
+
+def test_a_primary_camera_runs_freely_and_shows_its_exposures() -> None:
+    nodes = triggered(**LINES)
+    assert arm_trigger(nodes, PRIMARY) == ()
+    assert nodes.writes[-4:] == [
+        ("AcquisitionFrameRate", 60.0),
+        ("LineSelector", "Line1"),
+        ("LineMode", "Output"),
+        ("LineSource", "ExposureActive"),
+    ]
+
+
+def test_a_primary_camera_without_such_an_output_is_refused() -> None:
+    with pytest.raises(
+        ConfigurationError, match=r"no output line 'Line1'; it has no LineSelector \(trigger output_line"
+    ):
+        arm_trigger(triggered(), PRIMARY)
+    with pytest.raises(ConfigurationError, match="no output line 'Line7'; it has Line0, Line1, Line2"):
+        arm_trigger(triggered(**LINES), TriggerSetup("free_run", output_line="Line7"))
+    with pytest.raises(UnsupportedCameraError, match="Line1 cannot tell when it exposes"):
+        arm_trigger(triggered(**LINES | {"LineSource": EnumerationNode("Off", ("Off",))}), PRIMARY)

@@ -1,0 +1,24 @@
+"""The whole examination."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import typer
+from rich.console import Console
+
+from autoexpose_daemon.config import load_config
+from autoexpose_daemon.doctor.facts import gather
+from autoexpose_daemon.doctor.judge import judge
+from autoexpose_daemon.doctor.need import Need
+from autoexpose_daemon.doctor.report import as_json, show, stops
+
+
+def examine(config: Path | None, as_document: bool) -> bool:
+    """Look at the host, judge it for a configuration and print the findings; whether the daemon could run."""
+    findings = judge(gather(), Need.of(None if config is None else load_config(config)))
+    if as_document:
+        typer.echo(as_json(findings))
+    else:
+        show(findings, Console())
+    return not stops(findings)

@@ -1,0 +1,54 @@
+"""The facts that the doctor judges."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from ipaddress import IPv4Interface
+from pathlib import Path
+
+from drivers.gvcp import Control, GigeCamera, control_of, search
+from drivers.network import find_interfaces, largest_socket_buffer_bytes
+from drivers.usb import UsbFacts, find_usb
+
+
+@dataclass(frozen=True, slots=True)
+class GigeFacts:
+    """GigE Vision cameras and what the host's network offers them.
+
+    `control` is known for reachable cameras; `failures` tells why an interface could not be searched.
+    """
+
+    cameras: tuple[GigeCamera, ...] = ()
+    control: Mapping[IPv4Interface, Control] = field(default_factory=dict)
+    failures: Mapping[str, str] = field(default_factory=dict)
+    largest_socket_buffer_bytes: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """All that was found."""
+
+    usb: UsbFacts
+    gige: GigeFacts
+
+    @property
+    def serials(self) -> list[str]:
+        """The cameras that are there, as far as their serials are known."""
+        found = [*(camera.serial for camera in self.usb.cameras), *(camera.serial for camera in self.gige.cameras)]
+        return sorted({serial for serial in found if serial is not None})
+
+
+def gather(root: Path = Path("/")) -> Facts:
+    """Look at the host, which takes about a second; files are read below `root`."""
+    found = search(find_interfaces(root))
+    reachable = [camera.address for camera in found.cameras if camera.reachable]
+    return Facts(
+        usb=find_usb(root),
+        gige=GigeFacts(
+            cameras=found.cameras,
+            control={address: control_of(str(address.ip)) for address in reachable},
+            failures=found.failures,
+            largest_socket_buffer_bytes=largest_socket_buffer_bytes(root),
+        ),
+    )

@@ -1,0 +1,35 @@
+"""From facts to findings: which cameras are there, and what stands in the way of each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from autoexpose_daemon.doctor.facts import Facts
+from autoexpose_daemon.doctor.finding import Finding
+from autoexpose_daemon.doctor.judge_gige import judge_gige
+from autoexpose_daemon.doctor.judge_usb import judge_usb
+from autoexpose_daemon.doctor.need import Need
+
+
+def judge(facts: Facts, need: Need) -> list[Finding]:
+    """What the facts mean for a daemon of that need."""
+    return [*_missing(facts, need), *judge_usb(facts.usb, need, facts.serials), *judge_gige(facts.gige, need)]
+
+
+def _missing(facts: Facts, need: Need) -> Iterator[Finding]:
+    there = ", ".join(facts.serials) or "none"
+    for side, serial in need.serials.items():
+        if serial not in facts.serials:
+            yield Finding(
+                "camera-missing",
+                "stops",
+                f"{need.name(serial)} is not there; cameras that are: {there}",
+                f"autoexpose doctor   # after a look at power, cable and cameras.{side}.serial",
+            )
+    if not need.serials and not (facts.usb.cameras or facts.gige.cameras):
+        yield Finding(
+            "camera-missing",
+            "stops",
+            "no camera is there, neither USB3 Vision nor GigE Vision",
+            "autoexpose doctor   # after a look at power and cables",
+        )

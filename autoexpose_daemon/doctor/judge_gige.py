@@ -1,0 +1,145 @@
+"""What the facts of the network mean for the daemon."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from ipaddress import IPv4Interface
+from itertools import groupby
+
+from autoexpose_daemon.doctor.facts import GigeFacts
+from autoexpose_daemon.doctor.finding import Finding
+from autoexpose_daemon.doctor.need import Need
+from drivers.gvcp import Control, GigeCamera
+from drivers.network import SOCKET_BUFFER_BYTES, NetworkInterface
+
+JUMBO_BYTES = 8000
+"""From here on a frame's packets are few enough; cards and cameras differ in whether they reach 9000."""
+USABLE_SHARE = 0.95
+"""What the headers of Ethernet, IP, UDP and GVSP leave of the line rate, with packets of 1500 bytes."""
+_RAISE_SOCKET_BUFFER = (
+    f"echo net.core.rmem_max={SOCKET_BUFFER_BYTES} | sudo tee /etc/sysctl.d/60-autoexpose.conf && sudo sysctl --system"
+)
+_PACKET_OVERHEAD_BYTES = 36  # IP, UDP and GVSP headers, which count as part of the packet
+
+
+def judge_gige(gige: GigeFacts, need: Need) -> Iterator[Finding]:
+    """Findings on the GigE Vision cameras."""
+    for interface, reason in gige.failures.items():
+        sentence = f"{interface} could not be searched for GigE Vision cameras: {reason}"
+        yield Finding("gige-search", "warning", sentence, f"ip address show dev {interface}")
+    wanted = []
+    for camera in gige.cameras:
+        name = f"{need.name(camera.serial)} ({camera.vendor} {camera.model})"
+        where = f"{camera.address.ip} on {camera.interface.name}"
+        if not need.wants(camera.serial):
+            yield Finding("gige-camera", "ok", f"{name} is there at {where}; the configuration does not name it")
+        elif not camera.reachable:
+            yield _foreign(camera, name)
+        else:
+            yield _judge_control(gige.control[camera.address], f"{name} at {where}", camera)
+            wanted.append(camera)
+    for interface, group in groupby(sorted(wanted, key=_interface_name), key=lambda camera: camera.interface):
+        sharing = list(group)
+        yield _judge_packets(interface, need)
+        yield _judge_bandwidth(interface, sharing, need)
+    yield _judge_socket_buffer(gige.largest_socket_buffer_bytes, bool(wanted))
+
+
+def _interface_name(camera: GigeCamera) -> str:
+    return camera.interface.name
+
+
+def _foreign(camera: GigeCamera, name: str) -> Finding:
+    interface = camera.interface
+    return Finding(
+        "gige-subnet",
+        "stops",
+        f"{name} has the address {camera.address.ip}, outside the subnet {interface.address.network} of "
+        f"{interface.name}: it can be seen but not spoken to",
+        f"sudo ip address add {_neighbour(camera.address)} dev {interface.name}"
+        "   # or give the camera an address of this subnet",
+    )
+
+
+def _neighbour(address: IPv4Interface) -> IPv4Interface:
+    """Another address of a camera's subnet, of 256 addresses where the camera tells no sensible one."""
+    sensible = 1 <= address.network.prefixlen <= 30
+    network = address.network if sensible else IPv4Interface(f"{address.ip}/24").network
+    host = next(host for host in network.hosts() if host != address.ip)
+    return IPv4Interface(f"{host}/{network.prefixlen}")
+
+
+def _judge_control(control: Control, name: str, camera: GigeCamera) -> Finding:
+    if control == "silent":
+        return Finding(
+            "gige-control",
+            "stops",
+            f"{name} answers a search, but no question put to it alone: a firewall, or an address given twice",
+            f"ping -c 3 {camera.address.ip}; sudo nft list ruleset",
+        )
+    if control == "held":
+        return Finding(
+            "gige-control",
+            "stops",
+            f"{name} is controlled by another program; one that was killed keeps it for some seconds",
+            "sudo ss -uanp   # lists the programs of this host that use UDP: close the one with the camera",
+        )
+    return Finding("gige-control", "ok", f"{name} answers and is free")
+
+
+def _judge_packets(interface: NetworkInterface, need: Need) -> Finding:
+    name, mtu_bytes, packet_bytes = interface.name, interface.mtu_bytes, need.packet_size_bytes
+    if packet_bytes is not None and packet_bytes > mtu_bytes:
+        return Finding(
+            "gige-packets",
+            "stops",
+            f"transport.packet_size_bytes {packet_bytes} is more than {name} lets through, {mtu_bytes} bytes (MTU)",
+            f"sudo ip link set dev {name} mtu {packet_bytes}   # or lower transport.packet_size_bytes",
+        )
+    packets = -(-need.frame_bytes // ((packet_bytes or mtu_bytes) - _PACKET_OVERHEAD_BYTES))
+    sentence = f"{name} lets packets of {mtu_bytes} bytes through (MTU)"
+    if packet_bytes is not None:
+        return Finding("gige-packets", "ok", f"{sentence}; the configuration asks for {packet_bytes}")
+    if mtu_bytes >= JUMBO_BYTES:
+        return Finding("gige-packets", "ok", sentence)
+    return Finding(
+        "gige-packets",
+        "warning",
+        f"{sentence}: a frame takes {packets} of them, each a chance of loss; jumbo frames take a sixth",
+        f"sudo ip link set dev {name} mtu 9000   # where card, switch and camera allow it",
+    )
+
+
+def _judge_bandwidth(interface: NetworkInterface, cameras: Sequence[GigeCamera], need: Need) -> Finding:
+    names = " and ".join(need.name(camera.serial) for camera in cameras)
+    needed = need.bandwidth_mb_per_s(len(cameras))
+    several = len(cameras) > 1
+    sentence = f"{names} {'share' if several else 'is on'} {interface.name} and need{'' if several else 's'} "
+    sentence += f"{needed:.0f} MB/s"
+    if interface.speed_mbps is None:
+        return Finding("gige-bandwidth", "ok", f"{sentence} of a bandwidth that is not known ({need.assumption})")
+    available = USABLE_SHARE * interface.speed_mbps / 8
+    sentence += f" of about {available:.0f} MB/s ({need.assumption})"
+    if needed <= available:
+        return Finding("gige-bandwidth", "ok", sentence)
+    return Finding(
+        "gige-bandwidth",
+        "warning",
+        f"{sentence}: frames will be lost",
+        f"ethtool {interface.name}   # shows the link's speed; give each camera an interface, or lower trigger.rate_hz",
+    )
+
+
+def _judge_socket_buffer(largest_bytes: int | None, used: bool) -> Finding:
+    if largest_bytes is None:
+        sentence = "net.core.rmem_max, the limit on socket buffers, cannot be read"
+    else:
+        sentence = f"net.core.rmem_max grants socket buffers of {largest_bytes} bytes"
+        if largest_bytes >= SOCKET_BUFFER_BYTES:
+            return Finding("socket-buffer", "ok", sentence)
+        sentence += f", less than the {SOCKET_BUFFER_BYTES} that a camera's stream asks for"
+    if not used:
+        return Finding("socket-buffer", "ok", f"{sentence}; no GigE Vision camera needs it")
+    return Finding(
+        "socket-buffer", "warning", f"{sentence}: packets get lost when the machine is busy", _RAISE_SOCKET_BUFFER
+    )

@@ -1,0 +1,155 @@
+"""What the facts of USB mean for the daemon."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import groupby
+
+from autoexpose_daemon.doctor.finding import Finding
+from autoexpose_daemon.doctor.need import Need
+from drivers.usb import UsbCamera, UsbFacts
+
+SUPERSPEED_MBPS = 5000
+USBFS_MEMORY_MB = 1000
+"""Room for the transfers of any two cameras; the kernel's own limit of 16 MB is too small for them."""
+USABLE_SHARE = 0.64
+"""What line coding and protocol leave for images: about 400 of SuperSpeed's 625 MB/s, 40 of the 60 MB/s of USB 2."""
+
+_INSTALL_RULE = (
+    "sudo install -m 644 systemd/60-usb3-vision.rules /etc/udev/rules.d/ && "
+    "sudo udevadm control --reload && sudo udevadm trigger --subsystem-match=usb"
+)
+_RAISE_LIMIT = (
+    "sudo install -m 644 systemd/usbfs-memory.conf /etc/tmpfiles.d/ && sudo systemd-tmpfiles --create usbfs-memory.conf"
+)
+_BLIND = {
+    "no bus": (
+        "the kernel shows no USB (a container, or a machine without)",
+        "ls /sys/bus/usb/devices /dev/bus/usb   # a container must be given both",
+    ),
+    "no libusb": ("libusb does not load", "sudo apt install libusb-1.0-0"),
+    "no list": ("libusb cannot list the devices", "ls -l /dev/bus/usb/*   # a container must be given them"),
+}
+
+
+def judge_usb(usb: UsbFacts, need: Need, there: Sequence[str]) -> Iterator[Finding]:
+    """Findings on the USB3 Vision cameras; `there` are the serials of all cameras that are."""
+    if usb.blind is not None:
+        why, mend = _BLIND[usb.blind]
+        complete = bool(need.serials) and set(need.serials.values()) <= set(there)
+        sentence = f"USB3 Vision cameras cannot be seen: {why}"
+        yield (
+            Finding("usb-bus", "ok", f"{sentence}; the configuration names none")
+            if complete
+            else Finding("usb-bus", "warning", sentence, mend)
+        )
+    for camera in usb.cameras:
+        yield _judge_link(camera, need)
+        if need.wants(camera.serial):
+            yield _judge_node(camera, need, usb.udev_rule)
+            yield from _judge_holders(camera, need)
+    wanted = [camera for camera in usb.cameras if need.wants(camera.serial)]
+    yield from _judge_bandwidth(wanted, need)
+    if usb.blind != "no bus":
+        yield _judge_memory(usb.usbfs_memory_mb, bool(wanted))
+        yield _judge_rule(usb.udev_rule, bool(wanted))
+
+
+def _judge_link(camera: UsbCamera, need: Need) -> Finding:
+    name = f"{need.name(camera.serial)} ({camera.vendor} {camera.model})"
+    speed = "an unknown speed" if camera.speed_mbps is None else f"{camera.speed_mbps:g} Mbit/s"
+    if not need.wants(camera.serial):
+        return Finding("usb-link", "ok", f"{name} is there at {speed}; the configuration does not name it")
+    if camera.speed_mbps is None or camera.speed_mbps >= SUPERSPEED_MBPS:
+        return Finding("usb-link", "ok", f"{name} is linked at {speed}")
+    return Finding(
+        "usb-link",
+        "warning",
+        f"{name} is linked at {speed}, which is not SuperSpeed: cable, hub or port is USB 2",
+        "lsusb -t   # shows each link's speed; take a SuperSpeed port and a USB 3 cable",
+    )
+
+
+def _judge_node(camera: UsbCamera, need: Need, udev_rule: str | None) -> Finding:
+    node = camera.node
+    name = need.name(camera.serial)
+    if not node.exists:
+        return Finding(
+            "usb-node",
+            "stops",
+            f"{name}: its device node {node.path} does not exist here",
+            f"ls -l {node.path}   # a container must be given /dev/bus/usb",
+        )
+    sentence = f"{name}: its device node {node.path} ({node.mode}, group {node.group})"
+    if node.usable:
+        return Finding("usb-node", "ok", f"{sentence} may be opened by this user")
+    return Finding("usb-node", "stops", f"{sentence} may not be opened by this user", _open_node(camera, udev_rule))
+
+
+def _open_node(camera: UsbCamera, udev_rule: str | None) -> str:
+    """The command that lets this user open a camera."""
+    if udev_rule is None:
+        return _INSTALL_RULE
+    if camera.node.group == "root":  # the rule came after the camera
+        return "sudo udevadm control --reload && sudo udevadm trigger --subsystem-match=usb"
+    return f"sudo usermod -aG {camera.node.group} $USER   # then log in anew"
+
+
+def _judge_holders(camera: UsbCamera, need: Need) -> Iterator[Finding]:
+    if camera.node.holders:
+        programs = ", ".join(f"{holder.command} (process {holder.pid})" for holder in camera.node.holders)
+        yield Finding(
+            "usb-holder",
+            "stops",
+            f"{need.name(camera.serial)} is held by {programs}",
+            "kill " + " ".join(str(holder.pid) for holder in camera.node.holders),
+        )
+
+
+def _judge_bandwidth(cameras: Sequence[UsbCamera], need: Need) -> Iterator[Finding]:
+    """Devices on one root hub share its bandwidth."""
+    for bus, group in groupby(sorted(cameras, key=lambda camera: camera.bus), key=lambda camera: camera.bus):
+        sharing = list(group)
+        names = " and ".join(need.name(camera.serial) for camera in sharing)
+        needed = need.bandwidth_mb_per_s(len(sharing))
+        sentence = (
+            f"{names} {'share' if len(sharing) > 1 else 'is on'} bus {bus} of host controller "
+            f"{sharing[0].controller or 'unknown'} and need{'' if len(sharing) > 1 else 's'} {needed:.0f} MB/s"
+        )
+        speed_mbps = sharing[0].bus_speed_mbps
+        if speed_mbps is None:
+            yield Finding("usb-bandwidth", "ok", f"{sentence} of a bandwidth that is not known ({need.assumption})")
+            continue
+        available = USABLE_SHARE * speed_mbps / 8
+        sentence += f" of about {available:.0f} MB/s ({need.assumption})"
+        if needed <= available:
+            yield Finding("usb-bandwidth", "ok", sentence)
+        else:
+            mend = "lsusb -t   # shows the controllers; give each camera one of its own, or lower trigger.rate_hz"
+            yield Finding("usb-bandwidth", "warning", f"{sentence}: frames will be lost", mend)
+
+
+def _judge_memory(limit_mb: float | None, used: bool) -> Finding:
+    if limit_mb is None:
+        sentence = "usbfs_memory_mb, the limit on the memory of USB transfers, cannot be read"
+    elif limit_mb == 0:
+        return Finding("usbfs-memory", "ok", "usbfs_memory_mb is 0: USB transfers may take any memory")
+    else:
+        sentence = f"usbfs_memory_mb allows {limit_mb:g} MB for all USB transfers"
+        if limit_mb >= USBFS_MEMORY_MB:
+            return Finding("usbfs-memory", "ok", sentence)
+        sentence += f", less than the {USBFS_MEMORY_MB} that two cameras may take"
+    if not used:
+        return Finding("usbfs-memory", "ok", f"{sentence}; no USB3 Vision camera needs it")
+    return Finding("usbfs-memory", "warning", sentence, _RAISE_LIMIT)
+
+
+def _judge_rule(udev_rule: str | None, used: bool) -> Finding:
+    if udev_rule is not None:
+        return Finding("udev-rule", "ok", f"{udev_rule} has a udev rule for USB3 Vision cameras")
+    sentence = "no udev rule opens USB3 Vision cameras to a group"
+    if not used:
+        return Finding("udev-rule", "ok", f"{sentence}; no USB3 Vision camera needs it")
+    return Finding(
+        "udev-rule", "warning", f"{sentence}: unless a vendor's own rule does, only root opens them", _INSTALL_RULE
+    )

@@ -1,0 +1,22 @@
+"""How Linux tells of its devices and settings: one value a file, under /sys and /proc."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+def read_value(file: Path) -> str | None:
+    """What a file holds, without white space around it; None when it is absent, empty or refuses to be read."""
+    try:
+        return file.read_text(encoding="utf-8", errors="replace").strip() or None
+    except OSError:  # some files are there and fail when read: `speed` of a network interface without a link
+        return None
+
+
+def read_number(file: Path) -> float | None:
+    """The number in a file; None when there is none."""
+    value = read_value(file)
+    try:
+        return None if value is None else float(value)
+    except ValueError:
+        return None

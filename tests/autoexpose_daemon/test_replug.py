@@ -1,0 +1,58 @@
+"""Cables pulled and plugged in again and again: nothing is left behind, and the other camera does not mind."""
+
+from __future__ import annotations
+
+import gc
+import os
+import threading
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
+
+import pytest
+
+from tests.autoexpose_daemon.stereo import running_daemon, stereo_cameras
+
+CYCLES = int(os.environ.get("REPLUG_CYCLES", "5"))
+WARM_UP_CYCLES = 2  # the first ones fill caches that stay
+TRIGGERS_OUT = 20
+GROWTH_BYTES = 2 << 20
+
+pytestmark = [pytest.mark.realtime, pytest.mark.timeout(120 + 20 * CYCLES)]
+
+
+@dataclass(frozen=True)
+class Resources:
+    """What this process holds."""
+
+    threads: int
+    descriptors: int
+    bytes: int
+
+    @classmethod
+    def now(cls) -> Self:
+        gc.collect()
+        pages = int(Path("/proc/self/statm").read_text().split()[1])
+        return cls(
+            threading.active_count(), len(list(Path("/proc/self/fd").iterdir())), pages * os.sysconf("SC_PAGESIZE")
+        )
+
+
+def test_unplugged_cameras_come_back_and_leave_nothing_behind() -> None:
+    with stereo_cameras() as cameras, running_daemon(cameras, {"control": {"policy": "fixed"}}) as run:
+        run.wait_for_pairs(60)
+        before = Resources.now()
+        for cycle in range(WARM_UP_CYCLES + CYCLES):
+            (run.left, run.right)[cycle % 2].inject("vanish", count=TRIGGERS_OUT)
+            run.wait_until(lambda back=cycle: run.daemon.telemetry.reconnects > back, f"return {cycle}")
+            run.wait_for_pairs(20)
+            run.seen.clear()  # it holds on to the frames
+            if cycle == WARM_UP_CYCLES - 1:
+                run.wait_until(lambda: threading.active_count() <= before.threads, "dead cameras closed")
+                warm = Resources.now()
+        run.wait_until(lambda: threading.active_count() <= before.threads, "dead cameras closed")
+        after = Resources.now()
+        assert run.daemon.telemetry.reconnects == WARM_UP_CYCLES + CYCLES
+        assert after.threads == before.threads
+        assert after.descriptors <= before.descriptors
+        assert after.bytes - warm.bytes < GROWTH_BYTES * CYCLES

@@ -1,0 +1,60 @@
+"""Writes, and what frames show of them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from drivers.exposure import ExposureSetting
+from drivers.frames import Frame, Side, StereoPair
+from drivers.grid import TriggerGrid
+from drivers.rig import Written
+from drivers.write_ledger import EFFECT_TRIGGERS, WriteLedger
+
+MS = 1_000_000
+GRID = TriggerGrid(20 * MS, 0)
+DIM, BRIGHT = ExposureSetting(1000.0, 0.0), ExposureSetting(4000.0, 6.0)
+
+
+def wrote(side: Side, setting: ExposureSetting, start_ms: int, end_ms: int) -> Written:
+    return Written(side, setting, setting, start_ms * MS, end_ms * MS)
+
+
+def pair(trigger: int, left: ExposureSetting, right: ExposureSetting) -> StereoPair:
+    return StereoPair(trigger, *(Frame(np.zeros((2, 2), np.uint8), 8, 0, 0, 0, 0, each) for each in (left, right)))
+
+
+def test_a_write_between_two_exposures_is_in_time() -> None:
+    ledger = WriteLedger(("left", "right"))
+    ledger.written(wrote("left", DIM, 1, 3), GRID)
+    ledger.written(wrote("right", DIM, 2, 19), GRID)
+    assert ledger.late == 0
+    assert not ledger.mismatched(pair(1, DIM, DIM))
+    assert not ledger.explains(pair(1, DIM, BRIGHT))
+
+
+@pytest.mark.parametrize("spans", [((1, 21), (1, 3)), ((1, 3), (19, 21)), ((1, 3), (21, 23)), ((1, 21), (1, 23))])
+def test_a_setting_that_an_exposure_cuts_in_two_is_late_once(spans: tuple[tuple[int, int], tuple[int, int]]) -> None:
+    ledger = WriteLedger(("left", "right"))
+    ledger.written(wrote("left", DIM, *spans[0]), GRID)
+    ledger.written(wrote("right", DIM, *spans[1]), GRID)
+    assert ledger.late == 1
+    assert ledger.explains(pair(1, BRIGHT, DIM))
+    assert not ledger.explains(pair(1 + EFFECT_TRIGGERS + 1, BRIGHT, DIM))
+
+
+def test_cameras_that_differ_or_hold_half_a_setting_are_mismatched() -> None:
+    ledger = WriteLedger(("left", "right"))
+    for side in ("left", "right"):
+        ledger.written(wrote(side, DIM, 1, 2), GRID)
+        ledger.written(wrote(side, BRIGHT, 3, 4), GRID)
+    half = ExposureSetting(BRIGHT.exposure_time_us, DIM.gain_db)
+    assert ledger.mismatched(pair(1, DIM, BRIGHT))
+    assert ledger.mismatched(pair(1, half, half))
+    assert not ledger.mismatched(pair(1, BRIGHT, BRIGHT))
+
+
+def test_before_the_first_frame_nothing_is_late() -> None:
+    ledger = WriteLedger(("left", "right"))
+    ledger.written(wrote("left", DIM, 1, 500), None)
+    assert ledger.late == 0
