@@ -8,12 +8,13 @@ APT := $(SUDO) env DEBIAN_FRONTEND=noninteractive apt-get -y --no-install-recomm
 
 # What the daemon and the demo stand on, and what only the tests need.
 DEMO_PACKAGES := gir1.2-aravis-0.8 python3-gi python3-venv libusb-1.0-0
-TEST_PACKAGES := $(DEMO_PACKAGES) aravis-tools-cli aravis-tools tshark gcc libc6-dev python3-dev
+TEST_PACKAGES := $(DEMO_PACKAGES) aravis-tools-cli aravis-tools tshark gcc libc6-dev python3-dev usbutils
+SHIM_PACKAGES := gcc libc6-dev python3-dev
 
-# Of the optional C extension: built where there are a compiler and python3-dev, as after `make setup`.
-NATIVE_SOURCES := setup.py $(wildcard autoexpose_daemon/control/native/*)
+# Of the optional C libraries: built where there are a compiler and python3-dev, as after `make setup`.
+NATIVE_SOURCES := setup.py $(wildcard autoexpose_daemon/control/native/* fake_camera/usb3/shim/*)
 
-.PHONY: setup demo test lint bench accept soak clean
+.PHONY: setup shim demo test lint bench accept soak clean
 .DEFAULT_GOAL := demo
 
 # Stamps make second runs start at once; they are remade when what is installed changes.
@@ -31,6 +32,10 @@ $(VENV)/dev.stamp: $(VENV)/demo.stamp pyproject.toml
 	@touch $@
 
 setup: $(VENV)/dev.stamp ## make .venv with everything
+
+shim: $(VENV)/demo.stamp ## build the shim by which libusb finds fake USB3 Vision cameras
+	@./tools/apt-missing $(SHIM_PACKAGES) | xargs -r sh -c '$(APT) update && $(APT) install "$$@"' --
+	$(PY) setup.py --quiet build_ext --inplace
 
 demo: $(VENV)/demo.stamp ## watch two fake cameras being exposed well through lights going on and off
 	@mkdir -p out
@@ -58,5 +63,5 @@ soak: $(VENV)/dev.stamp ## endurance: ten minutes of demo, the account must bala
 	REPLUG_CYCLES=50 $(VENV)/bin/pytest tests/autoexpose_daemon/test_replug.py
 
 clean:
-	rm -rf $(VENV) out build *.egg-info autoexpose_daemon/control/_native.*.so .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) out build *.egg-info autoexpose_daemon/control/_native.*.so fake_camera/usb3/_shim.*.so .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

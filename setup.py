@@ -1,6 +1,7 @@
-"""The part of the build that pyproject.toml cannot say: an optional C extension.
+"""The part of the build that pyproject.toml cannot say: two optional libraries in C.
 
-Without a C compiler or Python's headers the build goes on without it, and numpy and OpenCV do its work.
+Without a C compiler or Python's headers the build goes on without them: numpy and OpenCV do the work of the one, and
+the fake USB3 Vision camera says that it lacks the other.
 """
 
 from __future__ import annotations
@@ -8,6 +9,7 @@ from __future__ import annotations
 from setuptools import Extension, setup
 
 NATIVE = "autoexpose_daemon/control/native"
+SHIM = "fake_camera/usb3/shim"
 
 setup(
     ext_modules=[
@@ -19,6 +21,14 @@ setup(
             extra_compile_args=["-O3", "-std=c11", "-fno-math-errno", "-fno-trapping-math"],
             libraries=["m"],
             optional=True,
-        )
+        ),
+        # No module of Python's: it is preloaded into programs that use libusb.
+        Extension(
+            "fake_camera.usb3._shim",
+            sources=[f"{SHIM}/{part}.c" for part in ("bus", "handle", "interpose", "link", "udev", "usbip")],
+            depends=[f"{SHIM}/shim.h"],
+            extra_compile_args=["-std=gnu11", "-fvisibility=hidden", "-Wall", "-Wextra"],
+            optional=True,
+        ),
     ]
 )

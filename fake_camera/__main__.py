@@ -8,6 +8,7 @@ import dataclasses
 import gc
 import signal
 import sys
+import tempfile
 import threading
 from pathlib import Path
 
@@ -22,16 +23,25 @@ from fake_camera.lighting import LightScript
 from fake_camera.line0 import Line0, WireError
 from fake_camera.simulation import build_image_source
 from fake_camera.truth import TruthFile
+from fake_camera.usb3.run import ShimError, run, shim_path
+from fake_camera.usb3.server import Usb3Server
+from fake_camera.usb3.usbip import TCP_PORT
 from fake_camera.xml_camera import XmlCamera
+
+_ADDRESS = "127.0.0.1"
 
 
 def _parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog="python -m fake_camera",
-        description="A GigE Vision camera in software, which stock Aravis opens as a real one.",
+        description="A GigE Vision or USB3 Vision camera in software, which stock Aravis opens as a real one.",
     )
     add = parser.add_argument
-    add("--address", default="127.0.0.1", help="loopback address of the camera (%(default)s)")
+    add("--address", help=f"loopback address of a GigE Vision camera ({_ADDRESS})")
+    add("--usb3", action="store_true", help="be a USB3 Vision camera: needs --socket, --tcp or --exec")
+    add("--socket", type=Path, metavar="PATH", help="Unix socket to serve USB/IP on")
+    add("--tcp", type=int, nargs="?", const=TCP_PORT, metavar="PORT", help="TCP port of 127.0.0.1 for it (%(const)d)")
+    add("--exec", nargs=argparse.REMAINDER, metavar="COMMAND", help="run a command that sees the camera on its USB bus")
     add("--serial", default="FAKE-LEFT", help="its serial number (%(default)s)")
     add("--side", choices=["left", "right"], default="left", help="its place in the stereo rig (%(default)s)")
     add("--line0", metavar="NAME", help="trigger wire, shared with the cameras that name the same (none)")
@@ -45,7 +55,19 @@ def _parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     add("--xml", type=Path, metavar="FILE", help="wear this GenICam description of a real camera (none: its own)")
     add("--truth", type=Path, metavar="FILE", help="write the light at each pulse of the wire as JSON lines")
     add("--control", type=Path, metavar="SOCKET", help="Unix socket that takes faults as JSON lines")
-    return parser.parse_args(arguments)
+    options = parser.parse_args(arguments)
+    usb3_options = [f"--{name}" for name in ("socket", "tcp", "exec") if getattr(options, name) is not None]
+    if options.usb3 and options.address is not None:
+        parser.error("--address is of GigE Vision cameras: leave it out, or leave out --usb3")
+    if options.usb3 and not usb3_options:
+        parser.error("--usb3 needs a way to reach the camera: --socket PATH, --tcp or --exec COMMAND")
+    if not options.usb3 and usb3_options:
+        parser.error(f"{usb3_options[0]} is of USB3 Vision cameras: add --usb3")
+    if options.exec == []:
+        parser.error("--exec needs a command")
+    if not options.usb3:
+        options.address = options.address or _ADDRESS
+    return options
 
 
 def _serial(text: str) -> str:
@@ -84,7 +106,8 @@ def _run(options: argparse.Namespace, resources: contextlib.ExitStack) -> tuple[
             raise WireError("--truth writes a line for each pulse of Line0: name the wire with --line0 NAME")
         truth = TruthFile(options.truth, source.lux, line0)
         resources.callback(truth.close)
-    device = Device(source, options.serial, options.seed, line0, truth)
+    model = "FakeU3V287M" if options.usb3 else "FakeGV287M"
+    device = Device(source, options.serial, options.seed, line0, truth, model=model)
     resources.callback(device.close)
     if options.line1 is not None:
         output = ExposureOutput(options.line1)
@@ -97,9 +120,12 @@ def _run(options: argparse.Namespace, resources: contextlib.ExitStack) -> tuple[
     xml = None
     if options.xml is not None:
         xml = XmlCamera(Description.from_bytes(options.xml.read_bytes(), str(options.xml)), device)
-    server = GigeServer(device, options.address, xml)
-    server.start()
-    resources.callback(server.close)
+    if options.usb3:
+        resources.callback(Usb3Server(device, options.socket, options.tcp).close)
+    else:
+        server = GigeServer(device, options.address, xml)
+        server.start()
+        resources.callback(server.close)
     return device, xml
 
 
@@ -122,25 +148,37 @@ def _sentence(error: Exception) -> str:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run a camera until SIGTERM or SIGINT; returns the exit status: 0, or 2 with one sentence on stderr."""
+    """Run a camera until SIGTERM or SIGINT, or until the command of --exec ends.
+
+    Returns the exit status: 0 or that of the command, or 2 with one sentence on stderr.
+    """
     options = _parse_arguments(arguments)
     stop = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stop.set())
+    where = "on USB" if options.usb3 else f"at {options.address}"
+    notes = sys.stderr if options.exec else sys.stdout  # the command's output is its own
     with contextlib.ExitStack() as resources:
         try:
+            if options.exec:
+                shim_path()  # rather than when the camera is ready
+            if options.usb3 and options.socket is None:
+                options.socket = Path(resources.enter_context(tempfile.TemporaryDirectory())) / "camera"
             device, xml = _run(options, resources)
-        except (AddressTakenError, OSError, ValueError, WireError) as error:
-            print(f"fake camera {options.serial} at {options.address}: {_sentence(error)}", file=sys.stderr)
+            gc.collect()
+            gc.freeze()  # a full collection over all that the compiler leaves behind takes 60 ms: four frames late
+            wire = f"Line0 {options.line0} at {options.line0_rate_hz:g} Hz" if options.line0 else "no Line0"
+            name = f"fake camera {options.serial} ({options.side})"
+            print(f"{name} {where}, {wire}, scene {options.scene}{_worn(xml)}", file=notes, flush=True)
+            status = 0
+            if options.exec:
+                status = run(options.exec, [options.socket], stop)
+            stop.wait()
+        except (AddressTakenError, OSError, ShimError, ValueError, WireError) as error:
+            print(f"fake camera {options.serial} {where}: {_sentence(error)}", file=sys.stderr)
             return 2
-        gc.collect()
-        gc.freeze()  # a full collection over all that the compiler leaves behind takes 60 ms: four frames late
-        wire = f"Line0 {options.line0} at {options.line0_rate_hz:g} Hz" if options.line0 else "no Line0"
-        place = f"({options.side}) at {options.address}, {wire}, scene {options.scene}"
-        print(f"fake camera {options.serial} {place}{_worn(xml)}", flush=True)
-        stop.wait()
-        print(device.counters, flush=True)
-    return 0
+        print(device.counters, file=notes, flush=True)
+    return status
 
 
 if __name__ == "__main__":

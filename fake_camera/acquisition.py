@@ -31,7 +31,8 @@ class Counters:
     """What became of the triggers: pulses seen, exposures made, and why the others were not made or not sent.
 
     `dropped` triggers came during exposure or readout, `ignored` ones by order of a fault, `missed` ones so long
-    before their thread got to run that no exposure was made; `overruns` are exposures too late to be sent.
+    before their thread got to run that no exposure was made; `overruns` are exposures too late to be sent, `discarded`
+    ones that found the camera's memory full because the host did not fetch what was there.
     """
 
     pulses: int = 0
@@ -40,6 +41,7 @@ class Counters:
     ignored: int = 0
     missed: int = 0
     overruns: int = 0
+    discarded: int = 0
 
 
 class Acquisition:

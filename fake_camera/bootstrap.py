@@ -9,10 +9,11 @@ from collections.abc import Iterator
 
 from fake_camera.device import Device
 from fake_camera.features import FeatureError
-from fake_camera.gvcp import GvcpError, Status
 from fake_camera.privilege import ControlPrivilege
 from fake_camera.registers import Register, constant, unsigned
-from fake_camera.stream_channel import StreamChannel
+from fake_camera.status import CommandError, Status
+from fake_camera.stream_channel import MAX_PACKET_BYTES, MAX_PACKET_DELAY_NS, MIN_PACKET_BYTES, StreamChannel
+from fake_camera.transport import Field, Transport
 
 CONTROL_PRIVILEGE = 0x0A00
 """Address of the one register whose write depends on who writes: the control channel handles it."""
@@ -30,6 +31,40 @@ _GVCP_CAPABILITY = (
     | 1 << 1  # WRITEMEM
     | 1 << 0  # several registers in one command
 )
+
+
+GIGE_VISION = Transport(
+    "GEV",
+    "big",
+    (
+        Field("GevVersionMajor", 0x0000, lsb=15),
+        Field("GevVersionMinor", 0x0000, msb=16),
+        Field("GevMACAddress", 0x0008, length=8),
+        Field("GevCurrentIPAddress", 0x0024),
+        Field("GevCurrentSubnetMask", 0x0034),
+        Field("GevStreamChannelCount", 0x0904),
+        Field("GevHeartbeatTimeout", 0x0938, writable=True, limits=(500, 0xFFFFFFFF, 1), unit="ms"),
+        Field("GevTimestampTickFrequency", 0x093C, length=8, unit="Hz"),
+        Field("GevTimestampControlLatch", 0x0944, "command", writable=True, command_value=LATCH_TIMESTAMP),
+        Field("GevTimestampValue", 0x0948, length=8, unit="ns"),
+        Field("GevSCPHostPort", 0x0D00, writable=True, msb=16, locked=True),
+        Field("GevSCPSFireTestPacket", 0x0D04, "command", writable=True, lsb=0, locked=True),
+        Field("GevSCPSDoNotFragment", 0x0D04, "boolean", writable=True, msb=1, lsb=1, locked=True),
+        Field(
+            "GevSCPSPacketSize",
+            0x0D04,
+            writable=True,
+            msb=16,
+            limits=(MIN_PACKET_BYTES, MAX_PACKET_BYTES, 4),
+            unit="bytes",
+            locked=True,
+        ),
+        Field("GevSCPD", 0x0D08, writable=True, limits=(0, MAX_PACKET_DELAY_NS, 1), unit="ns"),
+        Field("GevSCDA", 0x0D18, writable=True, locked=True),
+        Field("GevSCSP", 0x0D1C, msb=16),
+    ),
+)
+"""How a description speaks of the registers below."""
 
 
 def mac_address(serial: str) -> int:
@@ -96,7 +131,7 @@ def _user_name(device: Device) -> Register:
         try:
             device.features.set("DeviceUserID", data.split(b"\0", 1)[0].decode("ascii"))
         except (UnicodeDecodeError, FeatureError) as error:
-            raise GvcpError(Status.INVALID_PARAMETER) from error
+            raise CommandError(Status.INVALID_PARAMETER) from error
 
     def read() -> bytes:
         return str(device.features.get("DeviceUserID")).encode()[:15].ljust(16, b"\0")
@@ -107,7 +142,7 @@ def _user_name(device: Device) -> Register:
 def _clock(device: Device) -> Iterator[Register]:
     def control(value: int) -> None:
         if value & ~LATCH_TIMESTAMP:
-            raise GvcpError(Status.INVALID_PARAMETER)  # the clock cannot be reset
+            raise CommandError(Status.INVALID_PARAMETER)  # the clock cannot be reset
         if value:
             device.execute("TimestampLatch")
 

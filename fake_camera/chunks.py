@@ -8,13 +8,15 @@ from dataclasses import dataclass
 from typing import Literal
 
 from fake_camera.imaging import ExposedFrame
+from fake_camera.registers import ByteOrder
 
 IMAGE_CHUNK_ID = 0x0001
+PREFIX: dict[ByteOrder, str] = {"big": ">", "little": "<"}
 
 
 @dataclass(frozen=True, slots=True)
 class Chunk:
-    """One kind of chunk: its id, and the type and unit of its eight big-endian bytes."""
+    """One kind of chunk: its id, and the type and unit of its eight bytes."""
 
     chunk_id: int
     type: Literal["float", "integer"]
@@ -30,7 +32,7 @@ CHUNKS: dict[str, Chunk] = {
 """The chunks on offer, under the names of the entries of ChunkSelector."""
 
 
-def chunk_bytes(frame: ExposedFrame, names: Sequence[str]) -> bytes:
+def chunk_bytes(frame: ExposedFrame, names: Sequence[str], byte_order: ByteOrder) -> bytes:
     """What follows the pixels of `frame` on the wire: the image's own tag, then the chunks `names` with theirs.
 
     Each piece is followed by its id and its length, so that a reader walks from the end.
@@ -41,17 +43,16 @@ def chunk_bytes(frame: ExposedFrame, names: Sequence[str]) -> bytes:
         "FrameID": frame.frame_id,
         "Timestamp": frame.device_time_ns,
     }
-    layouts = {name: ">d" if CHUNKS[name].type == "float" else ">Q" for name in names}
-    return tagged(frame, [(CHUNKS[name].chunk_id, struct.pack(layouts[name], values[name])) for name in names])
+    prefix = PREFIX[byte_order]
+    layouts = {name: f"{prefix}{'d' if CHUNKS[name].type == 'float' else 'Q'}" for name in names}
+    chunks = [(CHUNKS[name].chunk_id, struct.pack(layouts[name], values[name])) for name in names]
+    return tagged(frame, chunks, byte_order)
 
 
-def tagged(frame: ExposedFrame, chunks: Sequence[tuple[int, bytes]]) -> bytes:
+def tagged(frame: ExposedFrame, chunks: Sequence[tuple[int, bytes]], byte_order: ByteOrder) -> bytes:
     """What follows the pixels of `frame` when its chunks are these, each an id and its data."""
-    pieces = [_tag(IMAGE_CHUNK_ID, frame.pixels.nbytes)]
+    tag = struct.Struct(f"{PREFIX[byte_order]}II")
+    pieces = [tag.pack(IMAGE_CHUNK_ID, frame.pixels.nbytes)]
     for chunk_id, data in chunks:
-        pieces += [data, _tag(chunk_id, len(data))]
+        pieces += [data, tag.pack(chunk_id, len(data))]
     return b"".join(pieces)
-
-
-def _tag(chunk_id: int, length: int) -> bytes:
-    return struct.pack(">II", chunk_id, length)

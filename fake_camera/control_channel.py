@@ -7,9 +7,10 @@ from collections.abc import Callable
 
 from fake_camera import gvcp
 from fake_camera.bootstrap import CONTROL_PRIVILEGE
-from fake_camera.gvcp import Command, GvcpError, Request, Resend, Status
+from fake_camera.gvcp import Command, Request, Resend
 from fake_camera.privilege import ControlPrivilege, Peer
 from fake_camera.registers import RegisterMap
+from fake_camera.status import CommandError, Status
 
 _WRITES = (Command.WRITEREG, Command.WRITEMEM)
 
@@ -50,7 +51,7 @@ class ControlChannel:
                 return self._last_write[2]
             try:
                 answer = request.acknowledge(self._execute(request, peer, now_s))
-            except GvcpError as error:
+            except CommandError as error:
                 answer = request.acknowledge(error.payload, error.status)
             if request.command in _WRITES:
                 self._last_write = (peer, datagram, answer)
@@ -89,7 +90,7 @@ class ControlChannel:
             case Command.PACKETRESEND:
                 self._send_again(Resend.from_payload(request.payload), peer)
             case _:
-                raise GvcpError(Status.NOT_IMPLEMENTED)
+                raise CommandError(Status.NOT_IMPLEMENTED)
         return payload
 
     def _read_registers(self, addresses: list[int], peer: Peer) -> bytes:
@@ -99,8 +100,8 @@ class ControlChannel:
                 if address != CONTROL_PRIVILEGE:  # anyone may see whether the camera is taken
                     self._privilege.check_read(peer)
                 values += self._registers.read(address, 4)
-        except GvcpError as error:
-            raise GvcpError(error.status, values) from error
+        except CommandError as error:
+            raise CommandError(error.status, values) from error
         return values
 
     def _write_registers(self, writes: list[tuple[int, bytes]], peer: Peer, now_s: float) -> bytes:
@@ -109,15 +110,15 @@ class ControlChannel:
             for address, value in writes:
                 self._write(address, value, peer, now_s)
                 written += 1
-        except GvcpError as error:
-            raise GvcpError(error.status, gvcp.write_acknowledgement(written)) from error
+        except CommandError as error:
+            raise CommandError(error.status, gvcp.write_acknowledgement(written)) from error
         return gvcp.write_acknowledgement(written)
 
     def _write_memory(self, address: int, data: bytes, peer: Peer, now_s: float) -> bytes:
         try:
             self._write(address, data, peer, now_s)
-        except GvcpError as error:
-            raise GvcpError(error.status, gvcp.write_acknowledgement(0)) from error
+        except CommandError as error:
+            raise CommandError(error.status, gvcp.write_acknowledgement(0)) from error
         return gvcp.write_acknowledgement(len(data))
 
     def _write(self, address: int, data: bytes, peer: Peer, now_s: float) -> None:

@@ -9,6 +9,7 @@ import threading
 from pathlib import Path
 
 from fake_camera.faults import Fault, FaultError, Faults
+from fake_camera.unix_socket import listen
 
 
 class ControlSocket:
@@ -22,8 +23,7 @@ class ControlSocket:
     def __init__(self, path: Path, faults: Faults) -> None:
         self._path = path
         self._faults = faults
-        _remove_stale(path)
-        self._socket = _listen(path)
+        self._socket = listen(path, "control socket")
         threading.Thread(target=self._accept, name="control", daemon=True).start()
 
     def close(self) -> None:
@@ -47,9 +47,9 @@ class ControlSocket:
     def _answer(self, line: bytes) -> dict[str, object]:
         try:
             fault = Fault.from_json(line.decode(errors="replace"))
+            last_trigger = self._faults.add(fault)
         except FaultError as error:
             return {"ok": False, "error": str(error)}
-        last_trigger = self._faults.add(fault)
         return {
             "ok": True,
             "fault": fault.name,
@@ -57,25 +57,3 @@ class ControlSocket:
             "count": fault.count,
             "last_trigger": last_trigger,
         }
-
-
-def _listen(path: Path) -> socket.socket:
-    listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-    try:
-        listener.bind(str(path))
-        listener.listen()
-    except OSError as error:
-        listener.close()
-        raise OSError(f"the control socket {path} cannot be opened: {error.strerror or error}") from error
-    return listener
-
-
-def _remove_stale(path: Path) -> None:
-    """Remove the socket file of a process that no longer listens."""
-    if not path.is_socket():
-        return  # nothing there, or something that bind() will refuse to replace
-    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
-        try:
-            probe.connect(str(path))
-        except ConnectionRefusedError:
-            path.unlink()

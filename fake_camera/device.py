@@ -42,6 +42,8 @@ class Device:
         seed: int = 0,
         line0: Line0 | None = None,
         truth: TruthFile | None = None,
+        *,
+        model: str = "FakeGV287M",
     ) -> None:
         self._source = source
         self._identity = f"{seed} {serial}"
@@ -52,12 +54,13 @@ class Device:
         self._clock_offset_ns = oscillator.randrange(1_000_000_000, 10_000_000_000)
         self._clock_rate = 1 + oscillator.uniform(-10e-6, 10e-6)
         self._power_on_ns = time.monotonic_ns()
-        self.features = Features(serial, source.sensor_width, source.sensor_height, self.now_ns)
-        self.faults = Faults(self._power_on)
+        self.features = Features(serial, source.sensor_width, source.sensor_height, self.now_ns, model=model)
+        self.faults = Faults(self._power_on, self._power_off)
         self._acquisition = Acquisition(self.features)
         self._lock = threading.Lock()  # guards the acquisition; never held while other code is called back
         self._sink: Callable[[ExposedFrame], None] = lambda frame: None
         self._on_power_on: list[Callable[[], None]] = []
+        self._on_power_off: list[Callable[[], None]] = []
         self._show_exposure: Callable[[int], None] = lambda start_ns: None
         self._exposures: SimpleQueue[Exposure | None] = SimpleQueue()
         self._wake = threading.Event()
@@ -118,6 +121,10 @@ class Device:
         """Call `callback` when the camera restarts (DeviceReset, or back after it vanished): forget the client."""
         self._on_power_on.append(callback)
 
+    def on_power_off(self, callback: Callable[[], None]) -> None:
+        """Call `callback` when the camera vanishes."""
+        self._on_power_off.append(callback)
+
     def close(self) -> None:
         """Stop the threads."""
         self._closed.set()
@@ -132,6 +139,10 @@ class Device:
             self.features.reset()
             self._power_on_ns = time.monotonic_ns()
         for callback in self._on_power_on:
+            callback()
+
+    def _power_off(self) -> None:
+        for callback in self._on_power_off:
             callback()
 
     def _device_time_ns(self, host_ns: int) -> int:

@@ -11,7 +11,15 @@ from typing import Self
 PER_TRIGGER = frozenset({"freeze", "delay", "ignore_triggers", "vanish"})
 """Faults whose count is of triggers."""
 
-NAMES = frozenset({"lose_packets", "refuse_writes", "come_back"}) | PER_TRIGGER
+_ANYWHERE = frozenset({"refuse_writes", "come_back"}) | PER_TRIGGER
+
+GIGE = frozenset({"lose_packets"}) | _ANYWHERE
+"""Faults of a GigE Vision camera."""
+
+USB3 = frozenset({"nak", "pending_acknowledge", "short_trailer", "stall", "truncate"}) | _ANYWHERE
+"""Faults of a USB3 Vision camera."""
+
+NAMES = GIGE | USB3
 """All faults there are."""
 
 DELAY_NS = 200_000_000
@@ -26,13 +34,24 @@ class FaultError(Exception):
 class Fault:
     """One order: a fault, the trigger after which it begins (None: now) and how much of it.
 
-    ``lose_packets``      `count` stream packets are not sent, from the next trigger's frame on
     ``delay``             the frames of `count` triggers are sent 0.2 s late, and no frame overtakes them
     ``freeze``            the frames of `count` triggers are taken but not sent; the control channel answers
     ``vanish``            cable and power are out for `count` triggers, or until ``come_back`` when it is None
     ``come_back``         the camera is there again, in its power-on state
     ``refuse_writes``     `count` writes are answered with an access error
     ``ignore_triggers``   `count` triggers make no frame, and the frame id does not advance
+
+    Of GigE Vision only:
+
+    ``lose_packets``      `count` stream packets are not sent, from the next trigger's frame on
+
+    Of USB3 Vision only:
+
+    ``nak``                  `count` commands are never taken: the host's transfer waits until the host gives up
+    ``pending_acknowledge``  `count` commands are answered 0.1 s late, after a pending acknowledge
+    ``stall``                the stream endpoint halts in place of each of `count` frames, until the host clears it
+    ``truncate``             `count` frames end halfway through their payload
+    ``short_trailer``        `count` frames have a trailer of 8 bytes
     """
 
     name: str
@@ -92,24 +111,44 @@ class Faults:
     """The faults in force; safe to use from any thread.
 
     The device itself does what concerns exposures: ``freeze``, ``delay`` and ``ignore_triggers`` show in the sink as
-    frames that do not come or come late. The protocol asks `vanished`, `lose_packet` and `refuse_write`.
+    frames that do not come or come late. The protocol asks for the others when it does what they spoil.
 
-    `power_on` is called before a vanished camera answers again.
+    `power_off` is called when the camera vanishes, `power_on` before a vanished camera answers again.
     """
 
-    def __init__(self, power_on: Callable[[], None] = lambda: None) -> None:
+    def __init__(
+        self, power_on: Callable[[], None] = lambda: None, power_off: Callable[[], None] = lambda: None
+    ) -> None:
         self._power_on = power_on
+        self._power_off = power_off
+        self._gone = False
+        self._names = NAMES
         self._lock = threading.Lock()
+        self._restart = threading.Lock()  # held while the camera restarts
         self._orders: list[_Order] = []
         self._trigger = -1  # the last pulse of Line0
         self._sent = -1  # the last pulse before the exposure of the frame that is being sent
 
+    def restrict(self, names: frozenset[str]) -> None:
+        """Refuse all faults but those of `names`: a transport knows only its own."""
+        self._names = names
+
     def add(self, fault: Fault) -> int:
-        """Order a fault; the answer is the number of the last trigger before it (-1 before the first)."""
+        """Order a fault; the answer is the number of the last trigger before it (-1 before the first).
+
+        Raises
+        ------
+        FaultError
+            The camera's transport has no such fault.
+        """
+        if fault.name not in self._names:
+            names = ", ".join(sorted(self._names))
+            raise FaultError(f"{fault.name} is no fault of this camera's transport: its faults are {names}")
         with self._lock:
             self._orders.append(_Order(fault, fault.count))
             trigger = self._trigger
         self._come_back(trigger)
+        self._go_away()
         return trigger
 
     def on_trigger(self, trigger: int) -> frozenset[str]:
@@ -122,7 +161,8 @@ class Faults:
                 if order.left is not None:
                     order.left -= 1
             self._orders = [order for order in self._orders if order.left != 0 or order.fault.name == "vanish"]
-            return frozenset(order.fault.name for order in met)
+        self._go_away()
+        return frozenset(order.fault.name for order in met)
 
     def on_send(self, trigger: int) -> None:
         """Note that the frame of a trigger (or of an exposure after it) is sent now."""
@@ -131,19 +171,27 @@ class Faults:
 
     @property
     def vanished(self) -> bool:
-        """Whether the camera is off the network: answer nothing and send nothing."""
+        """Whether the camera is off the wire: answer nothing and send nothing."""
         with self._lock:
-            return any(order.fault.name == "vanish" and order.begun(self._trigger) for order in self._orders)
+            return self._vanished()
 
     def lose_packet(self) -> bool:
         """Whether the stream packet about to be sent is to be lost; asked once for each packet."""
+        return self.spoils_frame("lose_packets")
+
+    def spoils_frame(self, name: str) -> bool:
+        """Whether the frame that is being sent meets this fault; asked once for each unit that the fault counts."""
         with self._lock:
-            return self._spend("lose_packets", self._sent)
+            return self._spend(name, self._sent)
+
+    def spoils_command(self, name: str) -> bool:
+        """Whether the command just received meets this fault; asked once for each."""
+        with self._lock:
+            return self._spend(name, self._trigger)
 
     def refuse_write(self) -> bool:
         """Whether the write just received is to be answered with an access error; asked once for each write."""
-        with self._lock:
-            return self._spend("refuse_writes", self._trigger)
+        return self.spoils_command("refuse_writes")
 
     def _spend(self, name: str, trigger: int) -> bool:
         for order in self._orders:
@@ -155,17 +203,29 @@ class Faults:
         return False
 
     def _come_back(self, trigger: int) -> None:
-        """End the absences that are over by `trigger`; the camera restarts before it answers again."""
+        """End the absences that are over by `trigger`; the camera restarts, once, before it answers again."""
+        with self._restart:
+            with self._lock:
+                called = [order for order in self._orders if order.fault.name == "come_back" and order.begun(trigger)]
+                over = [
+                    order
+                    for order in self._orders
+                    if order.fault.name == "vanish"
+                    and (called or (order.left == 0 and trigger > self._trigger))
+                    and order.begun(trigger)
+                ]
+            if over:
+                self._power_on()
+            with self._lock:
+                self._orders = [order for order in self._orders if order not in called and order not in over]
+                self._gone = self._gone and not over
+
+    def _go_away(self) -> None:
         with self._lock:
-            called = [order for order in self._orders if order.fault.name == "come_back" and order.begun(trigger)]
-            over = [
-                order
-                for order in self._orders
-                if order.fault.name == "vanish"
-                and (called or (order.left == 0 and trigger > self._trigger))
-                and order.begun(trigger)
-            ]
-        if over:
-            self._power_on()
-        with self._lock:
-            self._orders = [order for order in self._orders if order not in called and order not in over]
+            goes = self._vanished() and not self._gone
+            self._gone = self._gone or goes
+        if goes:
+            self._power_off()
+
+    def _vanished(self) -> bool:
+        return any(order.fault.name == "vanish" and order.begun(self._trigger) for order in self._orders)

@@ -84,7 +84,7 @@ _REGION = {"Width": "OffsetX", "OffsetX": "Width", "Height": "OffsetY", "OffsetY
 _HISTORY = 64  # writes that may come between a pulse and the moment its thread gets to run
 
 
-def _specs(serial: str, sensor_width: int, sensor_height: int) -> list[Spec]:
+def _specs(model: str, serial: str, sensor_width: int, sensor_height: int) -> list[Spec]:
     """The table of features of one camera."""
 
     def fixed(name: str, type_: Type, value: Value, unit: str = "") -> Spec:
@@ -95,7 +95,7 @@ def _specs(serial: str, sensor_width: int, sensor_height: int) -> list[Spec]:
 
     return [
         fixed("DeviceVendorName", "string", "Autoexpose"),
-        fixed("DeviceModelName", "string", "FakeGV287M"),
+        fixed("DeviceModelName", "string", model),
         fixed("DeviceSerialNumber", "string", serial),
         fixed("DeviceVersion", "string", "1.0"),
         fixed("DeviceFirmwareVersion", "string", "1.0"),
@@ -170,8 +170,10 @@ class Features:
         sensor_height: int,
         device_clock_ns: Callable[[], int],
         host_clock_ns: Callable[[], int] = time.monotonic_ns,
+        *,
+        model: str = "FakeGV287M",
     ) -> None:
-        self._specs = {spec.name: spec for spec in _specs(serial, sensor_width, sensor_height)}
+        self._specs = {spec.name: spec for spec in _specs(model, serial, sensor_width, sensor_height)}
         self._derived: dict[str, Callable[[], Value]] = {
             "Timestamp": device_clock_ns,
             "WidthMax": lambda: self._region_max("Width"),

@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import io
 import zipfile
-from dataclasses import dataclass
-from typing import Literal
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
-from fake_camera.bootstrap import LATCH_TIMESTAMP
 from fake_camera.chunks import CHUNKS
 from fake_camera.features import ENUM_ENTRIES, Features, Spec
 from fake_camera.registers import (
@@ -17,11 +14,12 @@ from fake_camera.registers import (
     LOCK,
     MAXIMUM,
     MINIMUM,
+    ByteOrder,
     has_limits,
     slots,
     value_bytes,
 )
-from fake_camera.stream_channel import MAX_PACKET_BYTES, MAX_PACKET_DELAY_NS, MIN_PACKET_BYTES
+from fake_camera.transport import Field, Transport
 
 _ELEMENT = {
     "integer": "Integer",
@@ -38,7 +36,7 @@ _CATEGORIES = {
     "DigitalIOControl": ("Line",),
     "AnalogControl": ("Gain", "BlackLevel", "Gamma"),
     "ChunkDataControl": ("Chunk",),
-    "TransportLayerControl": ("PayloadSize", "TLParamsLocked", "Gev"),
+    "TransportLayerControl": ("PayloadSize", "TLParamsLocked", "Gev", "U3V"),
 }
 """Features belong to the category that lists the beginning of their name."""
 
@@ -50,61 +48,15 @@ _SELECTED = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class _Field:
-    """Bits `msb` to `lsb` (bit 0 is the highest, as the standard counts) of a bootstrap register."""
-
-    name: str
-    address: int
-    type: Literal["integer", "boolean", "command"] = "integer"
-    writable: bool = False
-    length: int = 4
-    msb: int = 0
-    lsb: int | None = None
-    limits: tuple[int, int, int] | None = None
-    unit: str = ""
-    command_value: int = 1
-    locked: bool = False
-
-
-_TRANSPORT = (
-    _Field("GevVersionMajor", 0x0000, lsb=15),
-    _Field("GevVersionMinor", 0x0000, msb=16),
-    _Field("GevMACAddress", 0x0008, length=8),
-    _Field("GevCurrentIPAddress", 0x0024),
-    _Field("GevCurrentSubnetMask", 0x0034),
-    _Field("GevStreamChannelCount", 0x0904),
-    _Field("GevHeartbeatTimeout", 0x0938, writable=True, limits=(500, 0xFFFFFFFF, 1), unit="ms"),
-    _Field("GevTimestampTickFrequency", 0x093C, length=8, unit="Hz"),
-    _Field("GevTimestampControlLatch", 0x0944, "command", writable=True, command_value=LATCH_TIMESTAMP),
-    _Field("GevTimestampValue", 0x0948, length=8, unit="ns"),
-    _Field("GevSCPHostPort", 0x0D00, writable=True, msb=16, locked=True),
-    _Field("GevSCPSFireTestPacket", 0x0D04, "command", writable=True, lsb=0, locked=True),
-    _Field("GevSCPSDoNotFragment", 0x0D04, "boolean", writable=True, msb=1, lsb=1, locked=True),
-    _Field(
-        "GevSCPSPacketSize",
-        0x0D04,
-        writable=True,
-        msb=16,
-        limits=(MIN_PACKET_BYTES, MAX_PACKET_BYTES, 4),
-        unit="bytes",
-        locked=True,
-    ),
-    _Field("GevSCPD", 0x0D08, writable=True, limits=(0, MAX_PACKET_DELAY_NS, 1), unit="ns"),
-    _Field("GevSCDA", 0x0D18, writable=True, locked=True),
-    _Field("GevSCSP", 0x0D1C, msb=16),
-)
-
-
-def genicam_xml(features: Features) -> bytes:
-    """The description of all features of a camera (GenApi schema 1.1), UTF-8."""
+def genicam_xml(features: Features, transport: Transport) -> bytes:
+    """The description of all features of a camera on a transport (GenApi schema 1.1), UTF-8."""
     root = Element(
         "RegisterDescription",
         {
             "xmlns": "http://www.genicam.org/GenApi/Version_1_1",
             "ModelName": str(features.get("DeviceModelName")),
             "VendorName": str(features.get("DeviceVendorName")),
-            "StandardNameSpace": "GEV",
+            "StandardNameSpace": transport.name_space,
             "SchemaMajorVersion": "1",
             "SchemaMinorVersion": "1",
             "SchemaSubMinorVersion": "0",
@@ -116,16 +68,18 @@ def genicam_xml(features: Features) -> bytes:
             "VersionGuid": "0b0d7f58-6c3a-4f5f-8a43-93c2b1f2d7a4",
         },
     )
-    _categories(root, features)
+    _categories(root, features, transport)
     for name, address in slots(features).items():
         if name in COMMANDS:
             _command(root, name, address)
         else:
             _feature(root, features.spec(name), address)
-    for field in _TRANSPORT:
-        _bootstrap_field(root, field)
+    for field in transport.fields:
+        _bootstrap_field(root, field, transport.byte_order)
     _chunk_data(root)
     SubElement(root, "Port", Name="Device", NameSpace="Standard")
+    for node in root.iter("Endianess"):
+        node.text = {"big": "BigEndian", "little": "LittleEndian"}[transport.byte_order]
     indent(root)
     return bytes(tostring(root, "utf-8", xml_declaration=True))
 
@@ -143,8 +97,9 @@ def zipped(name: str, description: bytes) -> bytes:
     return archive.getvalue()
 
 
-def _categories(root: Element, features: Features) -> None:
-    names = [*features.names, *COMMANDS, *(field.name for field in _TRANSPORT), *(f"Chunk{name}" for name in CHUNKS)]
+def _categories(root: Element, features: Features, transport: Transport) -> None:
+    names = [*features.names, *COMMANDS]
+    names += [field.name for field in transport.fields] + [f"Chunk{name}" for name in CHUNKS]
     top = SubElement(root, "Category", Name="Root", NameSpace="Standard")
     for category, beginnings in _CATEGORIES.items():
         SubElement(top, "pFeature").text = category
@@ -192,7 +147,7 @@ def _number(root: Element, name: str, address: int, spec: Spec, access: str = "R
     if spec.type == "float":
         node = SubElement(root, "FloatReg", Name=name)
         _register_body(node, address, value_bytes(spec), access)
-        SubElement(node, "Endianess").text = "BigEndian"
+        SubElement(node, "Endianess")
     else:
         _int_reg(root, name, address, value_bytes(spec), access)
 
@@ -205,7 +160,7 @@ def _command(root: Element, name: str, address: int, value: int = 1) -> None:
     _int_reg(root, f"{name}_Value", address, 4, "RW")
 
 
-def _bootstrap_field(root: Element, field: _Field) -> None:
+def _bootstrap_field(root: Element, field: Field, byte_order: ByteOrder) -> None:
     element = {"integer": "Integer", "boolean": "Boolean", "command": "Command"}[field.type]
     node = SubElement(root, element, Name=field.name, NameSpace="Standard")
     access = "RW" if field.writable else "RO"
@@ -223,10 +178,11 @@ def _bootstrap_field(root: Element, field: _Field) -> None:
     if field.length == 4:
         register = SubElement(root, "MaskedIntReg", Name=f"{field.name}_Value")
         _register_body(register, field.address, 4, access)
-        SubElement(register, "LSB").text = str(31 if field.lsb is None else field.lsb)
-        SubElement(register, "MSB").text = str(field.msb)
+        for tag, bit in (("LSB", field.lsb), ("MSB", field.msb)):
+            # GenICam counts from the highest bit in big-endian registers, from the lowest in little-endian ones.
+            SubElement(register, tag).text = str(bit if byte_order == "big" else 31 - bit)
         SubElement(register, "Sign").text = "Unsigned"
-        SubElement(register, "Endianess").text = "BigEndian"
+        SubElement(register, "Endianess")
     else:
         _int_reg(root, f"{field.name}_Value", field.address, field.length, access)
 
@@ -242,7 +198,7 @@ def _chunk_data(root: Element) -> None:
         _register_body(register, 0, 8, "RO", port=f"Chunk{name}_Port")
         if chunk.type == "integer":
             SubElement(register, "Sign").text = "Unsigned"
-        SubElement(register, "Endianess").text = "BigEndian"
+        SubElement(register, "Endianess")
         port = SubElement(root, "Port", Name=f"Chunk{name}_Port")
         SubElement(port, "ChunkID").text = f"{chunk.chunk_id:X}"
 
@@ -251,7 +207,7 @@ def _int_reg(root: Element, name: str, address: int, length: int, access: str) -
     node = SubElement(root, "IntReg", Name=name)
     _register_body(node, address, length, access)
     SubElement(node, "Sign").text = "Unsigned"
-    SubElement(node, "Endianess").text = "BigEndian"
+    SubElement(node, "Endianess")
 
 
 def _register_body(node: Element, address: int, length: int, access: str, port: str = "Device") -> None:

@@ -10,10 +10,11 @@ import threading
 import time
 
 from fake_camera import gvcp
-from fake_camera.bootstrap import bootstrap_registers
+from fake_camera.bootstrap import GIGE_VISION, bootstrap_registers
 from fake_camera.chunks import chunk_bytes, tagged
 from fake_camera.control_channel import ControlChannel
 from fake_camera.device import Device
+from fake_camera.faults import GIGE
 from fake_camera.genicam_xml import genicam_xml, zipped
 from fake_camera.imaging import ExposedFrame
 from fake_camera.privilege import ControlPrivilege
@@ -54,6 +55,7 @@ class GigeServer:
         self._control = ControlChannel(registers, privilege, self._stream.resend, self._released)
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._serve, name=f"gvcp {address}", daemon=True)
+        device.faults.restrict(GIGE)
         device.connect(self._send)
         device.on_power_on(self._power_on)
 
@@ -74,9 +76,9 @@ class GigeServer:
         device, xml = self._device, self._xml
         model = str(device.features.get("DeviceModelName"))
         if xml is None:
-            description = zipped(model, genicam_xml(device.features))
+            description = zipped(model, genicam_xml(device.features, GIGE_VISION))
             bootstrap = bootstrap_registers(device, address, privilege, self._stream, description)
-            return RegisterMap((*bootstrap, *feature_registers(device)))
+            return RegisterMap((*bootstrap, *feature_registers(device, GIGE_VISION.byte_order)))
         description = zipped(model, xml.description.data)
         at = free_address(xml, len(description))
         bootstrap = bootstrap_registers(device, address, privilege, self._stream, description, description_address=at)
@@ -103,12 +105,12 @@ class GigeServer:
                 self._socket.sendto(answer, peer)
 
     def _send(self, frame: ExposedFrame) -> None:
+        features, byte_order, chunks = self._device.features, GIGE_VISION.byte_order, b""
         if self._xml is not None:
             on = self._xml.chunks(frame)
-            chunks = b"" if on is None else tagged(frame, on)
-        else:
-            features = self._device.features
-            chunks = chunk_bytes(frame, features.enabled_chunks()) if features.get("ChunkModeActive") else b""
+            chunks = b"" if on is None else tagged(frame, on, byte_order)
+        elif features.get("ChunkModeActive"):
+            chunks = chunk_bytes(frame, features.enabled_chunks(), byte_order)
         self._stream.send(frame, chunks)
 
     def _released(self) -> None:

@@ -7,6 +7,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import IntEnum
 
+from fake_camera.status import CommandError, Status
+
 PORT = 3956
 """The UDP port that every GigE Vision camera listens on."""
 
@@ -32,30 +34,6 @@ class Command(IntEnum):
     WRITEREG = 0x0082
     READMEM = 0x0084
     WRITEMEM = 0x0086
-
-
-class Status(IntEnum):
-    """How a command ended; GVSP packets carry the same codes."""
-
-    SUCCESS = 0x0000
-    PACKET_RESEND = 0x0100
-    NOT_IMPLEMENTED = 0x8001
-    INVALID_PARAMETER = 0x8002
-    INVALID_ADDRESS = 0x8003
-    WRITE_PROTECT = 0x8004
-    BAD_ALIGNMENT = 0x8005
-    ACCESS_DENIED = 0x8006
-    PACKET_UNAVAILABLE = 0x800C
-    INVALID_HEADER = 0x800E
-
-
-class GvcpError(Exception):
-    """A command cannot be done: `status` says why, to the sender, and `payload` what had been done before."""
-
-    def __init__(self, status: Status, payload: bytes = b"") -> None:
-        super().__init__(status.name)
-        self.status = status
-        self.payload = payload
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +80,7 @@ class Resend:
 
         Raises
         ------
-        GvcpError
+        CommandError
             INVALID_HEADER when the payload is too short.
         """
         channel, block_id, first, last = _unpack(">HHII", payload)
@@ -110,12 +88,12 @@ class Resend:
 
 
 def register_addresses(payload: bytes) -> list[int]:
-    """The addresses that a READREG asks for; raises GvcpError INVALID_HEADER when there is none or half of one."""
+    """The addresses that a READREG asks for; raises CommandError INVALID_HEADER when there is none or half of one."""
     return [address for (address,) in _records(">I", payload)]
 
 
 def register_writes(payload: bytes) -> list[tuple[int, bytes]]:
-    """The addresses and 4-byte values of a WRITEREG; raises GvcpError INVALID_HEADER as `register_addresses`."""
+    """The addresses and 4-byte values of a WRITEREG; raises CommandError INVALID_HEADER as `register_addresses`."""
     return [(address, value.to_bytes(4, "big")) for address, value in _records(">II", payload)]
 
 
@@ -124,19 +102,19 @@ def memory_range(payload: bytes) -> tuple[int, int]:
 
     Raises
     ------
-    GvcpError
+    CommandError
         INVALID_HEADER when the payload is too short, INVALID_PARAMETER when it asks for nothing or for too much.
     """
     address, _reserved, count = _unpack(">IHH", payload)
     if not 0 < count <= MAX_READ_BYTES:
-        raise GvcpError(Status.INVALID_PARAMETER)
+        raise CommandError(Status.INVALID_PARAMETER)
     return address, count
 
 
 def memory_write(payload: bytes) -> tuple[int, bytes]:
-    """The address and the data of a WRITEMEM; raises GvcpError INVALID_HEADER when there is no data."""
+    """The address and the data of a WRITEMEM; raises CommandError INVALID_HEADER when there is no data."""
     if len(payload) <= 4:
-        raise GvcpError(Status.INVALID_HEADER, write_acknowledgement(0))
+        raise CommandError(Status.INVALID_HEADER, write_acknowledgement(0))
     return int.from_bytes(payload[:4], "big"), payload[4:]
 
 
@@ -147,11 +125,11 @@ def write_acknowledgement(written: int) -> bytes:
 
 def _unpack(layout: str, payload: bytes) -> tuple[int, ...]:
     if len(payload) < struct.calcsize(layout):
-        raise GvcpError(Status.INVALID_HEADER)
+        raise CommandError(Status.INVALID_HEADER)
     return struct.unpack_from(layout, payload)
 
 
 def _records(layout: str, payload: bytes) -> Iterator[tuple[int, ...]]:
     if not payload or len(payload) % struct.calcsize(layout):
-        raise GvcpError(Status.INVALID_HEADER)
+        raise CommandError(Status.INVALID_HEADER)
     return struct.iter_unpack(layout, payload)

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fake_camera.features import ENUM_ENTRIES
-from fake_camera.gvcp import Status
 from fake_camera.imaging import ExposedFrame
+from fake_camera.status import Status
 
 PACKET_OVERHEAD = 20 + 8 + 8
 """Bytes of a packet that carry no payload: headers of IP, UDP and GVSP. Packet sizes include them."""

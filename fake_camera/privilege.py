@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from fake_camera.gvcp import GvcpError, Status
+from fake_camera.status import CommandError, Status
 
 Peer = tuple[str, int]
 """Address and UDP port of a client."""
@@ -32,7 +32,7 @@ class ControlPrivilege:
     @heartbeat_ms.setter
     def heartbeat_ms(self, timeout_ms: int) -> None:
         if timeout_ms < _MIN_HEARTBEAT_MS:
-            raise GvcpError(Status.INVALID_PARAMETER)
+            raise CommandError(Status.INVALID_PARAMETER)
         self._heartbeat_ms = timeout_ms
 
     def hear(self, peer: Peer, now_s: float) -> None:
@@ -45,27 +45,27 @@ class ControlPrivilege:
         return self.holder is not None and now_s - self._heard_s > self._heartbeat_ms / 1000
 
     def check_read(self, peer: Peer) -> None:
-        """Raise GvcpError ACCESS_DENIED when another client has exclusive access."""
+        """Raise CommandError ACCESS_DENIED when another client has exclusive access."""
         if self.value & _EXCLUSIVE and peer != self.holder:
-            raise GvcpError(Status.ACCESS_DENIED)
+            raise CommandError(Status.ACCESS_DENIED)
 
     def check_write(self, peer: Peer) -> None:
-        """Raise GvcpError ACCESS_DENIED unless this client has control."""
+        """Raise CommandError ACCESS_DENIED unless this client has control."""
         if peer != self.holder:
-            raise GvcpError(Status.ACCESS_DENIED)
+            raise CommandError(Status.ACCESS_DENIED)
 
     def request(self, peer: Peer, value: int, now_s: float) -> None:
         """Take (exclusive, control) or give back (0) the privilege.
 
         Raises
         ------
-        GvcpError
+        CommandError
             ACCESS_DENIED when another client holds it, INVALID_PARAMETER for a bit that is not on offer.
         """
         if self.holder not in (None, peer):
-            raise GvcpError(Status.ACCESS_DENIED)
+            raise CommandError(Status.ACCESS_DENIED)
         if value & ~(_EXCLUSIVE | _CONTROL):
-            raise GvcpError(Status.INVALID_PARAMETER)
+            raise CommandError(Status.INVALID_PARAMETER)
         self.value = value
         self.holder = peer if value else None
         self._heard_s = now_s

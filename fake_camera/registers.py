@@ -6,10 +6,14 @@ import struct
 from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from typing import Literal
 
 from fake_camera.device import Device
 from fake_camera.features import ENUM_ENTRIES, FeatureError, Features, Spec, Value
-from fake_camera.gvcp import GvcpError, Status
+from fake_camera.status import CommandError, Status
+
+ByteOrder = Literal["big", "little"]
+"""GigE Vision is big-endian throughout, USB3 Vision little-endian."""
 
 COMMANDS = ("AcquisitionStart", "AcquisitionStop", "TriggerSoftware", "TimestampLatch", "DeviceReset")
 
@@ -22,6 +26,8 @@ INCREMENT = 0x50
 LOCK = 0x58
 _SLOT_BYTES = 0x80
 _FIRST_SLOT = 0x10000
+
+_DOUBLE = {"big": ">d", "little": "<d"}
 
 FEATURE_STATUS = {
     "out_of_range": Status.INVALID_PARAMETER,
@@ -46,20 +52,26 @@ def constant(address: int, data: bytes) -> Register:
     return Register(address, len(data), lambda: data)
 
 
-def unsigned(address: int, read: Callable[[], int], write: Callable[[int], None] | None = None) -> Register:
-    """A big-endian, unsigned 32-bit register."""
+def unsigned(
+    address: int,
+    read: Callable[[], int],
+    write: Callable[[int], None] | None = None,
+    byte_order: ByteOrder = "big",
+) -> Register:
+    """An unsigned 32-bit register."""
     return Register(
         address,
         4,
-        lambda: struct.pack(">I", read()),
-        None if write is None else lambda data: write(int.from_bytes(data, "big")),
+        lambda: read().to_bytes(4, byte_order),
+        None if write is None else lambda data: write(int.from_bytes(data, byte_order)),
     )
 
 
 class RegisterMap:
-    """All registers of a camera."""
+    """All registers of a camera; addresses and lengths of accesses must be multiples of `alignment` (bytes)."""
 
-    def __init__(self, registers: Iterable[Register]) -> None:
+    def __init__(self, registers: Iterable[Register], alignment: int = 4) -> None:
+        self._alignment = alignment
         self._registers = sorted(registers, key=lambda register: register.address)
         self._addresses = [register.address for register in self._registers]
 
@@ -68,10 +80,10 @@ class RegisterMap:
 
         Raises
         ------
-        GvcpError
-            BAD_ALIGNMENT unless both arguments are multiples of 4, INVALID_ADDRESS where there is no register.
+        CommandError
+            BAD_ALIGNMENT for what is no multiple of the alignment, INVALID_ADDRESS where there is no register.
         """
-        _check_alignment(address, count)
+        self._check_alignment(address, count)
         data = b""
         while len(data) < count:
             here = address + len(data)
@@ -84,17 +96,17 @@ class RegisterMap:
 
         Raises
         ------
-        GvcpError
+        CommandError
             BAD_ALIGNMENT (as `read`, and for a part of a register), INVALID_ADDRESS, WRITE_PROTECT, or what the
             register itself answers: INVALID_PARAMETER for a value out of range, ACCESS_DENIED for one that is locked.
         """
-        _check_alignment(address, len(data))
+        self._check_alignment(address, len(data))
         while data:
             register = self._at(address)
             if register.write is None:
-                raise GvcpError(Status.WRITE_PROTECT)
+                raise CommandError(Status.WRITE_PROTECT)
             if register.address != address or len(data) < register.length:
-                raise GvcpError(Status.BAD_ALIGNMENT)
+                raise CommandError(Status.BAD_ALIGNMENT)
             register.write(data[: register.length])
             data = data[register.length :]
             address += register.length
@@ -103,7 +115,11 @@ class RegisterMap:
         index = bisect_right(self._addresses, address) - 1
         if index >= 0 and address < self._registers[index].address + self._registers[index].length:
             return self._registers[index]
-        raise GvcpError(Status.INVALID_ADDRESS)
+        raise CommandError(Status.INVALID_ADDRESS)
+
+    def _check_alignment(self, address: int, count: int) -> None:
+        if address % self._alignment or count % self._alignment:
+            raise CommandError(Status.BAD_ALIGNMENT)
 
 
 def slots(features: Features) -> dict[str, int]:
@@ -123,28 +139,28 @@ def value_bytes(spec: Spec) -> int:
     return 8 if spec.type == "float" or spec.unit == "ns" else 4
 
 
-def encode(spec: Spec, value: Value) -> bytes:
-    """A value as it lies in the feature's slot, big-endian; strings are padded with zeros."""
+def encode(spec: Spec, value: Value, byte_order: ByteOrder) -> bytes:
+    """A value as it lies in the feature's slot; strings are padded with zeros."""
     if spec.type == "string":
         return str(value).encode()[:STRING_BYTES].ljust(STRING_BYTES, b"\0")
     if spec.type == "float":
-        return struct.pack(">d", value)
+        return struct.pack(_DOUBLE[byte_order], value)
     if spec.type == "enumeration":
         value = ENUM_ENTRIES[spec.name][str(value)]
-    return int(value).to_bytes(value_bytes(spec), "big")
+    return int(value).to_bytes(value_bytes(spec), byte_order)
 
 
-def decode(spec: Spec, data: bytes) -> Value:
-    """The value in a feature's slot; raises GvcpError INVALID_PARAMETER when the bytes mean nothing."""
+def decode(spec: Spec, data: bytes, byte_order: ByteOrder) -> Value:
+    """The value in a feature's slot; raises CommandError INVALID_PARAMETER when the bytes mean nothing."""
     if spec.type == "string":
         try:
             return data.split(b"\0", 1)[0].decode("ascii")
         except UnicodeDecodeError as error:
-            raise GvcpError(Status.INVALID_PARAMETER) from error
+            raise CommandError(Status.INVALID_PARAMETER) from error
     if spec.type == "float":
-        (number,) = struct.unpack(">d", data)
+        (number,) = struct.unpack(_DOUBLE[byte_order], data)
         return float(number)
-    integer = int.from_bytes(data, "big")
+    integer = int.from_bytes(data, byte_order)
     if spec.type == "boolean":
         return integer != 0
     if spec.type == "integer":
@@ -152,61 +168,60 @@ def decode(spec: Spec, data: bytes) -> Value:
     for entry, entry_value in ENUM_ENTRIES[spec.name].items():
         if entry_value == integer:
             return entry
-    raise GvcpError(Status.INVALID_PARAMETER)
+    raise CommandError(Status.INVALID_PARAMETER)
 
 
-def feature_registers(device: Device) -> Iterator[Register]:
+def feature_registers(device: Device, byte_order: ByteOrder) -> Iterator[Register]:
     """The slots of all features and commands of a device."""
     features = device.features
     for name, address in slots(features).items():
         if name in COMMANDS:
-            yield _command(device, name, address)
+            yield _command(device, name, address, byte_order)
             continue
         spec = features.spec(name)
-        yield _value(device, spec, address)
+        yield _value(device, spec, address, byte_order)
         if has_limits(spec):
-            yield from _limits(features, spec, address)
+            yield from _limits(features, spec, address, byte_order)
         if spec.locked_while is not None:
-            yield unsigned(address + LOCK, lambda name=name: int(features.locked(name)))  # type: ignore[misc]
+            yield _lock(features, name, address, byte_order)
 
 
-def _value(device: Device, spec: Spec, address: int) -> Register:
+def _value(device: Device, spec: Spec, address: int, byte_order: ByteOrder) -> Register:
     def write(data: bytes) -> None:
         if device.faults.refuse_write():
-            raise GvcpError(Status.ACCESS_DENIED)
+            raise CommandError(Status.ACCESS_DENIED)
         try:
-            device.features.set(spec.name, decode(spec, data))
+            device.features.set(spec.name, decode(spec, data, byte_order))
         except FeatureError as error:
-            raise GvcpError(FEATURE_STATUS[error.kind]) from error
+            raise CommandError(FEATURE_STATUS[error.kind]) from error
 
     return Register(
         address,
         value_bytes(spec),
-        lambda: encode(spec, device.features.get(spec.name)),
+        lambda: encode(spec, device.features.get(spec.name), byte_order),
         write if spec.writable else None,
     )
 
 
-def _command(device: Device, name: str, address: int) -> Register:
+def _command(device: Device, name: str, address: int, byte_order: ByteOrder) -> Register:
     def write(value: int) -> None:
         if device.faults.refuse_write():
-            raise GvcpError(Status.ACCESS_DENIED)
+            raise CommandError(Status.ACCESS_DENIED)
         if value:
             device.execute(name)
 
-    return unsigned(address, lambda: 0, write)  # reads 0: done
+    return unsigned(address, lambda: 0, write, byte_order)  # reads 0: done
 
 
-def _limits(features: Features, spec: Spec, address: int) -> Iterator[Register]:
+def _lock(features: Features, name: str, address: int, byte_order: ByteOrder) -> Register:
+    return unsigned(address + LOCK, lambda: int(features.locked(name)), byte_order=byte_order)
+
+
+def _limits(features: Features, spec: Spec, address: int, byte_order: ByteOrder) -> Iterator[Register]:
     fields = {MINIMUM: "minimum", MAXIMUM: "maximum", INCREMENT: "increment"}
     for offset, field in fields.items():
 
         def read(field: str = field) -> bytes:
-            return encode(spec, getattr(features.limits(spec.name), field))
+            return encode(spec, getattr(features.limits(spec.name), field), byte_order)
 
         yield Register(address + offset, value_bytes(spec), read)
-
-
-def _check_alignment(address: int, count: int) -> None:
-    if address % 4 or count % 4:
-        raise GvcpError(Status.BAD_ALIGNMENT)

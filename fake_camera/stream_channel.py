@@ -9,9 +9,10 @@ import time
 from collections import deque
 
 from fake_camera.faults import Faults
-from fake_camera.gvcp import GvcpError, Resend, Status
+from fake_camera.gvcp import Resend
 from fake_camera.gvsp import Block, trial_packet, unavailable_packet
 from fake_camera.imaging import ExposedFrame
+from fake_camera.status import CommandError, Status
 
 MIN_PACKET_BYTES = 220
 MAX_PACKET_BYTES = 9000  # also at power-on: large packets cost a third of the CPU of small ones
@@ -87,7 +88,7 @@ class StreamChannel:
     @packet_delay_ns.setter
     def packet_delay_ns(self, delay_ns: int) -> None:
         if delay_ns > MAX_PACKET_DELAY_NS:
-            raise GvcpError(Status.INVALID_PARAMETER)
+            raise CommandError(Status.INVALID_PARAMETER)
         self._packet_delay_ns = delay_ns
 
     @property
@@ -99,7 +100,7 @@ class StreamChannel:
     def packet_size_register(self, value: int) -> None:
         packet_bytes = value & 0xFFFF
         if not MIN_PACKET_BYTES <= packet_bytes <= MAX_PACKET_BYTES:
-            raise GvcpError(Status.INVALID_PARAMETER)
+            raise CommandError(Status.INVALID_PARAMETER)
         self._packet_bytes = packet_bytes
         self._set_do_not_fragment(bool(value & _DO_NOT_FRAGMENT))
         if value & _FIRE_TEST_PACKET:

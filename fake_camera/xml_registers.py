@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from fake_camera.features import FeatureError
-from fake_camera.gvcp import GvcpError, Status
 from fake_camera.registers import FEATURE_STATUS, Register, RegisterMap
+from fake_camera.status import CommandError, Status
 from fake_camera.xml_camera import XmlCamera
 
 _BASES = (0x100000, 0x4000_0000, 0x5000_0000, 0x6000_0000, 0x7000_0000, 0xE000_0000)
@@ -40,7 +40,7 @@ class XmlRegisters(RegisterMap):
         """Write `data`, see `RegisterMap.write`."""
         try:
             super().write(address, data)
-        except GvcpError as error:
+        except CommandError as error:
             if error.status != Status.INVALID_ADDRESS:
                 raise
         else:
@@ -48,12 +48,12 @@ class XmlRegisters(RegisterMap):
         try:
             self._camera.write(address, data)
         except FeatureError as error:
-            raise GvcpError(FEATURE_STATUS[error.kind]) from error
+            raise CommandError(FEATURE_STATUS[error.kind]) from error
 
     def _bootstrap(self, address: int, count: int) -> bytes | None:
         try:
             return super().read(address, count)
-        except GvcpError as error:
+        except CommandError as error:
             if error.status != Status.INVALID_ADDRESS:
                 raise
             return None

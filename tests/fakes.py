@@ -12,14 +12,17 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from fake_camera.usb3.run import ShimError, client_environment
+
 STOP_TIMEOUT_S = 10.0
 CONTROL_TIMEOUT_S = 5.0
+SUITE_TIMEOUT_S = 100.0
 FOREIGN_COMMAND = "arv-fake-gv-camera-0.8"
 FOREIGN_ADDRESS = "127.0.0.1"
 """It binds to the address of an interface and to no other, so that one machine runs one of them."""
@@ -38,13 +41,14 @@ def loopback_address() -> str:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FakeCamera:
-    """A running fake camera."""
+    """A running fake camera; `address` is empty on USB, where `socket` is what the client's bus hangs on."""
 
     serial: str
     address: str
     line0: str
     control: Path
     process: subprocess.Popen[str]
+    socket: Path | None = None
 
     def inject(self, fault: str, after_trigger: int | None = None, count: int | None = 1) -> int:
         """Order a fault and wait for the acknowledgement; the number of the last trigger before it."""
@@ -79,19 +83,59 @@ def fake_camera(
 
     Serial, address and the wire's name are made up when not given. `options` are further command line options.
     """
-    serial = serial or unique("FAKE")
     address = address or loopback_address()
+    with _running(serial, side, line0, ["--address", address, *options]) as camera:
+        yield replace(camera, address=address)
+
+
+@contextlib.contextmanager
+def usb3_camera(
+    serial: str | None = None,
+    *,
+    socket: Path | None = None,
+    side: str = "left",
+    line0: str | None = None,
+    options: Sequence[str] = (),
+) -> Iterator[FakeCamera]:
+    """The same as `fake_camera` on USB3 Vision: programs with the `usb3_environment` of its socket see it."""
+    with tempfile.TemporaryDirectory() as directory:
+        socket = socket or Path(directory) / "camera"
+        with _running(serial, side, line0, ["--usb3", "--socket", str(socket), *options]) as camera:
+            yield replace(camera, socket=socket)
+
+
+def usb3_environment(*sockets: Path | None) -> dict[str, str]:
+    """The environment of programs that are to see the cameras at these sockets, now or later, on their USB bus."""
+    try:
+        return client_environment([socket for socket in sockets if socket is not None])
+    except ShimError as error:
+        pytest.skip(str(error))
+
+
+def run_under_shim(suite: Path, *sockets: Path) -> None:
+    """Run the tests of a file in a process whose USB bus has ports at these sockets; all must pass."""
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(suite)]
+    environment = usb3_environment(*sockets)
+    inner = subprocess.run(
+        command, env=environment, capture_output=True, text=True, timeout=SUITE_TIMEOUT_S, check=False
+    )
+    assert inner.returncode == 0, inner.stdout + inner.stderr
+
+
+@contextlib.contextmanager
+def _running(serial: str | None, side: str, line0: str | None, options: Sequence[str]) -> Iterator[FakeCamera]:
+    serial = serial or unique("FAKE")
     line0 = line0 or unique("wire")
     with tempfile.TemporaryDirectory() as directory:
         control = Path(directory) / "control"
-        command = [sys.executable, "-m", "fake_camera", "--serial", serial, "--address", address, "--side", side]
+        command = [sys.executable, "-m", "fake_camera", "--serial", serial, "--side", side]
         command += ["--line0", line0, "--control", str(control), *options]
         with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
             try:
                 assert process.stdout is not None
                 ready = process.stdout.readline()
                 assert serial in ready, f"no ready line from {' '.join(command)}: {ready!r}"
-                yield FakeCamera(serial, address, line0, control, process)
+                yield FakeCamera(serial, "", line0, control, process)
             finally:
                 process.terminate()
                 try:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 import socket
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from fake_camera.control_socket import ControlSocket
-from fake_camera.faults import Fault, FaultError, Faults
+from fake_camera.faults import USB3, Fault, FaultError, Faults
 
 
 def met(faults: Faults, name: str, triggers: range) -> list[int]:
@@ -103,6 +104,55 @@ def test_another_order_does_not_end_an_absence() -> None:
     assert faults.vanished
 
 
+def test_goes_once_and_comes_back_once() -> None:
+    calls: list[str] = []
+    faults = Faults(lambda: calls.append("on"), lambda: calls.append("off"))
+    faults.add(Fault("vanish", after_trigger=1, count=2))
+    for trigger in range(6):
+        faults.on_trigger(trigger)
+    assert calls == ["off", "on"]
+
+
+def test_whoever_orders_it_back_finds_it_back() -> None:
+    restarting, finish, back = threading.Event(), threading.Event(), threading.Event()
+
+    def power_on() -> None:
+        restarting.set()
+        assert finish.wait(5)
+
+    def order() -> None:
+        faults.add(Fault("come_back"))
+        assert not faults.vanished
+        back.set()
+
+    faults = Faults(power_on)
+    faults.add(Fault("vanish", count=1))
+    faults.on_trigger(0)
+    threads = [threading.Thread(target=faults.on_trigger, args=(1,)), threading.Thread(target=order)]
+    threads[0].start()
+    assert restarting.wait(5)
+    threads[1].start()
+    assert not back.is_set()
+    finish.set()
+    assert back.wait(5)
+    for thread in threads:
+        thread.join()
+
+
+def test_a_transport_knows_only_its_own_faults() -> None:
+    faults = Faults()
+    faults.restrict(USB3)
+    with pytest.raises(FaultError, match=r"^lose_packets is no fault of this camera's transport: its faults are "):
+        faults.add(Fault("lose_packets"))
+    faults.add(Fault("stall", after_trigger=1))
+    spoilt = []
+    for trigger in range(4):
+        faults.on_trigger(trigger)
+        faults.on_send(trigger)
+        spoilt.append(faults.spoils_frame("stall"))
+    assert spoilt == [False, False, True, False]
+
+
 def test_loses_packets_from_the_frame_of_the_trigger_on() -> None:
     faults = Faults()
     faults.add(Fault("lose_packets", after_trigger=1, count=3))
@@ -155,6 +205,14 @@ def test_each_line_is_acknowledged(control: tuple[Path, Faults]) -> None:
     assert "not JSON" in str(answers[1]["error"])
     assert answers[2]["ok"] is True
     assert faults.vanished
+
+
+def test_a_fault_of_another_transport_is_answered(control: tuple[Path, Faults]) -> None:
+    path, faults = control
+    faults.restrict(USB3)
+    answer = ask(path, '{"fault": "lose_packets"}')[0]
+    assert answer["ok"] is False
+    assert "no fault of this camera's transport" in str(answer["error"])
 
 
 def test_serves_several_connections_at_once(control: tuple[Path, Faults]) -> None:

@@ -11,9 +11,10 @@ from hypothesis import strategies as st
 
 from fake_camera.chunks import CHUNKS, chunk_bytes
 from fake_camera.faults import Fault, Faults
-from fake_camera.gvcp import GvcpError, Resend
+from fake_camera.gvcp import Resend
 from fake_camera.gvsp import Block, block_id
 from fake_camera.imaging import ExposedFrame, ImageSettings
+from fake_camera.status import CommandError
 from fake_camera.stream_channel import StreamChannel
 from tests.fake_camera.gige_client import ramp
 
@@ -51,7 +52,7 @@ def test_packets_put_together_are_the_frame(
     width: int, height: int, pixel_format: str, packet_bytes: int, names: list[str] | None
 ) -> None:
     frame = exposed(width, height, pixel_format)
-    chunks = b"" if names is None else chunk_bytes(frame, names)
+    chunks = b"" if names is None else chunk_bytes(frame, names, "big")
     block = Block.from_frame(frame, chunks, packet_bytes)
     packets = [b"".join(block.packet(packet_id)) for packet_id in range(block.last_packet_id + 1)]
 
@@ -73,7 +74,7 @@ def test_leader_and_trailer_of_an_image() -> None:
 def test_chunks_are_found_from_the_end() -> None:
     frame = exposed(40, 20)
     names = ["ExposureTime", "Gain", "FrameID", "Timestamp"]
-    payload = frame.pixels.tobytes() + chunk_bytes(frame, names)
+    payload = frame.pixels.tobytes() + chunk_bytes(frame, names, "big")
     found = {}
     while payload:
         chunk_id, length = struct.unpack(">II", payload[-8:])
@@ -139,7 +140,7 @@ def test_a_smaller_packet_size_is_kept_to(client: Client) -> None:
 
 @pytest.mark.parametrize("packet_bytes", [0, 219, 9001, 0xFFFF])
 def test_a_packet_size_that_cannot_be_is_refused(client: Client, packet_bytes: int) -> None:
-    with pytest.raises(GvcpError):
+    with pytest.raises(CommandError):
         client.channel.packet_size_register = packet_bytes
     assert client.channel.packet_size_register & 0xFFFF == 9000
 

@@ -12,18 +12,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fake_camera.bootstrap import bootstrap_registers, mac_address
+from fake_camera.bootstrap import GIGE_VISION, bootstrap_registers, mac_address
 from fake_camera.chunks import CHUNKS
 from fake_camera.device import Device
 from fake_camera.faults import Fault, Faults
 from fake_camera.features import CHUNK_BYTES, ENUM_ENTRIES, Features, Spec
 from fake_camera.genicam_xml import genicam_xml, zipped
-from fake_camera.gvcp import GvcpError, Status
 from fake_camera.privilege import ControlPrivilege
 from fake_camera.registers import (
     COMMANDS,
     LOCK,
     MAXIMUM,
+    ByteOrder,
     Register,
     RegisterMap,
     decode,
@@ -31,13 +31,14 @@ from fake_camera.registers import (
     feature_registers,
     slots,
 )
+from fake_camera.status import CommandError, Status
 from fake_camera.stream_channel import StreamChannel
 from tests.fake_camera.gige_client import device
 
 FEATURES = Features("TEST", 720, 540, lambda: 0)
 SPECS = [FEATURES.spec(name) for name in FEATURES.names]
 SLOTS = slots(FEATURES)
-DESCRIPTION = genicam_xml(FEATURES)
+DESCRIPTION = genicam_xml(FEATURES, GIGE_VISION)
 GENICAM = "{http://www.genicam.org/GenApi/Version_1_1}"
 
 
@@ -53,7 +54,7 @@ def registers(camera: Device) -> Iterator[list[Register]]:
     packed = zipped("FakeGV287M", DESCRIPTION)
     yield [
         *bootstrap_registers(camera, "127.0.0.9", ControlPrivilege(), stream, packed),
-        *feature_registers(camera),
+        *feature_registers(camera, "big"),
     ]
     stream.close()
 
@@ -81,16 +82,17 @@ def values(spec: Spec) -> st.SearchStrategy[object]:
 def test_values_survive_the_wire(data: st.DataObject) -> None:
     spec = data.draw(st.sampled_from(SPECS))
     value = data.draw(values(spec))
-    assert decode(spec, encode(spec, value)) == value  # type: ignore[arg-type]
+    byte_order: ByteOrder = data.draw(st.sampled_from(("big", "little")))
+    assert decode(spec, encode(spec, value, byte_order), byte_order) == value  # type: ignore[arg-type]
 
 
 @given(st.data())
 def test_any_bytes_are_a_value_or_an_invalid_parameter(data: st.DataObject) -> None:
     spec = data.draw(st.sampled_from(SPECS))
-    length = len(encode(spec, spec.initial))
+    length = len(encode(spec, spec.initial, "big"))
     try:
-        decode(spec, data.draw(st.binary(min_size=length, max_size=length)))
-    except GvcpError as error:
+        decode(spec, data.draw(st.binary(min_size=length, max_size=length)), "big")
+    except CommandError as error:
         assert error.status == Status.INVALID_PARAMETER
 
 
@@ -99,7 +101,7 @@ def test_every_read_gives_its_bytes_or_an_error(address: int, count: int) -> Non
     memory = RegisterMap([Register(0, 8, lambda: bytes(8)), Register(8, 0x400, lambda: bytes(0x400))])
     try:
         assert len(memory.read(address, count)) == count
-    except GvcpError as error:
+    except CommandError as error:
         assert error.status in (Status.BAD_ALIGNMENT, Status.INVALID_ADDRESS)
 
 
@@ -158,7 +160,7 @@ def test_the_port_register_names_a_port_and_no_interface(memory: RegisterMap) ->
 @pytest.mark.parametrize(("address", "value"), [(0x0D04, 100), (0x0D08, 1_000_001), (0x0938, 499), (0x0944, 1)])
 def test_a_bootstrap_register_refuses_what_it_cannot_be(memory: RegisterMap, address: int, value: int) -> None:
     before = memory.read(address, 4)
-    with pytest.raises(GvcpError) as error:
+    with pytest.raises(CommandError) as error:
         memory.write(address, struct.pack(">I", value))
     assert error.value.status == Status.INVALID_PARAMETER
     assert memory.read(address, 4) == before
@@ -190,7 +192,7 @@ def test_a_write_that_the_camera_refuses(
 ) -> None:
     camera.features.set("ExposureAuto", "Off")
     before = camera.features.get(name)
-    with pytest.raises(GvcpError) as error:
+    with pytest.raises(CommandError) as error:
         memory.write(SLOTS[name], data)
     assert error.value.status == status
     assert camera.features.get(name) == before
@@ -212,7 +214,7 @@ def test_locks_and_limits_show_the_camera_as_it_is_now(camera: Device, memory: R
 def test_refused_writes(camera: Device, memory: RegisterMap) -> None:
     camera.faults.add(Fault("refuse_writes", None, 2))
     for name in ("ExposureAuto", "AcquisitionStart"):
-        with pytest.raises(GvcpError) as error:
+        with pytest.raises(CommandError) as error:
             memory.write(SLOTS[name], struct.pack(">I", 0))
         assert error.value.status == Status.ACCESS_DENIED
     memory.write(SLOTS["ExposureAuto"], struct.pack(">I", 0))

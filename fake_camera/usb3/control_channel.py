@@ -1,0 +1,61 @@
+"""The control channel: takes commands from one endpoint and sends acknowledgements to the other."""
+
+from __future__ import annotations
+
+import threading
+
+from fake_camera.faults import Faults
+from fake_camera.registers import RegisterMap
+from fake_camera.status import CommandError, Status
+from fake_camera.usb3 import u3vcp
+from fake_camera.usb3.endpoint import InEndpoint
+from fake_camera.usb3.u3vcp import Command, Request
+
+_PENDING_MS = 500
+_PENDING_ANSWER_S = 0.1
+
+
+class ControlChannel:
+    """Executes commands; thread-safe."""
+
+    def __init__(self, registers: RegisterMap, acknowledgements: InEndpoint, faults: Faults) -> None:
+        self._registers = registers
+        self._acknowledgements = acknowledgements
+        self._faults = faults
+        self._lock = threading.Lock()
+
+    def take(self, transfer: bytes) -> bool:
+        """Execute the command in a transfer and acknowledge it; False when the camera does not take it (NAK)."""
+        if self._faults.spoils_command("nak"):
+            return False
+        request = Request.from_bytes(transfer)
+        if request is None:
+            return True
+        if self._faults.spoils_command("pending_acknowledge"):
+            self._acknowledgements.write(request.pending(_PENDING_MS))
+            later = threading.Timer(_PENDING_ANSWER_S, self._answer, (request,))
+            later.daemon = True
+            later.start()
+        else:
+            self._answer(request)
+        return True
+
+    def _answer(self, request: Request) -> None:
+        with self._lock:
+            try:
+                answer = request.acknowledge(self._execute(request))
+            except CommandError as error:
+                answer = request.acknowledge(error.payload, error.status)
+            if request.ack_required:
+                self._acknowledgements.write(answer)
+
+    def _execute(self, request: Request) -> bytes:
+        match request.command:
+            case Command.READMEM:
+                return self._registers.read(*u3vcp.memory_range(request.payload))
+            case Command.WRITEMEM:
+                address, data = u3vcp.memory_write(request.payload)
+                self._registers.write(address, data)
+                return u3vcp.write_acknowledgement(len(data))
+            case _:
+                raise CommandError(Status.NOT_IMPLEMENTED)

@@ -1,0 +1,302 @@
+/* An open camera's URBs, each with a place in one of two queues: on their way, or done.
+ *
+ * libusb polls the descriptor for POLLOUT, which usbfs gives when an URB is done, and for POLLERR, which it gives when
+ * the device has gone. The write end of a pipe with room for one piece does just that: full, there is nothing to reap;
+ * emptied, there is; and without a reader, the device has gone.
+ */
+#define _GNU_SOURCE
+#include "shim.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <linux/usbdevice_fs.h>
+#include <pthread.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+enum { SETUP_BYTES = 8 };
+
+/* What waits for an answer: an URB of libusb's, or a call that this library makes for an ioctl and that waits. */
+struct entry {
+    struct entry *next;
+    uint32_t sequence, unlink_sequence;
+    struct usbdevfs_urb *urb;
+    bool answered;
+    int status;
+};
+
+struct queue {
+    struct entry *first, **end;
+};
+
+struct link {
+    int fd, drain, sock; /* libusb's end of the pipe, ours, and the connection */
+    pthread_t reader;
+    pthread_mutex_t sending;
+    pthread_mutex_t lock; /* guards all below */
+    pthread_cond_t answered;
+    struct queue pending, done;
+    uint32_t sequence;
+    bool gone;
+};
+
+static void append(struct queue *queue, struct entry *entry)
+{
+    entry->next = NULL;
+    *queue->end = entry;
+    queue->end = &entry->next;
+}
+
+static struct entry *take(struct queue *queue, struct entry **at)
+{
+    struct entry *entry = *at;
+    if (entry && !(*at = entry->next))
+        queue->end = at;
+    return entry;
+}
+
+/* --- what the camera answers; the lock is held --- */
+
+static void finish(struct link *link, struct entry *entry, int status, uint32_t actual_length)
+{
+    if (!entry->urb) {
+        entry->answered = true;
+        entry->status = status;
+        pthread_cond_broadcast(&link->answered);
+        return;
+    }
+    char byte;
+    if (!link->done.first && !link->gone && read(link->drain, &byte, 1) < 0)
+        complain("the pipe to libusb cannot be read: %s", strerror(errno));
+    entry->urb->status = status;
+    entry->urb->actual_length = (int)actual_length;
+    append(&link->done, entry);
+}
+
+static struct entry *take_pending(struct link *link, const struct usbip_return *answer)
+{
+    for (struct entry **at = &link->pending.first; *at; at = &(*at)->next)
+        if ((answer->answer == USBIP_UNLINKED ? (*at)->unlink_sequence : (*at)->sequence) == answer->sequence)
+            return take(&link->pending, at);
+    return NULL;
+}
+
+static bool is_in(const struct usbdevfs_urb *urb)
+{
+    if (urb->type == USBDEVFS_URB_TYPE_CONTROL)
+        return *(unsigned char *)urb->buffer & 0x80;
+    return urb->endpoint & 0x80;
+}
+
+/* Data go straight into the URB's buffer, which stays valid until libusb has reaped it or closed the descriptor. */
+static bool receive_data(struct link *link, struct entry *entry, uint32_t bytes)
+{
+    struct usbdevfs_urb *urb = entry->urb;
+    if (!urb || !is_in(urb) || bytes == 0)
+        return true;
+    size_t skip = urb->type == USBDEVFS_URB_TYPE_CONTROL ? SETUP_BYTES : 0;
+    return bytes + skip <= (size_t)urb->buffer_length && usbip_receive(link->sock, (char *)urb->buffer + skip, bytes);
+}
+
+static bool receive_answer(struct link *link)
+{
+    struct usbip_return answer;
+    if (!usbip_receive_return(link->sock, &answer))
+        return false;
+    bool taken_back = answer.answer == USBIP_UNLINKED && answer.status != 0;
+    if (answer.answer == USBIP_UNLINKED && !taken_back)
+        return true; /* too late: it has been answered */
+    pthread_mutex_lock(&link->lock);
+    struct entry *entry = take_pending(link, &answer);
+    pthread_mutex_unlock(&link->lock);
+    if (!entry)
+        return false;
+    bool complete = taken_back || receive_data(link, entry, answer.actual_length);
+    pthread_mutex_lock(&link->lock);
+    finish(link, entry, taken_back ? -ENOENT : complete ? answer.status : -ESHUTDOWN, complete ? answer.actual_length : 0);
+    pthread_mutex_unlock(&link->lock);
+    return complete;
+}
+
+static void *read_answers(void *argument)
+{
+    struct link *link = argument;
+    while (receive_answer(link))
+        continue;
+    pthread_mutex_lock(&link->lock);
+    for (struct entry *entry; (entry = take(&link->pending, &link->pending.first));)
+        finish(link, entry, -ESHUTDOWN, 0);
+    link->gone = true;
+    real_close(link->drain);
+    pthread_mutex_unlock(&link->lock);
+    return NULL;
+}
+
+/* --- what libusb asks --- */
+
+static int fail(int error)
+{
+    errno = error;
+    return -1;
+}
+
+/* Note that an answer will come; without the lock, as sending may take time. */
+static struct entry *expect(struct link *link, struct usbdevfs_urb *urb)
+{
+    struct entry *entry = calloc(1, sizeof *entry);
+    if (!entry)
+        return NULL;
+    entry->urb = urb;
+    pthread_mutex_lock(&link->lock);
+    bool gone = link->gone;
+    if (!gone) {
+        entry->sequence = ++link->sequence;
+        append(&link->pending, entry);
+    }
+    pthread_mutex_unlock(&link->lock);
+    if (gone) {
+        free(entry);
+        errno = ENODEV;
+        return NULL;
+    }
+    return entry;
+}
+
+int link_submit(struct link *link, struct usbdevfs_urb *urb)
+{
+    if (urb->type == USBDEVFS_URB_TYPE_ISO) {
+        complain("isochronous transfers are not supported: no USB3 Vision camera has any");
+        return fail(EINVAL);
+    }
+    bool control = urb->type == USBDEVFS_URB_TYPE_CONTROL;
+    size_t skip = control ? SETUP_BYTES : 0;
+    if ((size_t)urb->buffer_length < skip)
+        return fail(EINVAL);
+    struct usbip_submit submit = {
+        .endpoint = (urb->endpoint & 0x0F) | (is_in(urb) ? 0x80 : 0),
+        .length = (uint32_t)(urb->buffer_length - (int)skip),
+        .setup = control ? urb->buffer : NULL,
+        .data = (char *)urb->buffer + skip,
+    };
+    pthread_mutex_lock(&link->sending); /* URBs go out in the order of their numbers */
+    struct entry *entry = expect(link, urb);
+    if (entry) {
+        submit.sequence = entry->sequence;
+        usbip_send_submit(link->sock, &submit); /* when it fails the reader ends, too, and with it all URBs */
+    }
+    pthread_mutex_unlock(&link->sending);
+    return entry ? 0 : -1;
+}
+
+int link_reap(struct link *link, struct usbdevfs_urb **urb)
+{
+    pthread_mutex_lock(&link->lock);
+    struct entry *entry = take(&link->done, &link->done.first);
+    if (entry && !link->done.first && !link->gone && write(link->fd, "", 1) < 0)
+        complain("the pipe of libusb cannot be filled: %s", strerror(errno));
+    bool gone = link->gone;
+    pthread_mutex_unlock(&link->lock);
+    if (!entry)
+        return fail(gone ? ENODEV : EAGAIN);
+    *urb = entry->urb;
+    free(entry);
+    return 0;
+}
+
+int link_discard(struct link *link, struct usbdevfs_urb *urb)
+{
+    pthread_mutex_lock(&link->sending);
+    pthread_mutex_lock(&link->lock);
+    struct entry *entry = link->pending.first;
+    while (entry && entry->urb != urb)
+        entry = entry->next;
+    uint32_t sequence = 0, unlinked = 0;
+    if (entry) {
+        unlinked = entry->sequence;
+        sequence = entry->unlink_sequence = ++link->sequence;
+    }
+    pthread_mutex_unlock(&link->lock);
+    if (unlinked)
+        usbip_send_unlink(link->sock, sequence, unlinked);
+    pthread_mutex_unlock(&link->sending);
+    return unlinked ? 0 : fail(EINVAL);
+}
+
+/* Wait for the answer to what was asked for with `entry`. */
+static int wait_for(struct link *link, struct entry *entry)
+{
+    if (!entry)
+        return -1;
+    pthread_mutex_lock(&link->lock);
+    while (!entry->answered)
+        pthread_cond_wait(&link->answered, &link->lock);
+    pthread_mutex_unlock(&link->lock);
+    int status = entry->status == -ESHUTDOWN ? -ENODEV : entry->status;
+    free(entry);
+    return status ? fail(-status) : 0;
+}
+
+int link_claim(struct link *link, uint8_t interface, bool claims)
+{
+    pthread_mutex_lock(&link->sending);
+    struct entry *entry = expect(link, NULL);
+    if (entry)
+        usbip_send_claim(link->sock, entry->sequence, interface, claims);
+    pthread_mutex_unlock(&link->sending);
+    return wait_for(link, entry);
+}
+
+int link_request(struct link *link, uint8_t recipient, uint8_t request, uint16_t value, uint16_t index)
+{
+    unsigned char setup[SETUP_BYTES] = {recipient, request, value & 0xFF, value >> 8, index & 0xFF, index >> 8, 0, 0};
+    pthread_mutex_lock(&link->sending);
+    struct entry *entry = expect(link, NULL);
+    if (entry)
+        usbip_send_submit(link->sock, &(struct usbip_submit){.sequence = entry->sequence, .setup = setup});
+    pthread_mutex_unlock(&link->sending);
+    return wait_for(link, entry);
+}
+
+/* --- opened and closed --- */
+
+static bool start(struct link *link)
+{
+    pthread_mutex_init(&link->sending, NULL);
+    pthread_mutex_init(&link->lock, NULL);
+    pthread_cond_init(&link->answered, NULL);
+    link->pending.end = &link->pending.first;
+    link->done.end = &link->done.first;
+    return fcntl(link->fd, F_SETPIPE_SZ, 1) > 0 && write(link->fd, "", 1) == 1
+        && pthread_create(&link->reader, NULL, read_answers, link) == 0;
+}
+
+struct link *link_open(int sock, int *fd)
+{
+    int ends[2];
+    struct link *link = calloc(1, sizeof *link);
+    if (!link || pipe2(ends, O_CLOEXEC | O_NONBLOCK) < 0) {
+        free(link);
+        return NULL;
+    }
+    *link = (struct link){.fd = ends[1], .drain = ends[0], .sock = sock};
+    *fd = link->fd;
+    if (start(link))
+        return link;
+    real_close(ends[0]);
+    real_close(ends[1]);
+    free(link);
+    return NULL;
+}
+
+void link_close(struct link *link)
+{
+    shutdown(link->sock, SHUT_RDWR);
+    pthread_join(link->reader, NULL); /* from here on nothing writes into URBs; it has closed its end of the pipe */
+    for (struct entry *entry; (entry = take(&link->done, &link->done.first));)
+        free(entry);
+    real_close(link->sock);
+    real_close(link->fd);
+    free(link);
+}
