@@ -9,7 +9,7 @@ import sys
 import threading
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 from rich.console import Console
@@ -64,13 +64,14 @@ def demo(
     scene: Annotated[str, typer.Option(help="What the cameras see: `room`, or a Radiance .hdr file.")] = "room",
     light: Annotated[Path | None, typer.Option(help="A light script for the fake cameras (YAML).")] = None,
     seed: Annotated[int, typer.Option(help="Room, textures and noise.")] = 0,
+    transport: Annotated[Literal["gige", "usb3"], typer.Option(help="GigE Vision or USB3 Vision.")] = "gige",
 ) -> None:
     """Expose two fake cameras through lights going on and off: no hardware needed."""
     from autoexpose_daemon.demo.run import DemoOptions, run_demo  # noqa: PLC0415
 
     stop = threading.Event()
     stop_on_signals(stop)
-    run_demo(DemoOptions(seconds, policy, summary, plot, scene, light, seed), stop, Console())
+    run_demo(DemoOptions(seconds, policy, summary, plot, scene, light, seed, transport), stop, Console())
 
 
 @app.command("list")

@@ -19,7 +19,7 @@ from drivers.account import Tally, TriggerAccount
 from drivers.camera import Camera, IncompleteFrame
 from drivers.errors import AutoexposeError
 from drivers.exposure import ExposureLimits
-from drivers.frame_memory import return_freed_frames
+from drivers.frame_memory import share_one_heap
 from drivers.frames import Frame, Side, StereoPair
 from drivers.rig import (
     CameraGone,
@@ -100,7 +100,7 @@ class Daemon:
         UnsupportedCameraError, ConfigurationError
             When a camera can never be driven as configured.
         """
-        return_freed_frames()
+        share_one_heap()
         self._rig.start()
         try:
             self._warm_up()

@@ -8,11 +8,12 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from autoexpose_daemon.demo.usb_bus import without_fake_bus
 from drivers.errors import AutoexposeError
 from drivers.frames import Side
 
@@ -31,8 +32,12 @@ class Pulse:
 
 
 @contextmanager
-def fake_cameras(folder: Path, arguments: Sequence[str], wire: str, stop: threading.Event) -> Iterator[list[Path]]:
+def fake_cameras(
+    folder: Path, arguments: Sequence[str], wire: str, sockets: Mapping[Side, Path], stop: threading.Event
+) -> Iterator[list[Path]]:
     """Run a left and a right fake camera on one trigger wire; yields their truth files.
+
+    They are USB3 Vision cameras at `sockets`, or without any GigE Vision cameras.
 
     Raises
     ------
@@ -42,7 +47,7 @@ def fake_cameras(folder: Path, arguments: Sequence[str], wire: str, stop: thread
     truths = [folder / f"{side}.truth.jsonl" for side in SERIALS]
     with ExitStack() as stack:
         starting = [
-            stack.enter_context(_fake_camera(side, truth, ["--line0", wire, *arguments]))
+            stack.enter_context(_fake_camera(side, truth, [*_place(side, sockets), "--line0", wire, *arguments]))
             for side, truth in zip(SERIALS, truths, strict=True)
         ]
         for side, process in zip(SERIALS, starting, strict=True):
@@ -50,12 +55,18 @@ def fake_cameras(folder: Path, arguments: Sequence[str], wire: str, stop: thread
         yield truths
 
 
+def _place(side: Side, sockets: Mapping[Side, Path]) -> list[str]:
+    return ["--usb3", "--socket", str(sockets[side])] if sockets else ["--address", _ADDRESSES[side]]
+
+
 @contextmanager
 def _fake_camera(side: Side, truth: Path, arguments: Sequence[str]) -> Iterator[subprocess.Popen[str]]:
     # setpriv: should this process be killed, its cameras must not stay behind and hold their addresses
     command = ["setpriv", "--pdeathsig", "TERM", sys.executable, "-m", "fake_camera"]
-    command += ["--address", _ADDRESSES[side], "--serial", SERIALS[side], "--side", side, "--truth", str(truth)]
-    process = subprocess.Popen([*command, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    command += ["--serial", SERIALS[side], "--side", side, "--truth", str(truth), *arguments]
+    process = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=without_fake_bus()
+    )
     try:
         yield process
     finally:

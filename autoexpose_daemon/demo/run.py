@@ -6,13 +6,15 @@ import gc
 import importlib.util
 import json
 import os
+import shutil
 import tempfile
 import threading
 import time
 from collections.abc import Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from rich.console import Console
 from rich.table import Table
@@ -23,6 +25,7 @@ from autoexpose_daemon.control.policies import check_policy_id
 from autoexpose_daemon.demo.fakes import SERIALS, Pulse, fake_cameras, read_pulses
 from autoexpose_daemon.demo.record import Recorder
 from autoexpose_daemon.demo.report import LightStep, delay_frames, light_steps, pulses_in_window
+from autoexpose_daemon.demo.usb_bus import begin_again_on_fake_bus, cameras_on_bus
 from autoexpose_daemon.reference_step import reference_step_ms
 from autoexpose_daemon.runtime import Daemon
 from autoexpose_daemon.service import run_until_stopped
@@ -31,6 +34,9 @@ from drivers.errors import AutoexposeError, ConfigurationError
 _RATE_HZ = 60.0
 _PICTURE_PERIOD_S = 0.25
 _REFERENCE_REPEATS = 60
+
+
+Transport = Literal["gige", "usb3"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +50,7 @@ class DemoOptions:
     scene: str
     light: Path | None
     seed: int
+    transport: Transport
 
 
 def run_demo(options: DemoOptions, stop: threading.Event, console: Console) -> None:
@@ -58,13 +65,19 @@ def run_demo(options: DemoOptions, stop: threading.Event, console: Console) -> N
         raise ConfigurationError("the fake cameras need the extra `sim`: pip install 'autoexpose-daemon[sim]'")
     _check_writable(options.summary, options.plot)
     config = _configuration(options.policy)
+    sockets = cameras_on_bus()
+    if options.transport == "usb3" and not sockets:
+        begin_again_on_fake_bus()
     arguments = ["--scene", options.scene, "--seed", str(options.seed)]
     if options.light is not None:
         arguments += ["--light", str(options.light)]
     recorder = Recorder(_PICTURE_PERIOD_S)
-    with tempfile.TemporaryDirectory(prefix="autoexpose-demo-") as folder:
+    with ExitStack() as resources:
+        folder = Path(resources.enter_context(tempfile.TemporaryDirectory(prefix="autoexpose-demo-")))
+        if sockets:
+            resources.callback(shutil.rmtree, sockets["left"].parent)
         console.print("starting two fake cameras ... (the first start compiles their renderer)")
-        with fake_cameras(Path(folder), arguments, f"demo-{os.getpid()}", stop) as truths:
+        with fake_cameras(folder, arguments, f"demo-{os.getpid()}", sockets, stop) as truths:
             daemon = Daemon(config, openers(config), recorder)
             cpu_percent = _run_for(options.seconds, daemon, stop, console, f"autoexpose demo, {options.policy}")
             reference_ms = reference_step_ms(_REFERENCE_REPEATS)
@@ -123,7 +136,7 @@ def _figures(options: DemoOptions, daemon: Daemon, pulses: list[Pulse], steps: l
     tally, telemetry = daemon.tally, daemon.telemetry
     seconds = ((tally.window_end_ns or 0) - (tally.window_start_ns or 0)) * 1e-9
     return {
-        "transport": "gige",
+        "transport": options.transport,
         "policy": options.policy,
         "seconds": round(seconds, 3),
         "fps": round(tally.pairs / seconds, 2) if seconds else 0.0,
