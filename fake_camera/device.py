@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import random
 import threading
 import time
@@ -18,6 +19,7 @@ from fake_camera.truth import TruthFile
 
 _TOO_LATE_NS = 500_000_000  # a pulse this old (the process was stopped) makes no exposure
 _OVERRUN_NS = 100_000_000  # a frame that would be sent this late is dropped, so that a slow machine stays in time
+_RENDERING_NICENESS = 15  # a real sensor takes no time of the host's, nor of the camera's answers
 _UNWIRED_RATE_HZ = 60.0  # what faults and truth are counted by when no wire is plugged in
 
 
@@ -192,6 +194,7 @@ class Device:
 
     def _send(self) -> None:
         """Render each exposure while it is exposed and read out, and send it when it is due; frames stay in order."""
+        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), _RENDERING_NICENESS)  # this thread alone
         due_ns = 0
         while (exposure := self._exposures.get()) is not None:
             due_ns = max(due_ns, exposure.ready_ns + (DELAY_NS if "delay" in exposure.faults else 0))
