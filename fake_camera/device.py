@@ -19,7 +19,7 @@ from fake_camera.truth import TruthFile
 
 _TOO_LATE_NS = 500_000_000  # a pulse this old (the process was stopped) makes no exposure
 _OVERRUN_NS = 100_000_000  # a frame that would be sent this late is dropped, so that a slow machine stays in time
-_RENDERING_NICENESS = 15  # a real sensor takes no time of the host's, nor of the camera's answers
+_RENDERING_NICENESS = 10  # a real sensor takes no time of the host's, nor of the camera's answers
 _UNWIRED_RATE_HZ = 60.0  # what faults and truth are counted by when no wire is plugged in
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 import random
 import shutil
 import socket
@@ -18,7 +19,7 @@ from typing import Any
 
 import pytest
 
-from fake_camera.usb3.run import ShimError, client_environment
+from fake_camera.usb3.run import CAMERAS_VARIABLE, ShimError, client_environment
 
 STOP_TIMEOUT_S = 10.0
 CONTROL_TIMEOUT_S = 5.0
@@ -102,6 +103,14 @@ def usb3_camera(
         socket = socket or Path(directory) / "camera"
         with _running(serial, side, line0, ["--usb3", "--socket", str(socket), *options]) as camera:
             yield replace(camera, socket=socket)
+
+
+@contextlib.contextmanager
+def camera_on_this_bus(serial: str | None = None, **options: Any) -> Iterator[FakeCamera]:
+    """The same on a free port of this very process' USB bus; for suites that run under the shim."""
+    ports = (Path(port) for port in os.environ[CAMERAS_VARIABLE].split(":"))
+    with usb3_camera(serial, socket=next(port for port in ports if not port.exists()), **options) as camera:
+        yield camera
 
 
 def usb3_environment(*sockets: Path | None) -> dict[str, str]:

@@ -11,6 +11,9 @@ from drivers.aravis.nodes import AravisNodes, is_silence
 from drivers.errors import AutoexposeError, CameraBusyError, CameraLostError, CameraNotFoundError
 from drivers.setup import CameraSetup
 
+_CLAIM_REFUSED = "Failed to claim USB interface"
+"""How Aravis says that another program has a USB3 Vision camera; it gives this error no code of its own."""
+
 
 def open_camera(serial: str, setup: CameraSetup) -> AravisCamera:
     """Open a camera, take control of it and set it up; it is stopped until `AravisCamera.start`.
@@ -35,6 +38,8 @@ def _set_up(found: FoundCamera, setup: CameraSetup) -> AravisCamera:
         with OPENING:
             camera = Aravis.Camera.new(found.id)
     except GLib.Error as error:
+        if _CLAIM_REFUSED in error.message:
+            raise _busy(found.serial) from None
         raise CameraNotFoundError(f"camera {found.serial} was seen but could not be opened: {error.message}") from None
     _take_control(camera, found.serial)
     with OPENING:
@@ -54,4 +59,8 @@ def _take_control(camera: Any, serial: str) -> None:
     except GLib.Error as error:
         if is_silence(error):
             raise CameraLostError(f"camera {serial} was found but does not answer any more") from None
-        raise CameraBusyError(f"camera {serial} is controlled by another program; close that one") from None
+        raise _busy(serial) from None
+
+
+def _busy(serial: str) -> CameraBusyError:
+    return CameraBusyError(f"camera {serial} is controlled by another program; close that one")

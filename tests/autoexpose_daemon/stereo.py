@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import tempfile
 import threading
 import time
@@ -18,9 +19,12 @@ from autoexpose_daemon.demo.fakes import read_pulses
 from autoexpose_daemon.demo.report import pulses_in_window
 from autoexpose_daemon.runtime import Daemon
 from drivers.frames import StereoPair
-from tests.fakes import FakeCamera, fake_camera, unique
+from fake_camera.usb3.run import CAMERAS_VARIABLE
+from tests.fakes import FakeCamera, camera_on_this_bus, fake_camera, unique
 
 PATIENCE_S = 30.0
+START_CAMERA = camera_on_this_bus if CAMERAS_VARIABLE in os.environ else fake_camera
+"""USB3 Vision in a process with fake cameras on its USB bus, else GigE Vision."""
 
 
 @dataclass
@@ -62,7 +66,7 @@ def stereo_cameras(*, left_triggers_right: bool = False) -> Iterator[tuple[FakeC
         between = str(Path(folder) / "wire")
         ends = [["--line1", between], ["--line3", between]] if left_triggers_right else [[], []]
         left, right = (
-            stack.enter_context(fake_camera(side=side, line0=wire, options=["--truth", str(truth), *end]))
+            stack.enter_context(START_CAMERA(side=side, line0=wire, options=["--truth", str(truth), *end]))
             for side, truth, end in zip(("left", "right"), truths, ends, strict=True)
         )
         yield left, right, truths

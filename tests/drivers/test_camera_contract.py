@@ -1,4 +1,7 @@
-"""What every opened camera must do, whatever it hangs on; a new transport adds a line to BACKENDS."""
+"""What every opened camera must do, whatever it hangs on.
+
+Run as it is, over GigE Vision; test_camera_contract_usb3.py runs it again in a process with fakes on its USB bus.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +25,8 @@ from drivers.errors import CameraBusyError, CameraLostError, CameraNotFoundError
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame
 from drivers.setup import CameraSetup, TriggerSetup
-from tests.fakes import FakeCamera, fake_camera
+from fake_camera.usb3.run import CAMERAS_VARIABLE
+from tests.fakes import FakeCamera, camera_on_this_bus, fake_camera
 
 pytestmark = pytest.mark.realtime
 
@@ -38,7 +42,7 @@ class Backend:
     start: Callable[..., contextlib.AbstractContextManager[FakeCamera]]
 
 
-BACKENDS = [Backend("gige", fake_camera)]
+BACKENDS = [Backend("usb3", camera_on_this_bus) if CAMERAS_VARIABLE in os.environ else Backend("gige", fake_camera)]
 
 
 @pytest.fixture(scope="module", params=BACKENDS, ids=lambda backend: backend.transport)
@@ -181,15 +185,20 @@ def test_a_refused_write_is_told_and_the_next_one_writes_everything(fake: FakeCa
     frames_until(camera, lambda frame: frame.setting == taken)
 
 
-def test_lost_packets_are_asked_for_again(fake: FakeCamera, camera: AravisCamera) -> None:
+def test_lost_packets_are_asked_for_again(backend: Backend, fake: FakeCamera, camera: AravisCamera) -> None:
+    if backend.transport == "usb3":
+        pytest.skip("USB resends by itself, below what a program sees")
     fake.inject("lose_packets", count=3)
     frames = next_frames(camera, 30)
     assert np.all(np.diff([frame.frame_id for frame in frames]) == 1)
 
 
-def test_frames_lost_whole_leave_a_gap_in_the_ids(fake: FakeCamera, camera: AravisCamera) -> None:
+def test_frames_lost_whole_leave_a_gap_in_the_ids(backend: Backend, fake: FakeCamera, camera: AravisCamera) -> None:
     before = next_frames(camera, 1)[0].frame_id
-    fake.inject("lose_packets", count=80)
+    if backend.transport == "usb3":
+        fake.inject("freeze", count=2)
+    else:
+        fake.inject("lose_packets", count=80)
     frames = next_frames(camera, 30)
     gaps = np.diff([before, *(frame.frame_id for frame in frames)]) - 1
     assert np.all(gaps >= 0)
@@ -225,8 +234,9 @@ def test_a_vanished_camera_is_lost_and_can_be_opened_again(backend: Backend) -> 
         camera.start()
         next_frames(camera, 5)
         fake.inject("vanish", count=None)
-        while isinstance(camera.next_frame(0.2), Frame | IncompleteFrame):
-            pass
+        with contextlib.suppress(CameraLostError):  # over USB the first call that waits in vain may tell
+            while isinstance(camera.next_frame(0.2), Frame | IncompleteFrame):
+                pass
         with pytest.raises(CameraLostError, match=fake.serial):
             camera.write(ExposureSetting(3000.0, 0.0))
         with pytest.raises(CameraLostError):
@@ -265,6 +275,7 @@ def holder(serial: str) -> Iterator[subprocess.Popen[str]]:
             process.kill()
 
 
+@pytest.mark.filterwarnings("ignore:.*g_thread_join")  # Aravis 0.8.26 after a refused claim
 def test_a_camera_in_other_hands_is_busy_until_its_killed_holder_is_forgotten(idle: FakeCamera) -> None:
     with holder(idle.serial) as process:
         with pytest.raises(CameraBusyError, match=idle.serial):

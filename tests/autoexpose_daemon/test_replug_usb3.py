@@ -1,0 +1,16 @@
+"""Cables pulled and plugged in again, over USB3 Vision."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tests.autoexpose_daemon.test_replug import CYCLES
+from tests.fakes import run_under_shim
+
+pytestmark = [pytest.mark.realtime, pytest.mark.timeout(120 + 20 * CYCLES)]
+
+
+def test_unplugged_cameras_come_back_over_usb3_vision(tmp_path: Path) -> None:
+    run_under_shim(Path(__file__).with_name("test_replug.py"), tmp_path / "left", tmp_path / "right")
