@@ -13,10 +13,10 @@ import pytest
 SECONDS = 60
 
 
-def demo(tmp_path: Path, policy: str) -> dict[str, Any]:
+def demo(tmp_path: Path, policy: str, transport: str = "gige") -> dict[str, Any]:
     summary = tmp_path / "summary.json"
     command = [sys.executable, "-c", "from autoexpose_daemon.cli import main; main()", "demo"]
-    command += ["--seconds", str(SECONDS), "--policy", policy, "--summary", str(summary)]
+    command += ["--seconds", str(SECONDS), "--policy", policy, "--transport", transport, "--summary", str(summary)]
     result = subprocess.run(command, text=True, capture_output=True, timeout=10 * SECONDS, check=False)
     print(result.stdout, result.stderr)
     assert result.returncode == 0
@@ -24,9 +24,13 @@ def demo(tmp_path: Path, policy: str) -> dict[str, Any]:
     return figures
 
 
-@pytest.mark.parametrize("policy", ["neves2009", "begin2022", "fixed"])
-def test_a_minute_of_demo(tmp_path: Path, policy: str) -> None:
-    figures = demo(tmp_path, policy)
+@pytest.mark.parametrize(
+    ("policy", "transport"),
+    [("neves2009", "gige"), ("begin2022", "gige"), ("fixed", "gige"), ("metric-map", "gige"), ("metric-map", "usb3")],
+)
+def test_a_minute_of_demo(tmp_path: Path, policy: str, transport: str) -> None:
+    figures = demo(tmp_path, policy, transport)
+    assert figures["transport"] == transport
     lost = {reason: n for reason, n in figures["lost"].items() if reason not in ("startup", "shutdown")}
     assert figures["triggers"] == figures["pairs"] + sum(figures["lost"].values())
     assert sum(lost.values()) <= figures["triggers"] / 1000
@@ -34,7 +38,7 @@ def test_a_minute_of_demo(tmp_path: Path, policy: str) -> None:
     assert figures["unexplained_mismatches"] == 0
     settled = [step["frames_to_settle"] is not None for step in figures["steps"]]
     assert len(settled) >= 10
-    if policy == "neves2009":
+    if policy in ("neves2009", "metric-map"):
         assert all(settled)
     if policy == "fixed":
         assert not all(settled)
