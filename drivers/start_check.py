@@ -72,7 +72,7 @@ class StartCheck:
     def _without_pulses(self, now_ns: int) -> Iterator[str]:
         waiting = [side for side, ready_ns in self._ready_ns.items() if now_ns - ready_ns > PATIENCE_NS]
         silent = [side for side in waiting if not self._times_ns[side]]
-        if len(silent) == len(self._lines):
+        if silent and len(silent) == len(self._lines):
             lines = " and ".join(sorted(set(self._lines.values())))
             yield (
                 f"no trigger pulse on {lines} for {PATIENCE_NS * 1e-9:g} s: check that the trigger source runs, its "

@@ -78,3 +78,10 @@ def test_cameras_that_start_apart_are_told(offset_ms: int) -> None:
     feed(judge, "right", offset_ns=offset_ms * MS)
     (finding,) = judge.findings(0)
     assert f"{min(abs(offset_ms), 20 - abs(offset_ms)):.1f} ms apart" in finding
+
+
+def test_cameras_that_wait_for_no_pulses_are_not_judged() -> None:
+    judge = StartCheck({}, 50.0)
+    judge.ready("left", 0)
+    feed(judge, "left", period_ns=40 * MS)
+    assert judge.findings(2 * PATIENCE_NS) == []
