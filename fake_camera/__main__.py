@@ -59,6 +59,8 @@ def _parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     usb3_options = [f"--{name}" for name in ("socket", "tcp", "exec") if getattr(options, name) is not None]
     if options.usb3 and options.address is not None:
         parser.error("--address is of GigE Vision cameras: leave it out, or leave out --usb3")
+    if options.usb3 and options.xml is not None:
+        parser.error("--xml is served over GigE Vision, whatever camera it describes: leave out --usb3")
     if options.usb3 and not usb3_options:
         parser.error("--usb3 needs a way to reach the camera: --socket PATH, --tcp or --exec COMMAND")
     if not options.usb3 and usb3_options:
