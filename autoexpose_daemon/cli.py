@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import os
 import signal
 import sys
@@ -103,8 +102,9 @@ def doctor(
 )
 def fake_camera(context: typer.Context) -> None:
     """Start a fake camera (a process of its own); its options: autoexpose fake-camera --help."""
-    if importlib.util.find_spec("numba") is None:
-        raise AutoexposeError("the fake cameras need the extra `sim`: pip install 'autoexpose-daemon[sim]'")
+    from autoexpose_daemon.demo.fakes import check_simulator  # noqa: PLC0415
+
+    check_simulator()
     os.execv(sys.executable, [sys.executable, "-m", "fake_camera", *context.args])
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import select
 import subprocess
@@ -14,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from autoexpose_daemon.demo.usb_bus import without_fake_bus
-from drivers.errors import AutoexposeError
+from drivers.errors import AutoexposeError, ConfigurationError
 from drivers.frames import Side
 
 SERIALS: dict[Side, str] = {"left": "FAKE-LEFT", "right": "FAKE-RIGHT"}
@@ -29,6 +30,12 @@ class Pulse:
     trigger: int
     host_time_ns: int
     lux: float
+
+
+def check_simulator() -> None:
+    """Raise a ConfigurationError where what the fake cameras need is not installed."""
+    if importlib.util.find_spec("numba") is None:
+        raise ConfigurationError("the fake cameras need the extra `sim`: pip install 'autoexpose-daemon[sim]'")
 
 
 @contextmanager

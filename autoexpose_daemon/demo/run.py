@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-import importlib.util
 import json
 import os
 import shutil
@@ -22,7 +21,7 @@ from rich.table import Table
 from autoexpose_daemon.cameras import openers
 from autoexpose_daemon.config import Config
 from autoexpose_daemon.control.policies import check_policy_id
-from autoexpose_daemon.demo.fakes import SERIALS, Pulse, fake_cameras, read_pulses
+from autoexpose_daemon.demo.fakes import SERIALS, Pulse, check_simulator, fake_cameras, read_pulses
 from autoexpose_daemon.demo.record import Recorder
 from autoexpose_daemon.demo.report import LightStep, delay_frames, light_steps, pulses_in_window
 from autoexpose_daemon.demo.usb_bus import begin_again_on_fake_bus, cameras_on_bus
@@ -61,8 +60,7 @@ def run_demo(options: DemoOptions, stop: threading.Event, console: Console) -> N
     AutoexposeError
         When the fakes do not start, or when the daemon's account of triggers disagrees with the wire's.
     """
-    if importlib.util.find_spec("numba") is None:
-        raise ConfigurationError("the fake cameras need the extra `sim`: pip install 'autoexpose-daemon[sim]'")
+    check_simulator()
     _check_writable(options.summary, options.plot)
     config = _configuration(options.policy)
     sockets = cameras_on_bus()
