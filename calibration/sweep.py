@@ -1,0 +1,37 @@
+"""The images that a calibration is drawn from: one static scene, taken at many exposures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from drivers.exposure import ExposureSetting
+from drivers.frames import Pixels
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shot:
+    """One image of a sweep and how it was taken.
+
+    Attributes
+    ----------
+    pixels
+        Grey levels, shape (height, width), uint8 or uint16; the same pixels of the sensor in all shots of a sweep.
+    bit_depth
+        Significant bits of a pixel: 8, 12 or 16.
+    setting
+        Exposure time and gain that were really applied.
+    time_s
+        When the exposure started (s), counted from anywhere; None for images from files, which do not tell.
+    """
+
+    pixels: Pixels
+    bit_depth: int
+    setting: ExposureSetting
+    time_s: float | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sweep:
+    """Shots of a static scene in the order in which they were taken, all of one size, bit depth and gain."""
+
+    shots: tuple[Shot, ...]
