@@ -64,13 +64,16 @@ def demo(
     light: Annotated[Path | None, typer.Option(help="A light script for the fake cameras (YAML).")] = None,
     seed: Annotated[int, typer.Option(help="Room, textures and noise.")] = 0,
     transport: Annotated[Literal["gige", "usb3"], typer.Option(help="GigE Vision or USB3 Vision.")] = "gige",
+    rate_hz: Annotated[float, typer.Option(min=10.0, max=200.0, help="Stereo pairs per second.")] = 60.0,
+    still: Annotated[bool, typer.Option("--still", help="The cameras stand still, as on tripods.")] = False,
 ) -> None:
     """Expose two fake cameras through lights going on and off: no hardware needed."""
     from autoexpose_daemon.demo.run import DemoOptions, run_demo  # noqa: PLC0415
 
     stop = threading.Event()
     stop_on_signals(stop)
-    run_demo(DemoOptions(seconds, policy, summary, plot, scene, light, seed, transport), stop, Console())
+    options = DemoOptions(seconds, policy, summary, plot, scene, light, seed, transport, rate_hz, still)
+    run_demo(options, stop, Console())
 
 
 @app.command("list")

@@ -10,7 +10,8 @@ from drivers.frames import Side, StereoPair
 from drivers.grid import TriggerGrid
 from drivers.rig import Written
 
-_REMEMBERED_WRITES = 16
+_REMEMBERED_WRITES = 64
+"""A third of a second at 200 Hz: no frame that is still used comes later."""
 
 EFFECT_TRIGGERS = 4
 """A camera shows a write at the next exposure or, where it works ahead, up to this many later."""
@@ -56,4 +57,4 @@ class WriteLedger:
         return pair.trigger <= self._late_until
 
     def _known(self, setting: ExposureSetting) -> bool:
-        return any(setting.agrees_with(held) for settings in self._held.values() for held in settings)
+        return any(setting.agrees_with(held) for settings in self._held.values() for held in reversed(settings))

@@ -61,32 +61,48 @@ class RoomView:
 
 
 class SimulatedCamera:
-    """An `ImageSource`: a scene under a light script, exposed by a sensor. It reads no clock; not for two threads."""
+    """An `ImageSource`: a scene under a light script, exposed by a sensor. It reads no clock; not for two threads.
 
-    def __init__(self, scene: Scene, light: LightScript, sensor: Sensor) -> None:
+    With `still` the camera stands where it is at time 0, and what it sees is rendered anew only when the light changes.
+    """
+
+    def __init__(self, scene: Scene, light: LightScript, sensor: Sensor, *, still: bool = False) -> None:
         self.sensor_width = sensor.model.width
         self.sensor_height = sensor.model.height
         self._scene = scene
         self._light = light
         self._sensor = sensor
+        self._still = still
+        self._rendered: tuple[float, NDArray[np.float32]] | None = None
 
     def take(self, start_s: float, settings: ImageSettings, noise_seed: int) -> Pixels:
         """The image of one exposure, see `ImageSource.take`; motion and light are those of this very exposure."""
         exposure_s = settings.exposure_time_us * 1e-6
-        shift_px = self._scene.image_shift_px(start_s, start_s + exposure_s)
-        instants = min(max(math.ceil(shift_px / BLUR_STEP_PX), 1), MAX_INSTANTS)
-        # Jittered within equal parts of the exposure: blur of few instants then has no constant gaps.
-        jitter = np.random.default_rng(noise_seed).random(instants)
-        times_s = start_s + exposure_s * (np.arange(instants) + jitter) / instants
-        radiance = self._scene.radiance(times_s, self._light.mean_lux(start_s, exposure_s))
+        lux = self._light.mean_lux(start_s, exposure_s)
+        radiance = self._at_rest(lux) if self._still else self._moving(start_s, exposure_s, lux, noise_seed)
         return self._sensor.expose(radiance, settings, noise_seed)
 
     def lux(self, time_s: float) -> float:
         """Illumination of the light script at `time_s`, with flicker averaged out."""
         return self._light.lux(time_s)
 
+    def _at_rest(self, lux: float) -> NDArray[np.float32]:
+        if self._rendered is None or self._rendered[0] != lux:
+            self._rendered = lux, self._scene.radiance(np.zeros(1), lux)
+        return self._rendered[1]
 
-def build_image_source(scene: str, side: Side, light: LightScript, seed: int, response: str = "linear") -> ImageSource:
+    def _moving(self, start_s: float, exposure_s: float, lux: float, noise_seed: int) -> NDArray[np.float32]:
+        shift_px = self._scene.image_shift_px(start_s, start_s + exposure_s)
+        instants = min(max(math.ceil(shift_px / BLUR_STEP_PX), 1), MAX_INSTANTS)
+        # Jittered within equal parts of the exposure: blur of few instants then has no constant gaps.
+        jitter = np.random.default_rng(noise_seed).random(instants)
+        times_s = start_s + exposure_s * (np.arange(instants) + jitter) / instants
+        return self._scene.radiance(times_s, lux)
+
+
+def build_image_source(
+    scene: str, side: Side, light: LightScript, seed: int, response: str = "linear", *, still: bool = False
+) -> ImageSource:
     """Build the world of one camera. Its first image of each pixel format is slow where kernels are not compiled yet.
 
     Parameters
@@ -101,6 +117,8 @@ def build_image_source(scene: str, side: Side, light: LightScript, seed: int, re
         Decides the room; the noise also depends on the side.
     response
         Name of the sensor's response function.
+    still
+        Whether the camera stands still, as on a tripod.
 
     Raises
     ------
@@ -115,4 +133,4 @@ def build_image_source(scene: str, side: Side, light: LightScript, seed: int, re
         view = RoomView(renderer, CameraPath(), side)
     else:
         view = Panorama(load_radiance(Path(scene)), side, model.width, model.height)
-    return SimulatedCamera(view, light, sensor)
+    return SimulatedCamera(view, light, sensor, still=still)

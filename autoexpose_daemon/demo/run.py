@@ -30,7 +30,7 @@ from autoexpose_daemon.runtime import Daemon
 from autoexpose_daemon.service import run_until_stopped
 from drivers.errors import AutoexposeError, ConfigurationError
 
-_RATE_HZ = 60.0
+_LONGEST_US = 7500.0
 _PICTURE_PERIOD_S = 0.25
 _REFERENCE_REPEATS = 60
 
@@ -50,6 +50,8 @@ class DemoOptions:
     light: Path | None
     seed: int
     transport: Transport
+    rate_hz: float
+    still: bool
 
 
 def run_demo(options: DemoOptions, stop: threading.Event, console: Console) -> None:
@@ -62,11 +64,12 @@ def run_demo(options: DemoOptions, stop: threading.Event, console: Console) -> N
     """
     check_simulator()
     _check_writable(options.summary, options.plot)
-    config = _configuration(options.policy)
+    config = _configuration(options)
     sockets = cameras_on_bus()
     if options.transport == "usb3" and not sockets:
         begin_again_on_fake_bus()
-    arguments = ["--scene", options.scene, "--seed", str(options.seed)]
+    arguments = ["--scene", options.scene, "--seed", str(options.seed), "--line0-rate-hz", str(options.rate_hz)]
+    arguments += ["--still"] if options.still else []
     if options.light is not None:
         arguments += ["--light", str(options.light)]
     recorder = Recorder(_PICTURE_PERIOD_S)
@@ -99,13 +102,14 @@ def run_demo(options: DemoOptions, stop: threading.Event, console: Console) -> N
         )
 
 
-def _configuration(policy: str) -> Config:
-    check_policy_id(policy)
+def _configuration(options: DemoOptions) -> Config:
+    check_policy_id(options.policy)
     return Config.model_validate(
         {
             "cameras": {side: {"serial": serial} for side, serial in SERIALS.items()},
-            "trigger": {"mode": "external", "line": "Line0", "rate_hz": _RATE_HZ},
-            "control": {"policy": policy},
+            "trigger": {"mode": "external", "line": "Line0", "rate_hz": options.rate_hz},
+            "exposure": {"max_time_us": min(_LONGEST_US, 0.8e6 / options.rate_hz)},
+            "control": {"policy": options.policy},
         }
     )
 

@@ -92,6 +92,15 @@ def test_take_is_deterministic(sources: tuple[ImageSource, ImageSource]) -> None
     assert not np.array_equal(source.take(3.3, moving, 10), first)
 
 
+def test_a_still_camera_sees_the_light_change_and_nothing_else() -> None:
+    light = LightScript((Change(0.0, 40.0), Change(5.0, 80.0)))
+    source = build_image_source("room", "left", light, 1, still=True)
+    at_rest = source.take(0.0, FULL, 9)
+    np.testing.assert_array_equal(source.take(3.3, FULL, 9), at_rest)
+    assert source.take(6.0, FULL, 9).mean() > 1.2 * at_rest.mean()
+    np.testing.assert_array_equal(source.take(3.3, FULL, 9), at_rest)
+
+
 def test_longer_exposures_blur_more() -> None:
     """Equal exposure level, so that only the motion during the exposure differs."""
     source = build_image_source("room", "left", LightScript((Change(0.0, 40.0),)), 1)
