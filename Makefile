@@ -60,7 +60,7 @@ accept: $(VENV)/dev.stamp ## the longer checks in real time, about five minutes
 soak: $(VENV)/dev.stamp ## endurance: ten minutes of demo, the account must balance; cables pulled 50 times
 	@mkdir -p out
 	$(VENV)/bin/autoexpose demo --seconds 600 --policy neves2009 --summary out/soak.json
-	REPLUG_CYCLES=50 $(VENV)/bin/pytest tests/autoexpose_daemon/test_replug.py
+	REPLUG_CYCLES=50 $(VENV)/bin/pytest tests/autoexpose_daemon/test_replug.py tests/autoexpose_daemon/test_replug_usb3.py
 
 clean:
 	rm -rf $(VENV) out build *.egg-info autoexpose_daemon/control/_native.*.so fake_camera/usb3/_shim.*.so .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache

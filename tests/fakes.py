@@ -23,7 +23,6 @@ from fake_camera.usb3.run import CAMERAS_VARIABLE, ShimError, client_environment
 
 STOP_TIMEOUT_S = 10.0
 CONTROL_TIMEOUT_S = 5.0
-SUITE_TIMEOUT_S = 100.0
 FOREIGN_COMMAND = "arv-fake-gv-camera-0.8"
 FOREIGN_ADDRESS = "127.0.0.1"
 """It binds to the address of an interface and to no other, so that one machine runs one of them."""
@@ -121,13 +120,11 @@ def usb3_environment(*sockets: Path | None) -> dict[str, str]:
         pytest.skip(str(error))
 
 
-def run_under_shim(suite: Path, *sockets: Path) -> None:
+def run_under_shim(suite: Path, *sockets: Path, timeout_s: float = 100.0) -> None:
     """Run the tests of a file in a process whose USB bus has ports at these sockets; all must pass."""
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(suite)]
     environment = usb3_environment(*sockets)
-    inner = subprocess.run(
-        command, env=environment, capture_output=True, text=True, timeout=SUITE_TIMEOUT_S, check=False
-    )
+    inner = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=timeout_s, check=False)
     assert inner.returncode == 0, inner.stdout + inner.stderr
 
 

@@ -12,6 +12,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from autoexpose_daemon.cameras import openers
 from autoexpose_daemon.config import Config
 from autoexpose_daemon.control.decision import Decision
@@ -23,8 +25,12 @@ from fake_camera.usb3.run import CAMERAS_VARIABLE
 from tests.fakes import FakeCamera, camera_on_this_bus, fake_camera, unique
 
 PATIENCE_S = 30.0
-START_CAMERA = camera_on_this_bus if CAMERAS_VARIABLE in os.environ else fake_camera
+ON_USB = CAMERAS_VARIABLE in os.environ
+START_CAMERA = camera_on_this_bus if ON_USB else fake_camera
 """USB3 Vision in a process with fake cameras on its USB bus, else GigE Vision."""
+
+JOIN_WARNING = pytest.mark.filterwarnings("ignore:.*g_thread_join")
+"""Aravis 0.8.26 when a USB3 Vision camera does not open."""
 
 
 @dataclass

@@ -12,10 +12,16 @@ from autoexpose_daemon.cameras import openers
 from autoexpose_daemon.config import Config
 from autoexpose_daemon.runtime import Daemon
 from drivers.account import LossReason
-from tests.autoexpose_daemon.stereo import PATIENCE_S, running_daemon, stereo_cameras
-from tests.fakes import fake_camera
+from tests.autoexpose_daemon.stereo import (
+    JOIN_WARNING,
+    ON_USB,
+    PATIENCE_S,
+    START_CAMERA,
+    running_daemon,
+    stereo_cameras,
+)
 
-pytestmark = pytest.mark.realtime
+pytestmark = [pytest.mark.realtime, JOIN_WARNING]
 
 
 def test_pairs_arrive_are_decided_on_and_written() -> None:
@@ -54,13 +60,9 @@ def test_a_killed_camera_leaves_the_other_at_work_and_comes_back() -> None:
         run.wait_until(lambda: run.seen[-1][0].right is None, "frames of the other camera alone")
         alone = len(run.seen)
         run.wait_until(lambda: len(run.seen) > alone + 60, "the other camera's frames going on")
-        with fake_camera(
-            run.left.serial,
-            address=run.left.address,
-            line0=run.left.line0,
-            options=["--truth", str(run.truths[0].with_name("again.jsonl"))],
-        ):
-            run.truths.append(run.truths[0].with_name("again.jsonl"))
+        truth = run.truths[0].with_name("again.jsonl")
+        with START_CAMERA(run.left.serial, line0=run.left.line0, options=["--truth", str(truth)]):
+            run.truths.append(truth)
             run.wait_for_pairs(30)
             assert run.daemon.tally.lost[LossReason.CAMERA_GONE] > 0
             assert run.daemon.telemetry.reconnects == 1
@@ -72,7 +74,7 @@ def test_a_killed_camera_leaves_the_other_at_work_and_comes_back() -> None:
         ("ignore_triggers", LossReason.TRIGGER_IGNORED),
         ("freeze", LossReason.LEFT_MISSING),
         ("delay", LossReason.STALE),
-        ("lose_packets", None),  # sent again
+        pytest.param("lose_packets", None, marks=pytest.mark.skipif(ON_USB, reason="USB loses none")),  # sent again
     ],
 )
 def test_a_fault_is_accounted_for_and_passes(fault: str, reason: LossReason | None) -> None:
@@ -82,7 +84,7 @@ def test_a_fault_is_accounted_for_and_passes(fault: str, reason: LossReason | No
         run.left.inject(fault, count=3)
         run.wait_for_pairs(60)
         new = run.daemon.tally.lost - before
-        assert new.total() <= (1 if reason is None else 30)
+        assert new.total() <= (2 if reason is None else 30)
         assert reason is None or new[reason] > 0
 
 

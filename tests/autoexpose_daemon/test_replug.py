@@ -11,7 +11,7 @@ from typing import Self
 
 import pytest
 
-from tests.autoexpose_daemon.stereo import running_daemon, stereo_cameras
+from tests.autoexpose_daemon.stereo import JOIN_WARNING, running_daemon, stereo_cameras
 
 CYCLES = int(os.environ.get("REPLUG_CYCLES", "5"))
 WARM_UP_CYCLES = 2  # the first ones fill caches that stay
@@ -21,7 +21,7 @@ GROWTH_BYTES = 2 << 20
 pytestmark = [
     pytest.mark.realtime,
     pytest.mark.timeout(120 + 20 * CYCLES),
-    pytest.mark.filterwarnings("ignore:.*g_thread_join"),  # Aravis 0.8.26 when a USB3 Vision camera does not open
+    JOIN_WARNING,
 ]
 
 
