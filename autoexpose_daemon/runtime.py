@@ -33,15 +33,13 @@ from drivers.rig import (
 )
 from drivers.start_check import StartCheck
 from drivers.write_ledger import WriteLedger
+from drivers.write_window import when_to_write_ns
 
 log = logging.getLogger(__name__)
 
 _STOP_S = 9.0  # a camera that does not answer holds up its teardown for 5 to 10 s
 _SILENCE_S = 0.2
 _SILENCE_PERIODS = 3.0
-_WRITE_GUARD_S = 0.005  # writing and reading back both nodes takes 0.6 ms as a rule, 4 ms once in a hundred
-_WRITE_GUARD_PERIODS = 0.3
-_WRITE_MARGIN_S = 0.0005  # behind the expected exposure start: clock latches are good to 0.1 ms
 
 Observer = Callable[[StereoPair, Decision], None]
 
@@ -241,19 +239,13 @@ class Daemon:
         if decision.setting != self._asked or self._write_again:
             self._asked, self._write_again = decision.setting, False
             self._asked_arrival_ns = max(frame.arrival_time_ns for frame in pair.frames)
-            self._rig.write(decision.setting, self._write_window_ns())
+            self._rig.write(decision.setting, self._when_to_write_ns())
         if self._observer is not None:
             self._observer(pair, decision)
 
-    def _write_window_ns(self) -> int:
-        """When to write: not so close before an exposure starts that one camera, or one node, misses it."""
-        now_ns = time.monotonic_ns()
-        grid = self._account.grid
-        if grid is None:
-            return now_ns
-        next_ns = grid.time_of(grid.last_before(now_ns) + 1)
-        guard_ns = min(_WRITE_GUARD_S * 1e9, _WRITE_GUARD_PERIODS * grid.period_ns)
-        return now_ns if next_ns - now_ns > guard_ns else round(next_ns + _WRITE_MARGIN_S * 1e9)
+    def _when_to_write_ns(self) -> int:
+        now_ns, grid = time.monotonic_ns(), self._account.grid
+        return now_ns if grid is None else when_to_write_ns(grid, now_ns)
 
     def _publish_tally(self) -> None:
         tally, grid = self._account.tally, self._account.grid
