@@ -60,8 +60,6 @@ def _parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     usb3_options = [f"--{name}" for name in ("socket", "tcp", "exec") if getattr(options, name) is not None]
     if options.usb3 and options.address is not None:
         parser.error("--address is of GigE Vision cameras: leave it out, or leave out --usb3")
-    if options.usb3 and options.xml is not None:
-        parser.error("--xml is served over GigE Vision, whatever camera it describes: leave out --usb3")
     if options.usb3 and not usb3_options:
         parser.error("--usb3 needs a way to reach the camera: --socket PATH, --tcp or --exec COMMAND")
     if not options.usb3 and usb3_options:
@@ -122,14 +120,24 @@ def _run(options: argparse.Namespace, resources: contextlib.ExitStack) -> tuple[
         resources.callback(ControlSocket(options.control, device.faults).close)
     xml = None
     if options.xml is not None:
-        xml = XmlCamera(Description.from_bytes(options.xml.read_bytes(), str(options.xml)), device)
+        xml = XmlCamera(_description(options.xml, options.usb3), device)
     if options.usb3:
-        resources.callback(Usb3Server(device, options.socket, options.tcp).close)
+        resources.callback(Usb3Server(device, options.socket, options.tcp, xml).close)
     else:
         server = GigeServer(device, options.address, xml)
         server.start()
         resources.callback(server.close)
     return device, xml
+
+
+def _description(path: Path, usb3: bool) -> Description:
+    """The description in a file; raises ValueError when it is none, or one of a camera on the other transport."""
+    description = Description.from_bytes(path.read_bytes(), str(path))
+    if description.standard == "U3V" and not usb3:
+        raise ValueError(f"{path} describes a USB3 Vision camera: add --usb3 and --exec, --socket or --tcp")
+    if description.standard == "GEV" and usb3:
+        raise ValueError(f"{path} describes a GigE Vision camera: leave out --usb3 and what belongs to it")
+    return description
 
 
 def _worn(xml: XmlCamera | None) -> str:
@@ -138,9 +146,8 @@ def _worn(xml: XmlCamera | None) -> str:
         return ""
     who = f", as {xml.description.vendor} {xml.description.model}"
     line = f", trigger line {xml.trigger_line}" if xml.trigger_line else ", no trigger line"
-    wire = " (a USB3 Vision camera, here over GigE Vision)" if xml.description.is_usb3 else ""
     closed = f", without {', '.join(xml.not_available)}" if xml.not_available else ""
-    return who + wire + line + closed
+    return who + line + closed
 
 
 def _sentence(error: Exception) -> str:

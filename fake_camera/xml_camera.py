@@ -20,6 +20,11 @@ _BANKS = {
     "GainSelector": ("Gain", "GainAbs", "GainRaw", "GainAuto"),
     "ChunkSelector": ("ChunkEnable",),
 }
+_IDENTITY = {
+    "DeviceVendorName": "DeviceVendorName", "DeviceModelName": "DeviceModelName",
+    "DeviceSerialNumber": "DeviceSerialNumber", "DeviceID": "DeviceSerialNumber",
+}  # fmt: skip
+"""The features of the device that say who it is, by the names of the nodes that may hold them."""
 
 
 class XmlCamera:
@@ -47,6 +52,17 @@ class XmlCamera:
     def trigger_line(self) -> str | None:
         """The line that the wire is plugged into, by the camera's own name for it."""
         return next(iter(trigger_lines(self._evaluator)), None)
+
+    @property
+    def payload_bytes(self) -> int:
+        """Bytes of an image and its chunk data."""
+        with self._lock:
+            return int(self._device.features.get("PayloadSize")) + self._chunk_bytes()
+
+    def address(self, name: str) -> int | None:
+        """Where the register of a node lies, None when there is none."""
+        with self._lock:
+            return next((field.address for field in self._evaluator.fields(name).values()), None)
 
     def place(self, fixed: Fixed) -> None:
         """Put the camera behind a wire whose own registers are read with `fixed` (see `Memory`)."""
@@ -84,7 +100,7 @@ class XmlCamera:
             self._change_banks(selected)
             for watch in touched:
                 watch.apply()
-            self._animation.show_payload(self._chunk_bytes())
+            self._show_payload()
 
     def chunks(self, frame: ExposedFrame) -> list[tuple[int, bytes]] | None:
         """Id and data of each chunk that is switched on, in their order; None while there are no chunk data at all."""
@@ -112,6 +128,7 @@ class XmlCamera:
             self._evaluator = Evaluator(self.description, self._memory, self._ports)
             width, height = int(features.get("SensorWidth")), int(features.get("SensorHeight"))
             self.not_available = tuple(dict.fromkeys(PowerOn(self._evaluator, width, height).failed))
+            self._identify()
             self._banked = {
                 selector: tuple(name for name in names if self._is_banked(selector, name))
                 for selector, names in _BANKS.items()
@@ -125,7 +142,18 @@ class XmlCamera:
             self._commands = self._find_commands()
             for watch in self._watches:
                 watch.apply()
-            self._animation.show_payload(self._chunk_bytes())
+            self._show_payload()
+
+    def _identify(self) -> None:
+        """Say who it is where the description keeps that outside the bootstrap registers."""
+        for name, feature in _IDENTITY.items():
+            register = self._evaluator.target(name)
+            if self._evaluator.kind(register) != "StringReg":
+                continue
+            with contextlib.suppress(NodeError):
+                field = self._evaluator.field(register)
+                text = str(self._device.features.get(feature)).encode()[: field.length]
+                self._evaluator.write(field, text.ljust(field.length, b"\0"))
 
     def _is_selector_register(self, selector: str) -> bool:
         kind = self._evaluator.kind(selector)
@@ -186,6 +214,12 @@ class XmlCamera:
             latched_ns, self._latched_ns = self._latched_ns, None
             with contextlib.suppress(NodeError):
                 assign(self._evaluator, "TimestampLatchValue", latched_ns)
+
+    def _show_payload(self) -> None:
+        """Bring the payload size up to date, where it lies in a register."""
+        payload_bytes = self.payload_bytes
+        with contextlib.suppress(NodeError):
+            self._evaluator.set("PayloadSize", payload_bytes)
 
     def _chunk_port(self, entry: str) -> tuple[str, int]:
         """The port that a chunk is read through, and its id."""

@@ -86,14 +86,6 @@ class Animation:
             case _:
                 return frame.device_time_ns
 
-    def show_payload(self, chunk_bytes: int) -> None:
-        """Bring the payload size up to date, where it lies in a register."""
-        pixel_bytes = 1 if self._features.get("PixelFormat") == "Mono8" else 2
-        image = int(self._features.get("Width")) * int(self._features.get("Height")) * pixel_bytes
-        if self._evaluator.kind("PayloadSize"):
-            with contextlib.suppress(NodeError):
-                self._evaluator.set("PayloadSize", image + chunk_bytes)
-
     def _exposure(self) -> Iterator[Watch]:
         names = spoken(self._evaluator, EXPOSURE_TIMES)
         for name in names:

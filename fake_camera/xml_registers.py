@@ -1,4 +1,4 @@
-"""The memory of a described camera behind GigE Vision: bootstrap registers first, then the camera's own."""
+"""The memory of a described camera behind a wire: bootstrap registers first, then the camera's own."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ def free_address(camera: XmlCamera, length: int) -> int:
 
 
 class XmlRegisters(RegisterMap):
-    """All registers of a described camera on GigE Vision."""
+    """All registers of a described camera; `alignment` as of `RegisterMap`."""
 
-    def __init__(self, bootstrap: Iterable[Register], camera: XmlCamera) -> None:
-        super().__init__(bootstrap)
+    def __init__(self, bootstrap: Iterable[Register], camera: XmlCamera, alignment: int = 4) -> None:
+        super().__init__(bootstrap, alignment)
         self._camera = camera
         camera.place(self._bootstrap)
 

@@ -7,11 +7,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 DATA = Path(os.environ.get("AUTOEXPOSE_DATA", Path(__file__).parents[2] / "shared" / "data"))
-REAL = (
-    "AVT_Mako_G125B", "Allied_Vision_1800_U-811m", "Basler-a2A2600-20gmBAS", "Basler-acA1300-60gm",
-    "FLIR_BFS_PGE_88S6M", "PGR_BlackflyS_16S2M",
-)  # fmt: skip
-"""Descriptions of real cameras, in `DATA` where they are."""
+REAL = {
+    "gige": ("AVT_Mako_G125B", "Basler-a2A2600-20gmBAS", "Basler-acA1300-60gm", "FLIR_BFS_PGE_88S6M"),
+    "usb3": ("Allied_Vision_1800_U-811m", "PGR_BlackflyS_16S2M"),
+}
+"""Descriptions of real cameras by their transport, in `DATA` where they are."""
 
 COMBINATIONS = (
     "",
@@ -166,8 +166,8 @@ def features(combination: str) -> dict[str, tuple[str, str]]:
     return found
 
 
-def xml_camera(number: int) -> bytes:
-    """The description of the camera with the `number`-th combination."""
+def xml_camera(number: int, name_space: str = "GEV") -> bytes:
+    """The description of the camera with the `number`-th combination, and of the standard it names."""
     declared = features(COMBINATIONS[number])
     writer = _Writer(number % 3)
     for name, (type_, unit) in declared.items():
@@ -176,7 +176,7 @@ def xml_camera(number: int) -> bytes:
     if declared.get("Gain", ("", ""))[0] == "Category":
         writer.nodes.append('<Category Name="Gain"><pFeature>GainRaw</pFeature></Category>')
     _everything_else(writer, declared)
-    return _document(number, writer.nodes)
+    return _document(number, name_space, writer.nodes)
 
 
 def _everything_else(writer: _Writer, declared: dict[str, tuple[str, str]]) -> None:
@@ -241,12 +241,12 @@ def _chunk_control(writer: _Writer, declared: dict[str, tuple[str, str]]) -> Non
         writer.chunk(name, type_, unit, 0x9A000001 + number)
 
 
-def _document(number: int, nodes: list[str]) -> bytes:
+def _document(number: int, name_space: str, nodes: list[str]) -> bytes:
     names = "".join(f"<pFeature>{name}</pFeature>" for name in _features_of(nodes))
     text = (
         '<?xml version="1.0" encoding="utf-8"?>'
         '<RegisterDescription xmlns="http://www.genicam.org/GenApi/Version_1_1" '
-        f'ModelName="Tiny{number}" VendorName="Nobody" StandardNameSpace="GEV" SchemaMajorVersion="1" '
+        f'ModelName="Tiny{number}" VendorName="Nobody" StandardNameSpace="{name_space}" SchemaMajorVersion="1" '
         'SchemaMinorVersion="1" SchemaSubMinorVersion="0" MajorVersion="1" MinorVersion="0" SubMinorVersion="0" '
         'ToolTip="" ProductGuid="1" VersionGuid="1">'
         f'<Category Name="Root">{names}</Category>{"".join(nodes)}<Port Name="Device"/></RegisterDescription>'

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 from xml.etree.ElementTree import Element, ParseError, fromstring
 
 REGISTERS = ("IntReg", "MaskedIntReg", "FloatReg", "StringReg", "Register", "StructEntry")
@@ -84,15 +85,20 @@ class Description:
         )
 
     @property
-    def is_usb3(self) -> bool:
-        """Whether this is a USB3 Vision camera.
+    def standard(self) -> Literal["GEV", "U3V"] | None:
+        """Which standard the camera talks by, GigE Vision or USB3 Vision; None when the description does not tell.
 
-        Where the description names no standard, its byte order tells: GigE Vision's is big, USB3 Vision's little.
+        Where it names neither, its registers tell: USB3 Vision's are little-endian, and big-endian ones with features
+        called Gev... are GigE Vision's.
         """
-        if self.namespace in ("GEV", "U3V"):
-            return self.namespace == "U3V"
+        if self.namespace == "U3V":
+            return "U3V"
+        if self.namespace == "GEV":
+            return "GEV"
         orders = [node.text("Endianess") for node in self.nodes.values() if node.text("pPort") == "Device"]
-        return 2 * orders.count("LittleEndian") > len(orders)
+        if 2 * orders.count("LittleEndian") > len(orders):
+            return "U3V"
+        return "GEV" if any(name.startswith("Gev") for name in self.nodes) else None
 
 
 def _collect(parent: Element, nodes: dict[str, Node]) -> None:

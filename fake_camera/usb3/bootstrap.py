@@ -15,8 +15,11 @@ from fake_camera.usb3.event_channel import EventChannel
 from fake_camera.usb3.stream_channel import StreamChannel
 from fake_camera.usb3.u3vcp import MAX_TRANSFER_BYTES
 
-SBRM, SIRM, EIRM, MANIFEST, DESCRIPTION = 0x1000, 0x2000, 0x3000, 0x4000, 0x100000
-"""Addresses of the register maps of U3V, of its streams and events, of the manifest and the zipped description."""
+SBRM, SIRM, EIRM, MANIFEST, DESCRIPTION = (1 << 48 | offset for offset in (0x1000, 0x2000, 0x3000, 0x4000, 0x100000))
+"""Addresses of the register maps of U3V, of its streams and events, of the manifest and the zipped description.
+
+Beyond 48 bits they are in the way of no real camera's registers, not even of those that keep IEEE 1394's addresses.
+"""
 
 MAX_RESPONSE_MS = 200
 """How long a host may have to wait for an acknowledgement."""
@@ -53,18 +56,27 @@ USB3_VISION = Transport(
 
 
 def bootstrap_registers(
-    device: Device, stream: StreamChannel, events: EventChannel, description: bytes
+    device: Device,
+    stream: StreamChannel,
+    events: EventChannel,
+    description: bytes,
+    payload_bytes: Callable[[], int],
+    *,
+    sbrm: int = SBRM,
 ) -> Iterator[Register]:
-    """The bootstrap registers of a camera, and the memory of its zipped description."""
-    yield from _technology_agnostic(device)
-    yield from _technology_specific()
-    yield from _streaming(device, stream)
+    """The bootstrap registers of a camera, and the memory of its zipped description.
+
+    `payload_bytes` tells the size of image and chunk data; `sbrm` is where the camera's description expects the SBRM.
+    """
+    yield from _technology_agnostic(device, sbrm)
+    yield from _technology_specific(sbrm)
+    yield from _streaming(stream, payload_bytes)
     yield from _events(events)
     yield from _manifest(description)
     yield constant(DESCRIPTION, description)
 
 
-def _technology_agnostic(device: Device) -> Iterator[Register]:
+def _technology_agnostic(device: Device, sbrm: int) -> Iterator[Register]:
     """The ABRM."""
     features = device.features
 
@@ -86,7 +98,7 @@ def _technology_agnostic(device: Device) -> Iterator[Register]:
     yield constant(0x01C4, _u64(_DEVICE_CAPABILITY))
     yield constant(0x01CC, _u32(MAX_RESPONSE_MS))
     yield constant(0x01D0, _u64(MANIFEST))
-    yield constant(0x01D8, _u64(SBRM))
+    yield constant(0x01D8, _u64(sbrm))
     yield constant(0x01E0, _u64(0))  # nothing to configure
     yield constant(0x01E8, bytes(8))  # no heartbeat, no message channel
     yield Register(0x01F0, 8, lambda: struct.pack("<Q", features.get("TimestampLatchValue")))
@@ -108,34 +120,31 @@ def _user_name(device: Device) -> Register:
     return Register(0x0184, _TEXT_BYTES, read, write)
 
 
-def _technology_specific() -> Iterator[Register]:
+def _technology_specific(sbrm: int) -> Iterator[Register]:
     """The SBRM."""
-    yield constant(SBRM + 0x00, _u32(0x00010000))  # U3V 1.0
-    yield constant(SBRM + 0x04, _u64(_SIRM_AND_EIRM))
-    yield constant(SBRM + 0x0C, _u64(0))
-    yield constant(SBRM + 0x14, _u32(MAX_TRANSFER_BYTES))
-    yield constant(SBRM + 0x18, _u32(MAX_TRANSFER_BYTES))
-    yield constant(SBRM + 0x1C, _u32(1))  # stream channels
-    yield constant(SBRM + 0x20, _u64(SIRM))
-    yield constant(SBRM + 0x28, _u32(0x30))
-    yield constant(SBRM + 0x2C, _u64(EIRM))
-    yield constant(SBRM + 0x34, _u32(0x0C))
-    yield constant(SBRM + 0x38, _u64(0))  # no IIDC2
-    yield constant(SBRM + 0x40, _u32(_SUPER_SPEED))
+    yield constant(sbrm + 0x00, _u32(0x00010000))  # U3V 1.0
+    yield constant(sbrm + 0x04, _u64(_SIRM_AND_EIRM))
+    yield constant(sbrm + 0x0C, _u64(0))
+    yield constant(sbrm + 0x14, _u32(MAX_TRANSFER_BYTES))
+    yield constant(sbrm + 0x18, _u32(MAX_TRANSFER_BYTES))
+    yield constant(sbrm + 0x1C, _u32(1))  # stream channels
+    yield constant(sbrm + 0x20, _u64(SIRM))
+    yield constant(sbrm + 0x28, _u32(0x30))
+    yield constant(sbrm + 0x2C, _u64(EIRM))
+    yield constant(sbrm + 0x34, _u32(0x0C))
+    yield constant(sbrm + 0x38, _u64(0))  # no IIDC2
+    yield constant(sbrm + 0x40, _u32(_SUPER_SPEED))
 
 
-def _streaming(device: Device, stream: StreamChannel) -> Iterator[Register]:
+def _streaming(stream: StreamChannel, payload_bytes: Callable[[], int]) -> Iterator[Register]:
     """The SIRM: what the camera needs, and what sizes of transfers the host chose."""
-
-    def payload_bytes() -> bytes:
-        return struct.pack("<Q", device.features.get("PayloadSize"))
 
     def size(offset: int, name: str) -> Register:
         return _unsigned(SIRM + offset, lambda: getattr(stream.sizes, name), lambda value: stream.set_size(name, value))
 
     yield constant(SIRM + 0x00, _u32(_ALIGNMENT_LOG2 << 24))
     yield _unsigned(SIRM + 0x04, lambda: int(stream.enabled), lambda value: stream.enable(bool(value & 1)))
-    yield Register(SIRM + 0x08, 8, payload_bytes)
+    yield Register(SIRM + 0x08, 8, lambda: _u64(payload_bytes()))
     yield _unsigned(SIRM + 0x10, lambda: stream.LEADER_BYTES)
     yield _unsigned(SIRM + 0x14, lambda: stream.TRAILER_BYTES)
     yield size(0x18, "max_leader_bytes")

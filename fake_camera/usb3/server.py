@@ -12,17 +12,18 @@ from fake_camera.device import Device
 from fake_camera.unix_socket import listen
 from fake_camera.usb3.connection import Claims, Connection
 from fake_camera.usb3.usb_device import UsbDevice
+from fake_camera.xml_camera import XmlCamera
 
 
 class Usb3Server:
-    """Serves one device on a Unix socket, and on a TCP port too if one is given.
+    """Serves one device, as `xml` describes it when that is given, on a Unix socket, and on a TCP port too if asked.
 
     While the camera is unplugged it does not listen: who can connect knows that it is there.
     """
 
-    def __init__(self, device: Device, path: Path, tcp_port: int | None = None) -> None:
+    def __init__(self, device: Device, path: Path, tcp_port: int | None = None, xml: XmlCamera | None = None) -> None:
         """Listen; OSError when the path or the port cannot be used."""
-        self._usb = UsbDevice(device)
+        self._usb = UsbDevice(device, xml)
         self._claims = Claims(self._usb.released)
         self._sockets: list[Callable[[], socket.socket]] = [lambda: listen(path, "socket")]
         if tcp_port is not None:

@@ -7,19 +7,21 @@ import errno
 import struct
 from enum import IntEnum
 
-from fake_camera.chunks import chunk_bytes
+from fake_camera.chunks import chunk_bytes, tagged
 from fake_camera.device import Device
 from fake_camera.faults import USB3
 from fake_camera.genicam_xml import genicam_xml, zipped
 from fake_camera.imaging import ExposedFrame
 from fake_camera.registers import RegisterMap, feature_registers
 from fake_camera.usb3 import descriptors
-from fake_camera.usb3.bootstrap import USB3_VISION, bootstrap_registers
+from fake_camera.usb3.bootstrap import SBRM, USB3_VISION, bootstrap_registers
 from fake_camera.usb3.control_channel import ControlChannel
 from fake_camera.usb3.descriptors import CONTROL_IN, CONTROL_OUT, EVENT_IN, STREAM_IN, Identity
 from fake_camera.usb3.endpoint import InEndpoint
 from fake_camera.usb3.event_channel import EventChannel
 from fake_camera.usb3.stream_channel import StreamChannel
+from fake_camera.xml_camera import XmlCamera
+from fake_camera.xml_registers import XmlRegisters
 
 _SETUP = struct.Struct("<BBHHH")
 _TO_DEVICE, _TO_ENDPOINT = 0, 2
@@ -67,7 +69,7 @@ class Setup:
 
 
 class UsbDevice:
-    """A device as the USB host sees it.
+    """A device as the USB host sees it; it shows the description and the memory of `xml` when there is one.
 
     Attributes
     ----------
@@ -75,20 +77,13 @@ class UsbDevice:
         The bulk IN endpoints by address.
     """
 
-    def __init__(self, device: Device) -> None:
+    def __init__(self, device: Device, xml: XmlCamera | None = None) -> None:
         self._device = device
+        self._xml = xml
         self.endpoints = {address: InEndpoint() for address in (CONTROL_IN, EVENT_IN, STREAM_IN)}
         self._stream = StreamChannel(self.endpoints[STREAM_IN], device.faults, device.counters)
         self._events = EventChannel(self.endpoints[EVENT_IN], device.now_ns)
-        description = zipped(str(device.features.get("DeviceModelName")), genicam_xml(device.features, USB3_VISION))
-        registers = RegisterMap(
-            (
-                *bootstrap_registers(device, self._stream, self._events, description),
-                *feature_registers(device, USB3_VISION.byte_order),
-            ),
-            alignment=1,
-        )
-        self._control = ControlChannel(registers, self.endpoints[CONTROL_IN], device.faults)
+        self._control = ControlChannel(self._registers(), self.endpoints[CONTROL_IN], device.faults)
         self._halted_out = False
         self._configuration = 0
         device.faults.restrict(USB3)
@@ -133,12 +128,30 @@ class UsbDevice:
                 raise StallError
         return answer[: setup.length]
 
+    def _registers(self) -> RegisterMap:
+        device, xml = self._device, self._xml
+        model = str(device.features.get("DeviceModelName"))
+        if xml is None:
+            description = zipped(model, genicam_xml(device.features, USB3_VISION))
+            bootstrap = bootstrap_registers(
+                device, self._stream, self._events, description, lambda: int(device.features.get("PayloadSize"))
+            )
+            return RegisterMap((*bootstrap, *feature_registers(device, USB3_VISION.byte_order)), alignment=1)
+        description = zipped(model, xml.description.data)
+        sbrm = xml.address("U3VVersionMajor") or SBRM
+        bootstrap = bootstrap_registers(
+            device, self._stream, self._events, description, lambda: xml.payload_bytes, sbrm=sbrm
+        )
+        return XmlRegisters(bootstrap, xml, alignment=1)
+
     def _send(self, frame: ExposedFrame) -> None:
         frame = dataclasses.replace(frame, frame_id=frame.frame_id - 1)  # on USB they count from 0
-        features = self._device.features
-        chunks = b""
-        if features.get("ChunkModeActive"):
-            chunks = chunk_bytes(frame, features.enabled_chunks(), USB3_VISION.byte_order)
+        features, byte_order, chunks = self._device.features, USB3_VISION.byte_order, b""
+        if self._xml is not None:
+            on = self._xml.chunks(frame)
+            chunks = b"" if on is None else tagged(frame, on, byte_order)
+        elif features.get("ChunkModeActive"):
+            chunks = chunk_bytes(frame, features.enabled_chunks(), byte_order)
         self._stream.send(frame, chunks)
 
     def _identity(self) -> Identity:

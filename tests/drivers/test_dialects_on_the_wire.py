@@ -1,12 +1,17 @@
-"""Every dialect over the wire: cameras that wear a description each, met by stock Aravis and by our driver."""
+"""Every dialect over the wire: cameras that wear a description each, met by stock Aravis and by our driver.
+
+Run as it is, over GigE Vision; test_dialects_usb3.py runs it again in a process with the cameras on its USB bus.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import gc
+import os
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -23,6 +28,8 @@ from fake_camera.genapi.description import Description
 from fake_camera.gige import GigeServer
 from fake_camera.imaging import ImageSettings
 from fake_camera.line0 import Line0
+from fake_camera.usb3.run import CAMERAS_VARIABLE
+from fake_camera.usb3.server import Usb3Server
 from fake_camera.xml_camera import XmlCamera
 from tests.fakes import loopback_address, unique
 from tests.xml_cameras import COMBINATIONS, DATA, REAL, features, xml_camera
@@ -32,7 +39,9 @@ pytestmark = pytest.mark.realtime
 RATE_HZ = 60.0
 US_PER_GREY = 40.0
 PATIENCE_S = 10.0
-WORN = [*range(len(COMBINATIONS)), *REAL]
+PORTS = os.environ.get(CAMERAS_VARIABLE, "").split(":")
+TRANSPORT, NAME_SPACE = ("usb3", "U3V") if PORTS != [""] else ("gige", "GEV")
+WORN = [*range(len(COMBINATIONS)), *REAL[TRANSPORT]]
 
 
 class GreyCard:
@@ -78,9 +87,25 @@ class Worn:
 def descriptions() -> Iterator[tuple[int | str, Description]]:
     for worn in WORN:
         if isinstance(worn, int):
-            yield worn, Description.from_bytes(xml_camera(worn), f"combination {worn}")
+            yield worn, Description.from_bytes(xml_camera(worn, NAME_SPACE), f"combination {worn}")
         elif (path := DATA / "genicam_xml" / f"{worn}.xml").exists():
             yield worn, Description.from_bytes(path.read_bytes(), str(path))
+
+
+@contextlib.contextmanager
+def served(device: Device, camera: XmlCamera) -> Iterator[None]:
+    """The camera on the wire of this run; on USB, at a free port."""
+    if TRANSPORT == "gige":
+        server = GigeServer(device, loopback_address(), camera)
+        server.start()
+        stop = server.close
+    else:
+        free = next(port for port in map(Path, PORTS) if not port.exists())
+        stop = Usb3Server(device, free, xml=camera).close
+    try:
+        yield
+    finally:
+        stop()
 
 
 @pytest.fixture(scope="module")
@@ -95,9 +120,7 @@ def cameras() -> Iterator[dict[int | str, Worn]]:
             device = Device(GreyCard(), serial, 0, line0)
             running.callback(device.close)
             camera = XmlCamera(description, device)
-            server = GigeServer(device, loopback_address(), camera)
-            server.start()
-            running.callback(server.close)
+            running.enter_context(served(device, camera))
             worn[key] = Worn(serial, description, device, camera)
         find_cameras()
         yield worn
@@ -137,6 +160,7 @@ def grey_of(setting: ExposureSetting) -> float:
 @pytest.mark.parametrize("worn", WORN[1:], ids=str, indirect=True)
 def test_stock_aravis_can_write_its_exposure_time(worn: Worn) -> None:
     found = discovery.find_camera(worn.serial)
+    assert found.transport == TRANSPORT
     device = Aravis.Camera.new(found.id).get_device()
     name, us = worn.exposure_time, worn.us_per_unit
     node = device.get_feature(name)
@@ -176,9 +200,9 @@ def test_the_driver_exposes_by_it_and_each_frame_tells_how(worn: Worn) -> None:
         check_words(worn, camera)
 
 
-@pytest.mark.parametrize("worn", [10, 11, 12, "Basler-acA1300-60gm"], ids=str, indirect=True)
+@pytest.mark.parametrize("worn", [10, 11, 12, *REAL[TRANSPORT][-2:]], ids=str, indirect=True)
 def test_the_driver_runs_it_freely_at_a_rate(worn: Worn) -> None:
-    """Number 10 and the Basler hold a period in the register of the rate."""
+    """Number 10 and Basler's older ones hold a period in the register of the rate."""
     with contextlib.closing(open_camera(worn.serial, CameraSetup(TriggerSetup("free_run", rate_hz=50.0)))) as camera:
         assert worn.device.features.get("AcquisitionFrameRate") == pytest.approx(50.0, rel=0.01)
         camera.start()
@@ -207,6 +231,11 @@ def check_words(worn: Worn, camera: AravisCamera) -> None:
     assert ("no TriggerOverlap" in lacks) == ("TriggerOverlap" not in nodes)
     assert ("inferred from when it was written" in lacks) == (not worn.tells_by_chunks)
     assert "gamma" not in lacks
+
+
+@pytest.mark.parametrize("worn", REAL[TRANSPORT], indirect=True)
+def test_a_real_description_tells_its_transport(worn: Worn) -> None:
+    assert worn.description.standard == NAME_SPACE
 
 
 def test_the_combinations_are_distinct_and_say_what_they_declare() -> None:

@@ -173,20 +173,23 @@ def test_what_cannot_be_achieved_leaves_the_registers_alone() -> None:
 
 
 @pytest.mark.parametrize(
-    ("namespace", "order", "usb3"),
+    ("namespace", "order", "feature", "told"),
     [
-        ("GEV", "LittleEndian", False),
-        ("U3V", "BigEndian", True),
-        ("None", "LittleEndian", True),
-        ("None", "BigEndian", False),
+        ("GEV", "LittleEndian", "R", "GEV"),
+        ("U3V", "BigEndian", "R", "U3V"),
+        ("None", "LittleEndian", "GevSCPSPacketSize", "U3V"),  # as Allied Vision's USB3 cameras
+        ("None", "BigEndian", "GevSCPSPacketSize", "GEV"),
+        ("None", "BigEndian", "R", None),
     ],
 )
-def test_its_standard_or_its_byte_order_tells_the_wire(namespace: str, order: str, usb3: bool) -> None:
+def test_its_standard_or_its_registers_tell_the_wire(
+    namespace: str, order: str, feature: str, told: str | None
+) -> None:
     text = (
-        f'<RegisterDescription ModelName="M" VendorName="V" StandardNameSpace="{namespace}"><IntReg Name="R">'
+        f'<RegisterDescription ModelName="M" VendorName="V" StandardNameSpace="{namespace}"><IntReg Name="{feature}">'
         f"<Address>0</Address><pPort>Device</pPort><Endianess>{order}</Endianess></IntReg></RegisterDescription>"
     )
-    assert Description.from_bytes(text.encode(), "").is_usb3 == usb3
+    assert Description.from_bytes(text.encode(), "").standard == told
 
 
 def test_text_before_the_declaration_is_left_out() -> None:

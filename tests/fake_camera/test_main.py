@@ -12,7 +12,8 @@ import pytest
 from fake_camera.line0 import Line0
 from tests.xml_cameras import xml_camera
 
-COMMAND = [sys.executable, "-m", "fake_camera", "--address", "127.0.9.1", "--serial", "FAKE-M"]
+PROGRAM = [sys.executable, "-m", "fake_camera", "--serial", "FAKE-M"]
+COMMAND = [*PROGRAM, "--address", "127.0.9.1"]
 
 
 @pytest.mark.realtime
@@ -45,17 +46,45 @@ def test_a_mistake_is_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     )
 
 
+def on_wire(wire: str, folder: Path) -> list[str]:
+    """The command of a camera on a wire, in the description in a folder."""
+    command = COMMAND if wire == "gige" else [*PROGRAM, "--usb3", "--socket", str(folder / "socket")]
+    return [*command, "--xml", str(folder / "camera.xml")]
+
+
 @pytest.mark.realtime
-def test_a_camera_in_a_description_says_what_it_passes_for(tmp_path: Path) -> None:
-    description = tmp_path / "camera.xml"
-    description.write_bytes(b"Nobody (USB3)\n" + xml_camera(16).replace(b"GEV", b"U3V"))
-    with subprocess.Popen([*COMMAND, "--xml", str(description)], stdout=subprocess.PIPE, text=True) as camera:
+@pytest.mark.parametrize(
+    ("name_space", "wire", "where"),
+    [("GEV", "gige", "at 127.0.9.1"), ("U3V", "usb3", "on USB"), ("None", "gige", "at 127.0.9.1"),
+     ("None", "usb3", "on USB")],
+)  # fmt: skip
+def test_a_camera_in_a_description_says_what_it_passes_for(
+    tmp_path: Path, name_space: str, wire: str, where: str
+) -> None:
+    (tmp_path / "camera.xml").write_bytes(b"Nobody\n" + xml_camera(16, name_space))
+    with subprocess.Popen(on_wire(wire, tmp_path), stdout=subprocess.PIPE, text=True) as camera:
         assert camera.stdout is not None
         ready = camera.stdout.readline()
         camera.terminate()
-    assert ready.endswith(
-        "scene room, as Nobody Tiny16 (a USB3 Vision camera, here over GigE Vision), trigger line Line1\n"
-    )
+    assert ready == (f"fake camera FAKE-M (left) {where}, no Line0, scene room, as Nobody Tiny16, trigger line Line1\n")
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize(
+    ("name_space", "wire", "sentence"),
+    [
+        ("U3V", "gige", "camera.xml describes a USB3 Vision camera: add --usb3 and --exec, --socket or --tcp\n"),
+        ("GEV", "usb3", "camera.xml describes a GigE Vision camera: leave out --usb3 and what belongs to it\n"),
+    ],
+)
+def test_a_description_of_the_other_transport_is_refused(
+    tmp_path: Path, name_space: str, wire: str, sentence: str
+) -> None:
+    (tmp_path / "camera.xml").write_bytes(xml_camera(16, name_space))
+    camera = subprocess.run(on_wire(wire, tmp_path), capture_output=True, text=True, timeout=60, check=False)
+    assert (camera.returncode, camera.stdout) == (2, "")
+    assert camera.stderr.endswith(sentence)
+    assert camera.stderr.count("\n") == 1
 
 
 @pytest.mark.realtime

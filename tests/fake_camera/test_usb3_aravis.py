@@ -135,7 +135,6 @@ def test_exec_ends_as_the_command_does() -> None:
     ("arguments", "sentence"),
     [
         (["--usb3"], "--usb3 needs a way to reach the camera: --socket PATH, --tcp or --exec COMMAND"),
-        (["--usb3", "--socket", "s", "--xml", "f"], "--xml is served over GigE Vision, whatever camera it describes"),
         (["--usb3", "--address", "127.0.9.9", "--tcp"], "--address is of GigE Vision cameras: leave it out"),
         (["--socket", "camera"], "--socket is of USB3 Vision cameras: add --usb3"),
         (["--usb3", "--exec"], "--exec needs a command"),

@@ -155,7 +155,7 @@ def test_a_client_finds_the_description_by_the_manifest(camera: Device, host: Us
 def test_the_description_declares_just_the_registers_there_are(camera: Device) -> None:
     stream = StreamChannel(InEndpoint(), Faults(), camera.counters)
     registers = [
-        *bootstrap_registers(camera, stream, EventChannel(InEndpoint(), lambda: 0), bytes(100)),
+        *bootstrap_registers(camera, stream, EventChannel(InEndpoint(), lambda: 0), bytes(100), lambda: 0),
         *feature_registers(camera, "little"),
     ]
     ordered = sorted(registers, key=lambda register: register.address)

@@ -21,7 +21,7 @@
 #define PUBLIC __attribute__((visibility("default")))
 #define LIST_VARIABLE "FAKE_CAMERA_USB3"
 #define BUS_NUMBER 100 /* no machine has so many of its own */
-#define MAX_CAMERAS 16
+#define MAX_CAMERAS 32
 
 /* Say a sentence on standard error. */
 void complain(const char *format, ...) __attribute__((format(printf, 1, 2)));
