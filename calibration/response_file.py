@@ -153,7 +153,8 @@ class ResponseFile:
         anew = f"calibrate this one: autoexpose calibrate response --camera {serial}"
         if self.camera is not None and self.camera.serial != serial:
             raise ConfigurationError(
-                f"{path}: camera.serial is {self.camera.serial}, but this is camera {serial}: name its own file, or {anew}"
+                f"{path}: camera.serial is {self.camera.serial}, but this is camera {serial}: "
+                f"name its own file, or {anew}"
             )
         for key, measured, present in (
             ("pixel_format", self.pixel_format, pixel_format),
