@@ -20,7 +20,8 @@ class TriggerSetup:
     line
         The camera's input line, by the name of its TriggerSource entry.
     rate_hz
-        Frame rate (Hz); with an external trigger the rate of the pulses, which the camera is not told.
+        Frame rate (Hz); with an external trigger the rate of the pulses, which the camera is not told. None, in a free
+        run: as fast as each exposure and its readout allow, so that exposures of any length can be asked for.
     longest_exposure_us
         The longest exposure time that will be asked for.
     output_line
@@ -30,7 +31,7 @@ class TriggerSetup:
 
     mode: TriggerMode
     line: str = "Line0"
-    rate_hz: float = 60.0
+    rate_hz: float | None = 60.0
     longest_exposure_us: float = 0.0
     output_line: str | None = None
 

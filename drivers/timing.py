@@ -15,7 +15,7 @@ def timing_lacks(nodes: NodeMap, trigger: TriggerSetup) -> tuple[str, ...]:
     The camera must have been armed: with TriggerOverlap ReadOut a frame is read out while the next one is exposed.
     """
     readout_us = next((nodes.read_float(name) for name in _READOUT_NODES if nodes.is_float(name)), None)
-    if readout_us is None:
+    if readout_us is None or trigger.rate_hz is None:
         return ()
     period_us = 1e6 / trigger.rate_hz
     overlaps = "ReadOut" in nodes.entries("TriggerOverlap") and nodes.read_entry("TriggerOverlap") == "ReadOut"

@@ -98,10 +98,12 @@ def _limit_rate(nodes: NodeMap, limit: bool) -> None:
             nodes.write_boolean(name, limit)
 
 
-def _set_frame_rate(nodes: NodeMap, rate_hz: float) -> None:
+def _set_frame_rate(nodes: NodeMap, rate_hz: float | None) -> None:
     if "Off" in nodes.entries("AcquisitionFrameRateAuto"):
         nodes.write_entry("AcquisitionFrameRateAuto", "Off")
-    _limit_rate(nodes, True)
+    _limit_rate(nodes, rate_hz is not None)
+    if rate_hz is None:
+        return
     if FIXED_RATE in nodes.entries("TriggerSource"):
         nodes.write_entry("TriggerSource", FIXED_RATE)
         nodes.write_entry("TriggerMode", "On")

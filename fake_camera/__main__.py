@@ -49,6 +49,7 @@ def _parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     add("--line1", type=Path, metavar="SOCKET", help="wire from the exposure output to another camera's Line3")
     add("--line3", type=Path, metavar="SOCKET", help="wire from another camera's Line1")
     add("--scene", default="room", metavar="room|FILE.hdr", help="what it sees (%(default)s)")
+    add("--still", action="store_true", help="stand still, as on a tripod, instead of moving through the scene")
     add("--light", type=Path, metavar="FILE", help="light script (one with steps is built in)")
     add("--response", choices=["linear", "gamma", "s_shaped"], default="linear", help="of the sensor (%(default)s)")
     add("--seed", type=int, default=0, help="fixes room, noise and clock (%(default)s)")
@@ -97,7 +98,7 @@ def _warm_up(source: ImageSource) -> None:
 def _run(options: argparse.Namespace, resources: contextlib.ExitStack) -> tuple[Device, XmlCamera | None]:
     """Start the camera; what `resources` holds must be closed to stop it."""
     light = LightScript.from_file(options.light) if options.light else LightScript.default()
-    source = build_image_source(options.scene, options.side, light, options.seed, options.response)
+    source = build_image_source(options.scene, options.side, light, options.seed, options.response, still=options.still)
     _warm_up(source)
     line0 = truth = None
     if options.line0 is not None:

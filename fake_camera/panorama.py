@@ -9,6 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from fake_camera.path import ROUND_S
+
 GREY = 0.18
 """Reflectance that the still's log-mean radiance stands for: the photographers' grey card."""
 
@@ -64,7 +66,7 @@ class Panorama:
     """
 
     def __init__(
-        self, radiance: NDArray[np.float32], side: str, width: int, height: int, period_s: float = 24.0
+        self, radiance: NDArray[np.float32], side: str, width: int, height: int, period_s: float = ROUND_S
     ) -> None:
         rows, columns = radiance.shape
         scale = max(1.0, ROOM_TO_PAN * height / rows, ROOM_TO_PAN * width / columns)

@@ -8,6 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+ROUND_S = 24.0
+"""Duration of one round through the room, or of one pan to and fro; infinite: the camera stands still."""
+
 BASELINE_M = 0.08
 """Distance of the right camera from the left one, along the camera's x axis."""
 
@@ -21,7 +24,7 @@ class CameraPath:
     still until time 0 and reaches its full speed after `soft_start_s`.
     """
 
-    period_s: float = 24.0
+    period_s: float = ROUND_S
     soft_start_s: float = 2.0
     semi_axis_x_m: float = 0.34
     semi_axis_y_m: float = 0.25

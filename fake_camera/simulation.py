@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from fake_camera.imaging import ImageSettings, ImageSource, Pixels
 from fake_camera.lighting import LightScript
 from fake_camera.panorama import Panorama, load_radiance
-from fake_camera.path import CameraPath, right_of
+from fake_camera.path import ROUND_S, CameraPath, right_of
 from fake_camera.render import Pinhole, Renderer
 from fake_camera.room import furnished_room
 from fake_camera.sensor import Sensor, SensorModel
@@ -86,7 +86,9 @@ class SimulatedCamera:
         return self._light.lux(time_s)
 
 
-def build_image_source(scene: str, side: Side, light: LightScript, seed: int, response: str = "linear") -> ImageSource:
+def build_image_source(
+    scene: str, side: Side, light: LightScript, seed: int, response: str = "linear", *, still: bool = False
+) -> ImageSource:
     """Build the world of one camera. Its first image of each pixel format is slow where kernels are not compiled yet.
 
     Parameters
@@ -101,6 +103,8 @@ def build_image_source(scene: str, side: Side, light: LightScript, seed: int, re
         Decides the room; the noise also depends on the side.
     response
         Name of the sensor's response function.
+    still
+        Whether the camera stays where its path begins, as on a tripod.
 
     Raises
     ------
@@ -109,10 +113,11 @@ def build_image_source(scene: str, side: Side, light: LightScript, seed: int, re
     """
     model = SensorModel()
     sensor = Sensor(model, 2 * seed + (side == "right"), response)
+    period_s = math.inf if still else ROUND_S
     view: Scene
     if scene == "room":
         renderer = Renderer(furnished_room(seed), Pinhole(model.width, model.height))
-        view = RoomView(renderer, CameraPath(), side)
+        view = RoomView(renderer, CameraPath(period_s), side)
     else:
-        view = Panorama(load_radiance(Path(scene)), side, model.width, model.height)
+        view = Panorama(load_radiance(Path(scene)), side, model.width, model.height, period_s)
     return SimulatedCamera(view, light, sensor)

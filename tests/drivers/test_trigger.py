@@ -77,6 +77,12 @@ def test_a_free_run_tells_of_a_missing_line_and_refuses_rates_out_of_reach() -> 
         arm_trigger(MemoryNodes({}), FREE_RUN)
 
 
+def test_a_free_run_without_a_rate_is_as_fast_as_the_exposure_allows() -> None:
+    nodes = triggered()
+    assert arm_trigger(nodes, TriggerSetup("free_run", rate_hz=None)) == ()
+    assert nodes.writes[-1] == ("AcquisitionFrameRateEnable", False)
+
+
 PRIMARY = TriggerSetup("free_run", rate_hz=60.0, output_line="Line1")
 LINES: dict[str, Node] = {
     "LineSelector": EnumerationNode("Line0", ("Line0", "Line1", "Line2")),

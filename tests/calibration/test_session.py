@@ -1,0 +1,129 @@
+"""A session on a camera that does as the test says, and on a fake camera over the wire."""
+
+from __future__ import annotations
+
+import itertools
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calibration import session as session_module
+from calibration.session import FRAMES_TO_OBEY, Session, session_setup
+from drivers.aravis import open_camera
+from drivers.camera import CameraDescription, IncompleteFrame
+from drivers.errors import CameraError
+from drivers.exposure import ExposureLimits, ExposureSetting
+from drivers.frames import Frame, SettingSource
+from drivers.latency import FRAMES_AFTER
+from tests.fakes import fake_camera
+
+BEFORE = ExposureSetting(1000.0, 0.0)
+DESCRIPTION = CameraDescription("ours", "obedient", "S")
+LIMITS = ExposureLimits(10.0, 1e6, 0.0, 30.0)
+AFTER = ExposureSetting(4000.0, 6.0)
+
+
+@dataclass
+class ObedientCamera:
+    """Shows a write `latency` frames later; starts an exposure whenever it is asked for a frame."""
+
+    latency: int = 2
+    source: SettingSource = "chunk"
+    silent: bool = False
+    broken: bool = False
+    closed: bool = False
+    description: CameraDescription = DESCRIPTION
+    limits: ExposureLimits = LIMITS
+    _settings: list[ExposureSetting] = field(default_factory=lambda: [BEFORE])
+    _ids: Iterator[int] = field(default_factory=lambda: itertools.count(1))
+
+    def start(self) -> None: ...
+
+    def next_frame(self, timeout_s: float) -> Frame | IncompleteFrame | None:
+        if self.silent:
+            return None
+        frame_id, now_ns = next(self._ids), time.monotonic_ns()
+        if self.broken:
+            return IncompleteFrame(frame_id, now_ns)
+        shown = self._settings.pop(0) if len(self._settings) > 1 else self._settings[0]
+        grey = np.full((2, 2), shown.exposure_time_us / 100.0, np.uint8)
+        told = shown if self.source == "chunk" else self._settings[-1]  # a ledger that knows no latency yet
+        return Frame(grey, 8, frame_id, now_ns, now_ns, now_ns, told, self.source)
+
+    def write(self, setting: ExposureSetting) -> ExposureSetting:
+        taken = ExposureSetting(round(setting.exposure_time_us), setting.gain_db)
+        self._settings = [self._settings[0]] * self.latency + [taken]
+        return taken
+
+    def latch_clock(self) -> None: ...
+
+    def close(self) -> None:
+        self.closed = True
+
+
+@pytest.mark.parametrize("latency", [0, 1, 3])
+@pytest.mark.parametrize("source", ["chunk", "ledger"])
+def test_shots_are_those_that_show_the_setting_read_back(latency: int, source: SettingSource) -> None:
+    session = Session(ObedientCamera(latency, source))
+    for setting in (BEFORE, AFTER, ExposureSetting(2000.4, 0.0)):
+        shots = session.take(setting, 3)
+        assert len(shots) == 3
+        expected = round(setting.exposure_time_us)
+        assert {shot.setting.exposure_time_us for shot in shots} == {expected}
+        assert {float(shot.pixels.mean()) for shot in shots} == {expected // 100}
+    assert session.setting_source == source
+
+
+def test_a_setting_that_stands_is_not_waited_for_anew() -> None:
+    camera = ObedientCamera(0, "ledger")
+    session = Session(camera)
+    session.take(AFTER, 1)
+    session.take(AFTER, 1)
+    assert next(camera._ids) == FRAMES_AFTER + 3
+
+
+def test_a_camera_that_never_takes_the_setting_is_told_with_what_it_shows() -> None:
+    session = Session(ObedientCamera(latency=2 * FRAMES_TO_OBEY))
+    with pytest.raises(
+        CameraError, match=r"read back 4000 us, 6\.0 dB, but 16 frames later still exposes with 1000 us"
+    ):
+        session.take(AFTER, 1)
+
+
+@pytest.mark.parametrize("fault", ["silent", "broken"])
+def test_a_camera_without_whole_frames_is_told(fault: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(session_module, "PATIENCE_S", 0.02)
+    session = Session(ObedientCamera(**{fault: True}))
+    with pytest.raises(CameraError, match=r"camera S: no whole frame arrived within 0\.0 s: check its cable"):
+        session.take(AFTER, 1)
+
+
+def test_the_session_closes_its_camera_whatever_happened() -> None:
+    camera = ObedientCamera()
+    with pytest.raises(RuntimeError), Session(camera):
+        raise RuntimeError
+    assert camera.closed
+
+
+@pytest.mark.realtime
+def test_a_session_over_the_wire_from_the_shortest_exposure_to_a_long_one(tmp_path: Path) -> None:
+    light = tmp_path / "light.yaml"
+    light.write_text("light: [{at_s: 0, lux: 20}]")
+    with (
+        fake_camera(options=["--still", "--light", str(light)]) as fake,
+        Session(open_camera(fake.serial, session_setup("Mono12"))) as session,
+    ):
+        short, mid, long = (
+            session.take(ExposureSetting(time_us, gain_db), 2)
+            for time_us, gain_db in [(session.limits.min_time_us, 0.0), (3000.0, 6.0), (400_000.0, 0.0)]
+        )
+    assert [shots[0].setting.exposure_time_us for shots in (short, mid, long)] == [10.0, 3000.0, 400_000.0]
+    means = [float(shots[0].pixels.mean()) for shots in (short, mid, long)]
+    assert means[0] < means[1] < means[2]
+    assert mid[0].bit_depth == 12
+    one, two = (shot.pixels.astype(np.float64) for shot in mid)
+    assert np.abs(two - one).mean() < 50.0, "the camera stands still under steady light"
