@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from datetime import datetime
 from pathlib import Path
 from typing import Any, get_args
@@ -31,6 +31,18 @@ class CameraIdentity:
     serial: str
 
 
+@dataclass(frozen=True, slots=True)
+class Origin:
+    """The camera and the mode in which it was measured (gain in dB), when, and by which version of this program."""
+
+    camera: CameraIdentity | None = None
+    pixel_format: str | None = None
+    binning: int | None = None
+    gain_db: float | None = None
+    date: datetime | None = None
+    tool: str | None = None
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class ResponseFile:
     """A response function and what is known of it; everything but the curve may be unknown (None, empty).
@@ -39,10 +51,8 @@ class ResponseFile:
     ----------
     response
         The curve itself.
-    camera, pixel_format, binning, gain_db
-        The camera and the mode in which it was measured; gain in dB.
-    date, tool
-        When, and by which version of this program.
+    origin
+        Where it comes from.
     model, parameters, covered, residual_grey, uncertainty_stops
         See `calibration.solution.ResponseSolution`.
     findings
@@ -52,12 +62,7 @@ class ResponseFile:
     """
 
     response: ResponseFunction
-    camera: CameraIdentity | None = None
-    pixel_format: str | None = None
-    binning: int | None = None
-    gain_db: float | None = None
-    date: datetime | None = None
-    tool: str | None = None
+    origin: Origin = Origin()
     model: ResponseModel | None = None
     parameters: Mapping[str, float] = field(default_factory=dict)
     covered: tuple[int, int] | None = None
@@ -68,16 +73,19 @@ class ResponseFile:
     uncertainty_stops: tuple[float, ...] = ()
 
     @classmethod
-    def of_solution(cls, solution: ResponseSolution, **origin: Any) -> ResponseFile:
-        """The file of a solved sweep; `origin` are the other attributes."""
+    def of_solution(
+        cls, solution: ResponseSolution, origin: Origin, findings: tuple[Finding, ...] = ()
+    ) -> ResponseFile:
+        """The file of a solved sweep."""
         return cls(
             solution.response,
-            model=solution.model,
-            parameters=solution.parameters,
-            covered=solution.covered,
-            residual_grey=solution.residual_grey,
+            origin,
+            solution.model,
+            solution.parameters,
+            solution.covered,
+            solution.residual_grey,
+            findings,
             uncertainty_stops=tuple(solution.uncertainty_stops.tolist()),
-            **origin,
         )
 
     @classmethod
@@ -102,7 +110,8 @@ class ResponseFile:
             if key in known:
                 known[key] = tuple(known[key])
         known["findings"] = tuple(Finding(**finding) for finding in known.get("findings", ()))
-        return cls(response, **known)
+        origin = Origin(**{part.name: known.pop(part.name, None) for part in fields(Origin)})
+        return cls(response, origin, **known)
 
     def save(self, path: Path) -> None:
         """Write the file, the curve last; log2 exposures are rounded to a millionth of a stop.
@@ -112,15 +121,15 @@ class ResponseFile:
         ConfigurationError
             When the file cannot be written.
         """
-        camera, curve = self.camera, self.response
+        origin, camera, curve = self.origin, self.origin.camera, self.response
         document = {
             "format": FORMAT,
             "camera": camera and {"vendor": camera.vendor, "model": camera.model, "serial": camera.serial},
-            "pixel_format": self.pixel_format,
-            "binning": self.binning,
-            "gain_db": self.gain_db,
-            "date": self.date,
-            "tool": self.tool,
+            "pixel_format": origin.pixel_format,
+            "binning": origin.binning,
+            "gain_db": origin.gain_db,
+            "date": origin.date,
+            "tool": origin.tool,
             "model": self.model,
             "parameters": {name: _rounded(value) for name, value in self.parameters.items()},
             "covered": self.covered and list(self.covered),
@@ -151,14 +160,14 @@ class ResponseFile:
             Naming file, key, camera and what to do.
         """
         anew = f"calibrate this one: autoexpose calibrate response --camera {serial}"
-        if self.camera is not None and self.camera.serial != serial:
+        camera = self.origin.camera
+        if camera is not None and camera.serial != serial:
             raise ConfigurationError(
-                f"{path}: camera.serial is {self.camera.serial}, but this is camera {serial}: "
-                f"name its own file, or {anew}"
+                f"{path}: camera.serial is {camera.serial}, but this is camera {serial}: name its own file, or {anew}"
             )
         for key, measured, present in (
-            ("pixel_format", self.pixel_format, pixel_format),
-            ("binning", self.binning, binning),
+            ("pixel_format", self.origin.pixel_format, pixel_format),
+            ("binning", self.origin.binning, binning),
         ):
             if measured is not None and present is not None and measured != present:
                 raise ConfigurationError(

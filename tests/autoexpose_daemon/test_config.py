@@ -13,7 +13,7 @@ from autoexpose_daemon.config import Config, load_config
 from autoexpose_daemon.control.parameters import ControlParameters
 from autoexpose_daemon.control.region import Rectangle
 from calibration.response import ResponseFunction
-from calibration.response_file import CameraIdentity, ResponseFile
+from calibration.response_file import CameraIdentity, Origin, ResponseFile
 from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureSetting
 
@@ -161,7 +161,7 @@ def test_the_start_is_always_within_the_bounds(low: float, high: float) -> None:
 
 def test_a_response_file_of_another_camera_is_refused(tmp_path: Path) -> None:
     identity = CameraIdentity("Maker", "Model 7", "B")
-    ResponseFile(ResponseFunction.linear(), identity, "Mono8").save(tmp_path / "r.yaml")
+    ResponseFile(ResponseFunction.linear(), Origin(identity, "Mono8")).save(tmp_path / "r.yaml")
     message = complaint(tmp_path, "cameras: {left: {serial: A, response: r.yaml}}")
     assert "cameras.left.response" in message
     assert "camera.serial is B, but this is camera A" in message

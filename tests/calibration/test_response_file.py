@@ -10,7 +10,7 @@ import yaml
 
 from calibration.findings import Finding
 from calibration.response import ResponseFunction
-from calibration.response_file import CameraIdentity, ResponseFile
+from calibration.response_file import CameraIdentity, Origin, ResponseFile
 from calibration.solution import ResponseSolution
 from drivers.errors import ConfigurationError
 
@@ -19,19 +19,20 @@ SOLUTION = ResponseSolution(
 )
 
 
+ORIGIN = Origin(
+    CameraIdentity("Maker", "Model 7", "0012"),
+    "Mono8",
+    binning=2,
+    gain_db=3.0,
+    date=datetime(2026, 11, 21, 12, 0, tzinfo=UTC),
+    tool="autoexpose-daemon 0.1.0",
+)
+
+
 def full() -> ResponseFile:
-    return ResponseFile.of_solution(
-        SOLUTION,
-        camera=CameraIdentity("Maker", "Model 7", "0012"),
-        pixel_format="Mono8",
-        binning=2,
-        gain_db=3.0,
-        date=datetime(2026, 11, 21, 12, 0, tzinfo=UTC),
-        tool="autoexpose-daemon 0.1.0",
-        findings=(Finding("warned", "few_levels", "Grey 40 to 200 alone: sweep a brighter scene."),),
-        noise={"gain": 0.1},
-        latency={"exposure": 2},
-    )
+    finding = Finding("warned", "few_levels", "Grey 40 to 200 alone: sweep a brighter scene.")
+    file = ResponseFile.of_solution(SOLUTION, ORIGIN, (finding,))
+    return dataclasses.replace(file, noise={"gain": 0.1}, latency={"exposure": 2})
 
 
 def saved(folder: Path) -> tuple[Path, dict[str, object]]:
@@ -60,7 +61,7 @@ def test_a_curve_made_by_hand_is_as_good(tmp_path: Path) -> None:
     path = tmp_path / "hand.yaml"
     ResponseFunction.linear().save(path)
     loaded = ResponseFile.load(path)
-    assert loaded.camera is None
+    assert loaded.origin == Origin()
     loaded.check_belongs(path, "any camera", "Mono16", 4)
 
 
