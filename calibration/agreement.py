@@ -64,11 +64,12 @@ class Agreement:
 
 def agreement(response: ResponseFunction, tones: Tones) -> Agreement:
     """Predict every exposure from every other within two stops, and from its neighbours however far they are."""
+    greys = tones.greys - tones.middle
     parts = []
     for i, level in enumerate(tones.levels):
         for j, other in enumerate(tones.levels):
             if i != j and (abs(other - level) <= MAX_DELTA_STOPS or abs(i - j) == 1):
-                parts.append(_predict(response, tones.greys[i], tones.greys[j], other - level))
+                parts.append(_predict(response, greys[i], greys[j], other - level))
     return Agreement(*(np.concatenate(values) for values in zip(*parts, strict=True)))
 
 
