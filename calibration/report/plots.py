@@ -87,7 +87,7 @@ def comparison_picture(left: ResponseFunction, right: ResponseFunction) -> Pictu
         for response, name, dash, colour in ((left, "left", "-", "#0072b2"), (right, "right", "--", "#d55e00")):
             open_part = slice(response.black_level, response.saturation + 1)
             axes.plot(response.log2_exposure[open_part], GREYS[open_part], dash, color=colour, lw=1.8, label=name)
-        _finish(axes, "log2 exposure (stops below saturation)", "grey level")
+        _finish(axes, "log2 exposure (stops from saturation)", "grey level")
         axes.set_ylim(0, 256)
         axes.legend(loc="upper left", frameon=False)
 
@@ -136,30 +136,31 @@ def _draw_response(axes: Axes, result: Result, solution: ResponseSolution) -> No
     stops = log2_exposure(response, greys)
     open_ends = (greys > response.black_level + 1) & (greys < response.saturation - 1)
     offsets = np.ma.median(np.ma.masked_where(~open_ends, stops - tones.levels[:, None]), axis=0)
-    x = (tones.levels[:, None] + offsets).filled(np.nan).ravel()
-    y = greys.ravel()
+    placed = np.broadcast_to(tones.levels[:, None], greys.shape) + offsets.filled(np.nan)
+    x, y = placed[open_ends], greys[open_ends]
     every = max(len(x) // MOST_POINTS, 1)
-    axes.plot(x[::every], y[::every], ".", color="#8a8a8a", ms=3, alpha=0.5, label="sweep", rasterized=True)
     inside = slice(response.black_level, response.saturation + 1)
     curve, error = response.log2_exposure[inside], 2.0 * solution.uncertainty_stops[inside]
     axes.fill_betweenx(GREYS[inside], curve - error, curve + error, color="#56b4e9", alpha=0.45, lw=0, label="2 sigma")
-    axes.plot(curve, GREYS[inside], color="#0072b2", lw=1.8, label=f"response ({solution.model})")
+    axes.plot(curve, GREYS[inside], color="#0072b2", lw=2.5, label=f"response ({solution.model})")
+    axes.plot(x[::every], y[::every], ".", color=INK, ms=2, alpha=0.4, label="sweep", rasterized=True)
     for bottom, top in ((0, low), (high, GREY_LEVELS - 1)):
         if top > bottom:
             axes.axhspan(bottom, top, facecolor="none", edgecolor="#999999", hatch="///", lw=0, alpha=0.5)
     axes.set_ylim(0, GREY_LEVELS)
-    axes.set_xlim(curve[1] - 0.5 if len(curve) > 1 else None, 2.0)
-    axes.legend(loc="upper left", frameon=False)
-    _finish(axes, "log2 exposure (stops below saturation)", "grey level")
+    axes.set_xlim(curve[1] - 0.5, 0.5)
+    axes.legend(loc="upper left", frameon=False, markerscale=4)
+    _finish(axes, "log2 exposure (stops from saturation)", "grey level")
 
 
 def _draw_predictions(axes: Axes, response: ResponseFunction) -> None:
     axes.plot([0, 255], [0, 255], "-", color="#999999", lw=1)
     for place, (delta, colour, dash, marker) in enumerate(DASHES):
         table = prediction_table(response, delta)
-        mark = slice(10 + 6 * place, None, 40)
-        axes.plot(GREYS, table, dash, color=colour, lw=1.5)
-        axes.plot(GREYS[mark], table[mark], marker, color=colour, ms=5, label=f"{delta:+g} stops")
+        marks = (10 + 6 * place, 40)
+        axes.plot(
+            GREYS, table, dash, color=colour, lw=1.5, marker=marker, ms=5, markevery=marks, label=f"{delta:+g} stops"
+        )
     handles, labels = axes.get_legend_handles_labels()
     axes.legend(handles[::-1], labels[::-1], loc="lower right", frameon=False, fontsize="small")
     axes.set_xlim(0, 256)
