@@ -76,6 +76,9 @@ def check(
         for line in _comparison_lines(held):
             console.print(line)
         findings = held.findings
+    elif content.model is None:
+        console.print("verdict: none: the file does not say how it was measured; check it with --camera SERIAL")
+        return
     _tell(verdict(findings), findings, console)
     if verdict(findings) == "refused":
         raise typer.Exit(1)

@@ -32,6 +32,11 @@ def curve_facts(file: ResponseFile) -> Iterator[Fact]:
         yield "model", f"{file.model} ({parameters})" if parameters else file.model
     yield "black level, saturation", f"grey {file.response.black_level}, {file.response.saturation}"
     if file.covered is not None:
-        yield "covered range", f"grey {file.covered[0]} to {file.covered[1]}"
+        low, high = file.covered
+        yield "covered range", f"grey {low} to {high}"
+        if file.uncertainty_stops:
+            worst = max(file.uncertainty_stops[low : high + 1])
+            middle = file.uncertainty_stops[(low + high) // 2]
+            yield "uncertainty", f"{middle:.3f} stops at grey {(low + high) // 2}, {worst:.3f} at most in that range"
     if file.residual_grey is not None:
         yield "residual", f"{file.residual_grey:.2f} grey levels rms"

@@ -10,7 +10,6 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from calibration.capture import SweepPlan, plan_sweep
-from calibration.images import read_images
 from calibration.response_file import CameraIdentity, Origin
 from calibration.result import Result, calibrate
 from calibration.rig import CameraMode
@@ -45,6 +44,8 @@ def measure_camera(mode: CameraMode, gain_db: float, console: Console) -> Result
 
 def measure_images(source: Path) -> Result:
     """Solve the sweep that a folder or a list of images holds; no camera is known of it."""
+    from calibration.images import read_images  # noqa: PLC0415  it needs pillow, of the extra
+
     origin = Origin(date=datetime.now(UTC).replace(microsecond=0), tool=tool())
     return calibrate(f"the images of {source}", origin, read_images(source))
 

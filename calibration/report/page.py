@@ -14,15 +14,17 @@ from calibration.response_file import ResponseFile
 from calibration.result import Result
 from drivers.errors import ConfigurationError
 
-EXTRA = ("matplotlib", "jinja2")
+EXTRA = {"matplotlib": "matplotlib", "jinja2": "jinja2", "PIL": "pillow"}
+"""What the extra installs, by the name that is imported."""
 
 
 def check_extra() -> None:
-    """Raise a ConfigurationError where what the report needs is not installed."""
-    missing = [name for name in EXTRA if importlib.util.find_spec(name) is None]
+    """Raise a ConfigurationError where what reports and images need is not installed."""
+    missing = [package for name, package in EXTRA.items() if importlib.util.find_spec(name) is None]
     if missing:
         raise ConfigurationError(
-            f"the report needs {' and '.join(missing)}: pip install 'autoexpose-daemon[calibration]'"
+            f"calibration needs the extra `calibration` ({', '.join(missing)} missing): "
+            "pip install 'autoexpose-daemon[calibration]'"
         )
 
 

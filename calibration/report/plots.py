@@ -28,6 +28,7 @@ DASHES: Sequence[tuple[float, str, str, str]] = (
 """Changes of exposure level (stops), each with its colour (after Okabe and Ito), dash and marker."""
 INK = "#1b1b1b"
 MOST_POINTS = 4000
+MOST_RINGS = 250
 GREYS = np.arange(GREY_LEVELS)
 
 
@@ -61,7 +62,7 @@ def pictures(result: Result) -> list[Picture]:
     return [
         Picture(
             "Response",
-            "Dots: parts of the scene, each placed by its own radiance. Line: the response, with twice its standard "
+            "Rings: parts of the scene, each placed by its own radiance. Line: the response, with twice its standard "
             "error. Hatched: grey levels that the sweep did not see, where the curve is extended.",
             lambda axes: _draw_response(axes, result, solution),
         ),
@@ -138,18 +139,18 @@ def _draw_response(axes: Axes, result: Result, solution: ResponseSolution) -> No
     offsets = np.ma.median(np.ma.masked_where(~open_ends, stops - tones.levels[:, None]), axis=0)
     placed = np.broadcast_to(tones.levels[:, None], greys.shape) + offsets.filled(np.nan)
     x, y = placed[open_ends], greys[open_ends]
-    every = max(len(x) // MOST_POINTS, 1)
+    every = max(len(x) // MOST_RINGS, 1)
     inside = slice(response.black_level, response.saturation + 1)
     curve, error = response.log2_exposure[inside], 2.0 * solution.uncertainty_stops[inside]
     axes.fill_betweenx(GREYS[inside], curve - error, curve + error, color="#56b4e9", alpha=0.45, lw=0, label="2 sigma")
     axes.plot(curve, GREYS[inside], color="#0072b2", lw=2.5, label=f"response ({solution.model})")
-    axes.plot(x[::every], y[::every], ".", color=INK, ms=2, alpha=0.4, label="sweep", rasterized=True)
+    axes.plot(x[::every], y[::every], "o", mfc="none", color=INK, ms=4, mew=0.7, alpha=0.6, label="sweep")
     for bottom, top in ((0, low), (high, GREY_LEVELS - 1)):
         if top > bottom:
             axes.axhspan(bottom, top, facecolor="none", edgecolor="#999999", hatch="///", lw=0, alpha=0.5)
     axes.set_ylim(0, GREY_LEVELS)
     axes.set_xlim(curve[1] - 0.5, 0.5)
-    axes.legend(loc="upper left", frameon=False, markerscale=4)
+    axes.legend(loc="upper left", frameon=False)
     _finish(axes, "log2 exposure (stops from saturation)", "grey level")
 
 
@@ -162,7 +163,7 @@ def _draw_predictions(axes: Axes, response: ResponseFunction) -> None:
             GREYS, table, dash, color=colour, lw=1.5, marker=marker, ms=5, markevery=marks, label=f"{delta:+g} stops"
         )
     handles, labels = axes.get_legend_handles_labels()
-    axes.legend(handles[::-1], labels[::-1], loc="lower right", frameon=False, fontsize="small")
+    axes.legend(handles[::-1], labels[::-1], loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
     axes.set_xlim(0, 256)
     axes.set_ylim(0, 258)
     _finish(axes, "grey level now", "grey level predicted")
