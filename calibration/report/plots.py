@@ -136,8 +136,9 @@ def _draw_response(axes: Axes, result: Result, solution: ResponseSolution) -> No
     greys = tones.greys - tones.middle
     stops = log2_exposure(response, greys)
     open_ends = (greys > response.black_level + 1) & (greys < response.saturation - 1)
-    offsets = np.ma.median(np.ma.masked_where(~open_ends, stops - tones.levels[:, None]), axis=0)
-    placed = np.broadcast_to(tones.levels[:, None], greys.shape) + offsets.filled(np.nan)
+    radiances = stops - tones.levels[:, None]
+    own = [np.median(part[seen]) if seen.any() else np.nan for part, seen in zip(radiances.T, open_ends.T, strict=True)]
+    placed = tones.levels[:, None] + np.array(own)
     x, y = placed[open_ends], greys[open_ends]
     every = max(len(x) // MOST_RINGS, 1)
     inside = slice(response.black_level, response.saturation + 1)
