@@ -10,7 +10,7 @@ from calibration.response import ResponseFunction
 from calibration.solution import ResponseSolution
 from calibration.tones import tones_by_exposure
 from drivers.exposure import ExposureLimits, ExposureSetting
-from tests.calibration.sweeps import MadeUpCamera, gamma, linear, sweep
+from tests.calibration.made_up_camera import MadeUpCamera, gamma, linear, sweep
 
 GAMMA = ResponseFunction(2.2 * np.log2(np.maximum(np.arange(256), 0.5) / 255), 0, 255)
 TIMES_US = np.geomspace(100, 16000, 12)

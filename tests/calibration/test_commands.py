@@ -19,7 +19,7 @@ from calibration.response_file import CameraIdentity, Origin, ResponseFile
 from drivers.errors import AutoexposeError
 from drivers.exposure import ExposureSetting
 from fake_camera.response import response_table
-from tests.calibration.sweeps import MadeUpCamera
+from tests.calibration.made_up_camera import MadeUpCamera
 from tests.fakes import FakeCamera, fake_camera
 
 DELTAS = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0)

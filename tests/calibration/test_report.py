@@ -17,7 +17,7 @@ from calibration.report import write_report
 from calibration.report.plots import DASHES
 from calibration.response_file import CameraIdentity, Origin
 from calibration.result import Result, calibrate
-from tests.calibration.sweeps import MadeUpCamera, gamma, linear, sweep
+from tests.calibration.made_up_camera import MadeUpCamera, gamma, linear, sweep
 
 ORIGIN = Origin(
     CameraIdentity("Maker", "Model 7", "0012"), "Mono8", None, 0.0, datetime(2026, 11, 21, tzinfo=UTC), "ours"
