@@ -37,6 +37,6 @@ def curve_facts(file: ResponseFile) -> Iterator[Fact]:
         if file.uncertainty_stops:
             worst = max(file.uncertainty_stops[low : high + 1])
             middle = file.uncertainty_stops[(low + high) // 2]
-            yield "uncertainty", f"{middle:.3f} stops at grey {(low + high) // 2}, {worst:.3f} at most in that range"
+            yield "uncertainty", f"{middle:.1g} stops at grey {(low + high) // 2}, {worst:.1g} at most in that range"
     if file.residual_grey is not None:
         yield "residual", f"{file.residual_grey:.2f} grey levels rms"

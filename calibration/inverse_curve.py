@@ -43,9 +43,9 @@ class Ends:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class InverseCurve:
-    """log2 exposure over grey, given at some grey levels; a straight line over the logarithm of grey above black between.
+    """log2 exposure over grey, given at some grey levels (nodes) and straight between them.
 
-    Over that logarithm responses hardly bend: a power law is straight.
+    Straight, that is, over the logarithm of grey above black, over which responses hardly bend: power laws not at all.
 
     Attributes
     ----------

@@ -8,7 +8,8 @@ from typing import Any, Literal
 
 from calibration.agreement import Agreement, agreement
 from calibration.findings import Finding
-from calibration.judge import judge_solution, judge_sweep
+from calibration.judge_solution import judge_solution
+from calibration.judge_sweep import judge_sweep
 from calibration.response_file import Origin, ResponseFile
 from calibration.solution import ResponseSolution
 from calibration.solve import solve_response

@@ -14,7 +14,6 @@ from calibration.sweep import Sweep
 from calibration.tones import Curve, Tones, tones_by_exposure
 from drivers.errors import ConfigurationError
 
-
 LINEAR_WITHIN_GREY = 0.4
 """Sensors are linear to a percent or so: what a straight line explains this well (rms) counts as linear."""
 

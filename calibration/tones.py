@@ -78,14 +78,17 @@ def tones_by_shot(sweep: Sweep) -> Tones:
 
 
 def tones_by_exposure(sweep: Sweep) -> Tones:
-    """The groups' medians at every distinct exposure, shots of the same exposure averaged."""
-    by_shot = tones_by_shot(sweep)
-    levels, index = exposure_index(sweep)
-    greys = np.stack([by_shot.greys[index == i].mean(axis=0) for i in range(len(levels))])
-    errors = np.stack(
-        [np.sqrt(np.mean(by_shot.errors[index == i] ** 2, axis=0) / np.sum(index == i)) for i in range(len(levels))]
-    )
-    return Tones(levels, greys, np.hypot(errors, MEDIAN_FLOOR_GREY), by_shot.middle)
+    """The groups' medians at every distinct exposure, from the lowest to the highest."""
+    return of_exposures(tones_by_shot(sweep), *exposure_index(sweep))
+
+
+def of_exposures(by_shot: Tones, levels: Curve, index: NDArray[np.intp]) -> Tones:
+    """Shots of one exposure taken together, by the `exposure_index`: their median, which a few odd ones do not move."""
+    counts = np.bincount(index)
+    greys = np.stack([np.median(by_shot.greys[index == i], axis=0) for i in range(len(levels))])
+    squares = np.stack([np.mean(by_shot.errors[index == i] ** 2, axis=0) for i in range(len(levels))])
+    errors = np.sqrt(squares / counts[:, None] + MEDIAN_FLOOR_GREY**2)
+    return Tones(levels, greys, errors, by_shot.middle)
 
 
 def _group(pixels: NDArray[np.uint8]) -> tuple[NDArray[np.intp], int]:

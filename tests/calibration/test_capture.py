@@ -6,7 +6,7 @@ import pytest
 from calibration.capture import KEPT_PIXELS, LONGEST_TIME_US, SweepPlan, exposure_span_us, plan_sweep
 from calibration.sweep import Shot
 from drivers.exposure import ExposureLimits, ExposureSetting
-from tests.calibration.sweeps import Curve, MadeUpCamera, gamma, linear
+from tests.calibration.made_up_camera import Curve, MadeUpCamera, gamma, linear
 
 
 @pytest.mark.parametrize("curve", [linear, gamma])
