@@ -18,8 +18,8 @@ from drivers.exposure import DB_PER_STOP, ExposureLimits, ExposureSetting
 from drivers.frames import Frame, Pixels
 from drivers.latency import FRAMES_AFTER
 
-TRIALS = 40
-"""Of each quantity: enough to tell 95 % from less, in a quarter of a minute at 60 Hz."""
+TRIALS = 100
+"""Of each quantity: enough to tell 95 % from less, in a dozen seconds at 60 Hz."""
 LONGEST_PART = 0.6
 """Of a frame period: the camera must keep its rate under the longer exposure, with readout behind it."""
 LEAD = 0.1
