@@ -40,7 +40,9 @@ def plan_noise(camera: StaticCamera, gain_db: float) -> SweepPlan:
 
 def default_gains_db(limits: ExposureLimits) -> tuple[float, ...]:
     """The lowest gain, the highest one, and two between them."""
-    return tuple(float(gain_db) for gain_db in np.unique(np.linspace(limits.min_gain_db, limits.max_gain_db, 4).round(1)))
+    return tuple(
+        float(gain_db) for gain_db in np.unique(np.linspace(limits.min_gain_db, limits.max_gain_db, 4).round(1))
+    )
 
 
 def _half_exposure_us(camera: StaticCamera, gain_db: float, longest_us: float) -> float:
