@@ -53,13 +53,13 @@ def response(
     check_extra()
     console = Console(highlight=False)
     if images is not None and camera is None and config is None:
-        check_place(output)
+        previous = {output: _previous(output)}
         results = {output: measure_images(images)}
     else:
         places = _places(_rig(camera, config, images), output)
-        for path in places:
-            check_place(path)
+        previous = {path: _previous(path) for path in places}
         results = {path: measure_camera(mode, gain_db, console) for path, mode in places.items()}
+    results = {path: result.keeping(previous[path]) for path, result in results.items()}
     _keep(results, console)
     if any(result.verdict == "refused" for result in results.values()):
         raise typer.Exit(1)
@@ -129,10 +129,16 @@ def _places(rig: list[CameraMode], output: Path) -> dict[Path, CameraMode]:
     return {output / f"{side}.response.yaml": mode for side, mode in zip(SIDES, rig, strict=True)}
 
 
-def check_place(path: Path) -> None:
-    """Refuse a file that cannot be written before a camera is swept for it."""
+def _previous(path: Path) -> ResponseFile | None:
+    """The response file that is to be replaced; what cannot or must not be is refused before a camera is swept."""
     if path.is_dir() or not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
         raise ConfigurationError(f"{path}: cannot be written: name a file in a folder that is there and may be written")
+    if not path.exists():
+        return None
+    try:
+        return ResponseFile.load(path)
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{error}; it is no response file to be replaced: choose another name") from None
 
 
 def _keep(results: dict[Path, Result], console: Console) -> None:

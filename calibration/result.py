@@ -68,6 +68,12 @@ class Result:
         file = ResponseFile.of_solution(self.solution, self.origin, self.findings)
         return replace(file, noise=self.noise, latency=self.latency)
 
+    def keeping(self, previous: ResponseFile | None) -> Result:
+        """This result with noise and latency that were measured of the same camera before."""
+        if previous is None or self.origin.camera is None or previous.origin.camera != self.origin.camera:
+            return self
+        return replace(self, noise=previous.noise, latency=previous.latency)
+
 
 def verdict(findings: tuple[Finding, ...]) -> Verdict:
     """The worst of the findings, as advice."""

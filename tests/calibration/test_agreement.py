@@ -47,7 +47,7 @@ def test_an_image_all_black_gives_nothing_to_compare() -> None:
     assert [finding.reason for finding in judge_agreement(match, "0012")] == ["nothing_to_compare"]
 
 
-@pytest.mark.parametrize("brightness", [1.0, 0.03, 300.0])
+@pytest.mark.parametrize("brightness", [1.0, 0.2, 300.0])
 def test_a_check_puts_the_scene_where_two_stops_lie_on_either_side(brightness: float) -> None:
     camera = MadeUpCamera(light=lambda shot: brightness, limits=ExposureLimits(0.1, 1e9, 0.0, 0.0))
     plan = plan_check(camera, GAMMA, 0.0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -88,6 +89,19 @@ def test_a_refused_sweep_has_a_report_that_says_why(tmp_path: Path) -> None:
     assert "Refused" in text
     assert "black" in text
     assert text.count("<img") == 2
+
+
+def test_noise_and_latency_measured_before_stay(solved: Result, tmp_path: Path) -> None:
+    file = solved.file
+    assert file is not None
+    known = solved.keeping(replace(file, noise={"system_gain": 0.123456}, latency={"exposure": {"mode": 2}}))
+    assert known.file is not None
+    assert known.file.noise == {"system_gain": 0.123456}
+    text = write_report(tmp_path / "r.yaml", known).read_text(encoding="utf-8")
+    assert "0.1235" in text
+    assert "exposure mode" in text
+    other = replace(file, origin=Origin(CameraIdentity("Maker", "Model 7", "0013")), noise={"system_gain": 1.0})
+    assert solved.keeping(other).noise == {}
 
 
 def test_two_cameras_are_compared(solved: Result, tmp_path: Path) -> None:
