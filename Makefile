@@ -8,7 +8,7 @@ APT := $(SUDO) env DEBIAN_FRONTEND=noninteractive apt-get -y --no-install-recomm
 
 # What the daemon and the demo stand on, and what only the tests need.
 DEMO_PACKAGES := gir1.2-aravis-0.8 python3-gi python3-venv libusb-1.0-0
-TEST_PACKAGES := $(DEMO_PACKAGES) aravis-tools-cli aravis-tools tshark gcc libc6-dev python3-dev usbutils
+TEST_PACKAGES := $(DEMO_PACKAGES) aravis-tools-cli aravis-tools tshark gcc libc6-dev python3-dev usbutils chromium
 SHIM_PACKAGES := gcc libc6-dev python3-dev
 
 # Of the optional C libraries: built where there are a compiler and python3-dev, as after `make setup`.
@@ -22,13 +22,13 @@ $(VENV)/demo.stamp: pyproject.toml $(NATIVE_SOURCES)
 	@./tools/apt-missing $(DEMO_PACKAGES) | xargs -r sh -c '$(APT) update && $(APT) install "$$@"' --
 	@[ -x $(PY) ] || /usr/bin/python3 -m venv --system-site-packages $(VENV)
 	@echo "installing Python packages into $(VENV) ..."
-	@$(PY) -m pip install --quiet --disable-pip-version-check --editable '.[sim]'
+	@$(PY) -m pip install --quiet --disable-pip-version-check --editable '.[sim,calibration]'
 	@touch $@
 
 $(VENV)/dev.stamp: $(VENV)/demo.stamp pyproject.toml
 	@./tools/apt-missing $(TEST_PACKAGES) | xargs -r sh -c '$(APT) update && $(APT) install "$$@"' --
 	@echo "installing the tools of the tests ..."
-	@$(PY) -m pip install --quiet --disable-pip-version-check --editable '.[sim,dev]'
+	@$(PY) -m pip install --quiet --disable-pip-version-check --editable '.[sim,calibration,dev]'
 	@touch $@
 
 setup: $(VENV)/dev.stamp ## make .venv with everything

@@ -15,6 +15,7 @@ from autoexpose_daemon.config_section import Finite, Positive, Section
 from autoexpose_daemon.control.parameters import BalanceId, ControlParameters, MotionId
 from autoexpose_daemon.control.policies import DEFAULT_POLICY, check_policy_id
 from calibration.response import ResponseFunction
+from calibration.response_file import ResponseFile
 from calibration.strict_yaml import load_mapping
 from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureLimits, ExposureSetting
@@ -200,9 +201,13 @@ class Config(Section):
         return self.exposure.limits().realise(DEFAULT_START.level, DEFAULT_START.exposure_time_us)
 
     def response_of(self, side: Side) -> ResponseFunction:
-        """The response function of a camera."""
+        """The response function of a camera; that of another camera, or for another image format, is refused."""
         path = self.sides[side].response
-        return ResponseFunction.linear() if path is None else ResponseFunction.load(path)
+        if path is None:
+            return ResponseFunction.linear()
+        file = ResponseFile.load(path)
+        file.check_belongs(path, self.sides[side].serial, self.image.pixel_format, self.image.binning)
+        return file.response
 
 
 def load_config(path: Path) -> Config:
