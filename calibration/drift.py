@@ -30,7 +30,7 @@ REMEMBERED = 128
 ENOUGH = 12
 """Changes that make a verdict: single ones may be the light's."""
 
-_EVERY = 4  # pixels across and down are looked at, a sixteenth of all: 0.1 ms
+_EVERY = 4  # pixels across and down: a sixteenth of them tells enough
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,8 +52,10 @@ class Change:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Seen:
+    """A frame: its exposure level, and every fourth pixel across and down."""
+
     level: float
-    greys: Greys
+    pixels: NDArray[np.uint8]
 
 
 class ResponseWatch:
@@ -82,25 +84,33 @@ class ResponseWatch:
         return misfit_grey(self._response, list(self.changes)) if len(self.changes) >= ENOUGH else None
 
     def see(self, image: NDArray[np.uint8], level: float) -> None:
-        """The next frame of the camera, uint8, (height, width), and the exposure level it was taken with (stops)."""
-        self._seen.append(_Seen(level, followed_greys(image)))
+        """The next frame of the camera, uint8, (height, width), and the exposure level it was taken with (stops).
+
+        The image is kept until four more have come: it must not be written to.
+        """
+        self._seen.append(_Seen(level, image[::_EVERY, ::_EVERY]))
         if len(self._seen) < 4:
             return
         first, before, after, last = self._seen
         stops = after.level - before.level
-        alike = _alike(first, before) and _alike(after, last)
-        if not alike or not LEAST_STOPS <= abs(stops) <= MOST_STOPS:
+        still = max(abs(before.level - first.level), abs(last.level - after.level)) <= SAME_STOPS
+        if still and LEAST_STOPS <= abs(stops) <= MOST_STOPS:
+            self._judge(stops, *(followed_greys(seen.pixels) for seen in self._seen))
+
+    def _judge(self, stops: float, first: Greys, before: Greys, after: Greys, last: Greys) -> None:
+        """Keep the change between the second and the third of four frames, if it is the exposure's alone."""
+        if max(_rms(first - before), _rms(after - last)) > CALM_GREY:
             return
         low, high = self._response.black_level + CLIPPED_GREY, self._response.saturation - CLIPPED_GREY
-        open_ends = np.logical_and.reduce([(low <= greys) & (greys <= high) for greys in (before.greys, after.greys)])
+        open_ends = np.logical_and.reduce([(low <= greys) & (greys <= high) for greys in (before, after)])
         if open_ends.sum() >= LEAST_FOLLOWED:
-            self.changes.append(Change(stops, before.greys[open_ends], after.greys[open_ends]))
+            self.changes.append(Change(stops, before[open_ends], after[open_ends]))
             self.counted += 1
 
 
 def followed_greys(image: NDArray[np.uint8]) -> Greys:
     """The grey levels below which `SHARES` of the pixels lie, between whole levels too."""
-    counts = np.bincount(image[::_EVERY, ::_EVERY].ravel(), minlength=GREY_LEVELS)
+    counts = np.bincount(image.ravel(), minlength=GREY_LEVELS)
     cumulated = np.concatenate(([0.0], np.cumsum(counts) / counts.sum()))
     return np.asarray(np.interp(SHARES, cumulated, np.arange(GREY_LEVELS + 1) - 0.5))
 
@@ -119,10 +129,6 @@ def between_greys(response: ResponseFunction, greys: Greys) -> Greys:
     """f^-1 (stops) of grey levels that need not be whole."""
     levels = np.arange(GREY_LEVELS)
     return np.asarray(np.interp(greys, levels, response.inverse(levels)))
-
-
-def _alike(one: _Seen, other: _Seen) -> bool:
-    return abs(one.level - other.level) <= SAME_STOPS and _rms(one.greys - other.greys) <= CALM_GREY
 
 
 def _rms(values: Greys) -> float:
