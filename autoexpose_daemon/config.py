@@ -120,7 +120,12 @@ class ControlConfig(Section):
 
 
 class ResponseConfig(Section):
-    """What holds for the response functions of both cameras; calibration adds to it."""
+    """What the daemon makes of response functions that do not hold any more.
+
+    `refine` keeps an updated copy beside each response file; the file itself is never written.
+    """
+
+    refine: bool = False
 
 
 class TransportConfig(Section):
