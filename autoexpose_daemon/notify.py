@@ -23,12 +23,8 @@ class Notifier:
     """
 
     def __init__(self, address: str | None) -> None:
-        self._socket: socket.socket | None = None
+        self._address = f"\0{address[1:]}" if address and address.startswith("@") else address
         self._status = ""
-        if address:
-            self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC)
-            self._socket.settimeout(_PATIENCE_S)
-            self._address = f"\0{address[1:]}" if address.startswith("@") else address
 
     @classmethod
     def from_environment(cls) -> Self:
@@ -58,10 +54,12 @@ class Notifier:
             self._status = line
 
     def _send(self, message: str) -> bool:
-        if self._socket is None:
+        if not self._address:
             return False
         try:
-            self._socket.sendto(message.encode(), self._address)
+            with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as connection:
+                connection.settimeout(_PATIENCE_S)
+                connection.sendto(message.encode(), self._address)
         except OSError as error:
             log.debug("the service manager was not told %s: %s", message, error)
             return False

@@ -87,7 +87,7 @@ class Service:
         Exception
             Whatever ended any thread: a daemon with a dead thread must not look alive.
         """
-        threading.excepthook = self._on_dead_thread
+        former_hook, threading.excepthook = threading.excepthook, self._on_dead_thread
         self._begin()
         try:
             while not stop.wait(_TURN_S):
@@ -102,6 +102,7 @@ class Service:
         finally:
             self._watch.stopping()
             self._end()
+            threading.excepthook = former_hook
             self._last_exposure.save(time.monotonic())
         self._raise_failure()
 
