@@ -15,7 +15,8 @@ from rich.console import Console
 
 from autoexpose_daemon.config import Config, load_config
 from autoexpose_daemon.control.policies import DEFAULT_POLICY, POLICY_IDS
-from drivers.errors import AutoexposeError
+from autoexpose_daemon.notify import Notifier
+from drivers.errors import AutoexposeError, ConfigurationError
 
 app = typer.Typer(
     name="autoexpose",
@@ -32,19 +33,41 @@ ConfigFile = Annotated[Path, typer.Option("-c", "--config", help="The configurat
 
 @app.command()
 def run(config: ConfigFile) -> None:
-    """Run the daemon on the cameras of a configuration, until SIGTERM or Ctrl-C."""
-    run_daemon(load_config(config))
+    """Run the daemon on the cameras of a configuration, until SIGTERM or Ctrl-C; SIGHUP reloads the configuration."""
+    notifier = Notifier.from_environment()
+    try:
+        run_daemon(config, notifier)
+    except ConfigurationError as error:
+        notifier.status(f"failed: {error}")
+        typer.echo(f"autoexpose: {error}", err=True)
+        raise typer.Exit(os.EX_CONFIG) from None
 
 
-def run_daemon(config: Config) -> None:
+def run_daemon(file: Path, notifier: Notifier) -> None:
     """Run the daemon with the live view, until SIGTERM or SIGINT."""
     from autoexpose_daemon.cameras import openers  # noqa: PLC0415  Aravis loads only where cameras are opened
+    from autoexpose_daemon.last_exposure import LastExposure  # noqa: PLC0415
     from autoexpose_daemon.runtime import Daemon  # noqa: PLC0415
-    from autoexpose_daemon.service import run_until_stopped  # noqa: PLC0415
+    from autoexpose_daemon.service import Service, run_until_stopped  # noqa: PLC0415
 
-    stop = threading.Event()
+    stop, reload = threading.Event(), threading.Event()
     stop_on_signals(stop)
-    run_until_stopped(Daemon(config, openers(config)), stop, Console(), "autoexpose")
+    by_hand = os.isatty(0)  # then SIGHUP says that the terminal was closed
+    signal.signal(signal.SIGHUP, lambda *_: (stop if by_hand else reload).set())
+
+    def new_config() -> Config | None:
+        if not reload.is_set():
+            return None
+        reload.clear()
+        return load_config(file)
+
+    service = Service(
+        load_config(file),
+        lambda config, start: Daemon(config, openers(config), start=start),
+        notifier,
+        LastExposure.in_state_directory(),
+    )
+    run_until_stopped(service, stop, Console(), "autoexpose", new_config)
 
 
 def stop_on_signals(stop: threading.Event) -> None:

@@ -7,6 +7,7 @@ import queue
 import threading
 import time
 from collections.abc import Callable, Mapping
+from concurrent.futures import Future
 from dataclasses import replace
 
 import numpy as np
@@ -14,11 +15,13 @@ import numpy as np
 from autoexpose_daemon.config import Config
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlLoop
-from autoexpose_daemon.telemetry import Telemetry
+from autoexpose_daemon.telemetry import GONE, Telemetry
+from autoexpose_daemon.tuning import Tuning
+from calibration.response import ResponseFunction
 from drivers.account import Tally, TriggerAccount
 from drivers.camera import Camera, IncompleteFrame
-from drivers.errors import AutoexposeError
-from drivers.exposure import ExposureLimits
+from drivers.errors import AutoexposeError, ConfigurationError
+from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frame_memory import share_one_heap
 from drivers.frames import Frame, Side, StereoPair
 from drivers.rig import (
@@ -38,6 +41,7 @@ from drivers.write_window import when_to_write_ns
 log = logging.getLogger(__name__)
 
 _STOP_S = 9.0  # a camera that does not answer holds up its teardown for 5 to 10 s
+_BEAT_S = 0.1
 _SILENCE_S = 0.2
 _SILENCE_PERIODS = 3.0
 
@@ -55,16 +59,28 @@ class Daemon:
         For each side, what opens its camera.
     observer
         Told of every step, on the control thread.
+    start
+        The setting the cameras begin with; None: as configured.
     """
 
     def __init__(
-        self, config: Config, openers: Mapping[Side, Callable[[], Camera]], observer: Observer | None = None
+        self,
+        config: Config,
+        openers: Mapping[Side, Callable[[], Camera]],
+        observer: Observer | None = None,
+        start: ExposureSetting | None = None,
     ) -> None:
         self.telemetry = Telemetry()
+        self.beat_ns = 0
+        """When the control thread last began a turn (CLOCK_MONOTONIC); it does ten times a second, come what may."""
         self._config = config
+        self._tuning = Tuning(config)
+        self._tunings: queue.SimpleQueue[tuple[Tuning, Future[None]]] = queue.SimpleQueue()
+        self._newest: StereoPair | None = None
         self._observer = observer
         period_s = 1.0 / config.trigger.rate_hz
-        self._rig = Rig(openers, max(_SILENCE_S, _SILENCE_PERIODS * period_s), config.start)
+        self._asked = start or config.start
+        self._rig = Rig(openers, max(_SILENCE_S, _SILENCE_PERIODS * period_s), self._asked)
         self._account = TriggerAccount(
             tuple(openers),
             period_s * 1e9,
@@ -74,10 +90,8 @@ class Daemon:
         lines = dict.fromkeys(config.triggered_sides, config.trigger.line)
         self._start_check = StartCheck(lines, config.trigger.rate_hz)
         self._limits: dict[Side, ExposureLimits] = {}
-        self._regions = config.control.roi.regions()
         self._shared_limits: ExposureLimits | None = None
         self._loop: ControlLoop | None = None
-        self._asked = config.start
         self._asked_arrival_ns: int | None = None
         self._ledger = WriteLedger(tuple(openers))
         self._last_trigger = -1
@@ -103,25 +117,60 @@ class Daemon:
         try:
             self._warm_up()
             while not stop.is_set():
+                self.beat_ns = time.monotonic_ns()
                 self._take(self._next_events())
+                self._tune()
         finally:
             self._account.close(time.monotonic_ns())
             self._publish_tally()
-            if not self._rig.stop(_STOP_S):
+            self._stop_rig()
+
+    def _stop_rig(self) -> None:
+        deadline_s = time.monotonic() + _STOP_S
+        while not self._rig.stop(_BEAT_S):
+            self.beat_ns = time.monotonic_ns()
+            if time.monotonic() > deadline_s:
                 log.error("a camera did not answer while stopping; it frees itself when its heartbeat runs out")
+                return
+
+    def tune(self, tuning: Tuning) -> Future[None]:
+        """Have control go on by another tuning, with the cameras as they are.
+
+        The future holds a ConfigurationError when it does not fit cameras or frames: nothing has changed then.
+        """
+        taken: Future[None] = Future()
+        self._tunings.put((tuning, taken))
+        return taken
+
+    def _tune(self) -> None:
+        while not self._tunings.empty():  # this thread alone takes them out
+            tuning, taken = self._tunings.get_nowait()
+            try:
+                limits = tuning.limits(self._limits.values())
+                loop = tuning.loop(limits)
+                if self._newest is not None:
+                    loop.step(self._newest)
+            except ConfigurationError as error:
+                taken.set_exception(error)
+                continue
+            self._tuning = tuning
+            if self._limits:
+                self._install(loop, limits)
+            taken.set_result(None)
 
     def _warm_up(self) -> None:
         """Decide on a black frame while the cameras are being searched for: OpenCV's first calls take 50 ms."""
-        limits, start = self._config.exposure.limits(), self._config.start
-        black = Frame(np.zeros((540, 720), np.uint8), 8, 0, 0, 0, 0, start)
-        loop = ControlLoop(self._config.control.policy, self._config.response_of("left"), limits, start)
+        black = Frame(np.zeros((540, 720), np.uint8), 8, 0, 0, 0, 0, self._config.start)
+        loop = ControlLoop(
+            self._config.control.policy, ResponseFunction.linear(), self._config.exposure.limits(), self._config.start
+        )
         loop.step(StereoPair(0, black, black))
         loop.step(StereoPair(1, replace(black, device_time_ns=1), None))
 
     def _next_events(self) -> list[RigEvent]:
         """All that has happened, waiting a moment for the first."""
         try:
-            events = [self._rig.events.get(timeout=0.1)]
+            events = [self._rig.events.get(timeout=_BEAT_S)]
         except queue.Empty:
             return []
         while not self._rig.events.empty():  # this thread alone takes events out
@@ -151,6 +200,7 @@ class Daemon:
             case FrameArrived(side, Frame() as frame, stale=True):
                 return self._account.stale(side, frame)
             case FrameArrived(side, Frame() as frame):
+                self.telemetry.last_frame_ns[side] = frame.arrival_time_ns
                 self._start_check.frame(side, frame.host_time_ns)
                 return self._account.frame(side, frame)
             case CameraSilent(side):
@@ -180,29 +230,21 @@ class Daemon:
         self.telemetry.cameras[side] = f"{camera.model} {camera.serial}"
         self._limits[side] = event.limits
         self._start_check.ready(side, time.monotonic_ns())
-        limits = self._config.exposure.limits()
-        for own in self._limits.values():
-            limits = limits.within(own)
+        limits = self._tuning.limits(self._limits.values())
         if limits != self._shared_limits:
-            self._shared_limits = limits
-            log.info(
-                "exposure within %g to %g us, %g to %g dB",
-                limits.min_time_us, limits.max_time_us, limits.min_gain_db, limits.max_gain_db,
-            )  # fmt: skip
-            policy = self._config.control.policy
-            self._loop = ControlLoop(
-                policy,
-                self._config.response_of("left"),
-                limits,
-                self._asked,
-                parameters=self._config.control.parameters(),
-                regions=self._regions,
-            )
-            if self._loop.shortfall:
-                log.warning("policy %s: %s", policy, self._loop.shortfall)
+            self._install(self._tuning.loop(limits), limits)
+
+    def _install(self, loop: ControlLoop, limits: ExposureLimits) -> None:
+        log.info(
+            "exposure within %g to %g us, %g to %g dB",
+            limits.min_time_us, limits.max_time_us, limits.min_gain_db, limits.max_gain_db,
+        )  # fmt: skip
+        if loop.shortfall:
+            log.warning("policy %s: %s", self._tuning.config.control.policy, loop.shortfall)
+        self._loop, self._shared_limits = loop, limits
 
     def _on_gone(self, side: Side, error: AutoexposeError, final: bool) -> None:
-        self.telemetry.cameras[side] = "gone"
+        self.telemetry.cameras[side] = GONE
         if final:
             raise error
         self._complain(side, "gone", f"{error}; trying again")
@@ -230,6 +272,7 @@ class Daemon:
             return
         started_ns = time.monotonic_ns()
         decision = self._loop.step(pair)
+        self._newest = pair
         self.telemetry.decision_ms.add_ns(time.monotonic_ns() - started_ns)
         self.telemetry.decision = decision
         self.telemetry.delivered(pair, complete=len(pair.frames) == len(self._config.sides))

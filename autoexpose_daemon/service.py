@@ -1,48 +1,178 @@
-"""Running the daemon in a process: its control thread, the live view, and what to do when a thread dies."""
+"""The daemon as a process: one control thread at a time, its state, reloads, and what to do when a thread dies."""
 
 from __future__ import annotations
 
 import logging
 import threading
 import time
+from collections.abc import Callable
+from concurrent.futures import CancelledError
+from typing import Any
 
 from rich.console import Console
 
+from autoexpose_daemon.config import Config
+from autoexpose_daemon.control_thread import ControlThread
+from autoexpose_daemon.last_exposure import LastExposure
+from autoexpose_daemon.notify import Notifier
 from autoexpose_daemon.runtime import Daemon
-from autoexpose_daemon.view import follow, set_up_logging
+from autoexpose_daemon.states import State
+from autoexpose_daemon.tuning import Tuning
+from autoexpose_daemon.view import Show, display, set_up_logging
+from autoexpose_daemon.watch import Watch
+from drivers.errors import AutoexposeError, ConfigurationError
+from drivers.exposure import ExposureSetting
 
 log = logging.getLogger(__name__)
 
+_TURN_S = 0.25
+_TUNE_PATIENCE_S = 5.0
 
-def run_until_stopped(daemon: Daemon, stop: threading.Event, console: Console, title: str) -> None:
-    """Run the control thread beside the live view until `stop` is set.
+Build = Callable[[Config, ExposureSetting | None], Daemon]
+"""Makes the daemon of a configuration, which begins with a setting, or None for the configured one."""
 
-    Raises
-    ------
-    Exception
-        Whatever ended any thread: a daemon with a dead thread must not look alive.
-    """
+NewConfig = Callable[[], Config | None]
+"""Asked now and then whether there is a new configuration; raises ConfigurationError for one that cannot be."""
+
+
+def _none() -> None:
+    return None
+
+
+def run_until_stopped(
+    service: Service, stop: threading.Event, console: Console, title: str, new_config: NewConfig = _none
+) -> None:
+    """Run a service with the live view, or log lines where there is no terminal; raises what `Service.run` raises."""
     set_up_logging(console)
-    failures: list[BaseException] = []
+    with display(console, title) as show:
+        service.run(stop, show, new_config)
+    log.info("stopped: %s", service.daemon.telemetry.line(time.monotonic_ns()))
 
-    def fail(error: BaseException) -> None:
-        failures.append(error)
-        stop.set()
 
-    def control() -> None:
+class Service:
+    """Runs the daemon of a configuration, and of those that follow it.
+
+    Parameters
+    ----------
+    config
+        The first configuration, checked.
+    build
+        Makes its daemon.
+    notifier
+        Who is told of readiness and state.
+    last_exposure
+        Where the cameras begin.
+    """
+
+    def __init__(
+        self,
+        config: Config,
+        build: Build,
+        notifier: Notifier | None = None,
+        last_exposure: LastExposure | None = None,
+    ) -> None:
+        self._build = build
+        self._last_exposure = last_exposure or LastExposure(None)
+        self._watch = Watch(notifier or Notifier(None))
+        self._config = config
+        self._former: Config | None = None  # to fall back on when the cameras cannot take the new one
+        self._dead: list[BaseException] = []
+        self.daemon = self._make()
+
+    def run(self, stop: threading.Event, show: Show, new_config: NewConfig = _none) -> None:
+        """Run until `stop` is set, showing telemetry and state four times a second.
+
+        Raises
+        ------
+        Exception
+            Whatever ended any thread: a daemon with a dead thread must not look alive.
+        """
+        former_hook, threading.excepthook = threading.excepthook, self._on_dead_thread
+        self._begin()
         try:
-            daemon.run(stop)
+            while not stop.wait(_TURN_S):
+                self._look_for_failures()
+                self._watch.look()
+                show(self.daemon.telemetry, self._watch.health)
+                self._after_look()
+                self._look_for_reload(new_config)
         except BaseException as error:
-            fail(error)
+            self._watch.failed(error)
+            raise
+        finally:
+            self._watch.stopping()
+            self._end()
+            threading.excepthook = former_hook
+            self._last_exposure.save(time.monotonic())
+        self._raise_failure()
 
-    threading.excepthook = lambda args: fail(args.exc_value or RuntimeError("a thread died"))
-    thread = threading.Thread(target=control, name="control")
-    thread.start()
-    try:
-        follow(daemon.telemetry, stop, console, title)
-    finally:
-        stop.set()
-        thread.join()
-    if failures:
-        raise failures[0]
-    log.info("stopped: %s", daemon.telemetry.line(time.monotonic_ns()))
+    def _make(self) -> Daemon:
+        return self._build(self._config, self._last_exposure.recall(self._config.exposure.limits()))
+
+    def _begin(self) -> None:
+        self._watch.begin(self.daemon, self._config)
+        self._control = ControlThread(self.daemon)
+
+    def _end(self) -> None:
+        self._control.ask_to_stop()
+        while not self._control.ended(_TURN_S):
+            self._watch.feed()
+
+    def _on_dead_thread(self, args: Any) -> None:
+        self._dead.append(args.exc_value or RuntimeError(f"{args.thread} died"))
+
+    def _raise_failure(self) -> None:
+        for error in (*self._dead, self._control.error):
+            if error is not None:
+                raise error
+
+    def _look_for_failures(self) -> None:
+        error = self._control.error
+        if self._former is None or not isinstance(error, AutoexposeError):
+            self._raise_failure()
+            return
+        log.warning("the new configuration is not taken, back to the one before: %s", error)
+        self._config, self._former = self._former, None
+        self.daemon = self._make()
+        self._begin()
+
+    def _after_look(self) -> None:
+        if self._watch.health.state is not State.STARTING:
+            self._former = None
+        if self._watch.health.state is State.EXPOSING:
+            self._last_exposure.keep(self.daemon.telemetry, time.monotonic())
+
+    def _look_for_reload(self, new_config: NewConfig) -> None:
+        try:
+            config = new_config()
+            if config is None:
+                return
+            self._watch.reloading()
+            if _same_cameras(config, self._config):
+                self.daemon.tune(Tuning(config)).result(_TUNE_PATIENCE_S)
+                self._config = config
+                log.info("the new configuration is taken; the cameras went on")
+            else:
+                self._restart(config)
+        except ConfigurationError as error:
+            log.warning("the new configuration is not taken, the old one stays: %s", error)
+        except (TimeoutError, CancelledError):
+            log.warning("the new configuration is not taken, the old one stays: control does not answer")
+
+    def _restart(self, config: Config) -> None:
+        log.info("the new configuration changes cameras, trigger, image or transport: they are opened anew")
+        self._end()
+        self._raise_failure()
+        self._former, self._config = self._config, config
+        self.daemon = self._make()
+        self._begin()
+
+
+def _same_cameras(one: Config, other: Config) -> bool:
+    """Whether the cameras would be opened the same way."""
+
+    def opening(config: Config) -> tuple[object, ...]:
+        serials = {side: camera.serial for side, camera in config.sides.items()}
+        return serials, config.trigger, config.image, config.transport
+
+    return opening(one) == opening(other)

@@ -15,6 +15,9 @@ from drivers.frames import Side, StereoPair
 _KEPT = 1 << 14  # four and a half minutes at 60 Hz: percentiles of the recent past in bounded memory
 _PAUSE_NS = 1_000_000_000
 
+GONE = "gone"
+"""In `Telemetry.cameras`: not open, and tried again."""
+
 
 class Durations:
     """Durations in ms, the latest of them kept."""
@@ -36,7 +39,17 @@ class Durations:
 
 @dataclass(slots=True)
 class Telemetry:
-    """Counters and latest values. Written by the control thread, read by any other."""
+    """Counters and latest values. Written by the control thread, read by any other.
+
+    Attributes
+    ----------
+    cameras
+        For each side that was tried, model and serial, or `GONE`.
+    last_frame_ns, last_pair_ns
+        When each camera's newest whole frame, and the newest complete pair, arrived (CLOCK_MONOTONIC).
+    misfits
+        For each side whose calibration does not fit, why, in words.
+    """
 
     pairs: int = 0
     lost: dict[LossReason, int] = field(default_factory=dict)
@@ -47,6 +60,9 @@ class Telemetry:
     refused_writes: int = 0
     reconnects: int = 0
     cameras: dict[Side, str] = field(default_factory=dict)
+    last_frame_ns: dict[Side, int] = field(default_factory=dict)
+    last_pair_ns: int | None = None
+    misfits: dict[Side, str] = field(default_factory=dict)
     applied: ExposureSetting | None = None
     decision: Decision | None = None
     decision_ms: Durations = field(default_factory=Durations)
@@ -59,6 +75,7 @@ class Telemetry:
         self.applied = pair.left.setting
         if complete:
             self._recent_ns.append(pair.left.host_time_ns)
+            self.last_pair_ns = max(frame.arrival_time_ns for frame in pair.frames)
 
     @property
     def oddities(self) -> dict[str, int]:
@@ -79,6 +96,11 @@ class Telemetry:
         if len(times_ns) < 2 or times_ns[-1] <= times_ns[0] or now_ns - times_ns[-1] > _PAUSE_NS:
             return 0.0
         return (len(times_ns) - 1) * 1e9 / (times_ns[-1] - times_ns[0])
+
+    def brief(self, now_ns: int) -> str:
+        """Rate and exposure, in a few words."""
+        rate = f"{self.rate_hz(now_ns):.1f} pairs/s"
+        return rate if self.applied is None else f"{rate}, {self.applied}"
 
     def line(self, now_ns: int) -> str:
         """The state in one line."""

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import logging
-import threading
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 from rich.console import Console, Group
 from rich.live import Live
@@ -12,11 +13,11 @@ from rich.logging import RichHandler
 from rich.panel import Panel
 from rich.table import Table
 
+from autoexpose_daemon.states import Health
 from autoexpose_daemon.telemetry import Telemetry
 
 log = logging.getLogger(__name__)
 
-_REFRESH_S = 0.25
 _LINE_PERIOD_S = 5.0
 
 
@@ -33,16 +34,31 @@ def set_up_logging(console: Console) -> None:
         logging.getLogger(package).setLevel(logging.INFO)
 
 
-def follow(telemetry: Telemetry, stop: threading.Event, console: Console, title: str) -> None:
-    """Show the telemetry until `stop` is set."""
-    if not console.is_terminal:
-        while not stop.wait(_LINE_PERIOD_S):
-            log.info("%s", telemetry.line(time.monotonic_ns()))
-        return
-    with Live(console=console, auto_refresh=False, transient=False) as live:
-        started_s = time.monotonic()
-        while not stop.wait(_REFRESH_S):
-            live.update(panel(telemetry, f"{title}, {time.monotonic() - started_s:.0f} s"), refresh=True)
+Show = Callable[[Telemetry, Health], None]
+
+
+@contextmanager
+def display(console: Console, title: str) -> Iterator[Show]:
+    """What shows the telemetry of a moment: a panel in a terminal, else a line of the log now and then."""
+    started_s = time.monotonic()
+    if console.is_terminal:
+        with Live(console=console, auto_refresh=False, transient=False) as live:
+
+            def show(telemetry: Telemetry, health: Health) -> None:
+                heading = f"{title}, {time.monotonic() - started_s:.0f} s, {health}"
+                live.update(panel(telemetry, heading), refresh=True)
+
+            yield show
+    else:
+        said_s = started_s
+
+        def say(telemetry: Telemetry, _health: Health) -> None:
+            nonlocal said_s
+            if time.monotonic() - said_s >= _LINE_PERIOD_S:
+                said_s = time.monotonic()
+                log.info("%s", telemetry.line(time.monotonic_ns()))
+
+        yield say
 
 
 def panel(telemetry: Telemetry, title: str) -> Panel:

@@ -11,7 +11,9 @@ import queue
 import threading
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from drivers.camera import Camera, CameraDescription, IncompleteFrame
 from drivers.errors import (
@@ -31,6 +33,7 @@ _SHORTEST_BACK_OFF_S = 0.1
 _LONGEST_BACK_OFF_S = 2.0
 _FRAME_POLL_S = 0.05
 _BACKLOG = 24  # frames that may wait for the control thread before pixels are let go
+_NO_PIXELS = np.empty((0, 0), np.uint8)
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +63,7 @@ class CameraGone:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameArrived:
-    """A frame, whole or with holes; `stale` when control is so far behind that nobody will look at it."""
+    """A frame, whole or with holes; without pixels and `stale` when control is so far behind that nobody will look."""
 
     side: Side
     frame: Frame | IncompleteFrame
@@ -265,7 +268,10 @@ class _Unit:
                 ended.wait(self._silence_s)
                 continue
             if frame is not None:
-                self._events.put(FrameArrived(self._side, frame, stale=self._events.qsize() > _BACKLOG))
+                stale = self._events.qsize() > _BACKLOG
+                if stale and isinstance(frame, Frame):
+                    frame = replace(frame, pixels=_NO_PIXELS)
+                self._events.put(FrameArrived(self._side, frame, stale))
                 last_s, silent = time.monotonic(), False
             elif not silent and time.monotonic() - last_s > self._silence_s:
                 silent = True
@@ -278,6 +284,6 @@ class _Unit:
             self._wake.notify()
 
     def _rest(self, seconds: float) -> None:
+        """Wait all that time, or until told to stop: writes that are asked for meanwhile must not cut it short."""
         with self._wake:
-            if not self._stopping:
-                self._wake.wait(seconds)
+            self._wake.wait_for(lambda: self._stopping, seconds)

@@ -27,7 +27,7 @@ from autoexpose_daemon.demo.report import LightStep, delay_frames, light_steps, 
 from autoexpose_daemon.demo.usb_bus import begin_again_on_fake_bus, cameras_on_bus
 from autoexpose_daemon.reference_step import reference_step_ms
 from autoexpose_daemon.runtime import Daemon
-from autoexpose_daemon.service import run_until_stopped
+from autoexpose_daemon.service import Service, run_until_stopped
 from drivers.errors import AutoexposeError, ConfigurationError
 
 _LONGEST_US = 7500.0
@@ -79,8 +79,9 @@ def run_demo(options: DemoOptions, stop: threading.Event, console: Console) -> N
             resources.callback(shutil.rmtree, sockets["left"].parent)
         console.print("starting two fake cameras ... (the first start compiles their renderer)")
         with fake_cameras(folder, arguments, f"demo-{os.getpid()}", sockets, stop) as truths:
-            daemon = Daemon(config, openers(config), recorder)
-            cpu_percent = _run_for(options.seconds, daemon, stop, console, f"autoexpose demo, {options.policy}")
+            service = Service(config, lambda config, start: Daemon(config, openers(config), recorder, start))
+            daemon = service.daemon
+            cpu_percent = _run_for(options.seconds, service, stop, console, f"autoexpose demo, {options.policy}")
             reference_ms = reference_step_ms(_REFERENCE_REPEATS)
             pulses = pulses_in_window(read_pulses(truths), daemon.tally)
     steps = light_steps(pulses, recorder.steps)
@@ -121,14 +122,14 @@ def _check_writable(*files: Path | None) -> None:
             raise ConfigurationError(f"{file}: cannot be written; name a file in a folder that is there")
 
 
-def _run_for(seconds: float, daemon: Daemon, stop: threading.Event, console: Console, title: str) -> float:
+def _run_for(seconds: float, service: Service, stop: threading.Event, console: Console, title: str) -> float:
     """Run the daemon for a time; returns the CPU time of this process in percent of the time it took."""
     gc.freeze()
     timer = threading.Timer(seconds, stop.set)
     timer.start()
     started_s, cpu_s = time.monotonic(), time.process_time()
     try:
-        run_until_stopped(daemon, stop, console, title)
+        run_until_stopped(service, stop, console, title)
     finally:
         timer.cancel()
     return round(100 * (time.process_time() - cpu_s) / (time.monotonic() - started_s), 1)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import os
 import re
 import signal
 import subprocess
@@ -38,7 +39,7 @@ def test_a_bad_file_is_one_sentence_and_no_traceback(tmp_path: Path) -> None:
     file = tmp_path / "rig.yaml"
     file.write_text("cameras: {left: {serial: A}}\nexposure: {max_time: 1}")
     result = autoexpose("run", "-c", str(file))
-    assert result.returncode == 1
+    assert result.returncode == os.EX_CONFIG
     assert (
         result.stderr.strip()
         == f"autoexpose: {file}: exposure.max_time: unknown key; did you mean exposure.max_time_us?"

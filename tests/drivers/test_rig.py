@@ -25,7 +25,8 @@ Event = TypeVar("Event", bound=RigEvent)
 
 
 class ScriptedCamera:
-    def __init__(self) -> None:
+    def __init__(self, shape: tuple[int, int] = (2, 2)) -> None:
+        self.shape = shape
         self.description = CameraDescription("ours", "scripted", "S")
         self.limits = ExposureLimits(10.0, 1e4, 0.0, 30.0)
         self.frames: queue.SimpleQueue[Frame] = queue.SimpleQueue()
@@ -59,7 +60,8 @@ class ScriptedCamera:
         self.closed.set()
 
     def expose(self) -> None:
-        self.frames.put(Frame(np.zeros((2, 2), np.uint8), 8, next(self._ids), 0, 0, 0, START))
+        now_ns = time.monotonic_ns()
+        self.frames.put(Frame(np.zeros(self.shape, np.uint8), 8, next(self._ids), now_ns, now_ns, now_ns, START))
 
     def _check(self) -> None:
         if self.lost:
@@ -197,7 +199,7 @@ def test_a_refused_write_is_reported_and_the_camera_kept() -> None:
         assert wait_for(rig, Written).asked.exposure_time_us == 2500.0
 
 
-def test_frames_that_nobody_takes_are_marked_stale() -> None:
+def test_frames_that_nobody_takes_are_marked_stale_and_let_go_of_their_pixels() -> None:
     camera = ScriptedCamera()
     with running({"left": lambda: camera}) as rig:
         wait_for(rig, CameraReady)
@@ -205,13 +207,47 @@ def test_frames_that_nobody_takes_are_marked_stale() -> None:
             camera.expose()
         while rig.events.qsize() < 40:
             time.sleep(0)
-        stale = []
+        stale, kept_bytes = [], []
         while not rig.events.empty():
             event = rig.events.get_nowait()
             if isinstance(event, FrameArrived):
                 stale.append(event.stale)
+                assert isinstance(event.frame, Frame)
+                kept_bytes.append(event.frame.pixels.nbytes)
     assert not stale[0]
     assert stale[-1]
+    assert [kept == 0 for kept in kept_bytes] == stale
+
+
+def test_a_camera_that_does_not_open_is_tried_less_and_less_often_however_much_is_written() -> None:
+    attempts_s: list[float] = []
+    enough = threading.Event()
+
+    def opener() -> Camera:
+        attempts_s.append(time.monotonic())
+        if len(attempts_s) == 5:
+            enough.set()
+        raise CameraNotFoundError("no camera S")
+
+    with running({"left": opener}) as rig:
+        while not enough.wait(0.001):
+            rig.write(START, 0)
+    pauses_s = [later - earlier for earlier, later in itertools.pairwise(attempts_s)]
+    assert all(pause_s >= back_off_s for pause_s, back_off_s in zip(pauses_s, (0.1, 0.2, 0.4, 0.8), strict=False))
+
+
+def test_the_longest_pause_between_attempts_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    pauses_s: list[float] = []
+    monkeypatch.setattr("drivers.rig._Unit._rest", lambda _unit, seconds: pauses_s.append(seconds))
+
+    def opener() -> Camera:
+        raise CameraNotFoundError("no camera S")
+
+    with running({"left": opener}) as rig:
+        while len(pauses_s) < 10:
+            wait_for(rig, CameraGone)
+    assert pauses_s[:6] == [0.1, 0.2, 0.4, 0.8, 1.6, 2.0]
+    assert set(pauses_s[5:]) == {2.0}
 
 
 @pytest.mark.parametrize("side", ["left", "right"])

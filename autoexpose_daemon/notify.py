@@ -1,0 +1,66 @@
+"""What systemd is told: readiness, state, and signs of life, over the datagram socket that it names."""
+
+from __future__ import annotations
+
+import logging
+import os
+import socket
+import time
+from typing import Self
+
+log = logging.getLogger(__name__)
+
+_PATIENCE_S = 1.0  # for a service manager that is slow to read; what it misses is said again or not worth waiting for
+
+
+class Notifier:
+    """Speaks the protocol of sd_notify(3); silent when nobody listens.
+
+    Parameters
+    ----------
+    address
+        Path of the socket, or with a leading `@` its name in the abstract namespace; None: nobody listens.
+    """
+
+    def __init__(self, address: str | None) -> None:
+        self._address = f"\0{address[1:]}" if address and address.startswith("@") else address
+        self._status = ""
+
+    @classmethod
+    def from_environment(cls) -> Self:
+        """To whoever started this process, and not to what this process starts."""
+        return cls(os.environ.pop("NOTIFY_SOCKET", None))
+
+    def ready(self) -> None:
+        """The start, or a reload, is over."""
+        self._send("READY=1")
+
+    def reloading(self) -> None:
+        """A reload begins."""
+        self._send(f"RELOADING=1\nMONOTONIC_USEC={time.monotonic_ns() // 1000}")
+
+    def stopping(self) -> None:
+        """The stop begins."""
+        self._send("STOPPING=1")
+
+    def alive(self) -> None:
+        """A sign of life, which the watchdog waits for."""
+        self._send("WATCHDOG=1")
+
+    def status(self, text: str) -> None:
+        """The state in one line, for `systemctl status`; sent when it differs from the last."""
+        line = text.replace("\n", " ")
+        if line != self._status and self._send(f"STATUS={line}"):
+            self._status = line
+
+    def _send(self, message: str) -> bool:
+        if not self._address:
+            return False
+        try:
+            with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as connection:
+                connection.settimeout(_PATIENCE_S)
+                connection.sendto(message.encode(), self._address)
+        except OSError as error:
+            log.debug("the service manager was not told %s: %s", message, error)
+            return False
+        return True

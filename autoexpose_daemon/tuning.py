@@ -1,0 +1,43 @@
+"""What control goes by: the part of a configuration that may change while the cameras run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from autoexpose_daemon.config import Config
+from autoexpose_daemon.control.loop import ControlLoop
+from drivers.exposure import ExposureLimits
+
+
+class Tuning:
+    """Bounds, policy, parameters, response and regions; their files are read here, once.
+
+    Raises
+    ------
+    ConfigurationError
+        When one of the files cannot be used.
+    """
+
+    def __init__(self, config: Config) -> None:
+        self.config = config
+        self._response = config.response_of("left")
+        self._regions = config.control.roi.regions()
+
+    def limits(self, cameras: Iterable[ExposureLimits]) -> ExposureLimits:
+        """The bounds, cut to those of the cameras; raises ConfigurationError when that leaves nothing."""
+        limits = self.config.exposure.limits()
+        for own in cameras:
+            limits = limits.within(own)
+        return limits
+
+    def loop(self, limits: ExposureLimits) -> ControlLoop:
+        """A control loop that knows nothing yet."""
+        control = self.config.control
+        return ControlLoop(
+            control.policy,
+            self._response,
+            limits,
+            self.config.start,
+            parameters=control.parameters(),
+            regions=self._regions,
+        )
