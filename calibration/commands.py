@@ -11,6 +11,8 @@ import typer
 from rich.console import Console
 
 from calibration.check import REACH_STOPS, Check, check_camera
+from calibration.commands_latency import latency
+from calibration.commands_noise import noise
 from calibration.comparison import compare
 from calibration.facts import curve_facts, origin_facts
 from calibration.findings import Finding
@@ -26,6 +28,9 @@ from drivers.frames import Side
 calibrate_app = typer.Typer(
     help="Measure what a camera does to light: its response, noise and latency.", no_args_is_help=True
 )
+
+calibrate_app.command()(noise)
+calibrate_app.command()(latency)
 
 SIDES = get_args(Side)
 
