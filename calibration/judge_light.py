@@ -17,6 +17,9 @@ REFUSED_STOPS = 0.05
 EXPLAINED = 0.93
 """Share of the variance that a step or a drift must account for."""
 
+ALIKE = 0.03
+"""A step has one size only, a drift three numbers: a step is taken that explains nearly as much."""
+
 LAG_EXPLAINED = 0.2
 """... and a lagging control, whose limits no linear model knows."""
 
@@ -25,6 +28,7 @@ FLICKER_CHANGE = 0.4
 MOST_STEPS = 3
 LAGS_SHOTS = (1, 4, 16)
 MID_GREY = 16
+MOST_STOPS = 4.0
 LEAST_GROUPS = 8
 
 
@@ -52,12 +56,12 @@ _WORDS = {
 
 def _reason(deviations: Curve, index: NDArray[np.intp], known: NDArray[np.bool_], times: Curve, levels: Curve) -> str:
     """Which cause accounts for the deviations, the simplest first; flicker is what no other cause explains."""
-    if _explained_by_steps(deviations, index, known, 1) > EXPLAINED:
-        return "light_step"
+    step = _explained_by_steps(deviations, index, known, 1)
+    drift = _explained(deviations, index, known, _powers(times))
+    if max(step, drift) > EXPLAINED:
+        return "light_step" if step > drift - ALIKE else "light_drift"
     if _change_between_neighbours(deviations, index) > FLICKER_CHANGE:
         return "flicker"
-    if _explained(deviations, index, known, _powers(times)) > EXPLAINED:
-        return "light_drift"
     if _explained_by_steps(deviations, index, known, MOST_STEPS) > EXPLAINED:
         return "light_step"
     return "auto_exposure" if _explained(deviations, index, known, _lags(levels)) > LAG_EXPLAINED else "flicker"
@@ -78,12 +82,14 @@ def light_deviations(sweep: Sweep, by_shot: Tones) -> Curve:
     """
     levels, index = exposure_index(sweep)
     usual = of_exposures(by_shot, levels, index).greys
-    low, high = usual.min() + MID_GREY, usual.max() - MID_GREY
-    stops = np.full(by_shot.greys.shape, np.nan)
+    dark = usual.min() - 1.0
+    stops = np.empty(by_shot.greys.shape)
     for group in range(usual.shape[1]):
-        scale = np.maximum.accumulate(usual[:, group]) + 1e-6 * np.arange(len(levels))
-        stops[:, group] = np.interp(by_shot.greys[:, group], scale, levels) - levels[index]
-    stops[(usual[index] < low) | (usual[index] > high)] = np.nan
+        scale, seen = (np.log2(np.maximum(greys[:, group] - dark, 1.0)) for greys in (usual, by_shot.greys))
+        stops[:, group] = _beyond_too(seen, np.maximum.accumulate(scale) + 1e-6 * np.arange(len(levels)), levels)
+    stops = np.clip(stops - levels[index][:, None], -MOST_STOPS, MOST_STOPS)
+    clipped = (usual < usual.min() + MID_GREY) | (usual > usual.max() - MID_GREY)
+    stops[clipped[index] | (by_shot.greys > usual.max() - MID_GREY)] = np.nan
     told = np.sum(~np.isnan(stops), axis=1) >= min(LEAST_GROUPS, stops.shape[1])
     told &= np.bincount(index)[index] > 1
     deviations = np.full(len(index), np.nan)
@@ -91,18 +97,25 @@ def light_deviations(sweep: Sweep, by_shot: Tones) -> Curve:
     return deviations
 
 
+def _beyond_too(at: Curve, x: Curve, y: Curve) -> Curve:
+    """Straight lines between the points (x, y), x increasing, which go on beyond the first and last."""
+    low, high = (y[1] - y[0]) / (x[1] - x[0]), (y[-1] - y[-2]) / (x[-1] - x[-2])
+    return np.asarray(np.interp(at, x, y) + low * np.minimum(at - x[0], 0.0) + high * np.maximum(at - x[-1], 0.0))
+
+
 def _explained(deviations: Curve, index: NDArray[np.intp], known: NDArray[np.bool_], causes: Curve) -> float:
     """Share of the variance that causes (shots, causes) account for, all against the mean of each exposure."""
-    design, seen = _against_exposure(causes, index, known), _against_exposure(deviations[:, None], index, known)[:, 0]
+    design = _against_exposure(causes, index, known)
+    seen = _against_exposure(deviations[:, None], index, known).ravel()
     weights = np.linalg.lstsq(design, seen, rcond=None)[0]
     return 1.0 - float(np.sum((seen - design @ weights) ** 2) / np.sum(seen**2))
 
 
 def _against_exposure(values: Curve, index: NDArray[np.intp], known: NDArray[np.bool_]) -> Curve:
     kept, of = values[known], index[known]
-    counts = np.maximum(np.bincount(of), 1)
-    means = np.stack([np.bincount(of, weights=column) / counts for column in kept.T], axis=1)
-    return np.asarray(kept - means[of])
+    sums = np.zeros((index.max() + 1, values.shape[1]))
+    np.add.at(sums, of, kept)
+    return np.asarray(kept - (sums / np.maximum(np.bincount(of, minlength=len(sums)), 1)[:, None])[of])
 
 
 def _powers(times: Curve) -> Curve:
