@@ -172,6 +172,14 @@ class Config(Section):
         return self
 
     @model_validator(mode="after")
+    def _something_to_refine(self) -> Self:
+        if self.response.refine and all(camera.response is None for camera in self.sides.values()):
+            raise ValueError(
+                "response.refine needs a response file to refine: give cameras.left.response, or remove it"
+            )
+        return self
+
+    @model_validator(mode="after")
     def _exposure_fits(self) -> Self:
         period_us = 1e6 / self.trigger.rate_hz
         if self.exposure.max_time_us >= period_us:

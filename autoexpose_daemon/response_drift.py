@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import os
 import threading
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -42,33 +43,33 @@ class _Camera:
 
 
 class ResponseDrift:
-    """Watches the cameras of a configuration; for one thread.
+    """Watches the cameras of a configuration, which have these responses; for one thread.
 
     Attributes
     ----------
+    residual_grey
+        For each side with a verdict, by how much its response misses (grey levels rms).
     misfits
         For each side whose response does not hold, by how much, in words.
     """
 
-    def __init__(self, config: Config) -> None:
+    def __init__(self, config: Config, responses: Mapping[Side, ResponseFunction]) -> None:
+        self.residual_grey: dict[Side, float] = {}
         self.misfits: dict[Side, str] = {}
         self._refines = config.response.refine
+        self._last_trigger = -1
         self._cameras = {
-            side: _Camera(camera.serial, config.response_of(side), camera.response)
-            for side, camera in config.sides.items()
+            side: _Camera(camera.serial, responses[side], camera.response) for side, camera in config.sides.items()
         }
 
-    @property
-    def residual_grey(self) -> dict[Side, float]:
-        """For each side with a verdict, by how much its response misses (grey levels rms)."""
-        residuals = {side: camera.watch.residual_grey for side, camera in self._cameras.items()}
-        return {side: residual for side, residual in residuals.items() if residual is not None}
-
     def see(self, pair: StereoPair) -> None:
-        """The next pair; a pair without its left frame has the right one alone as its left."""
-        if len(pair.frames) < len(self._cameras):
-            return
-        for (side, camera), frame in zip(self._cameras.items(), pair.frames, strict=True):
+        """The next pair; of frames that do not say themselves how they were taken nothing is concluded."""
+        follows, self._last_trigger = pair.trigger == self._last_trigger + 1, pair.trigger
+        complete = len(pair.frames) == len(self._cameras)  # else the right frame may stand as the left one
+        for (side, camera), frame in zip(self._cameras.items(), pair.frames, strict=complete):
+            if not (follows and complete and frame.setting_source == "chunk"):
+                camera.watch.interrupt()
+                continue
             counted = camera.watch.counted
             camera.watch.see(frame.grey8(), frame.setting.level)
             if camera.watch.counted > counted:
@@ -76,13 +77,16 @@ class ResponseDrift:
 
     def _judge(self, side: Side, camera: _Camera) -> None:
         residual = camera.watch.residual_grey
-        if residual is not None and side not in self.misfits and residual > DOUBTFUL_GREY:
+        if residual is None:
+            return
+        self.residual_grey[side] = residual
+        if side not in self.misfits and residual > DOUBTFUL_GREY:
             self.misfits[side] = (
                 f"response off by {residual:.1f} grey levels rms when the exposure changes: "
                 f"autoexpose calibrate response --camera {camera.serial}"
             )
             log.warning("%s camera: %s", side, self.misfits[side])
-        elif residual is not None and side in self.misfits and residual < TRUSTED_GREY:
+        elif side in self.misfits and residual < TRUSTED_GREY:
             del self.misfits[side]
             log.info("%s camera: its response holds again", side)
         if self._refines and camera.file is not None and camera.watch.counted >= camera.next_attempt:

@@ -76,12 +76,13 @@ class ResponseWatch:
         self._response = response
         self._seen: deque[_Seen] = deque(maxlen=4)
         self.changes: deque[Change] = deque(maxlen=REMEMBERED)
+        self._misses_grey: deque[float] = deque(maxlen=REMEMBERED)
         self.counted = 0
 
     @property
     def residual_grey(self) -> float | None:
         """By how many grey levels (rms) the response misses a change of exposure, in the median; None: too few yet."""
-        return misfit_grey(self._response, list(self.changes)) if len(self.changes) >= ENOUGH else None
+        return float(np.median(self._misses_grey)) if len(self._misses_grey) >= ENOUGH else None
 
     def see(self, image: NDArray[np.uint8], level: float) -> None:
         """The next frame of the camera, uint8, (height, width), and the exposure level it was taken with (stops).
@@ -97,6 +98,10 @@ class ResponseWatch:
         if still and LEAST_STOPS <= abs(stops) <= MOST_STOPS:
             self._judge(stops, *(followed_greys(seen.pixels) for seen in self._seen))
 
+    def interrupt(self) -> None:
+        """A frame is missing before the next one."""
+        self._seen.clear()
+
     def _judge(self, stops: float, first: Greys, before: Greys, after: Greys, last: Greys) -> None:
         """Keep the change between the second and the third of four frames, if it is the exposure's alone."""
         if max(_rms(first - before), _rms(after - last)) > CALM_GREY:
@@ -104,7 +109,9 @@ class ResponseWatch:
         low, high = self._response.black_level + CLIPPED_GREY, self._response.saturation - CLIPPED_GREY
         open_ends = np.logical_and.reduce([(low <= greys) & (greys <= high) for greys in (before, after)])
         if open_ends.sum() >= LEAST_FOLLOWED:
-            self.changes.append(Change(stops, before[open_ends], after[open_ends]))
+            change = Change(stops, before[open_ends], after[open_ends])
+            self.changes.append(change)
+            self._misses_grey.append(miss_grey(self._response, change))
             self.counted += 1
 
 
@@ -117,12 +124,13 @@ def followed_greys(image: NDArray[np.uint8]) -> Greys:
 
 def misfit_grey(response: ResponseFunction, changes: list[Change]) -> float:
     """By how many grey levels (rms) a response misses changes of exposure, in the median over the changes."""
-    return float(np.median([_rms(predict(response, change) - change.after) for change in changes]))
+    return float(np.median([miss_grey(response, change) for change in changes]))
 
 
-def predict(response: ResponseFunction, change: Change) -> Greys:
-    """The grey levels after a change as the response predicts them, not rounded."""
-    return response.intensity(between_greys(response, change.before) + change.stops)
+def miss_grey(response: ResponseFunction, change: Change) -> float:
+    """By how many grey levels (rms) the response misses one change of exposure."""
+    predicted = response.intensity(between_greys(response, change.before) + change.stops)
+    return _rms(predicted - change.after)
 
 
 def between_greys(response: ResponseFunction, greys: Greys) -> Greys:
