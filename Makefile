@@ -10,11 +10,12 @@ APT := $(SUDO) env DEBIAN_FRONTEND=noninteractive apt-get -y --no-install-recomm
 DEMO_PACKAGES := gir1.2-aravis-0.8 python3-gi python3-venv libusb-1.0-0
 TEST_PACKAGES := $(DEMO_PACKAGES) aravis-tools-cli aravis-tools tshark gcc libc6-dev python3-dev usbutils chromium
 SHIM_PACKAGES := gcc libc6-dev python3-dev
+KERNEL_PACKAGES := qemu-system-x86 kmod udev usbip
 
 # Of the optional C libraries: built where there are a compiler and python3-dev, as after `make setup`.
 NATIVE_SOURCES := setup.py $(wildcard autoexpose_daemon/control/native/* fake_camera/usb3/shim/*)
 
-.PHONY: setup shim demo test lint bench accept soak clean
+.PHONY: setup shim demo test lint bench accept soak test-kernel clean
 .DEFAULT_GOAL := demo
 
 # Stamps make second runs start at once; they are remade when what is installed changes.
@@ -61,6 +62,15 @@ soak: $(VENV)/dev.stamp ## endurance: ten minutes of demo, the account must bala
 	@mkdir -p out
 	$(VENV)/bin/autoexpose demo --seconds 600 --policy neves2009 --summary out/soak.json
 	REPLUG_CYCLES=50 $(VENV)/bin/pytest tests/autoexpose_daemon/test_replug.py tests/autoexpose_daemon/test_replug_usb3.py
+
+# Fetched anew when the scripts that unpack or start it change, or after `make clean`.
+build/kernel/initramfs.gz: tests/kernel/build tests/kernel/init
+	@$(APT) update
+	@./tools/apt-missing $(KERNEL_PACKAGES) | xargs -r $(APT) install
+	@./tests/kernel/build
+
+test-kernel: $(VENV)/dev.stamp build/kernel/initramfs.gz ## a stock kernel in QEMU attaches the USB3 Vision fake
+	@./tests/kernel/run $(PY)
 
 clean:
 	rm -rf $(VENV) out build *.egg-info autoexpose_daemon/control/_native.*.so fake_camera/usb3/_shim.*.so .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
