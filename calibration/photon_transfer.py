@@ -14,7 +14,7 @@ from calibration.light_lines import LightLines, fit_light_lines
 from calibration.noise_model import Estimate, NoiseModel
 from calibration.steadiness import BRIGHT, steadiness_findings
 from calibration.sweep import Shot, Sweep
-from calibration.variance_curve import BINS, VarianceCurve, pairs_of, variance_curve
+from calibration.variance_curve import VarianceCurve, pairs_of, variance_curve
 
 Array = NDArray[np.float64]
 
@@ -128,6 +128,7 @@ def _fit_line(curve: VarianceCurve, black_dn: float, limit_dn: float) -> _Line |
     used = (curve.mean > black_dn + 0.3 * span_dn) & (curve.mean < black_dn + 0.6 * span_dn)
     if used.sum() < 2:
         used = curve.mean < black_dn + LINEAR_PART * span_dn
+    low_dn = np.floor(curve.mean / curve.bin_width) * curve.bin_width
     line = None
     for _ in range(ROUNDS):
         line = _weighted_line(curve, used)
@@ -135,7 +136,7 @@ def _fit_line(curve: VarianceCurve, black_dn: float, limit_dn: float) -> _Line |
             return None
         sigma = np.sqrt(np.maximum(line.at(curve.mean), 0.0))
         margin = MARGIN_SIGMAS * sigma + curve.step
-        used = (curve.mean - margin > 0) & (curve.mean + margin < limit_dn) & (sigma > DITHER * curve.step)
+        used = (low_dn - margin > 0) & (low_dn + curve.bin_width + margin < limit_dn) & (sigma > DITHER * curve.step)
         used &= curve.mean < black_dn + LINEAR_PART * span_dn
     return line
 
@@ -178,7 +179,7 @@ def _too_few(curve: VarianceCurve, used: NDArray[np.bool_], limit_dn: float) -> 
     dark = float(curve.degrees[curve.mean < 0.02 * limit_dn].sum() / max(curve.degrees.sum(), 1.0))
     reach = f", from {curve.mean[used][0]:.0f} to {curve.mean[used][-1]:.0f}" if used.any() else ""
     return (
-        f"noise can be told at {used.sum()} of {BINS} grey levels{reach} ({saturated:.0%} of the pixels are saturated, "
+        f"noise can be told at {used.sum()} steps of grey{reach} ({saturated:.0%} of the pixels are saturated, "
         f"{dark:.0%} nearly black): take more exposures between nearly black and saturated"
     )
 
