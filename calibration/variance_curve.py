@@ -46,6 +46,10 @@ class VarianceCurve:
     bin_width: float
     step: int
 
+    def variance_at(self, mean: Array) -> Array:
+        """The variance at any grey level, between those of the bins."""
+        return np.asarray(np.interp(mean, self.mean, self.variance))
+
 
 def pairs_of(shots: Sequence[Shot]) -> list[tuple[int, int]]:
     """Indices of neighbouring shots of equal setting, each shot in one pair at most."""
