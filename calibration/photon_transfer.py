@@ -164,7 +164,7 @@ def _doubts(
     """Whether grey levels are in proportion to light, and cover enough."""
     mean, span_dn = curve.mean[line.used], limit_dn - lines.black.value
     bent = float(np.nan_to_num(np.abs(lines.light(BRIGHT * span_dn))).max())
-    if bent > BENT + steadiness.light and not any(finding.reason == "moving_scene" for finding in steadiness.findings):
+    if bent > BENT + steadiness.light:
         yield Finding(
             "refused",
             "not_linear",

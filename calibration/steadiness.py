@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -35,7 +36,8 @@ class Steadiness:
     Attributes
     ----------
     light
-        The largest change of light between shots of one setting, as a part of it; 0 when the scene moved.
+        The largest change of light between shots of one setting, as a part of it; infinite, since nothing is known of
+        it, when the scene moved.
     findings
         What of it is worth telling.
     """
@@ -62,7 +64,7 @@ def judge_steadiness(
             f"{moved:.0%} of the image changed by itself between two images of one setting: put the camera on a tripod "
             "and keep out of the picture"
         )
-        return Steadiness(0.0, (Finding("refused", "moving_scene", text),))
+        return Steadiness(math.inf, (Finding("refused", "moving_scene", text),))
     least_dn = BRIGHT * (saturation_dn - lines.black.value)
     flicker = max(abs(lines.change(one, other, least_dn)) for one, other in pairs)
     findings = []
