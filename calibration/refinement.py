@@ -7,6 +7,9 @@ What is left over tells how the curve must bend.
 
 from __future__ import annotations
 
+from collections import deque
+from collections.abc import Collection
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -25,8 +28,14 @@ LEAST_PAIRS = 30
 QUANTILES = np.linspace(0.03, 0.97, 24)
 KNOTS = np.linspace(0.0, 1.0, 9) ** 1.5 * (GREY_LEVELS - 1)
 """Grey levels at which the curve is bent; straight in between."""
+MOST_PAIRS = 300
+"""The latest count: a response that drifts is followed."""
+MOST_LEFT_OVER = 1.5
+"""Share of the change of level that a wrong curve can leave over; more is light that stepped in the same moment."""
 QUANTILE_ERROR_STOPS = 0.15
 """What motion moves a quantile by, from one frame to the next."""
+LEAST_SPREAD_STOPS = 0.02
+ROUNDS = 6
 BEND_STOPS = 0.5
 """By how much the curve may bend from one knot to the next before it takes many pairs to believe it."""
 LEAST_STEP_STOPS = 1e-6
@@ -46,8 +55,7 @@ class ResponseWatch:
     def __init__(self, response: ResponseFunction) -> None:
         self.pairs = 0
         self._response = response
-        self._normal = np.zeros((len(KNOTS), len(KNOTS)))
-        self._right = np.zeros(len(KNOTS))
+        self._learned: deque[tuple[Values, Values]] = deque(maxlen=MOST_PAIRS)
         self._seen = np.zeros(GREY_LEVELS, bool)
         self._last: tuple[Values, float] | None = None
         self._steady = False
@@ -75,8 +83,7 @@ class ResponseWatch:
         """The response bent to what was seen; None before enough was."""
         if self.pairs < LEAST_PAIRS:
             return None
-        bend = np.linalg.solve(self._normal + _prior(), self._right)
-        curve = self._response.log2_exposure + np.interp(np.arange(GREY_LEVELS), KNOTS, bend)
+        curve = self._response.log2_exposure + np.interp(np.arange(GREY_LEVELS), KNOTS, _bend(self._learned))
         steps = np.maximum(np.diff(curve), LEAST_STEP_STOPS)
         curve = np.concatenate([[0.0], np.cumsum(steps)])
         black, saturation = self._response.black_level, self._response.saturation
@@ -113,12 +120,9 @@ class ResponseWatch:
         if not len(before):
             return
         left_over = self._left_over(before, after, change)
-        rows = _hats(after) - _hats(before)
-        # Beyond its own error, and what a curve can be wrong by, a quantile shows something else in the picture.
-        weight = 1.0 / (QUANTILE_ERROR_STOPS**2 * len(QUANTILES) / 3.0)  # neighbours move together: three tell apart
-        weights = weight * np.minimum(1.0, (QUANTILE_ERROR_STOPS + abs(change)) / np.maximum(abs(left_over), 1e-9))
-        self._normal += (rows * weights[:, None]).T @ rows
-        self._right += (rows * weights[:, None]).T @ left_over
+        if abs(np.median(left_over)) > MOST_LEFT_OVER * abs(change):
+            return
+        self._learned.append((_hats(after) - _hats(before), left_over))
         for quantiles in (before, after):
             self._seen[int(quantiles.min()) : int(quantiles.max()) + 1] = True
         self.pairs += 1
@@ -133,6 +137,24 @@ def _quantiles(grey8: NDArray[np.uint8]) -> Values:
 def _hats(greys: Values) -> Values:
     """The share of each knot in the bend at grey levels, shape (greys, knots)."""
     return np.stack([np.interp(greys, KNOTS, knot) for knot in np.eye(len(KNOTS))], axis=1)
+
+
+def _bend(learned: Collection[tuple[Values, Values]]) -> Values:
+    """Stops to add to the curve at the knots, by least squares in which a pair unlike the others hardly counts."""
+    rows = np.concatenate([pair for pair, _ in learned])
+    left_over = np.concatenate([stops for _, stops in learned])
+    lengths = np.array([len(stops) for _, stops in learned])
+    pair = np.repeat(np.arange(len(lengths)), lengths)
+    # Quantiles of one image move together: three of them tell apart.
+    weight = 3.0 / (len(QUANTILES) * QUANTILE_ERROR_STOPS**2)
+    trust = np.ones(len(lengths))
+    for _ in range(ROUNDS):
+        weighted = rows * (weight * trust[pair])[:, None]
+        bend = np.linalg.solve(_prior() + weighted.T @ rows, weighted.T @ left_over)
+        off = np.bincount(pair, left_over - rows @ bend) / lengths
+        spread = max(1.5 * float(np.median(np.abs(off))), LEAST_SPREAD_STOPS)
+        trust = 1.0 / (1.0 + (off / (2.0 * spread)) ** 2) ** 2
+    return np.asarray(bend)
 
 
 def _prior() -> Values:

@@ -39,8 +39,8 @@ def drive(
     for frame in range(frames):
         if frame % 4 == 3:
             level = float(np.clip(level + random.uniform(-1.2, 1.2), -2.0, 2.0))
-        at = frame * speed_px % 3600
-        seen = true.intensity(scene[:, at : at + 400] + level + light(frame))
+        at = frame * speed_px % 3800
+        seen = true.intensity(scene[:, at : at + 200] + level + light(frame))
         watch.observe(np.clip(np.rint(seen + random.normal(0, 0.7, seen.shape)), 0, 255).astype(np.uint8), level)
 
 
@@ -53,6 +53,7 @@ def off_by(response: ResponseFunction, true: ResponseFunction) -> float:
 LIGHTS: dict[str, Callable[[int], float]] = {
     "steady": lambda frame: 0.0,
     "steps": lambda frame: -1.5 * (frame // 50 % 2),
+    "steps in the moment of a change": lambda frame: -3.4 * ((frame + 1) // 48 % 2),
     "ramps": lambda frame: -abs(frame % 120 - 60) / 40,
 }
 
