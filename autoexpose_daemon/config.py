@@ -120,7 +120,12 @@ class ControlConfig(Section):
 
 
 class ResponseConfig(Section):
-    """What holds for the response functions of both cameras; calibration adds to it."""
+    """What holds for the response functions of both cameras.
+
+    With `refine` a better copy of each response file is kept beside it, learned from the images.
+    """
+
+    refine: bool = False
 
 
 class TransportConfig(Section):
@@ -164,6 +169,14 @@ class Config(Section):
     def _regions_have_cameras(self) -> Self:
         if self.control.roi.right is not None and self.cameras.right is None:
             raise ValueError("control.roi.right is given, but there is no cameras.right: remove it")
+        return self
+
+    @model_validator(mode="after")
+    def _something_to_refine(self) -> Self:
+        if self.response.refine and all(camera.response is None for camera in self.sides.values()):
+            raise ValueError(
+                "response.refine needs a response file to refine: give cameras.left.response, or remove it"
+            )
         return self
 
     @model_validator(mode="after")

@@ -14,6 +14,7 @@ import numpy as np
 from autoexpose_daemon.config import Config
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlLoop
+from autoexpose_daemon.response_watch import DRIFT_GREY, RigWatch
 from autoexpose_daemon.telemetry import Telemetry
 from drivers.account import Tally, TriggerAccount
 from drivers.camera import Camera, IncompleteFrame
@@ -85,6 +86,7 @@ class Daemon:
         self._last_trigger = -1
         self._off_rate = False
         self._write_again = False
+        self._watch = RigWatch(config)
         self._complaints: set[tuple[Side, str]] = set()
 
     @property
@@ -111,6 +113,7 @@ class Daemon:
             self._publish_tally()
             if not self._rig.stop(_STOP_S):
                 log.error("a camera did not answer while stopping; it frees itself when its heartbeat runs out")
+            self._watch.save()
 
     def _warm_up(self) -> None:
         """Decide on a black frame while the cameras are being searched for: OpenCV's first calls take 50 ms."""
@@ -242,8 +245,18 @@ class Daemon:
             self._asked, self._write_again = decision.setting, False
             self._asked_arrival_ns = max(frame.arrival_time_ns for frame in pair.frames)
             self._rig.write(decision.setting, self._write_window_ns())
+        self._watch.observe(pair)
+        self._publish_drift()
         if self._observer is not None:
             self._observer(pair, decision)
+
+    def _publish_drift(self) -> None:
+        for side, drift_grey in self._watch.drift_grey.items():
+            self.telemetry.drift_grey[side] = drift_grey
+            if drift_grey > DRIFT_GREY:
+                serial = self._config.sides[side].serial
+                remedy = f"calibrate it: autoexpose calibrate response --camera {serial}"
+                self._complain(side, "drift", f"predictions are off by {drift_grey:.1f} grey levels; {remedy}")
 
     def _write_window_ns(self) -> int:
         """When to write: not so close before an exposure starts that one camera, or one node, misses it."""

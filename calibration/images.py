@@ -60,4 +60,5 @@ def _grey(path: Path) -> Pixels:
         image = None
     if image is None or image.dtype not in {np.dtype(np.uint8), np.dtype(np.uint16)}:
         raise ConfigurationError(f"{path}: is no image of 8 or 16 bits that can be read: remove or replace it")
-    return np.ascontiguousarray(image[..., GREEN] if image.ndim == 3 and image.shape[2] >= 3 else image)
+    one = image[..., GREEN] if image.ndim == 3 and image.shape[2] >= 3 else image
+    return one.astype(np.uint8) if one.dtype == np.uint8 else one.astype(np.uint16)

@@ -10,7 +10,7 @@ from calibration.judge_motion import moved_share_between_exposures
 from calibration.response import ResponseFunction
 from calibration.solution import ResponseSolution
 from calibration.sweep import Sweep
-from calibration.tones import Tones, exposure_index, tones_by_exposure
+from calibration.tones import Tones, tones_by_exposure
 
 UNSEEN_GREY = 32
 """More grey levels not seen, at an end or in between, are worth a word."""
@@ -32,10 +32,13 @@ def judge_solution(sweep: Sweep, solution: ResponseSolution) -> list[Finding]:
     Reasons: few_levels, poor_fit, odd_exposure, and moving_scene where `judge_sweep` had no repeats to tell it by.
     """
     tones = tones_by_exposure(sweep)
-    found = [_few_levels(tones, solution), _poor_fit(solution), _odd_exposure(tones, solution.response)]
-    if len(tones.levels) == len(exposure_index(sweep)[1]):
-        found.append(_moving(sweep, solution.response))
-    return [finding for finding in found if finding]
+    repeated = len(tones.levels) < len(sweep.shots)
+    cause = (
+        (None if repeated else _moving(sweep, solution.response))
+        or _odd_exposure(tones, solution.response)
+        or _poor_fit(solution)
+    )
+    return [finding for finding in (_few_levels(tones, solution), cause) if finding]
 
 
 def _few_levels(tones: Tones, solution: ResponseSolution) -> Finding | None:

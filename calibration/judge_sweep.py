@@ -80,8 +80,8 @@ def _bounds(levels: Curve, index: NDArray[np.intp]) -> list[Finding]:
     for end, name in ((0, "shortest"), (-1, "longest")):
         if counts[end] > 1.5 * usual and counts[end] - usual >= 2:
             text = (
-                f"{counts[end]} shots have the {name} exposure ({np.exp2(levels[end]):.0f} us), others {usual:.0f}: the "
-                "camera's bounds cut the sweep; ask for exposures within them"
+                f"{counts[end]} shots have the {name} exposure ({np.exp2(levels[end]):.0f} us), others {usual:.0f}: "
+                "the camera's bounds cut the sweep; ask for exposures within them"
             )
             findings.append(Finding("warned", "bounds", text))
     return findings

@@ -57,13 +57,13 @@ def _rms(curve: InverseCurve, tones: Tones, within: NDArray[np.bool_]) -> float:
 def _uncertainty(free: InverseCurve, family: FamilyFit, errors: Curve) -> Curve:
     """Standard errors of the free curve, and what a family differs from it (stops), against the middle node."""
     difference = family.curve.stops - free.stops
-    return np.hypot(errors, difference - difference[len(difference) // 2])
+    return np.asarray(np.hypot(errors, difference - difference[len(difference) // 2]))
 
 
 def _solution(
     tones: Tones, within: NDArray[np.bool_], family: FamilyFit | None, curve: InverseCurve, uncertainty: Curve
 ) -> ResponseSolution:
-    greys = np.arange(GREY_LEVELS) + tones.middle
+    greys = np.arange(GREY_LEVELS, dtype=np.float64) + tones.middle
     saturation = min(round(float(curve.greys[-1]) - tones.middle), GREY_LEVELS - 1)
     black = min(max(round(curve.black - tones.middle), 0), saturation - 1)
     stops = np.maximum.accumulate(curve.at(greys))

@@ -38,7 +38,7 @@ def scene(seed: int = 0) -> Radiance:
 
 
 class Bench:
-    """A camera on a tripod before the scene, whose world can be spoilt: subclasses or arguments say how.
+    """A camera on a tripod before the scene, whose world can be spoilt: the arguments say how.
 
     Parameters
     ----------
@@ -53,6 +53,7 @@ class Bench:
     def __init__(
         self,
         response: str = "linear",
+        *,
         black_level_percent: float = 0.0,
         pixel_format: str = "Mono8",
         light: LightScript | None = None,
