@@ -18,7 +18,7 @@ log = logging.getLogger(__name__)
 DRIFT_GREY = 3.0
 """Predictions that are off by more are told: a calibration that is `with care` is as good."""
 SPARSE = 4
-"""Every so many rows and columns are enough for quantiles; means of them would be too bright where noise meets black."""
+"""Every so many rows and columns are enough for quantiles; means would be too bright where black cuts noise off."""
 
 
 class RigWatch:

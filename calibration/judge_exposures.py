@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,24 +23,28 @@ FLAT_STOPS = 0.9
 AGREED_GREY = 2.0
 """Repeats agree when most differ by less."""
 
+SORTED_GREY = 0.7
+"""Shots sorted by brightness fall into groups as tight as this if their exposures were the ones said, in another order.
+
+Brightness that varies for other reasons fills the gaps between the groups.
+"""
+
 
 def judge_exposures(sweep: Sweep, by_shot: Tones) -> Finding | None:
     """Exposures that did not act (an automatic function, bounds), or that belong to other images."""
     levels, index = exposure_index(sweep)
+    brightness = by_shot.greys.mean(axis=1)
+    repeats_agree = _disagreement(brightness, index) < AGREED_GREY
+    by_brightness = np.empty_like(index)
+    by_brightness[np.argsort(brightness, kind="stable")] = np.sort(index)
+    if not repeats_agree and _disagreement(brightness, by_brightness) < SORTED_GREY:
+        return _wrong_order(levels, np.unique(np.minimum(index, by_brightness)[index != by_brightness]))
     rises = _rises(of_exposures(by_shot, levels, index))
     first, last = _longest_flat(levels, rises)
     if levels[last] - levels[first] >= FLAT_STOPS:
         return _not_followed(sweep, levels, (first, last))
-    brightness = by_shot.greys.mean(axis=1)
-    if _disagreement(brightness, index) < AGREED_GREY:
-        falling = np.flatnonzero(rises < -1.0)
-        return _wrong_order(levels, falling) if falling.size else None
-    sorted_index = np.empty_like(index)
-    sorted_index[np.argsort(brightness, kind="stable")] = np.sort(index)
-    if _disagreement(brightness, sorted_index) < AGREED_GREY:
-        moved = np.flatnonzero(np.bincount(index[index != sorted_index], minlength=len(levels)))
-        return _wrong_order(levels, moved[:-1])
-    return None
+    falling = np.flatnonzero(rises < -1.0)
+    return _wrong_order(levels, falling) if repeats_agree and falling.size else None
 
 
 def _rises(tones: Tones) -> Curve:
@@ -76,11 +82,12 @@ def _not_followed(sweep: Sweep, levels: Curve, stretch: tuple[int, int]) -> Find
 
 
 def _temporal_variance(sweep: Sweep, exposure: int) -> float:
-    """Variance of noise (grey levels squared), the least between two shots of one exposure in a row; 0 if none are."""
+    """Variance of noise (grey levels squared), the least between shots of one exposure; 0 if there is but one."""
     _, index = exposure_index(sweep)
+    shots = [sweep.shots[k] for k in np.flatnonzero(index == exposure)]
     variances = []
-    for k in np.flatnonzero((index[1:] == exposure) & (index[:-1] == exposure)):
-        one, other = (grey8(shot).astype(np.float32) for shot in sweep.shots[k : k + 2])
+    for pair in pairwise(shots):
+        one, other = (grey8(shot).astype(np.float32) for shot in pair)
         difference = (other - one)[(one > one.min() + MID_GREY) & (one < one.max() - MID_GREY)]
         if difference.size > 100:
             variances.append(float(np.var(difference)) / 2)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -29,6 +31,9 @@ def solve_response(sweep: Sweep) -> ResponseSolution:
         When no group of pixels was seen, neither black nor saturated, at two exposures.
     """
     tones = tones_by_exposure(sweep)
+    tones = replace(
+        tones, levels=tones.levels - tones.levels.mean()
+    )  # the scale is arbitrary; small numbers round less
     ends = Ends.of(tones)
     within = usable(tones, ends)
     if not within.any():

@@ -86,7 +86,7 @@ def facts(result: Result) -> Iterator[Fact]:
     match = result.agreement
     if match is not None and match.enough:
         within = f"{match.residual_grey:.2f} grey levels rms, 99 % within {match.worst_grey:.1f}"
-        yield "predictions", f"within two stops off by {within}"
+        yield "predictions", f"from other exposures, off by {within}"
 
 
 def _flat(values: Mapping[str, Any], parent: str = "") -> Iterator[Fact]:

@@ -30,7 +30,7 @@ def drive(
     watch: ResponseWatch,
     true: ResponseFunction,
     light: Callable[[int], float] = lambda frame: 0.0,
-    frames: int = 400,
+    frames: int = 600,
     speed_px: int = 4,
 ) -> None:
     """Frames of a moving camera whose exposure jumps every few of them; `light` in stops by frame."""
