@@ -13,13 +13,15 @@ import numpy as np
 
 from calibration.findings import Finding
 from calibration.session import Session
-from calibration.write_effect import SeenFrame, Trial, WriteEffect, WrittenQuantity, write_effect
+from calibration.write_effect import SeenFrame, Trial, WriteEffect, WrittenQuantity, is_told, write_effect
 from drivers.exposure import DB_PER_STOP, ExposureLimits, ExposureSetting
 from drivers.frames import Frame, Pixels
 from drivers.latency import FRAMES_AFTER
 
 TRIALS = 100
 """Of each quantity: enough to tell 95 % from less, in a dozen seconds at 60 Hz."""
+TRIES = 2
+"""Times as many writes are made, where a busy computer makes some of them useless."""
 LONGEST_PART = 0.6
 """Of a frame period: the camera must keep its rate under the longer exposure, with readout behind it."""
 LEAD = 0.1
@@ -98,9 +100,9 @@ def capture_latency(
     session
         A camera that runs freely at `rate_hz`, before a static scene under steady light.
     trials
-        Writes of each quantity.
+        Writes of each quantity that are to be told.
     progress
-        Called with the writes done, and those there will be.
+        Called with the writes told, and those there will be.
 
     Returns
     -------
@@ -138,13 +140,16 @@ def _trials(session: Session, settings: Alternatives, count: int, progress: Call
     watch = _Watch(session, settings)
     for _ in range(FRAMES_AFTER):
         watch.next_frame()
-    trials = []
-    for index in range(count):
+    trials: list[Trial] = []
+    told = 0
+    while told < count and len(trials) < TRIES * count:
         watch.forget()
-        started_ns, finished_ns, new = watch.write_just_after_a_start(settings[index % 2])
+        started_ns, finished_ns, new = watch.write_just_after_a_start(settings[len(trials) % 2])
         trials.append(watch.follow(started_ns, finished_ns, old, new))
         old = new
-        progress()
+        if is_told(trials[-1]):
+            told += 1
+            progress()
     return trials
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal, get_args
 
@@ -52,14 +53,17 @@ def response(
     """Sweep the exposure time on a static scene and recover the response, with a report beside the file."""
     check_extra()
     console = Console(highlight=False)
-    if images is not None and camera is None and config is None:
-        previous = {output: _previous(output)}
-        results = {output: measure_images(images)}
+    if [not camera, config is None, images is None].count(False) != 1:
+        raise ConfigurationError("say what to calibrate: one of --camera, --config and --images")
+    jobs: dict[Path, Callable[[], Result]]
+    if images is not None:
+        jobs = {output: partial(measure_images, images)}
     else:
-        places = _places(_rig(camera, config, images), output)
-        previous = {path: _previous(path) for path in places}
-        results = {path: measure_camera(mode, gain_db, console) for path, mode in places.items()}
-    results = {path: result.keeping(previous[path]) for path, result in results.items()}
+        rig = [CameraMode(serial) for serial in camera or []] if config is None else rig_of_config(config)
+        places = _places(rig, output)
+        jobs = {path: partial(measure_camera, mode, gain_db, console) for path, mode in places.items()}
+    previous = {path: _previous(path) for path in jobs}
+    results = {path: measure().keeping(previous[path]) for path, measure in jobs.items()}
     _keep(results, console)
     if any(result.verdict == "refused" for result in results.values()):
         raise typer.Exit(1)
@@ -78,7 +82,7 @@ def check(
     findings = content.findings
     if camera is not None:
         held = check_camera(file, camera, console)
-        for line in _comparison_lines(held):
+        for line in _residual_lines(held):
             console.print(line)
         findings = held.findings
     elif content.model is None:
@@ -107,19 +111,12 @@ def export(
         raise ConfigurationError(f"{output}: cannot be written ({error.strerror}): choose another place") from error
 
 
-def _rig(camera: list[str] | None, config: Path | None, images: Path | None) -> list[CameraMode]:
-    if [not camera, config is None, images is None].count(False) != 1:
-        raise ConfigurationError("say what to calibrate: one of --camera, --config and --images")
-    rig = [CameraMode(serial) for serial in camera or []] if config is None else list(rig_of_config(config).values())
+def _places(rig: Sequence[CameraMode], output: Path) -> dict[Path, CameraMode]:
+    """The response file of each camera."""
     if len(rig) > len(SIDES):
         raise ConfigurationError(f"--camera is given {len(rig)} times: a rig has a left and a right camera")
     if len({mode.serial for mode in rig}) < len(rig):
         raise ConfigurationError(f"left and right are the same camera, {rig[0].serial}")
-    return rig
-
-
-def _places(rig: list[CameraMode], output: Path) -> dict[Path, CameraMode]:
-    """The response file of each camera."""
     if len(rig) == 1:
         return {output: rig[0]}
     try:
@@ -164,7 +161,7 @@ def _tell(judged: Verdict, findings: tuple[Finding, ...], console: Console) -> N
     console.print(f"verdict: {judged}")
 
 
-def _comparison_lines(held: Check) -> Iterator[str]:
+def _residual_lines(held: Check) -> Iterator[str]:
     """The residual by change of level."""
     for delta in (-REACH_STOPS, -1.0, -0.5, 0.5, 1.0, REACH_STOPS):
         part = held.agreement.near(delta)

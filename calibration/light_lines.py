@@ -59,6 +59,17 @@ class LightLines:
         light[told] = np.nanmedian(excess[told], axis=1)
         return light
 
+    def change(self, one: int, other: int, least_dn: float) -> float:
+        """How much brighter the light was in one shot than in another of the same exposure, as a part of it.
+
+        Told by the patches that both show brighter than black by `least_dn`; 0 where there are too few of them.
+        """
+        signal = (self.grey[one] + self.grey[other]) / 2.0 - self.black.value
+        told = signal > least_dn  # False for NaN
+        if told.sum() <= TELLING_PATCHES * len(told):
+            return 0.0
+        return float(np.median((self.grey[one] - self.grey[other])[told] / signal[told]))
+
     def excess(self) -> Array:
         """How much brighter each patch is in each shot than its line says, relative to its signal; NaN: not seen."""
         signal = self.times_us[:, np.newaxis] * self.slopes

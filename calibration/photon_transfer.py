@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from calibration.findings import Finding
 from calibration.light_lines import LightLines, fit_light_lines
 from calibration.noise_model import Estimate, NoiseModel
-from calibration.steadiness import BRIGHT, steadiness_findings
+from calibration.steadiness import BRIGHT, Steadiness, judge_steadiness
 from calibration.sweep import Shot, Sweep
-from calibration.variance_curve import BINS, VarianceCurve, pairs_of, variance_curve
+from calibration.variance_curve import VarianceCurve, pairs_of, variance_curve
 
 Array = NDArray[np.float64]
 
@@ -93,8 +93,8 @@ def photon_transfer(sweep: Sweep) -> PhotonTransfer:
     line = None if lines is None else _fit_line(curve, lines.black.value, limit_dn)
     if lines is None or line is None:
         return _refused("too_few_levels", _too_few(curve, np.zeros_like(curve.mean, bool), limit_dn), curve)
-    findings = list(steadiness_findings(lines, pairs, line.at, limit_dn))
-    findings += _doubts(curve, line, lines, limit_dn, steady=not findings)
+    steadiness = judge_steadiness(lines, pairs, curve.variance_at, limit_dn)
+    findings = [*steadiness.findings, *_doubts(curve, line, lines, limit_dn, steadiness)]
     if saturation_dn is None:
         findings.append(_UNSATURATED)
     model = None
@@ -128,6 +128,7 @@ def _fit_line(curve: VarianceCurve, black_dn: float, limit_dn: float) -> _Line |
     used = (curve.mean > black_dn + 0.3 * span_dn) & (curve.mean < black_dn + 0.6 * span_dn)
     if used.sum() < 2:
         used = curve.mean < black_dn + LINEAR_PART * span_dn
+    low_dn = np.floor(curve.mean / curve.bin_width) * curve.bin_width
     line = None
     for _ in range(ROUNDS):
         line = _weighted_line(curve, used)
@@ -135,7 +136,7 @@ def _fit_line(curve: VarianceCurve, black_dn: float, limit_dn: float) -> _Line |
             return None
         sigma = np.sqrt(np.maximum(line.at(curve.mean), 0.0))
         margin = MARGIN_SIGMAS * sigma + curve.step
-        used = (curve.mean - margin > 0) & (curve.mean + margin < limit_dn) & (sigma > DITHER * curve.step)
+        used = (low_dn - margin > 0) & (low_dn + curve.bin_width + margin < limit_dn) & (sigma > DITHER * curve.step)
         used &= curve.mean < black_dn + LINEAR_PART * span_dn
     return line
 
@@ -157,20 +158,21 @@ def _weighted_line(curve: VarianceCurve, used: NDArray[np.bool_]) -> _Line | Non
     return _Line(float(offset), float(slope), covariance * max(spread, 1.0), used)
 
 
-def _doubts(curve: VarianceCurve, line: _Line, lines: LightLines, limit_dn: float, steady: bool) -> Iterator[Finding]:
-    """Whether grey levels cover enough, and are in proportion to light."""
+def _doubts(
+    curve: VarianceCurve, line: _Line, lines: LightLines, limit_dn: float, steadiness: Steadiness
+) -> Iterator[Finding]:
+    """Whether grey levels are in proportion to light, and cover enough."""
     mean, span_dn = curve.mean[line.used], limit_dn - lines.black.value
-    if len(mean) < MIN_BINS or np.ptp(mean) < MIN_SPAN * span_dn or line.slope <= 0:
-        yield Finding("refused", "too_few_levels", _too_few(curve, line.used, limit_dn))
-        return
     bent = float(np.nan_to_num(np.abs(lines.light(BRIGHT * span_dn))).max())
-    if steady and bent > BENT:
+    if bent > BENT + steadiness.light:
         yield Finding(
             "refused",
             "not_linear",
             f"grey levels are up to {bent:.0%} off the straight line over exposure time: photon transfer needs a "
             "linear response; switch off gamma, tone curves and automatics",
         )
+    elif len(mean) < MIN_BINS or np.ptp(mean) < MIN_SPAN * span_dn or line.slope <= 0:
+        yield Finding("refused", "too_few_levels", _too_few(curve, line.used, limit_dn))
 
 
 def _too_few(curve: VarianceCurve, used: NDArray[np.bool_], limit_dn: float) -> str:
@@ -178,7 +180,7 @@ def _too_few(curve: VarianceCurve, used: NDArray[np.bool_], limit_dn: float) -> 
     dark = float(curve.degrees[curve.mean < 0.02 * limit_dn].sum() / max(curve.degrees.sum(), 1.0))
     reach = f", from {curve.mean[used][0]:.0f} to {curve.mean[used][-1]:.0f}" if used.any() else ""
     return (
-        f"noise can be told at {used.sum()} of {BINS} grey levels{reach} ({saturated:.0%} of the pixels are saturated, "
+        f"noise can be told at {used.sum()} steps of grey{reach} ({saturated:.0%} of the pixels are saturated, "
         f"{dark:.0%} nearly black): take more exposures between nearly black and saturated"
     )
 

@@ -26,7 +26,7 @@ class CameraMode:
         return replace(session_setup(self.pixel_format), binning=self.binning)
 
 
-def rig_of_config(path: Path) -> dict[Side, CameraMode]:
+def rig_of_config(path: Path) -> list[CameraMode]:
     """The cameras of the daemon's configuration file, left first; its other keys are `autoexpose config check`'s.
 
     Raises
@@ -41,15 +41,15 @@ def rig_of_config(path: Path) -> dict[Side, CameraMode]:
         raise ConfigurationError(f"{path}: image.pixel_format is {pixel_format!r}: see autoexpose config check")
     if binning is not None and type(binning) is not int:
         raise ConfigurationError(f"{path}: image.binning is {binning!r}: give a whole number of pixels")
-    rig: dict[Side, CameraMode] = {}
+    rig: list[CameraMode] = []
+    if cameras.get("left") is None:
+        raise ConfigurationError(f"{path}: cameras.left.serial is missing: name the camera")
     for side in get_args(Side):
         if cameras.get(side) is not None:
             serial = _section(path, cameras, side, "cameras.").get("serial")
             if not isinstance(serial, str) or not serial:
                 raise ConfigurationError(f"{path}: cameras.{side}.serial is {serial!r}: give it in quotes")
-            rig[side] = CameraMode(serial, pixel_format, binning)
-    if "left" not in rig:
-        raise ConfigurationError(f"{path}: cameras.left.serial is missing: name the camera")
+            rig.append(CameraMode(serial, pixel_format, binning))
     return rig
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,10 +29,27 @@ MOVED_SIGMAS = 6.0
 """A change of a patch's mean grey by so much is no noise, also of cameras whose rows have noise in common."""
 
 
-def steadiness_findings(
+@dataclass(frozen=True, slots=True)
+class Steadiness:
+    """What changed by itself.
+
+    Attributes
+    ----------
+    light
+        The largest change of light between shots of one setting, as a part of it; infinite, since nothing is known of
+        it, when the scene moved.
+    findings
+        What of it is worth telling.
+    """
+
+    light: float
+    findings: tuple[Finding, ...]
+
+
+def judge_steadiness(
     lines: LightLines, pairs: list[tuple[int, int]], variance: Callable[[Array], Array], saturation_dn: float
-) -> Iterator[Finding]:
-    """What changed by itself: the light within a pair, the light over the shots, or the scene.
+) -> Steadiness:
+    """Whether the scene moved within a pair, or else the light changed within a pair, or from pair to pair.
 
     Parameters
     ----------
@@ -39,41 +58,38 @@ def steadiness_findings(
     variance
         The variance of a pixel (DN squared) by its grey level.
     """
-    moved = max((_moved(lines, pair, variance) for pair in pairs), default=0.0)
-    if moved > MOVED_PATCHES:
-        yield Finding(
-            "refused",
-            "moving_scene",
+    moved = max(_moved(lines, pair, variance) for pair in pairs)
+    if moved > MOVED_PATCHES:  # what the light did cannot be told apart from that
+        text = (
             f"{moved:.0%} of the image changed by itself between two images of one setting: put the camera on a tripod "
-            "and keep out of the picture",
+            "and keep out of the picture"
         )
-        return  # what the light did cannot be told apart from that
-    light = lines.light(BRIGHT * (saturation_dn - lines.black.value))
-    told = [pair for pair in pairs if np.isfinite(light[list(pair)]).all()]
-    flicker = max((abs(float(light[one] - light[other])) for one, other in told), default=0.0)
+        return Steadiness(math.inf, (Finding("refused", "moving_scene", text),))
+    least_dn = BRIGHT * (saturation_dn - lines.black.value)
+    flicker = max(abs(lines.change(one, other, least_dn)) for one, other in pairs)
+    findings = []
     if flicker > FLICKER:
-        yield Finding(
-            "refused" if flicker > HOPELESS else "warned",
-            "flicker",
+        text = (
             f"light changed by {flicker:.1%} between two images of one setting: use light that does not flicker, such "
-            "as daylight or a lamp on direct current",
+            "as daylight or a lamp on direct current"
         )
-    drift = _drift(lines, told, light)
+        findings.append(Finding("refused" if flicker > HOPELESS else "warned", "flicker", text))
+    drift = _drift(lines, [one for one, _ in pairs], least_dn)
     if drift > DRIFT + flicker:
-        yield Finding(
-            "refused" if drift > HOPELESS else "warned",
-            "light_drift",
+        text = (
             f"light changed by {drift:.1%} between images of one setting, taken apart: let the lamp warm up, keep "
-            "daylight out",
+            "daylight out"
         )
+        findings.append(Finding("refused" if drift > HOPELESS else "warned", "light_drift", text))
+    return Steadiness(max(flicker, drift), tuple(findings))
 
 
-def _drift(lines: LightLines, pairs: list[tuple[int, int]], light: Array) -> float:
-    """The largest change of light between pairs of one exposure time."""
-    by_time: defaultdict[float, list[float]] = defaultdict(list)
-    for one, other in pairs:
-        by_time[float(lines.times_us[one])].append(float(light[one] + light[other]) / 2.0)
-    return max((max(lights) - min(lights) for lights in by_time.values()), default=0.0)
+def _drift(lines: LightLines, shots: list[int], least_dn: float) -> float:
+    """The largest change of light between shots of one exposure time."""
+    by_time: defaultdict[float, list[int]] = defaultdict(list)
+    for shot in shots:
+        by_time[float(lines.times_us[shot])].append(shot)
+    return max(abs(lines.change(alike[0], shot, least_dn)) for alike in by_time.values() for shot in alike)
 
 
 def _moved(lines: LightLines, pair: tuple[int, int], variance: Callable[[Array], Array]) -> float:

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from calibration.sweep import Shot
 
-BINS = 256
-"""Bins of mean grey over the range of the format; one for each grey level of 8 bits."""
+MOST_BINS = 1024
+"""Bins of mean grey over the range of the format: one for each grey level of 8 bits, one for four of 12 bits."""
 GROUPS = 512
 """Of pixels alike in brightness: finer than the bins, so that clipped pixels do not hide among others."""
 MIN_DEGREES = 200
@@ -34,6 +34,8 @@ class VarianceCurve:
         Variance of one grey level from image to image (DN squared), quantisation taken out.
     degrees
         Degrees of freedom of that variance: its relative standard error is sqrt(2 / degrees).
+    bin_width
+        Width of the bins (DN); the first begins at 0.
     step
         What neighbouring grey levels differ by: 16 where 12 bits are sent as 16.
     """
@@ -41,7 +43,12 @@ class VarianceCurve:
     mean: Array
     variance: Array
     degrees: Array
+    bin_width: float
     step: int
+
+    def variance_at(self, mean: Array) -> Array:
+        """The variance at any grey level, between those of the bins."""
+        return np.asarray(np.interp(mean, self.mean, self.variance))
 
 
 def pairs_of(shots: Sequence[Shot]) -> list[tuple[int, int]]:
@@ -78,15 +85,17 @@ def variance_curve(shots: Sequence[Shot], pairs: Sequence[tuple[int, int]]) -> V
         ],
         axis=1,
     )
-    bins = (mean / (2 ** shots[0].bit_depth / BINS)).astype(np.intp)
-    counts = np.bincount(bins, count, BINS)
-    degrees = np.bincount(bins, count - 1.0, BINS)
+    bins = min(2 ** shots[0].bit_depth, MOST_BINS)
+    bin_width = 2 ** shots[0].bit_depth / bins
+    index = (mean / bin_width).astype(np.intp)
+    counts = np.bincount(index, count, bins)
+    degrees = np.bincount(index, count - 1.0, bins)
     full = degrees >= MIN_DEGREES
     step = grey_step(shots)
-    measured = np.bincount(bins, square, BINS)[full] / degrees[full] / 2.0
+    measured = np.bincount(index, square, bins)[full] / degrees[full] / 2.0
     variance = without_quantisation(measured / step**2) * step**2
-    mean_grey = np.bincount(bins, count * mean, BINS)[full] / counts[full]
-    return VarianceCurve(mean_grey, variance, np.asarray(degrees[full], np.float64), step)
+    mean_grey = np.bincount(index, count * mean, bins)[full] / counts[full]
+    return VarianceCurve(mean_grey, variance, np.asarray(degrees[full], np.float64), bin_width, step)
 
 
 def _groups(brightness: Pixels, mean: Pixels, difference: Pixels) -> Array:

@@ -109,6 +109,11 @@ class _Effect:
     lead_ns: int
 
 
+def is_told(trial: Trial) -> bool:
+    """Whether a write lay within one exposure, no frame around its effect was lost, and the light shows it."""
+    return _effect(trial) is not None
+
+
 def write_effect(quantity: WrittenQuantity, trials: Sequence[Trial]) -> WriteEffect:
     """The distribution over many writes, and what is wrong with it."""
     effects = [effect for effect in map(_effect, trials) if effect is not None]

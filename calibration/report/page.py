@@ -86,12 +86,25 @@ def facts(result: Result) -> Iterator[Fact]:
     match = result.agreement
     if match is not None and match.enough:
         within = f"{match.residual_grey:.2f} grey levels rms, 99 % within {match.worst_grey:.1f}"
-        yield "predictions", f"within two stops off by {within}"
+        yield "predictions", f"from other exposures, off by {within}"
 
 
-def _flat(values: Mapping[str, Any], parent: str = "") -> Iterator[tuple[str, str]]:
+def _flat(values: Mapping[str, Any], parent: str = "") -> Iterator[Fact]:
+    """Rows of what other commands wrote into the file; entries of a list are called after their first value."""
     for key, value in values.items():
+        name = f"{parent}{key}".replace("_", " ")
         if isinstance(value, Mapping):
-            yield from _flat(value, f"{parent}{key} ")
-        else:
-            yield f"{parent}{key}", f"{value:.4g}" if isinstance(value, float) else str(value)
+            yield from _flat(value, f"{name}: ")
+        elif isinstance(value, list) and all(isinstance(entry, Mapping) and entry for entry in value):
+            for entry in value:
+                (first, called), *rest = entry.items()
+                yield from _flat(dict(rest), f"{parent}{first} {_told(called)}: ")
+        elif value is not None:
+            yield name, _told(value)
+
+
+def _told(value: Any) -> str:
+    """A pair is a value and its standard error."""
+    if isinstance(value, list):
+        return " ± ".join(map(_told, value)) if len(value) == 2 else ", ".join(map(_told, value))
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -1,11 +1,11 @@
-"""The latency of a camera in virtual time, which does as the test says, and of a fake camera over the wire."""
+"""The latency of a camera in virtual time, which does as the test says."""
 
 from __future__ import annotations
 
+import itertools
 import random
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,12 +13,11 @@ import pytest
 from calibration import capture_latency as capture_module
 from calibration import session as session_module
 from calibration.capture_latency import capture_latency
-from calibration.session import Session, session_setup
-from drivers.aravis import open_camera
+from calibration.session import Session
+from calibration.write_effect import WriteEffect
 from drivers.camera import CameraDescription
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Frame, SettingSource
-from tests.fakes import fake_camera
 
 RATE_HZ = 50.0
 PERIOD_NS = round(1e9 / RATE_HZ)
@@ -37,6 +36,7 @@ class VirtualCamera:
     source: SettingSource = "chunk"
     stamps_are_arrivals: bool = False
     light: float = 1.0
+    write_ns: Callable[[], int] = lambda: WRITE_NS
     description: CameraDescription = field(default_factory=lambda: CameraDescription("ours", "virtual", "V"))
     now_ns: int = 10**9
     number: int = 0
@@ -73,23 +73,29 @@ class VirtualCamera:
         return Frame(pixels, 8, number, stamp_ns, stamp_ns, arrival_ns, told, self.source)
 
     def write(self, setting: ExposureSetting) -> ExposureSetting:
-        self.now_ns += WRITE_NS
+        self.now_ns += self.write_ns()
         self.latched[self.now_ns // PERIOD_NS + self.latency()] = setting
         return setting
 
 
+Measure = Callable[[VirtualCamera], list[WriteEffect]]
+
+
 @pytest.fixture
-def measure(monkeypatch: pytest.MonkeyPatch) -> Callable[[VirtualCamera], list[capture_module.WriteEffect]]:
-    def run(camera: VirtualCamera) -> list[capture_module.WriteEffect]:
+def calls() -> list[tuple[int, int]]:
+    """What the progress was told."""
+    return []
+
+
+@pytest.fixture
+def measure(monkeypatch: pytest.MonkeyPatch, calls: list[tuple[int, int]]) -> Measure:
+    def run(camera: VirtualCamera) -> list[WriteEffect]:
         for module in (session_module, capture_module):
             monkeypatch.setattr(module, "time", camera)
         with Session(camera) as session:
-            return capture_latency(session, RATE_HZ, 20)
+            return capture_latency(session, RATE_HZ, 20, lambda done, total: calls.append((done, total)))
 
     return run
-
-
-Measure = Callable[[VirtualCamera], list[capture_module.WriteEffect]]
 
 
 @pytest.mark.parametrize("latency", [1, 2, 3])
@@ -102,6 +108,22 @@ def test_latency_is_that_of_the_camera(measure: Measure, latency: int, source: S
         assert effect.findings == ()
         assert effect.lead_us is not None
         assert effect.lead_us == pytest.approx(0.1 * PERIOD_NS * 1e-3 + WRITE_NS * 1e-3, rel=0.2), "just after a start"
+
+
+def test_progress_counts_the_writes_of_both(measure: Measure, calls: list[tuple[int, int]]) -> None:
+    measure(VirtualCamera(lambda: 1))
+    assert calls == [(done, 40) for done in range(1, 41)]
+
+
+def test_writes_that_a_busy_computer_spoils_are_made_again(measure: Measure) -> None:
+    camera = VirtualCamera(lambda: 1)
+    times_ns = itertools.cycle([WRITE_NS, WRITE_NS, PERIOD_NS])
+    camera.write_ns = lambda: next(times_ns)
+    exposure, gain = measure(camera)
+    for effect in (exposure, gain):
+        assert effect.frames == {1: 20}
+        assert effect.untold > 5
+        assert [finding.reason for finding in effect.findings] == ["unclear"]
 
 
 def test_an_irregular_camera_shows_as_it_is(measure: Measure) -> None:
@@ -128,18 +150,3 @@ def test_a_scene_that_tells_nothing_is_refused(measure: Measure, light: float, r
     for effect in measure(VirtualCamera(lambda: 1, light=light)):
         assert [(finding.severity, finding.reason) for finding in effect.findings] == [("refused", reason)]
         assert effect.mode is None
-
-
-@pytest.mark.realtime
-def test_writes_to_a_fake_camera_show_in_the_next_exposure(tmp_path: Path) -> None:
-    """As docs/fake-camera.md says: exposure and gain are latched when an exposure starts."""
-    light = tmp_path / "light.yaml"
-    light.write_text("light: [{at_s: 0, lux: 50}]")
-    calls: list[tuple[int, int]] = []
-    with (
-        fake_camera(options=["--still", "--light", str(light)]) as fake,
-        Session(open_camera(fake.serial, session_setup(rate_hz=60.0))) as session,
-    ):
-        effects = capture_latency(session, 60.0, 7, lambda done, total: calls.append((done, total)))
-    assert [(effect.quantity, effect.mode) for effect in effects] == [("exposure", 1), ("gain", 1)]
-    assert calls == [(done, 14) for done in range(1, 15)]

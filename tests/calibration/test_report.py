@@ -94,12 +94,14 @@ def test_a_refused_sweep_has_a_report_that_says_why(tmp_path: Path) -> None:
 def test_noise_and_latency_measured_before_stay(solved: Result, tmp_path: Path) -> None:
     file = solved.file
     assert file is not None
-    known = solved.keeping(replace(file, noise={"system_gain": 0.123456}, latency={"exposure": {"mode": 2}}))
+    noise = {"gains": [{"gain_db": 0.0, "system_gain": [0.123456, 0.002], "full_well_e": None}]}
+    latency = {"rate_hz": 60.0, "exposure time": {"mode_frames": 2, "frames": {2: 30}}}
+    known = solved.keeping(replace(file, noise=noise, latency=latency))
     assert known.file is not None
-    assert known.file.noise == {"system_gain": 0.123456}
+    assert (known.file.noise, known.file.latency) == (noise, latency)
     text = write_report(tmp_path / "r.yaml", known).read_text(encoding="utf-8")
-    assert "0.1235" in text
-    assert "exposure mode" in text
+    assert "<th>gain db 0: system gain</th><td>0.1235 ± 0.002</td>" in text
+    assert "<th>exposure time: frames: 2</th><td>30</td>" in text
     other = replace(file, origin=Origin(CameraIdentity("Maker", "Model 7", "0013")), noise={"system_gain": 1.0})
     assert solved.keeping(other).noise == {}
 
