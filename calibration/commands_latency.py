@@ -34,8 +34,8 @@ def latency(
         effects = _measure(session, camera, rate_hz, writes, console)
     console.print(latency_table(f"camera {camera} at {rate_hz:g} Hz", effects))
     for effect in effects:
-        if effect.lead_us is not None:
-            console.print(f"{effect.quantity}: written {effect.lead_us * 1e-3:.1f} ms after the start of exposures")
+        if effect.frames:
+            console.print(when_it_shows(effect), soft_wrap=True)
     if len(effects) == 1:
         console.print("gain is left out: this camera has none in dB that can be changed")
     for effect in effects:
@@ -61,6 +61,19 @@ def latency_table(title: str, effects: Sequence[WriteEffect]) -> Table:
             table.add_row(effect.quantity, "untold", str(effect.untold), "", "")
         table.add_section()
     return table
+
+
+def when_it_shows(effect: WriteEffect) -> str:
+    """The same in time: when writes were made, and how much later exposures that show them start."""
+    assert effect.lead_us is not None
+    assert effect.delay_us is not None
+    early_ms, late_ms = (delay_us * 1e-3 for delay_us in effect.delay_us)
+    told = f"{effect.quantity}: written {effect.lead_us * 1e-3:.1f} ms after the start of an exposure"
+    if early_ms < 0:
+        return f"{told}; exposures that start {late_ms:.1f} ms after the write, and earlier ones perhaps, show it"
+    if early_ms < late_ms:
+        return f"{told}; exposures that start {early_ms:.1f} ms after the write do not show it, {late_ms:.1f} ms do"
+    return f"{told}; how long after the write an exposure starts does not decide whether it shows it"
 
 
 def latency_document(rate_hz: float, effects: Sequence[WriteEffect]) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from rich.table import Table
 
 from calibration import commands_noise
 from calibration.capture_noise import default_gains_db, plan_noise
-from calibration.commands_latency import latency_document, latency_table
+from calibration.commands_latency import latency_document, latency_table, when_it_shows
 from calibration.commands_noise import noise_document, noise_table
 from calibration.noise_model import Estimate, NoiseModel
 from calibration.response import ResponseFunction
@@ -69,6 +70,20 @@ def test_the_table_of_latency_shows_the_distribution() -> None:
         ["gain", "2", "1", "5%", "#"],
         ["gain", "untold", "3", "", ""],
     ]
+
+
+@pytest.mark.parametrize(
+    ("delay_us", "text"),
+    [
+        ((-2100.0, 11_000.0), "exposures that start 11.0 ms after the write, and earlier ones perhaps, show it"),
+        ((13_000.0, 29_000.0), "exposures that start 13.0 ms after the write do not show it, 29.0 ms do"),
+        ((29_000.0, 13_000.0), "does not decide"),
+    ],
+)
+def test_latency_is_told_in_time_as_well(delay_us: tuple[float, float], text: str) -> None:
+    told = when_it_shows(replace(EFFECT, delay_us=delay_us))
+    assert told.startswith("gain: written 2.1 ms after the start of an exposure; ")
+    assert text in told
 
 
 def response_file(path: Path, serial: str) -> Path:
