@@ -31,9 +31,8 @@ def solve_response(sweep: Sweep) -> ResponseSolution:
         When no group of pixels was seen, neither black nor saturated, at two exposures.
     """
     tones = tones_by_exposure(sweep)
-    tones = replace(
-        tones, levels=tones.levels - tones.levels.mean()
-    )  # the scale is arbitrary; small numbers round less
+    # The scale is arbitrary: without it, and without the last digits, equal sweeps in other units stay equal.
+    tones = replace(tones, levels=np.round(tones.levels - tones.levels.mean(), 9))
     ends = Ends.of(tones)
     within = usable(tones, ends)
     if not within.any():
