@@ -149,6 +149,8 @@ def _keep(results: dict[Path, Result], console: Console) -> None:
         report = write_report(path, result, None if comparison is None else (comparison, rig[0], rig[1]))
         for name, value in facts(result):
             console.print(f"{name}: {value}", soft_wrap=True)
+        for note in result.notes:
+            console.print(f"note: {note}", soft_wrap=True)
         _tell(result.verdict, result.findings, console)
         console.print(f"written: {f'{path}, ' if result.file is not None else ''}{report}", soft_wrap=True)
     if comparison is not None:
