@@ -8,13 +8,14 @@ APT := $(SUDO) env DEBIAN_FRONTEND=noninteractive apt-get -y --no-install-recomm
 
 # What the daemon and the demo stand on, and what only the tests need.
 DEMO_PACKAGES := gir1.2-aravis-0.8 python3-gi python3-venv libusb-1.0-0
-TEST_PACKAGES := $(DEMO_PACKAGES) aravis-tools-cli aravis-tools tshark gcc libc6-dev python3-dev usbutils
+TEST_PACKAGES := $(DEMO_PACKAGES) aravis-tools-cli aravis-tools tshark gcc libc6-dev python3-dev usbutils systemd
 SHIM_PACKAGES := gcc libc6-dev python3-dev
+ROBOT_PACKAGES := $(DEMO_PACKAGES) $(SHIM_PACKAGES) udev
 
 # Of the optional C libraries: built where there are a compiler and python3-dev, as after `make setup`.
 NATIVE_SOURCES := setup.py $(wildcard autoexpose_daemon/control/native/* fake_camera/usb3/shim/*)
 
-.PHONY: setup shim demo test lint bench accept soak clean
+.PHONY: setup shim demo test lint bench accept soak install uninstall deb clean
 .DEFAULT_GOAL := demo
 
 # Stamps make second runs start at once; they are remade when what is installed changes.
@@ -61,6 +62,31 @@ soak: $(VENV)/dev.stamp ## endurance: ten minutes of demo, the account must bala
 	@mkdir -p out
 	$(VENV)/bin/autoexpose demo --seconds 600 --policy neves2009 --summary out/soak.json
 	REPLUG_CYCLES=50 $(VENV)/bin/pytest tests/autoexpose_daemon/test_replug.py tests/autoexpose_daemon/test_replug_usb3.py
+
+install: ## to /opt/autoexpose, with its unit; a configuration that is there stays. DESTDIR: only the files, below it
+ifeq ($(DESTDIR),)
+	@[ "$$(id -u)" = 0 ] || { echo "this changes the system: sudo make install"; exit 1; }
+	@./tools/apt-missing $(ROBOT_PACKAGES) | xargs -r sh -c '$(APT) update && $(APT) install "$$@"' --
+endif
+	@./tools/install-tree "$(DESTDIR)"
+ifeq ($(DESTDIR),)
+	@./tools/deb/postinst configure
+	@echo "installed; next: autoexpose list, /etc/autoexpose/config.yaml, systemctl enable --now autoexpose"
+endif
+
+uninstall: ## all that `make install` brought, but configuration, state and user
+ifeq ($(DESTDIR),)
+	@[ "$$(id -u)" = 0 ] || { echo "this changes the system: sudo make uninstall"; exit 1; }
+	@./tools/deb/prerm remove
+endif
+	@./tools/install-tree --remove "$(DESTDIR)"
+ifeq ($(DESTDIR),)
+	@./tools/deb/postrm remove
+endif
+
+deb: ## a Debian package with all its Python packages, in build/deb
+	@./tools/apt-missing python3-venv $(SHIM_PACKAGES) | xargs -r sh -c '$(APT) update && $(APT) install "$$@"' --
+	@./tools/make-deb build/deb
 
 clean:
 	rm -rf $(VENV) out build *.egg-info autoexpose_daemon/control/_native.*.so fake_camera/usb3/_shim.*.so .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
