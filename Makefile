@@ -86,7 +86,9 @@ endif
 
 deb: ## a Debian package with all its Python packages, in build/deb
 	@./tools/apt-missing python3-venv $(SHIM_PACKAGES) | xargs -r sh -c '$(APT) update && $(APT) install "$$@"' --
-	@./tools/make-deb build/deb
+	@rm -rf build/deb
+	@./tools/install-tree "$$PWD/build/deb/tree"
+	@./tools/make-deb build/deb/tree build/deb
 
 clean:
 	rm -rf $(VENV) out build *.egg-info autoexpose_daemon/control/_native.*.so fake_camera/usb3/_shim.*.so .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
