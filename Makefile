@@ -8,14 +8,15 @@ APT := $(SUDO) env DEBIAN_FRONTEND=noninteractive apt-get -y --no-install-recomm
 
 # What the daemon and the demo stand on, and what only the tests need.
 DEMO_PACKAGES := gir1.2-aravis-0.8 python3-gi python3-venv libusb-1.0-0
-TEST_PACKAGES := $(DEMO_PACKAGES) aravis-tools-cli aravis-tools tshark gcc libc6-dev python3-dev usbutils chromium
+TEST_PACKAGES := $(DEMO_PACKAGES) aravis-tools-cli aravis-tools tshark gcc libc6-dev python3-dev usbutils chromium systemd
 SHIM_PACKAGES := gcc libc6-dev python3-dev
 KERNEL_PACKAGES := qemu-system-x86 kmod udev usbip
+ROBOT_PACKAGES := $(DEMO_PACKAGES) $(SHIM_PACKAGES) udev
 
 # Of the optional C libraries: built where there are a compiler and python3-dev, as after `make setup`.
 NATIVE_SOURCES := setup.py $(wildcard autoexpose_daemon/control/native/* fake_camera/usb3/shim/*)
 
-.PHONY: setup shim demo test lint bench accept soak test-kernel clean
+.PHONY: setup shim demo test lint bench accept soak test-kernel install uninstall deb clean
 .DEFAULT_GOAL := demo
 
 # Stamps make second runs start at once; they are remade when what is installed changes.
@@ -71,6 +72,33 @@ build/kernel/initramfs.gz: tests/kernel/build tests/kernel/init
 
 test-kernel: $(VENV)/dev.stamp build/kernel/initramfs.gz ## a stock kernel in QEMU attaches the USB3 Vision fake
 	@./tests/kernel/run $(PY)
+
+install: ## to /opt/autoexpose, with its unit; a configuration that is there stays. DESTDIR: only the files, below it
+ifeq ($(DESTDIR),)
+	@[ "$$(id -u)" = 0 ] || { echo "this changes the system: sudo make install"; exit 1; }
+	@./tools/apt-missing $(ROBOT_PACKAGES) | xargs -r sh -c '$(APT) update && $(APT) install "$$@"' --
+endif
+	@./tools/install-tree "$(DESTDIR)"
+ifeq ($(DESTDIR),)
+	@./tools/deb/postinst configure
+	@echo "installed; next: autoexpose list, /etc/autoexpose/config.yaml, systemctl enable --now autoexpose"
+endif
+
+uninstall: ## all that `make install` brought, but configuration, state and user
+ifeq ($(DESTDIR),)
+	@[ "$$(id -u)" = 0 ] || { echo "this changes the system: sudo make uninstall"; exit 1; }
+	@./tools/deb/prerm remove
+endif
+	@./tools/install-tree --remove "$(DESTDIR)"
+ifeq ($(DESTDIR),)
+	@./tools/deb/postrm remove
+endif
+
+deb: ## a Debian package with all its Python packages, in build/deb
+	@./tools/apt-missing python3-venv $(SHIM_PACKAGES) | xargs -r sh -c '$(APT) update && $(APT) install "$$@"' --
+	@rm -rf build/deb
+	@./tools/install-tree "$$PWD/build/deb/tree"
+	@./tools/make-deb build/deb/tree build/deb
 
 clean:
 	rm -rf $(VENV) out build *.egg-info autoexpose_daemon/control/_native.*.so fake_camera/usb3/_shim.*.so .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache

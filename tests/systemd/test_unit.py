@@ -1,0 +1,58 @@
+"""What systemd itself says of our files."""
+
+from __future__ import annotations
+
+import configparser
+import subprocess
+from pathlib import Path
+
+from autoexpose_daemon.config import load_config
+
+FOLDER = Path(__file__).parents[2] / "systemd"
+UNIT = FOLDER / "autoexpose.service"
+WORST_EXPOSURE = 2.0
+
+
+def run(*command: str | Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=60, check=False)
+
+
+def test_the_unit_is_shut_in() -> None:
+    threshold = f"--threshold={10 * WORST_EXPOSURE:.0f}"
+    result = run("systemd-analyze", "security", "--offline=true", "--no-pager", threshold, UNIT)
+    assert result.returncode == 0, result.stdout
+    assert "Overall exposure level for autoexpose.service" in result.stdout
+
+
+def test_an_open_unit_would_not_pass(tmp_path: Path) -> None:
+    unit = tmp_path / UNIT.name
+    unit.write_text(
+        "\n".join(line for line in UNIT.read_text().splitlines() if not line.startswith("SystemCallFilter"))
+    )
+    threshold = f"--threshold={10 * WORST_EXPOSURE:.0f}"
+    assert run("systemd-analyze", "security", "--offline=true", "--no-pager", threshold, unit).returncode != 0
+
+
+def test_the_unit_is_sound(tmp_path: Path) -> None:
+    program = tmp_path / "autoexpose"
+    program.write_text("#!/bin/sh\n")
+    program.chmod(0o755)
+    unit = tmp_path / UNIT.name
+    unit.write_text(UNIT.read_text().replace("/opt/autoexpose/bin/autoexpose", str(program)))
+    result = run("systemd-analyze", "verify", "--man=no", unit)
+    assert (result.returncode, result.stdout) == (0, "")
+
+
+def test_the_user_may_open_cameras() -> None:
+    unit = configparser.ConfigParser(strict=False, interpolation=None)
+    unit.optionxform = str  # type: ignore[assignment,method-assign]
+    unit.read(UNIT)
+    result = run("systemd-sysusers", "--dry-run", FOLDER / "sysusers.conf")
+    assert result.returncode == 0, result.stdout
+    user, group = unit["Service"]["User"], unit["Service"]["SupplementaryGroups"]
+    assert f"m {user} {group}" in (FOLDER / "sysusers.conf").read_text()
+    assert f'GROUP="{group}"' in (FOLDER / "60-usb3-vision.rules").read_text()
+
+
+def test_the_configuration_it_comes_with_is_valid() -> None:
+    assert list(load_config(FOLDER / "config.yaml").sides) == ["left", "right"]
