@@ -83,8 +83,8 @@ def pictures(result: Result) -> list[Picture]:
         ),
         Picture(
             "Uncertainty",
-            "Standard error of the response, as far as noise goes; a tenth of a stop is 7 % of the light. It counts from "
-            "the grey level where it dips, as only differences have a meaning. Hatched: not seen by the sweep.",
+            "Standard error of the response, as far as noise goes; a tenth of a stop is 7 % of the light. It counts "
+            "from the grey level where it dips, as only differences have a meaning. Hatched: not seen by the sweep.",
             lambda axes: _draw_uncertainty(axes, solution),
         ),
         *sweep,
