@@ -30,9 +30,6 @@ calibrate_app = typer.Typer(
     help="Measure what a camera does to light: its response, noise and latency.", no_args_is_help=True
 )
 
-calibrate_app.command()(noise)
-calibrate_app.command()(latency)
-
 SIDES = get_args(Side)
 
 Cameras = Annotated[list[str] | None, typer.Option("--camera", help="Serial number; twice: left and right of a rig.")]
@@ -109,6 +106,10 @@ def export(
         output.write_text(text, encoding="utf-8")
     except OSError as error:
         raise ConfigurationError(f"{output}: cannot be written ({error.strerror}): choose another place") from error
+
+
+calibrate_app.command()(noise)
+calibrate_app.command()(latency)
 
 
 def _places(rig: Sequence[CameraMode], output: Path) -> dict[Path, CameraMode]:

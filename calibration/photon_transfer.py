@@ -28,7 +28,10 @@ SYSTEMATIC = 0.005
 """Relative error of a variance besides chance: no sensor is linear to better, and no bin is to rule by its size."""
 BENT = 0.05
 """Deviation from the straight line of grey over exposure time that no linear sensor shows."""
+DARK, WHITE = 0.02, 0.98
+"""Parts of full scale, for words about images: nearly black below the one, saturated above the other."""
 UNRESOLVED = 0.1
+"""Part of the read noise that its error may be."""
 SATURATED_PIXELS = 1000
 ROUNDS = 6
 """Of choosing bins by the line and drawing the line through them; three settle it."""
@@ -87,8 +90,12 @@ def photon_transfer(sweep: Sweep) -> PhotonTransfer:
     if not pairs:
         return _refused("no_pairs", "no two neighbouring images have the same setting: take at least two of each")
     curve = variance_curve(shots, pairs)
+    top_dn = 2.0 ** shots[0].bit_depth - 1.0
+    clipped = (curve.mean < DARK * top_dn) | (curve.mean > WHITE * top_dn)
+    if not curve.variance.any() and (not clipped.all() or not len(clipped)):
+        return _refused("no_noise", "no noise shows: the images of each pair are identical, or have too few pixels")
     saturation_dn = _saturation(curve)
-    limit_dn = 2.0 ** shots[0].bit_depth - 1.0 if saturation_dn is None else saturation_dn
+    limit_dn = top_dn if saturation_dn is None else saturation_dn
     lines = fit_light_lines(shots, limit_dn, curve.step)
     line = None if lines is None else _fit_line(curve, lines.black.value, limit_dn)
     if lines is None or line is None:
@@ -143,7 +150,7 @@ def _fit_line(curve: VarianceCurve, black_dn: float, limit_dn: float) -> _Line |
 
 def _weighted_line(curve: VarianceCurve, used: NDArray[np.bool_]) -> _Line | None:
     """Least squares, weighted by the variance of each variance; None when the bins are too few or all alike."""
-    if used.sum() < 2:
+    if used.sum() < 2 or not curve.variance[used].any():
         return None
     mean, variance = curve.mean[used], curve.variance[used]
     design = np.stack([np.ones_like(mean), mean], axis=1)
@@ -176,8 +183,8 @@ def _doubts(
 
 
 def _too_few(curve: VarianceCurve, used: NDArray[np.bool_], limit_dn: float) -> str:
-    saturated = float(curve.degrees[curve.mean > 0.98 * limit_dn].sum() / max(curve.degrees.sum(), 1.0))
-    dark = float(curve.degrees[curve.mean < 0.02 * limit_dn].sum() / max(curve.degrees.sum(), 1.0))
+    saturated = float(curve.degrees[curve.mean > WHITE * limit_dn].sum() / max(curve.degrees.sum(), 1.0))
+    dark = float(curve.degrees[curve.mean < DARK * limit_dn].sum() / max(curve.degrees.sum(), 1.0))
     reach = f", from {curve.mean[used][0]:.0f} to {curve.mean[used][-1]:.0f}" if used.any() else ""
     return (
         f"noise can be told at {used.sum()} steps of grey{reach} ({saturated:.0%} of the pixels are saturated, "

@@ -9,7 +9,16 @@ from numpy.typing import NDArray
 
 from calibration.families import FamilyFit, families, fit_family
 from calibration.free_curve import fit_free
-from calibration.inverse_curve import Ends, InverseCurve, as_well, misfit, octaves, residuals, usable
+from calibration.inverse_curve import (
+    Ends,
+    InverseCurve,
+    as_well,
+    misfit,
+    octaves,
+    residuals,
+    residuals_from_others,
+    usable,
+)
 from calibration.response import GREY_LEVELS, ResponseFunction
 from calibration.solution import ResponseSolution
 from calibration.sweep import Sweep
@@ -21,7 +30,7 @@ LINEAR_WITHIN_GREY = 0.4
 
 
 def solve_response(sweep: Sweep) -> ResponseSolution:
-    """Recover the response function: a curve free at every grey level, or a family's where that explains as much.
+    """Recover the response function: a free curve, or a family's where that explains as much.
 
     Takes what `judge_sweep` does not refuse; about a second for 80 shots of 390000 pixels.
 
@@ -82,5 +91,5 @@ def _solution(
         parameters=parameters,
         uncertainty_stops=np.interp(octaves(greys, curve.black), curve.octaves, uncertainty),
         covered=(int(np.ceil(seen.min() - 0.5)), int(np.floor(seen.max() + 0.5))),
-        residual_grey=_rms(curve, tones, within),
+        residual_grey=float(np.sqrt(np.mean(residuals_from_others(curve, tones, within) ** 2))),
     )

@@ -15,8 +15,8 @@ MOST_BINS = 1024
 """Bins of mean grey over the range of the format: one for each grey level of 8 bits, one for four of 12 bits."""
 GROUPS = 512
 """Of pixels alike in brightness: finer than the bins, so that clipped pixels do not hide among others."""
-MIN_DEGREES = 200
-"""A bin of fewer pixels tells its variance to no better than 10 %."""
+MIN_DEGREES = 50
+"""A bin of fewer pixels tells its variance to no better than 20 %."""
 
 Array = NDArray[np.float64]
 Pixels = NDArray[np.float32]

@@ -26,7 +26,7 @@ def write_exif(path: Path, seconds: float, f_number: float = 2.8, iso: int = 100
     image = Image.fromarray(GREY)
     exif = image.getexif()
     exif.get_ifd(0x8769).update({0x829A: seconds, 0x829D: f_number, 0x8827: iso})
-    image.save(path, exif=exif)
+    image.save(path, exif=exif.tobytes())
 
 
 def times_us(source: Path) -> list[float]:

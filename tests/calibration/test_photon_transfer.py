@@ -82,6 +82,15 @@ def white(shot: Shot) -> Shot:
     return replace(shot, pixels=np.full_like(shot.pixels, 4095))
 
 
+def frozen(shot: Shot) -> Shot:
+    """From a camera that sends the same image again and again, only brighter."""
+    return replace(shot, pixels=np.full_like(shot.pixels, min(shot.setting.exposure_time_us, 4095.0)))
+
+
+def tiny(shot: Shot) -> Shot:
+    return replace(shot, pixels=shot.pixels[:8, :8])
+
+
 SPOILT: list[tuple[str, Callable[[], Sweep], tuple[str, str], str]] = [
     ("gamma", lambda: noisy_sweep(response="gamma"), ("refused", "not_linear"), "needs a linear response"),
     ("s-shaped", lambda: noisy_sweep(response="s_shaped"), ("refused", "not_linear"), "switch off gamma"),
@@ -104,6 +113,8 @@ SPOILT: list[tuple[str, Callable[[], Sweep], tuple[str, str], str]] = [
         ("refused", "too_few_levels"),
         "100% of the pixels",
     ),
+    ("frozen", lambda: Sweep(tuple(map(frozen, noisy_sweep().shots))), ("refused", "no_noise"), "are identical"),
+    ("tiny", lambda: Sweep(tuple(map(tiny, noisy_sweep().shots))), ("refused", "no_noise"), "too few pixels"),
     ("dim", lambda: noisy_sweep(stops=(-7.0, -1.5)), ("warned", "saturation_unseen"), "full well is not known"),
 ]
 

@@ -58,7 +58,7 @@ def test_the_page_opens_in_a_browser_and_needs_nothing_else(solved: Result, tmp_
     content, complaints = browse(page, tmp_path)
     assert complaints == ""
     assert f'data-images="{content.count("<img")} images, 0 broken"' in content
-    assert content.count("<img") == 5
+    assert content.count("<img") == 6
     assert all(source.startswith("data:") for source in re.findall(r'(?:src|href)="([^"]*)"', content))
     text = re.sub(r"<style.*?</style>|<[^>]+>", " ", content, flags=re.S)
     assert solved.solution is not None
@@ -116,7 +116,7 @@ def test_two_cameras_are_compared(solved: Result, tmp_path: Path) -> None:
         encoding="utf-8"
     )
     assert "each needs its own file" in text
-    assert text.count("<img") == 6
+    assert text.count("<img") == 7
 
 
 def test_curves_are_told_apart_without_colour() -> None:
