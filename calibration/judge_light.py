@@ -15,7 +15,7 @@ STEADY_STOPS = 0.015
 """Light that varies by less than 1 % (the standard deviation over shots) does no harm."""
 
 REFUSED_STOPS = 0.05
-"""3.5 %: a response found under it is off by more than a grey level."""
+"""3.5 % of the light, nine grey levels near saturation of a linear sensor."""
 
 EXPLAINED = 0.93
 """Share of the variance that a step or a drift must account for."""
