@@ -23,6 +23,7 @@ BLACK_RANGE_GREY = 0.5
 """So far black may be from the lowest median seen, since grey levels are whole numbers."""
 
 _ROUNDS = 30
+"""A bound only: fits end when they gain no more."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -15,6 +15,7 @@ STEADY_STOPS = 0.015
 """Light that varies by less than 1 % (the standard deviation over shots) does no harm."""
 
 REFUSED_STOPS = 0.05
+"""3.5 % of the light, nine grey levels near saturation of a linear sensor."""
 
 EXPLAINED = 0.93
 """Share of the variance that a step or a drift must account for."""
@@ -35,10 +36,19 @@ FLICKER_CHANGE = 0.5
 """Change from shot to shot over that of any two shots; 1 is no memory at all."""
 
 MOST_STEPS = 3
+"""Lights may be switched off and on again; with more steps anything could be explained."""
+
 LAGS_SHOTS = (1, 4, 16)
+"""Shots that a control may take to follow."""
+
 MID_GREY = 16
+"""Groups nearer to the ends of what was seen are poor light meters."""
+
 MOST_STOPS = 4.0
+"""A group tells changes of light up to so much; the scale is only guessed beyond its ends."""
+
 LEAST_GROUPS = 3
+"""Fewer do not tell of a shot, but where there are no more."""
 
 _WORDS = {
     "auto_exposure": "after each change of exposure brightness goes back; switch auto exposure and auto gain off",

@@ -19,7 +19,10 @@ MOVED_GREY = 1.0
 """Root of the covariance between neighbouring pixels: less does not show in medians."""
 
 TEXTURED_GREY = 2.0
+"""Standard deviation within a block: with less, nothing shows that it moved."""
+
 EXPOSURES = 4
+"""So many are looked at, those of most contrast: motion shows in each of them."""
 
 
 def moved_share(sweep: Sweep) -> float:

@@ -19,13 +19,16 @@ POOR_FIT_GREY = 1.5
 """Tables of prediction are then off by more than noise."""
 
 REFUSED_FIT_GREY = 6.0
+"""Several times what is asked of a calibration: no table is of use."""
 
 ODD_EXPOSURE_STOPS = 0.06
 """An exposure so far from what all others say was not what it is said to be."""
 
 REFUSED_ODD_STOPS = 0.25
+"""What a finer step of exposure would be: the others can hardly be trusted either."""
 
 MOVED_SHARE = 0.1
+"""Of the textured parts; more than in `judge_sweep`, since one image is predicted from another."""
 
 
 def judge_solution(sweep: Sweep, solution: ResponseSolution) -> list[Finding]:
