@@ -16,7 +16,6 @@ from calibration.judge_sweep import judge_sweep
 from calibration.measure import check_gain, take
 from calibration.response import ResponseFunction
 from calibration.response_file import ResponseFile
-from calibration.result import Verdict, verdict
 from calibration.rig import CameraMode
 from calibration.session import Session
 from calibration.sweep import Sweep
@@ -51,11 +50,6 @@ class Check:
 
     agreement: Agreement
     findings: tuple[Finding, ...]
-
-    @property
-    def verdict(self) -> Verdict:
-        """Whether to believe the file."""
-        return verdict(self.findings)
 
 
 def check_camera(path: Path, serial: str, console: Console) -> Check:

@@ -30,9 +30,6 @@ calibrate_app = typer.Typer(
     help="Measure what a camera does to light: its response, noise and latency.", no_args_is_help=True
 )
 
-calibrate_app.command()(noise)
-calibrate_app.command()(latency)
-
 SIDES = get_args(Side)
 
 Cameras = Annotated[list[str] | None, typer.Option("--camera", help="Serial number; twice: left and right of a rig.")]
@@ -111,6 +108,10 @@ def export(
         raise ConfigurationError(f"{output}: cannot be written ({error.strerror}): choose another place") from error
 
 
+calibrate_app.command()(noise)
+calibrate_app.command()(latency)
+
+
 def _places(rig: Sequence[CameraMode], output: Path) -> dict[Path, CameraMode]:
     """The response file of each camera."""
     if len(rig) > len(SIDES):
@@ -149,6 +150,8 @@ def _keep(results: dict[Path, Result], console: Console) -> None:
         report = write_report(path, result, None if comparison is None else (comparison, rig[0], rig[1]))
         for name, value in facts(result):
             console.print(f"{name}: {value}", soft_wrap=True)
+        for note in result.notes:
+            console.print(f"note: {note}", soft_wrap=True)
         _tell(result.verdict, result.findings, console)
         console.print(f"written: {f'{path}, ' if result.file is not None else ''}{report}", soft_wrap=True)
     if comparison is not None:

@@ -14,7 +14,7 @@ from calibration.solution import ResponseModel
 from calibration.tones import Curve, Tones
 
 BASIS_CURVES = 4
-"""Most curves of our family are then met within half a grey level."""
+"""Four curves in five of our family are then met within 0.22 grey levels (root mean square), the worst within 0.6."""
 
 LEAST_BLACK_GREY = -2.0
 """A sensor may hide the lowest grey levels below 0, but hardly more."""

@@ -1,4 +1,4 @@
-"""A response curve free at every grey level (Debevec & Malik 1997): least squares, smooth, monotone by construction."""
+"""A response curve of free shape (Debevec & Malik 1997): least squares, smooth, monotone by construction."""
 
 from __future__ import annotations
 

@@ -17,7 +17,8 @@ LEAST_BEND = 0.02
 """Stops per octave of grey: a steeper response would be a step, and divide by zero."""
 
 SAME_GREY = 0.5
-"""Medians of one group at two exposures that differ by less do not differ."""
+SAME_STOPS = 0.15
+"""A group whose medians differ by less, over more stops of exposure than that, is black or saturated."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,8 +36,8 @@ class Ends:
     def of(cls, tones: Tones) -> Ends:
         """The ends that a sweep shows: where a group's grey stays the same although its exposure changes."""
         lowest, highest = float(tones.greys.min()), float(tones.greys.max())
-        dark = (tones.greys < lowest + SAME_GREY).sum(axis=0).max() >= 2
-        bright = (tones.greys > highest - SAME_GREY).sum(axis=0) >= 2
+        dark = _stops_at(tones, tones.greys < lowest + SAME_GREY).max() > SAME_STOPS
+        bright = _stops_at(tones, tones.greys > highest - SAME_GREY) > SAME_STOPS
         saturation = float(np.median(tones.greys[-1, bright])) if bright.any() else GREY_LEVELS - 1 + tones.middle
         return cls(lowest, saturation, bool(dark))
 
@@ -85,6 +86,13 @@ class InverseCurve:
         return np.asarray(self.black + np.where(stops < self.stops[0], below, inside))
 
 
+def _stops_at(tones: Tones, end: NDArray[np.bool_]) -> Curve:
+    """Over how many stops of exposure each group is at an end."""
+    levels = tones.levels[:, None]
+    span = np.where(end, levels, -np.inf).max(axis=0) - np.where(end, levels, np.inf).min(axis=0)
+    return np.where(end.any(axis=0), span, 0.0)
+
+
 def octaves(grey: Curve, black: float) -> Curve:
     """The logarithm (base 2) of grey above black."""
     return np.asarray(np.log2(np.maximum(grey - black, 1e-3)))
@@ -114,6 +122,14 @@ def residuals(curve: InverseCurve, tones: Tones, within: NDArray[np.bool_]) -> C
     """Grey levels seen minus those that the curve predicts, shape (exposures, groups), 0 where not `within`."""
     predicted = curve.grey(radiances(curve, tones, within) + tones.levels[:, None])
     return np.where(within, tones.greys - predicted, 0.0)
+
+
+def residuals_from_others(curve: InverseCurve, tones: Tones, within: NDArray[np.bool_]) -> Curve:
+    """Grey levels seen minus those predicted from the group's other exposures, at those of `within`, shape (n,)."""
+    weights = np.where(within, 1.0 / (tones.errors * curve.slope(tones.greys)) ** 2, 0.0)
+    own_share = weights / np.maximum(weights.sum(axis=0), 1e-12)
+    # Leaving a value out of a mean moves it away from that value by its share.
+    return np.asarray(residuals(curve, tones, within)[within] / np.maximum(1.0 - own_share[within], 0.02))
 
 
 def misfit(curve: InverseCurve, tones: Tones, within: NDArray[np.bool_]) -> float:

@@ -31,7 +31,7 @@ LAG_SURPRISE = 0.6
 LONG_EXPOSURE_US = 15_000
 """Hardly anything is left of the flicker of mains in exposures as long as this or longer."""
 
-FLICKER_CHANGE = 0.4
+FLICKER_CHANGE = 0.5
 """Change from shot to shot over that of any two shots; 1 is no memory at all."""
 
 MOST_STEPS = 3
@@ -67,13 +67,13 @@ def _reason(light: Light, times: Curve, levels: Curve) -> str:
     drift = light.explained_by(_powers(times))
     if max(step, drift) > EXPLAINED:
         return "light_step" if step > drift - ALIKE else "light_drift"
+    if light.change_between_neighbours() > FLICKER_CHANGE:
+        return "flicker"
     if light.explained_by(_lags(levels)) > LAG_EXPLAINED and light.surprise() < LAG_SURPRISE:
         return "auto_exposure"
     long = np.exp2(levels) > LONG_EXPOSURE_US
     only_short = light.variation(~long) > 4.0 * light.variation(long) and light.weights[long].sum() > 0
-    if only_short or light.change_between_neighbours() > FLICKER_CHANGE:
-        return "flicker"
-    return "light_step" if light.explained_by_steps(MOST_STEPS) > EXPLAINED else "flicker"
+    return "light_step" if light.explained_by_steps(MOST_STEPS) > EXPLAINED and not only_short else "flicker"
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -23,6 +23,8 @@ REFUSED_FIT_GREY = 6.0
 ODD_EXPOSURE_STOPS = 0.06
 """An exposure so far from what all others say was not what it is said to be."""
 
+REFUSED_ODD_STOPS = 0.25
+
 MOVED_SHARE = 0.1
 
 
@@ -86,7 +88,7 @@ def _odd_exposure(tones: Tones, response: ResponseFunction) -> Finding | None:
         f"images at {np.exp2(tones.levels[worst]):.4g} us are {errors[worst]:+.2f} stops from what the others say: "
         "check that exposure time, or shut out flicker"
     )
-    return Finding("warned", "odd_exposure", text)
+    return Finding("refused" if abs(errors[worst]) > REFUSED_ODD_STOPS else "warned", "odd_exposure", text)
 
 
 def _moving(sweep: Sweep, response: ResponseFunction) -> Finding | None:

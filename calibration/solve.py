@@ -9,7 +9,16 @@ from numpy.typing import NDArray
 
 from calibration.families import FamilyFit, families, fit_family
 from calibration.free_curve import fit_free
-from calibration.inverse_curve import Ends, InverseCurve, as_well, misfit, octaves, residuals, usable
+from calibration.inverse_curve import (
+    Ends,
+    InverseCurve,
+    as_well,
+    misfit,
+    octaves,
+    residuals,
+    residuals_from_others,
+    usable,
+)
 from calibration.response import GREY_LEVELS, ResponseFunction
 from calibration.solution import ResponseSolution
 from calibration.sweep import Sweep
@@ -21,7 +30,7 @@ LINEAR_WITHIN_GREY = 0.4
 
 
 def solve_response(sweep: Sweep) -> ResponseSolution:
-    """Recover the response function: a curve free at every grey level, or a family's where that explains as much.
+    """Recover the response function: a free curve, or a family's where that explains as much.
 
     Takes what `judge_sweep` does not refuse; about a second for 80 shots of 390000 pixels.
 
@@ -31,9 +40,8 @@ def solve_response(sweep: Sweep) -> ResponseSolution:
         When no group of pixels was seen, neither black nor saturated, at two exposures.
     """
     tones = tones_by_exposure(sweep)
-    tones = replace(
-        tones, levels=tones.levels - tones.levels.mean()
-    )  # the scale is arbitrary; small numbers round less
+    # The scale is arbitrary: without it, and without the last digits, equal sweeps in other units stay equal.
+    tones = replace(tones, levels=np.round(tones.levels - tones.levels.mean(), 9))
     ends = Ends.of(tones)
     within = usable(tones, ends)
     if not within.any():
@@ -83,5 +91,5 @@ def _solution(
         parameters=parameters,
         uncertainty_stops=np.interp(octaves(greys, curve.black), curve.octaves, uncertainty),
         covered=(int(np.ceil(seen.min() - 0.5)), int(np.floor(seen.max() + 0.5))),
-        residual_grey=_rms(curve, tones, within),
+        residual_grey=float(np.sqrt(np.mean(residuals_from_others(curve, tones, within) ** 2))),
     )

@@ -173,9 +173,8 @@ def course_of(scenario: str, scene: str, seed: int, response: str = "linear") ->
     """The stage of one course, seen by sensors of a response function, and the first frame of it that is scored."""
     kind = SCENARIOS[scenario]
     course = kind.draw(np.random.default_rng([seed, list(SCENARIOS).index(scenario)]))
-    return Stage(
-        build_views(scene, seed, course.gaze, kind.at_window), course, seed, response=response
-    ), course.first_scored
+    views = build_views(scene, seed, course.gaze, kind.at_window)
+    return Stage(views, course, seed, response=response), course.first_scored
 
 
 def race(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import importlib.util
+import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -61,7 +62,7 @@ def write_report(path: Path, result: Result, other: tuple[Comparison, Result, Re
         result=result,
         facts=list(facts(result)),
         comparison=comparison,
-        measured=[(name, list(_flat(values))) for name, values in measured.items() if values],
+        measured=[(name, list(_flat(values)), list(_tables(values))) for name, values in measured.items() if values],
         pictures=[(picture, base64.b64encode(one_png(picture)).decode()) for picture in shown],
     )
     html, png = path.with_suffix(".html"), path.with_suffix(".png")
@@ -90,21 +91,38 @@ def facts(result: Result) -> Iterator[Fact]:
 
 
 def _flat(values: Mapping[str, Any], parent: str = "") -> Iterator[Fact]:
-    """Rows of what other commands wrote into the file; entries of a list are called after their first value."""
+    """Single values of what other commands wrote into the file."""
     for key, value in values.items():
         name = f"{parent}{key}".replace("_", " ")
         if isinstance(value, Mapping):
             yield from _flat(value, f"{name}: ")
-        elif isinstance(value, list) and all(isinstance(entry, Mapping) and entry for entry in value):
-            for entry in value:
-                (first, called), *rest = entry.items()
-                yield from _flat(dict(rest), f"{parent}{first} {_told(called)}: ")
-        elif value is not None:
+        elif not _is_table(value):
             yield name, _told(value)
 
 
+def _tables(values: Mapping[str, Any]) -> Iterator[tuple[list[str], list[list[str]]]]:
+    """Lists of entries in what other commands wrote, as the names of columns, and rows."""
+    for value in filter(_is_table, values.values()):
+        columns = list(value[0])
+        yield (
+            [name.replace("_", " ") for name in columns],
+            [[_told(row.get(name)) for name in columns] for row in value],
+        )
+
+
+def _is_table(value: Any) -> bool:
+    return isinstance(value, list) and bool(value) and all(isinstance(entry, Mapping) for entry in value)
+
+
 def _told(value: Any) -> str:
-    """A pair is a value and its standard error."""
-    if isinstance(value, list):
-        return " ± ".join(map(_told, value)) if len(value) == 2 else ", ".join(map(_told, value))
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
+    """A pair of numbers is a value and its standard error, of which two digits are told."""
+    match value:
+        case None:
+            return "not seen"
+        case [int() | float() as known, int() | float() as error] if 0 < error < math.inf:
+            decimals = max(0, 1 - math.floor(math.log10(error)))
+            return f"{known:.{decimals}f} ± {error:.{decimals}f}"
+        case float():
+            return f"{value:g}"
+        case _:
+            return str(value)

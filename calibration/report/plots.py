@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -27,6 +28,9 @@ DASHES: Sequence[tuple[float, str, str, str]] = (
 )
 """Changes of exposure level (stops), each with its colour (after Okabe and Ito), dash and marker."""
 INK = "#1b1b1b"
+UNSEEN: dict[str, Any] = {"facecolor": "none", "edgecolor": "#999999", "hatch": "///", "lw": 0, "alpha": 0.5}
+"""How grey levels look that the sweep did not see."""
+LEAST_DRAWN_STOPS = 1e-5
 MOST_POINTS = 4000
 MOST_RINGS = 250
 GREYS = np.arange(GREY_LEVELS)
@@ -76,6 +80,12 @@ def pictures(result: Result) -> list[Picture]:
             "Grey levels seen minus those predicted from other exposures. The black line is the mean; dashed: one grey "
             "level.",
             lambda axes: _draw_residual(axes, result),
+        ),
+        Picture(
+            "Uncertainty",
+            "Standard error of the response, as far as noise goes; a tenth of a stop is 7 % of the light. It counts "
+            "from the grey level where it dips, as only differences have a meaning. Hatched: not seen by the sweep.",
+            lambda axes: _draw_uncertainty(axes, solution),
         ),
         *sweep,
     ]
@@ -147,12 +157,20 @@ def _draw_response(axes: Axes, result: Result, solution: ResponseSolution) -> No
     axes.plot(curve, GREYS[inside], color="#0072b2", lw=2.5, label=f"response ({solution.model})")
     axes.plot(x[::every], y[::every], "o", mfc="none", color=INK, ms=4, mew=0.7, alpha=0.6, label="sweep")
     for bottom, top in ((0, low), (high, GREY_LEVELS - 1)):
-        if top > bottom:
-            axes.axhspan(bottom, top, facecolor="none", edgecolor="#999999", hatch="///", lw=0, alpha=0.5)
+        axes.axhspan(bottom, top, **UNSEEN)
     axes.set_ylim(0, GREY_LEVELS)
     axes.set_xlim(curve[1] - 0.5, 0.5)
     axes.legend(loc="upper left", frameon=False)
     _finish(axes, "log2 exposure (stops from saturation)", "grey level")
+
+
+def _draw_uncertainty(axes: Axes, solution: ResponseSolution) -> None:
+    low, high = solution.covered
+    axes.semilogy(GREYS, np.maximum(solution.uncertainty_stops, LEAST_DRAWN_STOPS), "-", color="#0072b2", lw=1.8)
+    for bottom, top in ((0, low), (high, GREY_LEVELS - 1)):
+        axes.axvspan(bottom, top, **UNSEEN)
+    axes.set_xlim(0, GREY_LEVELS)
+    _finish(axes, "grey level", "standard error (stops)")
 
 
 def _draw_predictions(axes: Axes, response: ResponseFunction) -> None:

@@ -119,6 +119,11 @@ def bounded_silently(curve: str) -> Sweep:
     return Bench(curve).sweep(really=lambda said, _: ExposureSetting(min(said.exposure_time_us, 5000.0), 0.0))
 
 
+def a_plain_wall_at_two_thirds_of_a_stop(curve: str) -> Sweep:
+    wall = np.full((176, WIDTH), 60.0, np.float32) * np.linspace(1.0, 1.1, WIDTH, dtype=np.float32)
+    return Bench(curve, view=lambda time_s: wall).sweep((1000.0, 1200.0, 1400.0, 1600.0))
+
+
 SPOILT: list[tuple[str, Spoil, str, str]] = [
     ("light down by a fifth", light(Change(0.4 * DURATION_S, 0.8)), "refused", "light_step"),
     ("light down by half", light(Change(0.25 * DURATION_S, 0.5)), "refused", "light_step"),
@@ -146,7 +151,7 @@ SPOILT: list[tuple[str, Spoil, str, str]] = [
     ("two images only", two_images, "refused", "too_few_exposures"),
     ("bounds, told", bounded_and_told, "warned", "bounds"),
     ("bounds, silent", bounded_silently, "refused", "bounds"),
-    ("hardly any light", constant_light(2e-4), "refused", "few_levels"),
+    ("hardly any contrast", a_plain_wall_at_two_thirds_of_a_stop, "refused", "few_levels"),
 ]
 
 

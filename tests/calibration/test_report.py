@@ -58,7 +58,7 @@ def test_the_page_opens_in_a_browser_and_needs_nothing_else(solved: Result, tmp_
     content, complaints = browse(page, tmp_path)
     assert complaints == ""
     assert f'data-images="{content.count("<img")} images, 0 broken"' in content
-    assert content.count("<img") == 5
+    assert content.count("<img") == 6
     assert all(source.startswith("data:") for source in re.findall(r'(?:src|href)="([^"]*)"', content))
     text = re.sub(r"<style.*?</style>|<[^>]+>", " ", content, flags=re.S)
     assert solved.solution is not None
@@ -100,7 +100,8 @@ def test_noise_and_latency_measured_before_stay(solved: Result, tmp_path: Path) 
     assert known.file is not None
     assert (known.file.noise, known.file.latency) == (noise, latency)
     text = write_report(tmp_path / "r.yaml", known).read_text(encoding="utf-8")
-    assert "<th>gain db 0: system gain</th><td>0.1235 ± 0.002</td>" in text
+    assert "<th>gain db</th><th>system gain</th><th>full well e</th>" in text
+    assert "<td>0</td><td>0.1235 ± 0.0020</td><td>not seen</td>" in text
     assert "<th>exposure time: frames: 2</th><td>30</td>" in text
     other = replace(file, origin=Origin(CameraIdentity("Maker", "Model 7", "0013")), noise={"system_gain": 1.0})
     assert solved.keeping(other).noise == {}
@@ -115,7 +116,7 @@ def test_two_cameras_are_compared(solved: Result, tmp_path: Path) -> None:
         encoding="utf-8"
     )
     assert "each needs its own file" in text
-    assert text.count("<img") == 6
+    assert text.count("<img") == 7
 
 
 def test_curves_are_told_apart_without_colour() -> None:
