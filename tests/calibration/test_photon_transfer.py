@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from calibration.photon_transfer import PhotonTransfer, photon_transfer
 from calibration.sweep import Shot, Sweep
@@ -87,6 +88,11 @@ def frozen(shot: Shot) -> Shot:
     return replace(shot, pixels=np.full_like(shot.pixels, min(shot.setting.exposure_time_us, 4095.0)))
 
 
+def lamp_beside_window(shot: int) -> NDArray[np.float64]:
+    """The left half flickers, the right half does not."""
+    return 1.0 + 0.3 * (shot % 2) * (np.arange(MODEL.width) < MODEL.width / 2)
+
+
 def tiny(shot: Shot) -> Shot:
     return replace(shot, pixels=shot.pixels[:8, :8])
 
@@ -96,6 +102,7 @@ SPOILT: list[tuple[str, Callable[[], Sweep], tuple[str, str], str]] = [
     ("s-shaped", lambda: noisy_sweep(response="s_shaped"), ("refused", "not_linear"), "switch off gamma"),
     ("mild flicker", lambda: noisy_sweep(light=lambda shot: 1.0 + 0.03 * (shot % 2)), ("warned", "flicker"), "3.0%"),
     ("flicker", lambda: noisy_sweep(light=lambda shot: 1.0 + 0.5 * (shot % 2)), ("refused", "flicker"), "does not"),
+    ("one lamp of two", lambda: noisy_sweep(light=lamp_beside_window), ("refused", "flicker"), "does not flicker"),
     ("drift", lambda: noisy_sweep(light=lambda shot: 1.0 + 0.005 * shot), ("warned", "light_drift"), "lamp warm up"),
     (
         "light step",
