@@ -97,10 +97,12 @@ def photon_transfer(sweep: Sweep) -> PhotonTransfer:
     saturation_dn = _saturation(curve)
     limit_dn = top_dn if saturation_dn is None else saturation_dn
     lines = fit_light_lines(shots, limit_dn, curve.step)
-    line = None if lines is None else _fit_line(curve, lines.black.value, limit_dn)
-    if lines is None or line is None:
-        return _refused("too_few_levels", _too_few(curve, np.zeros_like(curve.mean, bool), limit_dn), curve)
+    if lines is None:
+        return PhotonTransfer(None, (_too_few(curve, None, limit_dn),), curve)
     steadiness = judge_steadiness(lines, pairs, curve.variance_at, limit_dn)
+    line = _fit_line(curve, lines.black.value, limit_dn)
+    if line is None:
+        return PhotonTransfer(None, steadiness.refusals or (_too_few(curve, None, limit_dn),), curve)
     findings = [*steadiness.findings, *_doubts(curve, line, lines, limit_dn, steadiness)]
     if saturation_dn is None:
         findings.append(_UNSATURATED)
@@ -179,17 +181,20 @@ def _doubts(
             "linear response; switch off gamma, tone curves and automatics",
         )
     elif len(mean) < MIN_BINS or np.ptp(mean) < MIN_SPAN * span_dn or line.slope <= 0:
-        yield Finding("refused", "too_few_levels", _too_few(curve, line.used, limit_dn))
+        yield _too_few(curve, line, limit_dn)
 
 
-def _too_few(curve: VarianceCurve, used: NDArray[np.bool_], limit_dn: float) -> str:
-    saturated = float(curve.degrees[curve.mean > WHITE * limit_dn].sum() / max(curve.degrees.sum(), 1.0))
-    dark = float(curve.degrees[curve.mean < DARK * limit_dn].sum() / max(curve.degrees.sum(), 1.0))
-    reach = f", from {curve.mean[used][0]:.0f} to {curve.mean[used][-1]:.0f}" if used.any() else ""
-    return (
-        f"noise can be told at {used.sum()} steps of grey{reach} ({saturated:.0%} of the pixels are saturated, "
+def _too_few(curve: VarianceCurve, line: _Line | None, limit_dn: float) -> Finding:
+    pixels = max(float(curve.degrees.sum()), 1.0)
+    saturated = float(curve.degrees[curve.mean > WHITE * limit_dn].sum()) / pixels
+    dark = float(curve.degrees[curve.mean < DARK * limit_dn].sum()) / pixels
+    told = curve.mean[line.used] if line is not None else curve.mean[:0]
+    reach = f", from {told[0]:.0f} to {told[-1]:.0f}" if len(told) else ""
+    text = (
+        f"noise can be told at {len(told)} steps of grey{reach} ({saturated:.0%} of the pixels are saturated, "
         f"{dark:.0%} nearly black): take more exposures between nearly black and saturated"
     )
+    return Finding("refused", "too_few_levels", text)
 
 
 def _model(shot: Shot, line: _Line, lines: LightLines, saturation_dn: float | None) -> NoiseModel:

@@ -23,10 +23,16 @@ HOPELESS = 0.2
 """Light that changes by more says nothing about the black level."""
 BRIGHT = 0.1
 """Part of the way to saturation from which on a patch tells the light to better than noise and black level blur it."""
-MOVED_PATCHES = 0.1
+CHANGED_PATCHES = 0.1
 """Part of the patches that may change by themselves: a shadow, a leaf."""
-MOVED_SIGMAS = 6.0
+CHANGED_SIGMAS = 6.0
 """A change of a patch's mean grey by so much is no noise, also of cameras whose rows have noise in common."""
+TOGETHER = 0.9
+"""Excess of patches that change one way over those that change the other, as a part of both: lights do that."""
+_ADVICE = {
+    "flicker": "use light that does not flicker, such as daylight or a lamp on direct current",
+    "moving_scene": "put the camera on a tripod and keep out of the picture",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,14 +42,19 @@ class Steadiness:
     Attributes
     ----------
     light
-        The largest change of light between shots of one setting, as a part of it; infinite, since nothing is known of
-        it, when the scene moved.
+        The largest change of light between shots of one setting, as a part of it; infinite where the scene moved, or
+        not all of its lights changed, so that it cannot be told.
     findings
         What of it is worth telling.
     """
 
     light: float
     findings: tuple[Finding, ...]
+
+    @property
+    def refusals(self) -> tuple[Finding, ...]:
+        """Those that leave nothing to believe."""
+        return tuple(finding for finding in self.findings if finding.severity == "refused")
 
 
 def judge_steadiness(
@@ -58,21 +69,16 @@ def judge_steadiness(
     variance
         The variance of a pixel (DN squared) by its grey level.
     """
-    moved = max(_moved(lines, pair, variance) for pair in pairs)
-    if moved > MOVED_PATCHES:  # what the light did cannot be told apart from that
-        text = (
-            f"{moved:.0%} of the image changed by itself between two images of one setting: put the camera on a tripod "
-            "and keep out of the picture"
-        )
-        return Steadiness(math.inf, (Finding("refused", "moving_scene", text),))
+    changed, together = max(_changed(lines, pair, variance) for pair in pairs)
+    if changed > CHANGED_PATCHES:  # how much the light changed cannot be told apart from that
+        reason = "flicker" if together else "moving_scene"
+        text = f"{changed:.0%} of the image changed by itself between two images of one setting: {_ADVICE[reason]}"
+        return Steadiness(math.inf, (Finding("refused", reason, text),))
     least_dn = BRIGHT * (saturation_dn - lines.black.value)
     flicker = max(abs(lines.change(one, other, least_dn)) for one, other in pairs)
     findings = []
     if flicker > FLICKER:
-        text = (
-            f"light changed by {flicker:.1%} between two images of one setting: use light that does not flicker, such "
-            "as daylight or a lamp on direct current"
-        )
+        text = f"light changed by {flicker:.1%} between two images of one setting: {_ADVICE['flicker']}"
         findings.append(Finding("refused" if flicker > HOPELESS else "warned", "flicker", text))
     drift = _drift(lines, [one for one, _ in pairs], least_dn)
     if drift > DRIFT + flicker:
@@ -92,14 +98,20 @@ def _drift(lines: LightLines, shots: list[int], least_dn: float) -> float:
     return max(abs(lines.change(alike[0], shot, least_dn)) for alike in by_time.values() for shot in alike)
 
 
-def _moved(lines: LightLines, pair: tuple[int, int], variance: Callable[[Array], Array]) -> float:
-    """Part of the patches that changed by more than noise and the light can, between two images of a pair."""
+def _changed(lines: LightLines, pair: tuple[int, int], variance: Callable[[Array], Array]) -> tuple[float, bool]:
+    """Part of the patches that changed by more than noise and one light can, and whether nearly all the same way.
+
+    What moves makes some patches brighter and others darker; lights that flicker beside others that do not, only one.
+    """
     one, other = (lines.grey[index] for index in pair)
     seen = np.isfinite(one + other)
-    if not seen.any():
-        return 0.0
     mean, change = (one + other)[seen] / 2.0, (one - other)[seen]
-    signal = mean - lines.black.value
-    change -= signal * float(change @ signal) / max(float(signal @ signal), 1e-12)
-    noise = np.sqrt(np.maximum(variance(mean), 0.0) * 2.0 / PATCH_PX**2 + lines.rounding_dn**2)
-    return float((np.abs(change) > MOVED_SIGMAS * noise).mean())
+    if len(mean) < 2:
+        return 0.0, False
+    limit = CHANGED_SIGMAS * np.sqrt(np.maximum(variance(mean), 0.0) * 2.0 / PATCH_PX**2 + lines.rounding_dn**2)
+    signs = np.sign(change[np.abs(change) > limit])
+    together = bool(abs(signs.sum()) > TOGETHER * len(signs))
+    # Another light changes grey in proportion to its distance from black, which flicker leaves not well known.
+    light = np.stack([np.ones_like(mean), mean], axis=1)
+    change -= light @ np.linalg.lstsq(light, change)[0]
+    return float((np.abs(change) > limit).mean()), together

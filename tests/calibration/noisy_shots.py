@@ -36,13 +36,13 @@ def noisy_sweep(
     exposures: int = 14,
     stops: tuple[float, float] = (-7.0, 2.0),
     response: str = "linear",
-    light: Callable[[int], float] = lambda shot: 1.0,
+    light: Callable[[int], float | NDArray[np.float64]] = lambda shot: 1.0,
     moved: Callable[[int], int] = lambda shot: 0,
 ) -> Sweep:
     """Pairs at so many exposure times, one of them repeated at the end.
 
     `stops` are counted from where the bright parts of the scene saturate. `light` is the factor on the light of each
-    shot, and `moved` by how many pixels the scene has shifted in it.
+    shot, one for all or one for each pixel, and `moved` by how many pixels the scene has shifted in it.
     """
     sensor, lit = Sensor(MODEL, 7, response), radiance(scene)
     bright = float(np.percentile(lit, 95)) * MODEL.sensitivity_e_per_lux_s
@@ -53,7 +53,7 @@ def noisy_sweep(
         settings = ImageSettings(
             float(time_us), gain_db, black_level_percent, 1.0, pixel_format, 0, 0, MODEL.width, MODEL.height, 1, 1
         )
-        seen = np.roll(lit, moved(index), axis=1) * np.float32(light(index))
+        seen = np.roll(lit, moved(index), axis=1) * np.asarray(light(index), np.float32)
         setting = ExposureSetting(float(time_us), gain_db)
         shots.append(Shot(sensor.expose(seen, settings, index), BIT_DEPTHS[pixel_format], setting, 0.1 * index))
     return Sweep(tuple(shots))
