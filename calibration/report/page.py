@@ -9,10 +9,10 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from calibration.comparison import Comparison
-from calibration.facts import Fact, curve_facts, origin_facts
+from calibration.commands.facts import Fact, curve_facts, origin_facts
+from calibration.commands.result import Result
 from calibration.response_file import ResponseFile
-from calibration.result import Result
+from calibration.solver.comparison import Comparison
 from drivers.errors import ConfigurationError
 
 EXTRA = {"matplotlib": "matplotlib", "jinja2": "jinja2", "PIL": "pillow"}

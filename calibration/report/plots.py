@@ -12,11 +12,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from calibration.agreement import log2_exposure
+from calibration.commands.result import Result
 from calibration.prediction import prediction_table
 from calibration.response import GREY_LEVELS, ResponseFunction
-from calibration.result import Result
 from calibration.solution import ResponseSolution
+from calibration.solver.agreement import log2_exposure
 
 DASHES: Sequence[tuple[float, str, str, str]] = (
     (-2.0, "#0072b2", ":", "v"),

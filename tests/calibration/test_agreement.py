@@ -3,12 +3,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calibration.agreement import agreement
-from calibration.check import judge_agreement, plan_check
-from calibration.comparison import compare
+from calibration.commands.check import judge_agreement, plan_check
 from calibration.response import ResponseFunction
 from calibration.solution import ResponseSolution
-from calibration.tones import tones_by_exposure
+from calibration.solver.agreement import agreement
+from calibration.solver.comparison import compare
+from calibration.solver.tones import tones_by_exposure
 from drivers.exposure import ExposureLimits, ExposureSetting
 from tests.calibration.made_up_camera import MadeUpCamera, gamma, linear, sweep
 

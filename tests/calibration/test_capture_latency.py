@@ -10,11 +10,11 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from calibration import capture_latency as capture_module
-from calibration import session as session_module
-from calibration.capture_latency import capture_latency
-from calibration.session import Session
-from calibration.write_effect import WriteEffect
+from calibration.latency import capture as capture_module
+from calibration.latency.capture import capture_latency
+from calibration.latency.write_effect import WriteEffect
+from calibration.sources import session as session_module
+from calibration.sources.session import Session
 from drivers.camera import CameraDescription
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Frame, SettingSource

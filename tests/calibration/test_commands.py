@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from calibration.capture import SweepPlan
-from calibration.commands import calibrate_app
+from calibration.commands.app import calibrate_app
 from calibration.prediction import prediction_tables
 from calibration.response import ResponseFunction
 from calibration.response_file import CameraIdentity, Origin, ResponseFile
+from calibration.sources.capture import SweepPlan
 from drivers.errors import AutoexposeError
 from drivers.exposure import ExposureSetting
 from fake_camera.response import response_table
@@ -134,7 +134,7 @@ def test_what_cannot_be_is_one_sentence(
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Half the exposures, for half the time."""
-    monkeypatch.setattr("calibration.capture.STEP_STOPS", 1.0)
+    monkeypatch.setattr("calibration.sources.capture.STEP_STOPS", 1.0)
 
 
 @contextlib.contextmanager

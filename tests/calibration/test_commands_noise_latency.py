@@ -11,15 +11,15 @@ import pytest
 from rich.console import Console
 from rich.table import Table
 
-from calibration import commands_noise
-from calibration.capture_noise import default_gains_db, plan_noise
-from calibration.commands_latency import latency_document, latency_table, when_it_shows
-from calibration.commands_noise import noise_document, noise_table
-from calibration.noise_model import Estimate, NoiseModel
+from calibration.commands import noise as commands_noise
+from calibration.commands.latency import latency_document, latency_table, when_it_shows
+from calibration.commands.noise import noise_document, noise_table
+from calibration.latency.write_effect import WriteEffect
+from calibration.noise.capture import default_gains_db, plan_noise
+from calibration.noise.model import Estimate, NoiseModel
 from calibration.response import ResponseFunction
 from calibration.response_file import CameraIdentity, Origin, ResponseFile
-from calibration.session import session_setup
-from calibration.write_effect import WriteEffect
+from calibration.sources.session import session_setup
 from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureLimits
 from drivers.setup import CameraSetup

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from calibration.images import read_images
-from calibration.solve import solve_response
+from calibration.solver.solve import solve_response
+from calibration.sources.images import read_images
 from drivers.errors import ConfigurationError
 from tests.calibration.sweeps import TIMES_US, Bench
 

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.judge_solution import judge_solution
-from calibration.judge_sweep import judge_sweep
-from calibration.solve import solve_response
+from calibration.judges.solution import judge_solution
+from calibration.judges.sweep import judge_sweep
+from calibration.solver.solve import solve_response
 from calibration.sweep import Shot, Sweep
 from drivers.exposure import ExposureSetting, decibels
 from fake_camera.lighting import Change, Flicker, LightScript

@@ -11,9 +11,9 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from calibration.photon_transfer import PhotonTransfer, photon_transfer
+from calibration.noise.photon_transfer import PhotonTransfer, photon_transfer
+from calibration.noise.variance_curve import quantised, variance_curve, without_quantisation
 from calibration.sweep import Shot, Sweep
-from calibration.variance_curve import quantised, variance_curve, without_quantisation
 from drivers.exposure import ExposureSetting
 from fake_camera.sensor import MAX_GREY
 from tests.calibration.noisy_shots import MODEL, Scene, noisy_sweep

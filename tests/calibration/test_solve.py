@@ -14,12 +14,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from calibration.images import read_images
-from calibration.judge_solution import judge_solution
-from calibration.judge_sweep import judge_sweep
+from calibration.judges.solution import judge_solution
+from calibration.judges.sweep import judge_sweep
 from calibration.prediction import prediction_tables
 from calibration.response import ResponseFunction
-from calibration.solve import solve_response
+from calibration.solver.solve import solve_response
+from calibration.sources.images import read_images
 from calibration.sweep import Shot, Sweep
 from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureSetting

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from autoexpose_daemon.control.loop import ControlLoop
 from calibration.response import ResponseFunction
-from calibration.solve import solve_response
+from calibration.solver.solve import solve_response
 from drivers.exposure import ExposureLimits, ExposureSetting
 from evaluation.closed_loop import Entrant, course_of, race
 from evaluation.oracle import Oracle

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.response import GREY_LEVELS, ResponseFunction
-from calibration.tones import Tones
+from calibration.solver.tones import Tones
 
 MAX_DELTA_STOPS = 2.1
 """Two stops, however cameras round exposure times: the daemon predicts no further."""

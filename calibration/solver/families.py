@@ -9,9 +9,9 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.inverse_curve import Ends, InverseCurve, misfit, nodes, residuals
 from calibration.solution import ResponseModel
-from calibration.tones import Curve, Tones
+from calibration.solver.inverse_curve import Ends, InverseCurve, misfit, nodes, residuals
+from calibration.solver.tones import Curve, Tones
 
 BASIS_CURVES = 4
 """Four curves in five of our family are then met within 0.22 grey levels (root mean square), the worst within 0.6."""

@@ -9,11 +9,11 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from calibration.capture import SweepPlan, plan_sweep
+from calibration.commands.result import Result, calibrate
+from calibration.commands.rig import CameraMode
 from calibration.response_file import CameraIdentity, Origin
-from calibration.result import Result, calibrate
-from calibration.rig import CameraMode
-from calibration.session import Session
+from calibration.sources.capture import SweepPlan, plan_sweep
+from calibration.sources.session import Session
 from calibration.sweep import Shot, Sweep
 from drivers.aravis import open_camera
 from drivers.errors import AutoexposeError, ConfigurationError
@@ -44,7 +44,7 @@ def measure_camera(mode: CameraMode, gain_db: float, console: Console) -> Result
 
 def measure_images(source: Path) -> Result:
     """Solve the sweep that a folder or a list of images holds; no camera is known of it."""
-    from calibration.images import read_images  # noqa: PLC0415  it needs pillow, of the extra
+    from calibration.sources.images import read_images  # noqa: PLC0415  it needs pillow, of the extra
 
     origin = Origin(date=datetime.now(UTC).replace(microsecond=0), tool=tool())
     return calibrate(f"the images of {source}", origin, read_images(source))

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.response import GREY_LEVELS
-from calibration.tones import Curve, Tones
+from calibration.solver.tones import Curve, Tones
 
 CLEAR_OF_ENDS_GREY = 0.8
 """A median so near to black or saturation may stand for anything beyond."""

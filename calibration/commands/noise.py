@@ -11,12 +11,12 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from calibration.additions import response_file_of
-from calibration.capture_noise import default_gains_db, plan_noise
-from calibration.measure import check_gain, take
-from calibration.noise_model import Estimate, NoiseModel
-from calibration.photon_transfer import PhotonTransfer, photon_transfer
-from calibration.session import Session, session_setup
+from calibration.commands.additions import response_file_of
+from calibration.commands.measure import check_gain, take
+from calibration.noise.capture import default_gains_db, plan_noise
+from calibration.noise.model import Estimate, NoiseModel
+from calibration.noise.photon_transfer import PhotonTransfer, photon_transfer
+from calibration.sources.session import Session, session_setup
 from calibration.sweep import Sweep
 from drivers.aravis import AravisCamera, open_camera
 from drivers.errors import ConfigurationError

@@ -9,17 +9,17 @@ from typing import cast
 import numpy as np
 from rich.console import Console
 
-from calibration.agreement import Agreement, agreement
-from calibration.capture import FIRST_TIME_US, LONGEST_TIME_US, StaticCamera, SweepPlan
+from calibration.commands.measure import check_gain, take
+from calibration.commands.rig import CameraMode
 from calibration.findings import Finding
-from calibration.judge_sweep import judge_sweep
-from calibration.measure import check_gain, take
+from calibration.judges.sweep import judge_sweep
 from calibration.response import ResponseFunction
 from calibration.response_file import ResponseFile
-from calibration.rig import CameraMode
-from calibration.session import Session
+from calibration.solver.agreement import Agreement, agreement
+from calibration.solver.tones import grey8, tones_by_exposure
+from calibration.sources.capture import FIRST_TIME_US, LONGEST_TIME_US, StaticCamera, SweepPlan
+from calibration.sources.session import Session
 from calibration.sweep import Sweep
-from calibration.tones import grey8, tones_by_exposure
 from drivers.aravis import open_camera
 from drivers.exposure import ExposureSetting
 from drivers.setup import PixelFormat

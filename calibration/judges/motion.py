@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from calibration.prediction import prediction_table
 from calibration.response import GREY_LEVELS, ResponseFunction
+from calibration.solver.tones import exposure_index, grey8
 from calibration.sweep import Sweep
-from calibration.tones import exposure_index, grey8
 
 BLOCK_PX = 16
 

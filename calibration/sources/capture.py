@@ -31,7 +31,7 @@ OVERHEAD_S = 0.15
 
 
 class StaticCamera(Protocol):
-    """What a sweep asks of a camera on a tripod; see `calibration.session.Session`."""
+    """What a sweep asks of a camera on a tripod; see `calibration.sources.session.Session`."""
 
     @property
     def limits(self) -> ExposureLimits:

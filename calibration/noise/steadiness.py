@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.findings import Finding
-from calibration.light_lines import PATCH_PX, LightLines
+from calibration.noise.light_lines import PATCH_PX, LightLines
 
 Array = NDArray[np.float64]
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.noise_model import Estimate
+from calibration.noise.model import Estimate
 from calibration.sweep import Shot
 
 PATCH_PX = 16

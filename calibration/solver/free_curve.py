@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.inverse_curve import InverseCurve, as_well, misfit, octaves, residuals
-from calibration.tones import Curve, Tones
+from calibration.solver.inverse_curve import InverseCurve, as_well, misfit, octaves, residuals
+from calibration.solver.tones import Curve, Tones
 
 SMOOTHNESS = (1e4, 1e3, 1e2, 10.0, 1.0, 0.1)
 """Weights tried of the squared second derivative against squared errors of medians, the smoothest first.

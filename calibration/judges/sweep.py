@@ -6,12 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.findings import Finding
-from calibration.inverse_curve import Ends, usable
-from calibration.judge_exposures import judge_exposures
-from calibration.judge_light import judge_light
-from calibration.judge_motion import moved_share
+from calibration.judges.exposures import judge_exposures
+from calibration.judges.light import judge_light
+from calibration.judges.motion import moved_share
+from calibration.solver.inverse_curve import Ends, usable
+from calibration.solver.tones import Curve, Tones, exposure_index, of_exposures, tones_by_shot
 from calibration.sweep import Sweep
-from calibration.tones import Curve, Tones, exposure_index, of_exposures, tones_by_shot
 
 FEWEST_EXPOSURES = 3
 

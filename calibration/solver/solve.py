@@ -7,9 +7,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.families import FamilyFit, families, fit_family
-from calibration.free_curve import fit_free
-from calibration.inverse_curve import (
+from calibration.response import GREY_LEVELS, ResponseFunction
+from calibration.solution import ResponseSolution
+from calibration.solver.families import FamilyFit, families, fit_family
+from calibration.solver.free_curve import fit_free
+from calibration.solver.inverse_curve import (
     Ends,
     InverseCurve,
     as_well,
@@ -19,10 +21,8 @@ from calibration.inverse_curve import (
     residuals_from_others,
     usable,
 )
-from calibration.response import GREY_LEVELS, ResponseFunction
-from calibration.solution import ResponseSolution
+from calibration.solver.tones import Curve, Tones, tones_by_exposure
 from calibration.sweep import Sweep
-from calibration.tones import Curve, Tones, tones_by_exposure
 from drivers.errors import ConfigurationError
 
 LINEAR_WITHIN_GREY = 0.4

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from calibration.findings import Finding
-from calibration.inverse_curve import Ends, usable
-from calibration.judge_motion import moved_share_between_exposures
+from calibration.judges.motion import moved_share_between_exposures
 from calibration.response import ResponseFunction
 from calibration.solution import ResponseSolution
+from calibration.solver.inverse_curve import Ends, usable
+from calibration.solver.tones import Tones, tones_by_exposure
 from calibration.sweep import Sweep
-from calibration.tones import Tones, tones_by_exposure
 
 UNSEEN_GREY = 32
 """More grey levels not seen, at an end or in between, are worth a word."""

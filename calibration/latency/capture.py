@@ -12,8 +12,8 @@ from statistics import median
 import numpy as np
 
 from calibration.findings import Finding
-from calibration.session import Session
-from calibration.write_effect import SeenFrame, Trial, WriteEffect, WrittenQuantity, is_told, write_effect
+from calibration.latency.write_effect import SeenFrame, Trial, WriteEffect, WrittenQuantity, is_told, write_effect
+from calibration.sources.session import Session
 from drivers.exposure import DB_PER_STOP, ExposureLimits, ExposureSetting
 from drivers.frames import Frame, Pixels
 from drivers.latency import FRAMES_AFTER

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.exposure_times import timed_files
+from calibration.sources.exposure_times import timed_files
 from calibration.sweep import Shot, Sweep
 from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureSetting
@@ -20,7 +20,7 @@ GREEN = 1
 
 
 def read_images(source: Path) -> Sweep:
-    """A sweep from the images of a folder or of a list; `calibration.exposure_times` says what tells their times.
+    """A sweep from the images of a folder or of a list; `exposure_times` says what tells their times.
 
     Of colour images the green channel is taken: one channel has one response and one saturation, a mix of them has not.
     Images of 16 bits whose pixels all stay below 4096 are taken for 12 bits in 16. The gain is not known and given as

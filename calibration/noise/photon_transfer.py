@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.findings import Finding
-from calibration.light_lines import LightLines, fit_light_lines
-from calibration.noise_model import Estimate, NoiseModel
-from calibration.steadiness import BRIGHT, Steadiness, judge_steadiness
+from calibration.noise.light_lines import LightLines, fit_light_lines
+from calibration.noise.model import Estimate, NoiseModel
+from calibration.noise.steadiness import BRIGHT, Steadiness, judge_steadiness
+from calibration.noise.variance_curve import VarianceCurve, pairs_of, variance_curve
 from calibration.sweep import Shot, Sweep
-from calibration.variance_curve import VarianceCurve, pairs_of, variance_curve
 
 Array = NDArray[np.float64]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from calibration.capture import LONGEST_TIME_US, StaticCamera, SweepPlan
+from calibration.sources.capture import LONGEST_TIME_US, StaticCamera, SweepPlan
 from drivers.exposure import ExposureLimits, ExposureSetting
 
 FIRST_TIME_US = 2000.0

@@ -12,10 +12,10 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from calibration.additions import response_file_of
-from calibration.capture_latency import TRIALS, capture_latency
-from calibration.session import Session, session_setup
-from calibration.write_effect import WriteEffect
+from calibration.commands.additions import response_file_of
+from calibration.latency.capture import TRIALS, capture_latency
+from calibration.latency.write_effect import WriteEffect
+from calibration.sources.session import Session, session_setup
 from drivers.aravis import open_camera
 from drivers.errors import AutoexposeError
 

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.findings import Finding
+from calibration.solver.tones import Curve, Tones, exposure_index, grey8, of_exposures
 from calibration.sweep import Sweep
-from calibration.tones import Curve, Tones, exposure_index, grey8, of_exposures
 
 MID_GREY = 24
 """Groups so far from the ends of what was seen must brighten with exposure, ..."""

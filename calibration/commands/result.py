@@ -6,15 +6,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
-from calibration.agreement import Agreement, agreement
 from calibration.findings import Finding
-from calibration.judge_solution import judge_solution
-from calibration.judge_sweep import judge_sweep
+from calibration.judges.solution import judge_solution
+from calibration.judges.sweep import judge_sweep
 from calibration.response_file import Origin, ResponseFile
 from calibration.solution import ResponseSolution
-from calibration.solve import solve_response
+from calibration.solver.agreement import Agreement, agreement
+from calibration.solver.solve import solve_response
+from calibration.solver.tones import Tones, tones_by_exposure, tones_by_shot
 from calibration.sweep import Sweep
-from calibration.tones import Tones, tones_by_exposure, tones_by_shot
 
 Verdict = Literal["believe it", "with care", "refused"]
 

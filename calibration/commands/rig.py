@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, get_args
 
-from calibration.session import session_setup
+from calibration.sources.session import session_setup
 from calibration.strict_yaml import load_mapping
 from drivers.errors import ConfigurationError
 from drivers.frames import Side
@@ -22,7 +22,7 @@ class CameraMode:
     binning: int | None = None
 
     def setup(self) -> CameraSetup:
-        """How to open it for a `calibration.session.Session`."""
+        """How to open it for a `calibration.sources.session.Session`."""
         return replace(session_setup(self.pixel_format), binning=self.binning)
 
 
