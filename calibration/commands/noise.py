@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, cast
 
 import typer
 from rich.console import Console
@@ -42,11 +43,12 @@ def noise(
     """Measure system gain, read noise, black level and full well at each gain, by photon transfer (EMVA 1288)."""
     console = Console(highlight=False)
     file = None if output is None else response_file_of(output, camera)
-    with Session(_open(camera, pixel_format)) as session:
+    with _session(camera, pixel_format) as session:
         used_format = str(session.description.pixel_format)
         results = _measure(session, gain_db, console)
     models = [result.model for result in results.values() if result.model is not None]
-    console.print(noise_table(f"camera {camera}, {used_format}", models))
+    if models:
+        console.print(noise_table(f"camera {camera}, {used_format}", models))
     for gain, result in results.items():
         for finding in result.findings:
             console.print(f"{finding.severity} at {gain:g} dB: {finding.text}", soft_wrap=True)
@@ -100,6 +102,18 @@ def _told(estimate: Estimate) -> str:
     error = float(f"{estimate.error:.2g}")
     decimals = max(0, -int(f"{error:e}".split("e")[1]) + 1) if error > 0 else 0
     return f"{estimate.value:.{decimals}f}±{error:.{decimals}f}"
+
+
+@contextmanager
+def _session(serial: str, pixel_format: PixelFormat | None) -> Iterator[Session]:
+    """A session in the format asked for, or the deepest; at its end the camera gets back the format it had."""
+    with closing(open_camera(serial, session_setup())) as camera:
+        former = camera.description.pixel_format
+    try:
+        with Session(_open(serial, pixel_format)) as session:
+            yield session
+    finally:
+        open_camera(serial, session_setup(cast(PixelFormat, former))).close()
 
 
 def _open(serial: str, pixel_format: PixelFormat | None) -> AravisCamera:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,6 +21,7 @@ from calibration.noise.model import Estimate, NoiseModel
 from calibration.response import ResponseFunction
 from calibration.response_file import CameraIdentity, Origin, ResponseFile
 from calibration.sources.session import session_setup
+from drivers.aravis import open_camera
 from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureLimits
 from drivers.setup import CameraSetup
@@ -187,6 +189,8 @@ def test_noise_over_the_wire_is_that_of_the_sensor(fake: FakeCamera, gain_db: fl
     assert measured["read_noise_e"][0] == pytest.approx(SENSOR.read_noise_e, rel=0.10)
     assert measured["full_well_e"][0] == pytest.approx(4095.0 / system_gain, rel=0.03)
     assert abs(measured["black_level_dn"][0]) < 1.0
+    with closing(open_camera(fake.serial, session_setup())) as camera:
+        assert camera.description.pixel_format == "Mono8"  # as before
 
 
 @pytest.mark.realtime
