@@ -75,6 +75,7 @@ def test_a_stopped_trigger_and_a_lost_camera_degrade_and_feed_the_watchdog(rig: 
         wait_for_exposing(service)
         assert service.stop() == 0
         service.wait_for("STOPPING=1")
+        service.wait_for("STATUS=stopping")
         assert service.heard.count("READY=1") == 1
 
 
