@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,7 +12,7 @@ from typing import Any
 import pytest
 import yaml
 
-from tests.autoexpose_daemon.service_process import ServiceProcess, running_service
+from tests.autoexpose_daemon.service_process import PATIENCE_S, ServiceProcess, running_service
 from tests.autoexpose_daemon.stereo import stereo_cameras
 from tests.fakes import FakeCamera
 
@@ -101,6 +102,18 @@ def test_sighup_takes_what_can_be_and_says_why_not(rig: Rig, file: Path) -> None
         service.wait_for("READY=1")
         wait_for_exposing(service)
         assert service.log.count(", ready") == opened + 2
+
+
+@pytest.mark.parametrize(("sections", "why"), [IMPOSSIBLE[0], IMPOSSIBLE[-1]])
+def test_a_start_that_cannot_be_is_told_and_is_not_worth_another(
+    rig: Rig, file: Path, sections: dict[str, Any], why: str
+) -> None:
+    configure(file, rig, **sections)
+    with running_service(file) as service:
+        assert why in service.wait_for("STATUS=failed: ")
+        assert service.process.wait(PATIENCE_S) == os.EX_CONFIG
+        assert service.log.splitlines()[-1].startswith("autoexpose: ")
+        assert "Traceback" not in service.log
 
 
 def test_after_sigkill_it_exposes_again_from_where_it_was(rig: Rig, file: Path, tmp_path: Path) -> None:
