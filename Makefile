@@ -8,14 +8,15 @@ APT := $(SUDO) env DEBIAN_FRONTEND=noninteractive apt-get -y --no-install-recomm
 
 # What the daemon and the demo stand on, and what only the tests need.
 DEMO_PACKAGES := gir1.2-aravis-0.8 python3-gi python3-venv libusb-1.0-0
-TEST_PACKAGES := $(DEMO_PACKAGES) aravis-tools-cli aravis-tools tshark gcc libc6-dev python3-dev usbutils systemd
+TEST_PACKAGES := $(DEMO_PACKAGES) aravis-tools-cli aravis-tools tshark gcc libc6-dev python3-dev usbutils chromium systemd
 SHIM_PACKAGES := gcc libc6-dev python3-dev
+KERNEL_PACKAGES := qemu-system-x86 kmod udev usbip
 ROBOT_PACKAGES := $(DEMO_PACKAGES) $(SHIM_PACKAGES) udev
 
 # Of the optional C libraries: built where there are a compiler and python3-dev, as after `make setup`.
 NATIVE_SOURCES := setup.py $(wildcard autoexpose_daemon/control/native/* fake_camera/usb3/shim/*)
 
-.PHONY: setup shim demo test lint bench accept soak install uninstall deb clean
+.PHONY: setup shim demo test lint bench accept soak test-kernel install uninstall deb clean
 .DEFAULT_GOAL := demo
 
 # Stamps make second runs start at once; they are remade when what is installed changes.
@@ -23,13 +24,13 @@ $(VENV)/demo.stamp: pyproject.toml $(NATIVE_SOURCES)
 	@./tools/apt-missing $(DEMO_PACKAGES) | xargs -r sh -c '$(APT) update && $(APT) install "$$@"' --
 	@[ -x $(PY) ] || /usr/bin/python3 -m venv --system-site-packages $(VENV)
 	@echo "installing Python packages into $(VENV) ..."
-	@$(PY) -m pip install --quiet --disable-pip-version-check --editable '.[sim]'
+	@$(PY) -m pip install --quiet --disable-pip-version-check --editable '.[sim,calibration]'
 	@touch $@
 
 $(VENV)/dev.stamp: $(VENV)/demo.stamp pyproject.toml
 	@./tools/apt-missing $(TEST_PACKAGES) | xargs -r sh -c '$(APT) update && $(APT) install "$$@"' --
 	@echo "installing the tools of the tests ..."
-	@$(PY) -m pip install --quiet --disable-pip-version-check --editable '.[sim,dev]'
+	@$(PY) -m pip install --quiet --disable-pip-version-check --editable '.[sim,calibration,dev]'
 	@touch $@
 
 setup: $(VENV)/dev.stamp ## make .venv with everything
@@ -62,6 +63,15 @@ soak: $(VENV)/dev.stamp ## endurance: ten minutes of demo, the account must bala
 	@mkdir -p out
 	$(VENV)/bin/autoexpose demo --seconds 600 --policy neves2009 --summary out/soak.json
 	REPLUG_CYCLES=50 $(VENV)/bin/pytest tests/autoexpose_daemon/test_replug.py tests/autoexpose_daemon/test_replug_usb3.py
+
+# Fetched anew when the scripts that unpack or start it change, or after `make clean`.
+build/kernel/initramfs.gz: tests/kernel/build tests/kernel/init
+	@$(APT) update
+	@./tools/apt-missing $(KERNEL_PACKAGES) | xargs -r $(APT) install
+	@./tests/kernel/build
+
+test-kernel: $(VENV)/dev.stamp build/kernel/initramfs.gz ## a stock kernel in QEMU attaches the USB3 Vision fake
+	@./tests/kernel/run $(PY)
 
 install: ## to /opt/autoexpose, with its unit; a configuration that is there stays. DESTDIR: only the files, below it
 ifeq ($(DESTDIR),)

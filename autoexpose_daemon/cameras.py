@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 
 from autoexpose_daemon.config import Config
+from calibration.response_file import ResponseFile
 from drivers.aravis import open_camera
 from drivers.camera import Camera
+from drivers.errors import ConfigurationError
 from drivers.frames import Side
 from drivers.setup import CameraSetup, TriggerSetup
 
@@ -16,8 +19,9 @@ def openers(config: Config) -> dict[Side, Callable[[], Camera]]:
     """For each side of the rig, what opens its camera as configured."""
     return {
         side: partial(
-            open_camera,
+            _open,
             camera.serial,
+            camera.response,
             CameraSetup(
                 trigger=_trigger(config, side),
                 pixel_format=config.image.pixel_format,
@@ -27,6 +31,18 @@ def openers(config: Config) -> dict[Side, Callable[[], Camera]]:
         )
         for side, camera in config.sides.items()
     }
+
+
+def _open(serial: str, response: Path | None, setup: CameraSetup) -> Camera:
+    """Open a camera, and refuse a response file for another pixel format than it turns out to send."""
+    camera = open_camera(serial, setup)
+    if response is not None:
+        try:
+            ResponseFile.load(response).check_belongs(response, serial, camera.description.pixel_format)
+        except ConfigurationError:
+            camera.close()
+            raise
+    return camera
 
 
 def _trigger(config: Config, side: Side) -> TriggerSetup:

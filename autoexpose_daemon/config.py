@@ -15,6 +15,7 @@ from autoexpose_daemon.config_section import Finite, Positive, Section
 from autoexpose_daemon.control.parameters import BalanceId, ControlParameters, MotionId
 from autoexpose_daemon.control.policies import DEFAULT_POLICY, check_policy_id
 from calibration.response import ResponseFunction
+from calibration.response_file import ResponseFile
 from calibration.strict_yaml import load_mapping
 from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureLimits, ExposureSetting
@@ -119,7 +120,12 @@ class ControlConfig(Section):
 
 
 class ResponseConfig(Section):
-    """What holds for the response functions of both cameras; calibration adds to it."""
+    """What the daemon makes of response functions that do not hold any more.
+
+    `refine` keeps an updated copy beside each response file; the file itself is never written.
+    """
+
+    refine: bool = False
 
 
 class TransportConfig(Section):
@@ -166,6 +172,14 @@ class Config(Section):
         return self
 
     @model_validator(mode="after")
+    def _something_to_refine(self) -> Self:
+        if self.response.refine and all(camera.response is None for camera in self.sides.values()):
+            raise ValueError(
+                "response.refine needs a response file to refine: give cameras.left.response, or remove it"
+            )
+        return self
+
+    @model_validator(mode="after")
     def _exposure_fits(self) -> Self:
         period_us = 1e6 / self.trigger.rate_hz
         if self.exposure.max_time_us >= period_us:
@@ -200,9 +214,13 @@ class Config(Section):
         return self.exposure.limits().realise(DEFAULT_START.level, DEFAULT_START.exposure_time_us)
 
     def response_of(self, side: Side) -> ResponseFunction:
-        """The response function of a camera."""
+        """The response function of a camera; that of another camera, or for another image format, is refused."""
         path = self.sides[side].response
-        return ResponseFunction.linear() if path is None else ResponseFunction.load(path)
+        if path is None:
+            return ResponseFunction.linear()
+        file = ResponseFile.load(path)
+        file.check_belongs(path, self.sides[side].serial, self.image.pixel_format, self.image.binning)
+        return file.response
 
 
 def load_config(path: Path) -> Config:

@@ -15,6 +15,7 @@ import numpy as np
 from autoexpose_daemon.config import Config
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlLoop
+from autoexpose_daemon.response_drift import ResponseDrift
 from autoexpose_daemon.telemetry import GONE, Telemetry
 from autoexpose_daemon.tuning import Tuning
 from calibration.response import ResponseFunction
@@ -75,6 +76,7 @@ class Daemon:
         """When the control thread last began a turn (CLOCK_MONOTONIC); it does ten times a second, come what may."""
         self._config = config
         self._tuning = Tuning(config)
+        self._drift = ResponseDrift(config, self._tuning.responses)
         self._tunings: queue.SimpleQueue[tuple[Tuning, Future[None]]] = queue.SimpleQueue()
         self._newest: StereoPair | None = None
         self._observer = observer
@@ -153,7 +155,7 @@ class Daemon:
             except ConfigurationError as error:
                 taken.set_exception(error)
                 continue
-            self._tuning = tuning
+            self._tuning, self._drift = tuning, ResponseDrift(tuning.config, tuning.responses)
             if self._limits:
                 self._install(loop, limits)
             taken.set_result(None)
@@ -283,6 +285,8 @@ class Daemon:
             self._asked, self._write_again = decision.setting, False
             self._asked_arrival_ns = max(frame.arrival_time_ns for frame in pair.frames)
             self._rig.write(decision.setting, self._when_to_write_ns())
+        self._drift.see(pair)
+        self.telemetry.drift_grey, self.telemetry.misfits = self._drift.residual_grey, self._drift.misfits
         if self._observer is not None:
             self._observer(pair, decision)
 

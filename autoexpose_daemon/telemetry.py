@@ -65,6 +65,7 @@ class Telemetry:
     misfits: dict[Side, str] = field(default_factory=dict)
     applied: ExposureSetting | None = None
     decision: Decision | None = None
+    drift_grey: dict[Side, float] = field(default_factory=dict)
     decision_ms: Durations = field(default_factory=Durations)
     write_ms: Durations = field(default_factory=Durations)
     frame_to_node_ms: Durations = field(default_factory=Durations)
@@ -110,6 +111,7 @@ class Telemetry:
             parts.append(f"{self.applied} (E {self.applied.level:.2f})")
         if self.decision is not None:
             parts.append(f"metric {self.decision.metric:.4f}")
+        parts += [f"{side} response off by {grey:.1f} grey" for side, grey in list(self.drift_grey.items())]
         parts += [f"{count} {name}" for name, count in self.oddities.items()]
         latency = self.frame_to_node_ms.percentiles()
         if latency["p99"] is not None:

@@ -20,7 +20,7 @@ class Tuning:
 
     def __init__(self, config: Config) -> None:
         self.config = config
-        self._response = config.response_of("left")
+        self.responses = {side: config.response_of(side) for side in config.sides}
         self._regions = config.control.roi.regions()
 
     def limits(self, cameras: Iterable[ExposureLimits]) -> ExposureLimits:
@@ -35,7 +35,7 @@ class Tuning:
         control = self.config.control
         return ControlLoop(
             control.policy,
-            self._response,
+            self.responses["left"],
             limits,
             self.config.start,
             parameters=control.parameters(),

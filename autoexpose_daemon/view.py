@@ -82,6 +82,8 @@ def panel(telemetry: Telemetry, title: str) -> Panel:
         table.add_row("metric", f"{decision.metric:.4f}")
         table.add_row("saturated", f"{decision.saturated_share:.0%}   black {decision.black_share:.0%}")
         table.add_row("decision", decision.reason)
+    for side, grey in list(telemetry.drift_grey.items()):
+        table.add_row(f"{side} response", f"off by {grey:.1f} grey levels")
     for name, durations in (
         ("decision time", telemetry.decision_ms),
         ("write time", telemetry.write_ms),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,11 @@ FORMAT = "autoexpose-response/1"
 GREY_LEVELS = 256
 
 _KEYS = ("format", "log2_exposure", "black_level", "saturation")
+ORIGIN_KEYS = (
+    "camera", "pixel_format", "binning", "gain_db", "date", "tool", "model", "parameters", "covered", "residual_grey",
+    "findings", "noise", "latency", "uncertainty_stops",
+)  # fmt: skip
+"""Keys that a response file may have besides: where the curve comes from, see `calibration.response_file`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,29 +93,23 @@ class ResponseFunction:
 
     @classmethod
     def load(cls, path: Path) -> ResponseFunction:
-        """Read a response file (YAML, format `autoexpose-response/1`).
-
-        A key this version does not know is refused: it may change what the others mean.
+        """Read a response file (YAML, format `autoexpose-response/1`), whatever camera it is of.
 
         Raises
         ------
         ConfigurationError
             Naming the file, the key and what to do.
         """
-        document = load_mapping(path, f"begin with 'format: {FORMAT}'")
-        for key in document:
-            if key not in _KEYS:
-                raise ConfigurationError(f"{path}: unknown key {key!r}: remove it, or update this program")
-        for key in _KEYS:
-            if key not in document:
-                raise ConfigurationError(f"{path}: the key {key!r} is missing: add it")
-        if document["format"] != FORMAT:
-            raise ConfigurationError(f"{path}: format is {document['format']!r}: only {FORMAT!r} can be read")
+        return cls.from_document(load_response_document(path), path)
+
+    @classmethod
+    def from_document(cls, document: Mapping[Any, Any], path: Path) -> ResponseFunction:
+        """The response function in the content of a response file; `path` is for the messages."""
         curve = document["log2_exposure"]
         if not isinstance(curve, list):
             raise ConfigurationError(f"{path}: log2_exposure is not a list: give 256 numbers, for grey 0 to 255")
         for grey, stops in enumerate(curve):
-            if isinstance(stops, bool) or not isinstance(stops, int | float) or not _fits_float(stops):
+            if not is_number(stops):
                 raise ConfigurationError(f"{path}: log2_exposure[{grey}] is {stops!r}: give a number of stops")
         for key in ("black_level", "saturation"):
             if type(document[key]) is not int:
@@ -139,10 +139,34 @@ class ResponseFunction:
             raise ConfigurationError(f"{path}: cannot be written ({error.strerror}): choose another place") from error
 
 
-def _fits_float(number: float) -> bool:
-    """Whether a YAML number fits a float: YAML integers have no bound."""
+def load_response_document(path: Path) -> dict[Any, Any]:
+    """The content of a response file with all the keys that a response function needs, values unchecked.
+
+    A key this version does not know is refused: it may change what the others mean.
+
+    Raises
+    ------
+    ConfigurationError
+        Naming the file, the key and what to do.
+    """
+    document = load_mapping(path, f"begin with 'format: {FORMAT}'")
+    for key in document:
+        if key not in (*_KEYS, *ORIGIN_KEYS):
+            raise ConfigurationError(f"{path}: unknown key {key!r}: remove it, or update this program")
+    for key in _KEYS:
+        if key not in document:
+            raise ConfigurationError(f"{path}: the key {key!r} is missing: add it")
+    if document["format"] != FORMAT:
+        raise ConfigurationError(f"{path}: format is {document['format']!r}: only {FORMAT!r} can be read")
+    return document
+
+
+def is_number(value: object) -> bool:
+    """Whether a value of a YAML file is a number that fits a float, finite or not: its integers have no bound."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
     try:
-        math.isfinite(number)
+        math.isfinite(value)
     except OverflowError:
         return False
     return True

@@ -169,11 +169,12 @@ def run(
     )
 
 
-def course_of(scenario: str, scene: str, seed: int) -> tuple[Stage, int]:
-    """The stage of one course, and the first frame of it that is scored."""
+def course_of(scenario: str, scene: str, seed: int, response: str = "linear") -> tuple[Stage, int]:
+    """The stage of one course, seen by sensors of a response function, and the first frame of it that is scored."""
     kind = SCENARIOS[scenario]
     course = kind.draw(np.random.default_rng([seed, list(SCENARIOS).index(scenario)]))
-    return Stage(build_views(scene, seed, course.gaze, kind.at_window), course, seed), course.first_scored
+    views = build_views(scene, seed, course.gaze, kind.at_window)
+    return Stage(views, course, seed, response=response), course.first_scored
 
 
 def race(

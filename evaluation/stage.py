@@ -41,14 +41,21 @@ class Stage:
         Of the noise.
     start_times_s
         When exposures start; None: every 1/60 s from 0 on.
+    response
+        Name of the sensors' response function.
     """
 
     def __init__(
-        self, views: dict[Side, Scene], course: Course, seed: int, start_times_s: NDArray[np.float64] | None = None
+        self,
+        views: dict[Side, Scene],
+        course: Course,
+        seed: int,
+        start_times_s: NDArray[np.float64] | None = None,
+        response: str = "linear",
     ) -> None:
         self._start_times_s = start_times_s
         self._seed = seed
-        self._sensors = {side: Sensor(SensorModel(), 2 * seed + (side == "right")) for side in views}
+        self._sensors = {side: Sensor(SensorModel(), 2 * seed + (side == "right"), response) for side in views}
         self._films = {
             side: _Film(view, course.light, course.lamp if side == "right" else None) for side, view in views.items()
         }

@@ -14,6 +14,8 @@ from pathlib import Path
 
 import pytest
 
+from calibration.response import ResponseFunction
+from calibration.response_file import CameraIdentity, Origin, ResponseFile
 from tests.autoexpose_daemon.stereo import stereo_cameras
 from tests.fake_camera.gige_client import CCP, GvcpClient
 from tests.fakes import fake_camera, foreign_camera
@@ -90,6 +92,20 @@ def test_run_stops_on_sigterm_and_leaves_the_cameras_free(tmp_path: Path) -> Non
         for camera in (left, right):
             with GvcpClient(camera.address) as client:
                 assert client.read(CCP) == 0
+
+
+@pytest.mark.realtime
+def test_run_refuses_a_response_file_for_another_pixel_format(tmp_path: Path) -> None:
+    file, response = tmp_path / "rig.yaml", tmp_path / "left.response.yaml"
+    with fake_camera() as camera:
+        file.write_text(f"cameras: {{left: {{serial: {camera.serial}, response: {response.name}}}}}")
+        identity = CameraIdentity("Autoexpose", "FakeGV287M", camera.serial)
+        ResponseFile(ResponseFunction.linear(), Origin(identity, "Mono12")).save(response)
+        result = autoexpose("run", "-c", str(file))
+    assert result.returncode == 1
+    sentence = f"autoexpose: {response}: pixel_format is Mono12, but camera {camera.serial} runs with Mono8: set "
+    assert sentence in result.stderr
+    assert "Traceback" not in result.stderr
 
 
 @pytest.mark.realtime

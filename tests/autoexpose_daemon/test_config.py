@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from autoexpose_daemon.config import Config, load_config
 from autoexpose_daemon.control.parameters import ControlParameters
 from autoexpose_daemon.control.region import Rectangle
+from calibration.response import ResponseFunction
+from calibration.response_file import CameraIdentity, Origin, ResponseFile
 from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureSetting
 
@@ -155,3 +157,13 @@ def test_the_start_is_always_within_the_bounds(low: float, high: float) -> None:
     config = Config.model_validate(STEREO | {"exposure": {"min_time_us": low, "max_time_us": high, "max_gain_db": 5}})
     assert low <= config.start.exposure_time_us <= high
     assert 0 <= config.start.gain_db <= 5
+
+
+def test_a_response_file_of_another_camera_is_refused(tmp_path: Path) -> None:
+    identity = CameraIdentity("Maker", "Model 7", "B")
+    ResponseFile(ResponseFunction.linear(), Origin(identity, "Mono8")).save(tmp_path / "r.yaml")
+    message = complaint(tmp_path, "cameras: {left: {serial: A, response: r.yaml}}")
+    assert "cameras.left.response" in message
+    assert "camera.serial is B, but this is camera A" in message
+    message = complaint(tmp_path, "cameras: {left: {serial: B, response: r.yaml}}\nimage: {pixel_format: Mono12}")
+    assert "pixel_format is Mono8" in message

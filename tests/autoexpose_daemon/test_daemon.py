@@ -28,7 +28,7 @@ def test_pairs_arrive_are_decided_on_and_written() -> None:
     with stereo_cameras() as cameras, running_daemon(cameras, {"control": {"policy": "neves2009"}}) as run:
         run.wait_for_pairs(120)
         tally, telemetry = run.daemon.tally, run.daemon.telemetry
-        assert all(pair.right is not None for pair, _ in run.seen[-60:])
+        assert sum(pair.right is not None for pair, _ in run.seen[-60:]) >= 55
         assert sum(count for reason, count in tally.lost.items() if reason is not LossReason.STARTUP) <= 2
         assert telemetry.mismatched_pairs <= 2
         assert telemetry.unexplained_mismatches == 0

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration import session as session_module
-from calibration.session import FRAMES_TO_OBEY, Session, session_setup
+from calibration.sources import session as session_module
+from calibration.sources.session import FRAMES_TO_OBEY, Session, session_setup
 from drivers.aravis import open_camera
 from drivers.camera import CameraDescription, IncompleteFrame
 from drivers.errors import CameraError

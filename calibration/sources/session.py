@@ -20,9 +20,12 @@ FRAMES_TO_OBEY = 16
 _POLL_S = 0.5  # so often a wait for a long exposure looks whether the camera is still there
 
 
-def session_setup(pixel_format: PixelFormat | None = None) -> CameraSetup:
-    """How to open a camera for a `Session`: no trigger, as fast as each exposure allows; None keeps the format."""
-    return CameraSetup(TriggerSetup("free_run", rate_hz=None), pixel_format)
+def session_setup(pixel_format: PixelFormat | None = None, rate_hz: float | None = None) -> CameraSetup:
+    """How to open a camera for a `Session`: without triggers, at a rate or as fast as each exposure allows (None).
+
+    A `pixel_format` of None keeps the camera's own.
+    """
+    return CameraSetup(TriggerSetup("free_run", rate_hz=rate_hz), pixel_format)
 
 
 class Session:
@@ -121,6 +124,15 @@ class Session:
             f"camera {self.description.serial}: no whole frame arrived within {patience_s:.1f} s: check its cable and "
             "link with autoexpose doctor"
         )
+
+    def frames_until(self, host_time_ns: int) -> list[Frame]:
+        """The whole frames that arrive until a moment of CLOCK_MONOTONIC; returns then, or at once when it is past."""
+        frames = []
+        while (left_ns := host_time_ns - time.monotonic_ns()) > 0:
+            frame = self._camera.next_frame(min(left_ns * 1e-9, _POLL_S))
+            if isinstance(frame, Frame):
+                frames.append(frame)
+        return frames
 
     def latch_clock(self) -> None:
         """Measure anew how the camera's clock maps to the host's; a minute's drift may be 3 ms."""

@@ -1,0 +1,1 @@
+"""`autoexpose calibrate`: what the user runs, and what it puts together."""

@@ -1,0 +1,175 @@
+"""The command `autoexpose calibrate`."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Literal, get_args
+
+import typer
+from rich.console import Console
+
+from calibration.commands.check import REACH_STOPS, Check, check_camera
+from calibration.commands.facts import curve_facts, origin_facts
+from calibration.commands.latency import latency
+from calibration.commands.measure import measure_camera, measure_images
+from calibration.commands.noise import noise
+from calibration.commands.result import Result, Verdict, verdict
+from calibration.commands.rig import CameraMode, rig_of_config
+from calibration.commands.tum import tum_table
+from calibration.findings import Finding
+from calibration.report import check_extra, facts, write_report
+from calibration.response_file import ResponseFile
+from calibration.solver.comparison import compare
+from drivers.errors import ConfigurationError
+from drivers.frames import Side
+
+calibrate_app = typer.Typer(
+    help="Measure what a camera does to light: its response, noise and latency.", no_args_is_help=True
+)
+
+SIDES = get_args(Side)
+
+Cameras = Annotated[list[str] | None, typer.Option("--camera", help="Serial number; twice: left and right of a rig.")]
+ConfigFile = Annotated[Path | None, typer.Option("-c", "--config", help="Both cameras of this configuration.")]
+Images = Annotated[Path | None, typer.Option(help="No camera: a folder of images, or a list of them with times.")]
+Output = Annotated[Path, typer.Option("-o", "--output", help="The response file; of two cameras, a folder.")]
+
+
+@calibrate_app.command()
+def response(
+    *,
+    output: Output,
+    camera: Cameras = None,
+    config: ConfigFile = None,
+    images: Images = None,
+    gain_db: Annotated[float, typer.Option(help="Gain during the sweep (dB).")] = 0.0,
+) -> None:
+    """Sweep the exposure time on a static scene and recover the response, with a report beside the file."""
+    check_extra()
+    console = Console(highlight=False)
+    if [not camera, config is None, images is None].count(False) != 1:
+        raise ConfigurationError("say what to calibrate: one of --camera, --config and --images")
+    jobs: dict[Path, Callable[[], Result]]
+    if images is not None:
+        jobs = {output: partial(measure_images, images)}
+    else:
+        rig = [CameraMode(serial) for serial in camera or []] if config is None else rig_of_config(config)
+        places = _places(rig, output)
+        jobs = {path: partial(measure_camera, mode, gain_db, console) for path, mode in places.items()}
+    previous = {path: _previous(path) for path in jobs}
+    results = {path: measure().keeping(previous[path]) for path, measure in jobs.items()}
+    _keep(results, console)
+    if any(result.verdict == "refused" for result in results.values()):
+        raise typer.Exit(1)
+
+
+@calibrate_app.command()
+def check(
+    file: Path,
+    camera: Annotated[str | None, typer.Option(help="Serial number: does the file still hold for this camera?")] = None,
+) -> None:
+    """Tell what a response file is, and whether it still predicts what the camera does."""
+    console = Console(highlight=False)
+    content = ResponseFile.load(file)
+    for name, value in (*origin_facts(content.origin), *curve_facts(content)):
+        console.print(f"{name}: {value}", soft_wrap=True)
+    findings = content.findings
+    if camera is not None:
+        held = check_camera(file, camera, console)
+        for line in _residual_lines(held):
+            console.print(line)
+        findings = held.findings
+    elif content.model is None:
+        console.print("verdict: none: the file does not say how it was measured; check it with --camera SERIAL")
+        return
+    _tell(verdict(findings), findings, console)
+    if verdict(findings) == "refused":
+        raise typer.Exit(1)
+
+
+@calibrate_app.command()
+def export(
+    file: Path,
+    *,
+    table: Annotated[Literal["tum"], typer.Option("--format", help="tum: the 256 numbers of pcalib.txt.")],
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="The file to write (standard output).")] = None,
+) -> None:
+    """Write a response for other tools."""
+    text = {"tum": tum_table}[table](ResponseFile.load(file).response)
+    if output is None:
+        typer.echo(text, nl=False)
+        return
+    try:
+        output.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise ConfigurationError(f"{output}: cannot be written ({error.strerror}): choose another place") from error
+
+
+calibrate_app.command()(noise)
+calibrate_app.command()(latency)
+
+
+def _places(rig: Sequence[CameraMode], output: Path) -> dict[Path, CameraMode]:
+    """The response file of each camera."""
+    if len(rig) > len(SIDES):
+        raise ConfigurationError(f"--camera is given {len(rig)} times: a rig has a left and a right camera")
+    if len({mode.serial for mode in rig}) < len(rig):
+        raise ConfigurationError(f"left and right are the same camera, {rig[0].serial}")
+    if len(rig) == 1:
+        return {output: rig[0]}
+    try:
+        output.mkdir(exist_ok=True)
+    except OSError as error:
+        raise ConfigurationError(f"{output}: no folder for two cameras ({error.strerror}): choose another") from error
+    return {output / f"{side}.response.yaml": mode for side, mode in zip(SIDES, rig, strict=True)}
+
+
+def _previous(path: Path) -> ResponseFile | None:
+    """The response file that is to be replaced; what cannot or must not be is refused before a camera is swept."""
+    if path.is_dir() or not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
+        raise ConfigurationError(f"{path}: cannot be written: name a file in a folder that is there and may be written")
+    if not path.exists():
+        return None
+    try:
+        return ResponseFile.load(path)
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{error}; it is no response file to be replaced: choose another name") from None
+
+
+def _keep(results: dict[Path, Result], console: Console) -> None:
+    """Write response files and reports, and tell what came out."""
+    rig = list(results.values())
+    solved = [result.solution for result in rig if result.solution is not None]
+    comparison = compare(solved[0], solved[1]) if len(solved) == len(SIDES) else None
+    for path, result in results.items():
+        if result.file is not None:
+            result.file.save(path)
+        report = write_report(path, result, None if comparison is None else (comparison, rig[0], rig[1]))
+        for name, value in facts(result):
+            console.print(f"{name}: {value}", soft_wrap=True)
+        for note in result.notes:
+            console.print(f"note: {note}", soft_wrap=True)
+        _tell(result.verdict, result.findings, console)
+        console.print(f"written: {f'{path}, ' if result.file is not None else ''}{report}", soft_wrap=True)
+    if comparison is not None:
+        console.print(str(comparison), soft_wrap=True)
+
+
+def _tell(judged: Verdict, findings: tuple[Finding, ...], console: Console) -> None:
+    for finding in findings:
+        console.print(f"{finding.severity}: {finding.text}", soft_wrap=True)
+    console.print(f"verdict: {judged}")
+
+
+def _residual_lines(held: Check) -> Iterator[str]:
+    """The residual by change of level."""
+    for delta in (-REACH_STOPS, -1.0, -0.5, 0.5, 1.0, REACH_STOPS):
+        part = held.agreement.near(delta)
+        if part.enough:
+            yield f"{delta:+4.1f} stops: off by {part.residual_grey:.2f} grey levels rms"
+    if held.agreement.enough:
+        low, high = held.agreement.range_grey
+        yield f"residual: {held.agreement.residual_grey:.2f} grey levels rms, over grey {low} to {high}"

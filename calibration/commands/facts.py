@@ -1,0 +1,42 @@
+"""What a response file says, as names and values for people."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from calibration.response_file import Origin, ResponseFile
+
+Fact = tuple[str, str]
+
+
+def origin_facts(origin: Origin) -> Iterator[Fact]:
+    """Whose it is, and in which mode it was measured."""
+    if origin.camera is not None:
+        camera = origin.camera
+        yield "camera", f"{camera.vendor} {camera.model}, serial {camera.serial}"
+    mode = [
+        origin.pixel_format,
+        None if origin.binning is None else f"binning {origin.binning}",
+        None if origin.gain_db is None else f"gain {origin.gain_db:g} dB",
+    ]
+    if any(mode):
+        yield "mode", ", ".join(part for part in mode if part)
+    if origin.date is not None:
+        yield "measured", f"{origin.date:%Y-%m-%d %H:%M} UTC" + (f" by {origin.tool}" if origin.tool else "")
+
+
+def curve_facts(file: ResponseFile) -> Iterator[Fact]:
+    """What the curve is, and how well it is known."""
+    if file.model is not None:
+        parameters = ", ".join(f"{name} {value:.4g}" for name, value in file.parameters.items())
+        yield "model", f"{file.model} ({parameters})" if parameters else file.model
+    yield "black level, saturation", f"grey {file.response.black_level}, {file.response.saturation}"
+    if file.covered is not None:
+        low, high = file.covered
+        yield "covered range", f"grey {low} to {high}"
+        if file.uncertainty_stops:
+            worst = max(file.uncertainty_stops[low : high + 1])
+            middle = file.uncertainty_stops[(low + high) // 2]
+            yield "uncertainty", f"{middle:.1g} stops at grey {(low + high) // 2}, {worst:.1g} at most in that range"
+    if file.residual_grey is not None:
+        yield "residual", f"{file.residual_grey:.2f} grey levels rms"

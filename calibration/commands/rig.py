@@ -1,0 +1,60 @@
+"""Which cameras a calibration is of, and how they are to be set up."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, get_args
+
+from calibration.sources.session import session_setup
+from calibration.strict_yaml import load_mapping
+from drivers.errors import ConfigurationError
+from drivers.frames import Side
+from drivers.setup import CameraSetup, PixelFormat
+
+
+@dataclass(frozen=True, slots=True)
+class CameraMode:
+    """A camera by its serial, and the image format to run it with; None keeps what it has."""
+
+    serial: str
+    pixel_format: PixelFormat | None = None
+    binning: int | None = None
+
+    def setup(self) -> CameraSetup:
+        """How to open it for a `calibration.sources.session.Session`."""
+        return replace(session_setup(self.pixel_format), binning=self.binning)
+
+
+def rig_of_config(path: Path) -> list[CameraMode]:
+    """The cameras of the daemon's configuration file, left first; its other keys are `autoexpose config check`'s.
+
+    Raises
+    ------
+    ConfigurationError
+        Naming the file, the key and what to do.
+    """
+    document = load_mapping(path, "begin with `cameras:`; see docs/configuration.md")
+    cameras, image = _section(path, document, "cameras"), _section(path, document, "image")
+    pixel_format, binning = image.get("pixel_format"), image.get("binning")
+    if pixel_format is not None and pixel_format not in get_args(PixelFormat):
+        raise ConfigurationError(f"{path}: image.pixel_format is {pixel_format!r}: see autoexpose config check")
+    if binning is not None and type(binning) is not int:
+        raise ConfigurationError(f"{path}: image.binning is {binning!r}: give a whole number of pixels")
+    rig: list[CameraMode] = []
+    if cameras.get("left") is None:
+        raise ConfigurationError(f"{path}: cameras.left.serial is missing: name the camera")
+    for side in get_args(Side):
+        if cameras.get(side) is not None:
+            serial = _section(path, cameras, side, "cameras.").get("serial")
+            if not isinstance(serial, str) or not serial:
+                raise ConfigurationError(f"{path}: cameras.{side}.serial is {serial!r}: give it in quotes")
+            rig.append(CameraMode(serial, pixel_format, binning))
+    return rig
+
+
+def _section(path: Path, document: dict[Any, Any], key: str, parent: str = "") -> dict[Any, Any]:
+    section = document.get(key) or {}
+    if not isinstance(section, dict):
+        raise ConfigurationError(f"{path}: {parent}{key} is {section!r}: give keys and values")
+    return section

@@ -1,0 +1,1 @@
+"""What is wrong with a sweep or its solution, each reason a rule of its own."""

@@ -1,0 +1,205 @@
+"""Whether the light stayed the same, from shots of one exposure taken at different times."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.findings import Finding
+from calibration.solver.tones import Curve, Tones, exposure_index, of_exposures
+from calibration.sweep import Sweep
+
+STEADY_STOPS = 0.015
+"""Light that varies by less than 1 % (the standard deviation over shots) does no harm."""
+
+REFUSED_STOPS = 0.05
+"""3.5 % of the light, nine grey levels near saturation of a linear sensor."""
+
+EXPLAINED = 0.93
+"""Share of the variance that a step or a drift must account for."""
+
+ALIKE = 0.01
+"""A step has one size only, a drift three numbers: a step is taken that explains nearly as much."""
+
+LAG_EXPLAINED = 0.2
+"""Share that a lagging control must account for: its limits no linear model knows."""
+
+LAG_SURPRISE = 0.6
+"""A control does the same again when the exposures before were the same, but for how it started; light does not."""
+
+LONG_EXPOSURE_US = 15_000
+"""Hardly anything is left of the flicker of mains in exposures as long as this or longer."""
+
+FLICKER_CHANGE = 0.5
+"""Change from shot to shot over that of any two shots; 1 is no memory at all."""
+
+MOST_STEPS = 3
+"""Lights may be switched off and on again; with more steps anything could be explained."""
+
+LAGS_SHOTS = (1, 4, 16)
+"""Shots that a control may take to follow."""
+
+MID_GREY = 16
+"""Groups nearer to the ends of what was seen are poor light meters."""
+
+MOST_STOPS = 4.0
+"""A group tells changes of light up to so much; the scale is only guessed beyond its ends."""
+
+LEAST_GROUPS = 3
+"""Fewer do not tell of a shot, but where there are no more."""
+
+_WORDS = {
+    "auto_exposure": "after each change of exposure brightness goes back; switch auto exposure and auto gain off",
+    "light_drift": "it drifts; wait until lamps are warm, or shut out daylight",
+    "light_step": "it was switched or shaded; keep it as it is",
+    "flicker": "it flickers; use a lamp without flicker, or exposures of whole periods of the mains",
+}
+
+
+def judge_light(sweep: Sweep, by_shot: Tones) -> Finding | None:
+    """Light that stepped, drifted or flickered, or an automatic function that lags; None when it was steady."""
+    light = Light.of(by_shot, *exposure_index(sweep))
+    size = light.variation()
+    if size < STEADY_STOPS:
+        return None
+    times = np.array([k if shot.time_s is None else shot.time_s for k, shot in enumerate(sweep.shots)], float)
+    reason = _reason(light, times, by_shot.levels)
+    told = light.stops[light.weights > 0]
+    text = f"shots of one exposure differ by {np.ptp(told):.2f} stops of light: {_WORDS[reason]}"
+    return Finding("refused" if size > REFUSED_STOPS or reason == "auto_exposure" else "warned", reason, text)
+
+
+def _reason(light: Light, times: Curve, levels: Curve) -> str:
+    """Which cause accounts for the variation, the simplest first; flicker is what no other cause explains."""
+    step = light.explained_by_steps(1)
+    drift = light.explained_by(_powers(times))
+    if max(step, drift) > EXPLAINED:
+        return "light_step" if step > drift - ALIKE else "light_drift"
+    if light.change_between_neighbours() > FLICKER_CHANGE:
+        return "flicker"
+    if light.explained_by(_lags(levels)) > LAG_EXPLAINED and light.surprise() < LAG_SURPRISE:
+        return "auto_exposure"
+    long = np.exp2(levels) > LONG_EXPOSURE_US
+    only_short = light.variation(~long) > 4.0 * light.variation(long) and light.weights[long].sum() > 0
+    return "light_step" if light.explained_by_steps(MOST_STEPS) > EXPLAINED and not only_short else "flicker"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Light:
+    """How much more light each shot had than others of its exposure.
+
+    Attributes
+    ----------
+    stops
+        By shot.
+    weights
+        Share of the groups of pixels that tell; 0 where it cannot be told.
+    index
+        Which exposure each shot has.
+    """
+
+    stops: Curve
+    weights: Curve
+    index: NDArray[np.intp]
+
+    @classmethod
+    def of(cls, by_shot: Tones, levels: Curve, index: NDArray[np.intp]) -> Light:
+        """Each group of pixels is its own light meter: its grey levels over the exposures of the sweep are its scale.
+
+        The median of the groups counts: a window in the dark has light of its own that lamps do not change.
+        """
+        usual = of_exposures(by_shot, levels, index).greys
+        dark = usual.min() - 1.0
+        stops = np.empty(by_shot.greys.shape)
+        for group in range(usual.shape[1]):
+            scale = np.maximum.accumulate(np.log2(np.maximum(usual[:, group] - dark, 1.0)))
+            seen = np.log2(np.maximum(by_shot.greys[:, group] - dark, 1.0))
+            stops[:, group] = _beyond_too(seen, scale + 1e-6 * np.arange(len(levels)), levels)
+        stops = np.clip(stops - levels[index][:, None], -MOST_STOPS, MOST_STOPS)
+        low, high = usual.min() + MID_GREY, usual.max() - MID_GREY
+        clear = ((usual > low) & (usual < high))[index] | ((by_shot.greys > low) & (by_shot.greys < high))
+        told = (clear.sum(axis=1) >= min(LEAST_GROUPS, clear.shape[1])) & (np.bincount(index)[index] > 1)
+        medians = [np.median(row[mask]) if known else 0.0 for row, mask, known in zip(stops, clear, told, strict=True)]
+        return cls(np.array(medians), np.where(told, clear.mean(axis=1), 0.0), index)
+
+    def variation(self, among: NDArray[np.bool_] | slice = slice(None)) -> float:
+        """Standard deviation of the light of shots of one exposure (stops)."""
+        square = float(np.sum(self._centred(self.stops[:, None])[among] ** 2))
+        return float(np.sqrt(square / max(float(self.weights[among].sum()), 1e-9)))
+
+    def surprise(self) -> float:
+        """Share of the variance that is left between shots of the same exposure after the same change; 1 if no two are.
+
+        Shots of an exposure are told apart by the exposure before it and by their place after the change.
+        """
+        histories: list[tuple[int, int, int]] = []
+        before, since = -1, 0
+        for k, exposure in enumerate(self.index):
+            changed = k > 0 and exposure != self.index[k - 1]
+            before, since = (int(self.index[k - 1]), 0) if changed else (before, since + 1)
+            histories.append((int(exposure), before, since))
+        of = np.array([histories.index(history) for history in histories])
+        again = np.bincount(of)[of] > 1
+        if not again.any():
+            return 1.0
+        same = Light(self.stops, np.where(again, self.weights, 0.0), of)
+        return (same.variation() / max(self.variation(again), 1e-9)) ** 2
+
+    def explained_by(self, causes: Curve) -> float:
+        """Share of the variance that causes, shape (shots, causes), account for by least squares."""
+        design, seen = self._centred(causes), self._centred(self.stops[:, None]).ravel()
+        factors = np.linalg.lstsq(design, seen, rcond=None)[0]
+        return 1.0 - float(np.sum((seen - design @ factors) ** 2) / np.sum(seen**2))
+
+    def explained_by_steps(self, most: int) -> float:
+        """Share of the variance that a few steps at the best times account for, found one after the other."""
+        shots = np.arange(len(self.index))
+        causes = np.empty((len(shots), 0))
+        best = 0.0
+        for _ in range(most):
+            tried = [np.column_stack([causes, shots >= k]).astype(float) for k in shots[1:]]
+            shares = [self.explained_by(trial) for trial in tried]
+            causes = tried[int(np.argmax(shares))]
+            best = max(shares)
+        return best
+
+    def change_between_neighbours(self) -> float:
+        """Mean square change from one shot to the next of its exposure, over twice the variance: 1 without memory."""
+        pairs = (np.diff(self.index) == 0) & (self.weights[1:] > 0) & (self.weights[:-1] > 0)
+        if not pairs.any():
+            return 0.0
+        weights = np.minimum(self.weights[1:], self.weights[:-1])[pairs]
+        change = float(np.average(np.diff(self.stops)[pairs] ** 2, weights=weights))
+        return change / max(2.0 * self.variation() ** 2, 1e-12)
+
+    def _centred(self, values: Curve) -> Curve:
+        """Values (shots, columns) against their mean over the shots of one exposure, times the root of the weights."""
+        total = np.maximum(np.bincount(self.index, weights=self.weights), 1e-12)
+        sums = np.zeros((len(total), values.shape[1]))
+        np.add.at(sums, self.index, values * self.weights[:, None])
+        return np.asarray((values - (sums / total[:, None])[self.index]) * np.sqrt(self.weights)[:, None])
+
+
+def _beyond_too(at: Curve, x: Curve, y: Curve) -> Curve:
+    """Straight lines between the points (x, y), x increasing, which go on beyond the first and last."""
+    low, high = (y[1] - y[0]) / (x[1] - x[0]), (y[-1] - y[-2]) / (x[-1] - x[-2])
+    return np.asarray(np.interp(at, x, y) + low * np.minimum(at - x[0], 0.0) + high * np.maximum(at - x[-1], 0.0))
+
+
+def _powers(times: Curve) -> Curve:
+    """A slow drift: time, its square and its cube."""
+    unit = 2.0 * (times - times.min()) / max(float(np.ptp(times)), 1e-9) - 1.0
+    return np.stack([unit, unit**2, unit**3], axis=1)
+
+
+def _lags(levels: Curve) -> Curve:
+    """A control that lags: exposure less its running mean over a few or many shots, by one control of each speed."""
+    causes = np.empty((len(levels), len(LAGS_SHOTS)))
+    for column, shots in enumerate(LAGS_SHOTS):
+        mean = levels[0]
+        for k, level in enumerate(levels):
+            mean += (level - mean) / (1.0 + shots)
+            causes[k, column] = level - mean
+    return causes

@@ -1,0 +1,84 @@
+"""Whether anything moved, from shots of one exposure taken at different times."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.prediction import prediction_table
+from calibration.response import GREY_LEVELS, ResponseFunction
+from calibration.solver.tones import exposure_index, grey8
+from calibration.sweep import Sweep
+
+BLOCK_PX = 16
+
+MOVED_CORRELATION = 0.35
+"""Between neighbouring pixels of what a block changed by: noise has none, edges that moved have more than a half."""
+
+MOVED_GREY = 1.0
+"""Root of the covariance between neighbouring pixels: less does not show in medians."""
+
+TEXTURED_GREY = 2.0
+"""Standard deviation within a block: with less, nothing shows that it moved."""
+
+EXPOSURES = 4
+"""So many are looked at, those of most contrast: motion shows in each of them."""
+
+
+def moved_share(sweep: Sweep) -> float:
+    """Share of textured blocks of the image in which something moved; 0 when no exposure was taken twice."""
+    _, index = exposure_index(sweep)
+    shares = [0.0]
+    for first, last in _pairs(sweep, index):
+        one, other = (grey8(sweep.shots[k]).astype(np.float32) for k in (first, last))
+        shares.append(_moved(_blocks(one), _blocks(other)))
+    return max(shares)
+
+
+def moved_share_between_exposures(sweep: Sweep, response: ResponseFunction) -> float:
+    """The same for sweeps that took each exposure once: neighbouring exposures, the brighter one predicted darker."""
+    levels, index = exposure_index(sweep)
+    shares = [0.0]
+    for darker in range(len(levels) - 1):
+        dark, bright = (sweep.shots[int(np.flatnonzero(index == i)[0])] for i in (darker, darker + 1))
+        table = prediction_table(response, float(levels[darker] - levels[darker + 1])).astype(np.float32)
+        table[response.saturation - 1 :] = GREY_LEVELS - 1  # clipped, and left out as such
+        shares.append(_moved(_blocks(table[grey8(bright)]), _blocks(grey8(dark).astype(np.float32))))
+    return max(shares)
+
+
+def _pairs(sweep: Sweep, index: NDArray[np.intp]) -> list[tuple[int, int]]:
+    """The first and last shots of the exposures whose images show most contrast."""
+    pairs = []
+    for exposure in range(index.max() + 1):
+        shots = np.flatnonzero(index == exposure)
+        if len(shots) > 1:
+            pairs.append((float(np.std(grey8(sweep.shots[shots[0]])[::4, ::4])), int(shots[0]), int(shots[-1])))
+    return [(first, last) for _, first, last in sorted(pairs, reverse=True)[:EXPOSURES]]
+
+
+def _blocks(image: NDArray[np.float32]) -> NDArray[np.float32]:
+    """The image cut into square blocks, shape (blocks, BLOCK_PX, BLOCK_PX)."""
+    rows, columns = (size // BLOCK_PX for size in image.shape)
+    cut = image[: rows * BLOCK_PX, : columns * BLOCK_PX].reshape(rows, BLOCK_PX, columns, BLOCK_PX)
+    return cut.swapaxes(1, 2).reshape(-1, BLOCK_PX, BLOCK_PX)
+
+
+def _moved(one: NDArray[np.float32], other: NDArray[np.float32]) -> float:
+    """Share of the textured, unclipped blocks in which what changed, apart from their light, is no noise."""
+    low, high = min(one.min(), other.min()), max(one.max(), other.max())
+    inside = np.ones(len(one), bool)
+    for blocks in (one, other):
+        inside &= (blocks.min(axis=(1, 2)) > low + 2) & (blocks.max(axis=(1, 2)) < high - 2)
+    inside &= (one.std(axis=(1, 2)) > TEXTURED_GREY) | (other.std(axis=(1, 2)) > TEXTURED_GREY)
+    if inside.sum() < 4:
+        return 0.0
+    one, other = (blocks[inside] - blocks[inside].mean(axis=(1, 2), keepdims=True) for blocks in (one, other))
+    gain = (one * other).sum(axis=(1, 2), keepdims=True) / np.maximum((one**2).sum(axis=(1, 2), keepdims=True), 1e-3)
+    changed = other - gain * one
+    variance = np.mean(changed**2, axis=(1, 2))
+    across = np.mean(changed[:, :, 1:] * changed[:, :, :-1], axis=(1, 2))
+    down = np.mean(changed[:, 1:] * changed[:, :-1], axis=(1, 2))
+    covariance = (across + down) / 2
+    moved = (covariance > MOVED_CORRELATION * variance) & (covariance > MOVED_GREY**2)
+    return float(moved.mean())

@@ -1,0 +1,102 @@
+"""What stands against a response function once it is solved."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calibration.findings import Finding
+from calibration.judges.motion import moved_share_between_exposures
+from calibration.response import ResponseFunction
+from calibration.solution import ResponseSolution
+from calibration.solver.inverse_curve import Ends, usable
+from calibration.solver.tones import Tones, tones_by_exposure
+from calibration.sweep import Sweep
+
+UNSEEN_GREY = 32
+"""More grey levels not seen, at an end or in between, are worth a word."""
+
+POOR_FIT_GREY = 1.5
+"""Tables of prediction are then off by more than noise."""
+
+REFUSED_FIT_GREY = 6.0
+"""Several times what is asked of a calibration: no table is of use."""
+
+ODD_EXPOSURE_STOPS = 0.06
+"""An exposure so far from what all others say was not what it is said to be."""
+
+REFUSED_ODD_STOPS = 0.25
+"""What a finer step of exposure would be: the others can hardly be trusted either."""
+
+MOVED_SHARE = 0.1
+"""Of the textured parts; more than in `judge_sweep`, since one image is predicted from another."""
+
+
+def judge_solution(sweep: Sweep, solution: ResponseSolution) -> list[Finding]:
+    """Reasons not to believe a solved response function; empty when there are none.
+
+    Reasons: few_levels, poor_fit, odd_exposure, and moving_scene where `judge_sweep` had no repeats to tell it by.
+    """
+    tones = tones_by_exposure(sweep)
+    repeated = len(tones.levels) < len(sweep.shots)
+    cause = (
+        (None if repeated else _moving(sweep, solution.response))
+        or _odd_exposure(tones, solution.response)
+        or _poor_fit(solution)
+    )
+    return [finding for finding in (_few_levels(tones, solution), cause) if finding]
+
+
+def _few_levels(tones: Tones, solution: ResponseSolution) -> Finding | None:
+    """Grey levels that no group of pixels had."""
+    response = solution.response
+    seen = np.sort(tones.greys[usable(tones, Ends.of(tones))] - tones.middle)
+    marks = np.concatenate([[response.black_level], seen, [response.saturation]])
+    gap = int(np.argmax(np.diff(marks)))
+    if marks[gap + 1] - marks[gap] <= UNSEEN_GREY:
+        return None
+    text = (
+        f"no pixels were seen from grey {marks[gap]:.0f} to {marks[gap + 1]:.0f}, where the curve is a guess: "
+        "take more exposures, closer to each other, or a scene of more contrast"
+    )
+    return Finding("warned", "few_levels", text)
+
+
+def _poor_fit(solution: ResponseSolution) -> Finding | None:
+    if solution.residual_grey <= POOR_FIT_GREY:
+        return None
+    text = (
+        f"no single response explains the sweep: grey levels are off by {solution.residual_grey:.1f} (rms); "
+        "see that gain, gamma and light stay as they are, and that each image has its own exposure time"
+    )
+    return Finding("refused" if solution.residual_grey > REFUSED_FIT_GREY else "warned", "poor_fit", text)
+
+
+def _odd_exposure(tones: Tones, response: ResponseFunction) -> Finding | None:
+    """One exposure that all the others contradict."""
+    greys = np.arange(response.black_level + 8, response.saturation - 3)
+    inside = (tones.greys > greys[0] + tones.middle) & (tones.greys < greys[-1] + tones.middle)
+    stops = np.interp(tones.greys - tones.middle, greys, response.log2_exposure[greys]) - tones.levels[:, None]
+    stops = np.where(inside & (inside.sum(axis=0) >= 2), stops, np.nan)
+    known = np.isfinite(stops).sum(axis=1) >= 3
+    if not known.any():
+        return None
+    radiance = np.full(stops.shape[1], np.nan)
+    seen = np.isfinite(stops).any(axis=0)
+    radiance[seen] = np.nanmedian(stops[:, seen], axis=0)
+    errors = np.array([np.nanmedian(row - radiance) if told else 0.0 for row, told in zip(stops, known, strict=True)])
+    worst = int(np.argmax(np.abs(errors)))
+    if abs(errors[worst]) <= ODD_EXPOSURE_STOPS:
+        return None
+    text = (
+        f"images at {np.exp2(tones.levels[worst]):.4g} us are {errors[worst]:+.2f} stops from what the others say: "
+        "check that exposure time, or shut out flicker"
+    )
+    return Finding("refused" if abs(errors[worst]) > REFUSED_ODD_STOPS else "warned", "odd_exposure", text)
+
+
+def _moving(sweep: Sweep, response: ResponseFunction) -> Finding | None:
+    share = moved_share_between_exposures(sweep, response)
+    if share < MOVED_SHARE:
+        return None
+    text = f"{share:.0%} of the textured parts of the image moved between exposures: keep camera and scene still"
+    return Finding("warned", "moving_scene", text)

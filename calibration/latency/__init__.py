@@ -1,0 +1,1 @@
+"""How many frames a write takes to show."""

@@ -1,0 +1,1 @@
+"""Photon transfer: system gain, read noise, black level and full well."""

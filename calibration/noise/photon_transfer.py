@@ -1,0 +1,243 @@
+"""Photon transfer after EMVA 1288: system gain, read noise, black level and full well, from pairs of images."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.findings import Finding
+from calibration.noise.light_lines import LightLines, fit_light_lines
+from calibration.noise.model import Estimate, NoiseModel
+from calibration.noise.steadiness import BRIGHT, Steadiness, judge_steadiness
+from calibration.noise.variance_curve import VarianceCurve, pairs_of, variance_curve
+from calibration.sweep import Shot, Sweep
+
+Array = NDArray[np.float64]
+
+MARGIN_SIGMAS = 4.0
+"""So far from black and saturation grey levels must lie for their noise to be whole."""
+DITHER = 0.3
+"""Noise (in steps between grey levels) that is needed to blur the steps themselves; EMVA 1288 asks for 0.24."""
+LINEAR_PART = 0.7
+"""Of the way from black to saturation: what EMVA 1288 takes the system gain from."""
+SYSTEMATIC = 0.005
+"""Relative error of a variance besides chance: no sensor is linear to better, and no bin is to rule by its size."""
+BENT = 0.05
+"""Deviation from the straight line of grey over exposure time that no linear sensor shows."""
+DARK, WHITE = 0.02, 0.98
+"""Parts of full scale, for words about images: nearly black below the one, saturated above the other."""
+UNRESOLVED = 0.1
+"""Part of the read noise that its error may be."""
+SATURATED_PIXELS = 1000
+ROUNDS = 6
+"""Of choosing bins by the line and drawing the line through them; three settle it."""
+MIN_BINS = 8
+MIN_SPAN = 0.15
+"""Part of the way from black to saturation that grey levels must span for a slope to be told."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PhotonTransfer:
+    """What the shots at one gain say about noise.
+
+    Attributes
+    ----------
+    model
+        None when a finding refuses it.
+    findings
+        Reasons not to trust it.
+    curve
+        Variance over mean grey, for plots; None when there are no pairs.
+    used
+        Which bins of the curve the line was drawn through.
+    """
+
+    model: NoiseModel | None
+    findings: tuple[Finding, ...]
+    curve: VarianceCurve | None = None
+    used: NDArray[np.bool_] | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Line:
+    """``variance = offset + slope * mean``, with the covariance of (offset, slope) and the bins it rests on."""
+
+    offset: float
+    slope: float
+    covariance: Array
+    used: NDArray[np.bool_]
+
+    def at(self, mean: Array | float) -> Array:
+        return np.asarray(self.offset + self.slope * np.asarray(mean))
+
+    def error_at(self, mean: float) -> float:
+        weights = np.array([1.0, mean])
+        return math.sqrt(max(float(weights @ self.covariance @ weights), 0.0))
+
+
+def photon_transfer(sweep: Sweep) -> PhotonTransfer:
+    """Noise parameters from pairs of images of a static scene at several exposure times, all at one gain.
+
+    The scene may be flat or any other. Grey levels must be in proportion to light: noise of another response is
+    refused, since what stretches grey levels stretches their noise. For the full well some shots must saturate.
+    """
+    shots = sweep.shots
+    pairs = pairs_of(shots)
+    if not pairs:
+        return _refused("no_pairs", "no two neighbouring images have the same setting: take at least two of each")
+    curve = variance_curve(shots, pairs)
+    top_dn = 2.0 ** shots[0].bit_depth - 1.0
+    clipped = (curve.mean < DARK * top_dn) | (curve.mean > WHITE * top_dn)
+    if not curve.variance.any() and (not clipped.all() or not len(clipped)):
+        return _refused("no_noise", "no noise shows: the images of each pair are identical, or have too few pixels")
+    saturation_dn = _saturation(curve)
+    limit_dn = top_dn if saturation_dn is None else saturation_dn
+    lines = fit_light_lines(shots, limit_dn, curve.step)
+    if lines is None:
+        return PhotonTransfer(None, (_too_few(curve, None, limit_dn),), curve)
+    steadiness = judge_steadiness(lines, pairs, curve.variance_at, limit_dn)
+    line = _fit_line(curve, lines.black.value, limit_dn)
+    if line is None:
+        return PhotonTransfer(None, steadiness.refusals or (_too_few(curve, None, limit_dn),), curve)
+    findings = [*steadiness.findings, *_doubts(curve, line, lines, limit_dn, steadiness)]
+    if saturation_dn is None:
+        findings.append(_UNSATURATED)
+    model = None
+    if not any(finding.severity == "refused" for finding in findings):
+        model = _model(shots[0], line, lines, saturation_dn)
+        findings += _unresolved(model)
+    return PhotonTransfer(model, tuple(findings), curve, line.used)
+
+
+def _refused(reason: str, text: str, curve: VarianceCurve | None = None) -> PhotonTransfer:
+    return PhotonTransfer(None, (Finding("refused", reason, text),), curve)
+
+
+def _saturation(curve: VarianceCurve) -> float | None:
+    """The grey level of full pixels: they vary much less than the line of the others says."""
+    top = curve.mean[-1]
+    middle = (curve.mean > 0.3 * top) & (curve.mean < 0.6 * top)
+    rough = _weighted_line(curve, middle if middle.sum() >= 2 else curve.mean < LINEAR_PART * top)
+    if rough is None:
+        return None
+    full = (curve.mean > 0.6 * top) & (curve.variance < 0.5 * rough.at(curve.mean))
+    if curve.degrees[full].sum() < SATURATED_PIXELS:
+        return None
+    counted = np.cumsum(curve.degrees[full])
+    return float(curve.mean[full][np.searchsorted(counted, counted[-1] / 2.0)])
+
+
+def _fit_line(curve: VarianceCurve, black_dn: float, limit_dn: float) -> _Line | None:
+    """The line through the bins whose noise is whole: as many sigmas from black and saturation as it takes."""
+    span_dn = limit_dn - black_dn
+    used = (curve.mean > black_dn + 0.3 * span_dn) & (curve.mean < black_dn + 0.6 * span_dn)
+    if used.sum() < 2:
+        used = curve.mean < black_dn + LINEAR_PART * span_dn
+    low_dn = np.floor(curve.mean / curve.bin_width) * curve.bin_width
+    line = None
+    for _ in range(ROUNDS):
+        line = _weighted_line(curve, used)
+        if line is None:
+            return None
+        sigma = np.sqrt(np.maximum(line.at(curve.mean), 0.0))
+        margin = MARGIN_SIGMAS * sigma + curve.step
+        used = (low_dn - margin > 0) & (low_dn + curve.bin_width + margin < limit_dn) & (sigma > DITHER * curve.step)
+        used &= curve.mean < black_dn + LINEAR_PART * span_dn
+    return line
+
+
+def _weighted_line(curve: VarianceCurve, used: NDArray[np.bool_]) -> _Line | None:
+    """Least squares, weighted by the variance of each variance; None when the bins are too few or all alike."""
+    if used.sum() < 2 or not curve.variance[used].any():
+        return None
+    mean, variance = curve.mean[used], curve.variance[used]
+    design = np.stack([np.ones_like(mean), mean], axis=1)
+    relative = 2.0 / curve.degrees[used] + SYSTEMATIC**2
+    expected = variance
+    for _ in range(3):  # weights from the line itself: those from measured variances would favour the low ones
+        weight = 1.0 / (relative * np.maximum(expected, 1e-3 * variance.max()) ** 2)
+        covariance = np.linalg.inv((design * weight[:, np.newaxis]).T @ design)
+        offset, slope = covariance @ (design.T @ (weight * variance))
+        expected = offset + slope * mean
+    spread = float((weight * (variance - expected) ** 2).sum()) / max(len(mean) - 2, 1)
+    return _Line(float(offset), float(slope), covariance * max(spread, 1.0), used)
+
+
+def _doubts(
+    curve: VarianceCurve, line: _Line, lines: LightLines, limit_dn: float, steadiness: Steadiness
+) -> Iterator[Finding]:
+    """Whether grey levels are in proportion to light, and cover enough."""
+    mean, span_dn = curve.mean[line.used], limit_dn - lines.black.value
+    bent = float(np.nan_to_num(np.abs(lines.light(BRIGHT * span_dn))).max())
+    if bent > BENT + steadiness.light:
+        yield Finding(
+            "refused",
+            "not_linear",
+            f"grey levels are up to {bent:.0%} off the straight line over exposure time: photon transfer needs a "
+            "linear response; switch off gamma, tone curves and automatics",
+        )
+    elif len(mean) < MIN_BINS or np.ptp(mean) < MIN_SPAN * span_dn or line.slope <= 0:
+        yield _too_few(curve, line, limit_dn)
+
+
+def _too_few(curve: VarianceCurve, line: _Line | None, limit_dn: float) -> Finding:
+    pixels = max(float(curve.degrees.sum()), 1.0)
+    saturated = float(curve.degrees[curve.mean > WHITE * limit_dn].sum()) / pixels
+    dark = float(curve.degrees[curve.mean < DARK * limit_dn].sum()) / pixels
+    told = curve.mean[line.used] if line is not None else curve.mean[:0]
+    reach = f", from {told[0]:.0f} to {told[-1]:.0f}" if len(told) else ""
+    text = (
+        f"noise can be told at {len(told)} steps of grey{reach} ({saturated:.0%} of the pixels are saturated, "
+        f"{dark:.0%} nearly black): take more exposures between nearly black and saturated"
+    )
+    return Finding("refused", "too_few_levels", text)
+
+
+def _model(shot: Shot, line: _Line, lines: LightLines, saturation_dn: float | None) -> NoiseModel:
+    black = lines.black
+    gain = Estimate(line.slope, math.sqrt(line.covariance[1, 1]))
+    dark_variance = float(line.at(black.value))
+    error = math.hypot(line.error_at(black.value), line.slope * black.error)
+    dn = _root(dark_variance, error)
+    full_well = None
+    if saturation_dn is not None:
+        electrons = (saturation_dn - black.value) / gain.value
+        full_well = Estimate(electrons, electrons * math.hypot(gain.error / gain.value, black.error / saturation_dn))
+    return NoiseModel(
+        gain_db=shot.setting.gain_db,
+        bit_depth=shot.bit_depth,
+        system_gain=gain,
+        black_level_dn=black,
+        read_noise_dn=dn,
+        read_noise_e=Estimate(
+            dn.value / gain.value, math.hypot(dn.error, dn.value * gain.error / gain.value) / gain.value
+        ),
+        saturation_dn=saturation_dn,
+        full_well_e=full_well,
+    )
+
+
+def _root(variance: float, error: float) -> Estimate:
+    """Standard deviation of a variance that may be as small as its own error, or by chance negative."""
+    deviation = math.sqrt(max(variance, 0.0))
+    return Estimate(deviation, error / (2.0 * max(deviation, math.sqrt(error) / 2.0, 1e-12)))
+
+
+def _unresolved(model: NoiseModel) -> Iterator[Finding]:
+    noise = model.read_noise_e
+    if noise.error > UNRESOLVED * noise.value:
+        yield Finding(
+            "warned",
+            "read_noise_unresolved",
+            f"read noise is {noise.value:.1f} +- {noise.error:.1f} e, too little to be told at {model.bit_depth} bits "
+            f"and {model.gain_db:g} dB: measure with Mono12 or Mono16, or at a higher gain",
+        )
+
+
+_UNSATURATED = Finding(
+    "warned", "saturation_unseen", "no image saturates, so the full well is not known: expose longer or add light"
+)

@@ -1,0 +1,1 @@
+"""From a sweep to a response function."""

@@ -1,0 +1,116 @@
+"""A response curve of free shape (Debevec & Malik 1997): least squares, smooth, monotone by construction."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.solver.inverse_curve import InverseCurve, as_well, misfit, octaves, residuals
+from calibration.solver.tones import Curve, Tones
+
+SMOOTHNESS = (1e4, 1e3, 1e2, 10.0, 1.0, 0.1)
+"""Weights tried of the squared second derivative against squared errors of medians, the smoothest first.
+
+Where exposures are evenly spaced, ripples of the same spacing in the curve explain a sweep as well as none. So the
+smoothest curve is taken that explains it as well as the roughest.
+"""
+
+LEAST_STEP_STOPS = 1e-6
+"""From one node to the next the curve rises at least by so much."""
+
+_ROUNDS = 4
+"""Weights follow from the slope of the curve, the curve from the weights; it settles within a few rounds."""
+
+_SQUARE_UP_TO = 3.0
+"""Beyond so many standard deviations a residual counts by its size and no longer by its square."""
+
+
+def fit_free(tones: Tones, within: NDArray[np.bool_], prior: InverseCurve) -> tuple[InverseCurve, Curve]:
+    """The curve, and the standard errors (stops) at its nodes against the node in the middle.
+
+    Parameters
+    ----------
+    within
+        Which medians count, see `usable`.
+    prior
+        What the curve is where the sweep says nothing: differences from it are kept smooth.
+    """
+    fits = []
+    for smoothness in SMOOTHNESS:
+        curve, errors = _fit(tones, within, prior, smoothness)
+        fits.append((misfit(curve, tones, within), curve, errors))
+    best = min(size for size, _, _ in fits)
+    _, curve, errors = next(fit for fit in fits if as_well(fit[0], best))
+    return curve, errors
+
+
+def _fit(tones: Tones, within: NDArray[np.bool_], prior: InverseCurve, smoothness: float) -> tuple[InverseCurve, Curve]:
+    rows = _interpolation(octaves(tones.greys, prior.black), prior.octaves)
+    rough = smoothness * _roughness(prior.octaves)
+    curve = prior
+    for _ in range(_ROUNDS):
+        size = np.abs(residuals(curve, tones, within)) / tones.errors
+        scale = max(1.48 * float(np.median(size[within])), 0.3)
+        trust = 1.0 / np.maximum(size / (scale * _SQUARE_UP_TO), 1.0)
+        weights = np.where(within, trust / (tones.errors * curve.slope(tones.greys)) ** 2, 0.0)
+        normal, right = _without_radiances(rows, weights, tones.levels)
+        steps, variances = _increasing(normal + rough, right + rough @ prior.stops)
+        stops = np.concatenate([[0.0], np.cumsum(steps)])
+        curve = InverseCurve(prior.greys, stops - stops[-1], prior.black)
+    return curve, max(scale, 1.0) * np.sqrt(np.maximum(variances, 0.0))
+
+
+def _interpolation(at: Curve, grid: Curve) -> Curve:
+    """Shares of the nodes in the curve's value at each place, shape (*at.shape, nodes)."""
+    index = np.clip(np.searchsorted(grid, at) - 1, 0, len(grid) - 2)
+    share = np.clip((at - grid[index]) / (grid[index + 1] - grid[index]), 0.0, 1.0)
+    rows = np.zeros((*at.shape, len(grid)))
+    np.put_along_axis(rows, index[..., None], (1.0 - share)[..., None], axis=-1)
+    np.put_along_axis(rows, index[..., None] + 1, share[..., None], axis=-1)
+    return rows
+
+
+def _roughness(grid: Curve) -> Curve:
+    """The matrix of the integral of the squared second derivative over the logarithm of grey."""
+    left, right = np.diff(grid)[:-1], np.diff(grid)[1:]
+    length = (left + right) / 2
+    second = np.zeros((len(left), len(grid)))
+    index = np.arange(len(left))
+    second[index, index] = 1.0 / (left * length)
+    second[index, index + 1] = -1.0 / (left * length) - 1.0 / (right * length)
+    second[index, index + 2] = 1.0 / (right * length)
+    return np.asarray(second.T @ (second * length[:, None]))
+
+
+def _without_radiances(rows: Curve, weights: Curve, levels: Curve) -> tuple[Curve, Curve]:
+    """Normal equations of the nodes, with the radiance of each group eliminated: curve - radiance = level."""
+    weighted = rows * weights[..., None]
+    by_group = weighted.sum(axis=0)
+    total = np.maximum(weights.sum(axis=0), 1e-12)
+    level_of_group = (weights * levels[:, None]).sum(axis=0)
+    width = rows.shape[-1]
+    normal = weighted.reshape(-1, width).T @ rows.reshape(-1, width) - by_group.T @ (by_group / total[:, None])
+    right = weighted.sum(axis=1).T @ levels - by_group.T @ (level_of_group / total)
+    return normal, right
+
+
+def _increasing(normal: Curve, right: Curve) -> tuple[Curve, Curve]:
+    """The steps between nodes, none below the least one, and the variances of the nodes against the middle one.
+
+    Steps that would be smaller are held at the least one, and the others found anew, until all are large enough.
+    """
+    count = len(right)
+    sums = np.tri(count, count - 1, -1)
+    quadratic, linear = sums.T @ normal @ sums, sums.T @ right
+    free = np.ones(count - 1, bool)
+    steps = np.full(count - 1, LEAST_STEP_STOPS)
+    while free.any():
+        known = linear[free] - quadratic[np.ix_(free, ~free)] @ steps[~free]
+        steps[free] = np.linalg.lstsq(quadratic[np.ix_(free, free)], known, rcond=None)[0]
+        low = free & (steps < LEAST_STEP_STOPS)
+        if not low.any():
+            break
+        steps[low] = LEAST_STEP_STOPS
+        free &= ~low
+    relative = sums - sums[count // 2]
+    return steps, np.einsum("ij,ij->i", relative @ np.linalg.pinv(quadratic, hermitian=True), relative)

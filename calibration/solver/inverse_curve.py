@@ -1,0 +1,143 @@
+"""A response curve between whole grey levels, and how well it explains the tones of a sweep."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.response import GREY_LEVELS
+from calibration.solver.tones import Curve, Tones
+
+CLEAR_OF_ENDS_GREY = 0.8
+"""A median so near to black or saturation may stand for anything beyond."""
+
+LEAST_BEND = 0.02
+"""Stops per octave of grey: a steeper response would be a step, and divide by zero."""
+
+SAME_GREY = 0.5
+SAME_STOPS = 0.15
+"""A group whose medians differ by less, over more stops of exposure than that, is black or saturated."""
+
+
+@dataclass(frozen=True, slots=True)
+class Ends:
+    """Where grey levels end, as seen: the lowest one, and saturation (that of the format if none was saturated).
+
+    Where `black_seen`, the lowest one did not change with exposure, and so is black.
+    """
+
+    lowest: float
+    saturation: float
+    black_seen: bool
+
+    @classmethod
+    def of(cls, tones: Tones) -> Ends:
+        """The ends that a sweep shows: where a group's grey stays the same although its exposure changes."""
+        lowest, highest = float(tones.greys.min()), float(tones.greys.max())
+        dark = _stops_at(tones, tones.greys < lowest + SAME_GREY).max() > SAME_STOPS
+        bright = _stops_at(tones, tones.greys > highest - SAME_GREY) > SAME_STOPS
+        saturation = float(np.median(tones.greys[-1, bright])) if bright.any() else GREY_LEVELS - 1 + tones.middle
+        return cls(lowest, saturation, bool(dark))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class InverseCurve:
+    """log2 exposure over grey, given at some grey levels (nodes) and straight between them.
+
+    Straight, that is, over the logarithm of grey above black, over which responses hardly bend: power laws not at all.
+
+    Attributes
+    ----------
+    greys
+        Increasing, all above `black`, the last one at saturation; shape (nodes,).
+    stops
+        log2 exposure at `greys`, not decreasing.
+    black
+        Grey level without light, between whole levels.
+    """
+
+    greys: Curve
+    stops: Curve
+    black: float
+
+    @property
+    def octaves(self) -> Curve:
+        """The nodes as logarithms of grey above black."""
+        return octaves(self.greys, self.black)
+
+    def at(self, grey: Curve) -> Curve:
+        """log2 exposure (stops) of grey levels, those beyond the ends counting as the ends."""
+        return np.asarray(np.interp(octaves(grey, self.black), self.octaves, self.stops))
+
+    def slope(self, grey: Curve) -> Curve:
+        """Stops per grey level."""
+        bends = np.maximum(np.diff(self.stops) / np.diff(self.octaves), LEAST_BEND)
+        index = np.clip(np.searchsorted(self.greys, grey) - 1, 0, len(bends) - 1)
+        return np.asarray(bends[index] / np.log(2.0) / np.maximum(grey - self.black, self.greys[0] - self.black))
+
+    def grey(self, stops: Curve) -> Curve:
+        """The grey level at a log2 exposure, between black (not rounded) and saturation."""
+        inside = np.exp2(np.interp(stops, self.stops, self.octaves))
+        lowest = self.greys[0] - self.black
+        # Below the first node grey falls to black in proportion to light.
+        below = lowest * np.exp2(np.minimum(stops - self.stops[0], 0.0))
+        return np.asarray(self.black + np.where(stops < self.stops[0], below, inside))
+
+
+def _stops_at(tones: Tones, end: NDArray[np.bool_]) -> Curve:
+    """Over how many stops of exposure each group is at an end."""
+    levels = tones.levels[:, None]
+    span = np.where(end, levels, -np.inf).max(axis=0) - np.where(end, levels, np.inf).min(axis=0)
+    return np.where(end.any(axis=0), span, 0.0)
+
+
+def octaves(grey: Curve, black: float) -> Curve:
+    """The logarithm (base 2) of grey above black."""
+    return np.asarray(np.log2(np.maximum(grey - black, 1e-3)))
+
+
+def nodes(black: float, saturation: float) -> Curve:
+    """Grey levels from half a level above black to saturation, close where curves are steep, each fourth further up."""
+    above = np.concatenate([np.arange(1.0, 16.0), np.arange(16.0, 48.0, 2.0), np.arange(48.0, 256.0, 4.0)])
+    inner = black + above[black + above < saturation - 0.5]
+    return np.concatenate([[black + 0.5], inner, [saturation]])
+
+
+def usable(tones: Tones, ends: Ends) -> NDArray[np.bool_]:
+    """Which medians speak of the curve: within black and saturation, in groups that have at least two such."""
+    inside = (tones.greys > ends.lowest + CLEAR_OF_ENDS_GREY) & (tones.greys < ends.saturation - CLEAR_OF_ENDS_GREY)
+    return np.asarray(inside & (inside.sum(axis=0) >= 2))
+
+
+def radiances(curve: InverseCurve, tones: Tones, within: NDArray[np.bool_]) -> Curve:
+    """log2 radiance of each group (stops), shape (groups,), 0 where nothing is known."""
+    weights = np.where(within, 1.0 / (tones.errors * curve.slope(tones.greys)) ** 2, 0.0)
+    total = np.sum(weights * (curve.at(tones.greys) - tones.levels[:, None]), axis=0)
+    return np.asarray(total / np.maximum(weights.sum(axis=0), 1e-12))
+
+
+def residuals(curve: InverseCurve, tones: Tones, within: NDArray[np.bool_]) -> Curve:
+    """Grey levels seen minus those that the curve predicts, shape (exposures, groups), 0 where not `within`."""
+    predicted = curve.grey(radiances(curve, tones, within) + tones.levels[:, None])
+    return np.where(within, tones.greys - predicted, 0.0)
+
+
+def residuals_from_others(curve: InverseCurve, tones: Tones, within: NDArray[np.bool_]) -> Curve:
+    """Grey levels seen minus those predicted from the group's other exposures, at those of `within`, shape (n,)."""
+    weights = np.where(within, 1.0 / (tones.errors * curve.slope(tones.greys)) ** 2, 0.0)
+    own_share = weights / np.maximum(weights.sum(axis=0), 1e-12)
+    # Leaving a value out of a mean moves it away from that value by its share.
+    return np.asarray(residuals(curve, tones, within)[within] / np.maximum(1.0 - own_share[within], 0.02))
+
+
+def misfit(curve: InverseCurve, tones: Tones, within: NDArray[np.bool_]) -> float:
+    """Root mean square of residuals over standard errors, outliers (of 4 times its own size) counting as such."""
+    size = np.abs(residuals(curve, tones, within)[within] / tones.errors[within])
+    return float(np.sqrt(np.mean(np.minimum(size, 4.0 * 1.48 * max(float(np.median(size)), 0.1)) ** 2)))
+
+
+def as_well(size: float, best: float) -> bool:
+    """Whether one misfit is as good as a better one: less than a tenth worse, or by less than medians are known."""
+    return size <= 1.1 * best + 0.4

@@ -1,0 +1,95 @@
+"""The response function of a camera from a sweep of exposures."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.response import GREY_LEVELS, ResponseFunction
+from calibration.solution import ResponseSolution
+from calibration.solver.families import FamilyFit, families, fit_family
+from calibration.solver.free_curve import fit_free
+from calibration.solver.inverse_curve import (
+    Ends,
+    InverseCurve,
+    as_well,
+    misfit,
+    octaves,
+    residuals,
+    residuals_from_others,
+    usable,
+)
+from calibration.solver.tones import Curve, Tones, tones_by_exposure
+from calibration.sweep import Sweep
+from drivers.errors import ConfigurationError
+
+LINEAR_WITHIN_GREY = 0.4
+"""Sensors are linear to a percent or so: what a straight line explains this well (rms) counts as linear."""
+
+
+def solve_response(sweep: Sweep) -> ResponseSolution:
+    """Recover the response function: a free curve, or a family's where that explains as much.
+
+    Takes what `judge_sweep` does not refuse; about a second for 80 shots of 390000 pixels.
+
+    Raises
+    ------
+    ConfigurationError
+        When no group of pixels was seen, neither black nor saturated, at two exposures.
+    """
+    tones = tones_by_exposure(sweep)
+    # The scale is arbitrary: without it, and without the last digits, equal sweeps in other units stay equal.
+    tones = replace(tones, levels=np.round(tones.levels - tones.levels.mean(), 9))
+    ends = Ends.of(tones)
+    within = usable(tones, ends)
+    if not within.any():
+        raise ConfigurationError(
+            "no pixel was neither black nor saturated at two exposures: "
+            "take exposures closer to each other, from where nothing is saturated to where little is dark"
+        )
+    fits = [fit_family(family, tones, ends, within) for family in families()]
+    best = min(fit.misfit for fit in fits)
+    simplest = next(fit for fit in fits if _is_linear(fit, tones, within) or as_well(fit.misfit, best))
+    free, errors = fit_free(tones, within, simplest.curve)
+    linear = _is_linear(simplest, tones, within)
+    explained = linear or as_well(simplest.misfit, misfit(free, tones, within))
+    chosen = simplest if explained else None
+    return _solution(tones, within, chosen, simplest.curve if explained else free, _uncertainty(free, simplest, errors))
+
+
+def _is_linear(fit: FamilyFit, tones: Tones, within: NDArray[np.bool_]) -> bool:
+    return fit.family.model == "linear" and _rms(fit.curve, tones, within) < LINEAR_WITHIN_GREY
+
+
+def _rms(curve: InverseCurve, tones: Tones, within: NDArray[np.bool_]) -> float:
+    return float(np.sqrt(np.mean(residuals(curve, tones, within)[within] ** 2)))
+
+
+def _uncertainty(free: InverseCurve, family: FamilyFit, errors: Curve) -> Curve:
+    """Standard errors of the free curve, and what a family differs from it (stops), against the middle node."""
+    difference = family.curve.stops - free.stops
+    return np.asarray(np.hypot(errors, difference - difference[len(difference) // 2]))
+
+
+def _solution(
+    tones: Tones, within: NDArray[np.bool_], family: FamilyFit | None, curve: InverseCurve, uncertainty: Curve
+) -> ResponseSolution:
+    greys = np.arange(GREY_LEVELS, dtype=np.float64) + tones.middle
+    saturation = min(round(float(curve.greys[-1]) - tones.middle), GREY_LEVELS - 1)
+    black = min(max(round(curve.black - tones.middle), 0), saturation - 1)
+    stops = np.maximum.accumulate(curve.at(greys))
+    parameters: dict[str, float] = {}
+    if family:
+        named = zip(family.family.names, family.parameters, strict=True)
+        parameters = {"black": round(family.black - tones.middle, 3)} | {name: float(value) for name, value in named}
+    seen = tones.greys[within] - tones.middle
+    return ResponseSolution(
+        response=ResponseFunction(stops - stops[saturation], black, saturation),
+        model=family.family.model if family else "free",
+        parameters=parameters,
+        uncertainty_stops=np.interp(octaves(greys, curve.black), curve.octaves, uncertainty),
+        covered=(int(np.ceil(seen.min() - 0.5)), int(np.floor(seen.max() + 0.5))),
+        residual_grey=float(np.sqrt(np.mean(residuals_from_others(curve, tones, within) ** 2))),
+    )

@@ -1,0 +1,1 @@
+"""Where shots come from: a live camera on a tripod, or files."""

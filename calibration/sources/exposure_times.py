@@ -1,0 +1,169 @@
+"""Exposure times of image files: from EXIF, from their names, or from a list.
+
+A name tells the time by a number right before `us`, `ms` or `s`, after which no letter or digit follows, once in a
+name: `img_0.0333s.png`, `img_5000us.png`, `wall-2.5ms-b.tif`.
+
+A list is a text file. Each line holds an image's name (relative to the list) and its exposure time in seconds, or a
+time alone; times alone belong to the images next to the list, in the order of their names. A time may be a fraction
+(`1/30`). Empty lines and what follows `#` are left out.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from PIL import Image, UnidentifiedImageError
+
+from drivers.errors import ConfigurationError
+
+IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm", ".ppm")
+
+_EXIF_IFD, _EXPOSURE_TIME, _F_NUMBER, _SENSITIVITY = 0x8769, 0x829A, 0x829D, 0x8827
+_TIME_IN_NAME = re.compile(r"(?<![\d.])(\d+(?:\.\d+)?)(us|ms|s)(?![0-9A-Za-z])")
+_SECONDS_PER_UNIT = {"us": 1e-6, "ms": 1e-3, "s": 1.0}
+
+
+@dataclass(frozen=True, slots=True)
+class TimedFile:
+    """An image file and its exposure time in seconds."""
+
+    path: Path
+    exposure_s: float
+
+
+def timed_files(source: Path) -> list[TimedFile]:
+    """The images of a folder (in the order of their names, timed by EXIF or else by name), or of a list.
+
+    Raises
+    ------
+    ConfigurationError
+        Naming the file and the line at fault.
+    """
+    if source.is_dir():
+        return _in_folder(source)
+    return _in_list(source)
+
+
+def _in_folder(folder: Path) -> list[TimedFile]:
+    paths = image_paths(folder)
+    if not paths:
+        raise ConfigurationError(f"{folder}: holds no images ({', '.join(IMAGE_SUFFIXES)}): name another folder")
+    by_exif = [_exif_seconds(path) for path in paths]
+    seconds = by_exif if any(by_exif) else [seconds_in_name(path) for path in paths]
+    for path, value in zip(paths, seconds, strict=True):
+        if value is None:
+            raise ConfigurationError(
+                f"{path}: tells no exposure time by EXIF or by its name (as in img_5000us.png): "
+                "give a list, one image and its time in seconds per line"
+            )
+    if any(by_exif):
+        _require_one(paths, _F_NUMBER, "f-number")
+        _require_one(paths, _SENSITIVITY, "ISO sensitivity")
+    return [TimedFile(path, value) for path, value in zip(paths, seconds, strict=True) if value is not None]
+
+
+def image_paths(folder: Path) -> list[Path]:
+    """The image files of a folder, by name."""
+    return sorted(path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES)
+
+
+def seconds_in_name(path: Path) -> float | None:
+    """The exposure time that a file's name tells, None when it tells none.
+
+    Raises
+    ------
+    ConfigurationError
+        When it tells two, or 0.
+    """
+    found = _TIME_IN_NAME.findall(path.stem)
+    if not found:
+        return None
+    if len(found) > 1:
+        raise ConfigurationError(f"{path}: its name tells {len(found)} exposure times: leave one")
+    value = float(found[0][0]) * _SECONDS_PER_UNIT[found[0][1]]
+    if value <= 0:
+        raise ConfigurationError(f"{path}: its name tells an exposure time of 0: give the real one")
+    return value
+
+
+def _in_list(path: Path) -> list[TimedFile]:
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except OSError as error:
+        raise ConfigurationError(f"{path}: cannot be read ({error.strerror}): check its name and access") from error
+    except UnicodeDecodeError as error:
+        raise ConfigurationError(f"{path}: is not text: name a folder of images, or a list of them") from error
+    entries = [(number, line.partition("#")[0].split()) for number, line in enumerate(lines, 1)]
+    entries = [(number, words) for number, words in entries if words]
+    if not entries:
+        raise ConfigurationError(f"{path}: is empty: write one image and its time in seconds per line")
+    seconds = [_seconds(words[-1], f"{path}: line {number}") for number, words in entries]
+    named = [(number, " ".join(words[:-1])) for number, words in entries if len(words) > 1]
+    if not named:
+        return _by_order(path, seconds)
+    for number, words in entries:
+        if len(words) == 1:
+            raise ConfigurationError(f"{path}: line {number}: names no image, but other lines do: add its name")
+    files = []
+    for (number, name), value in zip(named, seconds, strict=True):
+        image = path.parent / name
+        if not image.is_file():
+            raise ConfigurationError(f"{path}: line {number}: there is no image {image}: correct its name")
+        files.append(TimedFile(image, value))
+    return files
+
+
+def _by_order(path: Path, seconds: list[float]) -> list[TimedFile]:
+    images = image_paths(path.parent)
+    if len(images) != len(seconds):
+        raise ConfigurationError(
+            f"{path}: has {len(seconds)} times, but {len(images)} images lie next to it: "
+            "write one time for each, or name the images"
+        )
+    return [TimedFile(image, value) for image, value in zip(images, seconds, strict=True)]
+
+
+def _seconds(word: str, where: str) -> float:
+    parts = word.split("/")
+    try:
+        value = float(parts[0]) / float(parts[1]) if len(parts) == 2 else float(word)
+    except (ValueError, ZeroDivisionError):
+        value = math.nan
+    if not 0 < value < math.inf:
+        raise ConfigurationError(f"{where}: {word!r} is no exposure time: give seconds above 0, such as 0.0333 or 1/30")
+    return value
+
+
+def _exif_number(path: Path, tag: int) -> float | None:
+    try:
+        with Image.open(path) as image:
+            value = image.getexif().get_ifd(_EXIF_IFD).get(tag)
+    except (UnidentifiedImageError, OSError) as error:
+        raise ConfigurationError(f"{path}: is not an image that can be read: remove or replace it") from error
+    if isinstance(value, tuple):
+        value = value[0] if value else None
+    try:
+        return None if value is None else float(value)
+    except (TypeError, ValueError, ZeroDivisionError):
+        return None
+
+
+def _exif_seconds(path: Path) -> float | None:
+    value = _exif_number(path, _EXPOSURE_TIME)
+    return value if value is not None and 0 < value < math.inf else None
+
+
+def _require_one(paths: list[Path], tag: int, name: str) -> None:
+    """Refuse images between which something else than the exposure time was changed."""
+    first = _exif_number(paths[0], tag)
+    for path in paths[1:]:
+        value = _exif_number(path, tag)
+        if value != first:
+            raise ConfigurationError(
+                f"{path}: its {name} is {value:g}, that of {paths[0].name} {first:g}: change the exposure time only"
+                if value is not None and first is not None
+                else f"{path}: EXIF tells the {name} of some images only: give a list of exposure times"
+            )

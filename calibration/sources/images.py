@@ -1,0 +1,64 @@
+"""A sweep from image files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.sources.exposure_times import timed_files
+from calibration.sweep import Shot, Sweep
+from drivers.errors import ConfigurationError
+from drivers.exposure import ExposureSetting
+from drivers.frames import Pixels
+
+GREEN = 1
+"""Of OpenCV's blue, green, red."""
+
+
+def read_images(source: Path) -> Sweep:
+    """A sweep from the images of a folder or of a list; `exposure_times` says what tells their times.
+
+    Of colour images the green channel is taken: one channel has one response and one saturation, a mix of them has not.
+    Images of 16 bits whose pixels all stay below 4096 are taken for 12 bits in 16. The gain is not known and given as
+    0 dB.
+
+    Raises
+    ------
+    ConfigurationError
+        One sentence that names the file, and the line where there is one.
+    """
+    files = timed_files(source)
+    images = [_grey(file.path) for file in files]
+    for file, image in zip(files[1:], images[1:], strict=True):
+        if image.shape != images[0].shape or image.dtype != images[0].dtype:
+            raise ConfigurationError(
+                f"{file.path}: is {_described(image)}, {files[0].path.name} is {_described(images[0])}: "
+                "take all images with one size and depth"
+            )
+    bit_depth = 8 if images[0].dtype == np.uint8 else 12 if max(image.max() for image in images) < 4096 else 16
+    return Sweep(
+        tuple(
+            Shot(image, bit_depth, ExposureSetting(file.exposure_s * 1e6, 0.0))
+            for file, image in zip(files, images, strict=True)
+        )
+    )
+
+
+def _described(image: NDArray[Any]) -> str:
+    return f"{image.shape[1]}x{image.shape[0]} pixels of {8 * image.dtype.itemsize} bits"
+
+
+def _grey(path: Path) -> Pixels:
+    try:
+        content = np.frombuffer(path.read_bytes(), np.uint8)
+        image = cv2.imdecode(content, cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION)
+    except (OSError, cv2.error):
+        image = None
+    if image is None or image.dtype not in {np.dtype(np.uint8), np.dtype(np.uint16)}:
+        raise ConfigurationError(f"{path}: is no image of 8 or 16 bits that can be read: remove or replace it")
+    one = image[..., GREEN] if image.ndim == 3 and image.shape[2] >= 3 else image
+    return one.astype(np.uint8) if one.dtype == np.uint8 else one.astype(np.uint16)

@@ -1,0 +1,193 @@
+"""`autoexpose calibrate` as a user meets it."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from calibration.commands.app import calibrate_app
+from calibration.prediction import prediction_tables
+from calibration.response import ResponseFunction
+from calibration.response_file import CameraIdentity, Origin, ResponseFile
+from calibration.sources.capture import SweepPlan
+from drivers.errors import AutoexposeError
+from drivers.exposure import ExposureSetting
+from fake_camera.response import response_table
+from tests.calibration.made_up_camera import MadeUpCamera
+from tests.fakes import FakeCamera, fake_camera
+
+DELTAS = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0)
+
+
+def calibrate(*arguments: str) -> tuple[int, str]:
+    """Exit code and output, as `autoexpose` gives them."""
+    result = CliRunner().invoke(calibrate_app, arguments)
+    if isinstance(result.exception, AutoexposeError):
+        return 1, f"autoexpose: {result.exception}"
+    assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
+    return result.exit_code, result.output
+
+
+def write_images(folder: Path, camera: MadeUpCamera, times_us: list[float]) -> Path:
+    folder.mkdir()
+    settings = tuple(ExposureSetting(time_us, 0.0) for time_us in times_us)
+    for setting, (shot,) in SweepPlan(settings, 1).run(camera):
+        cv2.imwrite(str(folder / f"img_{setting.exposure_time_us:.0f}us.png"), shot.pixels)
+    return folder
+
+
+def truth(name: str) -> ResponseFunction:
+    """The true response of a fake camera; 16 bits of light resolve what 8 bits of grey show."""
+    entries = 1 << 16
+    greys = 255.0 * response_table(name, entries)
+    light = np.interp(np.arange(256), greys, np.arange(entries) / (entries - 1))
+    return ResponseFunction(np.log2(np.maximum(light, light[1] / 4)), 0, 255)
+
+
+def test_images_become_a_response_file_and_a_report(tmp_path: Path) -> None:
+    images = write_images(tmp_path / "shots", MadeUpCamera(), [100.0 * 2**n for n in range(11)])
+    file = tmp_path / "camera.response.yaml"
+    code, output = calibrate("response", "--images", str(images), "-o", str(file))
+    assert code == 0, output
+    assert "verdict: " in output
+    assert f"written: {file}, {file.with_suffix('.html')}" in output
+    loaded = ResponseFile.load(file)
+    assert loaded.origin.camera is None
+    assert loaded.model == "gamma"
+    assert loaded.parameters["gamma"] == pytest.approx(1 / 2.2, rel=0.02)
+    assert file.with_suffix(".png").exists()
+
+
+def test_a_refused_sweep_leaves_a_report_and_no_file(tmp_path: Path) -> None:
+    images = write_images(tmp_path / "shots", MadeUpCamera(light=lambda shot: 0.0), [100.0, 400.0, 1600.0, 6400.0])
+    file = tmp_path / "camera.response.yaml"
+    code, output = calibrate("response", "--images", str(images), "-o", str(file))
+    assert code == 1
+    assert "refused: all images are black" in output
+    assert "verdict: refused" in output
+    assert not file.exists()
+    assert "Refused" in file.with_suffix(".html").read_text(encoding="utf-8")
+
+
+def test_check_tells_what_a_file_is(tmp_path: Path) -> None:
+    file = tmp_path / "r.yaml"
+    identity = CameraIdentity("Maker", "Model 7", "0012")
+    ResponseFile(ResponseFunction.linear(), Origin(identity, "Mono8"), "linear", covered=(4, 250)).save(file)
+    code, output = calibrate("check", str(file))
+    assert code == 0
+    assert "Maker Model 7, serial 0012" in output
+    assert "grey 4 to 250" in output
+    assert "verdict: believe it" in output
+    ResponseFunction.linear().save(file)
+    assert "verdict: none: the file does not say how it was measured" in calibrate("check", str(file))[1]
+
+
+def test_export_writes_tums_table(tmp_path: Path) -> None:
+    file, table = tmp_path / "r.yaml", tmp_path / "pcalib.txt"
+    ResponseFunction.linear().save(file)
+    code, output = calibrate("export", str(file), "--format", "tum")
+    assert code == 0
+    assert len(output.split()) == 256
+    assert calibrate("export", str(file), "--format", "tum", "-o", str(table))[0] == 0
+    assert table.read_text(encoding="utf-8") == output
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ("response -o out.yaml", "one of --camera, --config and --images"),
+        ("response --camera A --images . -o out.yaml", "one of --camera, --config and --images"),
+        ("response --camera A --camera A -o rig", "left and right are the same camera, A"),
+        ("response --camera A --camera B --camera C -o rig", "--camera is given 3 times"),
+        ("response --camera NO-SUCH -o out.yaml", "NO-SUCH"),
+        ("response --camera A -o missing/out.yaml", "out.yaml: cannot be written"),
+        ("response --camera A -o nobody.yaml", "no response file to be replaced"),
+        ("response --images missing -o out.yaml", "missing"),
+        ("response -c missing.yaml -o rig", "missing.yaml: cannot be read"),
+        ("response -c number.yaml -o rig", "cameras.left.serial is 12: give it in quotes"),
+        ("response -c nobody.yaml -o rig", "cameras.left.serial is missing"),
+        ("check missing.yaml", "missing.yaml: cannot be read"),
+        ("check other.yaml --camera A", "camera.serial is B, but this is camera A"),
+        ("export other.yaml --format tum -o missing/pcalib.txt", "pcalib.txt: cannot be written"),
+    ],
+)
+def test_what_cannot_be_is_one_sentence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: str, words: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("number.yaml").write_text("cameras: {left: {serial: 12}}")
+    Path("nobody.yaml").write_text("cameras: {}")
+    identity = CameraIdentity("Maker", "Model 7", "B")
+    ResponseFile(ResponseFunction.linear(), Origin(identity)).save(Path("other.yaml"))
+    code, output = calibrate(*arguments.split())
+    assert code == 1
+    assert words in output
+    assert "\n" not in output.strip()
+
+
+@pytest.fixture
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Half the exposures, for half the time."""
+    monkeypatch.setattr("calibration.sources.capture.STEP_STOPS", 1.0)
+
+
+@contextlib.contextmanager
+def bright_camera(tmp_path: Path, response: str) -> Iterator[FakeCamera]:
+    """On a tripod under light so bright that all exposures are short, and the sweep is."""
+    light = tmp_path / "light.yaml"
+    light.write_text("light: [{at_s: 0, lux: 6000}]")
+    with fake_camera(options=["--still", "--light", str(light), "--response", response]) as camera:
+        yield camera
+
+
+@pytest.mark.realtime
+@pytest.mark.usefixtures("quick")
+def test_a_camera_is_swept_checked_and_predicted_as_it_really_is(tmp_path: Path) -> None:
+    file = tmp_path / "left.response.yaml"
+    with bright_camera(tmp_path, "gamma") as camera:
+        code, output = calibrate("response", "--camera", camera.serial, "-o", str(file))
+        assert code == 0, output
+        assert "verdict: believe it" in output
+        code, output = calibrate("check", str(file), "--camera", camera.serial)
+        assert code == 0, output
+        assert "verdict: believe it" in output
+    loaded = ResponseFile.load(file)
+    assert loaded.origin.camera == CameraIdentity("Autoexpose", "FakeGV287M", camera.serial)
+    assert (loaded.origin.pixel_format, loaded.origin.gain_db) == ("Mono8", 0.0)
+    assert loaded.covered is not None
+    low, high = loaded.covered
+    assert low <= 8
+    assert high >= 247
+    tables = prediction_tables(loaded.response, DELTAS).astype(float)
+    true = prediction_tables(truth("gamma"), DELTAS).astype(float)
+    open_ends = (true > 0) & (true < 255) & (tables > 0) & (tables < 255)
+    open_ends[:, :low] = open_ends[:, high + 1 :] = False
+    difference = (tables - true)[open_ends]
+    assert np.sqrt(np.mean(difference**2)) < 1.0
+    assert np.percentile(np.abs(difference), 99) <= 2.0
+
+
+@pytest.mark.realtime
+@pytest.mark.usefixtures("quick")
+def test_both_cameras_of_a_rig_are_calibrated_and_compared(tmp_path: Path) -> None:
+    config, folder = tmp_path / "rig.yaml", tmp_path / "responses"
+    with bright_camera(tmp_path, "gamma") as left, bright_camera(tmp_path, "linear") as right:
+        config.write_text(
+            f"cameras: {{left: {{serial: {left.serial}}}, right: {{serial: {right.serial}}}}}\n"
+            "image: {pixel_format: Mono12, binning: 2}"
+        )
+        code, output = calibrate("response", "-c", str(config), "-o", str(folder))
+    assert code == 0, output
+    assert "each needs its own file" in output
+    for side, camera, model in (("left", left, "gamma"), ("right", right, "linear")):
+        loaded = ResponseFile.load(folder / f"{side}.response.yaml")
+        loaded.check_belongs(folder, camera.serial, "Mono12", 2)
+        assert loaded.model == model
+        report = (folder / f"{side}.response.html").read_text(encoding="utf-8")
+        assert "Left and right predict" in report

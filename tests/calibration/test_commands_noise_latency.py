@@ -1,0 +1,217 @@
+"""`autoexpose calibrate noise` and `autoexpose calibrate latency`, on fake cameras over the wire."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rich.console import Console
+from rich.table import Table
+
+from calibration.commands import noise as commands_noise
+from calibration.commands.latency import latency_document, latency_table, when_it_shows
+from calibration.commands.noise import noise_document, noise_table
+from calibration.latency.write_effect import WriteEffect
+from calibration.noise.capture import default_gains_db, plan_noise
+from calibration.noise.model import Estimate, NoiseModel
+from calibration.response import ResponseFunction
+from calibration.response_file import CameraIdentity, Origin, ResponseFile
+from calibration.sources.session import session_setup
+from drivers.errors import ConfigurationError
+from drivers.exposure import ExposureLimits
+from drivers.setup import CameraSetup
+from fake_camera.sensor import SensorModel
+from tests.calibration.made_up_camera import LIMITS, MadeUpCamera, linear
+from tests.calibration.test_commands import calibrate
+from tests.fakes import FakeCamera, fake_camera
+
+SENSOR = SensorModel()
+MODEL = NoiseModel(
+    gain_db=12.0,
+    bit_depth=12,
+    system_gain=Estimate(0.74102, 0.00123),
+    black_level_dn=Estimate(41.04, 0.31),
+    read_noise_dn=Estimate(2.2, 0.05),
+    read_noise_e=Estimate(2.9713, 0.046),
+    saturation_dn=4095.0,
+    full_well_e=Estimate(5471.3, 12.0),
+)
+EFFECT = WriteEffect("gain", {1: 19, 2: 1}, 3, (1.0, 2.0), 2100.0, ())
+
+
+def printed(table: Table) -> str:
+    console = Console(width=80)
+    with console.capture() as captured:
+        console.print(table)
+    return captured.get()
+
+
+def test_the_table_of_noise_has_a_row_for_each_gain_in_digits_that_mean_something() -> None:
+    shown = printed(noise_table("camera S, Mono12", [MODEL]))
+    assert "…" not in shown
+    row = next(line for line in shown.splitlines() if "12.0" in line)
+    assert [cell.strip() for cell in row.strip("│").split("│")] == [
+        "12.0",
+        "0.7410±0.0012",
+        "2.971±0.046",
+        "41.04±0.31",
+        "5471±12",
+    ]
+
+
+def test_the_table_of_latency_shows_the_distribution() -> None:
+    shown = printed(latency_table("camera S at 60 Hz", [EFFECT]))
+    rows = [[cell.strip() for cell in line.strip("│").split("│")] for line in shown.splitlines() if "gain" in line]
+    assert rows == [
+        ["gain", "1", "19", "95%", "#" * 19],
+        ["gain", "2", "1", "5%", "#"],
+        ["gain", "untold", "3", "", ""],
+    ]
+
+
+@pytest.mark.parametrize(
+    ("delay_us", "text"),
+    [
+        ((-2100.0, 11_000.0), "exposures that start 11.0 ms after the write, and earlier ones perhaps, show it"),
+        ((13_000.0, 29_000.0), "exposures that start 13.0 ms after the write do not show it, 29.0 ms do"),
+        ((29_000.0, 13_000.0), "does not decide"),
+    ],
+)
+def test_latency_is_told_in_time_as_well(delay_us: tuple[float, float], text: str) -> None:
+    told = when_it_shows(replace(EFFECT, delay_us=delay_us))
+    assert told.startswith("gain: written 2.1 ms after the start of an exposure; ")
+    assert text in told
+
+
+def response_file(path: Path, serial: str) -> Path:
+    identity = CameraIdentity("Autoexpose", "FakeGV287M", serial)
+    ResponseFile(ResponseFunction.linear(0), Origin(identity, "Mono8")).save(path)
+    return path
+
+
+def test_what_is_added_to_a_response_file_is_read_back(tmp_path: Path) -> None:
+    path = tmp_path / "a.response.yaml"
+    noise, latency = noise_document("Mono12", [MODEL]), latency_document(60.0, [EFFECT])
+    ResponseFile(ResponseFunction.linear(0), noise=noise, latency=latency).save(path)
+    loaded = ResponseFile.load(path)
+    assert loaded.noise == noise
+    assert loaded.noise["gains"][0]["system_gain"] == [0.74102, 0.00123]
+    assert loaded.latency == latency
+    assert loaded.latency["gain"] == {"mode_frames": 1, "frames": {1: 19, 2: 1}, "untold": 3}
+
+
+@pytest.mark.parametrize("command", ["noise", "latency"])
+def test_files_that_cannot_be_added_to_are_refused_before_the_camera_is_looked_for(
+    command: str, tmp_path: Path
+) -> None:
+    missing, other = tmp_path / "none.yaml", response_file(tmp_path / "other.yaml", "OTHER")
+    code, output = calibrate(command, "--camera", "S", "-o", str(missing))
+    assert code == 1
+    assert f"make it first with autoexpose calibrate response --camera S -o {missing}" in output
+    code, output = calibrate(command, "--camera", "S", "-o", str(other))
+    assert code == 1
+    assert "camera.serial is OTHER, but this is camera S" in output
+
+
+@pytest.mark.parametrize("offered", ["Mono12", "Mono16", "Mono8"])
+def test_noise_is_measured_in_the_deepest_format(offered: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    opened: list[CameraSetup] = []
+
+    def open_camera(serial: str, setup: CameraSetup) -> None:
+        if setup.pixel_format != offered:
+            raise ConfigurationError(f"camera {serial}: no pixel format {setup.pixel_format} here")
+        opened.append(setup)
+
+    monkeypatch.setattr(commands_noise, "open_camera", open_camera)
+    commands_noise._open("S", None)
+    assert opened == [session_setup(offered)]
+    with pytest.raises(ConfigurationError, match="no pixel format"):
+        commands_noise._open("S", "Mono16" if offered == "Mono12" else "Mono12")
+
+
+@pytest.mark.parametrize(
+    ("lowest_db", "highest_db", "gains_db"),
+    [(0.0, 0.0, (0.0,)), (0.0, 48.0, (0.0, 16.0, 32.0, 48.0)), (-1.0, 23.0, (-1.0, 7.0, 15.0, 23.0))],
+)
+def test_gains_are_spread_over_what_the_camera_has(
+    lowest_db: float, highest_db: float, gains_db: tuple[float, ...]
+) -> None:
+    assert default_gains_db(ExposureLimits(10.0, 1e6, lowest_db, highest_db)) == gains_db
+
+
+@pytest.mark.parametrize("light", [0.3, 1.0, 100.0])
+def test_exposures_go_from_almost_no_light_to_saturation(light: float) -> None:
+    camera = MadeUpCamera(linear, light=lambda shot: light)
+    plan = plan_noise(camera, 0.0)
+    times_us = [setting.exposure_time_us for setting in plan.settings]
+    *once_us, again_us = times_us
+    assert once_us == sorted(once_us)
+    assert once_us[0] >= LIMITS.min_time_us
+    assert again_us in once_us
+    darkest, brightest = (camera.take(plan.settings[index], 1)[0].pixels for index in (0, -2))
+    assert np.median(darkest) <= 4
+    assert np.median(brightest) == 255
+    assert plan.frames == 2
+
+
+@pytest.fixture(scope="module")
+def light(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    path = tmp_path_factory.mktemp("light") / "light.yaml"
+    path.write_text("light: [{at_s: 0, lux: 60}]")
+    return ["--still", "--light", str(path)]
+
+
+@pytest.fixture(scope="module")
+def fake(light: list[str]) -> Iterator[FakeCamera]:
+    with fake_camera(options=light) as camera:
+        yield camera
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize("gain_db", [0.0, 24.0])
+def test_noise_over_the_wire_is_that_of_the_sensor(fake: FakeCamera, gain_db: float, tmp_path: Path) -> None:
+    file = response_file(tmp_path / "left.response.yaml", fake.serial)
+    code, output = calibrate("noise", "--camera", fake.serial, "--gain-db", str(gain_db), "-o", str(file))
+    assert code == 0, output
+    assert f"camera {fake.serial}, Mono12" in output
+    assert f"written: {file}" in output
+    noise = ResponseFile.load(file).noise
+    assert noise["pixel_format"] == "Mono12"
+    (measured,) = noise["gains"]
+    system_gain = SENSOR.system_gain("Mono12", gain_db)
+    assert measured["gain_db"] == gain_db
+    assert measured["system_gain"][0] == pytest.approx(system_gain, rel=0.03)
+    assert measured["read_noise_e"][0] == pytest.approx(SENSOR.read_noise_e, rel=0.10)
+    assert measured["full_well_e"][0] == pytest.approx(4095.0 / system_gain, rel=0.03)
+    assert abs(measured["black_level_dn"][0]) < 1.0
+
+
+@pytest.mark.realtime
+def test_noise_of_a_camera_with_a_curve_is_refused(light: list[str]) -> None:
+    with fake_camera(options=[*light, "--response", "gamma"]) as fake:
+        code, output = calibrate("noise", "--camera", fake.serial, "--gain-db", "30", "--pixel-format", "Mono8")
+    assert code == 1
+    assert "refused at 30 dB: grey levels are up to" in output
+    assert "photon transfer needs a linear response" in output
+
+
+@pytest.mark.realtime
+def test_latency_over_the_wire_is_the_next_exposure(fake: FakeCamera, tmp_path: Path) -> None:
+    file = response_file(tmp_path / "left.response.yaml", fake.serial)
+    code, output = calibrate("latency", "--camera", fake.serial, "--writes", "7", "-o", str(file))
+    assert code == 0, output
+    assert "frames until it shows" in output
+    assert "exposure: written " in output
+    latency = ResponseFile.load(file).latency
+    assert latency["rate_hz"] == 60.0
+    assert [latency[quantity]["mode_frames"] for quantity in ("exposure", "gain")] == [1, 1]
+
+
+@pytest.mark.realtime
+def test_a_gain_that_the_camera_lacks_is_refused(fake: FakeCamera) -> None:
+    code, output = calibrate("noise", "--camera", fake.serial, "--gain-db", "60")
+    assert code == 1
+    assert "its gain is 0 to 47 dB, not 60 dB" in output

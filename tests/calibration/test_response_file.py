@@ -1,0 +1,122 @@
+from __future__ import annotations
+
+import dataclasses
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from calibration.findings import Finding
+from calibration.response import ResponseFunction
+from calibration.response_file import CameraIdentity, Origin, ResponseFile
+from calibration.solution import ResponseSolution
+from drivers.errors import ConfigurationError
+
+SOLUTION = ResponseSolution(
+    ResponseFunction.linear(4), "gamma", {"gamma": 0.4545}, np.full(256, 0.0125), (6, 250), 0.312
+)
+
+
+ORIGIN = Origin(
+    CameraIdentity("Maker", "Model 7", "0012"),
+    "Mono8",
+    binning=2,
+    gain_db=3.0,
+    date=datetime(2026, 11, 21, 12, 0, tzinfo=UTC),
+    tool="autoexpose-daemon 0.1.0",
+)
+
+
+def full() -> ResponseFile:
+    finding = Finding("warned", "few_levels", "Grey 40 to 200 alone: sweep a brighter scene.")
+    file = ResponseFile.of_solution(SOLUTION, ORIGIN, (finding,))
+    return dataclasses.replace(file, noise={"gain": 0.1}, latency={"exposure": 2})
+
+
+def saved(folder: Path) -> tuple[Path, dict[str, object]]:
+    path = folder / "r.yaml"
+    full().save(path)
+    return path, yaml.safe_load(path.read_text(encoding="utf-8"))
+
+
+def test_a_file_gives_back_what_was_saved(tmp_path: Path) -> None:
+    path, document = saved(tmp_path)
+    loaded = ResponseFile.load(path)
+    for field in dataclasses.fields(ResponseFile):
+        if field.name != "response":
+            assert getattr(loaded, field.name) == getattr(full(), field.name), field.name
+    assert loaded.response.log2_exposure == pytest.approx(SOLUTION.response.log2_exposure, abs=1e-6)
+    assert list(document)[-2:] == ["log2_exposure", "uncertainty_stops"]
+    assert len(path.read_text(encoding="utf-8").splitlines()) < 90
+
+
+def test_the_daemons_reader_takes_the_curve_of_a_full_file(tmp_path: Path) -> None:
+    path, _ = saved(tmp_path)
+    assert ResponseFunction.load(path).black_level == 4
+
+
+def test_a_curve_made_by_hand_is_as_good(tmp_path: Path) -> None:
+    path = tmp_path / "hand.yaml"
+    ResponseFunction.linear().save(path)
+    loaded = ResponseFile.load(path)
+    assert loaded.origin == Origin()
+    loaded.check_belongs(path, "any camera", "Mono16", 4)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("camera", "0012"),
+        ("camera", {"vendor": "Maker", "model": "Model 7"}),
+        ("camera", {"vendor": "Maker", "model": "Model 7", "serial": 12}),
+        ("pixel_format", "Mono10"),
+        ("pixel_format", ["Mono8"]),
+        ("binning", 0),
+        ("binning", "2"),
+        ("gain_db", float("nan")),
+        ("date", "yesterday"),
+        ("tool", 1),
+        ("model", "spline"),
+        ("parameters", {"gamma": "x"}),
+        ("parameters", {1: 2.0}),
+        ("covered", [250, 6]),
+        ("covered", [0, 256]),
+        ("residual_grey", True),
+        ("findings", [{"severity": "fatal", "reason": "x", "text": "x"}]),
+        ("noise", 3),
+        ("latency", []),
+        ("uncertainty_stops", [0.1] * 255),
+        ("uncertainty_stops", [-0.1] * 256),
+    ],
+)
+def test_a_bad_value_is_refused_with_file_and_key(tmp_path: Path, key: str, value: object) -> None:
+    path, document = saved(tmp_path)
+    path.write_text(yaml.safe_dump(document | {key: value}), encoding="utf-8")
+    with pytest.raises(ConfigurationError) as error:
+        ResponseFile.load(path)
+    assert str(error.value).startswith(f"{path}: {key} is ")
+
+
+@pytest.mark.parametrize(
+    ("present", "key"),
+    [
+        (("0013", "Mono8", 2), "camera.serial is 0012, but this is camera 0013"),
+        (("0012", "Mono12", 2), "pixel_format is Mono8, but camera 0012 runs with Mono12"),
+        (("0012", "Mono8", 1), "binning is 2, but camera 0012 runs with 1"),
+    ],
+)
+def test_a_file_of_another_camera_or_mode_is_refused(tmp_path: Path, present: tuple[str, str, int], key: str) -> None:
+    path = tmp_path / "r.yaml"
+    with pytest.raises(ConfigurationError) as error:
+        full().check_belongs(path, *present)
+    assert str(error.value).startswith(f"{path}: {key}: ")
+    assert f"calibrate response --camera {present[0]}" in str(error.value)
+    full().check_belongs(path, "0012", "Mono8", 2)
+    full().check_belongs(path, "0012")
+
+
+def test_a_place_that_cannot_be_written_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ConfigurationError, match="cannot be written"):
+        full().save(tmp_path / "nowhere" / "r.yaml")

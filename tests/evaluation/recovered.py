@@ -1,0 +1,33 @@
+"""The default policy with a recovered response function against the true one, through the same course."""
+
+from __future__ import annotations
+
+from autoexpose_daemon.control.loop import ControlLoop
+from calibration.response import ResponseFunction
+from calibration.solver.solve import solve_response
+from drivers.exposure import ExposureLimits, ExposureSetting
+from evaluation.closed_loop import Entrant, course_of, race
+from evaluation.oracle import Oracle
+from evaluation.scenarios import SCENARIOS
+from tests.calibration.sweeps import Bench, true_response
+
+
+def _entrant(name: str, response: ResponseFunction) -> Entrant:
+    def make(_: ResponseFunction, limits: ExposureLimits, start: ExposureSetting) -> ControlLoop:
+        return ControlLoop("metric-map", response, limits, start)
+
+    return Entrant(name, 2, make)
+
+
+def metric_ratios(curve: str, scenario: str, scene: str, seed: int) -> dict[str, float]:
+    """The mean metric ratio with the true, the recovered and, for comparison, a linear response."""
+    responses = {
+        "true": true_response(curve),
+        "recovered": solve_response(Bench(curve).sweep()).response,
+        "linear": ResponseFunction.linear(),
+    }
+    entrants = [_entrant(name, response) for name, response in responses.items()]
+    kind = SCENARIOS[scenario]
+    stage, first_scored = course_of(scenario, scene, seed, curve)
+    runs = race(stage, entrants, Oracle(stage), frames=kind.frames, first_scored=first_scored, every=kind.oracle_every)
+    return {run.entrant.name: run.score().metric_ratio_mean for run in runs}
