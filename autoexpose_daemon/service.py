@@ -171,7 +171,6 @@ def _same_cameras(one: Config, other: Config) -> bool:
     """Whether the cameras would be opened the same way."""
 
     def opening(config: Config) -> tuple[object, ...]:
-        serials = {side: camera.serial for side, camera in config.sides.items()}
-        return serials, config.trigger, config.image, config.transport
+        return config.cameras, config.trigger, config.image, config.transport
 
     return opening(one) == opening(other)

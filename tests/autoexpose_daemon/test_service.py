@@ -12,6 +12,8 @@ from typing import Any
 import pytest
 import yaml
 
+from calibration.response import ResponseFunction
+from calibration.response_file import CameraIdentity, Origin, ResponseFile
 from tests.autoexpose_daemon.service_process import PATIENCE_S, ServiceProcess, running_service
 from tests.autoexpose_daemon.stereo import stereo_cameras
 from tests.fakes import FakeCamera
@@ -89,8 +91,21 @@ def test_sighup_takes_what_can_be_and_says_why_not(rig: Rig, file: Path) -> None
             service.wait_until(lambda _, n=count: service.log.count("is not taken") == n, f"a refusal for {why}")
             assert why in next(line for line in reversed(service.log.splitlines()) if "is not taken" in line)
             wait_for_exposing(service)
+        response = file.with_name("left.response.yaml")
+        ResponseFile(ResponseFunction.linear()).save(response)
+        cameras = {"left": {"serial": rig[0].serial, "response": response.name}, "right": {"serial": rig[1].serial}}
+        configure(file, rig, cameras=cameras)
+        service.reload()
+        service.wait_for("RELOADING=1")
+        service.wait_for("READY=1")
+        identity = CameraIdentity("Autoexpose", "FakeGV287M", rig[0].serial)
+        ResponseFile(ResponseFunction.linear(), Origin(identity, "Mono12")).save(response)
+        service.reload()
+        service.wait_until(lambda _: "pixel_format is Mono12" in service.log, "a refusal of the response file")
+        wait_for_exposing(service)
+        ResponseFile(ResponseFunction.linear()).save(response)
         opened = service.log.count(", ready")
-        configure(file, rig, control={"policy": "fixed", "start": {"exposure_time_us": 777}})
+        configure(file, rig, cameras=cameras, control={"policy": "fixed", "start": {"exposure_time_us": 777}})
         service.reload()
         service.wait_for("RELOADING=1")
         service.wait_for("READY=1")
