@@ -250,6 +250,7 @@ class Daemon:
 
     def _on_gone(self, side: Side, error: AutoexposeError, final: bool) -> None:
         self.telemetry.cameras[side] = GONE
+        self._ledger.gone(side)
         if final:
             raise error
         self._complain(side, "gone", f"{error}; trying again")

@@ -30,6 +30,8 @@ class WriteLedger:
         self.late = 0
         self._held: dict[Side, deque[ExposureSetting]] = {side: deque(maxlen=_REMEMBERED_WRITES) for side in sides}
         self._asked: ExposureSetting | None = None
+        self._present: set[Side] = set()
+        self._missing: set[Side] = set()
         self._started_trigger = 0
         self._counted = False
         self._late_until = -1
@@ -37,24 +39,36 @@ class WriteLedger:
     def written(self, write: Written, grid: TriggerGrid | None) -> None:
         """Enter a write; `grid` tells when exposures start, None: not yet known, and so nothing is late."""
         self._held[write.side].append(write.read_back)
+        self._present.add(write.side)
         if grid is None:
             return
-        if write.asked is not self._asked:
-            self._asked, self._counted = write.asked, False
-            self._started_trigger = grid.last_before(write.started_ns)
         finished_trigger = grid.last_before(write.finished_ns)
+        if write.asked is not self._asked:
+            if self._missing:  # a newer setting overtook the last one before every camera had it
+                self._mark_late(finished_trigger)
+            self._asked, self._missing, self._counted = write.asked, set(self._present), False
+            self._started_trigger = grid.last_before(write.started_ns)
+        self._missing.discard(write.side)
         if finished_trigger > self._started_trigger:
-            self._late_until = finished_trigger + EFFECT_TRIGGERS
-            self.late += not self._counted
-            self._counted = True
+            self._mark_late(finished_trigger)
+
+    def gone(self, side: Side) -> None:
+        """A camera is lost: it is not written until it is back."""
+        self._present.discard(side)
+        self._missing.discard(side)
+
+    def _mark_late(self, finished_trigger: int) -> None:
+        self._late_until = finished_trigger + EFFECT_TRIGGERS
+        self.late += not self._counted
+        self._counted = True
 
     def mismatched(self, pair: StereoPair) -> bool:
         """Whether left and right differ, or a frame was taken with a setting that no camera ever held as a whole."""
         return pair.mismatched or not all(self._known(frame.setting) for frame in pair.frames)
 
     def explains(self, pair: StereoPair) -> bool:
-        """Whether a late setting may be why a pair is mismatched."""
-        return pair.trigger <= self._late_until
+        """Whether a late setting, or one that not every camera has yet, may be why a pair is mismatched."""
+        return pair.trigger <= self._late_until or bool(self._missing and pair.trigger > self._started_trigger)
 
     def _known(self, setting: ExposureSetting) -> bool:
         return any(setting.agrees_with(held) for settings in self._held.values() for held in reversed(settings))

@@ -43,6 +43,45 @@ def test_a_setting_that_an_exposure_cuts_in_two_is_late_once(spans: tuple[tuple[
     assert not ledger.explains(pair(1 + EFFECT_TRIGGERS + 1, BRIGHT, DIM))
 
 
+def both_written() -> WriteLedger:
+    ledger = WriteLedger(("left", "right"))
+    for side in ("left", "right"):
+        ledger.written(wrote(side, BRIGHT, -19, -18), GRID)
+    return ledger
+
+
+def test_of_a_lost_camera_no_write_is_awaited() -> None:
+    ledger = both_written()
+    ledger.gone("right")
+    ledger.written(wrote("left", DIM, 1, 3), GRID)
+    ledger.written(wrote("left", BRIGHT, 21, 23), GRID)
+    assert ledger.late == 0
+    assert not ledger.explains(pair(1, DIM, BRIGHT))
+
+
+def test_a_setting_that_not_every_camera_has_yet_explains_a_mismatch() -> None:
+    ledger = both_written()
+    ledger.written(wrote("left", DIM, 1, 3), GRID)
+    assert ledger.explains(pair(1, DIM, BRIGHT))
+    assert not ledger.explains(pair(0, DIM, BRIGHT))
+    ledger.written(wrote("right", DIM, 4, 6), GRID)
+    assert not ledger.explains(pair(1, DIM, BRIGHT))
+    assert ledger.late == 0
+
+
+def test_a_setting_that_a_newer_one_overtook_on_its_way_to_a_camera_is_late() -> None:
+    ledger = both_written()
+    ledger.written(wrote("left", DIM, 1, 3), GRID)
+    ledger.written(wrote("left", BRIGHT, 21, 23), GRID)
+    ledger.written(wrote("right", BRIGHT, 22, 24), GRID)
+    assert ledger.late == 1
+    assert ledger.explains(pair(1, DIM, BRIGHT))
+    ledger.written(wrote("left", DIM, 141, 143), GRID)
+    ledger.written(wrote("right", DIM, 141, 143), GRID)
+    assert ledger.late == 1
+    assert not ledger.explains(pair(1 + EFFECT_TRIGGERS + 1, BRIGHT, DIM))
+
+
 def test_cameras_that_differ_or_hold_half_a_setting_are_mismatched() -> None:
     ledger = WriteLedger(("left", "right"))
     for side in ("left", "right"):
