@@ -22,6 +22,7 @@ def openers(config: Config) -> dict[Side, Callable[[], Camera]]:
             _open,
             camera.serial,
             camera.response,
+            None if camera.response is None else ResponseFile.load(camera.response),
             CameraSetup(
                 trigger=_trigger(config, side),
                 pixel_format=config.image.pixel_format,
@@ -33,12 +34,12 @@ def openers(config: Config) -> dict[Side, Callable[[], Camera]]:
     }
 
 
-def _open(serial: str, response: Path | None, setup: CameraSetup) -> Camera:
+def _open(serial: str, path: Path | None, response: ResponseFile | None, setup: CameraSetup) -> Camera:
     """Open a camera, and refuse a response file for another pixel format than it turns out to send."""
     camera = open_camera(serial, setup)
-    if response is not None:
+    if path is not None and response is not None:
         try:
-            ResponseFile.load(response).check_belongs(response, serial, camera.description.pixel_format)
+            response.check_belongs(path, serial, camera.description.pixel_format)
         except ConfigurationError:
             camera.close()
             raise

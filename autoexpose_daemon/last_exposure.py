@@ -19,6 +19,7 @@ LONGEST_AGE_S = 3600.0
 """After an hour the light is another, and the configured start as good a guess."""
 _WRITE_PERIOD_S = 5.0
 _REFRESH_PERIOD_S = 600.0
+_CLOCK_STEP_S = 5.0  # by which the wall clock may have been set back meanwhile
 _GOOD_SHARE = 0.5  # a picture that is black or saturated by half says little about the right exposure
 
 
@@ -103,7 +104,7 @@ def _read(file: Path, now_s: float) -> ExposureSetting | None:
     except (OSError, ValueError, TypeError, LookupError, OverflowError, RecursionError) as error:
         log.warning("%s is damaged, so the start is the configured one: %s: %s", file, type(error).__name__, error)
         return None
-    if not 0 <= age_s <= LONGEST_AGE_S:
+    if not -_CLOCK_STEP_S <= age_s <= LONGEST_AGE_S:
         log.info("the last exposure is %.0f s old, so the start is the configured one", age_s)
         return None
     return setting

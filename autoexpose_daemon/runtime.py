@@ -92,6 +92,7 @@ class Daemon:
         lines = dict.fromkeys(config.triggered_sides, config.trigger.line)
         self._start_check = StartCheck(lines, config.trigger.rate_hz)
         self._limits: dict[Side, ExposureLimits] = {}
+        self._pixel_formats: dict[Side, str | None] = {}
         self._shared_limits: ExposureLimits | None = None
         self._loop: ControlLoop | None = None
         self._asked_arrival_ns: int | None = None
@@ -148,6 +149,7 @@ class Daemon:
         while not self._tunings.empty():  # this thread alone takes them out
             tuning, taken = self._tunings.get_nowait()
             try:
+                tuning.check_belongs(self._pixel_formats)
                 limits = tuning.limits(self._limits.values())
                 loop = tuning.loop(limits)
                 if self._newest is not None:
@@ -231,6 +233,7 @@ class Daemon:
             log.warning("%s camera %s: %s", side, camera.serial, lack)
         self.telemetry.cameras[side] = f"{camera.model} {camera.serial}"
         self._limits[side] = event.limits
+        self._pixel_formats[side] = camera.pixel_format
         self._start_check.ready(side, time.monotonic_ns())
         limits = self._tuning.limits(self._limits.values())
         if limits != self._shared_limits:

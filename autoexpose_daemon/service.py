@@ -6,7 +6,6 @@ import logging
 import threading
 import time
 from collections.abc import Callable
-from concurrent.futures import CancelledError
 from typing import Any
 
 from rich.console import Console
@@ -77,7 +76,7 @@ class Service:
         self._config = config
         self._former: Config | None = None  # to fall back on when the cameras cannot take the new one
         self._dead: list[BaseException] = []
-        self.daemon = self._make()
+        self.daemon = self._make(config)
 
     def run(self, stop: threading.Event, show: Show, new_config: NewConfig = _none) -> None:
         """Run until `stop` is set, showing telemetry and state four times a second.
@@ -94,7 +93,7 @@ class Service:
                 self._look_for_failures()
                 self._watch.look()
                 show(self.daemon.telemetry, self._watch.health)
-                self._after_look()
+                self._take_note()
                 self._look_for_reload(new_config)
         except BaseException as error:
             self._watch.failed(error)
@@ -106,8 +105,8 @@ class Service:
             self._last_exposure.save(time.monotonic())
         self._raise_failure()
 
-    def _make(self) -> Daemon:
-        return self._build(self._config, self._last_exposure.recall(self._config.exposure.limits()))
+    def _make(self, config: Config) -> Daemon:
+        return self._build(config, self._last_exposure.recall(config.exposure.limits()))
 
     def _begin(self) -> None:
         self._watch.begin(self.daemon, self._config)
@@ -133,10 +132,10 @@ class Service:
             return
         log.warning("the new configuration is not taken, back to the one before: %s", error)
         self._config, self._former = self._former, None
-        self.daemon = self._make()
+        self.daemon = self._make(self._config)
         self._begin()
 
-    def _after_look(self) -> None:
+    def _take_note(self) -> None:
         if self._watch.health.state is not State.STARTING:
             self._former = None
         if self._watch.health.state is State.EXPOSING:
@@ -156,15 +155,15 @@ class Service:
                 self._restart(config)
         except ConfigurationError as error:
             log.warning("the new configuration is not taken, the old one stays: %s", error)
-        except (TimeoutError, CancelledError):
+        except TimeoutError:
             log.warning("the new configuration is not taken, the old one stays: control does not answer")
 
     def _restart(self, config: Config) -> None:
         log.info("the new configuration changes cameras, trigger, image or transport: they are opened anew")
+        daemon = self._make(config)  # may raise, while the old one still runs
         self._end()
         self._raise_failure()
-        self._former, self._config = self._config, config
-        self.daemon = self._make()
+        self._former, self._config, self.daemon = self._config, config, daemon
         self._begin()
 
 
@@ -172,7 +171,6 @@ def _same_cameras(one: Config, other: Config) -> bool:
     """Whether the cameras would be opened the same way."""
 
     def opening(config: Config) -> tuple[object, ...]:
-        serials = {side: camera.serial for side, camera in config.sides.items()}
-        return serials, config.trigger, config.image, config.transport
+        return config.cameras, config.trigger, config.image, config.transport
 
     return opening(one) == opening(other)

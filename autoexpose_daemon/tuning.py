@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 from autoexpose_daemon.config import Config
 from autoexpose_daemon.control.loop import ControlLoop
+from calibration.response_file import ResponseFile
 from drivers.exposure import ExposureLimits
+from drivers.frames import Side
 
 
 class Tuning:
@@ -22,6 +24,13 @@ class Tuning:
         self.config = config
         self.responses = {side: config.response_of(side) for side in config.sides}
         self._regions = config.control.roi.regions()
+
+    def check_belongs(self, pixel_formats: Mapping[Side, str | None]) -> None:
+        """Refuse a response file for another pixel format than a camera sends; raises ConfigurationError."""
+        for side, pixel_format in pixel_formats.items():
+            camera = self.config.sides[side]
+            if camera.response is not None:
+                ResponseFile.load(camera.response).check_belongs(camera.response, camera.serial, pixel_format)
 
     def limits(self, cameras: Iterable[ExposureLimits]) -> ExposureLimits:
         """The bounds, cut to those of the cameras; raises ConfigurationError when that leaves nothing."""

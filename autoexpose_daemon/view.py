@@ -18,7 +18,8 @@ from autoexpose_daemon.telemetry import Telemetry
 
 log = logging.getLogger(__name__)
 
-_LINE_PERIOD_S = 5.0
+_FIRST_LINE_S = 5.0
+_LONGEST_PAUSE_S = 3600.0  # a log that is kept for months
 
 
 def set_up_logging(console: Console) -> None:
@@ -39,7 +40,7 @@ Show = Callable[[Telemetry, Health], None]
 
 @contextmanager
 def display(console: Console, title: str) -> Iterator[Show]:
-    """What shows the telemetry of a moment: a panel in a terminal, else a line of the log now and then."""
+    """What shows the telemetry of a moment: a panel in a terminal, else a line of the log, more and more seldom."""
     started_s = time.monotonic()
     if console.is_terminal:
         with Live(console=console, auto_refresh=False, transient=False) as live:
@@ -50,12 +51,13 @@ def display(console: Console, title: str) -> Iterator[Show]:
 
             yield show
     else:
-        said_s = started_s
+        next_s, pause_s = started_s + _FIRST_LINE_S, _FIRST_LINE_S
 
         def say(telemetry: Telemetry, _health: Health) -> None:
-            nonlocal said_s
-            if time.monotonic() - said_s >= _LINE_PERIOD_S:
-                said_s = time.monotonic()
+            nonlocal next_s, pause_s
+            if time.monotonic() >= next_s:
+                pause_s = min(2 * pause_s, _LONGEST_PAUSE_S)
+                next_s = time.monotonic() + pause_s
                 log.info("%s", telemetry.line(time.monotonic_ns()))
 
         yield say

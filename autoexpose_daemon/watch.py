@@ -69,6 +69,8 @@ class Watch:
     def stopping(self) -> None:
         """The stop begins."""
         self._notifier.stopping()
+        if self.health.state is not State.FAILED:
+            self._notifier.status("stopping")
 
     def _tell(self, health: Health) -> None:
         self.health = health

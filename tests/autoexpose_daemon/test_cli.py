@@ -102,7 +102,7 @@ def test_run_refuses_a_response_file_for_another_pixel_format(tmp_path: Path) ->
         identity = CameraIdentity("Autoexpose", "FakeGV287M", camera.serial)
         ResponseFile(ResponseFunction.linear(), Origin(identity, "Mono12")).save(response)
         result = autoexpose("run", "-c", str(file))
-    assert result.returncode == 1
+    assert result.returncode == os.EX_CONFIG
     sentence = f"autoexpose: {response}: pixel_format is Mono12, but camera {camera.serial} runs with Mono8: set "
     assert sentence in result.stderr
     assert "Traceback" not in result.stderr

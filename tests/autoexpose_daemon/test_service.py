@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,7 +12,9 @@ from typing import Any
 import pytest
 import yaml
 
-from tests.autoexpose_daemon.service_process import ServiceProcess, running_service
+from calibration.response import ResponseFunction
+from calibration.response_file import CameraIdentity, Origin, ResponseFile
+from tests.autoexpose_daemon.service_process import PATIENCE_S, ServiceProcess, running_service
 from tests.autoexpose_daemon.stereo import stereo_cameras
 from tests.fakes import FakeCamera
 
@@ -75,6 +78,7 @@ def test_a_stopped_trigger_and_a_lost_camera_degrade_and_feed_the_watchdog(rig: 
         wait_for_exposing(service)
         assert service.stop() == 0
         service.wait_for("STOPPING=1")
+        service.wait_for("STATUS=stopping")
         assert service.heard.count("READY=1") == 1
 
 
@@ -87,8 +91,21 @@ def test_sighup_takes_what_can_be_and_says_why_not(rig: Rig, file: Path) -> None
             service.wait_until(lambda _, n=count: service.log.count("is not taken") == n, f"a refusal for {why}")
             assert why in next(line for line in reversed(service.log.splitlines()) if "is not taken" in line)
             wait_for_exposing(service)
+        response = file.with_name("left.response.yaml")
+        ResponseFile(ResponseFunction.linear()).save(response)
+        cameras = {"left": {"serial": rig[0].serial, "response": response.name}, "right": {"serial": rig[1].serial}}
+        configure(file, rig, cameras=cameras)
+        service.reload()
+        service.wait_for("RELOADING=1")
+        service.wait_for("READY=1")
+        identity = CameraIdentity("Autoexpose", "FakeGV287M", rig[0].serial)
+        ResponseFile(ResponseFunction.linear(), Origin(identity, "Mono12")).save(response)
+        service.reload()
+        service.wait_until(lambda _: "pixel_format is Mono12" in service.log, "a refusal of the response file")
+        wait_for_exposing(service)
+        ResponseFile(ResponseFunction.linear()).save(response)
         opened = service.log.count(", ready")
-        configure(file, rig, control={"policy": "fixed", "start": {"exposure_time_us": 777}})
+        configure(file, rig, cameras=cameras, control={"policy": "fixed", "start": {"exposure_time_us": 777}})
         service.reload()
         service.wait_for("RELOADING=1")
         service.wait_for("READY=1")
@@ -100,6 +117,18 @@ def test_sighup_takes_what_can_be_and_says_why_not(rig: Rig, file: Path) -> None
         service.wait_for("READY=1")
         wait_for_exposing(service)
         assert service.log.count(", ready") == opened + 2
+
+
+@pytest.mark.parametrize(("sections", "why"), [IMPOSSIBLE[0], IMPOSSIBLE[-1]])
+def test_a_start_that_cannot_be_is_told_and_is_not_worth_another(
+    rig: Rig, file: Path, sections: dict[str, Any], why: str
+) -> None:
+    configure(file, rig, **sections)
+    with running_service(file) as service:
+        assert why in service.wait_for("STATUS=failed: ")
+        assert service.process.wait(PATIENCE_S) == os.EX_CONFIG
+        assert service.log.splitlines()[-1].startswith("autoexpose: ")
+        assert "Traceback" not in service.log
 
 
 def test_after_sigkill_it_exposes_again_from_where_it_was(rig: Rig, file: Path, tmp_path: Path) -> None:
