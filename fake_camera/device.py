@@ -194,7 +194,8 @@ class Device:
 
     def _send(self) -> None:
         """Render each exposure while it is exposed and read out, and send it when it is due; frames stay in order."""
-        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), _RENDERING_NICENESS)  # this thread alone
+        thread = threading.get_native_id()  # of this thread alone
+        os.setpriority(os.PRIO_PROCESS, thread, os.getpriority(os.PRIO_PROCESS, thread) + _RENDERING_NICENESS)
         due_ns = 0
         while (exposure := self._exposures.get()) is not None:
             due_ns = max(due_ns, exposure.ready_ns + (DELAY_NS if "delay" in exposure.faults else 0))
