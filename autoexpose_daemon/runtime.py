@@ -46,7 +46,8 @@ _BEAT_S = 0.1
 _SILENCE_S = 0.2
 _SILENCE_PERIODS = 3.0
 
-Observer = Callable[[StereoPair, Decision], None]
+Observer = Callable[[StereoPair, Decision | None], None]
+"""Told of every pair and what was decided on it; None: a newer pair was there before control got to it."""
 
 
 class Daemon:
@@ -59,7 +60,7 @@ class Daemon:
     openers
         For each side, what opens its camera.
     observer
-        Told of every step, on the control thread.
+        Told of every pair, on the control thread.
     start
         The setting the cameras begin with; None: as configured.
     """
@@ -186,8 +187,9 @@ class Daemon:
         if pairs:
             newest = max(pairs, key=lambda pair: (pair.trigger, len(pair.frames)))
             for pair in pairs:
-                if pair.trigger != newest.trigger:
-                    self._account.superseded(pair)
+                if pair.trigger != newest.trigger and len(pair.frames) == len(self._config.sides):
+                    self.telemetry.undecided_pairs += 1
+                    self._deliver(pair, None)
             if newest.trigger > self._last_trigger:  # a pair may come after one of its frames was used alone
                 self._last_trigger = newest.trigger
                 self._step(newest)
@@ -281,14 +283,18 @@ class Daemon:
         self._newest = pair
         self.telemetry.decision_ms.add_ns(time.monotonic_ns() - started_ns)
         self.telemetry.decision = decision
-        self.telemetry.delivered(pair, complete=len(pair.frames) == len(self._config.sides))
-        if self._ledger.mismatched(pair):
-            self.telemetry.mismatched_pairs += 1
-            self.telemetry.unexplained_mismatches += not self._ledger.explains(pair)
         if decision.setting != self._asked or self._write_again:
             self._asked, self._write_again = decision.setting, False
             self._asked_arrival_ns = max(frame.arrival_time_ns for frame in pair.frames)
             self._rig.write(decision.setting, self._when_to_write_ns())
+        self._deliver(pair, decision)
+
+    def _deliver(self, pair: StereoPair, decision: Decision | None) -> None:
+        """Note what a pair shows, and hand it on."""
+        self.telemetry.delivered(pair, complete=len(pair.frames) == len(self._config.sides))
+        if self._ledger.mismatched(pair):
+            self.telemetry.mismatched_pairs += 1
+            self.telemetry.unexplained_mismatches += not self._ledger.explains(pair)
         self._drift.see(pair)
         self.telemetry.drift_grey, self.telemetry.misfits = self._drift.residual_grey, self._drift.misfits
         if self._observer is not None:

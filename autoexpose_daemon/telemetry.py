@@ -47,6 +47,8 @@ class Telemetry:
         For each side that was tried, model and serial, or `GONE`.
     last_frame_ns, last_pair_ns
         When each camera's newest whole frame, and the newest complete pair, arrived (CLOCK_MONOTONIC).
+    undecided_pairs
+        Pairs that were passed on, but not decided on: a newer one was there before control got to them.
     misfits
         For each side whose calibration does not fit, why, in words.
     """
@@ -54,6 +56,7 @@ class Telemetry:
     pairs: int = 0
     lost: dict[LossReason, int] = field(default_factory=dict)
     surplus_frames: int = 0
+    undecided_pairs: int = 0
     mismatched_pairs: int = 0
     unexplained_mismatches: int = 0
     late_writes: int = 0
@@ -82,6 +85,7 @@ class Telemetry:
     def oddities(self) -> dict[str, int]:
         """What should not happen and did, in words, with its count."""
         counts = {
+            "pairs without a decision": self.undecided_pairs,
             "mismatched pairs": self.mismatched_pairs,
             "mismatches without a late write": self.unexplained_mismatches,
             "late writes": self.late_writes,

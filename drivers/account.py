@@ -147,12 +147,6 @@ class TriggerAccount:
         """Account for a frame that nobody had time for."""
         return self._arrival(side, frame.frame_id, frame.host_time_ns, _Fate.STALE)
 
-    def superseded(self, pair: StereoPair) -> None:
-        """Take back a returned pair: a newer one was there before control got to it."""
-        if len(pair.frames) == len(self._tracks):
-            self.tally.pairs -= 1
-            self.tally.lost[LossReason.STALE] += 1
-
     def silent(self, side: Side) -> list[StereoPair]:
         """The camera sends nothing, perhaps for good: stop waiting for it."""
         self._tracks[side].silent = True

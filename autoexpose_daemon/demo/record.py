@@ -37,8 +37,10 @@ class Recorder:
         self.pictures: list[tuple[int, NDArray[np.uint8]]] = []
         self._picture_period_ns = picture_period_s * 1e9
 
-    def __call__(self, pair: StereoPair, decision: Decision) -> None:
-        """Keep one step."""
+    def __call__(self, pair: StereoPair, decision: Decision | None) -> None:
+        """Keep one step, if it is one."""
+        if decision is None:
+            return
         frame = pair.left
         self.steps.append(
             StepRecord(

@@ -146,6 +146,7 @@ def _figures(options: DemoOptions, daemon: Daemon, pulses: list[Pulse], steps: l
         "triggers": len(pulses),
         "pairs": tally.pairs,
         "lost": {str(reason): count for reason, count in tally.lost.items() if count},
+        "undecided_pairs": telemetry.undecided_pairs,
         "mismatched_pairs": telemetry.mismatched_pairs,
         "unexplained_mismatches": telemetry.unexplained_mismatches,
         "late_writes": telemetry.late_writes,

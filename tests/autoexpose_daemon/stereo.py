@@ -88,7 +88,12 @@ def running_daemon(
         {"cameras": {"left": {"serial": left.serial}, "right": {"serial": right.serial}}} | (settings or {})
     )
     seen: list[tuple[StereoPair, Decision]] = []
-    daemon = Daemon(config, openers(config), lambda pair, decision: seen.append((pair, decision)))
+
+    def see(pair: StereoPair, decision: Decision | None) -> None:
+        if decision is not None:
+            seen.append((pair, decision))
+
+    daemon = Daemon(config, openers(config), see)
     run = Run(left, right, truths, daemon, seen)
     stop = threading.Event()
 

@@ -69,22 +69,22 @@ def test_a_killed_camera_leaves_the_other_at_work_and_comes_back() -> None:
 
 
 @pytest.mark.parametrize(
-    ("fault", "reason"),
+    ("fault", "reason", "most"),
     [
-        ("ignore_triggers", LossReason.TRIGGER_IGNORED),
-        ("freeze", LossReason.LEFT_MISSING),
-        ("delay", LossReason.STALE),
-        pytest.param("lose_packets", None, marks=pytest.mark.skipif(ON_USB, reason="USB loses none")),  # sent again
+        ("ignore_triggers", LossReason.TRIGGER_IGNORED, 30),
+        ("freeze", LossReason.LEFT_MISSING, 30),
+        ("delay", None, 30),  # late, and whole if its partner was not used alone
+        pytest.param("lose_packets", None, 2, marks=pytest.mark.skipif(ON_USB, reason="USB loses none")),  # sent again
     ],
 )
-def test_a_fault_is_accounted_for_and_passes(fault: str, reason: LossReason | None) -> None:
+def test_a_fault_is_accounted_for_and_passes(fault: str, reason: LossReason | None, most: int) -> None:
     with stereo_cameras() as cameras, running_daemon(cameras, {"control": {"policy": "fixed"}}) as run:
         run.wait_for_pairs(30)
         before = run.daemon.tally.lost.copy()
         run.left.inject(fault, count=3)
         run.wait_for_pairs(60)
         new = run.daemon.tally.lost - before
-        assert new.total() <= (2 if reason is None else 30)
+        assert new.total() <= most
         assert reason is None or new[reason] > 0
 
 

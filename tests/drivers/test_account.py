@@ -170,14 +170,6 @@ def test_without_any_frame_whole_periods_are_counted() -> None:
     assert account.tally.lost[LossReason.CAMERA_GONE] == 10
 
 
-def test_superseded_pairs_are_stale() -> None:
-    rig = FakeRig()
-    rig.pulses(3)
-    rig.account.superseded(rig.released[-1])
-    assert rig.close() == {"stale": 1}
-    assert rig.account.tally.pairs == 2
-
-
 @pytest.mark.parametrize(("rate_error", "off"), [(0.0, False), (0.003, False), (0.05, True), (-0.05, True)])
 def test_a_trigger_at_another_rate_is_noticed(rate_error: float, off: bool) -> None:
     rig = FakeRig(period_ns=PERIOD_NS * (1 + rate_error))
