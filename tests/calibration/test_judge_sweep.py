@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from calibration.judges.motion import moved_share
 from calibration.judges.solution import judge_solution
 from calibration.judges.sweep import judge_sweep
 from calibration.solver.solve import solve_response
@@ -219,6 +220,11 @@ def test_one_wrong_exposure_time_is_named(curve: str) -> None:
 def test_motion_shows_without_repeats(curve: str) -> None:
     bench = Bench(curve, view=lambda time_s: scene()[:, int(20 * time_s) : int(20 * time_s) + WIDTH])
     assert found(bench.sweep(TIMES_US, frames=1)) == ["moving_scene"]
+
+
+def test_images_smaller_than_a_block_do_not_tell_motion() -> None:
+    shots = Bench().sweep(TIMES_US).shots
+    assert moved_share(Sweep(tuple(replace(shot, pixels=shot.pixels[80:88, :8]) for shot in shots))) == 0.0
 
 
 def test_levels_that_were_never_seen_are_named() -> None:
