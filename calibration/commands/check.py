@@ -33,6 +33,8 @@ FRAMES = 4
 HEADROOM_STOPS = 2.0
 """Where the median of the scene is put, below saturation: the brightest exposure then just reaches it."""
 NEAR_STOPS = 0.5
+MOST_STOPS = 20.0
+"""By which exposure times change in the search, also where a foreign file says more than any camera has."""
 _TRIES = 6  # a scene all black or all white tells a direction only
 
 
@@ -87,7 +89,7 @@ def plan_check(camera: StaticCamera, response: ResponseFunction, gain_db: float)
     for _ in range(_TRIES):
         (shot,) = camera.take(ExposureSetting(time_us, gain_db), 1)
         missing = target - float(response.inverse(np.array([int(np.median(grey8(shot)))]))[0])
-        time_us = min(max(time_us * 2.0**missing, shortest_us), longest_us)
+        time_us = min(max(time_us * 2.0 ** min(max(missing, -MOST_STOPS), MOST_STOPS), shortest_us), longest_us)
         if abs(missing) < NEAR_STOPS:
             break
     stops = np.linspace(-REACH_STOPS, REACH_STOPS, STEPS)
