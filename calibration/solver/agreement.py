@@ -65,7 +65,7 @@ class Agreement:
 def agreement(response: ResponseFunction, tones: Tones) -> Agreement:
     """Predict every exposure from every other within two stops, and from its neighbours however far they are."""
     greys = tones.greys - tones.middle
-    parts = []
+    parts = [(np.empty(0), np.empty(0), np.empty(0))]
     for i, level in enumerate(tones.levels):
         for j, other in enumerate(tones.levels):
             if i != j and (abs(other - level) <= MAX_DELTA_STOPS or abs(i - j) == 1):
