@@ -107,4 +107,4 @@ def _wrong_order(levels: Curve, steps: NDArray[np.intp]) -> Finding:
 
 
 def _us(level: float) -> str:
-    return f"{np.exp2(level):.4g} us"
+    return f"{np.exp2(level):.0f} us"

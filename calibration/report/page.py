@@ -80,7 +80,7 @@ def facts(result: Result) -> Iterator[Fact]:
     """What stands above the plots."""
     yield from origin_facts(result.origin)
     times_us = [shot.setting.exposure_time_us for shot in result.sweep.shots]
-    yield "sweep", f"{len(times_us)} images, {min(times_us):g} to {max(times_us):g} us"
+    yield "sweep", f"{len(times_us)} images, {min(times_us):.0f} to {max(times_us):.0f} us"
     if result.solution is not None:
         yield from curve_facts(ResponseFile.of_solution(result.solution, result.origin))
         yield "scale", "log2 exposure is 0 at saturation by convention: a sweep does not tell absolute light"

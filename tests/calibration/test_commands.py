@@ -69,7 +69,7 @@ def test_a_refused_sweep_leaves_a_report_and_no_file(tmp_path: Path) -> None:
     file = tmp_path / "camera.response.yaml"
     code, output = calibrate("response", "--images", str(images), "-o", str(file))
     assert code == 1
-    assert "refused: all images are black" in output
+    assert "refused: all images are black (grey 0)" in output
     assert "verdict: refused" in output
     assert not file.exists()
     assert "Refused" in file.with_suffix(".html").read_text(encoding="utf-8")

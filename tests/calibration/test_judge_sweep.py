@@ -213,7 +213,7 @@ def test_one_wrong_exposure_time_is_named(curve: str) -> None:
 
     assert judge_sweep(sweep) == []
     assert [finding.reason for finding in findings] == ["odd_exposure"]
-    assert f"{TIMES_US[10] * 1.1:.4g} us are -0.1" in findings[0].text
+    assert f"{TIMES_US[10] * 1.1:.0f} us are -0.1" in findings[0].text
 
 
 @pytest.mark.parametrize("curve", CURVES)
