@@ -217,6 +217,8 @@ def _draw_sweep(axes: Axes, result: Result) -> None:
     tones = result.by_shot
     first, again = _first_pass(times_ms)
     brightness = tones.greys.mean(axis=1)
+    axes.set_xscale("log")
+    axes.set_xlim(times_ms.min() / 1.5, times_ms.max() * 1.5)  # there may be one exposure only
     axes.fill_between(
         times_ms[first],
         tones.greys[first].min(axis=1),
@@ -225,9 +227,9 @@ def _draw_sweep(axes: Axes, result: Result) -> None:
         alpha=0.2,
         lw=0,
     )
-    axes.semilogx(times_ms[first], brightness[first], "-o", color="#0072b2", ms=5, lw=1.2, label="first pass")
+    axes.plot(times_ms[first], brightness[first], "-o", color="#0072b2", ms=5, lw=1.2, label="first pass")
     if len(again):
-        axes.semilogx(times_ms[again], brightness[again], "--x", color="#d55e00", ms=6, lw=1.2, label="repeated")
+        axes.plot(times_ms[again], brightness[again], "--x", color="#d55e00", ms=6, lw=1.2, label="repeated")
     axes.set_ylim(0, 258)
     axes.legend(loc="upper left", frameon=False)
     _finish(axes, "exposure time (ms)", "grey level: mean, darkest to brightest part")

@@ -91,6 +91,12 @@ def test_a_refused_sweep_has_a_report_that_says_why(tmp_path: Path) -> None:
     assert text.count("<img") == 2
 
 
+def test_a_sweep_of_one_image_has_a_report(tmp_path: Path) -> None:
+    one = calibrate("camera 0012", ORIGIN, sweep(MadeUpCamera(gamma), [1000.0], frames=1))
+    assert [finding.reason for finding in one.findings] == ["too_few_exposures"]
+    assert "where 3 are the least" in write_report(tmp_path / "r.yaml", one).read_text(encoding="utf-8")
+
+
 def test_noise_and_latency_measured_before_stay(solved: Result, tmp_path: Path) -> None:
     file = solved.file
     assert file is not None
