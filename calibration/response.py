@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import reprlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -110,7 +111,8 @@ class ResponseFunction:
             raise ConfigurationError(f"{path}: log2_exposure is not a list: give 256 numbers, for grey 0 to 255")
         for grey, stops in enumerate(curve):
             if not is_number(stops):
-                raise ConfigurationError(f"{path}: log2_exposure[{grey}] is {stops!r}: give a number of stops")
+                told = reprlib.repr(stops)
+                raise ConfigurationError(f"{path}: log2_exposure[{grey}] is {told}: give a number of stops")
         for key in ("black_level", "saturation"):
             if type(document[key]) is not int:
                 raise ConfigurationError(f"{path}: {key} is {document[key]!r}: give a grey level, 0 to 255")
