@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import replace
@@ -20,8 +21,10 @@ from calibration.noise.photon_transfer import PhotonTransfer, photon_transfer
 from calibration.sources.session import Session, session_setup
 from calibration.sweep import Sweep
 from drivers.aravis import AravisCamera, open_camera
-from drivers.errors import ConfigurationError
+from drivers.errors import AutoexposeError, ConfigurationError
 from drivers.setup import PixelFormat
+
+log = logging.getLogger(__name__)
 
 COLUMNS = (
     ("gain", "dB"),
@@ -113,7 +116,10 @@ def _session(serial: str, pixel_format: PixelFormat | None) -> Iterator[Session]
         with Session(_open(serial, pixel_format)) as session:
             yield session
     finally:
-        open_camera(serial, session_setup(cast(PixelFormat, former))).close()
+        try:
+            open_camera(serial, session_setup(cast(PixelFormat, former))).close()
+        except AutoexposeError as error:  # it must not hide why the measurement ended
+            log.warning("camera %s: its pixel format is no longer %s: %s", serial, former, error)
 
 
 def _open(serial: str, pixel_format: PixelFormat | None) -> AravisCamera:
