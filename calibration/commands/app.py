@@ -83,7 +83,8 @@ def check(
             console.print(line)
         findings = held.findings
     elif content.model is None:
-        console.print("verdict: none: the file does not say how it was measured; check it with --camera SERIAL")
+        text = "verdict: none: the file does not say how it was measured; check it with --camera SERIAL"
+        console.print(text, soft_wrap=True)
         return
     _tell(verdict(findings), findings, console)
     if verdict(findings) == "refused":
