@@ -92,6 +92,11 @@ class ResponseFunction:
         bounded = np.clip(grey, self.black_level, self.saturation)
         return np.asarray(self.log2_exposure[bounded])
 
+    def inverse_between(self, grey: NDArray[np.float64]) -> NDArray[np.float64]:
+        """f^-1 (stops) of grey levels that need not be whole, straight between those that are."""
+        levels = np.arange(GREY_LEVELS)
+        return np.asarray(np.interp(grey, levels, self.inverse(levels)))
+
     @classmethod
     def load(cls, path: Path) -> ResponseFunction:
         """Read a response file (YAML, format `autoexpose-response/1`), whatever camera it is of.

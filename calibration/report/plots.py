@@ -16,7 +16,6 @@ from calibration.commands.result import Result
 from calibration.prediction import prediction_table
 from calibration.response import GREY_LEVELS, ResponseFunction
 from calibration.solution import ResponseSolution
-from calibration.solver.agreement import log2_exposure
 
 DASHES: Sequence[tuple[float, str, str, str]] = (
     (-2.0, "#0072b2", ":", "v"),
@@ -144,7 +143,7 @@ def _draw_response(axes: Axes, result: Result, solution: ResponseSolution) -> No
     response, (low, high) = solution.response, solution.covered
     tones = result.by_exposure
     greys = tones.greys - tones.middle
-    stops = log2_exposure(response, greys)
+    stops = response.inverse_between(greys)
     open_ends = (greys > response.black_level + 1) & (greys < response.saturation - 1)
     radiances = stops - tones.levels[:, None]
     own = [np.median(part[seen]) if seen.any() else np.nan for part, seen in zip(radiances.T, open_ends.T, strict=True)]

@@ -40,6 +40,12 @@ def test_inverse_undoes_the_response(black_level: int) -> None:
     assert response.intensity(response.inverse(greys)) == pytest.approx(greys)
 
 
+def test_inverse_between_whole_grey_levels_is_straight() -> None:
+    response = ResponseFunction.linear()
+    ends = response.inverse(np.array([40, 41]))
+    assert response.inverse_between(np.array([40.0, 40.5, 41.0])) == pytest.approx([ends[0], ends.mean(), ends[1]])
+
+
 def test_no_light_and_too_much_light_stay_within_black_and_saturation() -> None:
     response = ResponseFunction.linear(black_level=7)
     assert response.intensity(np.array([-100.0, 100.0])).tolist() == [7, 255]
