@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
 from calibration.strict_yaml import load_mapping
@@ -98,17 +97,6 @@ class ResponseFunction:
         return np.asarray(np.interp(grey, levels, self.inverse(levels)))
 
     @classmethod
-    def load(cls, path: Path) -> ResponseFunction:
-        """Read a response file (YAML, format `autoexpose-response/1`), whatever camera it is of.
-
-        Raises
-        ------
-        ConfigurationError
-            Naming the file, the key and what to do.
-        """
-        return cls.from_document(load_response_document(path), path)
-
-    @classmethod
     def from_document(cls, document: Mapping[Any, Any], path: Path) -> ResponseFunction:
         """The response function in the content of a response file; `path` is for the messages."""
         curve = document["log2_exposure"]
@@ -125,25 +113,6 @@ class ResponseFunction:
             return cls(np.array(curve, dtype=np.float64), document["black_level"], document["saturation"])
         except ConfigurationError as error:
             raise ConfigurationError(f"{path}: {error}") from None
-
-    def save(self, path: Path) -> None:
-        """Write the response file that `load` reads back exactly.
-
-        Raises
-        ------
-        ConfigurationError
-            When the file cannot be written.
-        """
-        document = {
-            "format": FORMAT,
-            "black_level": self.black_level,
-            "saturation": self.saturation,
-            "log2_exposure": self.log2_exposure.tolist(),
-        }
-        try:
-            path.write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
-        except OSError as error:
-            raise ConfigurationError(f"{path}: cannot be written ({error.strerror}): choose another place") from error
 
 
 def load_response_document(path: Path) -> dict[Any, Any]:

@@ -84,13 +84,13 @@ def test_check_tells_what_a_file_is(tmp_path: Path) -> None:
     assert "Maker Model 7, serial 0012" in output
     assert "grey 4 to 250" in output
     assert "verdict: believe it" in output
-    ResponseFunction.linear().save(file)
+    ResponseFile(ResponseFunction.linear()).save(file)
     assert "verdict: none: the file does not say how it was measured" in calibrate("check", str(file))[1]
 
 
 def test_export_writes_tums_table(tmp_path: Path) -> None:
     file, table = tmp_path / "r.yaml", tmp_path / "pcalib.txt"
-    ResponseFunction.linear().save(file)
+    ResponseFile(ResponseFunction.linear()).save(file)
     code, output = calibrate("export", str(file), "--format", "tum")
     assert code == 0
     assert len(output.split()) == 256
