@@ -17,7 +17,7 @@ from calibration.response import ResponseFunction
 from calibration.response_file import ResponseFile
 from calibration.solver.agreement import Agreement, agreement
 from calibration.solver.tones import grey8, tones_by_exposure
-from calibration.sources.capture import FIRST_TIME_US, LONGEST_TIME_US, StaticCamera, SweepPlan
+from calibration.sources.capture import FIRST_TIME_US, StaticCamera, SweepPlan, time_bounds_us
 from calibration.sources.session import Session
 from calibration.sweep import Sweep
 from drivers.aravis import open_camera
@@ -82,8 +82,7 @@ def check_camera(path: Path, serial: str, console: Console) -> Check:
 
 def plan_check(camera: StaticCamera, response: ResponseFunction, gain_db: float) -> SweepPlan:
     """Exposures over two stops up and down from where the median of this scene is well exposed, up and down again."""
-    limits = camera.limits
-    shortest_us, longest_us = limits.min_time_us, max(min(limits.max_time_us, LONGEST_TIME_US), limits.min_time_us)
+    shortest_us, longest_us = time_bounds_us(camera.limits)
     time_us = min(max(FIRST_TIME_US, shortest_us), longest_us)
     target = float(response.log2_exposure[response.saturation]) - HEADROOM_STOPS
     for _ in range(_TRIES):

@@ -107,7 +107,7 @@ def _in_list(path: Path) -> list[TimedFile]:
     for number, words in entries:
         if len(words) == 1:
             raise ConfigurationError(f"{path}: line {number}: names no image, but other lines do: add its name")
-    files = []
+    files: list[TimedFile] = []
     for (number, name), value in zip(named, seconds, strict=True):
         image = path.parent / name
         if not image.is_file():
