@@ -18,8 +18,8 @@ from calibration.response_file import CameraIdentity, Origin, ResponseFile
 from calibration.sources.capture import SweepPlan
 from drivers.errors import AutoexposeError
 from drivers.exposure import ExposureSetting
-from fake_camera.response import response_table
 from tests.calibration.made_up_camera import MadeUpCamera
+from tests.calibration.true_response import true_response
 from tests.fakes import FakeCamera, fake_camera
 
 DELTAS = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0)
@@ -40,14 +40,6 @@ def write_images(folder: Path, camera: MadeUpCamera, times_us: list[float]) -> P
     for setting, (shot,) in SweepPlan(settings, 1).run(camera):
         cv2.imwrite(str(folder / f"img_{setting.exposure_time_us:.0f}us.png"), shot.pixels)
     return folder
-
-
-def truth(name: str) -> ResponseFunction:
-    """The true response of a fake camera; 16 bits of light resolve what 8 bits of grey show."""
-    entries = 1 << 16
-    greys = 255.0 * response_table(name, entries)
-    light = np.interp(np.arange(256), greys, np.arange(entries) / (entries - 1))
-    return ResponseFunction(np.log2(np.maximum(light, light[1] / 4)), 0, 255)
 
 
 def test_images_become_a_response_file_and_a_report(tmp_path: Path) -> None:
@@ -165,7 +157,7 @@ def test_a_camera_is_swept_checked_and_predicted_as_it_really_is(tmp_path: Path)
     assert low <= 8
     assert high >= 247
     tables = prediction_tables(loaded.response, DELTAS).astype(float)
-    true = prediction_tables(truth("gamma"), DELTAS).astype(float)
+    true = prediction_tables(true_response("gamma"), DELTAS).astype(float)
     open_ends = (true > 0) & (true < 255) & (tables > 0) & (tables < 255)
     open_ends[:, :low] = open_ends[:, high + 1 :] = False
     difference = (tables - true)[open_ends]
