@@ -186,6 +186,17 @@ def test_steps_drifts_and_flicker_of_any_size_are_told_apart(curve: str, seed: i
         assert [finding.reason for finding in judge_sweep(sweep)] == [reason]
 
 
+@pytest.mark.parametrize("longest_us", [16_000.0, 500_000.0])
+@pytest.mark.parametrize(("reason", "start", "ramp"), [("light_drift", 1e-3, 1.0), ("light_step", 0.3, 0.0)])
+def test_a_sweep_up_and_down_tells_steps_from_drifts(reason: str, start: float, ramp: float, longest_us: float) -> None:
+    """As `plan_sweep` takes it, up to long exposures that leave little time for the others."""
+    times_us = np.geomspace(31.0, longest_us, 20)
+    up_down = [*times_us, *times_us[::-1]]
+    duration = duration_s(up_down, 3)
+    script = LightScript((Change(0.0, 1.0), Change(start * duration, 1.5, ramp * duration)))
+    assert [finding.reason for finding in judge_sweep(Bench(light=script).sweep(up_down, 3))] == [reason]
+
+
 @pytest.mark.parametrize("times_us", [UP_DOWN_UP, TIMES_US, TIMES_US[::4]], ids=["up-down-up", "once", "few"])
 @pytest.mark.parametrize("black_level_percent", [0.0, 2.0])
 @pytest.mark.parametrize("curve", CURVES)
