@@ -84,7 +84,7 @@ def walked_through(curve: str) -> Sweep:
 
 
 def shuffled_shots(curve: str) -> Sweep:
-    shots = Bench(curve).sweep().shots
+    shots = [replace(shot, time_s=None) for shot in Bench(curve).sweep().shots]
     order = np.random.default_rng(3).permutation(len(shots))
     return Sweep(tuple(replace(shot, setting=shots[i].setting) for shot, i in zip(shots, order, strict=True)))
 
@@ -195,6 +195,15 @@ def test_a_sweep_up_and_down_tells_steps_from_drifts(reason: str, start: float, 
     duration = duration_s(up_down, 3)
     script = LightScript((Change(0.0, 1.0), Change(start * duration, 1.5, ramp * duration)))
     assert [finding.reason for finding in judge_sweep(Bench(light=script).sweep(up_down, 3))] == [reason]
+
+
+@pytest.mark.parametrize("start", [0.02, 0.2, 0.5, 0.8])
+def test_half_the_light_is_no_other_exposure(start: float) -> None:
+    """Exposures half a stop apart look like others when one of two lamps goes out."""
+    times_us = np.geomspace(31.0, 16_000.0, 19)
+    up_down = [*times_us, *times_us[::-1]]
+    script = LightScript((Change(0.0, 1.0), Change(start * duration_s(up_down, 3), 0.5)))
+    assert [finding.reason for finding in judge_sweep(Bench(light=script).sweep(up_down, 3))] == ["light_step"]
 
 
 @pytest.mark.parametrize("times_us", [UP_DOWN_UP, TIMES_US, TIMES_US[::4]], ids=["up-down-up", "once", "few"])
