@@ -68,12 +68,12 @@ def noise_table(title: str, models: Sequence[NoiseModel]) -> Table:
     for name, unit in COLUMNS:
         table.add_column(f"{name}\n({unit})", justify="right", no_wrap=True)
     for model in models:
-        full_well = "not seen" if model.full_well_e is None else _told(model.full_well_e)
+        full_well = "not seen" if model.full_well_e is None else str(model.full_well_e)
         table.add_row(
             f"{model.gain_db:.1f}",
-            _told(model.system_gain),
-            _told(model.read_noise_e),
-            _told(model.black_level_dn),
+            str(model.system_gain),
+            str(model.read_noise_e),
+            str(model.black_level_dn),
             full_well,
         )
     return table
@@ -98,13 +98,6 @@ def _entry(model: NoiseModel) -> dict[str, Any]:
 
 def _rounded(estimate: Estimate) -> list[float]:
     return [float(f"{part:.5g}") for part in estimate]
-
-
-def _told(estimate: Estimate) -> str:
-    """With as many digits as two of the error need."""
-    error = float(f"{estimate.error:.2g}")
-    decimals = max(0, -int(f"{error:e}".split("e")[1]) + 1) if error > 0 else 0
-    return f"{estimate.value:.{decimals}f}±{error:.{decimals}f}"
 
 
 @contextmanager
