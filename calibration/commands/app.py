@@ -130,6 +130,8 @@ def _places(rig: Sequence[CameraMode], output: Path) -> dict[Path, CameraMode]:
 
 def _previous(path: Path) -> ResponseFile | None:
     """The response file that is to be replaced; what cannot or must not be is refused before a camera is swept."""
+    if path.suffix in (".html", ".png"):
+        raise ConfigurationError(f"{path}: the report is to have this name: name the response file .yaml")
     if path.is_dir() or not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
         raise ConfigurationError(f"{path}: cannot be written: name a file in a folder that is there and may be written")
     if not path.exists():

@@ -99,6 +99,7 @@ def test_export_writes_tums_table(tmp_path: Path) -> None:
         ("response --camera A --camera B --camera C -o rig", "--camera is given 3 times"),
         ("response --camera NO-SUCH -o out.yaml", "NO-SUCH"),
         ("response --camera A -o missing/out.yaml", "out.yaml: cannot be written"),
+        ("response --camera A -o left.html", "left.html: the report is to have this name"),
         ("response --camera A -o nobody.yaml", "no response file to be replaced"),
         ("response --images missing -o out.yaml", "missing"),
         ("response -c missing.yaml -o rig", "missing.yaml: cannot be read"),
