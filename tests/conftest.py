@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 # Before anything imports numpy: on a busy machine the threads of BLAS wait for each other, and small matrices take
-# twenty times as long.
+# several times as long.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 LEFT_OUT = [Path(__file__).with_name(name) for name in ("accept", "kernel")]
