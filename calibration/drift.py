@@ -129,14 +129,8 @@ def misfit_grey(response: ResponseFunction, changes: list[Change]) -> float:
 
 def miss_grey(response: ResponseFunction, change: Change) -> float:
     """By how many grey levels (rms) the response misses one change of exposure."""
-    predicted = response.intensity(between_greys(response, change.before) + change.stops)
+    predicted = response.intensity(response.inverse_between(change.before) + change.stops)
     return _rms(predicted - change.after)
-
-
-def between_greys(response: ResponseFunction, greys: Greys) -> Greys:
-    """f^-1 (stops) of grey levels that need not be whole."""
-    levels = np.arange(GREY_LEVELS)
-    return np.asarray(np.interp(greys, levels, response.inverse(levels)))
 
 
 def _rms(values: Greys) -> float:

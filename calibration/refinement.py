@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.drift import Change, between_greys, misfit_grey
+from calibration.drift import Change, misfit_grey
 from calibration.response import GREY_LEVELS, ResponseFunction
 
 LEAST_CHANGES = 48
@@ -40,7 +40,7 @@ def _fit(response: ResponseFunction, changes: list[Change]) -> Values:
     before = np.concatenate([change.before for change in changes])
     after = np.concatenate([change.after for change in changes])
     stops = np.concatenate([np.full(len(change.before), change.stops) for change in changes])
-    missing = stops - (between_greys(response, after) - between_greys(response, before))
+    missing = stops - (response.inverse_between(after) - response.inverse_between(before))
     design = (_hats(response, after) - _hats(response, before))[:, :-1]
     # Dark grey levels are rounded coarsely: what half a grey level is in stops is the noise of an equation.
     noise = _half_grey_stops(response, before) + _half_grey_stops(response, after) + _HUBER_STOPS / 10.0
@@ -71,4 +71,4 @@ def _hats(response: ResponseFunction, greys: Values) -> Values:
 
 
 def _half_grey_stops(response: ResponseFunction, greys: Values) -> Values:
-    return between_greys(response, greys + 0.5) - between_greys(response, greys - 0.5)
+    return response.inverse_between(greys + 0.5) - response.inverse_between(greys - 0.5)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
+import reprlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
 from calibration.strict_yaml import load_mapping
@@ -91,16 +91,10 @@ class ResponseFunction:
         bounded = np.clip(grey, self.black_level, self.saturation)
         return np.asarray(self.log2_exposure[bounded])
 
-    @classmethod
-    def load(cls, path: Path) -> ResponseFunction:
-        """Read a response file (YAML, format `autoexpose-response/1`), whatever camera it is of.
-
-        Raises
-        ------
-        ConfigurationError
-            Naming the file, the key and what to do.
-        """
-        return cls.from_document(load_response_document(path), path)
+    def inverse_between(self, grey: NDArray[np.float64]) -> NDArray[np.float64]:
+        """f^-1 (stops) of grey levels that need not be whole, straight between those that are."""
+        levels = np.arange(GREY_LEVELS)
+        return np.asarray(np.interp(grey, levels, self.inverse(levels)))
 
     @classmethod
     def from_document(cls, document: Mapping[Any, Any], path: Path) -> ResponseFunction:
@@ -110,7 +104,8 @@ class ResponseFunction:
             raise ConfigurationError(f"{path}: log2_exposure is not a list: give 256 numbers, for grey 0 to 255")
         for grey, stops in enumerate(curve):
             if not is_number(stops):
-                raise ConfigurationError(f"{path}: log2_exposure[{grey}] is {stops!r}: give a number of stops")
+                told = reprlib.repr(stops)
+                raise ConfigurationError(f"{path}: log2_exposure[{grey}] is {told}: give a number of stops")
         for key in ("black_level", "saturation"):
             if type(document[key]) is not int:
                 raise ConfigurationError(f"{path}: {key} is {document[key]!r}: give a grey level, 0 to 255")
@@ -118,25 +113,6 @@ class ResponseFunction:
             return cls(np.array(curve, dtype=np.float64), document["black_level"], document["saturation"])
         except ConfigurationError as error:
             raise ConfigurationError(f"{path}: {error}") from None
-
-    def save(self, path: Path) -> None:
-        """Write the response file that `load` reads back exactly.
-
-        Raises
-        ------
-        ConfigurationError
-            When the file cannot be written.
-        """
-        document = {
-            "format": FORMAT,
-            "black_level": self.black_level,
-            "saturation": self.saturation,
-            "log2_exposure": self.log2_exposure.tolist(),
-        }
-        try:
-            path.write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
-        except OSError as error:
-            raise ConfigurationError(f"{path}: cannot be written ({error.strerror}): choose another place") from error
 
 
 def load_response_document(path: Path) -> dict[Any, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import reprlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from datetime import datetime
@@ -103,7 +104,7 @@ class ResponseFile:
         for key, value in known.items():
             valid, advice = _CHECKS[key]
             if not valid(value):
-                raise ConfigurationError(f"{path}: {key} is {value!r}: {advice}, or remove it")
+                raise ConfigurationError(f"{path}: {key} is {reprlib.repr(value)}: {advice}, or remove it")
         if "camera" in known:
             known["camera"] = CameraIdentity(**known["camera"])
         for key in ("covered", "uncertainty_stops"):

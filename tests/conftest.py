@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
+
+# Before anything imports numpy: on a busy machine the threads of BLAS wait for each other, and small matrices take
+# several times as long.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 LEFT_OUT = [Path(__file__).with_name(name) for name in ("accept", "kernel")]
 

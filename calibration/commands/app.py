@@ -83,7 +83,8 @@ def check(
             console.print(line)
         findings = held.findings
     elif content.model is None:
-        console.print("verdict: none: the file does not say how it was measured; check it with --camera SERIAL")
+        text = "verdict: none: the file does not say how it was measured; check it with --camera SERIAL"
+        console.print(text, soft_wrap=True)
         return
     _tell(verdict(findings), findings, console)
     if verdict(findings) == "refused":
@@ -129,6 +130,8 @@ def _places(rig: Sequence[CameraMode], output: Path) -> dict[Path, CameraMode]:
 
 def _previous(path: Path) -> ResponseFile | None:
     """The response file that is to be replaced; what cannot or must not be is refused before a camera is swept."""
+    if path.suffix in (".html", ".png"):
+        raise ConfigurationError(f"{path}: the report is to have this name: name the response file .yaml")
     if path.is_dir() or not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
         raise ConfigurationError(f"{path}: cannot be written: name a file in a folder that is there and may be written")
     if not path.exists():

@@ -17,7 +17,7 @@ from calibration.response import ResponseFunction
 from calibration.response_file import ResponseFile
 from calibration.solver.agreement import Agreement, agreement
 from calibration.solver.tones import grey8, tones_by_exposure
-from calibration.sources.capture import FIRST_TIME_US, LONGEST_TIME_US, StaticCamera, SweepPlan
+from calibration.sources.capture import FIRST_TIME_US, StaticCamera, SweepPlan, time_bounds_us
 from calibration.sources.session import Session
 from calibration.sweep import Sweep
 from drivers.aravis import open_camera
@@ -33,6 +33,8 @@ FRAMES = 4
 HEADROOM_STOPS = 2.0
 """Where the median of the scene is put, below saturation: the brightest exposure then just reaches it."""
 NEAR_STOPS = 0.5
+MOST_STOPS = 20.0
+"""By which exposure times change in the search, also where a foreign file says more than any camera has."""
 _TRIES = 6  # a scene all black or all white tells a direction only
 
 
@@ -80,14 +82,13 @@ def check_camera(path: Path, serial: str, console: Console) -> Check:
 
 def plan_check(camera: StaticCamera, response: ResponseFunction, gain_db: float) -> SweepPlan:
     """Exposures over two stops up and down from where the median of this scene is well exposed, up and down again."""
-    limits = camera.limits
-    shortest_us, longest_us = limits.min_time_us, max(min(limits.max_time_us, LONGEST_TIME_US), limits.min_time_us)
+    shortest_us, longest_us = time_bounds_us(camera.limits)
     time_us = min(max(FIRST_TIME_US, shortest_us), longest_us)
     target = float(response.log2_exposure[response.saturation]) - HEADROOM_STOPS
     for _ in range(_TRIES):
         (shot,) = camera.take(ExposureSetting(time_us, gain_db), 1)
         missing = target - float(response.inverse(np.array([int(np.median(grey8(shot)))]))[0])
-        time_us = min(max(time_us * 2.0**missing, shortest_us), longest_us)
+        time_us = min(max(time_us * 2.0 ** min(max(missing, -MOST_STOPS), MOST_STOPS), shortest_us), longest_us)
         if abs(missing) < NEAR_STOPS:
             break
     stops = np.linspace(-REACH_STOPS, REACH_STOPS, STEPS)

@@ -32,15 +32,15 @@ def latency(
     file = None if output is None else response_file_of(output, camera)
     with Session(open_camera(camera, session_setup(rate_hz=rate_hz))) as session:
         effects = _measure(session, camera, rate_hz, writes, console)
-    console.print(latency_table(f"camera {camera} at {rate_hz:g} Hz", effects))
+    if any(effect.frames or effect.untold for effect in effects):
+        console.print(latency_table(f"camera {camera} at {rate_hz:g} Hz", effects))
     for effect in effects:
         if effect.frames:
             console.print(when_it_shows(effect), soft_wrap=True)
     if len(effects) == 1:
         console.print("gain is left out: this camera has none in dB that can be changed")
-    for effect in effects:
-        for finding in effect.findings:
-            console.print(f"{finding.severity}: {finding.text}", soft_wrap=True)
+    for finding in dict.fromkeys(finding for effect in effects for finding in effect.findings):
+        console.print(f"{finding.severity}: {finding.text}", soft_wrap=True)
     refused = [effect for effect in effects if any(finding.severity == "refused" for finding in effect.findings)]
     if file is not None and output is not None and not refused:
         replace(file, latency=latency_document(rate_hz, effects)).save(output)

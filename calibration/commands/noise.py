@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import replace
@@ -20,8 +21,10 @@ from calibration.noise.photon_transfer import PhotonTransfer, photon_transfer
 from calibration.sources.session import Session, session_setup
 from calibration.sweep import Sweep
 from drivers.aravis import AravisCamera, open_camera
-from drivers.errors import ConfigurationError
+from drivers.errors import AutoexposeError, ConfigurationError
 from drivers.setup import PixelFormat
+
+log = logging.getLogger(__name__)
 
 COLUMNS = (
     ("gain", "dB"),
@@ -65,12 +68,12 @@ def noise_table(title: str, models: Sequence[NoiseModel]) -> Table:
     for name, unit in COLUMNS:
         table.add_column(f"{name}\n({unit})", justify="right", no_wrap=True)
     for model in models:
-        full_well = "not seen" if model.full_well_e is None else _told(model.full_well_e)
+        full_well = "not seen" if model.full_well_e is None else str(model.full_well_e)
         table.add_row(
             f"{model.gain_db:.1f}",
-            _told(model.system_gain),
-            _told(model.read_noise_e),
-            _told(model.black_level_dn),
+            str(model.system_gain),
+            str(model.read_noise_e),
+            str(model.black_level_dn),
             full_well,
         )
     return table
@@ -97,13 +100,6 @@ def _rounded(estimate: Estimate) -> list[float]:
     return [float(f"{part:.5g}") for part in estimate]
 
 
-def _told(estimate: Estimate) -> str:
-    """With as many digits as two of the error need."""
-    error = float(f"{estimate.error:.2g}")
-    decimals = max(0, -int(f"{error:e}".split("e")[1]) + 1) if error > 0 else 0
-    return f"{estimate.value:.{decimals}f}±{error:.{decimals}f}"
-
-
 @contextmanager
 def _session(serial: str, pixel_format: PixelFormat | None) -> Iterator[Session]:
     """A session in the format asked for, or the deepest; at its end the camera gets back the format it had."""
@@ -113,7 +109,10 @@ def _session(serial: str, pixel_format: PixelFormat | None) -> Iterator[Session]
         with Session(_open(serial, pixel_format)) as session:
             yield session
     finally:
-        open_camera(serial, session_setup(cast(PixelFormat, former))).close()
+        try:
+            open_camera(serial, session_setup(cast(PixelFormat, former))).close()
+        except AutoexposeError as error:  # it must not hide why the measurement ended
+            log.warning("camera %s: its pixel format is no longer %s: %s", serial, former, error)
 
 
 def _open(serial: str, pixel_format: PixelFormat | None) -> AravisCamera:

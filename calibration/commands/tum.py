@@ -17,6 +17,7 @@ def tum_table(response: ResponseFunction) -> str:
     Grey levels that the response does not tell apart, up to the black level and from saturation on, get the least
     step that keeps them apart.
     """
-    light = np.exp2(response.inverse(np.arange(GREY_LEVELS)))
+    stops = response.inverse(np.arange(GREY_LEVELS))
+    light = np.exp2(stops - stops[-1])  # the scale is arbitrary, and may be out of the range of floats
     light = TOP * (light - light[0]) / (light[-1] - light[0]) + LEAST_STEP * np.arange(GREY_LEVELS)
     return " ".join(f"{value:.7f}" for value in light * (TOP / light[-1])) + "\n"

@@ -37,13 +37,15 @@ def judge_exposures(sweep: Sweep, by_shot: Tones) -> Finding | None:
     repeats_agree = _disagreement(brightness, index) < AGREED_GREY
     by_brightness = np.empty_like(index)
     by_brightness[np.argsort(brightness, kind="stable")] = np.sort(index)
-    if not repeats_agree and _disagreement(brightness, by_brightness) < SORTED_GREY:
+    listed = all(shot.time_s is None for shot in sweep.shots)  # a camera's own exposures cannot change places
+    if listed and not repeats_agree and _disagreement(brightness, by_brightness) < SORTED_GREY:
         return _wrong_order(levels, np.unique(np.minimum(index, by_brightness)[index != by_brightness]))
     rises = _rises(of_exposures(by_shot, levels, index))
     first, last = _longest_flat(levels, rises)
     if levels[last] - levels[first] >= FLAT_STOPS:
         return _not_followed(sweep, levels, (first, last))
-    falling = np.flatnonzero(rises < -1.0)
+    spread = np.array([np.ptp(brightness[index == i]) for i in range(len(levels))])
+    falling = np.flatnonzero(rises < -1.0 - np.maximum(spread[:-1], spread[1:]))
     return _wrong_order(levels, falling) if repeats_agree and falling.size else None
 
 
@@ -107,4 +109,4 @@ def _wrong_order(levels: Curve, steps: NDArray[np.intp]) -> Finding:
 
 
 def _us(level: float) -> str:
-    return f"{np.exp2(level):.4g} us"
+    return f"{np.exp2(level):.0f} us"

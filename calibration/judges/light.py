@@ -20,8 +20,11 @@ REFUSED_STOPS = 0.05
 EXPLAINED = 0.93
 """Share of the variance that a step or a drift must account for."""
 
-ALIKE = 0.01
-"""A step has one size only, a drift three numbers: a step is taken that explains nearly as much."""
+ALIKE = 0.001
+"""A step has one size only, a drift three numbers: a step is taken that explains as much but for so little.
+
+In a sweep up and down again that ends in long exposures a drift looks like a step in the middle, to half a percent.
+"""
 
 LAG_EXPLAINED = 0.2
 """Share that a lagging control must account for: its limits no linear model knows."""

@@ -66,6 +66,8 @@ def _blocks(image: NDArray[np.float32]) -> NDArray[np.float32]:
 
 def _moved(one: NDArray[np.float32], other: NDArray[np.float32]) -> float:
     """Share of the textured, unclipped blocks in which what changed, apart from their light, is no noise."""
+    if not one.size:  # images smaller than a block
+        return 0.0
     low, high = min(one.min(), other.min()), max(one.max(), other.max())
     inside = np.ones(len(one), bool)
     for blocks in (one, other):

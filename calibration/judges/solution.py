@@ -88,7 +88,7 @@ def _odd_exposure(tones: Tones, response: ResponseFunction) -> Finding | None:
     if abs(errors[worst]) <= ODD_EXPOSURE_STOPS:
         return None
     text = (
-        f"images at {np.exp2(tones.levels[worst]):.4g} us are {errors[worst]:+.2f} stops from what the others say: "
+        f"images at {np.exp2(tones.levels[worst]):.0f} us are {errors[worst]:+.2f} stops from what the others say: "
         "check that exposure time, or shut out flicker"
     )
     return Finding("refused" if abs(errors[worst]) > REFUSED_ODD_STOPS else "warned", "odd_exposure", text)

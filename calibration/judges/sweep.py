@@ -40,7 +40,7 @@ def judge_sweep(sweep: Sweep) -> list[Finding]:
         return [Finding("refused", "auto_gain", text)]
     tones = tones_by_shot(sweep)
     levels, index = exposure_index(sweep)
-    finding = _without_structure(tones) or _too_few(levels, index) or judge_exposures(sweep, tones)
+    finding = _without_structure(tones) or _too_few(levels) or judge_exposures(sweep, tones)
     if finding:
         return [finding]
     return [*_bounds(levels, index), *_unsteady(sweep, tones), *_few_levels(of_exposures(tones, levels, index))]
@@ -53,7 +53,7 @@ def _without_structure(tones: Tones) -> Finding | None:
     if high - low > 6:
         return None
     if middle < DARK_GREY:
-        text = f"all images are black (grey {middle:.0f}): take off the lens cap, add light, or expose longer"
+        text = f"all images are black (grey {abs(middle):.0f}): take off the lens cap, add light, or expose longer"
         return Finding("refused", "all_black", text)
     if middle >= BRIGHT_GREY:
         text = f"all images are white (grey {middle:.0f}): close the iris, take light away, or expose shorter"
@@ -62,11 +62,11 @@ def _without_structure(tones: Tones) -> Finding | None:
     return Finding("refused", "auto_exposure", text)
 
 
-def _too_few(levels: Curve, index: NDArray[np.intp]) -> Finding | None:
+def _too_few(levels: Curve) -> Finding | None:
     if len(levels) >= FEWEST_EXPOSURES:
         return None
     text = (
-        f"{len(index)} images have {len(levels)} different exposures: take at least {FEWEST_EXPOSURES}, better 15, "
+        f"exposures that differ: {len(levels)}, where {FEWEST_EXPOSURES} are the least: take 15, "
         "and see that the bounds of exposure time leave room for them"
     )
     return Finding("refused", "too_few_exposures", text)

@@ -92,11 +92,6 @@ class WriteEffect:
         """The most frequent number of frames; None when no write was told."""
         return max(self.frames, key=lambda count: self.frames[count]) if self.frames else None
 
-    @property
-    def regularity(self) -> float:
-        """Part of the told writes that the mode stands for."""
-        return max(self.frames.values()) / sum(self.frames.values()) if self.frames else 0.0
-
 
 @dataclass(frozen=True, slots=True)
 class _Effect:

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from calibration.sources.capture import LONGEST_TIME_US, StaticCamera, SweepPlan
+from calibration.sources.capture import FIRST_TIME_US, StaticCamera, SweepPlan, time_bounds_us
 from drivers.exposure import ExposureLimits, ExposureSetting
 
-FIRST_TIME_US = 2000.0
 DARKEST_STOPS, BRIGHTEST_STOPS = -9.0, 2.0
 """From where the scene's median is half of full scale: to a few electrons a pixel, and until most pixels saturate."""
 STEP_STOPS = 0.6
@@ -27,10 +26,9 @@ def plan_noise(camera: StaticCamera, gain_db: float) -> SweepPlan:
     CameraError
         When the camera does not do its part.
     """
-    limits = camera.limits
-    longest_us = max(min(limits.max_time_us, LONGEST_TIME_US), limits.min_time_us)
-    half_us = _half_exposure_us(camera, gain_db, longest_us)
-    low_us = max(half_us * 2.0**DARKEST_STOPS, limits.min_time_us)
+    shortest_us, longest_us = time_bounds_us(camera.limits)
+    half_us = _half_exposure_us(camera, gain_db)
+    low_us = max(half_us * 2.0**DARKEST_STOPS, shortest_us)
     high_us = min(half_us * 2.0**BRIGHTEST_STOPS, longest_us)
     count = max(int(np.ceil(np.log2(high_us / low_us) / STEP_STOPS)) + 1, 2)
     times_us = [float(time_us) for time_us in np.geomspace(low_us, high_us, count)]
@@ -45,9 +43,9 @@ def default_gains_db(limits: ExposureLimits) -> tuple[float, ...]:
     )
 
 
-def _half_exposure_us(camera: StaticCamera, gain_db: float, longest_us: float) -> float:
+def _half_exposure_us(camera: StaticCamera, gain_db: float) -> float:
     """The exposure time at which the median pixel is about half of full scale, as near as the bounds let."""
-    shortest_us = camera.limits.min_time_us
+    shortest_us, longest_us = time_bounds_us(camera.limits)
     time_us = min(max(FIRST_TIME_US, shortest_us), longest_us)
     for _ in range(SEARCH_STEPS):
         (shot,) = camera.take(ExposureSetting(time_us, gain_db), 1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -11,6 +12,11 @@ class Estimate(NamedTuple):
 
     value: float
     error: float
+
+    def __str__(self) -> str:
+        """With as many digits as two of the error need."""
+        decimals = max(0, 1 - math.floor(math.log10(float(f"{self.error:.2g}")))) if self.error > 0 else 0
+        return f"{self.value:.{decimals}f}±{self.error:.{decimals}f}"
 
 
 @dataclass(frozen=True, slots=True)

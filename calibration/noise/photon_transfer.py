@@ -113,8 +113,8 @@ def photon_transfer(sweep: Sweep) -> PhotonTransfer:
     return PhotonTransfer(model, tuple(findings), curve, line.used)
 
 
-def _refused(reason: str, text: str, curve: VarianceCurve | None = None) -> PhotonTransfer:
-    return PhotonTransfer(None, (Finding("refused", reason, text),), curve)
+def _refused(reason: str, text: str) -> PhotonTransfer:
+    return PhotonTransfer(None, (Finding("refused", reason, text),))
 
 
 def _saturation(curve: VarianceCurve) -> float | None:

@@ -11,6 +11,7 @@ from typing import Any
 
 from calibration.commands.facts import Fact, curve_facts, origin_facts
 from calibration.commands.result import Result
+from calibration.noise.model import Estimate
 from calibration.response_file import ResponseFile
 from calibration.solver.comparison import Comparison
 from drivers.errors import ConfigurationError
@@ -80,7 +81,7 @@ def facts(result: Result) -> Iterator[Fact]:
     """What stands above the plots."""
     yield from origin_facts(result.origin)
     times_us = [shot.setting.exposure_time_us for shot in result.sweep.shots]
-    yield "sweep", f"{len(times_us)} images, {min(times_us):g} to {max(times_us):g} us"
+    yield "sweep", f"{len(times_us)} images, {min(times_us):.0f} to {max(times_us):.0f} us"
     if result.solution is not None:
         yield from curve_facts(ResponseFile.of_solution(result.solution, result.origin))
         yield "scale", "log2 exposure is 0 at saturation by convention: a sweep does not tell absolute light"
@@ -115,13 +116,12 @@ def _is_table(value: Any) -> bool:
 
 
 def _told(value: Any) -> str:
-    """A pair of numbers is a value and its standard error, of which two digits are told."""
+    """A pair of numbers is a value and its standard error."""
     match value:
         case None:
             return "not seen"
         case [int() | float() as known, int() | float() as error] if 0 < error < math.inf:
-            decimals = max(0, 1 - math.floor(math.log10(error)))
-            return f"{known:.{decimals}f} ± {error:.{decimals}f}"
+            return str(Estimate(known, error))
         case float():
             return f"{value:g}"
         case _:

@@ -16,7 +16,6 @@ from calibration.commands.result import Result
 from calibration.prediction import prediction_table
 from calibration.response import GREY_LEVELS, ResponseFunction
 from calibration.solution import ResponseSolution
-from calibration.solver.agreement import log2_exposure
 
 DASHES: Sequence[tuple[float, str, str, str]] = (
     (-2.0, "#0072b2", ":", "v"),
@@ -144,7 +143,7 @@ def _draw_response(axes: Axes, result: Result, solution: ResponseSolution) -> No
     response, (low, high) = solution.response, solution.covered
     tones = result.by_exposure
     greys = tones.greys - tones.middle
-    stops = log2_exposure(response, greys)
+    stops = response.inverse_between(greys)
     open_ends = (greys > response.black_level + 1) & (greys < response.saturation - 1)
     radiances = stops - tones.levels[:, None]
     own = [np.median(part[seen]) if seen.any() else np.nan for part, seen in zip(radiances.T, open_ends.T, strict=True)]
@@ -217,6 +216,8 @@ def _draw_sweep(axes: Axes, result: Result) -> None:
     tones = result.by_shot
     first, again = _first_pass(times_ms)
     brightness = tones.greys.mean(axis=1)
+    axes.set_xscale("log")
+    axes.set_xlim(times_ms.min() / 1.5, times_ms.max() * 1.5)  # there may be one exposure only
     axes.fill_between(
         times_ms[first],
         tones.greys[first].min(axis=1),
@@ -225,9 +226,9 @@ def _draw_sweep(axes: Axes, result: Result) -> None:
         alpha=0.2,
         lw=0,
     )
-    axes.semilogx(times_ms[first], brightness[first], "-o", color="#0072b2", ms=5, lw=1.2, label="first pass")
+    axes.plot(times_ms[first], brightness[first], "-o", color="#0072b2", ms=5, lw=1.2, label="first pass")
     if len(again):
-        axes.semilogx(times_ms[again], brightness[again], "--x", color="#d55e00", ms=6, lw=1.2, label="repeated")
+        axes.plot(times_ms[again], brightness[again], "--x", color="#d55e00", ms=6, lw=1.2, label="repeated")
     axes.set_ylim(0, 258)
     axes.legend(loc="upper left", frameon=False)
     _finish(axes, "exposure time (ms)", "grey level: mean, darkest to brightest part")

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.response import GREY_LEVELS, ResponseFunction
+from calibration.response import ResponseFunction
 from calibration.solver.tones import Tones
 
 MAX_DELTA_STOPS = 2.1
@@ -65,7 +65,7 @@ class Agreement:
 def agreement(response: ResponseFunction, tones: Tones) -> Agreement:
     """Predict every exposure from every other within two stops, and from its neighbours however far they are."""
     greys = tones.greys - tones.middle
-    parts = []
+    parts = [(np.empty(0), np.empty(0), np.empty(0))]
     for i, level in enumerate(tones.levels):
         for j, other in enumerate(tones.levels):
             if i != j and (abs(other - level) <= MAX_DELTA_STOPS or abs(i - j) == 1):
@@ -73,13 +73,8 @@ def agreement(response: ResponseFunction, tones: Tones) -> Agreement:
     return Agreement(*(np.concatenate(values) for values in zip(*parts, strict=True)))
 
 
-def log2_exposure(response: ResponseFunction, greys: Values) -> Values:
-    """f^-1 between whole grey levels (stops)."""
-    return np.asarray(np.interp(greys, np.arange(GREY_LEVELS), response.inverse(np.arange(GREY_LEVELS))))
-
-
 def _predict(response: ResponseFunction, greys: Values, seen: Values, delta: float) -> tuple[Values, Values, Values]:
-    predicted = response.intensity(log2_exposure(response, greys) + delta)
+    predicted = response.intensity(response.inverse_between(greys) + delta)
     low, high = response.black_level + CLIPPED_GREY, response.saturation - CLIPPED_GREY
     open_ends = np.logical_and.reduce([(low <= part) & (part <= high) for part in (greys, predicted, seen)])
     return np.full(int(open_ends.sum()), delta), predicted[open_ends], seen[open_ends]

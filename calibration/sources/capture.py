@@ -78,8 +78,7 @@ def plan_sweep(camera: StaticCamera, gain_db: float) -> SweepPlan:
 
 def exposure_span_us(camera: StaticCamera, gain_db: float) -> tuple[float, float]:
     """Exposure times (us) of a nearly all black and a nearly all white image, as far as the camera's bounds let."""
-    shortest_us = camera.limits.min_time_us
-    longest_us = max(min(camera.limits.max_time_us, LONGEST_TIME_US), shortest_us)
+    shortest_us, longest_us = time_bounds_us(camera.limits)
     start_us = min(max(FIRST_TIME_US, shortest_us), longest_us)
     start = _nearly_all(camera, start_us, gain_db)
     factor = 2.0**SEARCH_STOPS
@@ -97,6 +96,11 @@ def exposure_span_us(camera: StaticCamera, gain_db: float) -> tuple[float, float
         if dark - before <= STANDSTILL_GREY and dark > WHITE_GREY / 2:
             break
     return low_us, high_us
+
+
+def time_bounds_us(limits: ExposureLimits) -> tuple[float, float]:
+    """The exposure times (us) that a calibration keeps to: the camera's, as far as they are worth the wait."""
+    return limits.min_time_us, max(min(limits.max_time_us, LONGEST_TIME_US), limits.min_time_us)
 
 
 def _nearly_all(camera: StaticCamera, time_us: float, gain_db: float) -> tuple[float, float]:

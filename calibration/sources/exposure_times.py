@@ -91,7 +91,7 @@ def seconds_in_name(path: Path) -> float | None:
 
 def _in_list(path: Path) -> list[TimedFile]:
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
     except OSError as error:
         raise ConfigurationError(f"{path}: cannot be read ({error.strerror}): check its name and access") from error
     except UnicodeDecodeError as error:
@@ -107,11 +107,13 @@ def _in_list(path: Path) -> list[TimedFile]:
     for number, words in entries:
         if len(words) == 1:
             raise ConfigurationError(f"{path}: line {number}: names no image, but other lines do: add its name")
-    files = []
+    files: list[TimedFile] = []
     for (number, name), value in zip(named, seconds, strict=True):
         image = path.parent / name
         if not image.is_file():
             raise ConfigurationError(f"{path}: line {number}: there is no image {image}: correct its name")
+        if image in (file.path for file in files):
+            raise ConfigurationError(f"{path}: line {number}: names {name} again: leave one line for each image")
         files.append(TimedFile(image, value))
     return files
 

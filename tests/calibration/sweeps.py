@@ -9,12 +9,10 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.response import ResponseFunction
 from calibration.sweep import Shot, Sweep
 from drivers.exposure import ExposureSetting
 from fake_camera.imaging import ImageSettings
 from fake_camera.lighting import LightScript
-from fake_camera.response import CURVES
 from fake_camera.sensor import Sensor, SensorModel
 
 WIDTH, HEIGHT = 240, 176
@@ -98,16 +96,3 @@ class Bench:
 def duration_s(times_us: Sequence[float] = UP_DOWN_UP, frames: int = 2) -> float:
     """How long a sweep takes."""
     return sum(max(0.0173, time_us * 1e-6 + 0.002) for time_us in times_us) * frames
-
-
-def true_response(name: str, black_level_percent: float = 0.0, cut_bits: bool = False) -> ResponseFunction:
-    """The response function that the fake's curve stands for; `cut_bits`: of deeper pixels shifted to 8 bits."""
-    light = np.linspace(0.0, 1.0, 2_000_001)
-    greys = CURVES[name](light) * (256.0 if cut_bits else 255.0)
-    black_light = black_level_percent / 100.0
-    black_grey = float(np.interp(black_light, light, greys))
-    black_level = int(black_grey) if cut_bits else round(black_grey)
-    middle = 0.5 if cut_bits else 0.0
-    # As in `ResponseFunction.linear`, black stands for half a grey level of light.
-    inverse = np.interp(np.maximum(np.arange(256.0) + middle, black_grey + 0.5), greys, light) - black_light
-    return ResponseFunction(np.log2(inverse / inverse[-1]), black_level, 255)

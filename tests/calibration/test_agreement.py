@@ -58,6 +58,17 @@ def test_a_check_puts_the_scene_where_two_stops_lie_on_either_side(brightness: f
     assert 100 < np.median(middle.pixels) < 170
 
 
+def test_a_check_against_a_curve_that_no_camera_has_ends() -> None:
+    foreign = ResponseFunction(np.arange(256) * 1e5, 0, 255)
+    plan = plan_check(MadeUpCamera(), foreign, 0.0)
+    assert len(plan.settings) > 2
+
+
+def test_a_camera_of_one_exposure_only_gives_nothing_to_compare() -> None:
+    match = agreement(GAMMA, tones_by_exposure(sweep(MadeUpCamera(gamma), [250, 250])))
+    assert [finding.reason for finding in judge_agreement(match, "0012")] == ["nothing_to_compare"]
+
+
 def solution(response: ResponseFunction) -> ResponseSolution:
     return ResponseSolution(response, "gamma", {}, np.full(256, 0.01), (5, 250), 0.2)
 

@@ -18,8 +18,8 @@ from calibration.response_file import CameraIdentity, Origin, ResponseFile
 from calibration.sources.capture import SweepPlan
 from drivers.errors import AutoexposeError
 from drivers.exposure import ExposureSetting
-from fake_camera.response import response_table
 from tests.calibration.made_up_camera import MadeUpCamera
+from tests.calibration.true_response import true_response
 from tests.fakes import FakeCamera, fake_camera
 
 DELTAS = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0)
@@ -42,14 +42,6 @@ def write_images(folder: Path, camera: MadeUpCamera, times_us: list[float]) -> P
     return folder
 
 
-def truth(name: str) -> ResponseFunction:
-    """The true response of a fake camera; 16 bits of light resolve what 8 bits of grey show."""
-    entries = 1 << 16
-    greys = 255.0 * response_table(name, entries)
-    light = np.interp(np.arange(256), greys, np.arange(entries) / (entries - 1))
-    return ResponseFunction(np.log2(np.maximum(light, light[1] / 4)), 0, 255)
-
-
 def test_images_become_a_response_file_and_a_report(tmp_path: Path) -> None:
     images = write_images(tmp_path / "shots", MadeUpCamera(), [100.0 * 2**n for n in range(11)])
     file = tmp_path / "camera.response.yaml"
@@ -69,7 +61,7 @@ def test_a_refused_sweep_leaves_a_report_and_no_file(tmp_path: Path) -> None:
     file = tmp_path / "camera.response.yaml"
     code, output = calibrate("response", "--images", str(images), "-o", str(file))
     assert code == 1
-    assert "refused: all images are black" in output
+    assert "refused: all images are black (grey 0)" in output
     assert "verdict: refused" in output
     assert not file.exists()
     assert "Refused" in file.with_suffix(".html").read_text(encoding="utf-8")
@@ -84,13 +76,13 @@ def test_check_tells_what_a_file_is(tmp_path: Path) -> None:
     assert "Maker Model 7, serial 0012" in output
     assert "grey 4 to 250" in output
     assert "verdict: believe it" in output
-    ResponseFunction.linear().save(file)
+    ResponseFile(ResponseFunction.linear()).save(file)
     assert "verdict: none: the file does not say how it was measured" in calibrate("check", str(file))[1]
 
 
 def test_export_writes_tums_table(tmp_path: Path) -> None:
     file, table = tmp_path / "r.yaml", tmp_path / "pcalib.txt"
-    ResponseFunction.linear().save(file)
+    ResponseFile(ResponseFunction.linear()).save(file)
     code, output = calibrate("export", str(file), "--format", "tum")
     assert code == 0
     assert len(output.split()) == 256
@@ -107,6 +99,7 @@ def test_export_writes_tums_table(tmp_path: Path) -> None:
         ("response --camera A --camera B --camera C -o rig", "--camera is given 3 times"),
         ("response --camera NO-SUCH -o out.yaml", "NO-SUCH"),
         ("response --camera A -o missing/out.yaml", "out.yaml: cannot be written"),
+        ("response --camera A -o left.html", "left.html: the report is to have this name"),
         ("response --camera A -o nobody.yaml", "no response file to be replaced"),
         ("response --images missing -o out.yaml", "missing"),
         ("response -c missing.yaml -o rig", "missing.yaml: cannot be read"),
@@ -165,7 +158,7 @@ def test_a_camera_is_swept_checked_and_predicted_as_it_really_is(tmp_path: Path)
     assert low <= 8
     assert high >= 247
     tables = prediction_tables(loaded.response, DELTAS).astype(float)
-    true = prediction_tables(truth("gamma"), DELTAS).astype(float)
+    true = prediction_tables(true_response("gamma"), DELTAS).astype(float)
     open_ends = (true > 0) & (true < 255) & (tables > 0) & (tables < 255)
     open_ends[:, :low] = open_ends[:, high + 1 :] = False
     difference = (tables - true)[open_ends]

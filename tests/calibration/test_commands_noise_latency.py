@@ -12,9 +12,11 @@ import pytest
 from rich.console import Console
 from rich.table import Table
 
+from calibration.commands import latency as commands_latency
 from calibration.commands import noise as commands_noise
 from calibration.commands.latency import latency_document, latency_table, when_it_shows
 from calibration.commands.noise import noise_document, noise_table
+from calibration.findings import Finding
 from calibration.latency.write_effect import WriteEffect
 from calibration.noise.capture import default_gains_db, plan_noise
 from calibration.noise.model import Estimate, NoiseModel
@@ -22,7 +24,7 @@ from calibration.response import ResponseFunction
 from calibration.response_file import CameraIdentity, Origin, ResponseFile
 from calibration.sources.session import session_setup
 from drivers.aravis import open_camera
-from drivers.errors import ConfigurationError
+from drivers.errors import CameraError, ConfigurationError
 from drivers.exposure import ExposureLimits
 from drivers.setup import CameraSetup
 from fake_camera.sensor import SensorModel
@@ -212,6 +214,27 @@ def test_latency_over_the_wire_is_the_next_exposure(fake: FakeCamera, tmp_path: 
     latency = ResponseFile.load(file).latency
     assert latency["rate_hz"] == 60.0
     assert [latency[quantity]["mode_frames"] for quantity in ("exposure", "gain")] == [1, 1]
+
+
+@pytest.mark.realtime
+def test_a_camera_lost_while_it_is_measured_is_told_as_such(fake: FakeCamera, monkeypatch: pytest.MonkeyPatch) -> None:
+    def measure(*arguments: object) -> None:
+        def lost(*arguments: object) -> None:
+            raise ConfigurationError("no such camera")
+
+        monkeypatch.setattr(commands_noise, "open_camera", lost)
+        raise CameraError("no whole frame arrived")
+
+    monkeypatch.setattr(commands_noise, "_measure", measure)
+    assert calibrate("noise", "--camera", fake.serial) == (1, "autoexpose: no whole frame arrived")
+
+
+@pytest.mark.realtime
+def test_a_scene_too_dark_is_told_once_and_without_a_table(fake: FakeCamera, monkeypatch: pytest.MonkeyPatch) -> None:
+    dark = Finding("refused", "too_dark", "the scene is too dark")
+    effects = [WriteEffect(quantity, {}, 0, None, None, (dark,)) for quantity in ("exposure", "gain")]
+    monkeypatch.setattr(commands_latency, "_measure", lambda *arguments: effects)
+    assert calibrate("latency", "--camera", fake.serial) == (1, "refused: the scene is too dark\n")
 
 
 @pytest.mark.realtime

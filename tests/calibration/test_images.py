@@ -99,6 +99,7 @@ def test_images_written_and_read_give_the_curve(tmp_path: Path) -> None:
         ("a.png 1/0", "list.txt: line 1: '1/0' is no exposure time"),
         ("a.png nan", "list.txt: line 1: 'nan' is no exposure time"),
         ("a.png 0.1\nc.png 0.2", "list.txt: line 2: there is no image .*c.png"),
+        ("a.png 0.1\na.png 0.2", "list.txt: line 2: names a.png again"),
         ("a.png 0.1\n0.2", "list.txt: line 2: names no image"),
         ("0.1\n0.2\n0.3", "list.txt: has 3 times, but 2 images lie next to it"),
     ],

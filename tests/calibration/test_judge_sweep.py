@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from calibration.judges.motion import moved_share
 from calibration.judges.solution import judge_solution
 from calibration.judges.sweep import judge_sweep
 from calibration.solver.solve import solve_response
@@ -83,7 +84,7 @@ def walked_through(curve: str) -> Sweep:
 
 
 def shuffled_shots(curve: str) -> Sweep:
-    shots = Bench(curve).sweep().shots
+    shots = [replace(shot, time_s=None) for shot in Bench(curve).sweep().shots]
     order = np.random.default_rng(3).permutation(len(shots))
     return Sweep(tuple(replace(shot, setting=shots[i].setting) for shot, i in zip(shots, order, strict=True)))
 
@@ -185,6 +186,26 @@ def test_steps_drifts_and_flicker_of_any_size_are_told_apart(curve: str, seed: i
         assert [finding.reason for finding in judge_sweep(sweep)] == [reason]
 
 
+@pytest.mark.parametrize("longest_us", [16_000.0, 500_000.0])
+@pytest.mark.parametrize(("reason", "start", "ramp"), [("light_drift", 1e-3, 1.0), ("light_step", 0.3, 0.0)])
+def test_a_sweep_up_and_down_tells_steps_from_drifts(reason: str, start: float, ramp: float, longest_us: float) -> None:
+    """As `plan_sweep` takes it, up to long exposures that leave little time for the others."""
+    times_us = np.geomspace(31.0, longest_us, 20)
+    up_down = [*times_us, *times_us[::-1]]
+    duration = duration_s(up_down, 3)
+    script = LightScript((Change(0.0, 1.0), Change(start * duration, 1.5, ramp * duration)))
+    assert [finding.reason for finding in judge_sweep(Bench(light=script).sweep(up_down, 3))] == [reason]
+
+
+@pytest.mark.parametrize("start", [0.02, 0.2, 0.5, 0.8])
+def test_half_the_light_is_no_other_exposure(start: float) -> None:
+    """Exposures half a stop apart look like others when one of two lamps goes out."""
+    times_us = np.geomspace(31.0, 16_000.0, 19)
+    up_down = [*times_us, *times_us[::-1]]
+    script = LightScript((Change(0.0, 1.0), Change(start * duration_s(up_down, 3), 0.5)))
+    assert [finding.reason for finding in judge_sweep(Bench(light=script).sweep(up_down, 3))] == ["light_step"]
+
+
 @pytest.mark.parametrize("times_us", [UP_DOWN_UP, TIMES_US, TIMES_US[::4]], ids=["up-down-up", "once", "few"])
 @pytest.mark.parametrize("black_level_percent", [0.0, 2.0])
 @pytest.mark.parametrize("curve", CURVES)
@@ -212,13 +233,18 @@ def test_one_wrong_exposure_time_is_named(curve: str) -> None:
 
     assert judge_sweep(sweep) == []
     assert [finding.reason for finding in findings] == ["odd_exposure"]
-    assert f"{TIMES_US[10] * 1.1:.4g} us are -0.1" in findings[0].text
+    assert f"{TIMES_US[10] * 1.1:.0f} us are -0.1" in findings[0].text
 
 
 @pytest.mark.parametrize("curve", CURVES)
 def test_motion_shows_without_repeats(curve: str) -> None:
     bench = Bench(curve, view=lambda time_s: scene()[:, int(20 * time_s) : int(20 * time_s) + WIDTH])
     assert found(bench.sweep(TIMES_US, frames=1)) == ["moving_scene"]
+
+
+def test_images_smaller_than_a_block_do_not_tell_motion() -> None:
+    shots = Bench().sweep(TIMES_US).shots
+    assert moved_share(Sweep(tuple(replace(shot, pixels=shot.pixels[80:88, :8]) for shot in shots))) == 0.0
 
 
 def test_levels_that_were_never_seen_are_named() -> None:

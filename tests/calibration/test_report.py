@@ -91,6 +91,12 @@ def test_a_refused_sweep_has_a_report_that_says_why(tmp_path: Path) -> None:
     assert text.count("<img") == 2
 
 
+def test_a_sweep_of_one_image_has_a_report(tmp_path: Path) -> None:
+    one = calibrate("camera 0012", ORIGIN, sweep(MadeUpCamera(gamma), [1000.0], frames=1))
+    assert [finding.reason for finding in one.findings] == ["too_few_exposures"]
+    assert "where 3 are the least" in write_report(tmp_path / "r.yaml", one).read_text(encoding="utf-8")
+
+
 def test_noise_and_latency_measured_before_stay(solved: Result, tmp_path: Path) -> None:
     file = solved.file
     assert file is not None
@@ -101,7 +107,7 @@ def test_noise_and_latency_measured_before_stay(solved: Result, tmp_path: Path) 
     assert (known.file.noise, known.file.latency) == (noise, latency)
     text = write_report(tmp_path / "r.yaml", known).read_text(encoding="utf-8")
     assert "<th>gain db</th><th>system gain</th><th>full well e</th>" in text
-    assert "<td>0</td><td>0.1235 ± 0.0020</td><td>not seen</td>" in text
+    assert "<td>0</td><td>0.1235±0.0020</td><td>not seen</td>" in text
     assert "<th>exposure time: frames: 2</th><td>30</td>" in text
     other = replace(file, origin=Origin(CameraIdentity("Maker", "Model 7", "0013")), noise={"system_gain": 1.0})
     assert solved.keeping(other).noise == {}

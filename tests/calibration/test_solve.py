@@ -23,7 +23,8 @@ from calibration.sources.images import read_images
 from calibration.sweep import Shot, Sweep
 from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureSetting
-from tests.calibration.sweeps import TIMES_US, Bench, true_response
+from tests.calibration.sweeps import TIMES_US, Bench
+from tests.calibration.true_response import true_response
 
 DATA = Path(os.environ.get("AUTOEXPOSE_DATA", Path(__file__).parents[3] / "shared" / "data"))
 CHANGES_STOPS = [float(change) for change in np.linspace(-2, 2, 17)]

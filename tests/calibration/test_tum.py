@@ -11,7 +11,14 @@ GAMMA = ResponseFunction(2.2 * np.log2(np.maximum(np.arange(256), 0.5) / 255), 0
 
 @pytest.mark.parametrize(
     "response",
-    [ResponseFunction.linear(), ResponseFunction.linear(16), GAMMA, ResponseFunction(GAMMA.log2_exposure, 30, 200)],
+    [
+        ResponseFunction.linear(),
+        ResponseFunction.linear(16),
+        GAMMA,
+        ResponseFunction(GAMMA.log2_exposure, 30, 200),
+        ResponseFunction(GAMMA.log2_exposure + 2000.0, 0, 255),
+        ResponseFunction(np.arange(256) * 1e4, 0, 255),
+    ],
 )
 def test_256_numbers_rise_strictly_from_0_to_255_also_in_single_precision(response: ResponseFunction) -> None:
     line = tum_table(response)

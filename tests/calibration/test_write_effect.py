@@ -31,7 +31,7 @@ def trial(latency: int, *, lead_ns: int = 2_000_000, took_ns: int = 500_000, tol
 def test_a_steady_camera_has_one_latency(latency: int) -> None:
     effect = write_effect("exposure", [trial(latency)] * 20)
     assert effect.frames == {latency: 20}
-    assert (effect.mode, effect.regularity, effect.untold, effect.findings) == (latency, 1.0, 0, ())
+    assert (effect.mode, effect.untold, effect.findings) == (latency, 0, ())
     assert effect.lead_us == pytest.approx(2500.0)
     assert effect.delay_us == pytest.approx((latency * 16_000 - 18_500.0, latency * 16_000 - 2500.0))
 
@@ -43,10 +43,9 @@ def test_the_histogram_counts_every_write(counts: dict[int, int], seed: int) -> 
     effect = write_effect("gain", trials)
     assert effect.frames == dict(sorted(counts.items()))
     assert counts[effect.mode or 0] == max(counts.values())
-    assert effect.regularity == max(counts.values()) / len(trials)
     reasons = {finding.reason for finding in effect.findings}
     assert ("too_few_writes" in reasons) == (len(trials) < 5)
-    assert ("irregular" in reasons) == (len(trials) >= 5 and effect.regularity < 0.95)
+    assert ("irregular" in reasons) == (len(trials) >= 5 and max(counts.values()) < 0.95 * len(trials))
 
 
 def test_an_irregular_camera_is_told_with_its_histogram() -> None:
@@ -98,7 +97,7 @@ def test_writes_that_cannot_be_told_are_counted_apart(untold: Trial) -> None:
 
 def test_nothing_told_is_refused() -> None:
     effect = write_effect("exposure", [trial(20)] * 10)
-    assert (effect.mode, effect.regularity, effect.delay_us) == (None, 0.0, None)
+    assert (effect.mode, effect.delay_us) == (None, None)
     assert [(finding.severity, finding.reason) for finding in effect.findings] == [("refused", "too_few_writes")]
 
 

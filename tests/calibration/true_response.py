@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 
-from calibration.response import GREY_LEVELS, ResponseFunction
-from fake_camera.response import response_table
+from calibration.response import ResponseFunction
+from fake_camera.response import CURVES
 
 
-def true_response(name: str) -> ResponseFunction:
-    """That of a sensor without black level, by the name of its curve; grey 0 counts as half a grey level."""
-    greys = response_table(name, 1 << 16) * (GREY_LEVELS - 1)
-    signal = np.interp(np.maximum(np.arange(GREY_LEVELS), 0.5), greys, np.linspace(0.0, 1.0, 1 << 16))
-    curve = np.log2(signal)
-    return ResponseFunction(curve - curve[-1], 0, GREY_LEVELS - 1)
+@cache
+def true_response(name: str, black_level_percent: float = 0.0, cut_bits: bool = False) -> ResponseFunction:
+    """The response function that the fake's curve stands for; `cut_bits`: of deeper pixels shifted to 8 bits."""
+    light = np.linspace(0.0, 1.0, 2_000_001)
+    greys = CURVES[name](light) * (256.0 if cut_bits else 255.0)
+    black_light = black_level_percent / 100.0
+    black_grey = float(np.interp(black_light, light, greys))
+    black_level = int(black_grey) if cut_bits else round(black_grey)
+    middle = 0.5 if cut_bits else 0.0
+    # As in `ResponseFunction.linear`, black stands for half a grey level of light.
+    inverse = np.interp(np.maximum(np.arange(256.0) + middle, black_grey + 0.5), greys, light) - black_light
+    return ResponseFunction(np.log2(inverse / inverse[-1]), black_level, 255)

@@ -9,7 +9,8 @@ from drivers.exposure import ExposureLimits, ExposureSetting
 from evaluation.closed_loop import Entrant, course_of, race
 from evaluation.oracle import Oracle
 from evaluation.scenarios import SCENARIOS
-from tests.calibration.sweeps import Bench, true_response
+from tests.calibration.sweeps import Bench
+from tests.calibration.true_response import true_response
 
 
 def _entrant(name: str, response: ResponseFunction) -> Entrant:
