@@ -13,6 +13,9 @@ from drivers.rig import Written
 _REMEMBERED_WRITES = 64
 """A third of a second at 200 Hz: no frame that is still used comes later."""
 
+CLOCK_NS = 250_000
+"""By how much an exposure may start earlier or later than its grid says; less than writes keep away from it."""
+
 EFFECT_TRIGGERS = 4
 """A camera shows a write at the next exposure or, where it works ahead, up to this many later."""
 
@@ -42,12 +45,12 @@ class WriteLedger:
         self._present.add(write.side)
         if grid is None:
             return
-        finished_trigger = grid.last_before(write.finished_ns)
+        finished_trigger = grid.last_before(write.finished_ns + CLOCK_NS)
         if write.asked is not self._asked:
             if self._missing:  # a newer setting overtook the last one before every camera had it
                 self._mark_late(finished_trigger)
             self._asked, self._missing, self._counted = write.asked, set(self._present), False
-            self._started_trigger = grid.last_before(write.started_ns)
+            self._started_trigger = grid.last_before(write.started_ns - CLOCK_NS)
         self._missing.discard(write.side)
         if finished_trigger > self._started_trigger:
             self._mark_late(finished_trigger)
