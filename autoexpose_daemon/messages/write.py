@@ -74,7 +74,7 @@ class MessageWriter:
             CLOCK_REALTIME less CLOCK_MONOTONIC, as `realtime_offset_ns` measures it.
         """
         stamp = _Time(*divmod(pair.left.host_time_ns + offset_ns, 1_000_000_000))
-        of_pair = {
+        of_pair: dict[str, float | str] = {
             "trigger": pair.trigger,
             "sequence": sequence,
             "cameras": self._cameras,
@@ -110,7 +110,7 @@ def _camera_info(header: Any, frame: Frame) -> Any:
     return _CameraInfo(header, height, width, "", none, k, k, p, 0, 0, _no_region)
 
 
-def _of_frame(frame: Frame) -> dict[str, object]:
+def _of_frame(frame: Frame) -> dict[str, float | str]:
     return {
         "frame_id": frame.frame_id,
         "device_time_ns": frame.device_time_ns,
@@ -124,7 +124,7 @@ def _of_frame(frame: Frame) -> dict[str, object]:
     }
 
 
-def _of_decision(decision: Decision) -> dict[str, object]:
+def _of_decision(decision: Decision) -> dict[str, float | str]:
     return {
         "next_exposure_time_us": decision.setting.exposure_time_us,
         "next_gain_db": decision.setting.gain_db,
