@@ -126,7 +126,7 @@ class Publisher:
     def _next(self) -> tuple[StereoPair, Decision] | None:
         with self._news:
             self._news.wait_for(lambda: self._mailbox or self._stopping)
-            return None if self._stopping else self._mailbox.popleft()
+            return self._mailbox.popleft() if self._mailbox else None
 
     def _on_report(self, sample: zenoh.Sample) -> None:
         """On a thread of zenoh's."""

@@ -64,13 +64,13 @@ class ConsumerTally:
             return None
 
     def __str__(self) -> str:
-        oddities = {"missed": self.missed, "lost": self.lost, "too slow for": self.too_slow, "alone": self.alone}
+        oddities = {"missed": self.missed, "lost": self.lost, "too slow for": self.too_slow, "lone frames": self.alone}
         return ", ".join([f"{self.pairs} pairs", *(f"{count} {name}" for name, count in oddities.items() if count)])
 
 
 @dataclass(slots=True)
 class PublishTally:
-    """Counts of one publisher: every pair offered was sent, or dropped for one reason, or waits.
+    """Counts of one publisher: every pair offered was sent, dropped for one reason, or waits.
 
     Attributes
     ----------
