@@ -23,8 +23,8 @@ from drivers.frames import Side, StereoPair
 
 log = logging.getLogger(__name__)
 
-MAILBOX_PAIRS = 4
-"""67 ms at 60 Hz: longer than zenoh holds the thread up when consumers get stuck."""
+MAILBOX_PAIRS = 12
+"""0.2 s at 60 Hz: longer than consumers that get stuck, or a busy machine, hold the thread up; 9 MB of 720 x 540."""
 _AGAIN_S = 2.0
 _STOP_S = 5.0
 _NAME = re.compile(r"[A-Za-z0-9_.-]{1,64}")
