@@ -64,7 +64,7 @@ class ConsumerTally:
             return None
 
     def __str__(self) -> str:
-        oddities = {"missed": self.missed, "lost": self.lost, "too slow for": self.too_slow, "lone frames": self.alone}
+        oddities = {"missed": self.missed, "lost": self.lost, "too slow": self.too_slow, "lone frames": self.alone}
         return ", ".join([f"{self.pairs} pairs", *(f"{count} {name}" for name, count in oddities.items() if count)])
 
 

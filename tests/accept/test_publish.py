@@ -25,7 +25,8 @@ def run(tmp_path: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
         print(f"{name}: {tally}, latency p50, p99 {result['latency_ms']} ms, daemon {figures['daemon_cpu_percent']} %")
         counted = tally["lost"] + tally["too_slow"] + tally["alone"]
         assert tally["pairs"] == len(sequences)
-        assert len(sequences) + counted == sequences[-1] - sequences[0] + 1
+        # What a consumer cannot know of is what was sent before the first message, or after the last, that it got.
+        assert 0 <= figures["published"] - tally["pairs"] - counted <= 0.001 * figures["published"]
     return figures, got
 
 
