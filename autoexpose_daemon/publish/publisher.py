@@ -95,7 +95,7 @@ class Publisher:
                     self._news.wait_for(lambda: self._stopping, _AGAIN_S)
                 continue
             self.tally.trouble = ""
-            log.info("publishing as %s", frame_key(self._config.rig, "left", "..."))
+            log.info("publishing autoexpose/%s, %s", self._config.rig, self._endpoints)
             with contextlib.closing(session):
                 self._serve(session)
 
@@ -132,8 +132,5 @@ class Publisher:
         """On a thread of zenoh's."""
         name = last_but(str(sample.key_expr), 0)
         tally = ConsumerTally.from_json(sample.payload.to_bytes())
-        if tally is not None and _NAME.fullmatch(name):
-            now_ns = time.monotonic_ns()
-            if name not in self.tally.consumers(now_ns):
-                log.info("consumer %s is there", name)
-            self.tally.heard(name, tally, now_ns)
+        if tally is not None and _NAME.fullmatch(name) and self.tally.heard(name, tally, time.monotonic_ns()):
+            log.info("consumer %s is there", name)

@@ -84,12 +84,14 @@ class PublishTally:
     trouble: str = ""
     _consumers: dict[str, tuple[int, ConsumerTally]] = field(default_factory=dict)
 
-    def heard(self, name: str, tally: ConsumerTally, now_ns: int) -> None:
-        """Note what a consumer reports; times are CLOCK_MONOTONIC."""
+    def heard(self, name: str, tally: ConsumerTally, now_ns: int) -> bool:
+        """Note what a consumer reports, and whether it is a new one; times are CLOCK_MONOTONIC."""
         known = {other: last for other, last in self._consumers.items() if now_ns - last[0] < GONE_NS}
-        if name in known or len(known) < MOST_CONSUMERS:
+        new = name not in known and len(known) < MOST_CONSUMERS
+        if new or name in known:
             known[name] = now_ns, tally
         self._consumers = known  # replaced, not changed: other threads read it
+        return new
 
     def consumers(self, now_ns: int) -> Mapping[str, ConsumerTally]:
         """Those that are there, and what they last reported."""

@@ -32,8 +32,8 @@ def test_a_consumer_that_says_nothing_any_more_is_forgotten() -> None:
 
 def test_consumers_are_not_remembered_without_bound() -> None:
     tally = PublishTally()
-    for number in range(2 * MOST_CONSUMERS):
-        tally.heard(f"c{number}", ConsumerTally(), 0)
+    new = [tally.heard(f"c{number}", ConsumerTally(), 0) for number in range(2 * MOST_CONSUMERS)]
+    assert sum(new) == MOST_CONSUMERS
     assert len(tally.consumers(0)) == MOST_CONSUMERS
     tally.heard("c0", ConsumerTally(pairs=1), 1)
     assert tally.consumers(1)["c0"].pairs == 1
