@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import bisect
 from collections import deque
 from dataclasses import dataclass, field
 from typing import Any
@@ -12,8 +13,8 @@ from autoexpose_daemon.publish.tally import ConsumerTally
 from drivers.frames import Frame, Pixels, Side, StereoPair
 
 _SIDES: tuple[Side, ...] = ("left", "right")
-_KEPT_STAMPS = 8
-"""Triggers whose messages wait for the rest; the daemon sends all of one before the next."""
+_KEPT_STAMPS = 64
+"""Triggers whose messages wait for the rest, about a second: images of the two cameras queue by themselves."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,20 +64,57 @@ class _Parts:
         return bool(sides) and all(side in self.infos and side in self.pixels for side in sides)
 
 
+class _Sequence:
+    """Counts gaps in the daemon's sequence into `tally.lost`.
+
+    The cameras' messages come on two ways, each in order: a lone frame may overtake the end of a pair before it.
+    """
+
+    def __init__(self, tally: ConsumerTally) -> None:
+        self._tally = tally
+        self._last: int | None = None
+        self._alone: list[int] = []  # later than `_last`, in order
+
+    def pair(self, sequence: int) -> None:
+        """Note a whole pair; pairs come in order."""
+        self._begin_anew_if_before(sequence)
+        while self._alone and self._alone[0] < sequence:
+            self._advance(self._alone.pop(0))
+        self._advance(sequence)
+
+    def alone(self, sequence: int) -> None:
+        """Note a lone frame."""
+        self._begin_anew_if_before(sequence)
+        bisect.insort(self._alone, sequence)
+        if len(self._alone) > _KEPT_STAMPS:
+            self._advance(self._alone.pop(0))
+
+    def _begin_anew_if_before(self, sequence: int) -> None:
+        """A new daemon counts from 0."""
+        if self._last is not None and sequence <= self._last:
+            self._last = None
+            self._alone.clear()
+
+    def _advance(self, sequence: int) -> None:
+        if self._last is not None:
+            self._tally.lost += sequence - self._last - 1
+        self._last = sequence
+
+
 class PairAssembler:
-    """Puts messages together by their stamp, and counts gaps in the daemon's sequence into `tally.lost`."""
+    """Puts messages together by their stamp, and counts pairs that never come whole into `tally.lost`."""
 
     def __init__(self, tally: ConsumerTally) -> None:
         self._tally = tally
         self._parts: dict[int, _Parts] = {}
-        self._sequence: int | None = None
+        self._sequence = _Sequence(tally)
 
     def exposure(self, side: Side, data: bytes, now_ns: int) -> ReceivedPair | None:
         """Take an ExposureInfo; returns the pair that it completes. Raises `DamagedMessageError`."""
         info = read_exposure_info(data)
         if info.alone:
             self._tally.alone += 1
-            self._count(info.sequence)
+            self._sequence.alone(info.sequence)
             return None
         stamp = stamp_ns(info)
         self._of(stamp).infos[side] = info
@@ -98,18 +136,13 @@ class PairAssembler:
         parts = self._parts[stamp]
         if not parts.whole():
             return None
-        del self._parts[stamp]
+        for older in [other for other in self._parts if other <= stamp]:
+            del self._parts[older]
         info = parts.infos["left"]
-        self._count(info.sequence)
+        self._sequence.pair(info.sequence)
         frames = [frame_of(parts.infos[side], parts.pixels[side]) for side in _SIDES[: info.cameras]]
         right = frames[1] if len(frames) > 1 else None
         return ReceivedPair(frames[0], right, stamp, info.trigger, info.sequence, decision_of(info), now_ns)
-
-    def _count(self, sequence: int) -> None:
-        """A gap was lost after the daemon; a sequence that begins again is that of a new daemon."""
-        if self._sequence is not None and sequence > self._sequence:
-            self._tally.lost += sequence - self._sequence - 1
-        self._sequence = sequence
 
 
 class PairQueue:

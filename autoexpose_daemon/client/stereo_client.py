@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import sys
 import threading
@@ -14,17 +15,21 @@ from types import TracebackType
 from typing import Self
 
 import zenoh
+from zenoh.handlers import Handler, RingChannel
 
 from autoexpose_daemon.client.pairs import PairAssembler, PairQueue, ReceivedPair
 from autoexpose_daemon.messages.read import DamagedMessageError
-from autoexpose_daemon.publish.keys import LOOPBACK, consumer_key, last_but, topic_of_both
+from autoexpose_daemon.publish.keys import LOOPBACK, all_of_rig, consumer_key, last_but
 from autoexpose_daemon.publish.session import Endpoints, SessionError, open_as_consumer
 from autoexpose_daemon.publish.tally import ConsumerTally
 from drivers.frames import Side
 
 _AGAIN_S = 0.5
 _REPORT_S = 1.0
+_JOIN_S = 2.0
 _QUEUE_PAIRS = 8
+_RING_MESSAGES = 96
+"""Of 16 pairs; zenoh drops the oldest when this process has no time to look at them."""
 
 _Take = Callable[[Side, bytes, int], ReceivedPair | None]
 
@@ -108,32 +113,39 @@ class StereoClient:
             except SessionError:
                 self._closed.wait(_AGAIN_S)
                 continue
-            # A session that is still open when the interpreter ends keeps the process from ending.
-            self._close_session = weakref.finalize(self, session.close)
-            takes: dict[str, _Take] = {"image": self._assembler.image, "exposure": self._assembler.exposure}
-            self._subscribers = [
-                session.declare_subscriber(topic_of_both(self._rig, topic), self._receiver(take))
-                for topic, take in takes.items()
+            messages = session.declare_subscriber(all_of_rig(self._rig), RingChannel(_RING_MESSAGES))
+            # Threads of our own, for those of zenoh's callbacks keep a process from ending.
+            threads = [
+                threading.Thread(target=self._receive, args=(messages,), name="receive", daemon=True),
+                threading.Thread(target=self._report, args=(session,), name="report", daemon=True),
             ]
-            threading.Thread(target=self._report, args=(session,), name="report", daemon=True).start()
+            # At the latest when the interpreter ends, which a thread inside zenoh would not survive.
+            self._close_session = weakref.finalize(self, _end, session, self._closed, threads)
+            for thread in threads:
+                thread.start()
             return
 
-    def _receiver(self, take: _Take) -> Callable[[zenoh.Sample], None]:
-        """What puts the messages of a topic in their place, on a thread of zenoh's."""
+    def _receive(self, messages: zenoh.Subscriber[Handler[zenoh.Sample]]) -> None:
+        takes: dict[str, _Take] = {"image": self._assembler.image, "exposure": self._assembler.exposure}
+        while not self._closed.is_set():
+            try:
+                sample = messages.recv()
+            except zenoh.ZError:  # closed
+                return
+            key = str(sample.key_expr)
+            take = takes.get(last_but(key, 0))
+            if take is not None:
+                self._take(take, "left" if last_but(key, 1) == "left" else "right", sample.payload.to_bytes())
 
-        def receive(sample: zenoh.Sample) -> None:
-            side: Side = "left" if last_but(str(sample.key_expr), 1) == "left" else "right"
-            data = sample.payload.to_bytes()
-            with self._news:
-                try:
-                    pair = take(side, data, time.monotonic_ns())
-                except DamagedMessageError:
-                    return  # its pair never becomes whole, and is counted as lost
-                if pair is not None:
-                    self._queue.put(pair)
-                    self._news.notify()
-
-        return receive
+    def _take(self, take: _Take, side: Side, data: bytes) -> None:
+        with self._news:
+            try:
+                pair = take(side, data, time.monotonic_ns())
+            except DamagedMessageError:
+                return  # its pair never becomes whole, and is counted as lost
+            if pair is not None:
+                self._queue.put(pair)
+                self._news.notify()
 
     def _report(self, session: zenoh.Session) -> None:
         key = consumer_key(self._rig, self._name)
@@ -145,3 +157,11 @@ class StereoClient:
             self._closed.wait(_REPORT_S)
             if self._closed.is_set():
                 return
+
+
+def _end(session: zenoh.Session, closed: threading.Event, threads: list[threading.Thread]) -> None:
+    with contextlib.closing(session):
+        closed.set()
+    for thread in threads:
+        if thread is not threading.current_thread():
+            thread.join(_JOIN_S)

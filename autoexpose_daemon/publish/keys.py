@@ -18,9 +18,9 @@ def frame_key(rig: str, side: Side, topic: str) -> str:
     return f"autoexpose/{rig}/{side}/{topic}"
 
 
-def topic_of_both(rig: str, topic: str) -> str:
-    """A key expression for one topic of both cameras."""
-    return f"autoexpose/{rig}/*/{topic}"
+def all_of_rig(rig: str) -> str:
+    """A key expression for all messages of a rig."""
+    return f"autoexpose/{rig}/*/*"
 
 
 def consumer_key(rig: str, name: str) -> str:

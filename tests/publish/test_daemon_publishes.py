@@ -10,7 +10,6 @@ import zenoh
 
 from autoexpose_daemon.client import StereoClient
 from autoexpose_daemon.messages.read import read_exposure_info
-from autoexpose_daemon.publish.keys import topic_of_both
 from autoexpose_daemon.publish.session import Endpoints, open_as_consumer
 from tests.autoexpose_daemon.stereo import running_daemon, stereo_cameras
 from tests.publish.steps import PATIENCE_S, endpoint, wait_until
@@ -50,7 +49,7 @@ def test_frames_of_a_camera_that_is_left_alone_keep_their_name() -> None:
             if read_exposure_info(sample.payload.to_bytes()).alone:
                 lone.append(str(sample.key_expr))
 
-        with session, session.declare_subscriber(topic_of_both("rig", "exposure"), take):
+        with session, session.declare_subscriber("autoexpose/rig/*/exposure", take):
             run.left.kill()
             wait_until(lambda: len(lone) > 20, "frames of the right camera alone")
         assert set(lone) == {"autoexpose/rig/right/exposure"}

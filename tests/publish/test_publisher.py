@@ -5,6 +5,8 @@ from __future__ import annotations
 import contextlib
 import signal
 import socket
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -97,6 +99,13 @@ def test_all_that_control_offers_is_accounted_for() -> None:
     tally = publisher.tally
     assert tally.dropped[DropReason.BEHIND] > 0
     assert tally.offered == tally.sent + tally.dropped.total()
+
+
+def test_a_program_that_does_not_close_its_client_ends_all_the_same() -> None:
+    at = endpoint()
+    program = f"from autoexpose_daemon.client import StereoClient\nfor pair in StereoClient(connect=[{at!r}]): break"
+    with publishing(PublishConfig(listen=(at,))):
+        assert subprocess.run([sys.executable, "-c", program], timeout=PATIENCE_S, check=False).returncode == 0
 
 
 def offer(publisher: Publisher) -> PublishTally:
