@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import os
+import re
 import sys
 import threading
 import time
@@ -19,10 +21,13 @@ from zenoh.handlers import Handler, RingChannel
 
 from autoexpose_daemon.client.pairs import PairAssembler, PairQueue, ReceivedPair
 from autoexpose_daemon.messages.read import DamagedMessageError
-from autoexpose_daemon.publish.keys import LOOPBACK, all_of_rig, consumer_key, last_but
+from autoexpose_daemon.publish.keys import CONSUMER_NAME, LOOPBACK, RIG_NAME, all_of_rig, consumer_key, last_but
 from autoexpose_daemon.publish.session import Endpoints, SessionError, open_as_consumer
 from autoexpose_daemon.publish.tally import ConsumerTally
+from drivers.errors import ConfigurationError
 from drivers.frames import Side
+
+log = logging.getLogger(__name__)
 
 _AGAIN_S = 0.5
 _REPORT_S = 1.0
@@ -50,6 +55,11 @@ class StereoClient:
         A configuration file of zenoh, which then names the endpoints: TLS, access control.
     name
         How the daemon shows this consumer; None: by program and process.
+
+    Raises
+    ------
+    ConfigurationError
+        When a name cannot be one.
     """
 
     def __init__(
@@ -59,9 +69,13 @@ class StereoClient:
         zenoh_file: Path | None = None,
         name: str | None = None,
     ) -> None:
+        if not RIG_NAME.fullmatch(rig):
+            raise ConfigurationError(f"{rig} is no name for a rig: a letter, then letters, digits and _")
+        if name is not None and not CONSUMER_NAME.fullmatch(name):
+            raise ConfigurationError(f"{name} is no name for a consumer: up to 64 letters, digits, and any of _ . -")
         self._rig = rig
         self._endpoints = Endpoints(connect=() if zenoh_file is not None else connect, file=zenoh_file)
-        self._name = name or f"{Path(sys.argv[0]).stem or 'python'}-{os.getpid()}"
+        self._name = name or f"{re.sub('[^A-Za-z0-9_]', '_', Path(sys.argv[0]).stem)[:40]}-{os.getpid()}"
         self._tally = ConsumerTally()
         self._news = threading.Condition()
         self._assembler = PairAssembler(self._tally)
@@ -107,10 +121,14 @@ class StereoClient:
         """Connect, once; waits until somebody is there."""
         if self._close_session is not None:
             return
+        complaint = ""
         while not self._closed.is_set():
             try:
                 session = open_as_consumer(self._endpoints)
-            except SessionError:
+            except SessionError as error:
+                if str(error) != complaint:
+                    complaint = str(error)
+                    log.warning("no frames yet: %s; trying again", complaint)
                 self._closed.wait(_AGAIN_S)
                 continue
             messages = session.declare_subscriber(all_of_rig(self._rig), RingChannel(_RING_MESSAGES))

@@ -13,6 +13,9 @@ RIG_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 """What zenoh takes in a key and ROS 2 in the name of a coordinate frame."""
 
 
+CONSUMER_NAME = re.compile(r"[A-Za-z0-9_.-]{1,64}")
+
+
 def frame_key(rig: str, side: Side, topic: str) -> str:
     """Where the messages of a camera go; `topic` is one of `image`, `camera_info`, `exposure`."""
     return f"autoexpose/{rig}/{side}/{topic}"

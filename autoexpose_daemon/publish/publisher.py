@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import logging
-import re
 import threading
 import time
 from collections import deque
@@ -16,7 +15,7 @@ import zenoh
 from autoexpose_daemon.config_publish import PublishConfig
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.messages.write import TOPICS, MessageWriter, realtime_offset_ns
-from autoexpose_daemon.publish.keys import consumer_key, frame_key, last_but
+from autoexpose_daemon.publish.keys import CONSUMER_NAME, consumer_key, frame_key, last_but
 from autoexpose_daemon.publish.session import Endpoints, SessionError, open_as_publisher
 from autoexpose_daemon.publish.tally import ConsumerTally, DropReason, PublishTally
 from drivers.frames import Side, StereoPair
@@ -27,7 +26,6 @@ MAILBOX_PAIRS = 12
 """0.2 s at 60 Hz: longer than consumers that get stuck, or a busy machine, hold the thread up; 9 MB of 720 x 540."""
 _AGAIN_S = 2.0
 _STOP_S = 5.0
-_NAME = re.compile(r"[A-Za-z0-9_.-]{1,64}")
 _PRIORITIES: dict[Side, zenoh.Priority] = {"left": zenoh.Priority.DATA, "right": zenoh.Priority.DATA_LOW}
 """Each priority has a queue of its own, which makes room for twice as many images."""
 
@@ -134,5 +132,5 @@ class Publisher:
         """On a thread of zenoh's."""
         name = last_but(str(sample.key_expr), 0)
         tally = ConsumerTally.from_json(sample.payload.to_bytes())
-        if tally is not None and _NAME.fullmatch(name) and self.tally.heard(name, tally, time.monotonic_ns()):
+        if tally is not None and CONSUMER_NAME.fullmatch(name) and self.tally.heard(name, tally, time.monotonic_ns()):
             log.info("consumer %s is there", name)

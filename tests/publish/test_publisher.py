@@ -7,6 +7,7 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from autoexpose_daemon.client import StereoClient
 from autoexpose_daemon.config_publish import PublishConfig
 from autoexpose_daemon.publish.publisher import MAILBOX_PAIRS, Publisher
 from autoexpose_daemon.publish.tally import ConsumerTally, DropReason, PublishTally
+from drivers.errors import ConfigurationError
 from tests.fakes import unique
 from tests.publish.consumer import consumer
 from tests.publish.steps import DECISION, PATIENCE_S, SETTING, endpoint, pair, publishing, wait_until
@@ -65,6 +67,22 @@ def test_rigs_do_not_mix() -> None:
     ):
         assert one.next_pair(PATIENCE_S) is not None
         assert two.next_pair(0.1) is None
+
+
+def test_a_client_says_why_it_waits(caplog: pytest.LogCaptureFixture) -> None:
+    at = endpoint()
+    with StereoClient(connect=[at]) as client:
+        waiting = threading.Thread(target=client.next_pair)
+        waiting.start()
+        wait_until(lambda: "no frames yet" in caplog.text, "the complaint")
+        assert at in caplog.text
+    waiting.join()
+
+
+@pytest.mark.parametrize("names", [{"rig": "*"}, {"rig": "a/b"}, {"name": "a b"}, {"name": "a/b"}])
+def test_names_that_cannot_be_are_refused(names: dict[str, str]) -> None:
+    with pytest.raises(ConfigurationError, match="is no name for a"):
+        StereoClient(**names)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("end", [signal.SIGKILL, signal.SIGSTOP])
