@@ -24,13 +24,13 @@ $(VENV)/demo.stamp: pyproject.toml $(NATIVE_SOURCES)
 	@./tools/apt-missing $(DEMO_PACKAGES) | xargs -r sh -c '$(APT) update && $(APT) install "$$@"' --
 	@[ -x $(PY) ] || /usr/bin/python3 -m venv --system-site-packages $(VENV)
 	@echo "installing Python packages into $(VENV) ..."
-	@$(PY) -m pip install --quiet --disable-pip-version-check --editable '.[sim,calibration]'
+	@$(PY) -m pip install --quiet --disable-pip-version-check --editable '.[sim,calibration,publish]'
 	@touch $@
 
 $(VENV)/dev.stamp: $(VENV)/demo.stamp pyproject.toml
 	@./tools/apt-missing $(TEST_PACKAGES) | xargs -r sh -c '$(APT) update && $(APT) install "$$@"' --
 	@echo "installing the tools of the tests ..."
-	@$(PY) -m pip install --quiet --disable-pip-version-check --editable '.[sim,calibration,dev]'
+	@$(PY) -m pip install --quiet --disable-pip-version-check --editable '.[sim,calibration,publish,dev]'
 	@touch $@
 
 setup: $(VENV)/dev.stamp ## make .venv with everything
@@ -55,6 +55,7 @@ test: lint ## everything that CI runs
 bench: $(VENV)/dev.stamp ## where the time goes, as ratios
 	$(PY) benchmarks/bench_step.py
 	$(PY) benchmarks/bench_render.py
+	$(PY) benchmarks/bench_publish.py
 
 accept: $(VENV)/dev.stamp ## the longer checks in real time, about five minutes
 	$(VENV)/bin/pytest tests/accept -p no:cacheprovider --override-ini addopts=-ra --timeout 600 -s

@@ -47,6 +47,7 @@ def run_daemon(file: Path, notifier: Notifier) -> None:
     """Run the daemon with the live view, until SIGTERM or SIGINT."""
     from autoexpose_daemon.cameras import openers  # noqa: PLC0415  Aravis loads only where cameras are opened
     from autoexpose_daemon.last_exposure import LastExposure  # noqa: PLC0415
+    from autoexpose_daemon.outlets import add_outlets  # noqa: PLC0415
     from autoexpose_daemon.runtime import Daemon  # noqa: PLC0415
     from autoexpose_daemon.service import Service, run_until_stopped  # noqa: PLC0415
 
@@ -63,7 +64,7 @@ def run_daemon(file: Path, notifier: Notifier) -> None:
 
     service = Service(
         load_config(file),
-        lambda config, start: Daemon(config, openers(config), start=start),
+        lambda config, start: add_outlets(Daemon(config, openers(config), start=start), config),
         notifier,
         LastExposure.in_state_directory(),
     )
@@ -89,13 +90,14 @@ def demo(
     transport: Annotated[Literal["gige", "usb3"], typer.Option(help="GigE Vision or USB3 Vision.")] = "gige",
     rate_hz: Annotated[float, typer.Option(min=10.0, max=200.0, help="Stereo pairs per second.")] = 60.0,
     still: Annotated[bool, typer.Option("--still", help="The cameras stand still, as on tripods.")] = False,
+    publish: Annotated[bool, typer.Option("--publish", help="Let other processes have the frames, as `rig`.")] = False,
 ) -> None:
     """Expose two fake cameras through lights going on and off: no hardware needed."""
     from autoexpose_daemon.demo.run import DemoOptions, run_demo  # noqa: PLC0415
 
     stop = threading.Event()
     stop_on_signals(stop)
-    options = DemoOptions(seconds, policy, summary, plot, scene, light, seed, transport, rate_hz, still)
+    options = DemoOptions(seconds, policy, summary, plot, scene, light, seed, transport, rate_hz, still, publish)
     run_demo(options, stop, Console())
 
 

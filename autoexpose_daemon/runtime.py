@@ -8,13 +8,14 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
+from contextlib import ExitStack
 from dataclasses import replace
 
 import numpy as np
 
 from autoexpose_daemon.config import Config
-from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlLoop
+from autoexpose_daemon.observer import Observer, Outlet
 from autoexpose_daemon.response_drift import ResponseDrift
 from autoexpose_daemon.telemetry import GONE, Telemetry
 from autoexpose_daemon.tuning import Tuning
@@ -46,9 +47,6 @@ _BEAT_S = 0.1
 _SILENCE_S = 0.2
 _SILENCE_PERIODS = 3.0
 
-Observer = Callable[[StereoPair, Decision | None], None]
-"""Told of every pair and what was decided on it; None: a newer pair was there before control got to it."""
-
 
 class Daemon:
     """Exposes the cameras of a rig well, until told to stop.
@@ -73,6 +71,8 @@ class Daemon:
         start: ExposureSetting | None = None,
     ) -> None:
         self.telemetry = Telemetry()
+        self.outlets: list[Outlet] = []
+        """Opened and closed by `run`, and told of every step."""
         self.beat_ns = 0
         """When the control thread last began a turn (CLOCK_MONOTONIC); it does ten times a second, come what may."""
         self._config = config
@@ -117,17 +117,20 @@ class Daemon:
             When a camera can never be driven as configured.
         """
         share_one_heap()
-        self._rig.start()
-        try:
-            self._warm_up()
-            while not stop.is_set():
-                self.beat_ns = time.monotonic_ns()
-                self._take(self._next_events())
-                self._tune()
-        finally:
-            self._account.close(time.monotonic_ns())
-            self._publish_tally()
-            self._stop_rig()
+        with ExitStack() as outlets:
+            for outlet in self.outlets:
+                outlets.enter_context(outlet)
+            self._rig.start()
+            try:
+                self._warm_up()
+                while not stop.is_set():
+                    self.beat_ns = time.monotonic_ns()
+                    self._take(self._next_events())
+                    self._tune()
+            finally:
+                self._account.close(time.monotonic_ns())
+                self._publish_tally()
+                self._stop_rig()
 
     def _stop_rig(self) -> None:
         deadline_s = time.monotonic() + _STOP_S
@@ -299,6 +302,8 @@ class Daemon:
         self.telemetry.drift_grey, self.telemetry.misfits = self._drift.residual_grey, self._drift.misfits
         if self._observer is not None:
             self._observer(pair, decision)
+        for outlet in self.outlets:
+            outlet(pair, decision)
 
     def _when_to_write_ns(self) -> int:
         now_ns, grid = time.monotonic_ns(), self._account.grid

@@ -159,7 +159,7 @@ class Service:
             log.warning("the new configuration is not taken, the old one stays: control does not answer")
 
     def _restart(self, config: Config) -> None:
-        log.info("the new configuration changes cameras, trigger, image or transport: they are opened anew")
+        log.info("the new configuration changes cameras, trigger, image, transport or publishing: all are opened anew")
         daemon = self._make(config)  # may raise, while the old one still runs
         self._end()
         self._raise_failure()
@@ -168,9 +168,9 @@ class Service:
 
 
 def _same_cameras(one: Config, other: Config) -> bool:
-    """Whether the cameras would be opened the same way."""
+    """Whether the cameras, and the way out of the frames, would be opened the same way."""
 
     def opening(config: Config) -> tuple[object, ...]:
-        return config.cameras, config.trigger, config.image, config.transport
+        return config.cameras, config.trigger, config.image, config.transport, config.publish
 
     return opening(one) == opening(other)

@@ -276,7 +276,7 @@ class TriggerAccount:
             track = self._tracks[side]
             if trigger > track.alone:
                 track.alone = trigger
-                return [StereoPair(trigger, frame, None)]
+                return [StereoPair(trigger, frame, None, side)]
         return []
 
 

@@ -56,16 +56,26 @@ class Frame:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StereoPair:
-    """The frames that both cameras took at one trigger; `right` is None in a rig of one camera."""
+    """The frames that both cameras took at one trigger.
+
+    `right` is None in a rig of one camera, and for a frame whose partner is missing: `left` is then that frame, of
+    whichever camera, which `lone_side` names.
+    """
 
     trigger: int
     left: Frame
     right: Frame | None
+    lone_side: Side = "left"
 
     @property
     def frames(self) -> tuple[Frame, ...]:
         """The frames there are, left first."""
         return (self.left,) if self.right is None else (self.left, self.right)
+
+    @property
+    def by_side(self) -> dict[Side, Frame]:
+        """The frames there are, each with its camera, left first."""
+        return {self.lone_side: self.left} if self.right is None else {"left": self.left, "right": self.right}
 
     @property
     def mismatched(self) -> bool:

@@ -25,6 +25,7 @@ from autoexpose_daemon.demo.fakes import SERIALS, Pulse, check_simulator, fake_c
 from autoexpose_daemon.demo.record import Recorder
 from autoexpose_daemon.demo.report import LightStep, delay_frames, light_steps, pulses_in_window
 from autoexpose_daemon.demo.usb_bus import begin_again_on_fake_bus, cameras_on_bus
+from autoexpose_daemon.outlets import add_outlets
 from autoexpose_daemon.reference_step import reference_step_ms
 from autoexpose_daemon.runtime import Daemon
 from autoexpose_daemon.service import Service, run_until_stopped
@@ -52,6 +53,7 @@ class DemoOptions:
     transport: Transport
     rate_hz: float
     still: bool
+    publish: bool
 
 
 def run_demo(options: DemoOptions, stop: threading.Event, console: Console) -> None:
@@ -79,7 +81,9 @@ def run_demo(options: DemoOptions, stop: threading.Event, console: Console) -> N
             resources.callback(shutil.rmtree, sockets["left"].parent)
         console.print("starting two fake cameras ... (the first start compiles their renderer)")
         with fake_cameras(folder, arguments, f"demo-{os.getpid()}", sockets, stop) as truths:
-            service = Service(config, lambda config, start: Daemon(config, openers(config), recorder, start))
+            service = Service(
+                config, lambda config, start: add_outlets(Daemon(config, openers(config), recorder, start), config)
+            )
             daemon = service.daemon
             cpu_percent = _run_for(options.seconds, service, stop, console, f"autoexpose demo, {options.policy}")
             reference_ms = reference_step_ms(_REFERENCE_REPEATS)
@@ -111,6 +115,7 @@ def _configuration(options: DemoOptions) -> Config:
             "trigger": {"mode": "external", "line": "Line0", "rate_hz": options.rate_hz},
             "exposure": {"max_time_us": min(_LONGEST_US, 0.8e6 / options.rate_hz)},
             "control": {"policy": options.policy},
+            "publish": {} if options.publish else None,
         }
     )
 
@@ -154,6 +159,7 @@ def _figures(options: DemoOptions, daemon: Daemon, pulses: list[Pulse], steps: l
         "decision_ms": telemetry.decision_ms.percentiles(),
         "write_ms": telemetry.write_ms.percentiles(),
         "frame_to_node_ms": telemetry.frame_to_node_ms.percentiles(),
+        "published": None if telemetry.publishing is None else telemetry.publishing.sent,
     }
 
 
@@ -168,6 +174,8 @@ def _print_figures(console: Console, figures: Mapping[str, Any], steps: list[Lig
     table.add_row("stereo pairs", f"{figures['pairs']} ({figures['fps']} per second)")
     table.add_row("lost, by reason", lost)
     table.add_row("mismatched pairs", str(figures["mismatched_pairs"]))
+    if figures["published"] is not None:
+        table.add_row("published", str(figures["published"]))
     for name, key in (
         ("decision", "decision_ms"),
         ("writing nodes", "write_ms"),

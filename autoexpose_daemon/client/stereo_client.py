@@ -1,0 +1,185 @@
+"""Stereo pairs of a daemon, in this process or another, on this machine or another."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+import re
+import sys
+import threading
+import time
+import weakref
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import zenoh
+from zenoh.handlers import Handler, RingChannel
+
+from autoexpose_daemon.client.pairs import PairAssembler, PairQueue, ReceivedPair
+from autoexpose_daemon.messages.read import DamagedMessageError
+from autoexpose_daemon.publish.keys import CONSUMER_NAME, LOOPBACK, RIG_NAME, all_of_rig, consumer_key, last_but
+from autoexpose_daemon.publish.session import Endpoints, SessionError, open_as_consumer
+from autoexpose_daemon.publish.tally import ConsumerTally
+from drivers.errors import ConfigurationError
+from drivers.frames import Side
+
+log = logging.getLogger(__name__)
+
+_AGAIN_S = 0.5
+_REPORT_S = 1.0
+_JOIN_S = 2.0
+_QUEUE_PAIRS = 8
+_RING_MESSAGES = 96
+"""Of 16 pairs; zenoh drops the oldest when this process has no time to look at them."""
+
+_Take = Callable[[Side, bytes, int], ReceivedPair | None]
+
+
+class StereoClient:
+    """Iterates over a rig's stereo pairs, for ever; waits for a daemon that is not there yet, or not there any more.
+
+    Once a second it reports its count of losses to the daemon. A consumer slower than the cameras gets the newest
+    pairs; it delays nobody.
+
+    Parameters
+    ----------
+    rig
+        Name of the rig, `publish.rig` of the daemon's configuration.
+    connect
+        Endpoints of daemons or routers.
+    zenoh_file
+        A configuration file of zenoh, which then names the endpoints: TLS, access control.
+    name
+        How the daemon shows this consumer; None: by program and process.
+
+    Raises
+    ------
+    ConfigurationError
+        When a name cannot be one.
+    """
+
+    def __init__(
+        self,
+        rig: str = "rig",
+        connect: Sequence[str] = (LOOPBACK,),
+        zenoh_file: Path | None = None,
+        name: str | None = None,
+    ) -> None:
+        if not RIG_NAME.fullmatch(rig):
+            raise ConfigurationError(f"{rig} is no name for a rig: a letter, then letters, digits and _")
+        if name is not None and not CONSUMER_NAME.fullmatch(name):
+            raise ConfigurationError(f"{name} is no name for a consumer: up to 64 letters, digits, and any of _ . -")
+        self._rig = rig
+        self._endpoints = Endpoints(connect=() if zenoh_file is not None else connect, file=zenoh_file)
+        self._name = name or f"{re.sub('[^A-Za-z0-9_]', '_', Path(sys.argv[0]).stem)[:40]}-{os.getpid()}"
+        self._tally = ConsumerTally()
+        self._news = threading.Condition()
+        self._assembler = PairAssembler(self._tally)
+        self._queue = PairQueue(self._tally, _QUEUE_PAIRS)
+        self._closed = threading.Event()
+        self._close_session: Callable[[], object] | None = None
+
+    @property
+    def tally(self) -> ConsumerTally:
+        """The count so far."""
+        return replace(self._tally)
+
+    def __iter__(self) -> Iterator[ReceivedPair]:
+        """Pairs until `close` is called."""
+        self._open()
+        while (pair := self.next_pair()) is not None:
+            yield pair
+
+    def next_pair(self, timeout_s: float | None = None) -> ReceivedPair | None:
+        """The next pair; None when the client is closed, or none came within `timeout_s`."""
+        self._open()
+        with self._news:
+            self._news.wait_for(lambda: len(self._queue) or self._closed.is_set(), timeout_s)
+            return self._queue.take() if len(self._queue) and not self._closed.is_set() else None
+
+    def close(self) -> None:
+        """Leave the daemon; iterations end."""
+        with self._news:
+            self._closed.set()
+            self._news.notify_all()
+        if self._close_session is not None:
+            self._close_session()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _open(self) -> None:
+        """Connect, once; waits until somebody is there."""
+        if self._close_session is not None:
+            return
+        complaint = ""
+        while not self._closed.is_set():
+            try:
+                session = open_as_consumer(self._endpoints)
+            except SessionError as error:
+                if str(error) != complaint:
+                    complaint = str(error)
+                    log.warning("no frames yet: %s; trying again", complaint)
+                self._closed.wait(_AGAIN_S)
+                continue
+            messages = session.declare_subscriber(all_of_rig(self._rig), RingChannel(_RING_MESSAGES))
+            # Threads of our own, for those of zenoh's callbacks keep a process from ending.
+            threads = [
+                threading.Thread(target=self._receive, args=(messages,), name="receive", daemon=True),
+                threading.Thread(target=self._report, args=(session,), name="report", daemon=True),
+            ]
+            # At the latest when the interpreter ends, which a thread inside zenoh would not survive.
+            self._close_session = weakref.finalize(self, _end, session, self._closed, threads)
+            for thread in threads:
+                thread.start()
+            return
+
+    def _receive(self, messages: zenoh.Subscriber[Handler[zenoh.Sample]]) -> None:
+        takes: dict[str, _Take] = {"image": self._assembler.image, "exposure": self._assembler.exposure}
+        while not self._closed.is_set():
+            try:
+                sample = messages.recv()
+            except zenoh.ZError:  # closed
+                return
+            key = str(sample.key_expr)
+            take = takes.get(last_but(key, 0))
+            if take is not None:
+                self._take(take, "left" if last_but(key, 1) == "left" else "right", sample.payload.to_bytes())
+
+    def _take(self, take: _Take, side: Side, data: bytes) -> None:
+        with self._news:
+            try:
+                pair = take(side, data, time.monotonic_ns())
+            except DamagedMessageError:
+                return  # its pair never becomes whole, and is counted as lost
+            if pair is not None:
+                self._queue.put(pair)
+                self._news.notify()
+
+    def _report(self, session: zenoh.Session) -> None:
+        key = consumer_key(self._rig, self._name)
+        while not session.is_closed():
+            try:
+                session.put(key, self._tally.to_json())
+            except zenoh.ZError:  # closed meanwhile
+                return
+            self._closed.wait(_REPORT_S)
+            if self._closed.is_set():
+                return
+
+
+def _end(session: zenoh.Session, closed: threading.Event, threads: list[threading.Thread]) -> None:
+    with contextlib.closing(session):
+        closed.set()
+    for thread in threads:
+        if thread is not threading.current_thread():
+            thread.join(_JOIN_S)

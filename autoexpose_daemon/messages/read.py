@@ -1,0 +1,77 @@
+"""From messages back to frames and decisions."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.messages.types import EXPOSURE_INFO, IMAGE, TYPESTORE
+from drivers.exposure import ExposureSetting
+from drivers.frames import Frame, Pixels
+
+
+class DamagedMessageError(ValueError):
+    """Bytes that are not the message they should be."""
+
+
+def read_image(data: bytes) -> tuple[int, Pixels]:
+    """Stamp (CLOCK_REALTIME, ns) and pixels of an Image; the pixels are a view of `data`, not a copy.
+
+    Raises
+    ------
+    DamagedMessageError
+        When it is no grey image, or not whole.
+    """
+    message = _deserialise(data, IMAGE)
+    dtype = {"mono8": np.uint8, "mono16": np.uint16}.get(message.encoding)
+    if dtype is None or message.data.size != message.height * message.step:
+        raise DamagedMessageError(f"an Image of {message.data.size} bytes, {message.height} rows, {message.encoding}")
+    if message.step != message.width * np.dtype(dtype).itemsize or message.is_bigendian:
+        raise DamagedMessageError(f"an Image of {message.width} pixels in rows of {message.step} bytes")
+    return stamp_ns(message), message.data.view(dtype).reshape(message.height, message.width)
+
+
+def read_exposure_info(data: bytes) -> Any:
+    """An ExposureInfo, with the fields of `ExposureInfo.msg`; raises `DamagedMessageError`."""
+    return _deserialise(data, EXPOSURE_INFO)
+
+
+def stamp_ns(message: Any) -> int:
+    """The stamp of a message's header, CLOCK_REALTIME, ns."""
+    return int(message.header.stamp.sec) * 1_000_000_000 + int(message.header.stamp.nanosec)
+
+
+def frame_of(info: Any, pixels: Pixels) -> Frame:
+    """The frame that an ExposureInfo and the pixels of its Image tell of."""
+    return Frame(
+        pixels,
+        info.bit_depth,
+        info.frame_id,
+        info.device_time_ns,
+        info.host_time_ns,
+        info.arrival_time_ns,
+        ExposureSetting(info.exposure_time_us, info.gain_db),
+        "chunk" if info.setting_source == "chunk" else "ledger",
+    )
+
+
+def decision_of(info: Any) -> Decision:
+    """The decision that an ExposureInfo tells of."""
+    return Decision(
+        ExposureSetting(info.next_exposure_time_us, info.next_gain_db),
+        info.next_exposure_level,
+        info.reason,
+        info.metric,
+        info.saturated_share,
+        info.black_share,
+        info.motion_px,
+    )
+
+
+def _deserialise(data: bytes, message_type: str) -> Any:
+    try:
+        return TYPESTORE.deserialize_cdr(data, message_type)
+    except Exception as error:  # rosbags checks nothing: what breaks depends on where the bytes are wrong
+        raise DamagedMessageError(f"not a {message_type}: {error}") from error

@@ -1,0 +1,24 @@
+"""The message types, those of ROS 2 and our own."""
+
+from __future__ import annotations
+
+from importlib.resources import files
+
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+IMAGE = "sensor_msgs/msg/Image"
+CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
+EXPOSURE_INFO = "autoexpose_msgs/msg/ExposureInfo"
+
+TYPESTORE = get_typestore(Stores.ROS2_HUMBLE)
+"""Serialises and deserialises; these messages are the same in every ROS 2 since Foxy."""
+
+TYPESTORE.register(
+    get_types_from_msg(files(__package__).joinpath(f"{EXPOSURE_INFO}.msg").read_text(encoding="utf-8"), EXPOSURE_INFO)
+)
+
+
+def definition(message_type: str) -> str:
+    """The text of a message type with all that it is made of, as recordings hold it."""
+    text, _ = TYPESTORE.generate_msgdef(message_type, ros_version=2)
+    return text

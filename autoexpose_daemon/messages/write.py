@@ -1,0 +1,137 @@
+"""From a stereo pair and its decision to messages."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.messages.types import CAMERA_INFO, EXPOSURE_INFO, IMAGE, TYPESTORE
+from drivers.frames import Frame, Side, StereoPair
+
+TOPICS = {"image": IMAGE, "camera_info": CAMERA_INFO, "exposure": EXPOSURE_INFO}
+"""What is said of each frame: the last part of the key, and the message type."""
+
+_CLOCK_TRIES = 3
+
+_types = TYPESTORE.types
+_Time, _Header = _types["builtin_interfaces/msg/Time"], _types["std_msgs/msg/Header"]
+_Image, _CameraInfo, _ExposureInfo = _types[IMAGE], _types[CAMERA_INFO], _types[EXPOSURE_INFO]
+_no_region = _types["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
+
+
+@dataclass(frozen=True, slots=True)
+class Message:
+    """One message: of which camera, which of `TOPICS`, and its CDR bytes."""
+
+    side: Side
+    topic: str
+    data: bytearray
+
+
+def realtime_offset_ns() -> int:
+    """What to add to CLOCK_MONOTONIC to get CLOCK_REALTIME, ns: the quickest of a few looks at both clocks.
+
+    It is constant but for steps of CLOCK_REALTIME, so stamps step with the machine's clock and follow it otherwise.
+    """
+
+    def look() -> tuple[int, int]:
+        before_ns = time.monotonic_ns()
+        realtime_ns = time.time_ns()
+        took_ns = time.monotonic_ns() - before_ns
+        return took_ns, realtime_ns - before_ns - took_ns // 2
+
+    return min(look() for _ in range(_CLOCK_TRIES))[1]
+
+
+class MessageWriter:
+    """Makes the messages of a rig, in the order in which they are to be sent.
+
+    Parameters
+    ----------
+    rig
+        Name of the rig; coordinate frames are named after it, as in ``rig_left_optical_frame``.
+    cameras
+        How many cameras the rig has.
+    """
+
+    def __init__(self, rig: str, cameras: int) -> None:
+        self._rig = rig
+        self._cameras = cameras
+
+    def messages(self, pair: StereoPair, decision: Decision, sequence: int, offset_ns: int) -> Iterator[Message]:
+        """The messages of one step.
+
+        Parameters
+        ----------
+        sequence
+            Number of this step among those that are sent, or recorded.
+        offset_ns
+            CLOCK_REALTIME less CLOCK_MONOTONIC, as `realtime_offset_ns` measures it.
+        """
+        stamp = _Time(*divmod(pair.left.host_time_ns + offset_ns, 1_000_000_000))
+        of_pair: dict[str, float | str] = {
+            "trigger": pair.trigger,
+            "sequence": sequence,
+            "cameras": self._cameras,
+            "alone": len(pair.frames) < self._cameras,
+            **_of_decision(decision),
+        }
+        for side, frame in pair.by_side.items():
+            header = _Header(stamp, f"{self._rig}_{side}_optical_frame")
+            info = _ExposureInfo(header=header, **of_pair, **_of_frame(frame))
+            yield Message(side, "exposure", _serialise(info, EXPOSURE_INFO))
+            yield Message(side, "camera_info", _serialise(_camera_info(header, frame), CAMERA_INFO))
+            yield Message(side, "image", _serialise(_image(header, frame), IMAGE))
+
+
+def _serialise(message: object, message_type: str) -> bytearray:
+    """The bytes that were written, not a copy of them."""
+    data = TYPESTORE.serialize_cdr(message, message_type).obj
+    assert isinstance(data, bytearray)
+    return data
+
+
+def _image(header: Any, frame: Frame) -> Any:
+    height, width = frame.pixels.shape
+    encoding = "mono8" if frame.bit_depth == 8 else "mono16"
+    data = frame.pixels.reshape(-1).view(np.uint8)
+    return _Image(header, height, width, encoding, 0, width * frame.pixels.itemsize, data)
+
+
+def _camera_info(header: Any, frame: Frame) -> Any:
+    """Of an uncalibrated camera: by the message's convention its K is zero."""
+    height, width = frame.pixels.shape
+    none, k, p = np.zeros(0), np.zeros(9), np.zeros(12)
+    return _CameraInfo(header, height, width, "", none, k, k, p, 0, 0, _no_region)
+
+
+def _of_frame(frame: Frame) -> dict[str, float | str]:
+    return {
+        "frame_id": frame.frame_id,
+        "device_time_ns": frame.device_time_ns,
+        "host_time_ns": frame.host_time_ns,
+        "arrival_time_ns": frame.arrival_time_ns,
+        "bit_depth": frame.bit_depth,
+        "exposure_time_us": frame.setting.exposure_time_us,
+        "gain_db": frame.setting.gain_db,
+        "exposure_level": frame.setting.level,
+        "setting_source": frame.setting_source,
+    }
+
+
+def _of_decision(decision: Decision) -> dict[str, float | str]:
+    return {
+        "next_exposure_time_us": decision.setting.exposure_time_us,
+        "next_gain_db": decision.setting.gain_db,
+        "next_exposure_level": decision.level,
+        "reason": decision.reason,
+        "metric": decision.metric,
+        "saturated_share": decision.saturated_share,
+        "black_share": decision.black_share,
+        "motion_px": decision.motion_px,
+    }

@@ -1,0 +1,124 @@
+"""Messages as rosbags itself reads them, and read back."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.messages.read import DamagedMessageError, decision_of, frame_of, read_exposure_info, read_image
+from autoexpose_daemon.messages.types import EXPOSURE_INFO, TYPESTORE, definition
+from autoexpose_daemon.messages.write import TOPICS, Message, MessageWriter, realtime_offset_ns
+from drivers.exposure import ExposureSetting
+from drivers.frames import Frame, Side, StereoPair
+
+DECISION = Decision(ExposureSetting(1500.0, 3.0), 11.05, "held", 0.01, 0.02, 0.03, 1.5)
+REALS = st.floats(allow_nan=False)
+COUNTS = st.integers(0, 2**63 - 1)
+SETTINGS = st.builds(ExposureSetting, st.floats(1e-3, 1e9), st.floats(-100, 100))
+DECISIONS = st.builds(Decision, SETTINGS, REALS, st.text(st.characters(exclude_categories=["Cs"])), *[REALS] * 4)
+
+
+@st.composite
+def frames(draw: st.DrawFn) -> Frame:
+    bit_depth = draw(st.sampled_from([8, 12, 16]))
+    shape = draw(st.tuples(st.integers(1, 9), st.integers(1, 9)))
+    numbers = np.random.default_rng(draw(st.integers(0, 99)))
+    pixels = numbers.integers(0, 2**bit_depth, shape).astype(np.uint8 if bit_depth == 8 else np.uint16)
+    times = [draw(st.integers(0, 2**60)) for _ in range(3)]
+    return Frame(pixels, bit_depth, draw(COUNTS), *times, draw(SETTINGS), draw(st.sampled_from(["chunk", "ledger"])))
+
+
+def written(
+    pair: StereoPair, decision: Decision = DECISION, sequence: int = 0, offset_ns: int = 0, cameras: int = 2
+) -> dict[tuple[Side, str], Message]:
+    messages = MessageWriter("robot", cameras).messages(pair, decision, sequence, offset_ns)
+    return {(message.side, message.topic): message for message in messages}
+
+
+def parsed(message: Message) -> Any:
+    return TYPESTORE.deserialize_cdr(bytes(message.data), TOPICS[message.topic])
+
+
+def facts(frame: Frame) -> list[Any]:
+    return [getattr(frame, name) for name in Frame.__slots__ if name != "pixels"]
+
+
+@given(frames(), frames(), DECISIONS, COUNTS, COUNTS)
+def test_what_is_written_is_read_back_to_the_bit(
+    left: Frame, right: Frame, decision: Decision, trigger: int, sequence: int
+) -> None:
+    messages = written(StereoPair(trigger, left, right), decision, sequence)
+    sides: dict[Side, Frame] = {"left": left, "right": right}
+    for side, frame in sides.items():
+        info = read_exposure_info(bytes(messages[side, "exposure"].data))
+        _, pixels = read_image(bytes(messages[side, "image"].data))
+        again = frame_of(info, pixels)
+        assert facts(again) == facts(frame)
+        assert again.pixels.dtype == frame.pixels.dtype
+        assert np.array_equal(again.pixels, frame.pixels)
+        assert decision_of(info) == decision
+        assert (info.trigger, info.sequence, info.cameras, info.alone) == (trigger, sequence, 2, False)
+        assert info.exposure_level == frame.setting.level
+
+
+@given(frames(), frames())
+def test_all_messages_of_a_pair_have_one_stamp_and_the_frame_of_their_camera(left: Frame, right: Frame) -> None:
+    offset_ns = 1_600_000_000_000_000_000
+    messages = written(StereoPair(1, left, right), offset_ns=offset_ns)
+    headers = {key: parsed(message).header for key, message in messages.items()}
+    assert len(headers) == 6
+    for (side, _), header in headers.items():
+        assert header.stamp.sec * 10**9 + header.stamp.nanosec == left.host_time_ns + offset_ns
+        assert header.frame_id == f"robot_{side}_optical_frame"
+
+
+def frame() -> Frame:
+    return Frame(np.full((3, 5), 7, np.uint8), 8, 1, 2, 3, 4, ExposureSetting(100.0, 0.0))
+
+
+def test_camera_info_is_that_of_an_uncalibrated_camera() -> None:
+    info = parsed(written(StereoPair(1, frame(), frame()))["right", "camera_info"])
+    assert (info.height, info.width) == (3, 5)
+    assert not info.k.any()
+
+
+def test_a_lone_frame_keeps_its_side() -> None:
+    messages = written(StereoPair(1, frame(), None, "right"))
+    assert set(messages) == {("right", topic) for topic in TOPICS}
+    assert parsed(messages["right", "exposure"]).alone
+    assert not parsed(written(StereoPair(1, frame(), None), cameras=1)["left", "exposure"]).alone
+
+
+def test_the_definition_names_all_that_it_is_made_of() -> None:
+    text = definition(EXPOSURE_INFO)
+    assert "float64 exposure_time_us" in text
+    assert "MSG: std_msgs/Header" in text
+
+
+def test_the_offset_of_the_clocks_leads_to_the_time_of_day() -> None:
+    before_ns = time.time_ns()
+    by_offset_ns = time.monotonic_ns() + realtime_offset_ns()
+    assert before_ns - 1_000_000 <= by_offset_ns <= time.time_ns() + 1_000_000
+
+
+@given(st.binary(max_size=200), st.booleans())
+def test_bytes_that_are_no_message_are_refused(data: bytes, behind_a_header: bool) -> None:
+    data = b"\0\1\0\0" + data if behind_a_header else data
+    for read in (read_image, read_exposure_info):
+        with contextlib.suppress(DamagedMessageError):
+            read(data)
+
+
+@given(st.integers(0, 200))
+def test_a_truncated_message_is_refused(length: int) -> None:
+    messages = written(StereoPair(1, frame(), frame()))
+    whole = bytes(messages["left", "image"].data)
+    with pytest.raises(DamagedMessageError):
+        read_image(whole[: min(length, len(whole) - 1)])
