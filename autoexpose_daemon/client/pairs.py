@@ -43,7 +43,7 @@ class ReceivedPair:
     stamp_ns: int
     trigger: int
     sequence: int
-    decision: Decision
+    decision: Decision | None
     received_ns: int
 
     @property

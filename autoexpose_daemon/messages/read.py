@@ -57,8 +57,10 @@ def frame_of(info: Any, pixels: Pixels) -> Frame:
     )
 
 
-def decision_of(info: Any) -> Decision:
-    """The decision that an ExposureInfo tells of."""
+def decision_of(info: Any) -> Decision | None:
+    """The decision that an ExposureInfo tells of, if there was one."""
+    if not info.reason:
+        return None
     return Decision(
         ExposureSetting(info.next_exposure_time_us, info.next_gain_db),
         info.next_exposure_level,

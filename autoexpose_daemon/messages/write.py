@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -15,6 +16,9 @@ from drivers.frames import Frame, Side, StereoPair
 
 TOPICS = {"image": IMAGE, "camera_info": CAMERA_INFO, "exposure": EXPOSURE_INFO}
 """What is said of each frame: the last part of the key, and the message type."""
+
+LAST_STAMP_NS = (1 << 31) * 1_000_000_000 - 1
+"""The end of ROS 2's time, in 2038: a camera whose clock has gone mad must not stop what sends its frames."""
 
 _CLOCK_TRIES = 3
 
@@ -63,23 +67,24 @@ class MessageWriter:
         self._rig = rig
         self._cameras = cameras
 
-    def messages(self, pair: StereoPair, decision: Decision, sequence: int, offset_ns: int) -> Iterator[Message]:
-        """The messages of one step.
+    def messages(self, pair: StereoPair, decision: Decision | None, sequence: int, offset_ns: int) -> Iterator[Message]:
+        """The messages of one pair; None: nothing was decided on it.
 
         Parameters
         ----------
         sequence
-            Number of this step among those that are sent, or recorded.
+            Number of this pair among those that are sent, or recorded.
         offset_ns
             CLOCK_REALTIME less CLOCK_MONOTONIC, as `realtime_offset_ns` measures it.
         """
-        stamp = _Time(*divmod(pair.left.host_time_ns + offset_ns, 1_000_000_000))
+        stamp_ns = min(max(pair.left.host_time_ns + offset_ns, 0), LAST_STAMP_NS)
+        stamp = _Time(*divmod(stamp_ns, 1_000_000_000))
         of_pair: dict[str, float | str] = {
             "trigger": pair.trigger,
             "sequence": sequence,
             "cameras": self._cameras,
             "alone": len(pair.frames) < self._cameras,
-            **_of_decision(decision),
+            **(_NOTHING_DECIDED if decision is None else _of_decision(decision)),
         }
         for side, frame in pair.by_side.items():
             header = _Header(stamp, f"{self._rig}_{side}_optical_frame")
@@ -122,6 +127,18 @@ def _of_frame(frame: Frame) -> dict[str, float | str]:
         "exposure_level": frame.setting.level,
         "setting_source": frame.setting_source,
     }
+
+
+_NOTHING_DECIDED: dict[str, float | str] = {
+    "next_exposure_time_us": math.nan,
+    "next_gain_db": math.nan,
+    "next_exposure_level": math.nan,
+    "reason": "",
+    "metric": math.nan,
+    "saturated_share": math.nan,
+    "black_share": math.nan,
+    "motion_px": math.nan,
+}
 
 
 def _of_decision(decision: Decision) -> dict[str, float | str]:

@@ -69,7 +69,7 @@ class Publisher:
         if self._thread.is_alive():
             log.error("zenoh did not close its session within %g s", _STOP_S)
 
-    def __call__(self, pair: StereoPair, decision: Decision) -> None:
+    def __call__(self, pair: StereoPair, decision: Decision | None) -> None:
         """Take a pair; the oldest that waits makes place when there is no more."""
         with self._news:
             self.tally.offered += 1
@@ -123,7 +123,7 @@ class Publisher:
                     log.debug("zenoh refused a pair: %s", error)
                 self._sequence += 1
 
-    def _next(self) -> tuple[StereoPair, Decision] | None:
+    def _next(self) -> tuple[StereoPair, Decision | None] | None:
         with self._news:
             self._news.wait_for(lambda: self._mailbox or self._stopping)
             return self._mailbox.popleft() if self._mailbox else None
