@@ -8,15 +8,21 @@ import sys
 import threading
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 from rich.console import Console
 
 from autoexpose_daemon.config import Config, load_config
-from autoexpose_daemon.control.policies import DEFAULT_POLICY, POLICY_IDS
+from autoexpose_daemon.control.policies import DEFAULT_POLICY, POLICY_IDS, check_policy_id
 from autoexpose_daemon.notify import Notifier
+from autoexpose_daemon.recording import check_recording_extra
 from drivers.errors import AutoexposeError, ConfigurationError
+from drivers.exposure import ExposureSetting
+
+if TYPE_CHECKING:
+    from autoexpose_daemon.recording.recorder import Recorder
+    from autoexpose_daemon.runtime import Daemon
 
 app = typer.Typer(
     name="autoexpose",
@@ -34,16 +40,57 @@ ConfigFile = Annotated[Path, typer.Option("-c", "--config", help="The configurat
 @app.command()
 def run(config: ConfigFile) -> None:
     """Run the daemon on the cameras of a configuration, until SIGTERM or Ctrl-C; SIGHUP reloads the configuration."""
+    _run_and_report(config)
+
+
+@app.command()
+def record(
+    file: Annotated[Path, typer.Argument(help="A new file, named .mcap.")],
+    config: ConfigFile,
+    last: Annotated[
+        float | None,
+        typer.Option(min=1.0, max=600.0, help="Keep so many seconds in memory; SIGUSR1 and the end write them."),
+    ] = None,
+) -> None:
+    """Run the daemon and record what it sees and decides, until SIGTERM or Ctrl-C."""
+    check_recording_extra()
+    from autoexpose_daemon.recording.recorder import new_recorder  # noqa: PLC0415
+
+    recorder = new_recorder(file, load_config(config).trigger.rate_hz, last)
+    signal.signal(signal.SIGUSR1, lambda *_: recorder.save())
+    with recorder:
+        _run_and_report(config, recorder)
+    typer.echo(recorder.summary)
+    if recorder.failure is not None:
+        raise typer.Exit(1)
+
+
+@app.command()
+def replay(
+    file: Annotated[Path, typer.Argument(help="A recording.")],
+    policy: Annotated[str | None, typer.Option(help=f"Another policy: {', '.join(POLICY_IDS)}.")] = None,
+) -> None:
+    """Play a recording again: the recorded policy, bit for bit, or what another one would have decided."""
+    check_recording_extra()
+    from autoexpose_daemon.recording.report import report  # noqa: PLC0415
+
+    if policy is not None:
+        check_policy_id(policy)
+    if not report(file, policy, typer.echo):
+        raise typer.Exit(1)
+
+
+def _run_and_report(config: Path, recorder: Recorder | None = None) -> None:
     notifier = Notifier.from_environment()
     try:
-        run_daemon(config, notifier)
+        run_daemon(config, notifier, recorder)
     except ConfigurationError as error:
         notifier.status(f"failed: {error}")
         typer.echo(f"autoexpose: {error}", err=True)
         raise typer.Exit(os.EX_CONFIG) from None
 
 
-def run_daemon(file: Path, notifier: Notifier) -> None:
+def run_daemon(file: Path, notifier: Notifier, recorder: Recorder | None = None) -> None:
     """Run the daemon with the live view, until SIGTERM or SIGINT."""
     from autoexpose_daemon.cameras import openers  # noqa: PLC0415  Aravis loads only where cameras are opened
     from autoexpose_daemon.last_exposure import LastExposure  # noqa: PLC0415
@@ -61,12 +108,13 @@ def run_daemon(file: Path, notifier: Notifier) -> None:
         reload.clear()
         return load_config(file)
 
-    service = Service(
-        load_config(file),
-        lambda config, start: Daemon(config, openers(config), start=start),
-        notifier,
-        LastExposure.in_state_directory(),
-    )
+    def build(config: Config, start: ExposureSetting | None) -> Daemon:
+        daemon = Daemon(config, openers(config), recorder, start)
+        if recorder is not None:
+            recorder.attend(lambda: daemon.loop, len(config.sides))
+        return daemon
+
+    service = Service(load_config(file), build, notifier, LastExposure.in_state_directory())
     run_until_stopped(service, stop, Console(), "autoexpose", new_config)
 
 
@@ -89,13 +137,14 @@ def demo(
     transport: Annotated[Literal["gige", "usb3"], typer.Option(help="GigE Vision or USB3 Vision.")] = "gige",
     rate_hz: Annotated[float, typer.Option(min=10.0, max=200.0, help="Stereo pairs per second.")] = 60.0,
     still: Annotated[bool, typer.Option("--still", help="The cameras stand still, as on tripods.")] = False,
+    record: Annotated[Path | None, typer.Option(help="Record the run to this new .mcap file.")] = None,
 ) -> None:
     """Expose two fake cameras through lights going on and off: no hardware needed."""
     from autoexpose_daemon.demo.run import DemoOptions, run_demo  # noqa: PLC0415
 
     stop = threading.Event()
     stop_on_signals(stop)
-    options = DemoOptions(seconds, policy, summary, plot, scene, light, seed, transport, rate_hz, still)
+    options = DemoOptions(seconds, policy, summary, plot, scene, light, seed, transport, rate_hz, still, record)
     run_demo(options, stop, Console())
 
 

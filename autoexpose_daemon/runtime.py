@@ -106,6 +106,11 @@ class Daemon:
         """The account of triggers so far."""
         return self._account.tally
 
+    @property
+    def loop(self) -> ControlLoop | None:
+        """What decides at present: for observers, who are called on its thread."""
+        return self._loop
+
     def run(self, stop: threading.Event) -> None:
         """Run until `stop` is set, then leave the cameras stopped and free.
 

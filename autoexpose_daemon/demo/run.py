@@ -13,22 +13,29 @@ from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from rich.console import Console
 from rich.table import Table
 
 from autoexpose_daemon.cameras import openers
 from autoexpose_daemon.config import Config
+from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.policies import check_policy_id
 from autoexpose_daemon.demo.fakes import SERIALS, Pulse, check_simulator, fake_cameras, read_pulses
 from autoexpose_daemon.demo.record import Recorder
 from autoexpose_daemon.demo.report import LightStep, delay_frames, light_steps, pulses_in_window
 from autoexpose_daemon.demo.usb_bus import begin_again_on_fake_bus, cameras_on_bus
+from autoexpose_daemon.recording import check_recording_extra
 from autoexpose_daemon.reference_step import reference_step_ms
 from autoexpose_daemon.runtime import Daemon
 from autoexpose_daemon.service import Service, run_until_stopped
 from drivers.errors import AutoexposeError, ConfigurationError
+from drivers.exposure import ExposureSetting
+from drivers.frames import StereoPair
+
+if TYPE_CHECKING:
+    from autoexpose_daemon.recording.recorder import Recorder as FileRecorder
 
 _LONGEST_US = 7500.0
 _PICTURE_PERIOD_S = 0.25
@@ -52,6 +59,7 @@ class DemoOptions:
     transport: Transport
     rate_hz: float
     still: bool
+    record: Path | None = None
 
 
 def run_demo(options: DemoOptions, stop: threading.Event, console: Console) -> None:
@@ -79,11 +87,16 @@ def run_demo(options: DemoOptions, stop: threading.Event, console: Console) -> N
             resources.callback(shutil.rmtree, sockets["left"].parent)
         console.print("starting two fake cameras ... (the first start compiles their renderer)")
         with fake_cameras(folder, arguments, f"demo-{os.getpid()}", sockets, stop) as truths:
-            service = Service(config, lambda config, start: Daemon(config, openers(config), recorder, start))
+            file = _recorder(options)
+            if file is not None:
+                resources.enter_context(file)
+            service = Service(config, lambda config, start: _daemon(config, start, recorder, file))
             daemon = service.daemon
             cpu_percent = _run_for(options.seconds, service, stop, console, f"autoexpose demo, {options.policy}")
             reference_ms = reference_step_ms(_REFERENCE_REPEATS)
             pulses = pulses_in_window(read_pulses(truths), daemon.tally)
+    if file is not None:
+        console.print(file.summary)
     steps = light_steps(pulses, recorder.steps)
     figures = _figures(options, daemon, pulses, steps)
     figures |= {"delay_frames": delay_frames(recorder.steps), "first_trigger": pulses[0].trigger if pulses else None}
@@ -113,6 +126,27 @@ def _configuration(options: DemoOptions) -> Config:
             "control": {"policy": options.policy},
         }
     )
+
+
+def _recorder(options: DemoOptions) -> FileRecorder | None:
+    if options.record is None:
+        return None
+    check_recording_extra()
+    from autoexpose_daemon.recording.recorder import new_recorder  # noqa: PLC0415
+
+    return new_recorder(options.record, options.rate_hz, None)
+
+
+def _daemon(config: Config, start: ExposureSetting | None, recorder: Recorder, file: FileRecorder | None) -> Daemon:
+    def observe(pair: StereoPair, decision: Decision) -> None:
+        recorder(pair, decision)
+        if file is not None:
+            file(pair, decision)
+
+    daemon = Daemon(config, openers(config), observe, start)
+    if file is not None:
+        file.attend(lambda: daemon.loop, len(config.sides))
+    return daemon
 
 
 def _check_writable(*files: Path | None) -> None:
