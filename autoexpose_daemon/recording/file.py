@@ -25,6 +25,7 @@ STRING = "std_msgs/msg/String"
 """Both are JSON in a String, so that any ROS 2 tool shows them."""
 
 METADATA = "autoexpose"
+COMPRESSION = CompressionType.LZ4
 RIG = "stereo"
 _CHUNK_BYTES = 4 << 20
 """Five pairs of 720x540: what a power cut costs. Smaller ones cost more work for each pair."""
@@ -63,7 +64,7 @@ class RecordingFile:
             raise RecordingError(f"{path}: is there already: name a new file") from None
         except OSError as error:
             raise self._error(error) from error
-        self._writer = Writer(self._stream, chunk_size=_CHUNK_BYTES, compression=CompressionType.LZ4)
+        self._writer = Writer(self._stream, chunk_size=_CHUNK_BYTES, compression=COMPRESSION)
         self._writer.start(profile="ros2", library=f"autoexpose-daemon {version('autoexpose-daemon')}")
 
     def write(self, step: Step, setup: ControlSetup, state: Plain) -> None:
