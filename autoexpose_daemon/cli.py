@@ -94,6 +94,7 @@ def run_daemon(file: Path, notifier: Notifier, recorder: Recorder | None = None)
     """Run the daemon with the live view, until SIGTERM or SIGINT."""
     from autoexpose_daemon.cameras import openers  # noqa: PLC0415  Aravis loads only where cameras are opened
     from autoexpose_daemon.last_exposure import LastExposure  # noqa: PLC0415
+    from autoexpose_daemon.outlets import add_outlets  # noqa: PLC0415
     from autoexpose_daemon.runtime import Daemon  # noqa: PLC0415
     from autoexpose_daemon.service import Service, run_until_stopped  # noqa: PLC0415
 
@@ -109,10 +110,7 @@ def run_daemon(file: Path, notifier: Notifier, recorder: Recorder | None = None)
         return load_config(file)
 
     def build(config: Config, start: ExposureSetting | None) -> Daemon:
-        daemon = Daemon(config, openers(config), recorder, start)
-        if recorder is not None:
-            recorder.attend(lambda: daemon.loop, len(config.sides))
-        return daemon
+        return add_outlets(Daemon(config, openers(config), start=start), config, recorder)
 
     service = Service(load_config(file), build, notifier, LastExposure.in_state_directory())
     run_until_stopped(service, stop, Console(), "autoexpose", new_config)
@@ -137,6 +135,7 @@ def demo(
     transport: Annotated[Literal["gige", "usb3"], typer.Option(help="GigE Vision or USB3 Vision.")] = "gige",
     rate_hz: Annotated[float, typer.Option(min=10.0, max=200.0, help="Stereo pairs per second.")] = 60.0,
     still: Annotated[bool, typer.Option("--still", help="The cameras stand still, as on tripods.")] = False,
+    publish: Annotated[bool, typer.Option("--publish", help="Let other processes have the frames, as `rig`.")] = False,
     record: Annotated[Path | None, typer.Option(help="Record the run to this new .mcap file.")] = None,
 ) -> None:
     """Expose two fake cameras through lights going on and off: no hardware needed."""
@@ -144,7 +143,9 @@ def demo(
 
     stop = threading.Event()
     stop_on_signals(stop)
-    options = DemoOptions(seconds, policy, summary, plot, scene, light, seed, transport, rate_hz, still, record)
+    options = DemoOptions(
+        seconds, policy, summary, plot, scene, light, seed, transport, rate_hz, still, publish, record
+    )
     run_demo(options, stop, Console())
 
 

@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BaseModel, BeforeValidator, Field, ValidationError, model_validator
 from pydantic_core import ErrorDetails
 
+from autoexpose_daemon.config_publish import PublishConfig
 from autoexpose_daemon.config_roi import RoiConfig
 from autoexpose_daemon.config_section import Finite, Positive, Section
 from autoexpose_daemon.control.parameters import BalanceId, ControlParameters, MotionId
@@ -154,6 +155,7 @@ class Config(Section):
     response: ResponseConfig = ResponseConfig()
     transport: TransportConfig = TransportConfig()
     image: ImageConfig = ImageConfig()
+    publish: PublishConfig | None = None
 
     @model_validator(mode="after")
     def _wiring_fits_the_rig(self) -> Self:
@@ -236,7 +238,10 @@ def load_config(path: Path) -> Config:
         config = Config.model_validate(content)
     except ValidationError as error:
         raise ConfigurationError("\n".join(_sentence(path, each) for each in error.errors())) from error
-    config = _with_absolute_paths(config, path.resolve().parent)
+    try:
+        config = _with_absolute_paths(config, path.resolve().parent)
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{path}: {error}") from error
     for side in config.sides:
         try:
             config.response_of(side)
@@ -256,8 +261,9 @@ def _with_absolute_paths(config: Config, folder: Path) -> Config:
         for side, camera in config.sides.items()
     }
     control = config.control.model_copy(update={"roi": config.control.roi.relative_to(folder)})
+    publish = config.publish and config.publish.relative_to(folder)
     return config.model_copy(
-        update={"cameras": config.cameras.model_copy(update=cameras), "control": control},
+        update={"cameras": config.cameras.model_copy(update=cameras), "control": control, "publish": publish},
     )
 
 

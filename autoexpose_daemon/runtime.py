@@ -8,7 +8,9 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import replace
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -49,6 +51,13 @@ _SILENCE_PERIODS = 3.0
 Observer = Callable[[StereoPair, Decision], None]
 
 
+class Outlet(AbstractContextManager[Any], Protocol):
+    """An observer that is open while the daemon runs; it must take no time."""
+
+    def __call__(self, pair: StereoPair, decision: Decision) -> None:
+        """Take a step, on the control thread."""
+
+
 class Daemon:
     """Exposes the cameras of a rig well, until told to stop.
 
@@ -72,6 +81,8 @@ class Daemon:
         start: ExposureSetting | None = None,
     ) -> None:
         self.telemetry = Telemetry()
+        self.outlets: list[Outlet] = []
+        """Opened and closed by `run`, and told of every step."""
         self.beat_ns = 0
         """When the control thread last began a turn (CLOCK_MONOTONIC); it does ten times a second, come what may."""
         self._config = config
@@ -120,17 +131,20 @@ class Daemon:
             When a camera can never be driven as configured.
         """
         share_one_heap()
-        self._rig.start()
-        try:
-            self._warm_up()
-            while not stop.is_set():
-                self.beat_ns = time.monotonic_ns()
-                self._take(self._next_events())
-                self._tune()
-        finally:
-            self._account.close(time.monotonic_ns())
-            self._publish_tally()
-            self._stop_rig()
+        with ExitStack() as outlets:
+            for outlet in self.outlets:
+                outlets.enter_context(outlet)
+            self._rig.start()
+            try:
+                self._warm_up()
+                while not stop.is_set():
+                    self.beat_ns = time.monotonic_ns()
+                    self._take(self._next_events())
+                    self._tune()
+            finally:
+                self._account.close(time.monotonic_ns())
+                self._publish_tally()
+                self._stop_rig()
 
     def _stop_rig(self) -> None:
         deadline_s = time.monotonic() + _STOP_S
@@ -294,6 +308,8 @@ class Daemon:
         self.telemetry.drift_grey, self.telemetry.misfits = self._drift.residual_grey, self._drift.misfits
         if self._observer is not None:
             self._observer(pair, decision)
+        for outlet in self.outlets:
+            outlet(pair, decision)
 
     def _when_to_write_ns(self) -> int:
         now_ns, grid = time.monotonic_ns(), self._account.grid

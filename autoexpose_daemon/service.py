@@ -160,7 +160,7 @@ class Service:
             log.warning("the new configuration is not taken, the old one stays: control does not answer")
 
     def _restart(self, config: Config) -> None:
-        log.info("the new configuration changes cameras, trigger, image or transport: they are opened anew")
+        log.info("the new configuration changes cameras, trigger, image, transport or publishing: all are opened anew")
         self._end()
         self._raise_failure()
         self._former, self._config = self._config, config
@@ -169,10 +169,10 @@ class Service:
 
 
 def _same_cameras(one: Config, other: Config) -> bool:
-    """Whether the cameras would be opened the same way."""
+    """Whether the cameras, and the way out of the frames, would be opened the same way."""
 
     def opening(config: Config) -> tuple[object, ...]:
         serials = {side: camera.serial for side, camera in config.sides.items()}
-        return serials, config.trigger, config.image, config.transport
+        return serials, config.trigger, config.image, config.transport, config.publish
 
     return opening(one) == opening(other)

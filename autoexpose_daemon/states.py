@@ -78,6 +78,8 @@ def _shortcomings(telemetry: Telemetry, expected: Expectation, now_ns: int) -> I
         yield "frames make no stereo pairs"
     for side, misfit in list(telemetry.misfits.items()):  # the control thread adds to it
         yield f"calibration of the {side} camera does not fit: {misfit}"
+    if telemetry.publishing is not None and telemetry.publishing.trouble:
+        yield f"frames are not published: {telemetry.publishing.trouble}"
 
 
 def _silent(last_ns: int | None, expected: Expectation, now_ns: int) -> bool:

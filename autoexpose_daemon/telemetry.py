@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.publish.tally import PublishTally
 from drivers.account import LossReason
 from drivers.exposure import ExposureSetting
 from drivers.frames import Side, StereoPair
@@ -49,6 +50,8 @@ class Telemetry:
         When each camera's newest whole frame, and the newest complete pair, arrived (CLOCK_MONOTONIC).
     misfits
         For each side whose calibration does not fit, why, in words.
+    publishing
+        What became of the frames on their way out; None when they are not to be published.
     """
 
     pairs: int = 0
@@ -69,6 +72,7 @@ class Telemetry:
     decision_ms: Durations = field(default_factory=Durations)
     write_ms: Durations = field(default_factory=Durations)
     frame_to_node_ms: Durations = field(default_factory=Durations)
+    publishing: PublishTally | None = None
     _recent_ns: deque[int] = field(default_factory=lambda: deque(maxlen=120))
 
     def delivered(self, pair: StereoPair, complete: bool) -> None:
@@ -113,6 +117,8 @@ class Telemetry:
             parts.append(f"metric {self.decision.metric:.4f}")
         parts += [f"{side} response off by {grey:.1f} grey" for side, grey in list(self.drift_grey.items())]
         parts += [f"{count} {name}" for name, count in self.oddities.items()]
+        if self.publishing is not None:
+            parts += [f"{title} {text}" for title, text in self.publishing.lines()]
         latency = self.frame_to_node_ms.percentiles()
         if latency["p99"] is not None:
             parts.append(f"frame to node {latency['p50']:.1f}/{latency['p99']:.1f} ms")

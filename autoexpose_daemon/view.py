@@ -82,6 +82,8 @@ def panel(telemetry: Telemetry, title: str) -> Panel:
         table.add_row("decision", decision.reason)
     for side, grey in list(telemetry.drift_grey.items()):
         table.add_row(f"{side} response", f"off by {grey:.1f} grey levels")
+    for name, text in telemetry.publishing.lines() if telemetry.publishing is not None else ():
+        table.add_row(name, text)
     for name, durations in (
         ("decision time", telemetry.decision_ms),
         ("write time", telemetry.write_ms),

@@ -20,19 +20,17 @@ from rich.table import Table
 
 from autoexpose_daemon.cameras import openers
 from autoexpose_daemon.config import Config
-from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.policies import check_policy_id
 from autoexpose_daemon.demo.fakes import SERIALS, Pulse, check_simulator, fake_cameras, read_pulses
 from autoexpose_daemon.demo.record import Recorder
 from autoexpose_daemon.demo.report import LightStep, delay_frames, light_steps, pulses_in_window
 from autoexpose_daemon.demo.usb_bus import begin_again_on_fake_bus, cameras_on_bus
+from autoexpose_daemon.outlets import add_outlets
 from autoexpose_daemon.recording import check_recording_extra
 from autoexpose_daemon.reference_step import reference_step_ms
 from autoexpose_daemon.runtime import Daemon
 from autoexpose_daemon.service import Service, run_until_stopped
 from drivers.errors import AutoexposeError, ConfigurationError
-from drivers.exposure import ExposureSetting
-from drivers.frames import StereoPair
 
 if TYPE_CHECKING:
     from autoexpose_daemon.recording.recorder import Recorder as FileRecorder
@@ -59,7 +57,8 @@ class DemoOptions:
     transport: Transport
     rate_hz: float
     still: bool
-    record: Path | None = None
+    publish: bool
+    record: Path | None
 
 
 def run_demo(options: DemoOptions, stop: threading.Event, console: Console) -> None:
@@ -90,7 +89,10 @@ def run_demo(options: DemoOptions, stop: threading.Event, console: Console) -> N
             file = _recorder(options)
             if file is not None:
                 resources.enter_context(file)
-            service = Service(config, lambda config, start: _daemon(config, start, recorder, file))
+            service = Service(
+                config,
+                lambda config, start: add_outlets(Daemon(config, openers(config), recorder, start), config, file),
+            )
             daemon = service.daemon
             cpu_percent = _run_for(options.seconds, service, stop, console, f"autoexpose demo, {options.policy}")
             reference_ms = reference_step_ms(_REFERENCE_REPEATS)
@@ -124,6 +126,7 @@ def _configuration(options: DemoOptions) -> Config:
             "trigger": {"mode": "external", "line": "Line0", "rate_hz": options.rate_hz},
             "exposure": {"max_time_us": min(_LONGEST_US, 0.8e6 / options.rate_hz)},
             "control": {"policy": options.policy},
+            "publish": {} if options.publish else None,
         }
     )
 
@@ -135,18 +138,6 @@ def _recorder(options: DemoOptions) -> FileRecorder | None:
     from autoexpose_daemon.recording.recorder import new_recorder  # noqa: PLC0415
 
     return new_recorder(options.record, options.rate_hz, None)
-
-
-def _daemon(config: Config, start: ExposureSetting | None, recorder: Recorder, file: FileRecorder | None) -> Daemon:
-    def observe(pair: StereoPair, decision: Decision) -> None:
-        recorder(pair, decision)
-        if file is not None:
-            file(pair, decision)
-
-    daemon = Daemon(config, openers(config), observe, start)
-    if file is not None:
-        file.attend(lambda: daemon.loop, len(config.sides))
-    return daemon
 
 
 def _check_writable(*files: Path | None) -> None:

@@ -9,7 +9,7 @@ import threading
 import time
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,8 +30,6 @@ QUEUE_S = 2.0
 
 _LOOK_S = 0.1
 
-CurrentLoop = Callable[[], ControlLoop | None]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Entry:
@@ -44,9 +42,7 @@ class Entry:
 
 
 class Recorder(ABC):
-    """An observer of daemons: it writes in the background while its context lasts.
-
-    `attend` each daemon before it runs; the context ends after the last of them.
+    """Takes the steps of daemons, and writes them in the background while its context lasts.
 
     Attributes
     ----------
@@ -65,15 +61,9 @@ class Recorder(ABC):
         self._entries: deque[Entry] = deque(maxlen=entries)
         self._changed = threading.Condition()
         self._closing = False
-        self._loop: CurrentLoop = lambda: None
-        self._cameras = 0
         self._setup: ControlSetup | None = None
         self._snapshot_ns = 0
         self._thread = threading.Thread(target=self._run, name="recorder")
-
-    def attend(self, loop: CurrentLoop, cameras: int) -> None:
-        """Record the steps of a daemon from now on: `loop` tells the control loop of the moment."""
-        self._loop, self._cameras = loop, cameras
 
     def __enter__(self) -> Self:
         self._thread.start()
@@ -86,10 +76,9 @@ class Recorder(ABC):
             self._changed.notify()
         self._thread.join()
 
-    def __call__(self, pair: StereoPair, decision: Decision) -> None:
-        """Take a step; on the control thread, right after the loop has made it."""
-        loop = self._loop()
-        if loop is None or self.failure is not None:
+    def take(self, pair: StereoPair, decision: Decision, loop: ControlLoop, cameras: int) -> None:
+        """Take a step of a rig of so many cameras; on the control thread, right after `loop` has made it."""
+        if self.failure is not None:
             return
         self.steps += 1
         if not self._has_room():
@@ -99,7 +88,7 @@ class Recorder(ABC):
         now_ns, state = time.monotonic_ns(), None
         if loop.setup is not self._setup or now_ns - self._snapshot_ns >= SNAPSHOT_NS:
             self._setup, self._snapshot_ns, state = loop.setup, now_ns, loop.state()
-        step = Step(self.steps, self._cameras, pair, decision)
+        step = Step(self.steps, cameras, pair, decision)
         with self._changed:
             self._entries.append(Entry(step, loop.setup, state, now_ns))
             self._changed.notify()

@@ -53,13 +53,12 @@ class VirtualRun:
         self, recorder: Recorder, steps: int, shape: Callable[[StereoPair], StereoPair] = lambda pair: pair
     ) -> None:
         """Have the recorder see so many steps, of pairs that `shape` may change first."""
-        recorder.attend(lambda: self.loop, 2)
         for _, pair in zip(range(steps), self.pairs(), strict=False):
             shaped = shape(pair)
             decision = self.loop.step(shaped)
             self._settings = [self._settings[-1], decision.setting]
             self.decisions[pair.trigger] = decision
-            recorder(shaped, decision)
+            recorder.take(shaped, decision, self.loop, 2)
 
     def _frame(self, scene: NDArray[np.float64]) -> Frame:
         frame = expose(np.roll(scene, self.trigger, axis=1), self._settings[0], self._light, self.bits)

@@ -1,0 +1,145 @@
+"""From single messages to whole pairs, and the count of those that never became whole. No transport here."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+from typing import Any
+
+from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.messages.read import decision_of, frame_of, read_exposure_info, read_image, stamp_ns
+from autoexpose_daemon.publish.tally import ConsumerTally
+from drivers.frames import Frame, Pixels, Side, StereoPair
+
+_SIDES: tuple[Side, ...] = ("left", "right")
+_KEPT_STAMPS = 8
+"""Triggers whose messages wait for the rest; the daemon sends all of one before the next."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ReceivedPair:
+    """What both cameras took at one trigger, and what the daemon made of it.
+
+    Attributes
+    ----------
+    left, right
+        The frames, each with exposure and gain it was taken with; `right` is None for a rig of one camera.
+        Their host and arrival times are of the daemon's machine; the pixels are read-only.
+    stamp_ns
+        When the left frame was taken, CLOCK_REALTIME.
+    trigger
+        The daemon's number of the trigger.
+    sequence
+        Number of the pair among those that the daemon sent.
+    decision
+        What the daemon decided on this pair.
+    received_ns
+        When the pair was whole here, CLOCK_MONOTONIC.
+    """
+
+    left: Frame
+    right: Frame | None
+    stamp_ns: int
+    trigger: int
+    sequence: int
+    decision: Decision
+    received_ns: int
+
+    @property
+    def stereo(self) -> StereoPair:
+        """The pair as control and drivers know it."""
+        return StereoPair(self.trigger, self.left, self.right)
+
+
+@dataclass(slots=True)
+class _Parts:
+    infos: dict[Side, Any] = field(default_factory=dict)
+    pixels: dict[Side, Pixels] = field(default_factory=dict)
+
+    def whole(self) -> bool:
+        """Whether every camera's image and exposure are there."""
+        info = self.infos.get("left")
+        sides = _SIDES[: info.cameras] if info is not None else ()
+        return bool(sides) and all(side in self.infos and side in self.pixels for side in sides)
+
+
+class PairAssembler:
+    """Puts messages together by their stamp, and counts gaps in the daemon's sequence into `tally.lost`."""
+
+    def __init__(self, tally: ConsumerTally) -> None:
+        self._tally = tally
+        self._parts: dict[int, _Parts] = {}
+        self._sequence: int | None = None
+
+    def exposure(self, side: Side, data: bytes, now_ns: int) -> ReceivedPair | None:
+        """Take an ExposureInfo; returns the pair that it completes. Raises `DamagedMessageError`."""
+        info = read_exposure_info(data)
+        if info.alone:
+            self._tally.alone += 1
+            self._count(info.sequence)
+            return None
+        stamp = stamp_ns(info)
+        self._of(stamp).infos[side] = info
+        return self._completed(stamp, now_ns)
+
+    def image(self, side: Side, data: bytes, now_ns: int) -> ReceivedPair | None:
+        """Take an Image; returns the pair that it completes. Raises `DamagedMessageError`."""
+        stamp, pixels = read_image(data)
+        self._of(stamp).pixels[side] = pixels
+        return self._completed(stamp, now_ns)
+
+    def _of(self, stamp: int) -> _Parts:
+        parts = self._parts.setdefault(stamp, _Parts())
+        while len(self._parts) > _KEPT_STAMPS:
+            del self._parts[next(iter(self._parts))]
+        return parts
+
+    def _completed(self, stamp: int, now_ns: int) -> ReceivedPair | None:
+        parts = self._parts[stamp]
+        if not parts.whole():
+            return None
+        del self._parts[stamp]
+        info = parts.infos["left"]
+        self._count(info.sequence)
+        frames = [frame_of(parts.infos[side], parts.pixels[side]) for side in _SIDES[: info.cameras]]
+        right = frames[1] if len(frames) > 1 else None
+        return ReceivedPair(frames[0], right, stamp, info.trigger, info.sequence, decision_of(info), now_ns)
+
+    def _count(self, sequence: int) -> None:
+        """A gap was lost after the daemon; a sequence that begins again is that of a new daemon."""
+        if self._sequence is not None and sequence > self._sequence:
+            self._tally.lost += sequence - self._sequence - 1
+        self._sequence = sequence
+
+
+class PairQueue:
+    """Whole pairs on their way to the consumer: a few of the newest, older ones make place and are counted.
+
+    Gaps in the left camera's frame id between pairs handed out are counted into `tally.missed`.
+    """
+
+    def __init__(self, tally: ConsumerTally, length: int) -> None:
+        self._tally = tally
+        self._length = length
+        self._pairs: deque[ReceivedPair] = deque()
+        self._frame_id: int | None = None
+
+    def __len__(self) -> int:
+        return len(self._pairs)
+
+    def put(self, pair: ReceivedPair) -> None:
+        """Add the newest pair."""
+        if len(self._pairs) == self._length:
+            self._pairs.popleft()
+            self._tally.too_slow += 1
+        self._pairs.append(pair)
+
+    def take(self) -> ReceivedPair:
+        """The oldest pair that is there; raises IndexError when there is none."""
+        pair = self._pairs.popleft()
+        frame_id = pair.left.frame_id
+        if self._frame_id is not None and frame_id > self._frame_id:  # else the camera was opened anew
+            self._tally.missed += frame_id - self._frame_id - 1
+        self._frame_id = frame_id
+        self._tally.pairs += 1
+        return pair

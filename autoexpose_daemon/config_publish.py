@@ -1,0 +1,46 @@
+"""The section `publish` of the configuration."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Annotated, Self
+
+from pydantic import Field, model_validator
+
+from autoexpose_daemon.config_section import Section
+from autoexpose_daemon.publish.keys import LOOPBACK, RIG_PATTERN
+from drivers.errors import ConfigurationError
+
+_ENDPOINT = re.compile(r"[a-z][a-z0-9_-]*/\S+")
+
+
+class PublishConfig(Section):
+    """How other processes get the frames; without the section they get none."""
+
+    rig: Annotated[str, Field(pattern=RIG_PATTERN)] = "rig"
+    listen: tuple[str, ...] = (LOOPBACK,)
+    connect: tuple[str, ...] = ()
+    zenoh: Path | None = None
+
+    @model_validator(mode="after")
+    def _endpoints_are_endpoints(self) -> Self:
+        for endpoint in (*self.listen, *self.connect):
+            if not _ENDPOINT.fullmatch(endpoint):
+                raise ValueError(f"{endpoint} is no endpoint: write protocol/address, such as {LOOPBACK}")
+        return self
+
+    @model_validator(mode="after")
+    def _endpoints_stand_in_one_place(self) -> Self:
+        if self.zenoh is not None and self.model_fields_set & {"listen", "connect"}:
+            raise ValueError("with a file of zenoh's its listen and connect count: remove publish.listen and .connect")
+        return self
+
+    def relative_to(self, folder: Path) -> Self:
+        """With its file named from `folder`; raises ConfigurationError when it is not there."""
+        if self.zenoh is None:
+            return self
+        file = folder / self.zenoh
+        if not file.is_file():
+            raise ConfigurationError(f"publish.zenoh: {file} is not there; name a configuration file of zenoh")
+        return self.model_copy(update={"zenoh": file})

@@ -1,0 +1,1 @@
+"""Frames to other processes and machines, through zenoh."""

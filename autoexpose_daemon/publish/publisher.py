@@ -1,0 +1,139 @@
+"""The publisher's thread: takes what control has seen from a small mailbox, and never makes control wait."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import re
+import threading
+import time
+from collections import deque
+from types import TracebackType
+from typing import Self
+
+import zenoh
+
+from autoexpose_daemon.config_publish import PublishConfig
+from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.messages.write import TOPICS, MessageWriter, realtime_offset_ns
+from autoexpose_daemon.publish.keys import consumer_key, frame_key, last_but
+from autoexpose_daemon.publish.session import Endpoints, SessionError, open_as_publisher
+from autoexpose_daemon.publish.tally import ConsumerTally, DropReason, PublishTally
+from drivers.frames import Side, StereoPair
+
+log = logging.getLogger(__name__)
+
+MAILBOX_PAIRS = 4
+"""67 ms at 60 Hz: longer than zenoh holds the thread up when consumers get stuck."""
+_AGAIN_S = 2.0
+_STOP_S = 5.0
+_NAME = re.compile(r"[A-Za-z0-9_.-]{1,64}")
+_SIDES: tuple[Side, ...] = ("left", "right")
+
+
+class Publisher:
+    """Publishes every pair while its context lasts; told of them on the control thread.
+
+    A session that cannot be opened is tried again and named in `tally.trouble`; it stops nothing else.
+
+    Parameters
+    ----------
+    config
+        Name of the rig, endpoints.
+    cameras
+        How many cameras the rig has.
+    """
+
+    def __init__(self, config: PublishConfig, cameras: int) -> None:
+        self.tally = PublishTally()
+        self._config = config
+        self._endpoints = Endpoints(config.listen, config.connect, config.zenoh)
+        self._writer = MessageWriter(config.rig, cameras)
+        self._mailbox: deque[tuple[StereoPair, Decision]] = deque()
+        self._news = threading.Condition()
+        self._open = False
+        self._stopping = False
+        self._sequence = 0
+        self._thread = threading.Thread(target=self._run, name="publish", daemon=True)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        with self._news:
+            self._stopping = True
+            self._news.notify()
+        self._thread.join(_STOP_S)
+        if self._thread.is_alive():
+            log.error("zenoh did not close its session within %g s", _STOP_S)
+
+    def __call__(self, pair: StereoPair, decision: Decision) -> None:
+        """Take a pair; the oldest that waits makes place when there is no more."""
+        with self._news:
+            self.tally.offered += 1
+            if not self._open:
+                self.tally.dropped[DropReason.NOT_OPEN] += 1
+                return
+            if len(self._mailbox) == MAILBOX_PAIRS:
+                self._mailbox.popleft()
+                self.tally.dropped[DropReason.BEHIND] += 1
+            self._mailbox.append((pair, decision))
+            self._news.notify()
+
+    def _run(self) -> None:
+        while not self._stopping:
+            try:
+                session = open_as_publisher(self._endpoints)
+            except SessionError as error:
+                if str(error) != self.tally.trouble:
+                    log.warning("frames are not published: %s; trying again", error)
+                self.tally.trouble = str(error)
+                with self._news:
+                    self._news.wait_for(lambda: self._stopping, _AGAIN_S)
+                continue
+            self.tally.trouble = ""
+            log.info("publishing as %s", frame_key(self._config.rig, "left", "..."))
+            with contextlib.closing(session):
+                self._serve(session)
+
+    def _serve(self, session: zenoh.Session) -> None:
+        # The default is to drop what does not fit; express: an image is not held back to be sent with the next one.
+        publishers = {
+            (side, topic): session.declare_publisher(
+                frame_key(self._config.rig, side, topic),
+                congestion_control=zenoh.CongestionControl.DROP,
+                express=True,
+            )
+            for side in _SIDES
+            for topic in TOPICS
+        }
+        with session.declare_subscriber(consumer_key(self._config.rig, "*"), self._on_report):
+            with self._news:
+                self._open = True
+            while (step := self._next()) is not None:
+                try:
+                    for message in self._writer.messages(*step, self._sequence, realtime_offset_ns()):
+                        publishers[message.side, message.topic].put(message.data)
+                    self.tally.sent += 1
+                except zenoh.ZError as error:
+                    self.tally.dropped[DropReason.REFUSED] += 1
+                    log.debug("zenoh refused a pair: %s", error)
+                self._sequence += 1
+
+    def _next(self) -> tuple[StereoPair, Decision] | None:
+        with self._news:
+            self._news.wait_for(lambda: self._mailbox or self._stopping)
+            return None if self._stopping else self._mailbox.popleft()
+
+    def _on_report(self, sample: zenoh.Sample) -> None:
+        """On a thread of zenoh's."""
+        name = last_but(str(sample.key_expr), 0)
+        tally = ConsumerTally.from_json(sample.payload.to_bytes())
+        if tally is not None and _NAME.fullmatch(name):
+            now_ns = time.monotonic_ns()
+            if name not in self.tally.consumers(now_ns):
+                log.info("consumer %s is there", name)
+            self.tally.heard(name, tally, now_ns)
