@@ -56,7 +56,7 @@ def record(
     check_recording_extra()
     from autoexpose_daemon.recording.recorder import new_recorder  # noqa: PLC0415
 
-    recorder = new_recorder(file, load_config(config).trigger.rate_hz, last)
+    recorder = new_recorder(file, load_config(config), last)
     signal.signal(signal.SIGUSR1, lambda *_: recorder.save())
     with recorder:
         _run_and_report(config, recorder)

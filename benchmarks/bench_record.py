@@ -1,4 +1,4 @@
-"""What recording costs: processor time and bytes per stereo pair, by compression and by how much noise is in the images.
+"""What recording costs: processor time and bytes per stereo pair, by compression and by noise in the images.
 
 Run `.venv/bin/python benchmarks/bench_record.py`; 720x540 Mono8, medians of the process' time per pair. Writing to the
 disk itself is in it as far as the kernel does it at once. Bright images have little noise, dim ones at high gain much.
@@ -60,7 +60,7 @@ def views(setting: ExposureSetting) -> list[StereoPair]:
 def record(path: Path, pairs: list[StereoPair], loop: ControlLoop) -> float:
     """Median time per pair over rounds of all pairs, ms."""
     decision = loop.step(pairs[0])
-    recording = file.RecordingFile(path)
+    recording = file.RecordingFile(path, "rig")
     spent_ms = []
     for index in range(ROUNDS):
         began_s = time.process_time()

@@ -86,7 +86,7 @@ def run_demo(options: DemoOptions, stop: threading.Event, console: Console) -> N
             resources.callback(shutil.rmtree, sockets["left"].parent)
         console.print("starting two fake cameras ... (the first start compiles their renderer)")
         with fake_cameras(folder, arguments, f"demo-{os.getpid()}", sockets, stop) as truths:
-            file = _recorder(options)
+            file = _recorder(options, config)
             if file is not None:
                 resources.enter_context(file)
             service = Service(
@@ -131,13 +131,13 @@ def _configuration(options: DemoOptions) -> Config:
     )
 
 
-def _recorder(options: DemoOptions) -> FileRecorder | None:
+def _recorder(options: DemoOptions, config: Config) -> FileRecorder | None:
     if options.record is None:
         return None
     check_recording_extra()
     from autoexpose_daemon.recording.recorder import new_recorder  # noqa: PLC0415
 
-    return new_recorder(options.record, options.rate_hz, None)
+    return new_recorder(options.record, config, None)
 
 
 def _check_writable(*files: Path | None) -> None:

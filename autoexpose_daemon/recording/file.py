@@ -20,13 +20,12 @@ from autoexpose_daemon.messages.write import TOPICS, MessageWriter, realtime_off
 from autoexpose_daemon.recording.plain_json import to_json
 from autoexpose_daemon.recording.step import RecordingError, Step
 
-SETUP_TOPIC, STATE_TOPIC = "/control/setup", "/control/state"
+CONTROL, SETUP, STATE = "control", "setup", "state"
 STRING = "std_msgs/msg/String"
-"""Both are JSON in a String, so that any ROS 2 tool shows them."""
+"""Control's setup and state are JSON in a String, so that any ROS 2 tool shows them."""
 
 METADATA = "autoexpose"
 COMPRESSION = CompressionType.LZ4
-RIG = "stereo"
 _CHUNK_BYTES = 4 << 20
 """Five pairs of 720x540: what a power cut costs. Smaller ones cost more work for each pair."""
 
@@ -43,6 +42,8 @@ class RecordingFile:
     ----------
     path
         Must not exist.
+    rig
+        Name of the rig: topics are named as the keys of published frames.
 
     Raises
     ------
@@ -50,8 +51,9 @@ class RecordingFile:
         By every method: when the file cannot be written, or its disk is all but full.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, rig: str) -> None:
         self._path = path
+        self._rig = rig
         self._offset_ns = realtime_offset_ns()  # of the whole file, lest its times run backwards with a set clock
         self._time_ns = 0
         self._setup: ControlSetup | None = None
@@ -73,13 +75,12 @@ class RecordingFile:
         try:
             if setup is not self._setup:
                 self._setup = setup
-                self._say(SETUP_TOPIC, {"made_with": plain(software()), "setup": plain(setup)})
-            messages = MessageWriter(RIG, step.cameras)
+                self._say(SETUP, {"made_with": plain(software()), "setup": plain(setup)})
+            messages = MessageWriter(self._rig, step.cameras)
             for message in messages.messages(step.pair, step.decision, step.sequence, self._offset_ns):
-                topic = f"/{message.side}/{message.topic}"
-                self._add(topic, TOPICS[message.topic], message.data, step.sequence)
+                self._add(message.side, message.topic, TOPICS[message.topic], message.data, step.sequence)
             if state is not None:
-                self._say(STATE_TOPIC, {"state": state})
+                self._say(STATE, {"state": state})
             space = os.fstatvfs(self._stream.fileno())
         except OSError as error:
             raise self._error(error) from error
@@ -99,11 +100,12 @@ class RecordingFile:
         except OSError as error:
             raise self._error(error) from error
 
-    def _say(self, topic: str, content: dict[str, Plain]) -> None:
+    def _say(self, what: str, content: dict[str, Plain]) -> None:
         text = to_json({"format": STATE_FORMAT, **content})
-        self._add(topic, STRING, TYPESTORE.serialize_cdr(_String(text), STRING), 0)
+        self._add(CONTROL, what, STRING, TYPESTORE.serialize_cdr(_String(text), STRING), 0)
 
-    def _add(self, topic: str, message_type: str, data: Any, sequence: int) -> None:
+    def _add(self, owner: str, what: str, message_type: str, data: Any, sequence: int) -> None:
+        topic = f"/autoexpose/{self._rig}/{owner}/{what}"
         if message_type not in self._schemas:
             text = definition(message_type).encode()
             self._schemas[message_type] = self._writer.register_schema(message_type, "ros2msg", text)

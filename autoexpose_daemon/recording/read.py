@@ -14,7 +14,7 @@ from autoexpose_daemon.control.loop import STATE_FORMAT, ControlSetup
 from autoexpose_daemon.control.snapshot import parse
 from autoexpose_daemon.messages.read import DamagedMessageError, decision_of, frame_of, read_exposure_info, read_image
 from autoexpose_daemon.messages.types import EXPOSURE_INFO, TYPESTORE, definition
-from autoexpose_daemon.recording.file import METADATA, SETUP_TOPIC, STATE_TOPIC, STRING
+from autoexpose_daemon.recording.file import METADATA, STATE, STRING
 from autoexpose_daemon.recording.plain_json import from_json
 from autoexpose_daemon.recording.step import Item, RecordingError, Setup, State, Step
 from drivers.frames import Pixels, Side, StereoPair
@@ -104,26 +104,26 @@ class Recording:
         channel = self._channels.get(message.channel_id)
         if channel is None:
             raise ValueError(f"a message of channel {message.channel_id}, which there is not")
-        if channel.topic in (SETUP_TOPIC, STATE_TOPIC):
-            return self._of_control(channel.topic, message.data)
-        for side in _SIDES:
-            if channel.topic == f"/{side}/exposure":
+        match channel.topic.split("/")[-2:]:
+            case ["control", "setup" | "state" as what]:
+                return self._of_control(what, message.data)
+            case ["left" | "right" as side, "exposure"]:
                 self._check_version(channel)
                 self._exposure(side, message.data)
-            if channel.topic == f"/{side}/image":
+            case ["left" | "right" as side, "image"]:
                 return self._image(side, message.data)
         return None
 
-    def _of_control(self, topic: str, data: bytes) -> Setup | State:
+    def _of_control(self, what: str, data: bytes) -> Setup | State:
         try:
             text = cast(Any, TYPESTORE.deserialize_cdr(data, STRING)).data
         except Exception as error:  # rosbags checks nothing
-            raise DamagedMessageError(f"{topic} is no String") from error
+            raise DamagedMessageError(f"control/{what} is no String") from error
         content = from_json(text)
         if not isinstance(content, dict) or content.get("format") != STATE_FORMAT:
             found = content.get("format") if isinstance(content, dict) else None
             raise self._error(f"holds a state of control of format {found!r}: only {STATE_FORMAT!r} can be read")
-        if topic == STATE_TOPIC:
+        if what == STATE:
             return State(content.get("state"))
         made_with = parse(content.get("made_with"), dict[str, str])
         return Setup(parse(content.get("setup"), ControlSetup), made_with)

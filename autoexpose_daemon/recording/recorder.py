@@ -15,6 +15,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
 
+from autoexpose_daemon.config import Config
+from autoexpose_daemon.config_publish import PublishConfig
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlLoop, ControlSetup
 from autoexpose_daemon.control.snapshot import Plain
@@ -61,6 +63,7 @@ class Recorder(ABC):
         self._entries: deque[Entry] = deque(maxlen=entries)
         self._changed = threading.Condition()
         self._closing = False
+        self._dropped_now = 0
         self._setup: ControlSetup | None = None
         self._snapshot_ns = 0
         self._thread = threading.Thread(target=self._run, name="recorder")
@@ -83,8 +86,12 @@ class Recorder(ABC):
         self.steps += 1
         if not self._has_room():
             self.dropped += 1
-            self._setup = None  # what is recorded next has a snapshot, so that a replay can go on from there
+            self._dropped_now += 1
             return
+        if self._dropped_now:
+            log.warning("the recorder dropped %d steps: the disk did not keep up", self._dropped_now)
+            self._dropped_now = 0
+            self._setup = None  # have a snapshot at once, so that a replay can go on from here
         now_ns, state = time.monotonic_ns(), None
         if loop.setup is not self._setup or now_ns - self._snapshot_ns >= SNAPSHOT_NS:
             self._setup, self._snapshot_ns, state = loop.setup, now_ns, loop.state()
@@ -120,6 +127,8 @@ class ContinuousRecorder(Recorder):
         Where to.
     rate_hz
         Steps per second; the queue has room for `QUEUE_S` of them.
+    rig
+        Name of the rig.
 
     Raises
     ------
@@ -127,10 +136,10 @@ class ContinuousRecorder(Recorder):
         When the file cannot be written.
     """
 
-    def __init__(self, file: Path, rate_hz: float) -> None:
+    def __init__(self, file: Path, rate_hz: float, rig: str) -> None:
         super().__init__(math.ceil(QUEUE_S * rate_hz))
         self._path = file
-        self._file = RecordingFile(file)
+        self._file = RecordingFile(file, rig)
         self._written = 0
 
     def save(self) -> None:
@@ -171,6 +180,8 @@ class LastSecondsRecorder(Recorder):
         ``run.mcap``; of numbers that are taken the next one is used.
     rate_hz
         Steps per second; memory is bounded by so many times the seconds.
+    rig
+        Name of the rig.
     last_s
         How many seconds; up to one more, so that each recording begins with a snapshot.
 
@@ -180,11 +191,12 @@ class LastSecondsRecorder(Recorder):
         When there is no such folder.
     """
 
-    def __init__(self, file: Path, rate_hz: float, last_s: float) -> None:
+    def __init__(self, file: Path, rate_hz: float, rig: str, last_s: float) -> None:
         super().__init__(math.ceil((last_s + SNAPSHOT_NS * 1e-9) * rate_hz) + 1)
         if not os.access(file.absolute().parent, os.W_OK):
             raise RecordingError(f"{file}: cannot be written; name a file in a folder that is there")
         self._path = file
+        self._rig = rig
         self._last_s = last_s
         self._save_asked = False
         self._written: list[str] = []
@@ -202,10 +214,11 @@ class LastSecondsRecorder(Recorder):
         return True  # the oldest entry makes room
 
     def _run(self) -> None:
-        while not self._closing:
+        closing = False
+        while not closing:
             with self._changed:  # a signal handler must not wait for this lock: hence the looking now and then
-                self._changed.wait_for(lambda: self._closing, _LOOK_S)
-                save, self._save_asked = self._save_asked or self._closing, False
+                closing = self._changed.wait_for(lambda: self._closing, _LOOK_S)
+                save, self._save_asked = self._save_asked or closing, False
                 entries = list(self._entries) if save else []
             if entries:
                 self._write(last_seconds(entries, self._last_s))
@@ -213,7 +226,7 @@ class LastSecondsRecorder(Recorder):
     def _write(self, entries: Sequence[Entry]) -> None:
         path = self._free_path()
         try:
-            file = RecordingFile(path)
+            file = RecordingFile(path, self._rig)
         except RecordingError as error:
             log.warning("nothing is saved, control goes on: %s", error)
             return
@@ -233,9 +246,12 @@ class LastSecondsRecorder(Recorder):
         return path
 
 
-def new_recorder(file: Path, rate_hz: float, last_s: float | None) -> Recorder:
+def new_recorder(file: Path, config: Config, last_s: float | None) -> Recorder:
     """What records to a file: the last seconds on demand, or everything when `last_s` is None."""
-    return ContinuousRecorder(file, rate_hz) if last_s is None else LastSecondsRecorder(file, rate_hz, last_s)
+    rate_hz, rig = config.trigger.rate_hz, (config.publish or PublishConfig()).rig
+    if last_s is None:
+        return ContinuousRecorder(file, rate_hz, rig)
+    return LastSecondsRecorder(file, rate_hz, rig, last_s)
 
 
 def last_seconds(entries: Sequence[Entry], last_s: float) -> Sequence[Entry]:

@@ -69,7 +69,7 @@ class VirtualRun:
 
 def record(path: Path, run: VirtualRun, steps: int = 150) -> Path:
     """A recording of a run, nothing dropped."""
-    with ContinuousRecorder(path, steps) as recorder:
+    with ContinuousRecorder(path, steps, "rig") as recorder:
         run.feed(recorder, steps)
     assert recorder.failure is None
     return path

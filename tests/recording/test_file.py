@@ -26,9 +26,9 @@ from autoexpose_daemon.recording.step import Item, RecordingError, Step
 from tests.recording.runs import VirtualRun, record, replayed
 
 TOPICS = {
-    *(f"/{side}/{what}" for side in ("left", "right") for what in ("image", "camera_info", "exposure")),
-    "/control/setup",
-    "/control/state",
+    *(f"/autoexpose/rig/{side}/{what}" for side in ("left", "right") for what in ("image", "camera_info", "exposure")),
+    "/autoexpose/rig/control/setup",
+    "/autoexpose/rig/control/state",
 }
 
 
@@ -45,7 +45,7 @@ def test_the_mcap_reader_opens_it(whole: Path) -> None:
         assert summary is not None
         assert {channel.topic for channel in summary.channels.values()} == TOPICS
         assert {schema.encoding for schema in summary.schemas.values()} == {"ros2msg"}
-        times = [message.log_time for _, _, message in reader.iter_messages(topics=["/left/image"])]
+        times = [message.log_time for _, _, message in reader.iter_messages(topics=["/autoexpose/rig/left/image"])]
     assert len(times) == 120
     assert times == sorted(times)
 
@@ -144,10 +144,12 @@ def test_what_cannot_be_opened_is_one_sentence(tmp_path: Path, missing: str) -> 
 
 def test_a_file_that_exists_or_cannot_be_is_refused_at_once(whole: Path, tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match="is there already: name a new file"):
-        ContinuousRecorder(whole, 60)
-    for kind in (lambda path: ContinuousRecorder(path, 60), lambda path: LastSecondsRecorder(path, 60, 5)):
-        with pytest.raises(RecordingError, match=r"run\.mcap: cannot be written"):
-            kind(tmp_path / "no folder" / "run.mcap")
+        ContinuousRecorder(whole, 60, "rig")
+    nowhere = tmp_path / "no folder" / "run.mcap"
+    with pytest.raises(RecordingError, match=r"run\.mcap: cannot be written: No such file or directory"):
+        ContinuousRecorder(nowhere, 60, "rig")
+    with pytest.raises(RecordingError, match=r"run\.mcap: cannot be written; name a file in a folder that is there"):
+        LastSecondsRecorder(nowhere, 60, "rig", 5)
 
 
 def test_a_disk_that_fills_up_ends_the_recording_and_nothing_else(
@@ -155,7 +157,7 @@ def test_a_disk_that_fills_up_ends_the_recording_and_nothing_else(
 ) -> None:
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     run, path = VirtualRun("neves2009"), tmp_path / "run.mcap"
-    with caplog.at_level(logging.WARNING), ContinuousRecorder(path, 200) as recorder:
+    with caplog.at_level(logging.WARNING), ContinuousRecorder(path, 200, "rig") as recorder:
         resource.setrlimit(resource.RLIMIT_FSIZE, (5 << 20, hard))
         try:
             run.feed(recorder, 200)
@@ -182,7 +184,7 @@ def test_some_of_the_disk_is_left_free_and_the_file_is_whole(
     free = iter([*[RESERVE_BYTES] * 30, *[RESERVE_BYTES - 1] * 100])
     monkeypatch.setattr(os, "fstatvfs", lambda _: SimpleNamespace(f_bavail=next(free), f_frsize=1))
     run, path = VirtualRun("neves2009"), tmp_path / "run.mcap"
-    with caplog.at_level(logging.WARNING), ContinuousRecorder(path, 60) as recorder:
+    with caplog.at_level(logging.WARNING), ContinuousRecorder(path, 60, "rig") as recorder:
         run.feed(recorder, 60)
     assert [each.message for each in caplog.records] == [
         f"recording stops, control goes on: {path}: less than 64 MiB are left on its disk: make room"
@@ -191,4 +193,4 @@ def test_some_of_the_disk_is_left_free_and_the_file_is_whole(
     assert len([item for item in recording if isinstance(item, Step)]) == 31
     assert not recording.cut_off
     with Reader(path) as reader:
-        assert reader.topics["/left/image"].msgcount == 31
+        assert reader.topics["/autoexpose/rig/left/image"].msgcount == 31
