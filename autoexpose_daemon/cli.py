@@ -6,6 +6,8 @@ import os
 import signal
 import sys
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -40,7 +42,9 @@ ConfigFile = Annotated[Path, typer.Option("-c", "--config", help="The configurat
 @app.command()
 def run(config: ConfigFile) -> None:
     """Run the daemon on the cameras of a configuration, until SIGTERM or Ctrl-C; SIGHUP reloads the configuration."""
-    _run_and_report(config)
+    notifier = Notifier.from_environment()
+    with _explaining(notifier):
+        run_daemon(config, notifier)
 
 
 @app.command()
@@ -56,10 +60,12 @@ def record(
     check_recording_extra()
     from autoexpose_daemon.recording.recorder import new_recorder  # noqa: PLC0415
 
-    recorder = new_recorder(file, load_config(config), last)
-    signal.signal(signal.SIGUSR1, lambda *_: recorder.save())
-    with recorder:
-        _run_and_report(config, recorder)
+    notifier = Notifier.from_environment()
+    with _explaining(notifier):
+        recorder = new_recorder(file, load_config(config), last)
+        signal.signal(signal.SIGUSR1, lambda *_: recorder.save())
+        with recorder:
+            run_daemon(config, notifier, recorder)
     typer.echo(recorder.summary)
     if recorder.failure is not None:
         raise typer.Exit(1)
@@ -80,10 +86,11 @@ def replay(
         raise typer.Exit(1)
 
 
-def _run_and_report(config: Path, recorder: Recorder | None = None) -> None:
-    notifier = Notifier.from_environment()
+@contextmanager
+def _explaining(notifier: Notifier) -> Iterator[None]:
+    """Tell the service manager, too, why a configuration cannot be, and that another start does not help."""
     try:
-        run_daemon(config, notifier, recorder)
+        yield
     except ConfigurationError as error:
         notifier.status(f"failed: {error}")
         typer.echo(f"autoexpose: {error}", err=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import os
 import resource
+import threading
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -17,7 +18,7 @@ from mcap.writer import Writer
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from autoexpose_daemon.recording.file import RESERVE_BYTES
+from autoexpose_daemon.recording.file import RESERVE_BYTES, RecordingFile
 from autoexpose_daemon.recording.read import Recording
 from autoexpose_daemon.recording.recorder import ContinuousRecorder, LastSecondsRecorder
 from autoexpose_daemon.recording.replay import Replay
@@ -136,6 +137,31 @@ def test_a_recording_of_something_else_is_refused(tmp_path: Path) -> None:
         list(Recording(path))
 
 
+def test_another_format_of_states_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("autoexpose_daemon.recording.file.STATE_FORMAT", "autoexpose-control/0")
+    path = record(tmp_path / "old.mcap", VirtualRun("fixed"), 5)
+    with pytest.raises(RecordingError, match="of format 'autoexpose-control/0': only 'autoexpose-control/1' can be"):
+        list(Recording(path))
+
+
+def test_another_version_of_the_message_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = record(tmp_path / "old.mcap", VirtualRun("fixed"), 5)
+    monkeypatch.setattr("autoexpose_daemon.recording.read.definition", lambda _: "uint64 sequence")
+    with pytest.raises(RecordingError, match=r"another version of ExposureInfo\.msg: replay it with that version"):
+        list(Recording(path))
+
+
+def test_a_state_that_does_not_fit_its_setup_is_one_sentence(tmp_path: Path) -> None:
+    run, path = VirtualRun("lu2010"), tmp_path / "run.mcap"
+    pair = next(run.pairs())
+    step = Step(1, 2, pair, run.loop.step(pair))
+    file = RecordingFile(path, "rig")
+    file.write(step, run.loop.setup, VirtualRun("kim2018").loop.state())
+    file.close(1, 0)
+    with pytest.raises(RecordingError, match="its state of control does not fit: Lu2010 needs query, best_level"):
+        replayed(path)
+
+
 @pytest.mark.parametrize("missing", ["missing.mcap", "."])
 def test_what_cannot_be_opened_is_one_sentence(tmp_path: Path, missing: str) -> None:
     with pytest.raises(RecordingError, match="cannot be read: "):
@@ -194,3 +220,22 @@ def test_some_of_the_disk_is_left_free_and_the_file_is_whole(
     assert not recording.cut_off
     with Reader(path) as reader:
         assert reader.topics["/autoexpose/rig/left/image"].msgcount == 31
+
+
+def test_last_seconds_that_do_not_fit_on_the_disk_are_said_and_kept_for_the_next_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    free = [RESERVE_BYTES - 1]
+    monkeypatch.setattr(os, "fstatvfs", lambda _: SimpleNamespace(f_bavail=free[0], f_frsize=1))
+    run, path = VirtualRun("neves2009"), tmp_path / "run.mcap"
+    with caplog.at_level(logging.WARNING), LastSecondsRecorder(path, 30, "rig", 1.0) as recorder:
+        run.feed(recorder, 40)
+        recorder.save()
+        while not caplog.records:
+            threading.Event().wait(0.001)
+        free[0] = RESERVE_BYTES
+    assert [each.message for each in caplog.records] == [
+        f"not all is saved, control goes on: {tmp_path}/run-1.mcap: less than 64 MiB are left on its disk: make room"
+    ]
+    assert len(replayed(tmp_path / "run-1.mcap")) == 1
+    assert len(replayed(tmp_path / "run-2.mcap")) == 40
