@@ -55,6 +55,7 @@ test: lint ## everything that CI runs
 bench: $(VENV)/dev.stamp ## where the time goes, as ratios
 	$(PY) benchmarks/bench_step.py
 	$(PY) benchmarks/bench_render.py
+	$(PY) benchmarks/bench_publish.py
 
 accept: $(VENV)/dev.stamp ## the longer checks in real time, about five minutes
 	$(VENV)/bin/pytest tests/accept -p no:cacheprovider --override-ini addopts=-ra --timeout 600 -s

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Annotated, Self
+from typing import Self
 
-from pydantic import Field, model_validator
+from pydantic import field_validator, model_validator
 
 from autoexpose_daemon.config_section import Section
-from autoexpose_daemon.publish.keys import LOOPBACK, RIG_PATTERN
+from autoexpose_daemon.publish.keys import LOOPBACK, RIG_NAME
 from drivers.errors import ConfigurationError
 
 _ENDPOINT = re.compile(r"[a-z][a-z0-9_-]*/\S+")
@@ -18,10 +18,17 @@ _ENDPOINT = re.compile(r"[a-z][a-z0-9_-]*/\S+")
 class PublishConfig(Section):
     """How other processes get the frames; without the section they get none."""
 
-    rig: Annotated[str, Field(pattern=RIG_PATTERN)] = "rig"
+    rig: str = "rig"
     listen: tuple[str, ...] = (LOOPBACK,)
     connect: tuple[str, ...] = ()
     zenoh: Path | None = None
+
+    @field_validator("rig")
+    @classmethod
+    def _rig_is_a_name(cls, rig: str) -> str:
+        if not RIG_NAME.fullmatch(rig):
+            raise ValueError(f"{rig} is no name for a rig: a letter, then letters, digits and _")
+        return rig
 
     @model_validator(mode="after")
     def _endpoints_are_endpoints(self) -> Self:

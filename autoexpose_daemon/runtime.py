@@ -8,15 +8,14 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
-from contextlib import AbstractContextManager, ExitStack
+from contextlib import ExitStack
 from dataclasses import replace
-from typing import Any, Protocol
 
 import numpy as np
 
 from autoexpose_daemon.config import Config
-from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlLoop
+from autoexpose_daemon.observer import Observer, Outlet
 from autoexpose_daemon.response_drift import ResponseDrift
 from autoexpose_daemon.telemetry import GONE, Telemetry
 from autoexpose_daemon.tuning import Tuning
@@ -47,15 +46,6 @@ _STOP_S = 9.0  # a camera that does not answer holds up its teardown for 5 to 10
 _BEAT_S = 0.1
 _SILENCE_S = 0.2
 _SILENCE_PERIODS = 3.0
-
-Observer = Callable[[StereoPair, Decision], None]
-
-
-class Outlet(AbstractContextManager[Any], Protocol):
-    """An observer that is open while the daemon runs; it must take no time."""
-
-    def __call__(self, pair: StereoPair, decision: Decision) -> None:
-        """Take a step, on the control thread."""
 
 
 class Daemon:

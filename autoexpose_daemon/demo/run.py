@@ -178,6 +178,7 @@ def _figures(options: DemoOptions, daemon: Daemon, pulses: list[Pulse], steps: l
         "decision_ms": telemetry.decision_ms.percentiles(),
         "write_ms": telemetry.write_ms.percentiles(),
         "frame_to_node_ms": telemetry.frame_to_node_ms.percentiles(),
+        "published": None if telemetry.publishing is None else telemetry.publishing.sent,
     }
 
 
@@ -192,6 +193,8 @@ def _print_figures(console: Console, figures: Mapping[str, Any], steps: list[Lig
     table.add_row("stereo pairs", f"{figures['pairs']} ({figures['fps']} per second)")
     table.add_row("lost, by reason", lost)
     table.add_row("mismatched pairs", str(figures["mismatched_pairs"]))
+    if figures["published"] is not None:
+        table.add_row("published", str(figures["published"]))
     for name, key in (
         ("decision", "decision_ms"),
         ("writing nodes", "write_ms"),

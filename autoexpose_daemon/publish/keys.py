@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import re
+
 from drivers.frames import Side
 
 LOOPBACK = "tcp/127.0.0.1:7448"
 """Where a daemon listens unless configured otherwise; next to 7447, which is that of zenoh routers."""
 
-RIG_PATTERN = r"^[A-Za-z][A-Za-z0-9_]*$"
-"""Names of rigs: what zenoh takes in a key and ROS 2 in the name of a coordinate frame."""
+RIG_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+"""What zenoh takes in a key and ROS 2 in the name of a coordinate frame."""
 
 
 def frame_key(rig: str, side: Side, topic: str) -> str:

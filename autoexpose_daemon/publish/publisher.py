@@ -23,8 +23,8 @@ from drivers.frames import Side, StereoPair
 
 log = logging.getLogger(__name__)
 
-MAILBOX_PAIRS = 4
-"""67 ms at 60 Hz: longer than zenoh holds the thread up when consumers get stuck."""
+MAILBOX_PAIRS = 12
+"""0.2 s at 60 Hz: longer than consumers that get stuck, or a busy machine, hold the thread up; 9 MB of 720 x 540."""
 _AGAIN_S = 2.0
 _STOP_S = 5.0
 _NAME = re.compile(r"[A-Za-z0-9_.-]{1,64}")
@@ -95,7 +95,7 @@ class Publisher:
                     self._news.wait_for(lambda: self._stopping, _AGAIN_S)
                 continue
             self.tally.trouble = ""
-            log.info("publishing as %s", frame_key(self._config.rig, "left", "..."))
+            log.info("publishing autoexpose/%s, %s", self._config.rig, self._endpoints)
             with contextlib.closing(session):
                 self._serve(session)
 
@@ -126,14 +126,11 @@ class Publisher:
     def _next(self) -> tuple[StereoPair, Decision] | None:
         with self._news:
             self._news.wait_for(lambda: self._mailbox or self._stopping)
-            return None if self._stopping else self._mailbox.popleft()
+            return self._mailbox.popleft() if self._mailbox else None
 
     def _on_report(self, sample: zenoh.Sample) -> None:
         """On a thread of zenoh's."""
         name = last_but(str(sample.key_expr), 0)
         tally = ConsumerTally.from_json(sample.payload.to_bytes())
-        if tally is not None and _NAME.fullmatch(name):
-            now_ns = time.monotonic_ns()
-            if name not in self.tally.consumers(now_ns):
-                log.info("consumer %s is there", name)
-            self.tally.heard(name, tally, now_ns)
+        if tally is not None and _NAME.fullmatch(name) and self.tally.heard(name, tally, time.monotonic_ns()):
+            log.info("consumer %s is there", name)

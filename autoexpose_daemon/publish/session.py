@@ -45,6 +45,11 @@ class Endpoints:
     connect: Sequence[str] = ()
     file: Path | None = None
 
+    def __str__(self) -> str:
+        if self.file is not None:
+            return str(self.file)
+        return ", ".join([*self.listen, *self.connect]) or "no endpoint"
+
 
 def open_as_publisher(endpoints: Endpoints) -> zenoh.Session:
     """A session that consumers connect to; raises `SessionError`."""
@@ -60,9 +65,8 @@ def _open(mode: Literal["peer", "client"], endpoints: Endpoints) -> zenoh.Sessio
     try:
         return zenoh.open(_configuration(mode, endpoints))
     except zenoh.ZError as error:
-        where = endpoints.file or ", ".join([*endpoints.listen, *endpoints.connect])
         reason = str(error).split(" at /", maxsplit=1)[0]  # the rest names zenoh's sources
-        raise SessionError(f"zenoh, {where}: {reason}") from error
+        raise SessionError(f"zenoh, {endpoints}: {reason}") from error
 
 
 def _configuration(mode: str, endpoints: Endpoints) -> zenoh.Config:

@@ -64,13 +64,13 @@ class ConsumerTally:
             return None
 
     def __str__(self) -> str:
-        oddities = {"missed": self.missed, "lost": self.lost, "too slow for": self.too_slow, "alone": self.alone}
+        oddities = {"missed": self.missed, "lost": self.lost, "too slow": self.too_slow, "lone frames": self.alone}
         return ", ".join([f"{self.pairs} pairs", *(f"{count} {name}" for name, count in oddities.items() if count)])
 
 
 @dataclass(slots=True)
 class PublishTally:
-    """Counts of one publisher: every pair offered was sent, or dropped for one reason, or waits.
+    """Counts of one publisher: every pair offered was sent, dropped for one reason, or waits.
 
     Attributes
     ----------
@@ -84,12 +84,14 @@ class PublishTally:
     trouble: str = ""
     _consumers: dict[str, tuple[int, ConsumerTally]] = field(default_factory=dict)
 
-    def heard(self, name: str, tally: ConsumerTally, now_ns: int) -> None:
-        """Note what a consumer reports; times are CLOCK_MONOTONIC."""
+    def heard(self, name: str, tally: ConsumerTally, now_ns: int) -> bool:
+        """Note what a consumer reports, and whether it is a new one; times are CLOCK_MONOTONIC."""
         known = {other: last for other, last in self._consumers.items() if now_ns - last[0] < GONE_NS}
-        if name in known or len(known) < MOST_CONSUMERS:
+        new = name not in known and len(known) < MOST_CONSUMERS
+        if new or name in known:
             known[name] = now_ns, tally
         self._consumers = known  # replaced, not changed: other threads read it
+        return new
 
     def consumers(self, now_ns: int) -> Mapping[str, ConsumerTally]:
         """Those that are there, and what they last reported."""

@@ -19,6 +19,7 @@ from autoexpose_daemon.config import Config
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.demo.fakes import read_pulses
 from autoexpose_daemon.demo.report import pulses_in_window
+from autoexpose_daemon.outlets import add_outlets
 from autoexpose_daemon.runtime import Daemon
 from drivers.frames import StereoPair
 from fake_camera.usb3.run import CAMERAS_VARIABLE
@@ -88,7 +89,7 @@ def running_daemon(
         {"cameras": {"left": {"serial": left.serial}, "right": {"serial": right.serial}}} | (settings or {})
     )
     seen: list[tuple[StereoPair, Decision]] = []
-    daemon = Daemon(config, openers(config), lambda pair, decision: seen.append((pair, decision)))
+    daemon = add_outlets(Daemon(config, openers(config), lambda pair, decision: seen.append((pair, decision))), config)
     run = Run(left, right, truths, daemon, seen)
     stop = threading.Event()
 

@@ -1,0 +1,42 @@
+"""Two consumers in processes of their own beside a minute of demo."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from autoexpose_daemon.publish.keys import LOOPBACK
+from tests.accept.test_demo import demo
+from tests.publish.consumer import consumer
+
+RUNS = 3
+NAMES = ("odometry", "logger")
+PERIOD_MS = 1000 / 60
+CPU_GOAL_PERCENT = 45.0
+
+
+def run(tmp_path: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """The demo's figures, and what each consumer got."""
+    with consumer(NAMES[0], LOOPBACK) as one, consumer(NAMES[1], LOOPBACK) as other:
+        figures = demo(tmp_path, 60, "--publish")
+        got = [each.result() for each in (one, other)]
+    for name, result in zip(NAMES, got, strict=True):
+        sequences, tally = result["sequences"], result["tally"]
+        print(f"{name}: {tally}, latency p50, p99 {result['latency_ms']} ms, daemon {figures['daemon_cpu_percent']} %")
+        counted = tally["lost"] + tally["too_slow"] + tally["alone"]
+        assert tally["pairs"] == len(sequences)
+        # What a consumer cannot know of is what was sent before the first message, or after the last, that it got.
+        assert 0 <= figures["published"] - tally["pairs"] - counted <= 0.001 * figures["published"]
+    return figures, got
+
+
+def good(figures: dict[str, Any], got: list[dict[str, Any]]) -> bool:
+    if figures["reference_step_ms"] <= 3.0 and figures["daemon_cpu_percent"] > CPU_GOAL_PERCENT:
+        return False
+    return all(
+        result["tally"]["pairs"] >= 0.999 * figures["pairs"] and result["latency_ms"][1] < PERIOD_MS for result in got
+    )
+
+
+def test_two_consumers_get_nearly_every_pair_in_time_and_count_the_rest(tmp_path: Path) -> None:
+    assert any(good(*run(tmp_path)) for _ in range(RUNS))
