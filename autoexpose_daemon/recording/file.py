@@ -71,6 +71,9 @@ class RecordingFile:
 
     def write(self, step: Step, setup: ControlSetup, state: Plain) -> None:
         """Append a step, with the setup of the loop that made it, and its state after it where that is not None."""
+        space = os.fstatvfs(self._stream.fileno())
+        if space.f_bavail * space.f_frsize < RESERVE_BYTES:
+            raise RecordingError(f"{self._path}: less than {RESERVE_BYTES >> 20} MiB are left on its disk: make room")
         self._time_ns = max(frame.arrival_time_ns for frame in step.pair.frames) + self._offset_ns
         try:
             if setup is not self._setup:
@@ -81,11 +84,8 @@ class RecordingFile:
                 self._add(message.side, message.topic, TOPICS[message.topic], message.data, step.sequence)
             if state is not None:
                 self._say(STATE, {"state": state})
-            space = os.fstatvfs(self._stream.fileno())
         except OSError as error:
             raise self._error(error) from error
-        if space.f_bavail * space.f_frsize < RESERVE_BYTES:
-            raise RecordingError(f"{self._path}: less than {RESERVE_BYTES >> 20} MiB are left on its disk: make room")
 
     def close(self, steps: int, dropped: int) -> None:
         """End the file with an index, and with the counts of steps that were to be recorded and that were dropped.

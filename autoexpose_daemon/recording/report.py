@@ -35,10 +35,10 @@ def report(path: Path, policy_id: str | None, say: Say) -> bool:
     second, total = _Figures(), _Figures()
     start_ns: int | None = None
     end_ns = 0
-    say("     s  trigger  frame taken with   recorded E  replayed E  apart  same     of")
     for replayed in player.steps(recording):
         time_ns = replayed.step.pair.left.host_time_ns
         if start_ns is None:
+            say("     s  trigger  frame taken with   recorded E  replayed E  apart  same     of")
             start_ns = time_ns
             end_ns = start_ns + _SECOND_NS
         if time_ns >= end_ns:
