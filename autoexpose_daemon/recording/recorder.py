@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import math
 import os
+import queue
 import threading
 import time
 from abc import ABC, abstractmethod
@@ -56,13 +57,12 @@ class Recorder(ABC):
         What has ended the recording before its time, in a sentence; None: nothing.
     """
 
-    def __init__(self, entries: int) -> None:
+    def __init__(self, room: int) -> None:
         self.steps = 0
         self.dropped = 0
         self.failure: str | None = None
-        self._entries: deque[Entry] = deque(maxlen=entries)
-        self._changed = threading.Condition()
-        self._closing = False
+        self._room = room
+        self._queue: queue.SimpleQueue[Entry | None] = queue.SimpleQueue()  # its `put` never waits; None: the end
         self._dropped_now = 0
         self._setup: ControlSetup | None = None
         self._snapshot_ns = 0
@@ -74,9 +74,7 @@ class Recorder(ABC):
 
     def __exit__(self, *_: object) -> None:
         """Write what is left, and end."""
-        with self._changed:
-            self._closing = True
-            self._changed.notify()
+        self._queue.put(None)
         self._thread.join()
 
     def take(self, pair: StereoPair, decision: Decision, loop: ControlLoop, cameras: int) -> None:
@@ -84,7 +82,7 @@ class Recorder(ABC):
         if self.failure is not None:
             return
         self.steps += 1
-        if not self._has_room():
+        if self._queue.qsize() >= self._room:
             self.dropped += 1
             self._dropped_now += 1
             return
@@ -96,9 +94,7 @@ class Recorder(ABC):
         if loop.setup is not self._setup or now_ns - self._snapshot_ns >= SNAPSHOT_NS:
             self._setup, self._snapshot_ns, state = loop.setup, now_ns, loop.state()
         step = Step(self.steps, cameras, pair, decision)
-        with self._changed:
-            self._entries.append(Entry(step, loop.setup, state, now_ns))
-            self._changed.notify()
+        self._queue.put(Entry(step, loop.setup, state, now_ns))
 
     @abstractmethod
     def save(self) -> None:
@@ -110,12 +106,8 @@ class Recorder(ABC):
         """What was recorded, in one line."""
 
     @abstractmethod
-    def _has_room(self) -> bool:
-        """Whether one more step can be taken."""
-
-    @abstractmethod
     def _run(self) -> None:
-        """Write until `_closing`."""
+        """Take entries from the queue until its end, and write."""
 
 
 class ContinuousRecorder(Recorder):
@@ -150,25 +142,16 @@ class ContinuousRecorder(Recorder):
         """Steps and drops."""
         return f"{self._path}: {self._written} steps recorded, {self.dropped} dropped by the recorder"
 
-    def _has_room(self) -> bool:
-        return len(self._entries) < (self._entries.maxlen or 0)  # the thread only ever takes some out
-
     def _run(self) -> None:
         try:
-            while (entry := self._next()) is not None:
+            while (entry := self._queue.get()) is not None:
                 self._file.write(entry.step, entry.setup, entry.state)
                 self._written += 1
         except RecordingError as error:
             self.failure = str(error)
             log.warning("recording stops, control goes on: %s", error)
-            self._entries.clear()
+            self._queue = queue.SimpleQueue()
         _close(self._file, self.steps, self.dropped)
-
-    def _next(self) -> Entry | None:
-        """The oldest entry, waited for; None when there will be no more."""
-        with self._changed:
-            self._changed.wait_for(lambda: self._entries or self._closing)
-            return self._entries.popleft() if self._entries else None
 
 
 class LastSecondsRecorder(Recorder):
@@ -179,7 +162,7 @@ class LastSecondsRecorder(Recorder):
     file
         ``run.mcap``; of numbers that are taken the next one is used.
     rate_hz
-        Steps per second; memory is bounded by so many times the seconds.
+        Steps per second; memory is bounded by so many times the seconds, twice while it writes.
     rig
         Name of the rig.
     last_s
@@ -193,6 +176,7 @@ class LastSecondsRecorder(Recorder):
 
     def __init__(self, file: Path, rate_hz: float, rig: str, last_s: float) -> None:
         super().__init__(math.ceil((last_s + SNAPSHOT_NS * 1e-9) * rate_hz) + 1)
+        self._ring: deque[Entry] = deque(maxlen=self._room)
         if not os.access(file.absolute().parent, os.W_OK):
             raise RecordingError(f"{file}: cannot be written; name a file in a folder that is there")
         self._path = file
@@ -210,20 +194,21 @@ class LastSecondsRecorder(Recorder):
         """The files."""
         return f"recordings written: {', '.join(self._written) or 'none'}"
 
-    def _has_room(self) -> bool:
-        return True  # the oldest entry makes room
-
     def _run(self) -> None:
         closing = False
         while not closing:
-            with self._changed:  # a signal handler must not wait for this lock: hence the looking now and then
-                closing = self._changed.wait_for(lambda: self._closing, _LOOK_S)
-                save, self._save_asked = self._save_asked or closing, False
-                entries = list(self._entries) if save else []
-            if entries:
-                self._write(last_seconds(entries, self._last_s))
+            with suppress(queue.Empty):  # a signal handler wakes nobody, so look now and then
+                entry = self._queue.get(timeout=_LOOK_S)
+                closing = entry is None
+                if entry is not None:
+                    self._ring.append(entry)
+            if self._save_asked or closing:
+                self._save_asked = False
+                self._write(last_seconds(list(self._ring), self._last_s))
 
     def _write(self, entries: Sequence[Entry]) -> None:
+        if not entries:
+            return
         path = self._free_path()
         try:
             file = RecordingFile(path, self._rig)
@@ -256,6 +241,8 @@ def new_recorder(file: Path, config: Config, last_s: float | None) -> Recorder:
 
 def last_seconds(entries: Sequence[Entry], last_s: float) -> Sequence[Entry]:
     """The entries of the last seconds, and those before them back to a snapshot."""
+    if not entries:
+        return entries
     begin_ns = entries[-1].taken_ns - last_s * 1e9
     snapshots = [index for index, entry in enumerate(entries) if entry.state is not None]
     before = [index for index in snapshots if entries[index].taken_ns <= begin_ns]

@@ -76,7 +76,7 @@ def test_a_recorder_drop_is_named_and_the_replay_goes_on_at_the_next_snapshot(
         run.feed(recorder, 52)
         assert recorder.dropped == 12
         disk_goes_on.set()
-        while len(recorder._entries) > 5:
+        while recorder._queue.qsize() > 5:
             threading.Event().wait(0.001)
         run.feed(recorder, 30)
     assert recorder.dropped == 12
