@@ -28,7 +28,8 @@ MAILBOX_PAIRS = 12
 _AGAIN_S = 2.0
 _STOP_S = 5.0
 _NAME = re.compile(r"[A-Za-z0-9_.-]{1,64}")
-_SIDES: tuple[Side, ...] = ("left", "right")
+_PRIORITIES: dict[Side, zenoh.Priority] = {"left": zenoh.Priority.DATA, "right": zenoh.Priority.DATA_LOW}
+"""Each priority has a queue of its own, which makes room for twice as many images."""
 
 
 class Publisher:
@@ -106,8 +107,9 @@ class Publisher:
                 frame_key(self._config.rig, side, topic),
                 congestion_control=zenoh.CongestionControl.DROP,
                 express=True,
+                priority=priority,
             )
-            for side in _SIDES
+            for side, priority in _PRIORITIES.items()
             for topic in TOPICS
         }
         with session.declare_subscriber(consumer_key(self._config.rig, "*"), self._on_report):

@@ -14,11 +14,12 @@ from drivers.errors import AutoexposeError
 
 _QUEUE = "transport/link/tx/queue"
 _TUNING = {
-    # The most there can be, 1 MB: a pair of 720 x 540 goes out at once. The default holds a third of one image.
+    # The most there can be, 1 MB for each camera: two images of 720 x 540. The default holds a third of one.
     f"{_QUEUE}/size/data": 16,
-    # How long a piece of an image waits for room before the image is dropped, us: less than a frame period, because
+    f"{_QUEUE}/size/data_low": 16,
+    # How long pieces of an image wait for room before the image is dropped, us: well below a frame period, because
     # other consumers wait meanwhile. The default is 50 ms.
-    f"{_QUEUE}/congestion_control/drop/max_wait_before_drop_fragments": 10_000,
+    f"{_QUEUE}/congestion_control/drop/max_wait_before_drop_fragments": 5_000,
     # By default zenoh looks for others on all networks.
     "scouting/multicast/enabled": False,
     "scouting/gossip/enabled": False,
