@@ -6,17 +6,25 @@ import os
 import signal
 import sys
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 from rich.console import Console
 
 from autoexpose_daemon.config import Config, load_config
-from autoexpose_daemon.control.policies import DEFAULT_POLICY, POLICY_IDS
+from autoexpose_daemon.control.policies import DEFAULT_POLICY, POLICY_IDS, check_policy_id
 from autoexpose_daemon.notify import Notifier
+from autoexpose_daemon.recording import check_recording_extra
 from drivers.errors import AutoexposeError, ConfigurationError
+from drivers.exposure import ExposureSetting
+
+if TYPE_CHECKING:
+    from autoexpose_daemon.recording.recorder import Recorder
+    from autoexpose_daemon.runtime import Daemon
 
 app = typer.Typer(
     name="autoexpose",
@@ -35,15 +43,61 @@ ConfigFile = Annotated[Path, typer.Option("-c", "--config", help="The configurat
 def run(config: ConfigFile) -> None:
     """Run the daemon on the cameras of a configuration, until SIGTERM or Ctrl-C; SIGHUP reloads the configuration."""
     notifier = Notifier.from_environment()
-    try:
+    with _explaining(notifier):
         run_daemon(config, notifier)
+
+
+@app.command()
+def record(
+    file: Annotated[Path, typer.Argument(help="A new file, named .mcap.")],
+    config: ConfigFile,
+    last: Annotated[
+        float | None,
+        typer.Option(min=1.0, max=600.0, help="Keep so many seconds in memory; SIGUSR1 and the end write them."),
+    ] = None,
+) -> None:
+    """Run the daemon and record what it sees and decides, until SIGTERM or Ctrl-C."""
+    check_recording_extra()
+    from autoexpose_daemon.recording.recorder import new_recorder  # noqa: PLC0415
+
+    notifier = Notifier.from_environment()
+    with _explaining(notifier):
+        recorder = new_recorder(file, load_config(config), last)
+        signal.signal(signal.SIGUSR1, lambda *_: recorder.save())
+        with recorder:
+            run_daemon(config, notifier, recorder)
+    typer.echo(recorder.summary)
+    if recorder.failure is not None:
+        raise typer.Exit(1)
+
+
+@app.command()
+def replay(
+    file: Annotated[Path, typer.Argument(help="A recording.")],
+    policy: Annotated[str | None, typer.Option(help=f"Another policy: {', '.join(POLICY_IDS)}.")] = None,
+) -> None:
+    """Play a recording again: the recorded policy, bit for bit, or what another one would have decided."""
+    check_recording_extra()
+    from autoexpose_daemon.recording.report import report  # noqa: PLC0415
+
+    if policy is not None:
+        check_policy_id(policy)
+    if not report(file, policy, typer.echo):
+        raise typer.Exit(1)
+
+
+@contextmanager
+def _explaining(notifier: Notifier) -> Iterator[None]:
+    """Tell the service manager, too, why a configuration cannot be, and that another start does not help."""
+    try:
+        yield
     except ConfigurationError as error:
         notifier.status(f"failed: {error}")
         typer.echo(f"autoexpose: {error}", err=True)
         raise typer.Exit(os.EX_CONFIG) from None
 
 
-def run_daemon(file: Path, notifier: Notifier) -> None:
+def run_daemon(file: Path, notifier: Notifier, recorder: Recorder | None = None) -> None:
     """Run the daemon with the live view, until SIGTERM or SIGINT."""
     from autoexpose_daemon.cameras import openers  # noqa: PLC0415  Aravis loads only where cameras are opened
     from autoexpose_daemon.last_exposure import LastExposure  # noqa: PLC0415
@@ -62,12 +116,10 @@ def run_daemon(file: Path, notifier: Notifier) -> None:
         reload.clear()
         return load_config(file)
 
-    service = Service(
-        load_config(file),
-        lambda config, start: add_outlets(Daemon(config, openers(config), start=start), config),
-        notifier,
-        LastExposure.in_state_directory(),
-    )
+    def build(config: Config, start: ExposureSetting | None) -> Daemon:
+        return add_outlets(Daemon(config, openers(config), start=start), config, recorder)
+
+    service = Service(load_config(file), build, notifier, LastExposure.in_state_directory())
     run_until_stopped(service, stop, Console(), "autoexpose", new_config)
 
 
@@ -91,13 +143,16 @@ def demo(
     rate_hz: Annotated[float, typer.Option(min=10.0, max=200.0, help="Stereo pairs per second.")] = 60.0,
     still: Annotated[bool, typer.Option("--still", help="The cameras stand still, as on tripods.")] = False,
     publish: Annotated[bool, typer.Option("--publish", help="Let other processes have the frames, as `rig`.")] = False,
+    record: Annotated[Path | None, typer.Option(help="Record the run to this new .mcap file.")] = None,
 ) -> None:
     """Expose two fake cameras through lights going on and off: no hardware needed."""
     from autoexpose_daemon.demo.run import DemoOptions, run_demo  # noqa: PLC0415
 
     stop = threading.Event()
     stop_on_signals(stop)
-    options = DemoOptions(seconds, policy, summary, plot, scene, light, seed, transport, rate_hz, still, publish)
+    options = DemoOptions(
+        seconds, policy, summary, plot, scene, light, seed, transport, rate_hz, still, publish, record
+    )
     run_demo(options, stop, Console())
 
 

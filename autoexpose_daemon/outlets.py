@@ -3,16 +3,48 @@
 from __future__ import annotations
 
 import logging
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Self
 
 from autoexpose_daemon.config import Config
+from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.publish.tally import PublishTally
 from autoexpose_daemon.runtime import Daemon
+from drivers.frames import StereoPair
+
+if TYPE_CHECKING:
+    from autoexpose_daemon.recording.recorder import Recorder  # an extra
 
 log = logging.getLogger(__name__)
 
 
-def add_outlets(daemon: Daemon, config: Config) -> Daemon:
-    """Have a daemon publish, if configured; without the Python packages for it the daemon goes on and says so."""
+@dataclass(frozen=True, slots=True)
+class RecorderTap:
+    """A recorder as the outlet of one daemon; it outlives the daemon, so there is nothing to open or close."""
+
+    recorder: Recorder
+    daemon: Daemon
+    cameras: int
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Nothing: see above."""
+
+    def __call__(self, pair: StereoPair, decision: Decision | None) -> None:
+        """Record a step, with the loop that has just made it; what control did not look at is no step."""
+        if decision is not None and self.daemon.loop is not None:
+            self.recorder.take(pair, decision, self.daemon.loop, self.cameras)
+
+
+def add_outlets(daemon: Daemon, config: Config, recorder: Recorder | None = None) -> Daemon:
+    """Have a daemon record, if asked, and publish, if configured.
+
+    Without the Python packages for publishing the daemon goes on and says so.
+    """
+    if recorder is not None:
+        daemon.outlets.append(RecorderTap(recorder, daemon, len(config.sides)))
     if config.publish is None:
         return daemon
     try:

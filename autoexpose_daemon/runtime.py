@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from autoexpose_daemon.config import Config
+from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.observer import Observer, Outlet
 from autoexpose_daemon.response_drift import ResponseDrift
@@ -107,6 +108,11 @@ class Daemon:
     def tally(self) -> Tally:
         """The account of triggers so far."""
         return self._account.tally
+
+    @property
+    def loop(self) -> ControlLoop | None:
+        """What decides at present: for observers, who are called on its thread."""
+        return self._loop
 
     def run(self, stop: threading.Event) -> None:
         """Run until `stop` is set, then leave the cameras stopped and free.

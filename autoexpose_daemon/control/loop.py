@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +21,7 @@ from autoexpose_daemon.control.policies import PolicySetup, build_policy
 from autoexpose_daemon.control.policies.metric_map import MetricMap
 from autoexpose_daemon.control.policy import Observation, PastStep
 from autoexpose_daemon.control.region import Region
+from autoexpose_daemon.control.snapshot import Plain, restore, take
 from calibration.response import ResponseFunction
 from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureLimits, ExposureSetting
@@ -34,6 +37,28 @@ FARNEBACK_POLICIES = ("begin2022", "mehta2020")
 """Those that Begin & Hunter ran with their own balance, and so with Farneback's flow."""
 
 _DEFAULT_PARAMETERS = ControlParameters()
+
+
+STATE_FORMAT = "autoexpose-control/1"
+"""Of `ControlSetup` and `ControlLoop.state` as plain data: another number when names, types or meaning change."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ControlSetup:
+    """What a control loop is built from: the parameters of `ControlLoop`."""
+
+    policy_id: str
+    response: ResponseFunction
+    limits: ExposureLimits
+    start: ExposureSetting
+    parameters: ControlParameters
+    regions: dict[Side, Region]
+
+    def loop(self) -> ControlLoop:
+        """A loop that knows nothing yet."""
+        return ControlLoop(
+            self.policy_id, self.response, self.limits, self.start, self.parameters, regions=self.regions
+        )
 
 
 class ControlLoop:
@@ -63,6 +88,9 @@ class ControlLoop:
         For a policy that does not exist.
     """
 
+    STATE: ClassVar[tuple[str, ...]] = ("_past", "_motion", "_policy")
+    _past: deque[PastStep]
+
     def __init__(
         self,
         policy_id: str,
@@ -73,17 +101,18 @@ class ControlLoop:
         *,
         regions: Mapping[Side, Region] | None = None,
     ) -> None:
+        self.setup = ControlSetup(policy_id, response, limits, start, parameters, dict(regions or {}))
         self._limits = limits
         self._response = response
         self._focal_length_px = parameters.focal_length_px
         self._metric = GradientMetric(parameters.metric_delta, parameters.metric_lambda)
         self._policy = build_policy(policy_id, PolicySetup(response, self._metric, start, parameters))
         self._views = {"left": View(), "right": View()}
-        for side, region in (regions or {}).items():
+        for side, region in self.setup.regions.items():
             self._views[side] = View(region)
         self._shares = ExtremeShares(response)
         self._motion = _flow(parameters.motion, policy_id, response)
-        self._past: deque[PastStep] = deque(maxlen=REMEMBERED_STEPS)
+        self._past = deque(maxlen=REMEMBERED_STEPS)
 
     @property
     def balance(self) -> Balance:
@@ -94,6 +123,14 @@ class ControlLoop:
     def shortfall(self) -> str | None:
         """What the policy does less of than it could, and why; None for nothing."""
         return self._policy.shortfall if isinstance(self._policy, MetricMap) else None
+
+    def state(self) -> dict[str, Plain]:
+        """All that later decisions depend on beside `setup`, as plain data (a copy)."""
+        return take(self)
+
+    def restore(self, state: Plain) -> None:
+        """Go on where a loop of the same setup was when its `state` was taken; ValueError when it does not fit."""
+        restore(self, state)
 
     def step(self, pair: StereoPair, angular_rate_rad_s: float | None = None) -> Decision:
         """Look at a pair and decide on the next setting of both cameras.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from typing import ClassVar
 
 import cv2
 import numpy as np
@@ -33,12 +34,19 @@ class FlowMotion(ABC):
     change of brightness for motion.
     """
 
+    STATE: ClassVar[tuple[str, ...]] = ("_shape", "_previous", "_previous_level", "_previous_time_ns")
+    _shape: tuple[int, ...]
+    _previous: NDArray[np.uint8]
+    _previous_level: float
+    _previous_time_ns: int | None
+
     def __init__(self, response: ResponseFunction) -> None:
         self._response = response
+        self._shape = (0, 0)
+        self._previous = np.empty((0, 0), np.uint8)
         self._previous_level = 0.0
-        self._previous_time_ns: int | None = None
-        self._current = np.empty((0, 0), np.uint8)
-        self._allocate((0, 0))
+        self._previous_time_ns = None
+        self._allocate(self._shape)
 
     @abstractmethod
     def _calculate(self, previous: NDArray[np.uint8], current: NDArray[np.uint8], flow: NDArray[np.float32]) -> None:
@@ -64,8 +72,9 @@ class FlowMotion(ABC):
             For frames that `DisMotion` cannot work on.
         """
         if image.shape != self._shape:
+            self._shape, self._previous_time_ns = image.shape, None
+        if image.shape != self._allocated_for:
             self._allocate(image.shape)
-            self._previous_time_ns = None
         self._shrink(image)
         speed = 0.0
         if self._previous_time_ns is not None:
@@ -73,7 +82,7 @@ class FlowMotion(ABC):
             if 0 < interval_ns <= LONGEST_INTERVAL_NS:
                 displacement = self._mean_displacement(level) * full_width / self._current.shape[1]
                 speed = displacement * REFERENCE_INTERVAL_NS / interval_ns
-        self._previous, self._current = self._current, self._previous
+        self._previous = self._current.copy()
         self._previous_level, self._previous_time_ns = level, device_time_ns
         return speed
 
@@ -89,20 +98,20 @@ class FlowMotion(ABC):
         table = prediction_table(self._response, level - self._previous_level)
         cv2.LUT(self._previous, table, dst=self._previous_here)
         self._calculate(self._previous_here, self._current, self._flow)
-        cv2.split(self._flow, self._parts)
-        cv2.magnitude(self._parts[0], self._parts[1], self._length)
-        return float(cv2.mean(self._length)[0])
+        # Not cv2.magnitude and cv2.mean: their last bit depends on where in memory the data lie, and replays are exact.
+        np.multiply(self._flow, self._flow, out=self._squares)
+        np.sqrt(np.add(self._squares[..., 0], self._squares[..., 1], out=self._length), out=self._length)
+        return float(self._length.mean())
 
     def _allocate(self, shape: tuple[int, ...]) -> None:
-        self._shape = shape
+        self._allocated_for = shape
         width, height = fit(shape, FLOW_SIZE) if min(shape) else (0, 0)
         half_width, half_height = max(width, shape[1] // 2), max(height, shape[0] // 2)
         self._half = np.empty((half_height, half_width), np.uint8)
         self._current = np.empty((height, width), np.uint8)
-        self._previous = np.empty((height, width), np.uint8)
         self._previous_here = np.empty((height, width), np.uint8)
         self._flow = np.empty((height, width, 2), np.float32)
-        self._parts = [np.empty((height, width), np.float32) for _ in range(2)]
+        self._squares = np.empty_like(self._flow)
         self._length = np.empty((height, width), np.float32)
 
 

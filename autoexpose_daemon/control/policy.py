@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -121,8 +121,11 @@ class Target:
 class ExposurePolicy(Protocol):
     """Decides on one exposure level per stereo pair.
 
-    The state that a policy carries from frame to frame is plain data in its own attributes.
+    The state that a policy carries from frame to frame is plain data in its own attributes, named in `STATE`: see
+    `snapshot`.
     """
+
+    STATE: ClassVar[tuple[str, ...]]
 
     @property
     def balance(self) -> Balance:

@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from rich.console import Console
 from rich.table import Table
@@ -26,10 +26,14 @@ from autoexpose_daemon.demo.record import Recorder
 from autoexpose_daemon.demo.report import LightStep, delay_frames, light_steps, pulses_in_window
 from autoexpose_daemon.demo.usb_bus import begin_again_on_fake_bus, cameras_on_bus
 from autoexpose_daemon.outlets import add_outlets
+from autoexpose_daemon.recording import check_recording_extra
 from autoexpose_daemon.reference_step import reference_step_ms
 from autoexpose_daemon.runtime import Daemon
 from autoexpose_daemon.service import Service, run_until_stopped
 from drivers.errors import AutoexposeError, ConfigurationError
+
+if TYPE_CHECKING:
+    from autoexpose_daemon.recording.recorder import Recorder as FileRecorder
 
 _LONGEST_US = 7500.0
 _PICTURE_PERIOD_S = 0.25
@@ -54,6 +58,7 @@ class DemoOptions:
     rate_hz: float
     still: bool
     publish: bool
+    record: Path | None
 
 
 def run_demo(options: DemoOptions, stop: threading.Event, console: Console) -> None:
@@ -81,13 +86,19 @@ def run_demo(options: DemoOptions, stop: threading.Event, console: Console) -> N
             resources.callback(shutil.rmtree, sockets["left"].parent)
         console.print("starting two fake cameras ... (the first start compiles their renderer)")
         with fake_cameras(folder, arguments, f"demo-{os.getpid()}", sockets, stop) as truths:
+            file = _recorder(options, config)
+            if file is not None:
+                resources.enter_context(file)
             service = Service(
-                config, lambda config, start: add_outlets(Daemon(config, openers(config), recorder, start), config)
+                config,
+                lambda config, start: add_outlets(Daemon(config, openers(config), recorder, start), config, file),
             )
             daemon = service.daemon
             cpu_percent = _run_for(options.seconds, service, stop, console, f"autoexpose demo, {options.policy}")
             reference_ms = reference_step_ms(_REFERENCE_REPEATS)
             pulses = pulses_in_window(read_pulses(truths), daemon.tally)
+    if file is not None:
+        console.print(file.summary)
     steps = light_steps(pulses, recorder.steps)
     figures = _figures(options, daemon, pulses, steps)
     figures |= {"delay_frames": delay_frames(recorder.steps), "first_trigger": pulses[0].trigger if pulses else None}
@@ -118,6 +129,15 @@ def _configuration(options: DemoOptions) -> Config:
             "publish": {} if options.publish else None,
         }
     )
+
+
+def _recorder(options: DemoOptions, config: Config) -> FileRecorder | None:
+    if options.record is None:
+        return None
+    check_recording_extra()
+    from autoexpose_daemon.recording.recorder import new_recorder  # noqa: PLC0415
+
+    return new_recorder(options.record, config, None)
 
 
 def _check_writable(*files: Path | None) -> None:

@@ -48,7 +48,7 @@ class Publisher:
         self._config = config
         self._endpoints = Endpoints(config.listen, config.connect, config.zenoh)
         self._writer = MessageWriter(config.rig, cameras)
-        self._mailbox: deque[tuple[StereoPair, Decision]] = deque()
+        self._mailbox: deque[tuple[StereoPair, Decision | None]] = deque()
         self._news = threading.Condition()
         self._open = False
         self._stopping = False

@@ -10,7 +10,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -58,8 +58,10 @@ class ServiceProcess:
 
 
 @contextlib.contextmanager
-def running_service(config: Path, state: Path | None = None) -> Iterator[ServiceProcess]:
-    """Run the daemon on a configuration file until the block ends."""
+def running_service(
+    config: Path, state: Path | None = None, command: Sequence[str] = ("run",)
+) -> Iterator[ServiceProcess]:
+    """Run the daemon on a configuration file, by `command`, until the block ends."""
     with (
         tempfile.TemporaryDirectory() as folder,
         socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as notifications,
@@ -69,7 +71,7 @@ def running_service(config: Path, state: Path | None = None) -> Iterator[Service
         environment = os.environ | {"NOTIFY_SOCKET": str(Path(folder) / "notify")}
         environment |= {} if state is None else {"STATE_DIRECTORY": str(state)}
         with subprocess.Popen(
-            [*AUTOEXPOSE, "run", "-c", str(config)], stdin=subprocess.DEVNULL, stderr=log, env=environment
+            [*AUTOEXPOSE, *command, "-c", str(config)], stdin=subprocess.DEVNULL, stderr=log, env=environment
         ) as process:
             service = ServiceProcess(process, notifications, Path(log.name))
             try:

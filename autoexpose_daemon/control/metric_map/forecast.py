@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 
@@ -37,6 +38,8 @@ class Forecast:
     changes
         Stops per frame, oldest first.
     """
+
+    STATE: ClassVar[tuple[str, ...]] = ("changes",)
 
     changes: deque[float] = field(default_factory=lambda: deque(maxlen=HISTORY))
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 USUAL_FRAMES = 2
 """Until the first change has been seen to arrive."""
@@ -27,6 +28,8 @@ class Latency:
     level
         Level of the latest frame; None before the first.
     """
+
+    STATE: ClassVar[tuple[str, ...]] = ("frames", "targets", "level")
 
     frames: int = USUAL_FRAMES
     targets: deque[float] = field(default_factory=lambda: deque(maxlen=REMEMBERED))

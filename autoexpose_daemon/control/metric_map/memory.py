@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,6 +76,8 @@ class MetricMemory:
     sightings
         Newest last.
     """
+
+    STATE: ClassVar[tuple[str, ...]] = ("sightings",)
 
     sightings: list[Sighting] = field(default_factory=list)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,6 +52,10 @@ class Registration:
         Its exposure level, stops.
     """
 
+    STATE: ClassVar[tuple[str, ...]] = ("previous", "previous_level")
+    previous: NDArray[np.uint8] | None
+    previous_level: float
+
     def __init__(self, response: ResponseFunction) -> None:
         margin = MARGIN * (response.saturation - response.black_level)
         # Near the black level one grey level is too large a part of the signal to be a logarithm.
@@ -59,7 +64,7 @@ class Registration:
         greys = np.arange(256)
         self._log_exposure = response.inverse(np.clip(greys, round(low), round(high))).astype(np.float32)
         self._state = (greys >= high).astype(np.int8) - (greys <= low)
-        self.previous: NDArray[np.uint8] | None = None
+        self.previous = None
         self.previous_level = 0.0
 
     def change(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 from autoexpose_daemon.control.balance import Balance
 from autoexpose_daemon.control.metrics import GradientMetric
 from autoexpose_daemon.control.optimum import PolynomialFit
@@ -35,6 +37,8 @@ class Begin2022:
     The paper compares frame k with frame k-1; an exposure shows later than that. So frame k is compared with the frame
     whose decision it realises, and with what that decision promised. No state of its own: the loop remembers steps.
     """
+
+    STATE: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self, response: ResponseFunction, metric: GradientMetric, balance: Balance) -> None:
         self.balance = balance

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 from autoexpose_daemon.control.balance import Balance
 from autoexpose_daemon.control.policy import Observation, Target
@@ -12,6 +13,8 @@ from drivers.exposure import ExposureSetting
 @dataclass(frozen=True, slots=True)
 class Fixed:
     """Always asks for `start`, time and gain alike."""
+
+    STATE: ClassVar[tuple[str, ...]] = ()
 
     start: ExposureSetting
     balance: Balance

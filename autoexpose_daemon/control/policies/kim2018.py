@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,6 +50,8 @@ class Kim2018:
     held
         The result while the search rests.
     """
+
+    STATE: ClassVar[tuple[str, ...]] = ("query", "levels", "values", "held")
 
     balance: Balance
     gain_db: float

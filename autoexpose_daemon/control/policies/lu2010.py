@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import ClassVar
 
 from autoexpose_daemon.control.balance import Balance
 from autoexpose_daemon.control.entropy import entropy
@@ -42,6 +43,8 @@ class Lu2010:
     held
         The result while the search rests.
     """
+
+    STATE: ClassVar[tuple[str, ...]] = ("query", "best_level", "best_value", "step", "turned", "held")
 
     balance: Balance
     query: Target | None = None

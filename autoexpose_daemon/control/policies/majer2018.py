@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal
 
 from autoexpose_daemon.control.balance import Balance
 from autoexpose_daemon.control.metrics import mean_signal
@@ -38,6 +38,8 @@ class Majer2018:
     level
         The level held between two decisions, stops; None before the first.
     """
+
+    STATE: ClassVar[tuple[str, ...]] = ("frames", "level")
 
     region: Literal["top_half", "full"]
     response: ResponseFunction

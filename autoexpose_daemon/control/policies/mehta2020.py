@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import ClassVar
 
 import numpy as np
 from numpy.polynomial import polynomial
@@ -47,6 +48,8 @@ class Mehta2020:
     else the best anchor is taken. Our own: the metric is `GradientMetric` (their gradient loses negative slopes), every
     frame is used (theirs skips every other one), and an image of equal gradient under every gamma holds.
     """
+
+    STATE: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self, metric: GradientMetric, balance: Balance) -> None:
         self.balance = balance

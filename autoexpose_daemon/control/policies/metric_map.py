@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,9 +61,15 @@ class MetricMap:
     """Goes where the map promises most, for both cameras of a pair; docs/policy.md tells why.
 
     All targets are absolute levels, and the map is one of absolute levels, so frames in flight are never corrected
-    twice. The state is plain data: `registration`, `forecast`, `latency`, `memory`, `target`,
-    `densities` and `motion_px`.
+    twice.
     """
+
+    STATE: ClassVar[tuple[str, ...]] = (
+        "registration", "forecast", "latency", "memory", "target", "densities", "motion_px",
+    )  # fmt: skip
+    target: float | None
+    densities: list[float]
+    motion_px: float
 
     def __init__(self, response: ResponseFunction, metric: GradientMetric, balance: Balance) -> None:
         self.balance = balance
@@ -80,8 +87,8 @@ class MetricMap:
         self.forecast = Forecast()
         self.latency = Latency()
         self.memory = MetricMemory()
-        self.target: float | None = None
-        self.densities: list[float] = []
+        self.target = None
+        self.densities = []
         self.motion_px = 0.0
 
     def decide(self, observation: Observation) -> Target:

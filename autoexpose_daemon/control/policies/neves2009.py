@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import ClassVar
 
 from autoexpose_daemon.control.balance import Balance
 from autoexpose_daemon.control.policy import Observation, Target
@@ -34,6 +35,8 @@ class Neves2009:
     previous_error
         Error of the frame before, stops; None at the start.
     """
+
+    STATE: ClassVar[tuple[str, ...]] = ("previous_error",)
 
     target: float
     balance: Balance

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import ClassVar
 
 import numpy as np
 from numpy.polynomial import polynomial
@@ -49,6 +50,8 @@ class Shim2018:
 
     An image that has equal gradient under every gamma (black, white) tells nothing: gamma* = 1, the exposure is held.
     """
+
+    STATE: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self, metric: GradientMetric, balance: Balance) -> None:
         self.balance = balance

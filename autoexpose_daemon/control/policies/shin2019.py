@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import ClassVar
 
 from autoexpose_daemon.control.balance import Balance
 from autoexpose_daemon.control.nelder_mead import NelderMead, Point
@@ -40,6 +41,8 @@ class Shin2019:
     held
         The result while the search rests.
     """
+
+    STATE: ClassVar[tuple[str, ...]] = ("search", "query", "queries", "held")
 
     quality: CombinedQuality
     balance: Balance

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import ClassVar
 
 from autoexpose_daemon.control.balance import Balance
 from autoexpose_daemon.control.gradient_statistics import SoftPercentile
@@ -30,6 +31,8 @@ class Zhang2017:
 
     The derivative goes through the response function: dM/dE = dM/dI f'(f^-1(I)).
     """
+
+    STATE: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self, response: ResponseFunction, balance: Balance) -> None:
         self.balance = balance

@@ -1,0 +1,141 @@
+"""State as plain data and back: what lets a replay begin in the middle of a run.
+
+A class that carries state from frame to frame names those of its attributes in `STATE`. What else it has follows from
+how it was built, or is a buffer whose content no later step reads. `take` turns the named ones into plain data;
+`restore` puts them into an object that was built the same way. What an attribute may hold is read off its annotation,
+so data from outside cannot bring in anything else.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from functools import cache
+from types import NoneType, UnionType
+from typing import Any, ClassVar, Literal, Protocol, Union, get_args, get_origin, get_type_hints
+
+import numpy as np
+from numpy.typing import NDArray
+
+Plain = None | bool | int | float | str | NDArray[Any] | list["Plain"] | dict[str, "Plain"]
+"""Numbers, strings, arrays, and lists and dictionaries of them."""
+
+
+class Stateful(Protocol):
+    """An object whose state can be taken and restored."""
+
+    STATE: ClassVar[tuple[str, ...]]
+    """Attributes that later steps depend on, each annotated in the class."""
+
+
+def take(holder: Stateful) -> dict[str, Plain]:
+    """A copy of the state of an object, by attribute; underscores at the front are left out."""
+    return {name.lstrip("_"): _state_or_plain(getattr(holder, name)) for name in holder.STATE}
+
+
+def restore(holder: Stateful, state: Plain) -> None:
+    """Give an object the state that `take` has copied from one built the same way.
+
+    Raises
+    ------
+    ValueError
+        Naming what does not fit; the object may then be half restored.
+    """
+    hints = _hints(type(holder))
+    values = _members(state, [name.lstrip("_") for name in holder.STATE], type(holder).__name__)
+    for name, value in zip(holder.STATE, values, strict=True):
+        current = getattr(holder, name)
+        if hasattr(current, "STATE"):
+            restore(current, value)
+        elif isinstance(current, deque):  # how much it remembers follows from how it was built
+            current.clear()
+            current.extend(parse(value, hints[name]))
+        else:
+            setattr(holder, name, parse(value, hints[name]))
+
+
+def plain(value: object) -> Plain:
+    """A copy of a value as plain data; dataclasses become dictionaries, tuples and deques lists."""
+    match value:
+        case None | bool() | int() | str():
+            return value
+        case float():
+            return float(value)  # numpy's float64 is one, too
+        case np.ndarray():
+            return value.copy()
+        case list() | tuple() | deque():
+            return [plain(item) for item in value]
+        case Mapping():
+            return {str(key): plain(item) for key, item in value.items()}
+    if is_dataclass(value):
+        return {field.name: plain(getattr(value, field.name)) for field in fields(value)}
+    raise TypeError(f"{type(value).__name__} cannot be kept as plain data")
+
+
+def parse(data: Plain, hint: Any) -> Any:
+    """The value of an annotated type that `plain` made this data of.
+
+    Raises
+    ------
+    ValueError
+        For data that is not of this type.
+    """
+    if get_origin(hint) in (Union, UnionType):
+        if data is None and NoneType in get_args(hint):
+            return None
+        (hint,) = (argument for argument in get_args(hint) if argument is not NoneType)
+    if is_dataclass(hint):
+        assert isinstance(hint, type)
+        hints = _hints(hint)
+        values = _members(data, list(hints), hint.__name__)
+        return hint(**{name: parse(value, hints[name]) for name, value in zip(hints, values, strict=True)})
+    if isinstance(data, list | dict):
+        return _collection(data, hint)
+    if get_origin(hint) is Literal:
+        fits = any(type(data) is type(choice) and data == choice for choice in get_args(hint))
+    elif get_origin(hint) is np.ndarray:
+        fits = isinstance(data, np.ndarray) and get_args(get_args(hint)[1]) == (data.dtype.type,)
+    elif hint is float and type(data) is int:
+        return float(data)
+    else:
+        fits = type(data) is hint
+    if not fits:
+        raise ValueError(f"{_shown(data)} is no {getattr(hint, '__name__', hint)}")
+    return data.copy() if isinstance(data, np.ndarray) else data
+
+
+def _collection(data: list[Plain] | dict[str, Plain], hint: Any) -> Any:
+    kind, arguments = get_origin(hint), get_args(hint)
+    if isinstance(data, dict) and kind is dict:
+        return {parse(key, arguments[0]): parse(item, arguments[1]) for key, item in data.items()}
+    if isinstance(data, list) and kind in (list, deque):
+        return [parse(item, arguments[0]) for item in data]
+    if isinstance(data, list) and kind is tuple:
+        kinds = arguments[:1] * len(data) if arguments[-1] is Ellipsis else arguments
+        return tuple(parse(item, argument) for item, argument in zip(data, kinds, strict=True))
+    raise ValueError(f"a {type(data).__name__} is no {hint}")
+
+
+def _state_or_plain(value: Any) -> Plain:
+    return take(value) if hasattr(value, "STATE") else plain(value)
+
+
+@cache
+def _hints(kind: type) -> dict[str, Any]:
+    """The annotations of the attributes of a class, resolved."""
+    return {name: hint for name, hint in get_type_hints(kind).items() if get_origin(hint) is not ClassVar}
+
+
+def _members(data: Plain, names: list[str], owner: str) -> list[Plain]:
+    if not isinstance(data, dict) or set(data) != set(names):
+        found = ", ".join(sorted(data)) if isinstance(data, dict) else _shown(data)
+        raise ValueError(f"{owner} needs {', '.join(names) or 'nothing'}, not {found or 'nothing'}")
+    return [data[name] for name in names]
+
+
+def _shown(data: Plain) -> str:
+    if isinstance(data, float) and not math.isfinite(data):
+        return str(data)
+    return f"{data!r:.40}" if isinstance(data, bool | int | float | str) else type(data).__name__

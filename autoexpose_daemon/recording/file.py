@@ -1,0 +1,129 @@
+"""A recording on disk: MCAP that ROS 2 tools read, with what a replay needs besides."""
+
+from __future__ import annotations
+
+import os
+import platform
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from mcap.writer import CompressionType, Writer
+
+from autoexpose_daemon.control.loop import STATE_FORMAT, ControlSetup
+from autoexpose_daemon.control.metrics import GradientMetric
+from autoexpose_daemon.control.snapshot import Plain, plain
+from autoexpose_daemon.messages.types import TYPESTORE, definition
+from autoexpose_daemon.messages.write import TOPICS, MessageWriter, realtime_offset_ns
+from autoexpose_daemon.recording.plain_json import to_json
+from autoexpose_daemon.recording.step import RecordingError, Step
+
+CONTROL, SETUP, STATE = "control", "setup", "state"
+STRING = "std_msgs/msg/String"
+"""Control's setup and state are JSON in a String, so that any ROS 2 tool shows them."""
+
+METADATA = "autoexpose"
+COMPRESSION = CompressionType.LZ4
+_CHUNK_BYTES = 4 << 20
+"""Five pairs of 720x540: what a power cut costs. Smaller ones cost more work for each pair."""
+
+RESERVE_BYTES = 64 << 20
+"""Left free on the disk: a robot needs some for its logs, and the recording for the index at its end."""
+
+_String = TYPESTORE.types[STRING]
+
+
+class RecordingFile:
+    """A new file, written step by step.
+
+    Parameters
+    ----------
+    path
+        Must not exist.
+    rig
+        Name of the rig: topics are named as the keys of published frames.
+
+    Raises
+    ------
+    RecordingError
+        By every method: when the file cannot be written, or its disk is all but full.
+    """
+
+    def __init__(self, path: Path, rig: str) -> None:
+        self._path = path
+        self._rig = rig
+        self._offset_ns = realtime_offset_ns()  # of the whole file, lest its times run backwards with a set clock
+        self._time_ns = 0
+        self._setup: ControlSetup | None = None
+        self._broken = False
+        self._channels: dict[str, int] = {}
+        self._schemas: dict[str, int] = {}
+        try:
+            self._stream = path.open("xb")
+        except FileExistsError:
+            raise RecordingError(f"{path}: is there already: name a new file") from None
+        except OSError as error:
+            raise self._error(error) from error
+        self._writer = Writer(self._stream, chunk_size=_CHUNK_BYTES, compression=COMPRESSION)
+        self._writer.start(profile="ros2", library=f"autoexpose-daemon {version('autoexpose-daemon')}")
+
+    def write(self, step: Step, setup: ControlSetup, state: Plain) -> None:
+        """Append a step, with the setup of the loop that made it, and its state after it where that is not None."""
+        space = os.fstatvfs(self._stream.fileno())
+        if space.f_bavail * space.f_frsize < RESERVE_BYTES:
+            raise RecordingError(f"{self._path}: less than {RESERVE_BYTES >> 20} MiB are left on its disk: make room")
+        self._time_ns = max(frame.arrival_time_ns for frame in step.pair.frames) + self._offset_ns
+        try:
+            if setup is not self._setup:
+                self._setup = setup
+                self._say(SETUP, {"made_with": plain(software()), "setup": plain(setup)})
+            messages = MessageWriter(self._rig, step.cameras)
+            for message in messages.messages(step.pair, step.decision, step.sequence, self._offset_ns):
+                self._add(message.side, message.topic, TOPICS[message.topic], message.data, step.sequence)
+            if state is not None:
+                self._say(STATE, {"state": state})
+        except OSError as error:
+            raise self._error(error) from error
+
+    def close(self, steps: int, dropped: int) -> None:
+        """End the file with an index, and with the counts of steps that were to be recorded and that were dropped.
+
+        After an error of writing there is no index, but all that was written before can be read.
+        """
+        try:
+            if not self._broken:
+                self._writer.add_metadata(METADATA, {"steps": str(steps), "dropped": str(dropped)})
+                self._writer.finish()  # type: ignore[no-untyped-call]
+            self._stream.close()
+        except OSError as error:
+            raise self._error(error) from error
+
+    def _say(self, what: str, content: dict[str, Plain]) -> None:
+        text = to_json({"format": STATE_FORMAT, **content})
+        self._add(CONTROL, what, STRING, TYPESTORE.serialize_cdr(_String(text), STRING), 0)
+
+    def _add(self, owner: str, what: str, message_type: str, data: Any, sequence: int) -> None:
+        topic = f"/autoexpose/{self._rig}/{owner}/{what}"
+        if message_type not in self._schemas:
+            text = definition(message_type).encode()
+            self._schemas[message_type] = self._writer.register_schema(message_type, "ros2msg", text)
+        if topic not in self._channels:
+            self._channels[topic] = self._writer.register_channel(topic, "cdr", self._schemas[message_type])
+        self._writer.add_message(self._channels[topic], self._time_ns, data, self._time_ns, sequence & 0xFFFFFFFF)
+
+    def _error(self, error: OSError) -> RecordingError:
+        self._broken = True
+        return RecordingError(f"{self._path}: cannot be written: {error.strerror}")
+
+
+def software() -> dict[str, str]:
+    """What decisions are made with, down to the last bit."""
+    return {
+        "autoexpose-daemon": version("autoexpose-daemon"),
+        "numpy": np.__version__,
+        "opencv": cv2.__version__,
+        "C extension": "built" if GradientMetric().native else "not built",
+        "machine": platform.machine(),
+    }

@@ -1,0 +1,161 @@
+"""Reading a recording from its first item to its last, whole, cut off or damaged."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, BinaryIO, cast
+
+from mcap.exceptions import RecordLengthLimitExceeded
+from mcap.records import Channel, Footer, Header, Message, Metadata, Schema
+from mcap.stream_reader import StreamReader
+
+from autoexpose_daemon.control.loop import STATE_FORMAT, ControlSetup
+from autoexpose_daemon.control.snapshot import parse
+from autoexpose_daemon.messages.read import DamagedMessageError, decision_of, frame_of, read_exposure_info, read_image
+from autoexpose_daemon.messages.types import EXPOSURE_INFO, TYPESTORE, definition
+from autoexpose_daemon.recording.file import METADATA, STATE, STRING
+from autoexpose_daemon.recording.plain_json import from_json
+from autoexpose_daemon.recording.step import Item, RecordingError, Setup, State, Step
+from drivers.frames import Pixels, Side, StereoPair
+
+_SIDES: tuple[Side, ...] = ("left", "right")
+
+
+class Recording:
+    """The items of a file, in its order, one at a time in memory.
+
+    Attributes
+    ----------
+    cut_off
+        Whether the file ends within a record, as after a full disk or a power cut; known when all items have been read.
+    dropped
+        Steps that the recorder dropped, as it says at the end of the file; None when that is missing.
+
+    Raises
+    ------
+    RecordingError
+        While iterating: in one sentence, what is wrong with the file.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.cut_off = False
+        self.dropped: int | None = None
+        self._path = path
+        self._channels: dict[int, Channel] = {}
+        self._schemas: dict[int, Schema] = {}
+        self._frames: dict[Side, tuple[Any, Pixels]] = {}  # of the step that is being read
+        self._infos: dict[Side, Any] = {}
+
+    def __iter__(self) -> Iterator[Item]:
+        """Read on from the start of the file."""
+        try:
+            with self._path.open("rb") as stream:
+                yield from self._items(stream)
+        except OSError as error:
+            raise RecordingError(f"{self._path}: cannot be read: {error.strerror}") from error
+
+    def _items(self, stream: BinaryIO) -> Iterator[Item]:
+        items = 0
+        for record in self._records(stream):
+            match record:
+                case Schema():
+                    self._schemas[record.id] = record
+                case Channel():
+                    self._channels[record.id] = record
+                case Metadata(name=name, metadata=notes) if name == METADATA:
+                    dropped = notes.get("dropped", "")
+                    self.dropped = int(dropped) if dropped.isdecimal() else None
+                case Message():
+                    try:
+                        item = self._item(record)
+                    except ValueError as error:
+                        raise self._error(f"is damaged: {error}") from error
+                    if item is not None:
+                        items += 1
+                        yield item
+        if items == 0:
+            raise self._error("holds no steps of control: it is no recording of autoexpose, or one of nothing")
+
+    def _records(self, stream: BinaryIO) -> Iterator[Any]:
+        """The records of the file up to where it was cut off, if it was."""
+        size = self._path.stat().st_size
+        records = iter(StreamReader(stream, validate_crcs=True, record_size_limit=size).records)
+        begun = False
+        while True:
+            try:
+                record = next(records)
+            except StopIteration:
+                return
+            except Exception as error:  # bytes that are no MCAP break the reader in many ways
+                if not begun:
+                    raise self._error("is no MCAP file, or damaged from its first bytes on") from error
+                if stream.tell() < size and not isinstance(error, RecordLengthLimitExceeded):
+                    raise self._error(f"is damaged before byte {stream.tell()} of {size}") from error
+                self.cut_off = True
+                return
+            begun = begun or isinstance(record, Header)
+            if isinstance(record, Footer):
+                return
+            yield record
+
+    def _item(self, message: Message) -> Item | None:
+        """The item that a message completes."""
+        channel = self._channels.get(message.channel_id)
+        if channel is None:
+            raise ValueError(f"a message of channel {message.channel_id}, which there is not")
+        match channel.topic.split("/")[-2:]:
+            case ["control", "setup" | "state" as what]:
+                return self._of_control(what, message.data)
+            case ["left" | "right" as side, "exposure"]:
+                self._check_version(channel)
+                self._exposure(side, message.data)
+            case ["left" | "right" as side, "image"]:
+                return self._image(side, message.data)
+        return None
+
+    def _of_control(self, what: str, data: bytes) -> Setup | State:
+        try:
+            text = cast(Any, TYPESTORE.deserialize_cdr(data, STRING)).data
+        except Exception as error:  # rosbags checks nothing
+            raise DamagedMessageError(f"control/{what} is no String") from error
+        content = from_json(text)
+        if not isinstance(content, dict) or content.get("format") != STATE_FORMAT:
+            found = content.get("format") if isinstance(content, dict) else None
+            raise self._error(f"holds a state of control of format {found!r}: only {STATE_FORMAT!r} can be read")
+        if what == STATE:
+            return State(content.get("state"))
+        made_with = parse(content.get("made_with"), dict[str, str])
+        return Setup(parse(content.get("setup"), ControlSetup), made_with)
+
+    def _exposure(self, side: Side, data: bytes) -> None:
+        info = read_exposure_info(data)
+        for other in self._infos.values():
+            if other.sequence != info.sequence:
+                raise ValueError(f"step {other.sequence} is not whole")
+        self._infos[side] = info
+
+    def _image(self, side: Side, data: bytes) -> Step | None:
+        if side not in self._infos or side in self._frames:
+            raise ValueError(f"an image of the {side} camera without its exposure")
+        _, pixels = read_image(data)
+        self._frames[side] = self._infos[side], pixels
+        info = self._infos[side]
+        if len(self._frames) < (1 if info.alone else info.cameras):
+            return None
+        frames = {each: frame_of(*self._frames[each]) for each in _SIDES if each in self._frames}
+        self._infos, self._frames = {}, {}
+        first, *rest = frames.values()
+        pair = StereoPair(info.trigger, first, rest[0] if rest else None, next(iter(frames)))
+        decision = decision_of(info)
+        if decision is None:
+            raise ValueError(f"step {info.sequence} has no decision")
+        return Step(info.sequence, info.cameras, pair, decision)
+
+    def _check_version(self, channel: Channel) -> None:
+        schema = self._schemas.get(channel.schema_id)
+        if schema is None or schema.data != definition(EXPOSURE_INFO).encode():
+            raise self._error("was recorded with another version of ExposureInfo.msg: replay it with that version")
+
+    def _error(self, what: str) -> RecordingError:
+        return RecordingError(f"{self._path}: {what}")

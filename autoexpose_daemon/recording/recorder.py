@@ -1,0 +1,254 @@
+"""Recorders: take the steps of control without ever holding it up, and write them in a thread of their own."""
+
+from __future__ import annotations
+
+import logging
+import math
+import os
+import queue
+import threading
+import time
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
+
+from autoexpose_daemon.config import Config
+from autoexpose_daemon.config_publish import PublishConfig
+from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.control.loop import ControlLoop, ControlSetup
+from autoexpose_daemon.control.snapshot import Plain
+from autoexpose_daemon.recording.file import RecordingFile
+from autoexpose_daemon.recording.step import RecordingError, Step
+from drivers.frames import StereoPair
+
+log = logging.getLogger(__name__)
+
+SNAPSHOT_NS = 1_000_000_000
+QUEUE_S = 2.0
+"""Of steps may wait for the disk, 95 MB of 720x540 at 60 Hz: a disk that writes back its cache stalls for a second."""
+
+_LOOK_S = 0.1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Entry:
+    """A step, the setup of the loop that made it, its state after it if it is time for one, and when it was taken."""
+
+    step: Step
+    setup: ControlSetup
+    state: Plain
+    taken_ns: int
+
+
+class Recorder(ABC):
+    """Takes the steps of daemons, and writes them in the background while its context lasts.
+
+    Attributes
+    ----------
+    steps
+        Steps of control that were to be recorded.
+    dropped
+        Steps among them for which there was no room.
+    failure
+        What has ended the recording before its time, in a sentence; None: nothing.
+    """
+
+    def __init__(self, room: int) -> None:
+        self.steps = 0
+        self.dropped = 0
+        self.failure: str | None = None
+        self._room = room
+        self._queue: queue.SimpleQueue[Entry | None] = queue.SimpleQueue()  # its `put` never waits; None: the end
+        self._dropped_now = 0
+        self._setup: ControlSetup | None = None
+        self._snapshot_ns = 0
+        self._thread = threading.Thread(target=self._run, name="recorder")
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Write what is left, and end."""
+        self._queue.put(None)
+        self._thread.join()
+
+    def take(self, pair: StereoPair, decision: Decision, loop: ControlLoop, cameras: int) -> None:
+        """Take a step of a rig of so many cameras; on the control thread, right after `loop` has made it."""
+        if self.failure is not None:
+            return
+        self.steps += 1
+        if self._queue.qsize() >= self._room:
+            self.dropped += 1
+            self._dropped_now += 1
+            return
+        if self._dropped_now:
+            log.warning("the recorder dropped %d steps: the disk did not keep up", self._dropped_now)
+            self._dropped_now = 0
+            self._setup = None  # have a snapshot at once, so that a replay can go on from here
+        now_ns, state = time.monotonic_ns(), None
+        if loop.setup is not self._setup or now_ns - self._snapshot_ns >= SNAPSHOT_NS:
+            self._setup, self._snapshot_ns, state = loop.setup, now_ns, loop.state()
+        step = Step(self.steps, cameras, pair, decision)
+        self._queue.put(Entry(step, loop.setup, state, now_ns))
+
+    @abstractmethod
+    def save(self) -> None:
+        """Have what is kept in memory written, in the background; a signal handler may call this."""
+
+    @property
+    @abstractmethod
+    def summary(self) -> str:
+        """What was recorded, in one line."""
+
+    @abstractmethod
+    def _run(self) -> None:
+        """Take entries from the queue until its end, and write."""
+
+
+class ContinuousRecorder(Recorder):
+    """Writes all steps to one file, which must not exist yet.
+
+    Parameters
+    ----------
+    file
+        Where to.
+    rate_hz
+        Steps per second; the queue has room for `QUEUE_S` of them.
+    rig
+        Name of the rig.
+
+    Raises
+    ------
+    RecordingError
+        When the file cannot be written.
+    """
+
+    def __init__(self, file: Path, rate_hz: float, rig: str) -> None:
+        super().__init__(math.ceil(QUEUE_S * rate_hz))
+        self._path = file
+        self._file = RecordingFile(file, rig)
+        self._written = 0
+
+    def save(self) -> None:
+        """Nothing: all is written anyway."""
+
+    @property
+    def summary(self) -> str:
+        """Steps and drops."""
+        return f"{self._path}: {self._written} steps recorded, {self.dropped} dropped by the recorder"
+
+    def _run(self) -> None:
+        try:
+            while (entry := self._queue.get()) is not None:
+                self._file.write(entry.step, entry.setup, entry.state)
+                self._written += 1
+        except RecordingError as error:
+            self.failure = str(error)
+            log.warning("recording stops, control goes on: %s", error)
+            self._queue = queue.SimpleQueue()
+        _close(self._file, self.steps, self.dropped)
+
+
+class LastSecondsRecorder(Recorder):
+    """Keeps the last seconds in memory, and writes them when asked to, and at the end: ``run-1.mcap``, ``run-2.mcap``.
+
+    Parameters
+    ----------
+    file
+        ``run.mcap``; of numbers that are taken the next one is used.
+    rate_hz
+        Steps per second; memory is bounded by so many times the seconds, twice while it writes.
+    rig
+        Name of the rig.
+    last_s
+        How many seconds; up to one more, so that each recording begins with a snapshot.
+
+    Raises
+    ------
+    RecordingError
+        When there is no such folder.
+    """
+
+    def __init__(self, file: Path, rate_hz: float, rig: str, last_s: float) -> None:
+        super().__init__(math.ceil((last_s + SNAPSHOT_NS * 1e-9) * rate_hz) + 1)
+        self._ring: deque[Entry] = deque(maxlen=self._room)
+        if not os.access(file.absolute().parent, os.W_OK):
+            raise RecordingError(f"{file}: cannot be written; name a file in a folder that is there")
+        self._path = file
+        self._rig = rig
+        self._last_s = last_s
+        self._save_asked = False
+        self._written: list[str] = []
+
+    def save(self) -> None:
+        """Have the last seconds written in the background."""
+        self._save_asked = True
+
+    @property
+    def summary(self) -> str:
+        """The files."""
+        return f"recordings written: {', '.join(self._written) or 'none'}"
+
+    def _run(self) -> None:
+        closing = False
+        while not closing:
+            with suppress(queue.Empty):  # a signal handler wakes nobody, so look now and then
+                entry = self._queue.get(timeout=_LOOK_S)
+                closing = entry is None
+                if entry is not None:
+                    self._ring.append(entry)
+            if self._save_asked or closing:
+                self._save_asked = False
+                self._write(last_seconds(list(self._ring), self._last_s))
+
+    def _write(self, entries: Sequence[Entry]) -> None:
+        if not entries:
+            return
+        path = self._free_path()
+        try:
+            file = RecordingFile(path, self._rig)
+        except RecordingError as error:
+            log.warning("nothing is saved, control goes on: %s", error)
+            return
+        self._written.append(str(path))
+        try:
+            for entry in entries:
+                file.write(entry.step, entry.setup, entry.state)
+            log.info("%s: the last %d steps saved", path, len(entries))
+        except RecordingError as error:
+            log.warning("not all is saved, control goes on: %s", error)
+        _close(file, len(entries), 0)
+
+    def _free_path(self) -> Path:
+        number = 1
+        while (path := self._path.with_stem(f"{self._path.stem}-{number}")).exists():
+            number += 1
+        return path
+
+
+def new_recorder(file: Path, config: Config, last_s: float | None) -> Recorder:
+    """What records to a file: the last seconds on demand, or everything when `last_s` is None."""
+    rate_hz, rig = config.trigger.rate_hz, (config.publish or PublishConfig()).rig
+    if last_s is None:
+        return ContinuousRecorder(file, rate_hz, rig)
+    return LastSecondsRecorder(file, rate_hz, rig, last_s)
+
+
+def last_seconds(entries: Sequence[Entry], last_s: float) -> Sequence[Entry]:
+    """The entries of the last seconds, and those before them back to a snapshot."""
+    if not entries:
+        return entries
+    begin_ns = entries[-1].taken_ns - last_s * 1e9
+    snapshots = [index for index, entry in enumerate(entries) if entry.state is not None]
+    before = [index for index in snapshots if entries[index].taken_ns <= begin_ns]
+    return entries[max(before) if before else min(snapshots, default=0) :]
+
+
+def _close(file: RecordingFile, steps: int, dropped: int) -> None:
+    with suppress(RecordingError):  # of a full disk, which was said before
+        file.close(steps, dropped)

@@ -1,0 +1,104 @@
+"""A recording played again: what a policy decides on the frames that were recorded."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+
+from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.control.loop import ControlLoop
+from autoexpose_daemon.recording.step import Item, RecordingError, Setup, State, Step
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Replayed:
+    """A step, and what was decided on it in the replay.
+
+    Attributes
+    ----------
+    decision
+        None where nothing can be said: before the first snapshot, and after recorder drops up to the next one.
+    dropped
+        Steps that the recorder dropped just before this one.
+    undelivered
+        Triggers just before this one whose frames never reached control.
+    """
+
+    step: Step
+    decision: Decision | None
+    dropped: int
+    undelivered: int
+
+    @property
+    def same(self) -> bool:
+        """Whether it is what was decided in the recorded run, to the last bit."""
+        return self.decision == self.step.decision
+
+
+class Replay:
+    """Plays the items of a recording through the recorded policy, or through another one.
+
+    The recorded policy begins at a snapshot of its state and goes on until steps are missing that it would have
+    learnt from; the next snapshot lets it go on. Another policy begins knowing nothing and takes what comes: it sees
+    the frames that the recorded policy asked for, not those that it would ask for itself.
+
+    Parameters
+    ----------
+    policy_id
+        Another policy; None: the recorded one.
+    """
+
+    def __init__(self, policy_id: str | None = None) -> None:
+        self.setup: Setup | None = None
+        """The setup of the latest steps."""
+        self._policy_id = policy_id
+        self._loop: ControlLoop | None = None
+        self._former: Step | None = None
+
+    @property
+    def faithful(self) -> bool:
+        """Whether it is the recorded policy that is played, so that its decisions must be those recorded."""
+        return self.setup is None or self._policy_id in (None, self.setup.control.policy_id)
+
+    def steps(self, items: Iterable[Item]) -> Iterator[Replayed]:
+        """What becomes of each step.
+
+        Raises
+        ------
+        RecordingError
+            When a snapshot does not fit its setup, or there is no setup.
+        ConfigurationError
+            When the policy cannot work on these frames.
+        """
+        for item in items:
+            match item:
+                case Setup():
+                    self.setup = item
+                    self._loop = None if self.faithful else self._new_loop(item)
+                case State():
+                    self._resume(item)
+                case Step():
+                    yield self._step(item)
+
+    def _new_loop(self, setup: Setup) -> ControlLoop:
+        return replace(setup.control, policy_id=self._policy_id or setup.control.policy_id).loop()
+
+    def _resume(self, state: State) -> None:
+        if self.setup is None:
+            raise RecordingError("the recording is damaged: a state of control without its setup")
+        if self._loop is None:
+            self._loop = self._new_loop(self.setup)
+            try:
+                self._loop.restore(state.control)
+            except ValueError as error:
+                raise RecordingError(f"the recording is damaged: its state of control does not fit: {error}") from error
+
+    def _step(self, step: Step) -> Replayed:
+        dropped = undelivered = 0
+        if self._former is not None:
+            dropped = max(step.sequence - self._former.sequence - 1, 0)
+            undelivered = max(step.pair.trigger - self._former.pair.trigger - 1 - dropped, 0)
+        self._former = step
+        if dropped and self.faithful:
+            self._loop = None
+        return Replayed(step, None if self._loop is None else self._loop.step(step.pair), dropped, undelivered)

@@ -1,0 +1,64 @@
+"""What a recording is made of: steps of control, and now and then the state of control after one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.control.loop import ControlSetup
+from autoexpose_daemon.control.snapshot import Plain
+from drivers.errors import AutoexposeError
+from drivers.frames import StereoPair
+
+
+class RecordingError(AutoexposeError):
+    """A recording cannot be written or read; the message names the file."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Step:
+    """One step of control.
+
+    Attributes
+    ----------
+    sequence
+        Counts the steps of control: a gap is what the recorder dropped.
+    cameras
+        Cameras of the rig.
+    pair
+        What control looked at. A gap in its `trigger` without one in `sequence` are pairs that never reached control.
+    decision
+        What control decided.
+    """
+
+    sequence: int
+    cameras: int
+    pair: StereoPair
+    decision: Decision
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Setup:
+    """A new control loop, which makes the steps that follow.
+
+    Attributes
+    ----------
+    control
+        What it is built from.
+    made_with
+        The software whose decisions these are, with versions.
+    """
+
+    control: ControlSetup
+    made_with: dict[str, str]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class State:
+    """The state of the control loop after the step before it, `ControlLoop.state`."""
+
+    control: Plain
+
+
+Item = Setup | Step | State
+"""In the order of the file: a setup, its first step, the state after it, more steps, the next state, ..."""
