@@ -7,8 +7,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+from fake_camera.features import Features
 from fake_camera.imaging import ExposedFrame
 from fake_camera.registers import ByteOrder
+from fake_camera.xml_camera import XmlCamera
 
 IMAGE_CHUNK_ID = 0x0001
 PREFIX: dict[ByteOrder, str] = {"big": ">", "little": "<"}
@@ -56,3 +58,11 @@ def tagged(frame: ExposedFrame, chunks: Sequence[tuple[int, bytes]], byte_order:
     for chunk_id, data in chunks:
         pieces += [data, tag.pack(chunk_id, len(data))]
     return b"".join(pieces)
+
+
+def sent_chunks(frame: ExposedFrame, features: Features, xml: XmlCamera | None, byte_order: ByteOrder) -> bytes:
+    """The chunk data that go with a frame: those of the description that the camera wears, else its own; or none."""
+    if xml is not None:
+        on = xml.chunks(frame)
+        return b"" if on is None else tagged(frame, on, byte_order)
+    return chunk_bytes(frame, features.enabled_chunks(), byte_order) if features.get("ChunkModeActive") else b""

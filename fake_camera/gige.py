@@ -11,7 +11,7 @@ import time
 
 from fake_camera import gvcp
 from fake_camera.bootstrap import GIGE_VISION, bootstrap_registers
-from fake_camera.chunks import chunk_bytes, tagged
+from fake_camera.chunks import sent_chunks
 from fake_camera.control_channel import ControlChannel
 from fake_camera.device import Device
 from fake_camera.faults import GIGE
@@ -105,12 +105,7 @@ class GigeServer:
                 self._socket.sendto(answer, peer)
 
     def _send(self, frame: ExposedFrame) -> None:
-        features, byte_order, chunks = self._device.features, GIGE_VISION.byte_order, b""
-        if self._xml is not None:
-            on = self._xml.chunks(frame)
-            chunks = b"" if on is None else tagged(frame, on, byte_order)
-        elif features.get("ChunkModeActive"):
-            chunks = chunk_bytes(frame, features.enabled_chunks(), byte_order)
+        chunks = sent_chunks(frame, self._device.features, self._xml, GIGE_VISION.byte_order)
         self._stream.send(frame, chunks)
 
     def _released(self) -> None:

@@ -7,7 +7,7 @@ import errno
 import struct
 from enum import IntEnum
 
-from fake_camera.chunks import chunk_bytes, tagged
+from fake_camera.chunks import sent_chunks
 from fake_camera.device import Device
 from fake_camera.faults import USB3
 from fake_camera.genicam_xml import genicam_xml, zipped
@@ -146,12 +146,7 @@ class UsbDevice:
 
     def _send(self, frame: ExposedFrame) -> None:
         frame = dataclasses.replace(frame, frame_id=frame.frame_id - 1)  # on USB they count from 0
-        features, byte_order, chunks = self._device.features, USB3_VISION.byte_order, b""
-        if self._xml is not None:
-            on = self._xml.chunks(frame)
-            chunks = b"" if on is None else tagged(frame, on, byte_order)
-        elif features.get("ChunkModeActive"):
-            chunks = chunk_bytes(frame, features.enabled_chunks(), byte_order)
+        chunks = sent_chunks(frame, self._device.features, self._xml, USB3_VISION.byte_order)
         self._stream.send(frame, chunks)
 
     def _identity(self) -> Identity:
