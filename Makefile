@@ -24,13 +24,13 @@ $(VENV)/demo.stamp: pyproject.toml $(NATIVE_SOURCES)
 	@./tools/apt-missing $(DEMO_PACKAGES) | xargs -r sh -c '$(APT) update && $(APT) install "$$@"' --
 	@[ -x $(PY) ] || /usr/bin/python3 -m venv --system-site-packages $(VENV)
 	@echo "installing Python packages into $(VENV) ..."
-	@$(PY) -m pip install --quiet --disable-pip-version-check --editable '.[sim,calibration,publish,record]'
+	@$(PY) -m pip install --quiet --disable-pip-version-check --editable '.[sim,calibration,publish,record,page]'
 	@touch $@
 
 $(VENV)/dev.stamp: $(VENV)/demo.stamp pyproject.toml
 	@./tools/apt-missing $(TEST_PACKAGES) | xargs -r sh -c '$(APT) update && $(APT) install "$$@"' --
 	@echo "installing the tools of the tests ..."
-	@$(PY) -m pip install --quiet --disable-pip-version-check --editable '.[sim,calibration,publish,record,dev]'
+	@$(PY) -m pip install --quiet --disable-pip-version-check --editable '.[sim,calibration,publish,record,page,experiments,dev]'
 	@touch $@
 
 setup: $(VENV)/dev.stamp ## make .venv with everything
