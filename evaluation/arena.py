@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import multiprocessing
-import signal
 from collections.abc import Generator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
+from functools import partial
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from evaluation.closed_loop import Entrant, Series, run
 from evaluation.plan import Split, Task
+from evaluation.pool import over_processes
 from evaluation.scores import Score
 
 
@@ -48,40 +46,8 @@ def run_task(task: Task, policies: Sequence[str]) -> list[Run]:
 
 
 def run_plan(tasks: Sequence[Task], policies: Sequence[str], jobs: int) -> Generator[tuple[Task, list[Run]]]:
-    """Run all tasks in `jobs` processes; yields each as it is done.
-
-    The processes are spawned, not forked, so that they share no state of OpenCV's; whoever stops iterating, by Ctrl-C
-    for one, ends them.
-    """
-    if jobs == 1:
-        threads = cv2.getNumThreads()
-        cv2.setNumThreads(1)
-        try:
-            for task in tasks:
-                yield task, run_task(task, policies)
-        finally:
-            cv2.setNumThreads(threads)
-        return
-    context = multiprocessing.get_context("spawn")
-    executor = ProcessPoolExecutor(jobs, mp_context=context, initializer=_start_worker)
-    before = set(multiprocessing.active_children())
-    try:
-        futures = {executor.submit(run_task, task, policies): task for task in tasks}
-        for future in as_completed(futures):
-            yield futures[future], future.result()
-    except BaseException:
-        executor.shutdown(wait=False, cancel_futures=True)
-        for child in set(multiprocessing.active_children()) - before:
-            child.terminate()
-        raise
-    finally:
-        executor.shutdown(wait=True, cancel_futures=True)
-
-
-def _start_worker() -> None:
-    # Ctrl-C reaches the whole group of processes: the parent alone decides.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    cv2.setNumThreads(1)
+    """Run all tasks in `jobs` processes; yields each as it is done."""
+    return over_processes(partial(run_task, policies=policies), tasks, jobs)
 
 
 def _run_of(task: Task, series: Series) -> Run:

@@ -1,0 +1,1 @@
+"""The papers' experiments, done again on the simulated rig: `autoexpose experiments`."""

@@ -1,0 +1,93 @@
+"""Results of jobs on disk, found again by what they were made from."""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import importlib.metadata
+import json
+from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from evaluation.experiments.experiment import Job, Plain
+
+_OURS = ("autoexpose_daemon", "calibration", "drivers", "evaluation", "fake_camera")
+_LIBRARIES = ("numpy", "opencv-python-headless", "numba", "evo")
+
+
+class ResultCache:
+    """One file for each job, named by a hash of its function, its arguments and all of our code that it can reach.
+
+    So a run that was stopped goes on where it was, and after a change of code only what that code touches is done anew.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+
+    def get(self, job: Job) -> tuple[Plain] | None:
+        """The result in a tuple, since it may be None; None when there is none."""
+        try:
+            return (json.loads(self._path(job).read_text(encoding="utf-8")),)
+        except (FileNotFoundError, ValueError):
+            return None
+
+    def put(self, job: Job, result: Plain) -> None:
+        """Keep a result; a reader sees all of it or nothing."""
+        path = self._path(job)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        unfinished = path.with_suffix(".part")
+        unfinished.write_text(json.dumps(result), encoding="utf-8")
+        unfinished.replace(path)
+
+    def _path(self, job: Job) -> Path:
+        parts = [job.measure.__module__, job.measure.__qualname__, job.arguments, _digest(job.measure.__module__)]
+        key = hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
+        return self._folder / key[:2] / f"{key}.json"
+
+
+@cache
+def _digest(module: str) -> str:
+    """Of the sources that a module reaches by imports, and the versions of the libraries that make numbers."""
+    reached: dict[str, Path] = {}
+    ahead = [module]
+    while ahead:
+        name = ahead.pop()
+        if name in reached or name.split(".")[0] not in _OURS or (path := _source(name)) is None:
+            continue
+        reached[name] = path
+        ahead += [".".join(name.split(".")[:depth]) for depth in range(1, name.count(".") + 1)]
+        ahead += _imports(path)
+    state = hashlib.sha256()
+    for name in sorted(reached):
+        state.update(name.encode() + b"\0" + reached[name].read_bytes() + b"\0")
+    for library in _LIBRARIES:
+        state.update(f"{library} {importlib.metadata.version(library)}".encode())
+    return state.hexdigest()
+
+
+def _source(module: str) -> Path | None:
+    """The file of a module; None for what is no module, such as a name imported from one."""
+    try:
+        spec = find_spec(module)
+    except ModuleNotFoundError:
+        return None
+    return Path(spec.origin) if spec and spec.origin and spec.origin.endswith(".py") else None
+
+
+def _imports(path: Path) -> list[str]:
+    names: list[str] = []
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        match node:
+            case ast.Import(names=aliases):
+                names += [alias.name for alias in aliases]
+            case ast.ImportFrom(module=str(module), names=aliases):
+                names += [module, *(f"{module}.{alias.name}" for alias in aliases)]
+    return names
+
+
+def plain(value: Any) -> Plain:
+    """A result as it will come back from disk, so that fresh and kept results are the same."""
+    kept: Plain = json.loads(json.dumps(value))
+    return kept

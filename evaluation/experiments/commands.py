@@ -1,0 +1,126 @@
+"""The command `autoexpose experiments`."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Table
+
+from drivers.errors import AutoexposeError, ConfigurationError
+from evaluation.experiments.cache import ResultCache
+from evaluation.experiments.experiment import Experiment, Job, Plain, Section
+from evaluation.experiments.registry import EXPERIMENTS
+from evaluation.experiments.report import Chapter, write_report
+from evaluation.experiments.run import run_jobs
+
+experiments_app = typer.Typer(add_completion=False, no_args_is_help=True)
+
+_Folder = Annotated[Path, typer.Option(help="Where report, figures and finished jobs go.")]
+_COLOURS = {"reproduced": "green", "reproduced under conditions": "yellow", "not reproduced": "red"}
+
+
+@experiments_app.callback()
+def experiments() -> None:
+    """The papers' experiments on the simulated rig: figures, numbers, and a verdict on each claim."""
+
+
+@experiments_app.command("list")
+def list_all() -> None:
+    """What there is to run."""
+    for experiment in EXPERIMENTS:
+        typer.echo(f"{experiment.name:12} {experiment.title}")
+
+
+@experiments_app.command()
+def run(
+    names: Annotated[list[str], typer.Argument(help="`all`, or names that `autoexpose experiments list` shows.")],
+    *,
+    quick: Annotated[bool, typer.Option("--quick", help="Few scenes and seeds: minutes.")] = False,
+    out: _Folder = Path("out/experiments"),
+    jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = len(os.sched_getaffinity(0)),
+) -> None:
+    """Run experiments and write `experiments.md` and `experiments.html`; what was finished before is not done again."""
+    chosen = _chosen(names)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigurationError(f"{out}: cannot be made a folder ({error.strerror}): choose another --out") from None
+    console = Console()
+    begun_s = time.monotonic()
+    work = {experiment.name: experiment.jobs(quick) for experiment in chosen}
+    results = _results([job for jobs_of_one in work.values() for job in jobs_of_one], out / "jobs", jobs, console)
+    chapters: list[Chapter] = []
+    for experiment in chosen:
+        mine = work[experiment.name]
+        measured, results = results[: len(mine)], results[len(mine) :]
+        pairs = [(job.arguments, result) for job, result in zip(mine, measured, strict=True)]
+        chapters.append((experiment, experiment.section(pairs, out)))
+    _show([section for _, section in chapters], console)
+    report = write_report(chapters, _preface(names, quick), out)
+    console.print(f"report: {report}, {report.with_suffix('.html').name} ({(time.monotonic() - begun_s) / 60:.1f} min)")
+
+
+def _chosen(names: Sequence[str]) -> list[Experiment]:
+    known = [experiment.name for experiment in EXPERIMENTS]
+    for name in names:
+        if name != "all" and name not in known:
+            raise ConfigurationError(f"there is no experiment {name!r}: choose all, or from {', '.join(known)}")
+    return [experiment for experiment in EXPERIMENTS if "all" in names or experiment.name in names]
+
+
+def _results(jobs: Sequence[Job], folder: Path, processes: int, console: Console) -> list[Plain]:
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.percentage:3.0f} %"),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(elapsed_when_finished=False),
+    )
+    try:
+        # Jobs take minutes, so the speed is estimated over all of the past.
+        with Progress(*columns, console=console, speed_estimate_period=7200.0) as progress:
+            bar = progress.add_task("experiments", total=sum(job.cost_s for job in jobs))
+
+            def advance(job: Job, took_s: float) -> None:
+                name = job.measure.__module__.rsplit(".", 1)[-1]
+                if took_s:
+                    progress.update(bar, advance=job.cost_s, description=name)
+                else:  # kept from earlier: says nothing about the speed
+                    total = progress.tasks[bar].total or 0.0
+                    progress.update(bar, total=total - job.cost_s, description=name)
+
+            return run_jobs(jobs, ResultCache(folder), processes, advance)
+    except KeyboardInterrupt:
+        raise AutoexposeError(
+            "experiments stopped before they were done: the same command goes on where they were"
+        ) from None
+
+
+def _preface(names: Sequence[str], quick: bool) -> str:
+    command = " ".join(["autoexpose experiments run", *names, *(["--quick"] if quick else [])])
+    return f"""\
+Made by `{command}`, in virtual time, from fixed seeds: the same code makes the same numbers. Cameras, room and light
+are the fake cameras' (docs/fake-camera.md), control is the daemon's own.
+
+B&H is Bégin and Hunter, "Auto-Exposure Algorithm for Enhanced Mobile Robot Localization in Challenging Light
+Conditions" (2022); MH is Majer et al., "Adaptive image processing methods for outdoor autonomous vehicles" (2018).
+Intervals in brackets are 95 % bootstrap intervals."""
+
+
+def _show(sections: Sequence[Section], console: Console) -> None:
+    table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False)
+    for head in ("the paper", "says", "we saw", "verdict"):
+        table.add_column(head)
+    for section in sections:
+        for claim in section.claims:
+            verdict = f"[{_COLOURS[claim.verdict]}]{claim.verdict}[/]"
+            table.add_row(claim.source, claim.claim, claim.ours, verdict)
+    console.print(table)

@@ -1,0 +1,126 @@
+"""What an experiment is: jobs that measure, and a section of the report that judges the papers' claims by them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import Any, TypeAlias
+
+Plain: TypeAlias = "bool | int | float | str | list[Any] | dict[str, Any] | None"
+"""What JSON holds; NaN included."""
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """One piece of work that is done in one process, and kept.
+
+    Attributes
+    ----------
+    measure
+        A function of a module; called with `arguments` by name. Its result must depend on nothing else.
+    arguments
+        Names, seeds and numbers.
+    cost_s
+        About how long it takes (s of one core): for the order of jobs, and the time left.
+    """
+
+    measure: Callable[..., Plain]
+    arguments: Mapping[str, Plain]
+    cost_s: float = 1.0
+
+
+class Verdict(StrEnum):
+    """What became of a claim."""
+
+    REPRODUCED = "reproduced"
+    CONDITIONALLY = "reproduced under conditions"
+    NOT_REPRODUCED = "not reproduced"
+
+
+@dataclass(frozen=True, slots=True)
+class Claim:
+    """A claim of a paper and what we saw.
+
+    Attributes
+    ----------
+    source
+        Where the paper says it: "B&H Fig. 10".
+    claim
+        What it says, with its numbers, in our words.
+    ours
+        Our numbers, with their spread or interval.
+    verdict
+        By a rule that the code fixes before it sees the numbers.
+    condition
+        Under which conditions it holds, or why not.
+    """
+
+    source: str
+    claim: str
+    ours: str
+    verdict: Verdict
+    condition: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A table of texts; the first column is left-aligned, all others are numbers."""
+
+    caption: str
+    heads: Sequence[str]
+    rows: Sequence[Sequence[str]]
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """A PNG in the report's folder."""
+
+    file: str
+    caption: str
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """An experiment's part of the report.
+
+    Attributes
+    ----------
+    setting
+        How it was measured, and where that differs from the paper: short paragraphs.
+    claims
+        The paper's, each with its verdict.
+    parts
+        Paragraphs, tables and figures, in their order.
+    """
+
+    setting: str
+    claims: Sequence[Claim]
+    parts: Sequence[str | Table | Figure]
+
+
+Results: TypeAlias = "Sequence[tuple[Mapping[str, Plain], Any]]"
+"""Arguments and result of each job, in the order of the jobs."""
+
+
+@dataclass(frozen=True, slots=True)
+class Experiment:
+    """One of the papers' experiments.
+
+    Attributes
+    ----------
+    name
+        As in `autoexpose experiments run fig1`.
+    title
+        One line.
+    jobs
+        The jobs of a quick run (True: minutes in all, for CI) or of the full one.
+    section
+        Judges the results; draws its figures into the folder that it is given.
+    """
+
+    name: str
+    title: str
+    jobs: Callable[[bool], list[Job]]
+    section: Callable[[Results, Path], Section]

@@ -1,0 +1,53 @@
+"""Work over processes, in whatever order it is done."""
+
+from __future__ import annotations
+
+import multiprocessing
+import signal
+from collections.abc import Callable, Generator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from typing import TypeVar
+
+import cv2
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+
+def over_processes(
+    work: Callable[[Item], Result], items: Sequence[Item], processes: int
+) -> Generator[tuple[Item, Result]]:
+    """Do `work`, which pickles, on every item; yields each as it is done.
+
+    The processes are spawned, not forked, so that they share no state of OpenCV's; whoever stops iterating, by Ctrl-C
+    for one, ends them. OpenCV has one thread in each.
+    """
+    if processes == 1:
+        threads = cv2.getNumThreads()
+        cv2.setNumThreads(1)
+        try:
+            for item in items:
+                yield item, work(item)
+        finally:
+            cv2.setNumThreads(threads)
+        return
+    context = multiprocessing.get_context("spawn")
+    executor = ProcessPoolExecutor(processes, mp_context=context, initializer=_start_worker)
+    before = set(multiprocessing.active_children())
+    try:
+        futures = {executor.submit(work, item): item for item in items}
+        for future in as_completed(futures):
+            yield futures[future], future.result()
+    except BaseException:
+        executor.shutdown(wait=False, cancel_futures=True)
+        for child in set(multiprocessing.active_children()) - before:
+            child.terminate()
+        raise
+    finally:
+        executor.shutdown(wait=True, cancel_futures=True)
+
+
+def _start_worker() -> None:
+    # Ctrl-C reaches the whole group of processes: the parent alone decides.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    cv2.setNumThreads(1)

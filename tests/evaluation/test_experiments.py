@@ -1,0 +1,121 @@
+"""The machinery of experiments: results are kept, judged, and reported."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from evaluation.experiments import cache
+from evaluation.experiments.cache import ResultCache
+from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, Plain, Section, Table, Verdict
+from evaluation.experiments.report import write_report
+from evaluation.experiments.run import run_jobs
+from evaluation.experiments.statistics import mean_interval, pearson, spearman
+
+CALLS: list[int] = []
+
+
+def square(number: int) -> Plain:
+    CALLS.append(number)
+    return {"square": number**2, "nothing": math.nan}
+
+
+def fails(number: int) -> Plain:
+    raise ValueError(f"{number} cannot be")
+
+
+def test_results_are_kept_and_come_in_the_order_of_their_jobs(tmp_path: Path) -> None:
+    CALLS.clear()
+    jobs = [Job(square, {"number": n}, cost_s=n) for n in (2, 5, 3)]
+    told: list[tuple[int, bool]] = []
+
+    def advance(job: Job, took_s: float) -> None:
+        told.append((jobs.index(job), took_s > 0))
+
+    first = run_jobs(jobs, ResultCache(tmp_path), 1, advance)
+    assert CALLS == [5, 3, 2]  # the long ones first
+    again = run_jobs(jobs, ResultCache(tmp_path), 1, advance)
+    assert CALLS == [5, 3, 2]
+    assert [r["square"] for r in first if isinstance(r, dict)] == [4, 25, 9]
+    assert repr(first) == repr(again)
+    assert told == [(1, True), (2, True), (0, True), (0, False), (1, False), (2, False)]
+
+
+def test_a_run_that_failed_goes_on_where_it_was(tmp_path: Path) -> None:
+    CALLS.clear()
+    kept = ResultCache(tmp_path)
+    with pytest.raises(ValueError, match="1 cannot be"):
+        run_jobs([Job(square, {"number": 7}, 2.0), Job(fails, {"number": 1})], kept, 1, lambda _job, _took: None)
+    run_jobs([Job(square, {"number": 7}, 2.0)], kept, 1, lambda _job, _took: None)
+    assert CALLS == [7]
+
+
+def test_a_result_is_done_anew_when_code_that_it_reaches_changes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kept, job = ResultCache(tmp_path), Job(square, {"number": 2})
+    kept.put(job, 4)
+    assert kept.get(job) == (4,)
+    assert kept.get(Job(square, {"number": 3})) is None
+    monkeypatch.setattr(cache, "_digest", lambda module: "changed")
+    assert kept.get(job) is None
+
+
+def test_code_is_reached_through_imports() -> None:
+    """A change of the renderer touches what is measured in the room, and not what computes statistics."""
+    sources = {module: cache._digest(module) for module in ("evaluation.closed_loop", "evaluation.scores")}
+    assert len(set(sources.values())) == 2
+    assert "evaluation.scores" in cache._imports(Path("evaluation/closed_loop.py"))
+
+
+def test_a_damaged_file_counts_as_none(tmp_path: Path) -> None:
+    kept, job = ResultCache(tmp_path), Job(square, {"number": 2})
+    kept.put(job, 4)
+    (file,) = tmp_path.rglob("*.json")
+    file.write_text('{"square"')
+    assert kept.get(job) is None
+
+
+def test_intervals_cover_what_they_estimate() -> None:
+    rng = np.random.default_rng(1)
+    inside = 0
+    for seed in range(40):
+        interval = mean_interval(rng.normal(2.0, 1.0, 30), seed)
+        inside += interval.low <= 2.0 <= interval.high
+    assert inside >= 34
+    assert mean_interval([1.0, 1.0, 1.0]).text(".1f", "mm") == "1.0 mm [1.0, 1.0]"
+
+
+def test_correlations_are_those_of_definition() -> None:
+    x = np.array([1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0])
+    assert spearman(x, np.exp(x)).value == pytest.approx(1.0)
+    assert pearson(x, np.exp(x)).value == pytest.approx(np.corrcoef(x, np.exp(x))[0, 1])
+    noisy = spearman(x, -x + np.array([0.0, 2.5, 0.0, 0.0, -2.5, 0.0, 0.0, 0.0]))
+    assert noisy.low <= noisy.value < 0 and noisy.low >= -1.0
+
+
+def _jobs(_quick: bool) -> list[Job]:
+    return []
+
+
+def _section(_results: list[tuple[Mapping[str, Plain], Plain]], _folder: Path) -> Section:
+    raise NotImplementedError
+
+
+def test_the_report_says_the_verdicts_first_in_both_forms(tmp_path: Path) -> None:
+    claim = Claim("B&H Fig. 0", "a < b", "1 < 2", Verdict.CONDITIONALLY, "only here")
+    section = Section(
+        "As in the paper, but for `x`.", [claim], ["Plain & simple.", Table("Numbers", ["a", "b"], [["1", "2"]]),
+        Figure("fig0.png", "The figure")]
+    )  # fmt: skip
+    path = write_report([(Experiment("fig0", "Title", _jobs, _section), section)], "Preface.", tmp_path)
+    text, page = path.read_text(), path.with_suffix(".html").read_text()
+    assert text.index("## Verdicts") < text.index("## fig0: Title")
+    assert "| `fig0` | B&H Fig. 0 | a < b | 1 < 2 | **reproduced under conditions**: only here |" in text
+    assert "| a | b |\n|---|---:|\n| 1 | 2 |" in text and "![The figure](fig0.png)" in text
+    assert "a &lt; b" in page and '<b class="conditions">' in page and "<code>x</code>" in page
+    assert "Plain &amp; simple." in page
