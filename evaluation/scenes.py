@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 
 import cv2
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 from evaluation.stills import PAINTERS, leaves
 from fake_camera.panorama import load_radiance
 from fake_camera.path import CameraPath
-from fake_camera.render import Pinhole, Renderer, Surface
+from fake_camera.render import Pinhole, Renderer
 from fake_camera.room import furnished_room
 from fake_camera.simulation import RoomView, Scene, Side
 
@@ -130,7 +129,7 @@ def build_views(scene: str, seed: int, gaze: Gaze, at_window: bool) -> dict[Side
         place = NEAR_WINDOW_M if at_window else (0.3 * math.cos(bearing), 0.2 * math.sin(bearing))
         heading = WINDOW_HEADING_RAD if at_window else turn * math.pi
         path = GazePath(gaze=gaze, place_m=place, heading_rad=heading)
-        return {side: RoomView(Renderer(_room(seed), CAMERA), path, side) for side in ("left", "right")}
+        return {side: RoomView(Renderer(furnished_room(seed), CAMERA), path, side) for side in ("left", "right")}
     interior, outdoors = _still(scene, seed, at_window)
     start = 0.0 if at_window else 0.35 * turn
 
@@ -138,11 +137,6 @@ def build_views(scene: str, seed: int, gaze: Gaze, at_window: bool) -> dict[Side
         return start + gaze(time_s)
 
     return {side: StillView(interior, outdoors, turned, side) for side in ("left", "right")}
-
-
-@lru_cache(maxsize=1)
-def _room(seed: int) -> list[Surface]:
-    return furnished_room(seed)
 
 
 def _still(scene: str, seed: int, at_window: bool) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:

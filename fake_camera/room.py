@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -31,7 +32,8 @@ WALL_TEXELS_PER_M = 410.0
 _UP = np.array([0.0, 0.0, 1.0])
 
 
-def furnished_room(seed: int) -> list[Surface]:
+@lru_cache(maxsize=1)
+def furnished_room(seed: int) -> tuple[Surface, ...]:
     """The surfaces of a room; the seed decides all targets, paints, stains and the places of the furniture.
 
     Furniture leaves the middle free: at least 0.2 m around the camera's path.
@@ -45,11 +47,11 @@ def furnished_room(seed: int) -> list[Surface]:
     window = _upright(
         np.array([rng.uniform(-0.6, 0.2), -WIDTH_M / 2 + 0.01]), -90.0, 1.3, (0.45, 1.45), window_view(rng, 360, 468)
     )
-    return [
+    return (
         *lit,
         *(replace(side, pattern=side.pattern * np.float32(LAMP_RADIANCE)) for side in lamp),
         replace(window, pattern=window.pattern * np.float32(WINDOW_RADIANCE), follows_light=False),
-    ]
+    )
 
 
 def _upright(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import multiprocessing
 import os
 import random
 import shutil
@@ -14,12 +15,19 @@ import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from fake_camera.__main__ import main
 from fake_camera.usb3.run import CAMERAS_VARIABLE, ShimError, client_environment
+
+# Each fake camera is forked from a process in which the second of imports and of painting a room is already over.
+NURSERY = multiprocessing.get_context("forkserver")
+NURSERY.set_forkserver_preload(["pytest", "tests.nursery"])
 
 STOP_TIMEOUT_S = 10.0
 CONTROL_TIMEOUT_S = 5.0
@@ -47,7 +55,7 @@ class FakeCamera:
     address: str
     line0: str
     control: Path
-    process: subprocess.Popen[str]
+    process: BaseProcess
     socket: Path | None = None
 
     def inject(self, fault: str, after_trigger: int | None = None, count: int | None = 1) -> int:
@@ -67,7 +75,7 @@ class FakeCamera:
     def kill(self) -> None:
         """Pull the plug: the process ends without a word on the wire."""
         self.process.kill()
-        self.process.wait()
+        self.process.join()
 
 
 @contextlib.contextmanager
@@ -79,7 +87,7 @@ def fake_camera(
     line0: str | None = None,
     options: Sequence[str] = (),
 ) -> Iterator[FakeCamera]:
-    """Run ``python -m fake_camera`` until the block ends; it answers on the wire when the block begins.
+    """Run a fake camera in a process of its own until the block ends; it answers on the wire when the block begins.
 
     Serial, address and the wire's name are made up when not given. `options` are further command line options.
     """
@@ -134,21 +142,29 @@ def _running(serial: str | None, side: str, line0: str | None, options: Sequence
     line0 = line0 or unique("wire")
     with tempfile.TemporaryDirectory() as directory:
         control = Path(directory) / "control"
-        command = [sys.executable, "-m", "fake_camera", "--serial", serial, "--side", side]
-        command += ["--line0", line0, "--control", str(control), *options]
-        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        arguments = ["--serial", serial, "--side", side, "--line0", line0, "--control", str(control), *options]
+        reader, writer = NURSERY.Pipe(duplex=False)
+        process = NURSERY.Process(target=_be_a_camera, args=(arguments, writer))
+        process.start()
+        writer.close()
+        with reader, open(reader.fileno(), closefd=False) as output:
             try:
-                assert process.stdout is not None
-                ready = process.stdout.readline()
-                assert serial in ready, f"no ready line from {' '.join(command)}: {ready!r}"
+                ready = output.readline()
+                assert serial in ready, f"no ready line from a fake camera with {' '.join(arguments)}: {ready!r}"
                 yield FakeCamera(serial, "", line0, control, process)
             finally:
                 process.terminate()
-                try:
-                    process.wait(STOP_TIMEOUT_S)
-                except subprocess.TimeoutExpired:
-                    process.kill()
-                    raise
+                process.join(STOP_TIMEOUT_S)
+                stopped = process.exitcode is not None
+                process.kill()
+                process.join()
+                assert stopped, f"a fake camera with {' '.join(arguments)} did not stop within {STOP_TIMEOUT_S:g} s"
+
+
+def _be_a_camera(arguments: list[str], output: Connection) -> None:
+    """What ``python -m fake_camera`` does, with `output` for its standard output."""
+    os.dup2(output.fileno(), 1)
+    sys.exit(main(arguments))
 
 
 @contextlib.contextmanager
