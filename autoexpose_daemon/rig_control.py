@@ -9,9 +9,11 @@ import logging
 import time
 from collections.abc import Callable, Sequence
 
+from autoexpose_daemon.complaints import Complaints
 from autoexpose_daemon.config import Config
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlLoop
+from autoexpose_daemon.frame_watch import FrameWatch
 from autoexpose_daemon.observer import Observer, Outlet
 from autoexpose_daemon.response_drift import ResponseDrift
 from autoexpose_daemon.telemetry import GONE, Telemetry
@@ -66,7 +68,8 @@ class RigControl:
         *,
         now_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
-        self.telemetry = Telemetry()
+        self._complaints = Complaints()
+        self.telemetry = Telemetry(complaints=self._complaints.present)
         self.outlets: list[Outlet] = []
         """Told of every pair, as the observer is."""
         self._config = config
@@ -85,6 +88,7 @@ class RigControl:
         )
         lines = dict.fromkeys(config.triggered_sides, config.trigger.line)
         self._start_check = StartCheck(lines, config.trigger.rate_hz)
+        self._frame_watch = FrameWatch(self.telemetry, self._complaints, config.trigger.rate_hz, lines)
         self._limits: dict[Side, ExposureLimits] = {}
         self._pixel_formats: dict[Side, str | None] = {}
         self._shared_limits: ExposureLimits | None = None
@@ -92,9 +96,7 @@ class RigControl:
         self._asked_arrival_ns: int | None = None
         self._ledger = WriteLedger(tuple(config.sides))
         self._last_trigger = -1
-        self._off_rate = False
         self._write_again = False
-        self._complaints: set[tuple[Side, str]] = set()
 
     @property
     def tally(self) -> Tally:
@@ -161,6 +163,7 @@ class RigControl:
             case FrameArrived(side, Frame() as frame):
                 self.telemetry.last_frame_ns[side] = frame.arrival_time_ns
                 self._start_check.frame(side, frame.host_time_ns)
+                self._frame_watch.frame(side, frame)
                 return self._account.frame(side, frame)
             case CameraSilent(side):
                 log.warning("%s camera: no frames; asking whether it is there", side)
@@ -175,14 +178,15 @@ class RigControl:
             case WriteFailed(side, asked, error):
                 self.telemetry.refused_writes += 1
                 self._write_again = True
-                self._complain(side, "refused", f"{asked} was refused: {error}")
+                self._frame_watch.refused(side)
+                self._complaints.begin(side, "refused", f"{asked} was refused: {error}")
         return []
 
     def _on_ready(self, event: CameraReady) -> None:
         side, camera = event.side, event.description
         if side in self._limits:
             self.telemetry.reconnects += 1
-        self._complaints.discard((side, "gone"))
+        self._complaints.end(side, GONE)
         log.info("%s camera: %s %s %s, ready", side, camera.vendor, camera.model, camera.serial)
         for lack in camera.lacks:
             log.warning("%s camera %s: %s", side, camera.serial, lack)
@@ -190,6 +194,7 @@ class RigControl:
         self._limits[side] = event.limits
         self._pixel_formats[side] = camera.pixel_format
         self._start_check.ready(side, self._now_ns())
+        self._account.ready(side, self._now_ns())
         limits = self._tuning.limits(self._limits.values())
         if limits != self._shared_limits:
             self._install(self._tuning.loop(limits), limits)
@@ -204,11 +209,14 @@ class RigControl:
         self._loop, self._shared_limits = loop, limits
 
     def _on_gone(self, side: Side, error: AutoexposeError, final: bool) -> None:
+        if self.telemetry.cameras.get(side) != GONE:
+            self._complaints.end_all(side)
         self.telemetry.cameras[side] = GONE
         self._ledger.gone(side)
+        self._frame_watch.gone(side)
         if final:
             raise error
-        self._complain(side, "gone", f"{error}; trying again")
+        self._complaints.change(side, GONE, f"{error}; trying again")
 
     def _on_written(self, event: Written) -> None:
         self._ledger.written(event, self._account.grid)
@@ -216,17 +224,14 @@ class RigControl:
         self.telemetry.write_ms.add_ns(event.finished_ns - event.started_ns)
         if event.asked is self._asked and self._asked_arrival_ns is not None:
             self.telemetry.frame_to_node_ms.add_ns(event.finished_ns - self._asked_arrival_ns)
-        self._complaints.discard((event.side, "refused"))
+        self._frame_watch.written(event.side, event.read_back, event.finished_ns)
+        self._complaints.end(event.side, "refused")
         if event.read_back.agrees_with(event.asked):
-            self._complaints.discard((event.side, "clipped"))
+            self._complaints.end(event.side, "clipped")
         else:
-            self._complain(event.side, "clipped", f"{event.asked} was asked for, the camera took {event.read_back}")
-
-    def _complain(self, side: Side, kind: str, complaint: str) -> None:
-        """Say a thing when it begins, not at every repetition."""
-        if (side, kind) not in self._complaints:
-            self._complaints.add((side, kind))
-            log.warning("%s camera: %s", side, complaint)
+            self.telemetry.clipped_writes += 1
+            taken = f"{event.asked} was asked for, the camera took {event.read_back}"
+            self._complaints.begin(event.side, "clipped", taken)
 
     def _step(self, pair: StereoPair) -> None:
         if self._loop is None:
@@ -260,12 +265,7 @@ class RigControl:
         return now_ns if grid is None else when_to_write_ns(grid, now_ns)
 
     def _publish_tally(self) -> None:
-        tally, grid = self._account.tally, self._account.grid
-        if grid is not None and grid.off_rate and not self._off_rate:
-            log.warning(
-                "frames do not come at trigger.rate_hz %g: check the wiring, or mend it", self._config.trigger.rate_hz
-            )
-        self._off_rate = grid is not None and grid.off_rate
+        tally = self._account.tally
         self.telemetry.pairs = tally.pairs
         self.telemetry.lost = dict(tally.lost)
         self.telemetry.surplus_frames = tally.surplus_frames

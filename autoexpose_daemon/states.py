@@ -66,8 +66,9 @@ def _shortcomings(telemetry: Telemetry, expected: Expectation, now_ns: int) -> I
     gone = [side for side, camera in cameras.items() if camera == GONE]
     present = [side for side in cameras if side not in gone]
     silent = [side for side in present if _silent(telemetry.last_frame_ns.get(side), expected, now_ns)]
+    complaints = telemetry.complaints.copy()  # the control thread changes it
     for side in gone:
-        yield f"{side} camera gone"
+        yield f"{side} camera gone" + (f": {complaints[side, GONE]}" if (side, GONE) in complaints else "")
     if silent and silent == present:
         yield "no triggers" if expected.triggered else "no frames"
     else:
@@ -76,6 +77,9 @@ def _shortcomings(telemetry: Telemetry, expected: Expectation, now_ns: int) -> I
     # Twice as patient: when a trigger stops, one camera's last frame may be a little later than the last pair.
     if not gone and not silent and _silent(telemetry.last_pair_ns, expected, now_ns - round(expected.silence_ns)):
         yield "frames make no stereo pairs"
+    for (side, kind), complaint in complaints.items():
+        if kind != GONE:
+            yield f"{side} camera: {complaint}"
     for side, misfit in list(telemetry.misfits.items()):  # the control thread adds to it
         yield f"calibration of the {side} camera does not fit: {misfit}"
     if telemetry.publishing is not None and telemetry.publishing.trouble:
