@@ -17,10 +17,10 @@ import pytest
 from autoexpose_daemon.cameras import openers
 from autoexpose_daemon.config import Config
 from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.daemon import Daemon
 from autoexpose_daemon.demo.fakes import read_pulses
 from autoexpose_daemon.demo.report import pulses_in_window
 from autoexpose_daemon.outlets import add_outlets
-from autoexpose_daemon.runtime import Daemon
 from drivers.frames import StereoPair
 from fake_camera.usb3.run import CAMERAS_VARIABLE
 from tests.fakes import FakeCamera, camera_on_this_bus, fake_camera, unique

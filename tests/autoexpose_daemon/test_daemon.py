@@ -10,7 +10,7 @@ import pytest
 
 from autoexpose_daemon.cameras import openers
 from autoexpose_daemon.config import Config
-from autoexpose_daemon.runtime import Daemon
+from autoexpose_daemon.daemon import Daemon
 from drivers.account import LossReason
 from tests.autoexpose_daemon.stereo import (
     JOIN_WARNING,
