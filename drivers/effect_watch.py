@@ -31,7 +31,7 @@ class EffectWatch:
     Attributes
     ----------
     astray_frames
-        Frames that were taken with a setting that was written at no time within the last half second.
+        Frames, twenty or more in a row, taken with a setting that was not written within the last half second.
     """
 
     def __init__(self) -> None:
@@ -55,9 +55,11 @@ class EffectWatch:
         if any(frame.setting.agrees_with(setting) for _, setting in reversed(writes)):
             camera.astray, camera.trouble = 0, None
             return None
-        self.astray_frames += 1
         camera.astray += 1
-        if camera.astray == ASTRAY_FRAMES:
+        if camera.astray > ASTRAY_FRAMES:
+            self.astray_frames += 1
+        elif camera.astray == ASTRAY_FRAMES:
+            self.astray_frames += ASTRAY_FRAMES
             camera.trouble = (
                 f"its frames do not follow what is written: {writes[-1][1]} stands in its nodes, "
                 f"frames are taken with {frame.setting}; switch the camera off and on"

@@ -132,6 +132,18 @@ def test_frame_truncated(run: Run) -> None:
     assert new["incomplete"] == pytest.approx(40, abs=NOISE)
 
 
+@pytest.mark.skipif(not ON_USB, reason="of USB endpoints")
+def test_transfer_stalled(run: Run, caplog: pytest.LogCaptureFixture) -> None:
+    """Aravis 0.8.26 never clears the halt, and needs half a processor not to: what a busy rig loses does not matter."""
+    with only(run, "camera_gone", "trigger_ignored", "reconnects", *BUSY) as new:
+        run.left.inject("stall")
+        wait_for_state(run, "degraded: no frames of the left camera")
+        run.wait_until(lambda: counts(run)["reconnects"] > 0, "the camera opened anew")
+        told = f"left camera: camera {run.left.serial} sends no frames while the other one does; it is opened anew"
+        assert told in caplog.text
+    assert new["reconnects"] == 1
+
+
 def test_chunk_missing(run: Run) -> None:
     with only(run, "frames that did not say how they were taken", "incomplete") as new:
         run.left.inject("no_chunks", count=40)
@@ -233,6 +245,7 @@ def test_images_without_anything_in_them(run: Run, fault: str) -> None:
 def test_replaced_by_another_serial(run: Run) -> None:
     """The last one: the configured camera stays away."""
     run.left.kill()
+    reconnects = run.daemon.telemetry.reconnects
     truth = run.truths[0].with_name("other.jsonl")
     with START_CAMERA(line0=run.left.line0, options=["--truth", str(truth)]) as other:
         run.truths.append(truth)
@@ -242,4 +255,4 @@ def test_replaced_by_another_serial(run: Run) -> None:
         wait_for_state(run, other.serial)
         alone = len(run.seen)
         run.wait_until(lambda: len(run.seen) > alone + 30, "the other camera's frames going on")
-        assert run.daemon.telemetry.reconnects == 0
+        assert run.daemon.telemetry.reconnects == reconnects
