@@ -23,8 +23,8 @@ from drivers.errors import AutoexposeError, ConfigurationError
 from drivers.exposure import ExposureSetting
 
 if TYPE_CHECKING:
+    from autoexpose_daemon.daemon import Daemon
     from autoexpose_daemon.recording.recorder import Recorder
-    from autoexpose_daemon.runtime import Daemon
 
 app = typer.Typer(
     name="autoexpose",
@@ -100,9 +100,9 @@ def _explaining(notifier: Notifier) -> Iterator[None]:
 def run_daemon(file: Path, notifier: Notifier, recorder: Recorder | None = None) -> None:
     """Run the daemon with the live view, until SIGTERM or SIGINT."""
     from autoexpose_daemon.cameras import openers  # noqa: PLC0415  Aravis loads only where cameras are opened
+    from autoexpose_daemon.daemon import Daemon  # noqa: PLC0415
     from autoexpose_daemon.last_exposure import LastExposure  # noqa: PLC0415
     from autoexpose_daemon.outlets import add_outlets  # noqa: PLC0415
-    from autoexpose_daemon.runtime import Daemon  # noqa: PLC0415
     from autoexpose_daemon.service import Service, run_until_stopped  # noqa: PLC0415
 
     stop, reload = threading.Event(), threading.Event()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 
-from autoexpose_daemon.runtime import Daemon
+from autoexpose_daemon.daemon import Daemon
 
 
 class ControlThread:

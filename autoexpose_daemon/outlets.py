@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Self
 
 from autoexpose_daemon.config import Config
 from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.daemon import Daemon
 from autoexpose_daemon.publish.tally import PublishTally
-from autoexpose_daemon.runtime import Daemon
 from drivers.frames import StereoPair
 
 if TYPE_CHECKING:

@@ -12,9 +12,9 @@ from rich.console import Console
 
 from autoexpose_daemon.config import Config
 from autoexpose_daemon.control_thread import ControlThread
+from autoexpose_daemon.daemon import Daemon
 from autoexpose_daemon.last_exposure import LastExposure
 from autoexpose_daemon.notify import Notifier
-from autoexpose_daemon.runtime import Daemon
 from autoexpose_daemon.states import State
 from autoexpose_daemon.tuning import Tuning
 from autoexpose_daemon.view import Show, display, set_up_logging

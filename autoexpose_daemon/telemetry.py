@@ -50,6 +50,16 @@ class Telemetry:
         When each camera's newest whole frame, and the newest complete pair, arrived (CLOCK_MONOTONIC).
     undecided_pairs
         Pairs that were passed on, but not decided on: a newer one was there before control got to them.
+    clipped_writes
+        Writes of which a camera took something else.
+    astray_frames
+        Frames that were taken with a setting that was not written; see `EffectWatch`.
+    untold_frames
+        Frames that did not say how they were taken, though the camera's frames did before.
+    clock_jumps
+        How often the clock of a camera jumped.
+    complaints
+        What is wrong with the cameras at present, in words, by camera and kind.
     misfits
         For each side whose calibration does not fit, why, in words.
     publishing
@@ -64,10 +74,15 @@ class Telemetry:
     unexplained_mismatches: int = 0
     late_writes: int = 0
     refused_writes: int = 0
+    clipped_writes: int = 0
+    astray_frames: int = 0
+    untold_frames: int = 0
+    clock_jumps: int = 0
     reconnects: int = 0
     cameras: dict[Side, str] = field(default_factory=dict)
     last_frame_ns: dict[Side, int] = field(default_factory=dict)
     last_pair_ns: int | None = None
+    complaints: dict[tuple[Side, str], str] = field(default_factory=dict)
     misfits: dict[Side, str] = field(default_factory=dict)
     applied: ExposureSetting | None = None
     decision: Decision | None = None
@@ -94,6 +109,10 @@ class Telemetry:
             "mismatches without a late write": self.unexplained_mismatches,
             "late writes": self.late_writes,
             "refused writes": self.refused_writes,
+            "clipped writes": self.clipped_writes,
+            "frames not as written": self.astray_frames,
+            "frames that did not say how they were taken": self.untold_frames,
+            "jumps of a camera's clock": self.clock_jumps,
             "reconnects": self.reconnects,
             "surplus frames": self.surplus_frames,
         }

@@ -6,8 +6,8 @@ import logging
 import time
 
 from autoexpose_daemon.config import Config
+from autoexpose_daemon.daemon import Daemon
 from autoexpose_daemon.notify import Notifier
-from autoexpose_daemon.runtime import Daemon
 from autoexpose_daemon.states import Expectation, Health, State, judge
 
 log = logging.getLogger(__name__)

@@ -65,6 +65,12 @@ _SILENCE_PERIODS = 30
 _HOLD_PERIODS = 8
 """A frame waits this long for a partner that is silent or coming back; it is handed out alone meanwhile."""
 
+_NEXT_PERIODS = 0.75
+"""Sooner after a frame on the grid there is no trigger: a frame between two could be paired with another instant's."""
+
+_SURPLUS = -1
+"""Instead of a trigger's number."""
+
 _PATIENCE_PERIODS = 600
 """Triggers are kept open this long for a camera that answers but sends no frames; bounds the memory they take."""
 
@@ -78,6 +84,7 @@ class _Track:
     gap_fate: _Fate = _Fate.STARTUP  # what happened to triggers before the first frame of the next session
     frame_id: int = 0
     trigger: int = -1  # of the newest frame in this session
+    ready_ns: int | None = None  # since when it waits for its first frame; None: it is not open, or has had it
     settled: int = 0  # every trigger below this number has an outcome at this camera
     alone: int = -1  # the newest trigger whose frame was handed out alone
 
@@ -130,6 +137,7 @@ class TriggerAccount:
         self._numbered_by = numbered_by
         self._tracks: dict[Side, _Track] = {side: _Track() for side in sides}
         self._open: dict[int, dict[Side, _Outcome]] = {}
+        self._on_grid_ns = 0  # the newest frame that a trigger made
 
     def frame(self, side: Side, frame: Frame) -> list[StereoPair]:
         """Account for a frame; returns what is ready for control, oldest first.
@@ -147,6 +155,10 @@ class TriggerAccount:
         """Account for a frame that nobody had time for."""
         return self._arrival(side, frame.frame_id, frame.host_time_ns, _Fate.STALE)
 
+    def ready(self, side: Side, now_ns: int) -> None:
+        """The camera is open and takes triggers from now on."""
+        self._tracks[side].ready_ns = now_ns
+
     def silent(self, side: Side) -> list[StereoPair]:
         """The camera sends nothing, perhaps for good: stop waiting for it."""
         self._tracks[side].silent = True
@@ -157,11 +169,14 @@ class TriggerAccount:
         track = self._tracks[side]
         track.streaming = False
         track.silent = True
+        track.ready_ns = None
         track.gap_fate = _Fate.GONE
         return self._release_lone() + self._resolve()
 
     def close(self, now_ns: int) -> None:
         """Account for the triggers up to now that will never make a pair."""
+        if self.grid is None and all(self._waits_in_vain(track, now_ns) for track in self._tracks.values()):
+            return  # there never was a trigger
         if self.grid is None:  # no frame ever told the phase, but n whole periods hold n triggers whatever it is
             triggers = int((now_ns - self._opened_ns) // self._period_ns)
             self._open_grid(self._opened_ns + round(self._period_ns / 2), 0)
@@ -175,14 +190,15 @@ class TriggerAccount:
             last = max(track.trigger for track in tracks)
         self.tally.window_end_ns = round(self.grid.time_of(last) + self.grid.period_ns / 2)
         for side, track in self._tracks.items():
-            self._settle(side, last + 1, self._closing_fate(track, still))
+            if track.streaming:
+                self._settle(side, last + 1, _Fate.MISSING if track.silent and not still else _Fate.SHUTDOWN)
+            else:
+                self._settle_unseen(side, last + 1, last)
         self._resolve()
 
-    @staticmethod
-    def _closing_fate(track: _Track, still: bool) -> _Fate:
-        if not track.streaming:
-            return track.gap_fate
-        return _Fate.MISSING if track.silent and not still else _Fate.SHUTDOWN
+    def _waits_in_vain(self, track: _Track, now_ns: int) -> bool:
+        """Whether a camera has taken triggers for so long without a first frame that there were none."""
+        return track.ready_ns is not None and now_ns - track.ready_ns >= _SILENCE_PERIODS * self._period_ns
 
     def _arrival(self, side: Side, frame_id: int, time_ns: int | None, outcome: _Outcome) -> list[StereoPair]:
         track = self._tracks[side]
@@ -196,14 +212,16 @@ class TriggerAccount:
         self._explain_gap(side, track, trigger, frame_id)
         self._settle(side, trigger + 1, outcome)
         track.streaming, track.silent, track.frame_id, track.trigger = True, False, frame_id, trigger
+        track.ready_ns = None
         if self.grid is not None and time_ns is not None:
             self.grid.observe(trigger, time_ns)
         for other_side, other in self._tracks.items():
-            if not other.streaming and other.gap_fate is _Fate.GONE:
+            if not other.streaming and other.gap_fate is _Fate.GONE and other.ready_ns is None:
                 self._settle(other_side, trigger - _HOLD_PERIODS, _Fate.GONE)
+            elif not other.streaming:
+                self._settle_unseen(other_side, trigger - _PATIENCE_PERIODS, trigger)
             elif other is not track:
-                overdue = _Fate.SILENT if other.streaming else other.gap_fate
-                self._settle(other_side, trigger - _PATIENCE_PERIODS, overdue)
+                self._settle(other_side, trigger - _PATIENCE_PERIODS, _Fate.SILENT)
         return self._resolve() + self._release_lone()
 
     def _number(self, track: _Track, frame_id: int, time_ns: int | None) -> int | None:
@@ -214,6 +232,11 @@ class TriggerAccount:
             return None
         if self.grid is None:
             return self._open_grid(time_ns, max(int((time_ns - self._opened_ns) // self._period_ns), 0))
+        if self.grid.off_phase(time_ns):
+            if time_ns - self._on_grid_ns < _NEXT_PERIODS * self.grid.period_ns:
+                return _SURPLUS
+            self.grid.restart(time_ns)  # the trigger stood still, and goes on
+        self._on_grid_ns = max(self._on_grid_ns, time_ns)
         return self.grid.locate(time_ns)
 
     def _open_grid(self, time_ns: int, trigger: int) -> int:
@@ -224,12 +247,22 @@ class TriggerAccount:
     def _explain_gap(self, side: Side, track: _Track, trigger: int, frame_id: int) -> None:
         """Give every trigger between the camera's last frame and this one its fate."""
         if not track.streaming:
-            self._settle(side, trigger, track.gap_fate)
+            self._settle_unseen(side, trigger, trigger)
             return
         missing = max(frame_id - track.frame_id - 1, 0)
         self._settle(side, min(track.settled + missing, trigger), _Fate.MISSING)
         not_taken = trigger - track.settled
         self._settle(side, trigger, _Fate.SILENT if not_taken >= _SILENCE_PERIODS else _Fate.IGNORED)
+
+    def _settle_unseen(self, side: Side, until: int, now: int) -> None:
+        """Give triggers before a session's first frame their fate, `now` being the newest trigger known."""
+        track = self._tracks[side]
+        if track.ready_ns is not None and self.grid is not None:
+            ready = self.grid.last_before(track.ready_ns) + 1
+            if now - ready >= _SILENCE_PERIODS:
+                self._settle(side, min(ready, until), track.gap_fate)
+                self._settle(side, until, _Fate.SILENT)
+        self._settle(side, until, track.gap_fate)
 
     def _settle(self, side: Side, until: int, outcome: _Outcome) -> None:
         """Record `outcome` for the camera's triggers from the first unsettled one up to, not including, `until`."""

@@ -7,12 +7,17 @@ from collections import deque
 from collections.abc import Callable
 from typing import Protocol
 
+from drivers.frames import Frame, Side
 from drivers.nodes import NodeMap
 
 LATCH_TRIES = 5
 """A latch is as exact as half its round trip (0.1 ms on a quiet wire); the quickest of a few is kept."""
 ARRIVAL_WINDOW = 600
 """Frames whose delays are compared without a latch: 10 s at 60 Hz, in which crystals of 50 ppm part by 0.5 ms."""
+LATCH_ERROR_NS = 1_000_000
+"""A latch that had to wait for the processor is off by so much: no jump."""
+JUMP_NS = 500_000_000
+"""Time stamps that leave the host's clock by so much between two frames have jumped; crystals and latches do not."""
 NANOSECONDS = 1_000_000_000
 
 
@@ -28,6 +33,9 @@ class DeviceClock(Protocol):
 
 class LatchedClock:
     """Latches the camera's clock between two looks at the host's; the offset is that of their middle.
+
+    A clock that jumps is noticed at its next frame, whose time stamp then lies in the future or before the last one's.
+    Until the next latch such a frame, and those behind it, count as on their way for as long as the one before it.
 
     Raises, from `latch` and at construction, `NodeError` and `CameraLostError`.
     """
@@ -46,6 +54,8 @@ class LatchedClock:
         self._tick_frequency_hz = tick_frequency_hz
         self._now_ns = now_ns
         self._offset_ns = 0
+        self._newest_ns = 0  # the last time stamp
+        self._delay_ns = 0  # of that frame, from its time stamp to its arrival
         self.latch()
 
     def latch(self) -> None:
@@ -62,8 +72,13 @@ class LatchedClock:
         return round_trip_ns, before_ns + round_trip_ns // 2 - device_ns
 
     def host_time_ns(self, device_time_ns: int, arrival_time_ns: int) -> int:
-        """Host time of a time stamp; the arrival is not needed."""
-        return device_time_ns + self._offset_ns
+        """Host time of a time stamp; the arrival tells whether the clock has jumped."""
+        jumped_back = device_time_ns < self._newest_ns
+        if jumped_back or device_time_ns + self._offset_ns > arrival_time_ns + LATCH_ERROR_NS:
+            self._offset_ns = arrival_time_ns - self._delay_ns - device_time_ns
+        host_time_ns = device_time_ns + self._offset_ns
+        self._newest_ns, self._delay_ns = device_time_ns, max(arrival_time_ns - host_time_ns, 0)
+        return host_time_ns
 
 
 class ArrivalClock:
@@ -74,14 +89,36 @@ class ArrivalClock:
 
     def __init__(self) -> None:
         self._offsets_ns: deque[int] = deque(maxlen=ARRIVAL_WINDOW)
+        self._newest_ns = 0
 
     def host_time_ns(self, device_time_ns: int, arrival_time_ns: int) -> int:
         """Host time of a frame's time stamp; never later than its arrival."""
+        if device_time_ns < self._newest_ns:  # it jumped back, which would count as a delay
+            self._offsets_ns.clear()
+        self._newest_ns = device_time_ns
         self._offsets_ns.append(arrival_time_ns - device_time_ns)
         return device_time_ns + min(self._offsets_ns)
 
     def latch(self) -> None:
         """Nothing to ask: frames alone tell."""
+
+
+class JumpWatch:
+    """Tells from the frames of a rig when the clock of a camera has jumped."""
+
+    def __init__(self) -> None:
+        self._offsets_ns: dict[Side, int] = {}
+
+    def frame(self, side: Side, frame: Frame) -> float:
+        """By how many seconds the camera's clock has jumped since its last frame, 0 when it has not."""
+        offset_ns = frame.device_time_ns - frame.host_time_ns
+        jump_ns = offset_ns - self._offsets_ns.get(side, offset_ns)
+        self._offsets_ns[side] = offset_ns
+        return jump_ns * 1e-9 if abs(jump_ns) > JUMP_NS else 0.0
+
+    def gone(self, side: Side) -> None:
+        """The camera is lost: when it is back, its clock may have begun anew."""
+        self._offsets_ns.pop(side, None)
 
 
 def find_clock(nodes: NodeMap) -> tuple[DeviceClock, tuple[str, ...]]:

@@ -43,7 +43,12 @@ class ExposureDialect:
 
     def read(self, nodes: NodeMap) -> ExposureSetting:
         """The setting that the nodes hold."""
-        return ExposureSetting(self.time.read(nodes), 0.0 if self.gain is None else self.gain.read(nodes))
+        time_us = self.time.read(nodes)
+        if time_us <= 0:
+            raise NodeError(
+                f"camera {nodes.serial}: node {self.time.node} reads {time_us:g} us, which is no exposure time"
+            )
+        return ExposureSetting(time_us, 0.0 if self.gain is None else self.gain.read(nodes))
 
     def write(self, nodes: NodeMap, setting: ExposureSetting, present: ExposureSetting | None) -> ExposureSetting:
         """Write what differs from `present` (None: everything), and return what the nodes read back.

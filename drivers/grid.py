@@ -4,6 +4,7 @@ from __future__ import annotations
 
 _PHASE_GAIN = 0.2  # follows clock latches (tens of us a second) within a few frames, averages their jitter
 _PERIOD_GAIN = 0.01  # an hour's outage must not cost a trigger at crystal precision, so the rate is averaged long
+_OFF_PHASE = 0.3  # of a period; a rate that is 5 % off keeps within 0.2
 _LARGEST_RATE_ERROR = 0.01  # what is further off is another rate and no tolerance
 
 
@@ -24,11 +25,6 @@ class TriggerGrid:
         """The trigger period as seen, in ns of the host clock."""
         return self._period_ns
 
-    @property
-    def off_rate(self) -> bool:
-        """Whether the triggers seem to come at another rate than the nominal one."""
-        return abs(self._period_ns / self._nominal_period_ns - 1.0) > 0.99 * _LARGEST_RATE_ERROR
-
     def time_of(self, trigger: int) -> float:
         """When `trigger` is expected (host clock, ns)."""
         return self._time_ns + (trigger - self._trigger) * self._period_ns
@@ -40,6 +36,15 @@ class TriggerGrid:
     def locate(self, time_ns: int) -> int:
         """The trigger nearest to `time_ns`."""
         return self._trigger + round((time_ns - self._time_ns) / self._period_ns)
+
+    def off_phase(self, time_ns: int) -> bool:
+        """Whether `time_ns` lies between the triggers, nearer to the middle than any jitter brings it."""
+        return abs(time_ns - self.time_of(self.locate(time_ns))) > _OFF_PHASE * self._period_ns
+
+    def restart(self, time_ns: int) -> None:
+        """Triggers go on from `time_ns` in another phase: it becomes the trigger nearest to it."""
+        self._trigger = self.locate(time_ns)
+        self._time_ns = float(time_ns)
 
     def observe(self, trigger: int, time_ns: int) -> None:
         """Learn that `trigger` was at `time_ns`; one that is older than the newest is of no use and ignored."""

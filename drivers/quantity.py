@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from drivers.errors import NodeError
 from drivers.nodes import NodeMap
 
 MICROSECONDS = {None: 1.0, "us": 1.0, "µs": 1.0, "μs": 1.0, "usec": 1.0, "s": 1e6, "ms": 1e3, "ns": 1e-3}
@@ -27,17 +28,25 @@ class Quantity:
     def bounds(self, nodes: NodeMap) -> tuple[float, float]:
         """Least and greatest value that the node takes at present."""
         low, high = nodes.integer_bounds(self.node) if self.integer else nodes.float_bounds(self.node)
+        if math.isnan(low) or math.isnan(high):
+            raise NodeError(
+                f"camera {nodes.serial}: the bounds of node {self.node} are no numbers: {low:g} to {high:g}"
+            )
         return low * self.scale, high * self.scale
 
     def increment(self, nodes: NodeMap) -> float:
         """The declared increment, at least 1 of an integer; 0.0 when any value is taken."""
         if self.integer:
             return max(nodes.integer_increment(self.node), 1) * self.scale
-        return nodes.float_increment(self.node) * self.scale
+        increment = nodes.float_increment(self.node) * self.scale
+        return increment if math.isfinite(increment) else 0.0
 
     def read(self, nodes: NodeMap) -> float:
         """The value that the node holds."""
-        return (nodes.read_integer(self.node) if self.integer else nodes.read_float(self.node)) * self.scale
+        value = nodes.read_integer(self.node) if self.integer else nodes.read_float(self.node)
+        if not math.isfinite(value):
+            raise NodeError(f"camera {nodes.serial}: node {self.node} reads {value:g}, which is no number")
+        return value * self.scale
 
     def write(self, nodes: NodeMap, value: float) -> None:
         """Write the node; an integer takes the value of its increment that is nearest."""

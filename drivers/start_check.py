@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping
 from itertools import pairwise
 
 from drivers.frames import Side
+from drivers.rate_watch import wrong_rate
 
 PATIENCE_NS = 3_000_000_000
 """Cameras that wait for triggers this long, and get none, have no trigger."""
@@ -15,13 +16,12 @@ PATIENCE_NS = 3_000_000_000
 JUDGED_FRAMES = 20
 """Of each camera: their medians do not mind a lost frame or two."""
 
-RATE_TOLERANCE = 0.01
 SKEW_TOLERANCE = 0.1
 """Part of a period by which left and right may start apart; one trigger wire makes a few microseconds."""
 
 
 class StartCheck:
-    """Looks whether pulses arrive, at the rate expected, and whether left and right start together.
+    """Looks whether pulses arrive, and whether left and right start together.
 
     Times are of the host's clock, in ns. Each finding is one sentence, given once.
 
@@ -64,9 +64,7 @@ class StartCheck:
     def _all(self, now_ns: int) -> Iterator[str]:
         yield from self._without_pulses(now_ns)
         judged = {side: times_ns for side, times_ns in self._times_ns.items() if len(times_ns) == JUDGED_FRAMES}
-        off_rate = [finding for side, times_ns in judged.items() for finding in self._rate(side, times_ns)]
-        yield from off_rate
-        if len(judged) == 2 and not off_rate:  # the skew of frames at another rate means nothing
+        if len(judged) == 2 and all(map(self._at_rate, judged.values())):  # at another rate the skew means nothing
             yield from self._skew(*judged.values())
 
     def _without_pulses(self, now_ns: int) -> Iterator[str]:
@@ -83,18 +81,9 @@ class StartCheck:
             line = self._lines[side]
             yield f"the {side} camera gets no trigger pulse, the other one does: check the wire to its {line}"
 
-    def _rate(self, side: Side, times_ns: list[int]) -> Iterator[str]:
+    def _at_rate(self, times_ns: list[int]) -> bool:
         period_ns = statistics.median(later - earlier for earlier, later in pairwise(times_ns))
-        periods = period_ns * 1e-9 * self._rate_hz
-        if abs(periods - 1.0) <= RATE_TOLERANCE:
-            return
-        seen = (
-            f"the {side} camera starts {1e9 / period_ns:.1f} frames a second where trigger.rate_hz is {self._rate_hz:g}"
-        )
-        if round(periods) > 1 and abs(periods / round(periods) - 1.0) <= RATE_TOLERANCE:
-            yield f"{seen}: check the trigger source, and that exposure and readout fit into one period"
-        else:
-            yield f"{seen}: check the trigger source, or configure its rate"
+        return wrong_rate(period_ns, self._rate_hz) is None
 
     def _skew(self, left_ns: list[int], right_ns: list[int]) -> Iterator[str]:
         period_ns = 1e9 / self._rate_hz

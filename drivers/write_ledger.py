@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from drivers.exposure import ExposureSetting
 from drivers.frames import Side, StereoPair
 from drivers.grid import TriggerGrid
-from drivers.rig import Written
+from drivers.rig_events import Written
 
 _REMEMBERED_WRITES = 64
 """A third of a second at 200 Hz: no frame that is still used comes later."""

@@ -55,6 +55,7 @@ class Acquisition:
         self._pulse = -1
         self._faults: frozenset[str] = frozenset()
         self._last_start_ns: int | None = None
+        self._last_settings: ImageSettings | None = None
         self._free_since_ns: int | None = None
         self._exposure_end_ns = 0
         self._readout_start_ns = 0
@@ -71,6 +72,7 @@ class Acquisition:
         self._started_ns = now_ns
         self._frame_id = 0
         self._last_start_ns = None
+        self._last_settings = None
         self._free_since_ns = None
         self._features.update("TLParamsLocked", 1)
 
@@ -86,10 +88,14 @@ class Acquisition:
         self._faults = faults
         if not (wired and self._waits_for("Line0")) or time_ns < self._started_ns or "vanish" in faults:
             return None
-        if "ignore_triggers" in faults:
+        if "ignore_triggers" in faults or ("halve_triggers" in faults and pulse % 2):
             self.counters.ignored += 1
             return None
         return self._triggered(time_ns, pulse)
+
+    def echo(self, time_ns: int, wired: bool) -> Exposure | None:
+        """Line0 has risen between two of its pulses: the exposure it starts, if the camera is ready for it."""
+        return self._triggered(time_ns, None) if wired and self._waits_for("Line0") else None
 
     def line3_pulse(self, time_ns: int) -> Exposure | None:
         """Line3 has risen: the exposure it starts, if the camera waits for it and is ready for it."""
@@ -140,7 +146,9 @@ class Acquisition:
 
     def _expose(self, start_ns: int, trigger: int | None) -> Exposure:
         settings = self._features.image_settings(start_ns)
-        self._last_start_ns = start_ns
+        if "freeze_exposure" in self._faults and self._last_settings is not None:
+            settings = self._last_settings
+        self._last_start_ns, self._last_settings = start_ns, settings
         self._exposure_end_ns = start_ns + round(settings.exposure_time_us * 1e3)
         self._readout_start_ns = max(self._exposure_end_ns, self._readout_end_ns)
         self._readout_end_ns = self._readout_start_ns + readout_ns(settings, int(self._features.get("SensorHeight")))

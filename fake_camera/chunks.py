@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import struct
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
-from fake_camera.features import Features
+from fake_camera.device import Device
 from fake_camera.imaging import ExposedFrame
 from fake_camera.registers import ByteOrder
 from fake_camera.xml_camera import XmlCamera
@@ -60,8 +61,13 @@ def tagged(frame: ExposedFrame, chunks: Sequence[tuple[int, bytes]], byte_order:
     return b"".join(pieces)
 
 
-def sent_chunks(frame: ExposedFrame, features: Features, xml: XmlCamera | None, byte_order: ByteOrder) -> bytes:
+def sent_chunks(frame: ExposedFrame, device: Device, xml: XmlCamera | None, byte_order: ByteOrder) -> bytes:
     """The chunk data that go with a frame: those of the description that the camera wears, else its own; or none."""
+    features = device.features
+    if device.faults.spoils_frame("no_chunks"):
+        return b""
+    if device.faults.spoils_frame("nan_chunks"):
+        frame = replace(frame, settings=replace(frame.settings, exposure_time_us=math.nan, gain_db=math.nan))
     if xml is not None:
         on = xml.chunks(frame)
         return b"" if on is None else tagged(frame, on, byte_order)

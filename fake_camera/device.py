@@ -10,10 +10,12 @@ import zlib
 from collections.abc import Callable
 from queue import SimpleQueue
 
+import numpy as np
+
 from fake_camera.acquisition import Acquisition, Counters, Exposure
-from fake_camera.faults import DELAY_NS, Faults
+from fake_camera.faults import DELAY_NS, JUMP_NS, Faults
 from fake_camera.features import Features
-from fake_camera.imaging import ExposedFrame, ImageSource
+from fake_camera.imaging import MAX_GREY, ExposedFrame, ImageSource, Pixels
 from fake_camera.line0 import Line0
 from fake_camera.truth import TruthFile
 
@@ -50,6 +52,7 @@ class Device:
         self._source = source
         self._identity = f"{seed} {serial}"
         self._wired = line0 is not None
+        self._echo_ns: int | None = None  # when a pulse rises between two of the wire's
         self._line0 = line0 or Line0(time.monotonic_ns(), _UNWIRED_RATE_HZ)
         self._truth = truth
         oscillator = random.Random(self._identity)
@@ -165,20 +168,32 @@ class Device:
             now_ns = time.monotonic_ns()
             with self._lock:
                 free_run_ns = self._acquisition.free_run_start_ns(now_ns)
-            due_ns = pulse_ns if free_run_ns is None else min(pulse_ns, free_run_ns)
+            due_ns = min(time_ns for time_ns in (pulse_ns, free_run_ns, self._echo_ns) if time_ns is not None)
             if now_ns < due_ns:
                 self._wake.wait((due_ns - now_ns) * 1e-9)
                 self._wake.clear()
             elif due_ns == pulse_ns:
                 self._on_pulse(pulse, pulse_ns, now_ns)
                 pulse += 1
+            elif due_ns == self._echo_ns:
+                self._echo_ns = None
+                with self._lock:
+                    self._start(self._acquisition.echo(due_ns, self._wired))
             else:
                 self._on_free_run(now_ns)
 
     def _on_pulse(self, pulse: int, pulse_ns: int, now_ns: int) -> None:
+        faults = self.faults.on_trigger(pulse)
+        if "stop_triggers" in faults:
+            return
         if self._truth is not None:
             self._truth.record(pulse)
-        faults = self.faults.on_trigger(pulse)
+        if "clock_ahead" in faults:
+            self._clock_offset_ns += JUMP_NS
+        if "clock_back" in faults:
+            self._clock_offset_ns -= min(JUMP_NS, self.now_ns())
+        if "double_triggers" in faults:
+            self._echo_ns = (pulse_ns + self._line0.pulse_time_ns(pulse + 1)) // 2
         with self._lock:
             if now_ns - pulse_ns > _TOO_LATE_NS:
                 self._acquisition.counters.missed += 1
@@ -219,5 +234,15 @@ class Device:
         noise_seed = zlib.crc32(f"{self._identity} {number}".encode())
         start_s = (exposure.start_ns - self._line0.epoch_ns) * 1e-9
         pixels = self._source.take(start_s, exposure.settings, noise_seed)
-        device_time_ns = self._device_time_ns(exposure.start_ns)
+        device_time_ns = max(self._device_time_ns(exposure.start_ns), 0)
+        pixels = _spoilt(pixels, exposure)
         return ExposedFrame(exposure.frame_id, exposure.trigger, device_time_ns, pixels, exposure.settings)
+
+
+def _spoilt(pixels: Pixels, exposure: Exposure) -> Pixels:
+    """The image as the sensor's faults leave it."""
+    if "black" in exposure.faults:
+        return np.zeros_like(pixels)
+    if "white" in exposure.faults:
+        return np.full_like(pixels, MAX_GREY[exposure.settings.pixel_format])
+    return pixels

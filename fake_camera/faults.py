@@ -3,27 +3,42 @@
 from __future__ import annotations
 
 import json
+import random
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Self
 
-PER_TRIGGER = frozenset({"freeze", "delay", "ignore_triggers", "vanish"})
+OF_THE_WIRE = frozenset({"double_triggers", "halve_triggers", "ignore_triggers", "stop_triggers"})
+OF_THE_SENSOR = frozenset({"black", "freeze_exposure", "white"})
+OF_THE_CLOCK = frozenset({"clock_ahead", "clock_back"})
+
+PER_TRIGGER = frozenset({"freeze", "delay", "vanish"}) | OF_THE_WIRE | OF_THE_SENSOR | OF_THE_CLOCK
 """Faults whose count is of triggers."""
 
-_ANYWHERE = frozenset({"refuse_writes", "come_back"}) | PER_TRIGGER
+_ANYWHERE = frozenset({"come_back", "nan_chunks", "no_chunks", "refuse_writes", "shrink", "stick", "truncate"})
+_ANYWHERE |= PER_TRIGGER
 
-GIGE = frozenset({"lose_packets"}) | _ANYWHERE
+GIGE = frozenset({"lose_half", "lose_packets"}) | _ANYWHERE
 """Faults of a GigE Vision camera."""
 
-USB3 = frozenset({"nak", "pending_acknowledge", "short_trailer", "stall", "truncate"}) | _ANYWHERE
+USB3 = frozenset({"nak", "pending_acknowledge", "short_trailer", "stall"}) | _ANYWHERE
 """Faults of a USB3 Vision camera."""
+
+NOT_DESCRIBED = frozenset({"nan_chunks", "shrink"})
+"""Faults that a camera in the description of a real one does not know."""
 
 NAMES = GIGE | USB3
 """All faults there are."""
 
 DELAY_NS = 200_000_000
 """How late the frames of the fault ``delay`` are sent."""
+
+JUMP_NS = 10_000_000_000
+"""By how much ``clock_ahead`` and ``clock_back`` set the device's clock at each trigger that they meet."""
+
+SHRUNK = 0.95
+"""The part of a number that is taken of a write that meets ``shrink``."""
 
 
 class FaultError(Exception):
@@ -39,18 +54,29 @@ class Fault:
     ``vanish``            cable and power are out for `count` triggers, or until ``come_back`` when it is None
     ``come_back``         the camera is there again, in its power-on state
     ``refuse_writes``     `count` writes are answered with an access error
+    ``stick``             `count` writes are acknowledged and change nothing
+    ``shrink``            `count` writes of numbers are acknowledged, and 5 % less is taken, within its limits
     ``ignore_triggers``   `count` triggers make no frame, and the frame id does not advance
+    ``stop_triggers``     `count` pulses do not rise: they are not in the truth either
+    ``halve_triggers``    of `count` triggers those with odd numbers make no frame
+    ``double_triggers``   each of `count` triggers is followed by another pulse half a period later
+    ``freeze_exposure``   `count` triggers are exposed as the one before them, whatever was written
+    ``black``, ``white``  the images of `count` triggers are even, 0 or full scale
+    ``clock_ahead``, ``clock_back``  at each of `count` triggers the device's clock jumps by 10 s (never below 0)
+    ``truncate``          `count` frames end halfway through their payload
+    ``no_chunks``         `count` frames come without chunk data
+    ``nan_chunks``        the chunk data of `count` frames tell no numbers (NaN) for exposure time and gain
 
     Of GigE Vision only:
 
     ``lose_packets``      `count` stream packets are not sent, from the next trigger's frame on
+    ``lose_half``         the same, but of every two packets one goes through, on average
 
     Of USB3 Vision only:
 
     ``nak``                  `count` commands are never taken: the host's transfer waits until the host gives up
     ``pending_acknowledge``  `count` commands are answered 0.1 s late, after a pending acknowledge
     ``stall``                the stream endpoint halts in place of each of `count` frames, until the host clears it
-    ``truncate``             `count` frames end halfway through their payload
     ``short_trailer``        `count` frames have a trailer of 8 bytes
     """
 
@@ -128,6 +154,7 @@ class Faults:
         self._orders: list[_Order] = []
         self._trigger = -1  # the last pulse of Line0
         self._sent = -1  # the last pulse before the exposure of the frame that is being sent
+        self._coin = random.Random(0)
 
     def restrict(self, names: frozenset[str]) -> None:
         """Refuse all faults but those of `names`: a transport knows only its own."""
@@ -177,7 +204,7 @@ class Faults:
 
     def lose_packet(self) -> bool:
         """Whether the stream packet about to be sent is to be lost; asked once for each packet."""
-        return self.spoils_frame("lose_packets")
+        return self.spoils_frame("lose_packets") or (self._coin.random() < 0.5 and self.spoils_frame("lose_half"))
 
     def spoils_frame(self, name: str) -> bool:
         """Whether the frame that is being sent meets this fault; asked once for each unit that the fault counts."""

@@ -14,7 +14,7 @@ from fake_camera.bootstrap import GIGE_VISION, bootstrap_registers
 from fake_camera.chunks import sent_chunks
 from fake_camera.control_channel import ControlChannel
 from fake_camera.device import Device
-from fake_camera.faults import GIGE
+from fake_camera.faults import GIGE, NOT_DESCRIBED
 from fake_camera.genicam_xml import genicam_xml, zipped
 from fake_camera.imaging import ExposedFrame
 from fake_camera.privilege import ControlPrivilege
@@ -55,7 +55,7 @@ class GigeServer:
         self._control = ControlChannel(registers, privilege, self._stream.resend, self._released)
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._serve, name=f"gvcp {address}", daemon=True)
-        device.faults.restrict(GIGE)
+        device.faults.restrict(GIGE if xml is None else GIGE - NOT_DESCRIBED)
         device.connect(self._send)
         device.on_power_on(self._power_on)
 
@@ -105,7 +105,7 @@ class GigeServer:
                 self._socket.sendto(answer, peer)
 
     def _send(self, frame: ExposedFrame) -> None:
-        chunks = sent_chunks(frame, self._device.features, self._xml, GIGE_VISION.byte_order)
+        chunks = sent_chunks(frame, self._device, self._xml, GIGE_VISION.byte_order)
         self._stream.send(frame, chunks)
 
     def _released(self) -> None:

@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 
 Pixels = NDArray[np.uint8] | NDArray[np.uint16]
 
+MAX_GREY = {"Mono8": 255, "Mono12": 4095, "Mono16": 65535}
+"""Grey level of full scale by pixel format: Mono12 lies in the low bits of 16, Mono16 uses all of them."""
+
 
 @dataclass(frozen=True, slots=True)
 class ImageSettings:

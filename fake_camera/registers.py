@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from fake_camera.device import Device
+from fake_camera.faults import SHRUNK
 from fake_camera.features import ENUM_ENTRIES, FeatureError, Features, Spec, Value
 from fake_camera.status import CommandError, Status
 
@@ -190,8 +191,13 @@ def _value(device: Device, spec: Spec, address: int, byte_order: ByteOrder) -> R
     def write(data: bytes) -> None:
         if device.faults.refuse_write():
             raise CommandError(Status.ACCESS_DENIED)
+        if device.faults.spoils_command("stick"):
+            return
+        value = decode(spec, data, byte_order)
+        if has_limits(spec) and device.faults.spoils_command("shrink"):
+            value = max(float(value) * SHRUNK, device.features.limits(spec.name).minimum)
         try:
-            device.features.set(spec.name, decode(spec, data, byte_order))
+            device.features.set(spec.name, value)
         except FeatureError as error:
             raise CommandError(FEATURE_STATUS[error.kind]) from error
 

@@ -12,11 +12,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from fake_camera.imaging import ImageSettings
+from fake_camera.imaging import MAX_GREY, ImageSettings
 from fake_camera.response import response_table
-
-MAX_GREY = {"Mono8": 255, "Mono12": 4095, "Mono16": 65535}
-"""Grey level of full scale by pixel format: Mono12 lies in the low bits of 16, Mono16 uses all of them."""
 
 _STEPS = 1 << 16
 """Steps of the converter, finer than any pixel format, so that the format alone decides the quantisation."""

@@ -111,9 +111,13 @@ class StreamChannel:
         if not self._host_port:
             return
         block = Block.from_frame(frame, chunks, self._packet_bytes)
-        self._kept.append(block)
+        packet_ids = list(range(block.last_packet_id + 1))
+        if self._faults.spoils_frame("truncate"):
+            del packet_ids[len(packet_ids) // 2 : -1]  # of the rest nothing is kept to be sent again
+        else:
+            self._kept.append(block)
         pause_s = 0.0
-        for packet_id in range(block.last_packet_id + 1):
+        for packet_id in packet_ids:
             sent = self._send(block.packet(packet_id))
             pause_s += sent * _PACE_S_PER_BYTE + self._packet_delay_ns * 1e-9
             if pause_s > _SHORTEST_PAUSE_S:

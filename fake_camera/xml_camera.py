@@ -85,6 +85,8 @@ class XmlCamera:
         """
         if self._device.faults.refuse_write():
             raise FeatureError("locked", "writes are refused, as ordered")
+        if self._device.faults.spoils_command("stick"):
+            return
         with self._lock:
             before = self._memory.read(address, len(data))
             selected = {selector: self._evaluator.value(selector) for selector in self._banked}

@@ -21,6 +21,7 @@ from rich.table import Table
 from autoexpose_daemon.cameras import openers
 from autoexpose_daemon.config import Config
 from autoexpose_daemon.control.policies import check_policy_id
+from autoexpose_daemon.daemon import Daemon
 from autoexpose_daemon.demo.fakes import SERIALS, Pulse, check_simulator, fake_cameras, read_pulses
 from autoexpose_daemon.demo.record import Recorder
 from autoexpose_daemon.demo.report import LightStep, delay_frames, light_steps, pulses_in_window
@@ -28,7 +29,6 @@ from autoexpose_daemon.demo.usb_bus import begin_again_on_fake_bus, cameras_on_b
 from autoexpose_daemon.outlets import add_outlets
 from autoexpose_daemon.recording import check_recording_extra
 from autoexpose_daemon.reference_step import reference_step_ms
-from autoexpose_daemon.runtime import Daemon
 from autoexpose_daemon.service import Service, run_until_stopped
 from drivers.errors import AutoexposeError, ConfigurationError
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import threading
 import time
 from collections.abc import Callable
@@ -165,7 +166,7 @@ class AravisCamera:
             width, height = buffer.get_image_width(), buffer.get_image_height()
             pixels, bit_depth = decode_pixels(buffer.get_data(), buffer.get_image_pixel_format(), width, height)
             setting, source = self._read_setting(buffer, pixels, host_time_ns)
-        except (ValueError, GLib.Error) as error:
+        except ValueError as error:
             if not self._unreadable:
                 _log.warning(
                     "camera %s: frames cannot be read, the first is %d: %s", self._description.serial, frame_id, error
@@ -175,13 +176,25 @@ class AravisCamera:
         return Frame(pixels, bit_depth, frame_id, device_time_ns, host_time_ns, arrival_time_ns, setting, source)
 
     def _read_setting(self, buffer: Any, pixels: Pixels, host_time_ns: int) -> tuple[ExposureSetting, SettingSource]:
+        told = self._read_chunks(buffer)
+        if told is not None:
+            return told, "chunk"
+        self._ledger.observe(host_time_ns, float(pixels[::SPARSE, ::SPARSE].mean()))
+        return self._ledger.setting_at(host_time_ns), "ledger"
+
+    def _read_chunks(self, buffer: Any) -> ExposureSetting | None:
+        """What a frame itself says of its exposure, None when that is nothing, or nothing that can be."""
         chunks = self._chunk_nodes
-        if chunks is None:
-            self._ledger.observe(host_time_ns, float(pixels[::SPARSE, ::SPARSE].mean()))
-            return self._ledger.setting_at(host_time_ns), "ledger"
-        exposure_time_us = self._chunks.get_float_value(buffer, chunks.exposure_time) * chunks.us_per_unit
-        gain_db = 0.0 if chunks.gain is None else self._chunks.get_float_value(buffer, chunks.gain)
-        return ExposureSetting(exposure_time_us, gain_db), "chunk"
+        if chunks is None or not buffer.has_chunks():
+            return None
+        try:
+            exposure_time_us = self._chunks.get_float_value(buffer, chunks.exposure_time) * chunks.us_per_unit
+            gain_db = 0.0 if chunks.gain is None else self._chunks.get_float_value(buffer, chunks.gain)
+        except GLib.Error:
+            return None
+        if not (math.isfinite(exposure_time_us) and exposure_time_us > 0 and math.isfinite(gain_db)):
+            return None
+        return ExposureSetting(exposure_time_us, gain_db)
 
 
 def _create_stream(camera: Any, nodes: AravisNodes, setup: CameraSetup) -> Any:

@@ -9,7 +9,7 @@ from enum import IntEnum
 
 from fake_camera.chunks import sent_chunks
 from fake_camera.device import Device
-from fake_camera.faults import USB3
+from fake_camera.faults import NOT_DESCRIBED, USB3
 from fake_camera.genicam_xml import genicam_xml, zipped
 from fake_camera.imaging import ExposedFrame
 from fake_camera.registers import RegisterMap, feature_registers
@@ -86,7 +86,7 @@ class UsbDevice:
         self._control = ControlChannel(self._registers(), self.endpoints[CONTROL_IN], device.faults)
         self._halted_out = False
         self._configuration = 0
-        device.faults.restrict(USB3)
+        device.faults.restrict(USB3 if xml is None else USB3 - NOT_DESCRIBED)
         device.connect(self._send)
 
     def reset(self) -> None:
@@ -146,7 +146,7 @@ class UsbDevice:
 
     def _send(self, frame: ExposedFrame) -> None:
         frame = dataclasses.replace(frame, frame_id=frame.frame_id - 1)  # on USB they count from 0
-        chunks = sent_chunks(frame, self._device.features, self._xml, USB3_VISION.byte_order)
+        chunks = sent_chunks(frame, self._device, self._xml, USB3_VISION.byte_order)
         self._stream.send(frame, chunks)
 
     def _identity(self) -> Identity:

@@ -10,7 +10,7 @@ import pytest
 
 from autoexpose_daemon.cameras import openers
 from autoexpose_daemon.config import Config
-from autoexpose_daemon.runtime import Daemon
+from autoexpose_daemon.daemon import Daemon
 from drivers.account import LossReason
 from tests.autoexpose_daemon.stereo import (
     JOIN_WARNING,
@@ -111,7 +111,7 @@ def test_both_cameras_gone_and_back_is_counted_by_the_clock() -> None:
 
 
 def test_a_trigger_at_another_rate_is_told_at_the_start(caplog: pytest.LogCaptureFixture) -> None:
-    told = "the left camera starts 60.0 frames a second where trigger.rate_hz is 50"
+    told = "left camera: starts 60.0 frames a second where trigger.rate_hz is 50"
     with stereo_cameras() as (left, right, _):
         cameras = {"left": {"serial": left.serial}, "right": {"serial": right.serial}}
         config = Config.model_validate({"cameras": cameras, "trigger": {"rate_hz": 50}})
@@ -125,4 +125,4 @@ def test_a_trigger_at_another_rate_is_told_at_the_start(caplog: pytest.LogCaptur
         finally:
             stop.set()
             thread.join()
-    assert "the left camera starts 60.0 frames a second where trigger.rate_hz is 50" in caplog.text
+    assert told in caplog.text

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from autoexpose_daemon.config import Config
+from autoexpose_daemon.daemon import Daemon
 from autoexpose_daemon.notify import Notifier
-from autoexpose_daemon.runtime import Daemon
 from autoexpose_daemon.service import Service
 from autoexpose_daemon.states import Health, State
 from autoexpose_daemon.telemetry import Telemetry

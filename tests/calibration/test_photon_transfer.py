@@ -15,7 +15,7 @@ from calibration.noise.photon_transfer import PhotonTransfer, photon_transfer
 from calibration.noise.variance_curve import quantised, variance_curve, without_quantisation
 from calibration.sweep import Shot, Sweep
 from drivers.exposure import ExposureSetting
-from fake_camera.sensor import MAX_GREY
+from fake_camera.imaging import MAX_GREY
 from tests.calibration.noisy_shots import MODEL, Scene, noisy_sweep
 from tests.xml_cameras import DATA
 

@@ -170,12 +170,62 @@ def test_without_any_frame_whole_periods_are_counted() -> None:
     assert account.tally.lost[LossReason.CAMERA_GONE] == 10
 
 
-@pytest.mark.parametrize(("rate_error", "off"), [(0.0, False), (0.003, False), (0.05, True), (-0.05, True)])
-def test_a_trigger_at_another_rate_is_noticed(rate_error: float, off: bool) -> None:
+@pytest.mark.parametrize("rate_error", [0.003, 0.05, -0.05, 0.2])
+def test_frames_at_another_rate_make_pairs_all_the_same(rate_error: float) -> None:
     rig = FakeRig(period_ns=PERIOD_NS * (1 + rate_error))
     rig.pulses(600)
-    assert rig.account.grid is not None
-    assert rig.account.grid.off_rate is off
+    assert rig.account.tally.pairs >= 560
+    assert sum(pair.right is None for pair in rig.released) <= 1
+
+
+@pytest.mark.parametrize("lost", [None, "left", "both"])
+def test_a_doubled_trigger_never_pairs_one_instant_with_another(lost: str | None) -> None:
+    rig = FakeRig(period_ns=PERIOD_NS / 2)
+    rig.pulses(20)
+    if lost is not None:
+        rig.pulse(**dict.fromkeys(("left", "right") if lost == "both" else (lost,), "missing"))
+    rig.pulses(20)
+    complete = [pair for pair in rig.released if pair.right is not None]
+    assert len(complete) >= 19
+    assert all(pair.right is not None and pair.left.frame_id == pair.right.frame_id for pair in complete)
+    assert rig.account.tally.surplus_frames >= 38
+
+
+def test_a_trigger_that_goes_on_in_another_phase_is_followed_at_once() -> None:
+    rig = FakeRig()
+    rig.pulses(10)
+    rig.trigger += 50.5  # type: ignore[assignment]
+    rig.pulses(10)
+    assert rig.account.tally.pairs == 20
+    assert rig.account.tally.surplus_frames == 0
+
+
+@pytest.mark.parametrize("periods", [100, 5000])
+def test_cameras_that_wait_for_a_trigger_that_is_not_there_lose_nothing(periods: int) -> None:
+    account = TriggerAccount(("left", "right"), PERIOD_NS, OPENED_NS)
+    account.gone("left")
+    for side in ("left", "right"):
+        account.ready(side, OPENED_NS + 20 * PERIOD_NS)  # type: ignore[arg-type]
+    account.close(OPENED_NS + (20 + periods) * PERIOD_NS)
+    assert account.tally.triggers == 0
+
+
+def test_a_trigger_that_begins_late_was_not_missed_before() -> None:
+    rig = FakeRig()
+    for side in rig.sides:
+        rig.account.ready(side, rig.time_ns + 3 * PERIOD_NS)
+    rig.pulses(200, left="absent", right="absent")
+    rig.pulses(5)
+    assert rig.close() == {"startup": 4}
+    assert rig.account.tally.pairs == 5
+
+
+def test_a_camera_that_never_gets_a_trigger_ignores_them() -> None:
+    rig = FakeRig()
+    rig.account.ready("right", rig.time_ns)
+    rig.pulses(1000, right="absent")
+    assert len(rig.account._open) < 700
+    assert rig.close() == {"startup": 1, "trigger_ignored": 999}
 
 
 def test_frames_between_triggers_are_surplus() -> None:

@@ -3,12 +3,18 @@ from __future__ import annotations
 import random
 from dataclasses import dataclass, field
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.clock import ArrivalClock, LatchedClock, find_clock
+from drivers.clock import ArrivalClock, JumpWatch, LatchedClock, find_clock
+from drivers.exposure import ExposureSetting
+from drivers.frames import Frame
 from tests.drivers.node_map import CommandNode, IntegerNode, MemoryNodes, Node
+
+LATER_NS = 1 << 62
+"""An arrival that raises no doubt about any time stamp."""
 
 
 @dataclass
@@ -42,7 +48,7 @@ class Wire:
 def test_a_latch_maps_the_clock_to_within_its_round_trip(tick_frequency_hz: int) -> None:
     wire = Wire(tick_frequency_hz)
     clock = LatchedClock(wire.nodes, "Latch", "Value", tick_frequency_hz, wire.now_ns)
-    assert clock.host_time_ns(5_000_000_000, 0) == pytest.approx(5_000_000_000 + wire.offset_ns, abs=300_000)
+    assert clock.host_time_ns(5_000_000_000, LATER_NS) == pytest.approx(5_000_000_000 + wire.offset_ns, abs=300_000)
 
 
 def test_of_several_latches_the_quickest_is_kept() -> None:
@@ -50,7 +56,7 @@ def test_of_several_latches_the_quickest_is_kept() -> None:
     errors = []
     for _ in range(50):
         clock = LatchedClock(wire.nodes, "Latch", "Value", wire.tick_frequency_hz, wire.now_ns)
-        errors.append(abs(clock.host_time_ns(0, 0) - wire.offset_ns))
+        errors.append(abs(clock.host_time_ns(0, LATER_NS) - wire.offset_ns))
     assert sum(errors) / len(errors) < 80_000  # one latch alone errs by 100 us on average
 
 
@@ -59,7 +65,7 @@ def test_latching_again_follows_a_drifting_clock() -> None:
     clock = LatchedClock(wire.nodes, "Latch", "Value", wire.tick_frequency_hz, wire.now_ns)
     wire.offset_ns += 50_000_000
     clock.latch()
-    assert clock.host_time_ns(0, 0) == pytest.approx(wire.offset_ns, abs=300_000)
+    assert clock.host_time_ns(0, LATER_NS) == pytest.approx(wire.offset_ns, abs=300_000)
 
 
 @given(st.lists(st.integers(0, 10**8), min_size=1, max_size=50), st.integers(-(10**15), 10**15))
@@ -90,7 +96,7 @@ def test_both_dialects_of_latching_are_found(names: tuple[str, str], frequency: 
     found[value] = IntegerNode(1_000_000 + 10**12)
     later, _ = find_clock(nodes)
     assert lacks == ()
-    moved_ns = earlier.host_time_ns(0, 0) - later.host_time_ns(0, 0)
+    moved_ns = earlier.host_time_ns(0, LATER_NS) - later.host_time_ns(0, LATER_NS)
     assert moved_ns == pytest.approx(scale * 10**12, abs=10**9)
 
 
@@ -98,3 +104,37 @@ def test_a_missing_latch_is_told() -> None:
     clock, lacks = find_clock(MemoryNodes({}))
     assert isinstance(clock, ArrivalClock)
     assert lacks == ("no time stamp latch: host times are inferred from arrival, late by the least delay",)
+
+
+@pytest.mark.parametrize("jump_ns", [10**9, -(10**9), 10**10, -(10**10)])
+@pytest.mark.parametrize("latched", [True, False])
+def test_a_clock_that_jumps_keeps_its_frames_in_place(jump_ns: int, latched: bool) -> None:
+    wire = Wire(offset_ns=-(10**11))
+    clock = LatchedClock(wire.nodes, "Latch", "Value", 10**9, wire.now_ns) if latched else ArrivalClock()
+    errors_ns = []
+    for number in range(200):
+        if number == 50:
+            wire.offset_ns -= jump_ns
+        if number in (20, 120):
+            clock.latch()
+        wire.host_ns += 16_666_667
+        true_ns, arrival_ns = wire.host_ns, wire.host_ns + 9_000_000 + wire.delays.randrange(2_000_000)
+        errors_ns.append(clock.host_time_ns(true_ns - wire.offset_ns, arrival_ns) - true_ns)
+    assert max(errors_ns) - min(errors_ns) < 5_000_000
+    if latched:
+        assert max(map(abs, errors_ns[120:])) < 300_000
+
+
+def test_a_jump_is_told_once_and_a_camera_that_is_back_has_made_none() -> None:
+    watch = JumpWatch()
+
+    def jumps(device_ns: int, count: int = 3) -> list[float]:
+        setting = ExposureSetting(1000.0, 0.0)
+        pixels = np.zeros((2, 2), np.uint8)
+        return [watch.frame("left", Frame(pixels, 8, n, device_ns + n, n, n, setting)) for n in range(count)]
+
+    assert jumps(5 * 10**9) == [0, 0, 0]
+    assert jumps(15 * 10**9) == [10.0, 0, 0]
+    assert jumps(14 * 10**9) == [-1.0, 0, 0]
+    watch.gone("left")
+    assert jumps(0) == [0, 0, 0]

@@ -17,7 +17,8 @@ from drivers.camera import Camera, CameraDescription
 from drivers.errors import CameraLostError, CameraNotFoundError, ConfigurationError, NodeError, UnsupportedCameraError
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Frame, Side
-from drivers.rig import CameraGone, CameraReady, CameraSilent, FrameArrived, Rig, RigEvent, WriteFailed, Written
+from drivers.rig import Rig
+from drivers.rig_events import CameraGone, CameraReady, CameraSilent, FrameArrived, RigEvent, WriteFailed, Written
 
 START = ExposureSetting(1000.0, 0.0)
 LONG_S = 10.0
@@ -217,37 +218,6 @@ def test_frames_that_nobody_takes_are_marked_stale_and_let_go_of_their_pixels() 
     assert not stale[0]
     assert stale[-1]
     assert [kept == 0 for kept in kept_bytes] == stale
-
-
-def test_a_camera_that_does_not_open_is_tried_less_and_less_often_however_much_is_written() -> None:
-    attempts_s: list[float] = []
-    enough = threading.Event()
-
-    def opener() -> Camera:
-        attempts_s.append(time.monotonic())
-        if len(attempts_s) == 5:
-            enough.set()
-        raise CameraNotFoundError("no camera S")
-
-    with running({"left": opener}) as rig:
-        while not enough.wait(0.001):
-            rig.write(START, 0)
-    pauses_s = [later - earlier for earlier, later in itertools.pairwise(attempts_s)]
-    assert all(pause_s >= back_off_s for pause_s, back_off_s in zip(pauses_s, (0.1, 0.2, 0.4, 0.8), strict=False))
-
-
-def test_the_longest_pause_between_attempts_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
-    pauses_s: list[float] = []
-    monkeypatch.setattr("drivers.rig._Unit._rest", lambda _unit, seconds: pauses_s.append(seconds))
-
-    def opener() -> Camera:
-        raise CameraNotFoundError("no camera S")
-
-    with running({"left": opener}) as rig:
-        while len(pauses_s) < 10:
-            wait_for(rig, CameraGone)
-    assert pauses_s[:6] == [0.1, 0.2, 0.4, 0.8, 1.6, 2.0]
-    assert set(pauses_s[5:]) == {2.0}
 
 
 @pytest.mark.parametrize("side", ["left", "right"])

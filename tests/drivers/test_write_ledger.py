@@ -8,7 +8,7 @@ import pytest
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame, Side, StereoPair
 from drivers.grid import TriggerGrid
-from drivers.rig import Written
+from drivers.rig_events import Written
 from drivers.write_ledger import EFFECT_TRIGGERS, WriteLedger
 
 MS = 1_000_000

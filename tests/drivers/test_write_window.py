@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame, Side, StereoPair
 from drivers.grid import TriggerGrid
-from drivers.rig import Written
+from drivers.rig_events import Written
 from drivers.write_ledger import WriteLedger
 from drivers.write_window import GUARD_NS, when_to_write_ns
 from fake_camera.acquisition import Acquisition

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fake_camera.imaging import ImageSettings
-from fake_camera.sensor import MAX_GREY, Sensor, SensorModel
+from fake_camera.imaging import MAX_GREY, ImageSettings
+from fake_camera.sensor import Sensor, SensorModel
 
 MODEL = SensorModel(width=320, height=240)
 BASE = ImageSettings(2000.0, 0.0, 0.0, 1.0, "Mono12", 0, 0, 320, 240, 1, 1)

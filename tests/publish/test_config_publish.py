@@ -7,9 +7,9 @@ from typing import Any
 import pytest
 
 from autoexpose_daemon.config import Config, load_config
+from autoexpose_daemon.daemon import Daemon
 from autoexpose_daemon.outlets import add_outlets
 from autoexpose_daemon.publish.keys import LOOPBACK
-from autoexpose_daemon.runtime import Daemon
 from drivers.errors import ConfigurationError
 
 LEFT = "cameras: {left: {serial: A}}\n"

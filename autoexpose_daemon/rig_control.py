@@ -1,38 +1,33 @@
-"""The control thread: takes what the rig reports, pairs it, decides, and has both cameras written."""
+"""Control of a rig: pairs what the rig reports, decides, has both cameras written, and keeps the telemetry.
+
+There are no threads and no waiting here: whoever has the rig's events calls `RigControl.take`, on one thread.
+"""
 
 from __future__ import annotations
 
 import logging
-import queue
-import threading
 import time
-from collections.abc import Callable, Mapping
-from concurrent.futures import Future
-from contextlib import ExitStack
-from dataclasses import replace
+from collections.abc import Callable, Sequence
 
-import numpy as np
-
+from autoexpose_daemon.complaints import Complaints
 from autoexpose_daemon.config import Config
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlLoop
+from autoexpose_daemon.frame_watch import FrameWatch
 from autoexpose_daemon.observer import Observer, Outlet
 from autoexpose_daemon.response_drift import ResponseDrift
 from autoexpose_daemon.telemetry import GONE, Telemetry
 from autoexpose_daemon.tuning import Tuning
-from calibration.response import ResponseFunction
 from drivers.account import Tally, TriggerAccount
-from drivers.camera import Camera, IncompleteFrame
-from drivers.errors import AutoexposeError, ConfigurationError
+from drivers.camera import IncompleteFrame
+from drivers.errors import AutoexposeError
 from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.frame_memory import share_one_heap
 from drivers.frames import Frame, Side, StereoPair
-from drivers.rig import (
+from drivers.rig_events import (
     CameraGone,
     CameraReady,
     CameraSilent,
     FrameArrived,
-    Rig,
     RigEvent,
     WriteFailed,
     Written,
@@ -43,66 +38,65 @@ from drivers.write_window import when_to_write_ns
 
 log = logging.getLogger(__name__)
 
-_STOP_S = 9.0  # a camera that does not answer holds up its teardown for 5 to 10 s
-_BEAT_S = 0.1
-_SILENCE_S = 0.2
-_SILENCE_PERIODS = 3.0
+Write = Callable[[ExposureSetting, int], None]
+"""Has every camera take a setting, not before a time."""
 
 
-class Daemon:
-    """Exposes the cameras of a rig well, until told to stop.
+class RigControl:
+    """Exposes the cameras of a rig well, by what they report.
 
     Parameters
     ----------
     config
         The checked configuration.
-    openers
-        For each side, what opens its camera.
+    write
+        Where settings go.
     observer
-        Told of every pair, on the control thread.
+        Told of every pair.
     start
         The setting the cameras begin with; None: as configured.
+    now_ns
+        The clock: CLOCK_MONOTONIC, but in virtual time.
     """
 
     def __init__(
         self,
         config: Config,
-        openers: Mapping[Side, Callable[[], Camera]],
+        write: Write,
         observer: Observer | None = None,
         start: ExposureSetting | None = None,
+        *,
+        now_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
-        self.telemetry = Telemetry()
+        self._complaints = Complaints()
+        self.telemetry = Telemetry(complaints=self._complaints.present)
         self.outlets: list[Outlet] = []
-        """Opened and closed by `run`, and told of every step."""
-        self.beat_ns = 0
-        """When the control thread last began a turn (CLOCK_MONOTONIC); it does ten times a second, come what may."""
+        """Told of every pair, as the observer is."""
         self._config = config
+        self._write = write
+        self._now_ns = now_ns
         self._tuning = Tuning(config)
         self._drift = ResponseDrift(config, self._tuning.responses)
-        self._tunings: queue.SimpleQueue[tuple[Tuning, Future[None]]] = queue.SimpleQueue()
         self._newest: StereoPair | None = None
         self._observer = observer
-        period_s = 1.0 / config.trigger.rate_hz
         self._asked = start or config.start
-        self._rig = Rig(openers, max(_SILENCE_S, _SILENCE_PERIODS * period_s), self._asked)
         self._account = TriggerAccount(
-            tuple(openers),
-            period_s * 1e9,
-            time.monotonic_ns(),
+            tuple(config.sides),
+            1e9 / config.trigger.rate_hz,
+            now_ns(),
             "frame_id" if config.trigger.mode == "free_run" else "time",
         )
         lines = dict.fromkeys(config.triggered_sides, config.trigger.line)
         self._start_check = StartCheck(lines, config.trigger.rate_hz)
+        self._frame_watch = FrameWatch(self.telemetry, self._complaints, config.trigger.rate_hz, lines)
         self._limits: dict[Side, ExposureLimits] = {}
         self._pixel_formats: dict[Side, str | None] = {}
         self._shared_limits: ExposureLimits | None = None
         self._loop: ControlLoop | None = None
         self._asked_arrival_ns: int | None = None
-        self._ledger = WriteLedger(tuple(openers))
+        self._ledger = WriteLedger(tuple(config.sides))
         self._last_trigger = -1
-        self._off_rate = False
         self._write_again = False
-        self._complaints: set[tuple[Side, str]] = set()
 
     @property
     def tally(self) -> Tally:
@@ -114,84 +108,36 @@ class Daemon:
         """What decides at present: for observers, who are called on its thread."""
         return self._loop
 
-    def run(self, stop: threading.Event) -> None:
-        """Run until `stop` is set, then leave the cameras stopped and free.
+    def tune(self, tuning: Tuning) -> None:
+        """Go on by another tuning.
+
+        Raises
+        ------
+        ConfigurationError
+            When it does not fit cameras or frames: nothing has changed then.
+        """
+        tuning.check_belongs(self._pixel_formats)
+        limits = tuning.limits(self._limits.values())
+        loop = tuning.loop(limits)
+        if self._newest is not None:
+            loop.step(self._newest)
+        self._tuning, self._drift = tuning, ResponseDrift(tuning.config, tuning.responses)
+        if self._limits:
+            self._install(loop, limits)
+
+    def close(self) -> None:
+        """Account for the triggers up to now that will never make a pair."""
+        self._account.close(self._now_ns())
+        self._publish_tally()
+
+    def take(self, events: Sequence[RigEvent]) -> None:
+        """Act on all that has happened since the last call; also called when nothing has, ten times a second.
 
         Raises
         ------
         UnsupportedCameraError, ConfigurationError
             When a camera can never be driven as configured.
         """
-        share_one_heap()
-        with ExitStack() as outlets:
-            for outlet in self.outlets:
-                outlets.enter_context(outlet)
-            self._rig.start()
-            try:
-                self._warm_up()
-                while not stop.is_set():
-                    self.beat_ns = time.monotonic_ns()
-                    self._take(self._next_events())
-                    self._tune()
-            finally:
-                self._account.close(time.monotonic_ns())
-                self._publish_tally()
-                self._stop_rig()
-
-    def _stop_rig(self) -> None:
-        deadline_s = time.monotonic() + _STOP_S
-        while not self._rig.stop(_BEAT_S):
-            self.beat_ns = time.monotonic_ns()
-            if time.monotonic() > deadline_s:
-                log.error("a camera did not answer while stopping; it frees itself when its heartbeat runs out")
-                return
-
-    def tune(self, tuning: Tuning) -> Future[None]:
-        """Have control go on by another tuning, with the cameras as they are.
-
-        The future holds a ConfigurationError when it does not fit cameras or frames: nothing has changed then.
-        """
-        taken: Future[None] = Future()
-        self._tunings.put((tuning, taken))
-        return taken
-
-    def _tune(self) -> None:
-        while not self._tunings.empty():  # this thread alone takes them out
-            tuning, taken = self._tunings.get_nowait()
-            try:
-                tuning.check_belongs(self._pixel_formats)
-                limits = tuning.limits(self._limits.values())
-                loop = tuning.loop(limits)
-                if self._newest is not None:
-                    loop.step(self._newest)
-            except ConfigurationError as error:
-                taken.set_exception(error)
-                continue
-            self._tuning, self._drift = tuning, ResponseDrift(tuning.config, tuning.responses)
-            if self._limits:
-                self._install(loop, limits)
-            taken.set_result(None)
-
-    def _warm_up(self) -> None:
-        """Decide on a black frame while the cameras are being searched for: OpenCV's first calls take 50 ms."""
-        black = Frame(np.zeros((540, 720), np.uint8), 8, 0, 0, 0, 0, self._config.start)
-        loop = ControlLoop(
-            self._config.control.policy, ResponseFunction.linear(), self._config.exposure.limits(), self._config.start
-        )
-        loop.step(StereoPair(0, black, black))
-        loop.step(StereoPair(1, replace(black, device_time_ns=1), None))
-
-    def _next_events(self) -> list[RigEvent]:
-        """All that has happened, waiting a moment for the first."""
-        try:
-            events = [self._rig.events.get(timeout=_BEAT_S)]
-        except queue.Empty:
-            return []
-        while not self._rig.events.empty():  # this thread alone takes events out
-            events.append(self._rig.events.get_nowait())
-        return events
-
-    def _take(self, events: list[RigEvent]) -> None:
         pairs = [pair for event in events for pair in self._handle(event)]
         if pairs:
             newest = max(pairs, key=lambda pair: (pair.trigger, len(pair.frames)))
@@ -204,22 +150,25 @@ class Daemon:
                 self._step(newest)
         if events:
             self._publish_tally()
-        for finding in self._start_check.findings(time.monotonic_ns()):
+        for finding in self._start_check.findings(self._now_ns()):
             log.warning("%s", finding)
 
     def _handle(self, event: RigEvent) -> list[StereoPair]:
         """Account for one event; returns the pairs it completed."""
         match event:
             case FrameArrived(side, IncompleteFrame() as frame):
+                self._frame_watch.incomplete(side)
                 return self._account.incomplete(side, frame)
             case FrameArrived(side, Frame() as frame, stale=True):
                 return self._account.stale(side, frame)
             case FrameArrived(side, Frame() as frame):
                 self.telemetry.last_frame_ns[side] = frame.arrival_time_ns
                 self._start_check.frame(side, frame.host_time_ns)
+                self._frame_watch.frame(side, frame)
                 return self._account.frame(side, frame)
             case CameraSilent(side):
                 log.warning("%s camera: no frames; asking whether it is there", side)
+                self._frame_watch.silent(side)
                 return self._account.silent(side)
             case CameraGone(side, error, final):
                 self._on_gone(side, error, final)
@@ -231,21 +180,23 @@ class Daemon:
             case WriteFailed(side, asked, error):
                 self.telemetry.refused_writes += 1
                 self._write_again = True
-                self._complain(side, "refused", f"{asked} was refused: {error}")
+                self._frame_watch.refused(side)
+                self._complaints.begin(side, "refused", f"{asked} was refused: {error}")
         return []
 
     def _on_ready(self, event: CameraReady) -> None:
         side, camera = event.side, event.description
         if side in self._limits:
             self.telemetry.reconnects += 1
-        self._complaints.discard((side, "gone"))
+        self._complaints.end(side, GONE)
         log.info("%s camera: %s %s %s, ready", side, camera.vendor, camera.model, camera.serial)
         for lack in camera.lacks:
             log.warning("%s camera %s: %s", side, camera.serial, lack)
         self.telemetry.cameras[side] = f"{camera.model} {camera.serial}"
         self._limits[side] = event.limits
         self._pixel_formats[side] = camera.pixel_format
-        self._start_check.ready(side, time.monotonic_ns())
+        self._start_check.ready(side, self._now_ns())
+        self._account.ready(side, self._now_ns())
         limits = self._tuning.limits(self._limits.values())
         if limits != self._shared_limits:
             self._install(self._tuning.loop(limits), limits)
@@ -260,11 +211,14 @@ class Daemon:
         self._loop, self._shared_limits = loop, limits
 
     def _on_gone(self, side: Side, error: AutoexposeError, final: bool) -> None:
+        if self.telemetry.cameras.get(side) != GONE:
+            self._complaints.end_all(side)
         self.telemetry.cameras[side] = GONE
         self._ledger.gone(side)
+        self._frame_watch.gone(side)
         if final:
             raise error
-        self._complain(side, "gone", f"{error}; trying again")
+        self._complaints.change(side, GONE, f"{error}; trying again")
 
     def _on_written(self, event: Written) -> None:
         self._ledger.written(event, self._account.grid)
@@ -272,30 +226,27 @@ class Daemon:
         self.telemetry.write_ms.add_ns(event.finished_ns - event.started_ns)
         if event.asked is self._asked and self._asked_arrival_ns is not None:
             self.telemetry.frame_to_node_ms.add_ns(event.finished_ns - self._asked_arrival_ns)
-        self._complaints.discard((event.side, "refused"))
+        self._frame_watch.written(event.side, event.read_back, event.finished_ns)
+        self._complaints.end(event.side, "refused")
         if event.read_back.agrees_with(event.asked):
-            self._complaints.discard((event.side, "clipped"))
+            self._complaints.end(event.side, "clipped")
         else:
-            self._complain(event.side, "clipped", f"{event.asked} was asked for, the camera took {event.read_back}")
-
-    def _complain(self, side: Side, kind: str, complaint: str) -> None:
-        """Say a thing when it begins, not at every repetition."""
-        if (side, kind) not in self._complaints:
-            self._complaints.add((side, kind))
-            log.warning("%s camera: %s", side, complaint)
+            self.telemetry.clipped_writes += 1
+            taken = f"{event.asked} was asked for, the camera took {event.read_back}"
+            self._complaints.begin(event.side, "clipped", taken)
 
     def _step(self, pair: StereoPair) -> None:
         if self._loop is None:
             return
-        started_ns = time.monotonic_ns()
+        started_ns = self._now_ns()
         decision = self._loop.step(pair)
         self._newest = pair
-        self.telemetry.decision_ms.add_ns(time.monotonic_ns() - started_ns)
+        self.telemetry.decision_ms.add_ns(self._now_ns() - started_ns)
         self.telemetry.decision = decision
         if decision.setting != self._asked or self._write_again:
             self._asked, self._write_again = decision.setting, False
             self._asked_arrival_ns = max(frame.arrival_time_ns for frame in pair.frames)
-            self._rig.write(decision.setting, self._when_to_write_ns())
+            self._write(decision.setting, self._when_to_write_ns())
         self._deliver(pair, decision)
 
     def _deliver(self, pair: StereoPair, decision: Decision | None) -> None:
@@ -312,16 +263,11 @@ class Daemon:
             outlet(pair, decision)
 
     def _when_to_write_ns(self) -> int:
-        now_ns, grid = time.monotonic_ns(), self._account.grid
+        now_ns, grid = self._now_ns(), self._account.grid
         return now_ns if grid is None else when_to_write_ns(grid, now_ns)
 
     def _publish_tally(self) -> None:
-        tally, grid = self._account.tally, self._account.grid
-        if grid is not None and grid.off_rate and not self._off_rate:
-            log.warning(
-                "frames do not come at trigger.rate_hz %g: check the wiring, or mend it", self._config.trigger.rate_hz
-            )
-        self._off_rate = grid is not None and grid.off_rate
+        tally = self._account.tally
         self.telemetry.pairs = tally.pairs
         self.telemetry.lost = dict(tally.lost)
         self.telemetry.surplus_frames = tally.surplus_frames

@@ -1,0 +1,78 @@
+"""What a rig reports of its cameras."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from drivers.camera import CameraDescription, IncompleteFrame
+from drivers.errors import AutoexposeError, CameraError
+from drivers.exposure import ExposureLimits, ExposureSetting
+from drivers.frames import Frame, Side
+
+
+@dataclass(frozen=True, slots=True)
+class CameraReady:
+    """A camera is open and streaming."""
+
+    side: Side
+    description: CameraDescription
+    limits: ExposureLimits
+
+
+@dataclass(frozen=True, slots=True)
+class CameraSilent:
+    """No frame has come for longer than the trigger explains; the camera may still answer."""
+
+    side: Side
+
+
+@dataclass(frozen=True, slots=True)
+class CameraGone:
+    """A camera is lost or cannot be opened; it is tried again unless `final`: it never can be."""
+
+    side: Side
+    error: AutoexposeError
+    final: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrameArrived:
+    """A frame, whole or with holes; without pixels and `stale` when control is so far behind that nobody will look."""
+
+    side: Side
+    frame: Frame | IncompleteFrame
+    stale: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Written:
+    """A setting was written: what was asked for, what the nodes read back, and when (CLOCK_MONOTONIC)."""
+
+    side: Side
+    asked: ExposureSetting
+    read_back: ExposureSetting
+    started_ns: int
+    finished_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class WriteFailed:
+    """A camera refused a setting."""
+
+    side: Side
+    asked: ExposureSetting
+    error: CameraError
+
+
+RigEvent = CameraReady | CameraSilent | CameraGone | FrameArrived | Written | WriteFailed
+
+
+class EventQueue(Protocol):
+    """Where events go; a `queue.SimpleQueue` is one."""
+
+    def put(self, event: RigEvent, /) -> None:
+        """Add an event."""
+
+    def qsize(self) -> int:
+        """How many events nobody has taken yet."""

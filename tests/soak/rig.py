@@ -1,0 +1,208 @@
+"""The product's supervision and control on virtual cameras, in virtual time."""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+import math
+from collections.abc import Callable
+
+from autoexpose_daemon.config import Config
+from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.daemon import silence_s
+from autoexpose_daemon.rig_control import RigControl
+from autoexpose_daemon.states import Expectation, Health, State, judge
+from autoexpose_daemon.tuning import Tuning
+from drivers.exposure import ExposureLimits, ExposureSetting
+from drivers.frames import Side, StereoPair
+from drivers.rig_events import RigEvent
+from drivers.supervision import Supervisor
+from tests.soak.camera import LIMITS, Device
+from tests.soak.clock import MS, SECOND, Actor, Clock, run
+
+SIDES: tuple[Side, Side] = ("left", "right")
+RATE_HZ = 60.0
+PERIOD_NS = SECOND / RATE_HZ * (1 + 20e-6)
+"""Of the wire: a crystal is off by some ppm."""
+
+BEAT_NS = 100 * MS
+POLL_NS = 50 * MS
+LOOK_NS = 250 * MS
+
+CONFIG = Config.model_validate(
+    {
+        "cameras": {side: {"serial": side} for side in SIDES},
+        "trigger": {"mode": "external", "line": "Line0", "rate_hz": RATE_HZ},
+        "exposure": {"max_time_us": LIMITS.max_time_us},
+    }
+)
+
+
+class ScriptedLoop:
+    """Decides without images: the level follows a sine of 20 s and steps every 7 s, and rests in between."""
+
+    shortfall = None
+
+    def __init__(self, limits: ExposureLimits, clock: Clock) -> None:
+        self._limits = limits
+        self._clock = clock
+        self._decision: dict[int, Decision] = {}
+
+    def step(self, pair: StereoPair) -> Decision:
+        self._clock.now_ns += (1 + pair.trigger % 5) * MS
+        tenths = pair.left.host_time_ns // (100 * MS)
+        level = 10.0 + round(1.5 * math.sin(tenths * math.tau / 200), 1) + (0.5 if tenths // 70 % 2 else 0.0)
+        decision = self._decision.get(round(10 * level))
+        if decision is None:
+            setting = self._limits.realise(level, 2000.0)
+            decision = Decision(setting, level, "scripted", 0.5, 0.0, 0.0, 0.0)
+            self._decision[round(10 * level)] = decision
+        return decision
+
+
+class ScriptedTuning(Tuning):
+    def __init__(self, config: Config, clock: Clock) -> None:
+        super().__init__(config)
+        self._clock = clock
+
+    def loop(self, limits: ExposureLimits) -> ScriptedLoop:  # type: ignore[override]
+        return ScriptedLoop(limits, self._clock)
+
+
+class Events:
+    """The queue between supervision and control: an event is there from the time on at which it was put."""
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self._events: list[tuple[int, int, RigEvent]] = []
+        self._order = itertools.count()
+        self.control: Actor | None = None
+
+    def put(self, event: RigEvent) -> None:
+        heapq.heappush(self._events, (self._clock.now_ns, next(self._order), event))
+        assert self.control is not None
+        if self._clock.now_ns < self.control.due_ns:
+            self.control.plan(self._clock.now_ns)
+
+    def qsize(self) -> int:
+        return len(self._events)
+
+    def taken(self) -> list[RigEvent]:
+        now_ns, events = self._clock.now_ns, []
+        while self._events and self._events[0][0] <= now_ns:
+            events.append(heapq.heappop(self._events)[2])
+        return events
+
+    @property
+    def first_ns(self) -> float:
+        return self._events[0][0] if self._events else math.inf
+
+
+class Unit:
+    """A device, its supervisor, and the two actors that stand for the supervisor's threads."""
+
+    def __init__(self, device: Device, events: Events, clock: Clock) -> None:
+        self.device = device
+        self.supervisor = Supervisor(device.side, device.open, silence_s(CONFIG), CONFIG.start, events, now_ns=clock)
+        self.nodes = Actor(self._serve, 0)
+        self.frames = Actor(self._take)
+        self._clock = clock
+        self._poll_ns = 0
+
+    def plan_frames(self) -> None:
+        due_ns = self.supervisor.take_due_ns
+        if due_ns != math.inf:
+            in_flight = self.device.in_flight
+            arrival_ns = in_flight[0].arrival_ns if in_flight else math.inf
+            due_ns = max(due_ns, min(arrival_ns, self._poll_ns + POLL_NS))
+        self.frames.plan(due_ns)
+
+    def plan_nodes(self) -> None:
+        self.nodes.plan(max(self.supervisor.serve_due_ns, self._clock.now_ns))
+
+    def _serve(self) -> None:
+        self.supervisor.serve()
+        self.nodes.held_until_ns = self._clock.now_ns
+        self.plan_nodes()
+        self._poll_ns = self._clock.now_ns if self.frames.due_ns == math.inf else self._poll_ns
+        self.plan_frames()
+
+    def _take(self) -> None:
+        self._poll_ns = self._clock.now_ns
+        self.supervisor.take_frame()
+        self.plan_frames()
+        self.plan_nodes()
+
+
+class VirtualRig:
+    """Two cameras on a wire, and the daemon's parts on them.
+
+    Parameters
+    ----------
+    seed
+        Of the jitter of cameras and wire.
+    observer
+        Told of every pair.
+    see_health
+        Told of the state of the daemon at every change.
+    """
+
+    def __init__(
+        self,
+        seed: int,
+        observer: Callable[[StereoPair, Decision | None], None],
+        see_health: Callable[[int, Health], None],
+    ) -> None:
+        self.clock = Clock()
+        self._events = Events(self.clock)
+        self.units = {side: Unit(Device(side, self.clock, seed), self._events, self.clock) for side in SIDES}
+        self.devices = [unit.device for unit in self.units.values()]
+        self.control = RigControl(CONFIG, self._write, observer, now_ns=self.clock)
+        self.control.tune(ScriptedTuning(CONFIG, self.clock))
+        self._control = self._events.control = Actor(self._take, 0)
+        self._see_health = see_health
+        self._health = Health(State.STARTING)
+        self._expectation = Expectation(SIDES, 1 / RATE_HZ, True, self.clock.now_ns)
+        watch = Actor(self._look, self.clock.now_ns)
+        self._watch = watch
+        self.threads = [self._control, watch, *(a for unit in self.units.values() for a in (unit.nodes, unit.frames))]
+        """All that stands still while the process is stopped."""
+
+    def stall_control(self, duration_ns: int) -> None:
+        """The control thread is held up."""
+        self._control.hold(self.clock.now_ns + duration_ns)
+
+    def stop_process(self, duration_ns: int) -> None:
+        """SIGSTOP and, later, SIGCONT."""
+        for thread in self.threads:
+            thread.hold(self.clock.now_ns + duration_ns)
+
+    def run(self, others: list[Actor], until_ns: int) -> None:
+        """Let virtual time pass."""
+        run([*others, *self.threads], self.clock, until_ns)
+
+    def pulse(self, number: int) -> None:
+        """A pulse on the trigger wire."""
+        now_ns = self.clock.now_ns
+        for unit in self.units.values():
+            unit.device.pulse(number, now_ns)
+            unit.plan_frames()
+
+    def _write(self, setting: ExposureSetting, not_before_ns: int) -> None:
+        for unit in self.units.values():
+            unit.supervisor.request(setting, not_before_ns)
+            unit.plan_nodes()
+
+    def _take(self) -> None:
+        began_ns = self.clock.now_ns
+        self.control.take(self._events.taken())
+        self._control.held_until_ns = self.clock.now_ns
+        self._control.plan(min(self._events.first_ns, began_ns + BEAT_NS))
+
+    def _look(self) -> None:
+        now_ns = self.clock.now_ns
+        health = judge(self.control.telemetry, self._expectation, now_ns)
+        if health != self._health:
+            self._health = health
+            self._see_health(now_ns, health)
+        self._watch.plan(now_ns + LOOK_NS)

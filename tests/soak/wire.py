@@ -1,0 +1,83 @@
+"""The trigger wire in virtual time. It knows what every trigger came to, whatever the daemon thinks."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter, defaultdict
+
+from drivers.frames import Side
+from tests.soak.clock import Actor
+from tests.soak.rig import PERIOD_NS, VirtualRig
+
+STANDS_STILL = 30
+"""A pause of so many periods is no loss: nobody expects triggers then."""
+
+
+class Wire:
+    """Pulses at the rate expected, unless told otherwise, and the account of them.
+
+    Attributes
+    ----------
+    triggers
+        How many were expected so far: pulses, and those that were left out of a wire that did not stand still.
+    extra
+        How many pulses came between the expected ones.
+    stop_periods
+        Stand still for so many periods, once; a fraction moves the phase.
+    halved, doubled
+        How many of the next pulses are left out every other time, or get another one behind them.
+    """
+
+    def __init__(self, rig: VirtualRig, first_ns: int) -> None:
+        self.triggers = 0
+        self.extra = 0
+        self.stop_periods = 0.0
+        self.halved = self.doubled = 0
+        self._rig = rig
+        self._next_ns: float = first_ns
+        self._left_out: set[int] = set()
+        self.actors = [Actor(self._pulse, first_ns), Actor(self._extra_pulse)]
+
+    def lost(self) -> Counter[str]:
+        """Why triggers since the last call made no pair, by the fates of their frames."""
+        fates: dict[int, dict[Side, str]] = defaultdict(dict)
+        for device in self._rig.devices:
+            for number, fate in device.fates:
+                if number >= 0:
+                    fates[number][device.side] = fate
+            device.fates.clear()
+        for number in self._left_out:
+            fates[number]["left"] = "ignored"
+        self._left_out.clear()
+        return Counter(_reason(of_trigger) for of_trigger in fates.values())
+
+    def _pulse(self) -> None:
+        self._rig.pulse(self.triggers)
+        self.triggers += 1
+        now_ns, periods = self._next_ns, 1.0
+        if self.doubled:
+            self.doubled -= 1
+            self.actors[1].plan(round(now_ns + PERIOD_NS / 2))
+        if self.halved:
+            self.halved -= 1
+            periods = 2.0
+        elif self.stop_periods:
+            periods, self.stop_periods = self.stop_periods, 0.0
+        left_out = round(periods) - 1
+        if left_out < STANDS_STILL:
+            self._left_out.update(range(self.triggers, self.triggers + left_out))
+            self.triggers += left_out
+        self._next_ns = now_ns + periods * PERIOD_NS
+        self.actors[0].plan(round(self._next_ns))
+
+    def _extra_pulse(self) -> None:
+        self.extra += 1
+        self._rig.pulse(-self.extra)
+        self.actors[1].plan(math.inf)
+
+
+def _reason(fates: dict[Side, str]) -> str:
+    for fate, reason in (("gone", "camera_gone"), ("incomplete", "incomplete"), ("ignored", "trigger_ignored")):
+        if fate in fates.values():
+            return reason
+    return "both_missing" if len(fates) == 2 else f"{next(iter(fates))}_missing"
