@@ -9,7 +9,7 @@ from typing import Self
 from pydantic import field_validator, model_validator
 
 from autoexpose_daemon.config_section import Section
-from autoexpose_daemon.publish.keys import LOOPBACK, RIG_NAME
+from autoexpose_daemon.publish.keys import LOOPBACK, check_rig_name
 from drivers.errors import ConfigurationError
 
 _ENDPOINT = re.compile(r"[a-z][a-z0-9_-]*/\S+")
@@ -26,8 +26,7 @@ class PublishConfig(Section):
     @field_validator("rig")
     @classmethod
     def _rig_is_a_name(cls, rig: str) -> str:
-        if not RIG_NAME.fullmatch(rig):
-            raise ValueError(f"{rig} is no name for a rig: a letter, then letters, digits and _")
+        check_rig_name(rig)
         return rig
 
     @model_validator(mode="after")

@@ -13,6 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from autoexpose_daemon.command_effect import CommandToEffect
 from autoexpose_daemon.config import Config
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlLoop
@@ -99,6 +100,7 @@ class Daemon:
         self._loop: ControlLoop | None = None
         self._asked_arrival_ns: int | None = None
         self._ledger = WriteLedger(tuple(openers))
+        self._effects = CommandToEffect(tuple(openers))
         self._last_trigger = -1
         self._off_rate = False
         self._write_again = False
@@ -108,6 +110,11 @@ class Daemon:
     def tally(self) -> Tally:
         """The account of triggers so far."""
         return self._account.tally
+
+    @property
+    def tuning(self) -> Tuning:
+        """What control goes by at present."""
+        return self._tuning
 
     @property
     def loop(self) -> ControlLoop | None:
@@ -123,6 +130,7 @@ class Daemon:
             When a camera can never be driven as configured.
         """
         share_one_heap()
+        self.telemetry.opened_ns = time.monotonic_ns()
         with ExitStack() as outlets:
             for outlet in self.outlets:
                 outlets.enter_context(outlet)
@@ -133,6 +141,9 @@ class Daemon:
                     self.beat_ns = time.monotonic_ns()
                     self._take(self._next_events())
                     self._tune()
+            except BaseException as error:
+                self.telemetry.failed(error)
+                raise
             finally:
                 self._account.close(time.monotonic_ns())
                 self._publish_tally()
@@ -262,6 +273,7 @@ class Daemon:
     def _on_gone(self, side: Side, error: AutoexposeError, final: bool) -> None:
         self.telemetry.cameras[side] = GONE
         self._ledger.gone(side)
+        self._effects.gone(side)
         if final:
             raise error
         self._complain(side, "gone", f"{error}; trying again")
@@ -276,6 +288,7 @@ class Daemon:
         if event.read_back.agrees_with(event.asked):
             self._complaints.discard((event.side, "clipped"))
         else:
+            self.telemetry.clipped_writes += 1
             self._complain(event.side, "clipped", f"{event.asked} was asked for, the camera took {event.read_back}")
 
     def _complain(self, side: Side, kind: str, complaint: str) -> None:
@@ -290,9 +303,11 @@ class Daemon:
         started_ns = time.monotonic_ns()
         decision = self._loop.step(pair)
         self._newest = pair
-        self.telemetry.decision_ms.add_ns(time.monotonic_ns() - started_ns)
-        self.telemetry.decision = decision
+        decided_ns = time.monotonic_ns()
+        self.telemetry.decision_ms.add_ns(decided_ns - started_ns)
+        self.telemetry.decided(decision, self._loop.setup.limits)
         if decision.setting != self._asked or self._write_again:
+            self._effects.commanded(decision.setting, decided_ns)
             self._asked, self._write_again = decision.setting, False
             self._asked_arrival_ns = max(frame.arrival_time_ns for frame in pair.frames)
             self._rig.write(decision.setting, self._when_to_write_ns())
@@ -301,6 +316,9 @@ class Daemon:
     def _deliver(self, pair: StereoPair, decision: Decision | None) -> None:
         """Note what a pair shows, and hand it on."""
         self.telemetry.delivered(pair, complete=len(pair.frames) == len(self._config.sides))
+        for side, frame in pair.by_side.items():
+            if (effect_ns := self._effects.shown(side, frame)) is not None:
+                self.telemetry.command_to_effect_ms.add_ns(effect_ns)
         if self._ledger.mismatched(pair):
             self.telemetry.mismatched_pairs += 1
             self.telemetry.unexplained_mismatches += not self._ledger.explains(pair)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
+from typing import Literal
 
+from drivers.errors import ConfigurationError
 from drivers.frames import Side
 
 LOOPBACK = "tcp/127.0.0.1:7448"
@@ -14,6 +16,12 @@ RIG_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
 
 CONSUMER_NAME = re.compile(r"[A-Za-z0-9_.-]{1,64}")
+
+
+def check_rig_name(rig: str) -> None:
+    """Raise ConfigurationError for what cannot be the name of a rig."""
+    if not RIG_NAME.fullmatch(rig):
+        raise ConfigurationError(f"{rig} is no name for a rig: a letter, then letters, digits and _")
 
 
 def frame_key(rig: str, side: Side, topic: str) -> str:
@@ -29,6 +37,16 @@ def all_of_rig(rig: str) -> str:
 def consumer_key(rig: str, name: str) -> str:
     """Where a consumer reports its losses; `*` for all of them."""
     return f"autoexpose/{rig}/consumers/{name}"
+
+
+def status_key(rig: str) -> str:
+    """Where the daemon says how it is."""
+    return f"autoexpose/{rig}/status"
+
+
+def response_key(rig: str, side: Side | Literal["*"]) -> str:
+    """Where the response function of a camera goes; `*` for all of them."""
+    return f"autoexpose/{rig}/{side}/response"
 
 
 def last_but(key: str, parts: int) -> str:
