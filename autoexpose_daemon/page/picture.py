@@ -33,11 +33,11 @@ class Picture:
     Attributes
     ----------
     jpeg
-        Saturated pixels are red, black ones blue.
+        Saturated pixels are red, black ones blue: those that the shares count, in the image that control looks at.
     metric
         M_g, 0..1 per pixel (eq. 5).
     saturated_share, black_share
-        Shares (0..1) of its pixels, by the levels of the decision's shares.
+        Shares (0..1) of its pixels, as in a decision.
     """
 
     jpeg: bytes
@@ -60,17 +60,19 @@ class Viewer:
         """The picture of 8-bit grey levels, shape (height, width), at least 68 by 90; ConfigurationError below."""
         image = self._preparation.prepare(grey)
         saturated, black = self._shares.measure(image)
-        return Picture(self._marked(grey), self._metric.measure(image), saturated, black)
+        return Picture(self._marked(grey, image), self._metric.measure(image), saturated, black)
 
     def curve(self, grey: NDArray[np.uint8]) -> list[float]:
         """M_g at each of `DELTA_LEVELS`, as the response predicts it (eq. 20); at 0 it is the frame's own."""
         return [float(m) for m in self._metric.measure_predictions(self._preparation.prepare(grey), self._tables)]
 
-    def _marked(self, grey: NDArray[np.uint8]) -> bytes:
+    def _marked(self, grey: NDArray[np.uint8], image: NDArray[np.uint8]) -> bytes:
+        """`grey` as JPEG, marked where its prepared `image` is counted."""
         size = fit(grey.shape, DISPLAY_SIZE)
         small = grey if size == grey.shape[::-1] else cv2.resize(grey, size, interpolation=cv2.INTER_AREA)
         colours = cv2.cvtColor(small, cv2.COLOR_GRAY2BGR)
-        colours[small >= self._shares.saturated_from] = _SATURATED_BGR
-        colours[small <= self._shares.black_to] = _BLACK_BGR
+        large = cv2.resize(image, size, interpolation=cv2.INTER_NEAREST)
+        colours[large >= self._shares.saturated_from] = _SATURATED_BGR
+        colours[large <= self._shares.black_to] = _BLACK_BGR
         _, jpeg = cv2.imencode(".jpg", colours, _JPEG)
         return jpeg.tobytes()

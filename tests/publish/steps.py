@@ -12,7 +12,7 @@ import numpy as np
 
 from autoexpose_daemon.config_publish import PublishConfig
 from autoexpose_daemon.control.decision import Decision
-from autoexpose_daemon.publish.publisher import Publisher
+from autoexpose_daemon.publish.publisher import Publisher, Tell
 from autoexpose_daemon.publish.tally import DropReason
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame, StereoPair
@@ -47,7 +47,7 @@ def endpoint() -> str:
 
 
 @contextlib.contextmanager
-def publishing(config: PublishConfig, period_s: float = 1 / 60) -> Iterator[Publisher]:
+def publishing(config: PublishConfig, period_s: float = 1 / 60, tell: Tell = nothing) -> Iterator[Publisher]:
     """A publisher that gets a pair at each period, as from a running rig, until the block ends."""
     stop = threading.Event()
 
@@ -57,7 +57,7 @@ def publishing(config: PublishConfig, period_s: float = 1 / 60) -> Iterator[Publ
                 return
             publisher(pair(number), DECISION)
 
-    with Publisher(config, 2, nothing) as publisher:
+    with Publisher(config, 2, tell) as publisher:
         thread = threading.Thread(target=run)
         thread.start()
         try:

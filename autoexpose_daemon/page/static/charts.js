@@ -2,7 +2,9 @@
 
 import * as format from "./format.js";
 
-const LENGTH_S = 300;
+// Lengths of the drawing, with the steps of its time axis: as long as there is something to show.
+const STEPS_S = new Map([[30, 10], [60, 15], [120, 30], [300, 60]]);
+const LENGTHS_S = [...STEPS_S.keys()];
 const GAP_S = 2.5; // the daemon's own word, once a second, is all there is while nobody watches
 const LEFT = 52;
 const BOTTOM = 17;
@@ -40,7 +42,7 @@ function linearTicks(low, high) {
 }
 
 function logTicks(low, high) {
-  const few = high / low > 30 ? [1] : high / low > 6 ? [1, 3] : [1, 2, 3, 5, 7];
+  const few = high / low > 100 ? [1] : high / low > 6 ? [1, 3] : [1, 2, 3, 5, 7];
   const ticks = [];
   for (let power = 10 ** Math.floor(Math.log10(low)); power <= high; power *= 10) {
     ticks.push(...few.map((factor) => factor * power).filter((tick) => tick >= low && tick <= high));
@@ -72,19 +74,24 @@ function bounds(lane, rows) {
   return [lane.floor === undefined ? bottom : Math.max(bottom, lane.floor - margin / 2), high + missing + margin];
 }
 
-export function drawLane(canvas, lane, rows, nowS, hoverS) {
+export function lengthOf(rows, nowS) {
+  const wantedS = rows.length ? nowS - rows[0][0] : 0;
+  return LENGTHS_S.find((length) => length >= wantedS) ?? LENGTHS_S.at(-1);
+}
+
+export function drawLane(canvas, lane, rows, { nowS, lengthS, hoverS }) {
   const { pen, width, height, colour } = begin(canvas);
   const right = width - 1;
   const bottom = height - BOTTOM;
-  const x = (timeS) => right - ((nowS - timeS) / LENGTH_S) * (right - LEFT);
+  const x = (timeS) => right - ((nowS - timeS) / lengthS) * (right - LEFT);
   pen.textBaseline = "middle";
   pen.fillStyle = colour("quiet");
   pen.strokeStyle = colour("rule");
   pen.textAlign = "center";
-  for (let minute = 0; minute <= 5; minute++) {
-    const at = Math.round(x(nowS - 60 * minute)) + 0.5;
-    pen.textAlign = minute === 0 ? "right" : "center";
-    pen.fillText(minute === 0 ? "now" : `−${minute} min`, at, height - 7);
+  for (let agoS = 0; agoS <= lengthS; agoS += STEPS_S.get(lengthS)) {
+    const at = Math.round(x(nowS - agoS)) + 0.5;
+    pen.textAlign = agoS === 0 ? "right" : "center";
+    pen.fillText(agoS === 0 ? "now" : `−${agoS % 60 ? `${agoS} s` : `${agoS / 60} min`}`, at, height - 7);
     line(pen, [[at, 2], [at, bottom]]);
   }
   const range = bounds(lane, rows);
@@ -138,9 +145,9 @@ function line(pen, points) {
 }
 
 // The time under the pointer, or null outside of the lane.
-export function timeAt(canvas, offsetX, nowS) {
+export function timeAt(canvas, offsetX, nowS, lengthS) {
   const share = (offsetX - LEFT) / (canvas.clientWidth - 1 - LEFT);
-  return share < 0 || share > 1 ? null : nowS - (1 - share) * LENGTH_S;
+  return share < 0 || share > 1 ? null : nowS - (1 - share) * lengthS;
 }
 
 export function drawCurve(canvas, curve) {

@@ -22,10 +22,10 @@ export function define(list, entries) {
   );
 }
 
-// A table from rows of texts; a row is bad when `bad` says so of its index.
+// A table from rows, each of texts and a kind: "bad", "none" or neither.
 function fill(table, rows, head) {
-  const lines = rows.map(([cells, bad]) => {
-    const line = element("tr", undefined, bad ? "bad" : "");
+  const lines = rows.map(([cells, kind]) => {
+    const line = element("tr", undefined, kind);
     line.append(...cells.map((cell) => element("td", cell)));
     return line;
   });
@@ -37,7 +37,7 @@ function fill(table, rows, head) {
   table.replaceChildren(...lines);
 }
 
-const counted = (name, number) => [[name, format.count(number)], number > 0];
+const counted = (name, number) => [[name, format.count(number)], number > 0 ? "bad" : "none"];
 const byReason = (counts) => Object.entries(counts).filter(([, number]) => number > 0);
 const words = (name) => name.replaceAll("_", " ");
 
@@ -77,9 +77,9 @@ function showTriggers(status) {
     [["stereo pairs", `${format.count(status.pairs)} of ${format.count(all)}`]],
     ...lost.map(([reason, number]) => [
       [`lost: ${words(reason)}`, format.count(number)],
-      reason !== "startup" && reason !== "shutdown",
+      reason !== "startup" && reason !== "shutdown" && "bad",
     ]),
-    ...(lost.length ? [] : [[["lost", "none"]]]),
+    ...(lost.length ? [] : [counted("lost", 0)]),
     counted("pairs without a decision", status.undecided_pairs),
     counted("mismatched pairs", status.mismatched_pairs),
     counted("  not explained by a late write", status.unexplained_mismatches),
@@ -93,9 +93,10 @@ function showWrites(status) {
     counted("late", status.late_writes),
     counted("refused", status.refused_writes),
     counted("clipped by the camera", status.clipped_writes),
-    ...["darkest", "brightest"].map((bound) => [
-      [`decisions held at the ${bound} bound`, format.count(status.clamped_decisions[bound] ?? 0)],
-    ]),
+    ...["darkest", "brightest"].map((bound) => {
+      const number = status.clamped_decisions[bound] ?? 0;
+      return [[`decisions held at the ${bound} bound`, format.count(number)], number === 0 && "none"];
+    }),
   ]);
 }
 
@@ -115,8 +116,8 @@ function showLatency(status) {
 
 function showCameras(cameras) {
   const rows = Object.entries(cameras).flatMap(([side, camera]) => [
-    [[side, camera.camera ?? "gone"], camera.camera === null],
-    [["  response", responseWords(camera)], camera.misfit !== null],
+    [[side, camera.camera ?? "gone"], camera.camera === null && "bad"],
+    [["  response", responseWords(camera)], camera.misfit === null ? "none" : "bad"],
   ]);
   fill(byId("cameras"), rows);
 }
@@ -132,7 +133,7 @@ function showConsumers(publishing) {
     byId("consumers"),
     consumers.map(([name, tally]) => [
       [name, format.count(tally.pairs), format.count(tally.lost), format.count(tally.too_slow)],
-      tally.lost + tally.too_slow > 0,
+      tally.lost + tally.too_slow > 0 && "bad",
     ]),
     ["", "pairs", "lost", "too slow"],
   );
@@ -143,16 +144,25 @@ function showConsumers(publishing) {
 }
 
 function showRecorder(recorder) {
-  if (!recorder) return fill(byId("recorder"), [[["not recording", ""]]]);
+  if (!recorder) return fill(byId("recorder"), [[["not recording"], "none"]]);
   const rows = [[["steps", format.count(recorder.steps)]], counted("dropped", recorder.dropped)];
-  if (recorder.failure) rows.push([["ended", recorder.failure], true]);
+  if (recorder.failure) rows.push([["ended", recorder.failure], "bad"]);
   return fill(byId("recorder"), rows);
 }
 
+// The latest first; what was said several times is one line.
 function showFaults(faults) {
-  const lines = [...faults].reverse().map((fault) => {
+  const told = new Map();
+  for (const fault of [...faults].reverse()) {
+    const known = told.get(fault.message);
+    if (known) known.times += 1;
+    else told.set(fault.message, { ...fault, times: 1 });
+  }
+  const lines = [...told.values()].map((fault) => {
     const line = element("li", undefined, fault.level);
-    line.append(element("time", format.clock(fault.unix_time_s)), element("span", fault.message));
+    const text = element("span", fault.message);
+    if (fault.times > 1) text.append(" ", element("small", `${fault.times} times`));
+    line.append(element("time", format.clock(fault.unix_time_s)), text);
     return line;
   });
   byId("fault-lines").replaceChildren(...(lines.length ? lines : [element("p", "none", "quiet")]));

@@ -1,6 +1,6 @@
 // One web socket: numbers come twice a second, pictures when asked for. A hidden tab closes it.
 
-import { LANES, at, drawCurve, drawLane, timeAt } from "./charts.js";
+import { LANES, at, drawCurve, drawLane, lengthOf, timeAt } from "./charts.js";
 import * as format from "./format.js";
 import { define, element, showDecision, showStatus } from "./numbers.js";
 
@@ -87,6 +87,9 @@ function showState() {
   byId("state").dataset.state = state;
   byId("state-word").textContent = word;
   byId("reasons").replaceChildren(...reasons.map((reason) => element("li", reason)));
+  const alone = Boolean(numbers?.status) && !("right" in numbers.status.cameras);
+  byId("right").hidden = alone;
+  byId("pictures").classList.toggle("alone", alone);
   document.title = `${word} · autoexpose${numbers ? ` ${numbers.rig}` : ""}`;
   const staleS = pairMs === null ? null : sinceMs(pairMs) / 1000;
   for (const side of ["left", "right"]) {
@@ -101,13 +104,13 @@ async function takePair(data) {
   const length = new DataView(data).getUint32(0, true);
   const pair = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, length)));
   let start = 4 + length;
-  for (const picture of pair.pictures) {
-    const jpeg = new Blob([new Uint8Array(data, start, picture.jpeg_bytes)], { type: "image/jpeg" });
-    start += picture.jpeg_bytes;
-    showPicture(picture, await createImageBitmap(jpeg));
+  const decoded = [];
+  for (const { jpeg_bytes: length } of pair.pictures) {
+    decoded.push(createImageBitmap(new Blob([new Uint8Array(data, start, length)], { type: "image/jpeg" })));
+    start += length;
   }
-  byId("right").hidden = pair.pictures.length < 2;
-  byId("pictures").classList.toggle("alone", pair.pictures.length < 2);
+  const bitmaps = await Promise.all(decoded);
+  pair.pictures.forEach((picture, index) => showPicture(picture, bitmaps[index]));
   pairMs = performance.now();
   showDecision(pair.decision);
   showState();
@@ -154,7 +157,7 @@ const lanes = LANES.map((lane) => {
   box.append(heading, canvas);
   byId("lanes").append(box);
   canvas.addEventListener("pointermove", (event) => {
-    hoverS = numbers && timeAt(canvas, event.offsetX, numbers.now_s);
+    hoverS = numbers && timeAt(canvas, event.offsetX, numbers.now_s, lengthOf(rows, numbers.now_s));
     showHistory();
   });
   canvas.addEventListener("pointerleave", () => {
@@ -166,9 +169,10 @@ const lanes = LANES.map((lane) => {
 
 function showHistory() {
   if (!numbers) return;
+  const view = { nowS: numbers.now_s, lengthS: lengthOf(rows, numbers.now_s), hoverS };
   const chosen = hoverS === null ? rows.at(-1) : rows.findLast((row) => row[0] <= hoverS);
   for (const { lane, canvas, value } of lanes) {
-    drawLane(canvas, lane, rows, numbers.now_s, hoverS);
+    drawLane(canvas, lane, rows, view);
     value.textContent = chosen ? valueWords(lane, chosen) : "";
   }
 }
