@@ -54,6 +54,9 @@ class Tab:
                 self.complaints.append(f"{text} {entry.get('url', '')}")
 
     def open(self, url: str) -> None:
+        """Go there; what the page before complained of is forgotten."""
+        self.command("Page.navigate", url="about:blank")
+        self.complaints.clear()
         self.command("Page.navigate", url=url)
         self.wait_for("document.readyState === 'complete' && location.href !== 'about:blank'", f"{url} to load")
 
@@ -62,6 +65,16 @@ class Tab:
         answer = self.command("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True)
         assert "exceptionDetails" not in answer, answer["exceptionDetails"]
         return answer["result"].get("value")
+
+    def pixels(self, selector: str, width: int, height: int) -> list[int]:
+        """Red of a canvas, shrunk to `width` x `height`, row by row."""
+        shrunk = f"new OffscreenCanvas({width}, {height}).getContext('2d', {{willReadFrequently: true}})"
+        source = f"document.querySelector({json.dumps(selector)})"
+        data: list[int] = self.value(
+            f"(() => {{ const pen = {shrunk}; pen.imageSmoothingQuality = 'high'; pen.drawImage({source}, 0, 0, {width}, {height});"
+            f"return [...pen.getImageData(0, 0, {width}, {height}).data].filter((_, index) => index % 4 === 0); }})()"
+        )
+        return data
 
     def text(self, element_id: str) -> str:
         return str(self.value(f"document.getElementById({json.dumps(element_id)}).innerText"))
