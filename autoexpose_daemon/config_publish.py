@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from typing import Self
 
 from pydantic import field_validator, model_validator
 
 from autoexpose_daemon.config_section import Section
-from autoexpose_daemon.publish.keys import LOOPBACK, check_rig_name
+from autoexpose_daemon.publish.keys import LOOPBACK, check_endpoints, check_rig_name
 from drivers.errors import ConfigurationError
-
-_ENDPOINT = re.compile(r"[a-z][a-z0-9_-]*/\S+")
 
 
 class PublishConfig(Section):
@@ -31,9 +28,7 @@ class PublishConfig(Section):
 
     @model_validator(mode="after")
     def _endpoints_are_endpoints(self) -> Self:
-        for endpoint in (*self.listen, *self.connect):
-            if not _ENDPOINT.fullmatch(endpoint):
-                raise ValueError(f"{endpoint} is no endpoint: write protocol/address, such as {LOOPBACK}")
+        check_endpoints((*self.listen, *self.connect))
         return self
 
     @model_validator(mode="after")

@@ -25,7 +25,11 @@ class FaultLog(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         """Keep an event."""
-        text = " ".join(record.getMessage().split())
+        try:
+            text = " ".join(record.getMessage().split())
+        except Exception:  # a message that does not fit its arguments; the log goes on
+            self.handleError(record)
+            return
         self._faults.append(Fault(round(record.created, 3), record.levelname, text[:_LONGEST_TEXT]))
 
 

@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from rich.table import Table
+from rich.text import Text
 
-from autoexpose_daemon.status import Durations, PublishStatus, Status
+from autoexpose_daemon.states import State
+from autoexpose_daemon.status import CameraStatus, Durations, PublishStatus, Status
 from drivers.exposure import ExposureSetting
 
+COLOURS = {State.STARTING: "cyan", State.EXPOSING: "green", State.DEGRADED: "yellow", State.FAILED: "red"}
 _LEVELS = (4.0, 18.0)  # stops: 16 us without gain, 8 ms with 30 dB
 _BAR_WIDTH = 28
 
@@ -16,9 +19,25 @@ _BAR_WIDTH = 28
 def table_of(status: Status) -> Table:
     """All there is to say of one moment, as rows of a name and a text."""
     table = Table.grid(padding=(0, 3))
+    table.add_row("state", plain(str(status.health), COLOURS[status.state]))
     for name, text in _rows(status):
-        table.add_row(name, text)
+        table.add_row(plain(name), plain(text))
     return table
+
+
+def plain(text: str, style: str = "") -> Text:
+    """A text as it is: no markup, and nothing that a terminal would take for a command."""
+    return Text("".join(letter if letter.isprintable() else "?" for letter in text), style)
+
+
+def duration_text(seconds: float) -> str:
+    """A duration in the unit that suits it."""
+    minutes, hours = int(seconds // 60), int(seconds // 3600)
+    if hours >= 48:
+        return f"{hours // 24} d {hours % 24} h"
+    if hours:
+        return f"{hours} h {minutes % 60} min"
+    return f"{minutes} min" if minutes >= 2 else f"{seconds:.0f} s"
 
 
 def line_of(status: Status) -> str:
@@ -38,19 +57,17 @@ def line_of(status: Status) -> str:
 
 
 def _rows(status: Status) -> Iterator[tuple[str, str]]:
-    for side, camera in status.cameras.items():
-        yield f"{side} camera", camera.camera or "[red]gone[/red]"
-    yield "pairs", f"{status.pairs}   {status.rate_hz:.1f} per second"
+    yield from ((f"{side} camera", _camera(camera)) for side, camera in status.cameras.items())
+    yield "pairs", f"{status.pairs}   {status.rate_hz:.1f} per second   for {duration_text(status.open_s)}"
     yield "lost", _counts(status.lost)
     yield from ((name, str(count)) for name, count in _oddities(status))
     applied = _applied(status)
     if applied is not None:
-        yield "exposure", f"{applied.exposure_time_us:.0f} us   gain {applied.gain_db:.1f} dB"
         yield "level E", f"{applied.level:.2f} stops  {_bar(applied.level)}"
     if status.decision is not None:
         yield "metric", f"{status.decision.metric:.4f}"
         yield "saturated", f"{status.decision.saturated_share:.0%}   black {status.decision.black_share:.0%}"
-        yield "decision", status.decision.reason
+        yield "decision", f"{status.decision.setting}: {status.decision.reason}"
     yield from _responses(status)
     yield from _outlets(status)
     for name, durations in (
@@ -60,6 +77,11 @@ def _rows(status: Status) -> Iterator[tuple[str, str]]:
         ("command to effect", status.command_to_effect_ms),
     ):
         yield from ((name, text) for text in _percentiles(durations))
+
+
+def _camera(camera: CameraStatus) -> str:
+    applied = "" if camera.applied is None else f"   {camera.applied}"
+    return "gone" if camera.camera is None else camera.camera + applied
 
 
 def _applied(status: Status) -> ExposureSetting | None:
@@ -115,4 +137,4 @@ def _percentiles(durations: Durations) -> Iterator[str]:
 def _bar(level: float) -> str:
     low, high = _LEVELS
     filled = round(_BAR_WIDTH * min(max((level - low) / (high - low), 0.0), 1.0))
-    return "[cyan]" + "\u2588" * filled + "[/cyan]" + "\u2591" * (_BAR_WIDTH - filled)
+    return "\u2588" * filled + "\u2591" * (_BAR_WIDTH - filled)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter, deque
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 
@@ -13,9 +13,6 @@ from autoexpose_daemon.publish.tally import PublishTally
 from drivers.account import LossReason
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Side, StereoPair
-
-if TYPE_CHECKING:
-    from autoexpose_daemon.recording.recorder import Recorder  # an extra
 
 _KEPT = 1 << 14  # four and a half minutes at 60 Hz: percentiles of the recent past in bounded memory
 _PAUSE_NS = 1_000_000_000
@@ -45,6 +42,14 @@ class Durations:
             return {"p50": None, "p99": None}
         p50, p99 = np.percentile(self._latest_ms[: self.count], [50, 99])
         return {"p50": round(float(p50), 3), "p99": round(float(p99), 3)}
+
+
+class RecorderCounts(Protocol):
+    """What a recorder tells of itself; itself it is an extra."""
+
+    steps: int
+    dropped: int
+    failure: str | None
 
 
 @dataclass(slots=True)
@@ -101,7 +106,7 @@ class Telemetry:
     frame_to_node_ms: Durations = field(default_factory=Durations)
     command_to_effect_ms: Durations = field(default_factory=Durations)
     publishing: PublishTally | None = None
-    recorder: Recorder | None = None
+    recorder: RecorderCounts | None = None
     _recent_ns: deque[int] = field(default_factory=lambda: deque(maxlen=120))
 
     def failed(self, error: BaseException) -> None:

@@ -13,7 +13,7 @@ from rich.logging import RichHandler
 from rich.panel import Panel
 
 from autoexpose_daemon.fault_log import fault_log
-from autoexpose_daemon.panel import line_of, table_of
+from autoexpose_daemon.panel import COLOURS, line_of, table_of
 from autoexpose_daemon.status import Status
 
 log = logging.getLogger(__name__)
@@ -48,8 +48,9 @@ def display(console: Console, title: str) -> Iterator[Show]:
 
             def show(tell: Callable[[], Status]) -> None:
                 status = tell()
-                heading = f"{title}, {time.monotonic() - started_s:.0f} s, {status.health}"
-                live.update(Panel(table_of(status), title=heading, expand=False, border_style="cyan"), refresh=True)
+                heading = f"{title}, {time.monotonic() - started_s:.0f} s"
+                colour = COLOURS[status.state]
+                live.update(Panel(table_of(status), title=heading, expand=False, border_style=colour), refresh=True)
 
             yield show
     else:

@@ -20,6 +20,7 @@ from autoexpose_daemon.client.status_client import StatusClient
 from autoexpose_daemon.page.access import Access, Key
 from autoexpose_daemon.page.history import History
 from autoexpose_daemon.page.live import watch
+from autoexpose_daemon.page.metrics import CONTENT_TYPE, exposition
 from autoexpose_daemon.page.pair_views import PairViews
 
 STATIC = Path(__file__).with_name("static")
@@ -46,9 +47,14 @@ def page_app(rig: str, connect: Sequence[str], key: Key | None) -> ASGIApp:
     async def live(socket: WebSocket) -> None:
         await watch(socket, client, socket.app.state.views, history)
 
+    async def metrics(_request: Request) -> Response:
+        heard = client.status if client.silent_s < SILENT_S else None
+        return Response(exposition(rig, heard), media_type=CONTENT_TYPE)
+
     routes = [
         Route("/", _file("page.html")),
         WebSocketRoute("/live", live),
+        Route("/metrics", metrics),
         Mount("/static", StaticFiles(directory=STATIC)),
     ]
     if key is not None:

@@ -21,6 +21,14 @@ from websockets.sync.client import ClientConnection, connect
 PATIENCE_S = 20.0
 START_S = 30.0
 
+SHRUNK = """((selector, width, height) => {
+  const pen = new OffscreenCanvas(width, height).getContext("2d", { willReadFrequently: true });
+  pen.imageSmoothingQuality = "high";
+  pen.drawImage(document.querySelector(selector), 0, 0, width, height);
+  return [...pen.getImageData(0, 0, width, height).data].filter((_, index) => index % 4 === 0);
+})"""
+"""A function of JavaScript: red of a canvas shrunk to some width and height, row by row."""
+
 
 class Tab:
     """One page in the browser; `complaints` are what its console and its network had to say."""
@@ -66,16 +74,6 @@ class Tab:
         assert "exceptionDetails" not in answer, answer["exceptionDetails"]
         return answer["result"].get("value")
 
-    def pixels(self, selector: str, width: int, height: int) -> list[int]:
-        """Red of a canvas, shrunk to `width` x `height`, row by row."""
-        shrunk = f"new OffscreenCanvas({width}, {height}).getContext('2d', {{willReadFrequently: true}})"
-        source = f"document.querySelector({json.dumps(selector)})"
-        data: list[int] = self.value(
-            f"(() => {{ const pen = {shrunk}; pen.imageSmoothingQuality = 'high'; pen.drawImage({source}, 0, 0, {width}, {height});"
-            f"return [...pen.getImageData(0, 0, {width}, {height}).data].filter((_, index) => index % 4 === 0); }})()"
-        )
-        return data
-
     def text(self, element_id: str) -> str:
         return str(self.value(f"document.getElementById({json.dumps(element_id)}).innerText"))
 
@@ -87,7 +85,11 @@ class Tab:
     def screen(self, width: int, height: int, dark: bool = False, scale: float = 1.0) -> None:
         """The size of the window, CSS pixels, and the scheme of colours that is wished for."""
         self.command(
-            "Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=scale, mobile=width < 600
+            "Emulation.setDeviceMetricsOverride",
+            width=width,
+            height=height,
+            deviceScaleFactor=scale,
+            mobile=width < 600,
         )
         scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
         self.command("Emulation.setEmulatedMedia", features=[scheme])

@@ -67,12 +67,13 @@ def test_another_sites_script_gets_no_pictures(open_page: PageProcess) -> None:
 
 
 def test_without_the_token_there_is_nothing(locked_page: PageProcess) -> None:
-    for path in ("/", "/live", "/nothing"):
+    for path in ("/", "/live", "/metrics", "/nothing"):
         status, _, headers = locked_page.get(path)
         assert (status, headers["WWW-Authenticate"]) == (401, "Bearer"), path
     assert locked_page.get("/", {"Authorization": f"Bearer {TOKEN}x"})[0] == 401
     assert locked_page.get("/", {"Cookie": f"{COOKIE}={TOKEN}"})[0] == 401
     assert locked_page.get("/", {"Authorization": "Bearer t\u00f6ken"})[0] == 401
+    assert "autoexpose_up" in locked_page.get("/metrics", {"Authorization": f"Bearer {TOKEN}"})[1]
     assert live(locked_page) == 403
     assert live(locked_page, Authorization=f"Bearer {TOKEN}") == 101
     assert locked_page.get("/", {"Authorization": f"Bearer {TOKEN}", "Host": "robot.example"})[0] == 200
@@ -100,7 +101,10 @@ def test_a_browser_logs_in(locked_page: PageProcess) -> None:
     ("options", "words"),
     [
         (["--host", "0.0.0.0"], ["--host 0.0.0.0 lets others see the page", "--token-file FILE"]),
-        (["--host", "0.0.0.0", "--token-file", "missing"], ["missing cannot be read", "openssl rand -hex 32 > missing"]),
+        (
+            ["--host", "0.0.0.0", "--token-file", "missing"],
+            ["missing cannot be read", "openssl rand -hex 32 > missing"],
+        ),
         (["--host", "0.0.0.0", "--token-file", "short"], ["short holds less than 16 characters"]),
         (["--host", "203.0.113.1", "--token-file", "good"], ["cannot listen on 203.0.113.1 port 8420"]),
         (["--rig", "a/b"], ["a/b is no name for a rig"]),

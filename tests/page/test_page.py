@@ -3,33 +3,24 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Iterator
 from dataclasses import replace
 
 import pytest
 
-from autoexpose_daemon.config import Config
 from autoexpose_daemon.config_publish import PublishConfig
-from autoexpose_daemon.describe import describe
+from autoexpose_daemon.page.metrics import CONTENT_TYPE
 from autoexpose_daemon.publish.keys import response_key, status_key
 from autoexpose_daemon.publish.publisher import Publisher
-from autoexpose_daemon.publish.tally import ConsumerTally
 from autoexpose_daemon.states import State
-from autoexpose_daemon.status import (
-    CameraStatus,
-    Fault,
-    PublishStatus,
-    RecorderStatus,
-    Status,
-    response_to_json,
-)
-from autoexpose_daemon.telemetry import Telemetry
+from autoexpose_daemon.status import CameraStatus, Durations, Fault, RecorderStatus, Status, response_to_json
 from calibration.response import ResponseFunction
-from tests.page.browser import Tab, browser
+from tests.autoexpose_daemon.statuses import EXPOSING
+from tests.page.browser import SHRUNK, Tab, browser
 from tests.page.server import PageProcess, running_page
-from tests.publish.steps import DECISION, SETTING, endpoint, publishing, wait_until
+from tests.publish.steps import DECISION, endpoint, publishing, wait_until
 
-CONFIG = Config.model_validate({"cameras": {"left": {"serial": "L"}, "right": {"serial": "R"}}})
 HOSTILE = "<img src=x onerror=alert(1)>"
 STATE = "document.getElementById('state-word').innerText"
 
@@ -52,28 +43,19 @@ def page(at: str) -> Iterator[PageProcess]:
         yield page
 
 
-def made_up() -> Status:
-    """A daemon that has seen some trouble."""
-    camera = CameraStatus("Model A7", SETTING, 0.4, None)
-    return replace(
-        describe(Telemetry(), CONFIG),
-        state=State.DEGRADED,
-        reasons=("left camera gone", "calibration of the right camera does not fit: off by 9 grey levels"),
-        cameras={"left": CameraStatus(None, None, None, None), "right": camera},
-        rate_hz=59.94,
-        pairs=12345,
-        lost={"startup": 62, "left_missing": 7},
-        late_writes=3,
-        clamped_decisions={"brightest": 5},
-        decision=replace(DECISION, motion_px=math.nan),
-        publishing=PublishStatus(100, 99, {"behind": 1}, "", {"odometry": ConsumerTally(90, 3, 2, 1)}),
-        recorder=RecorderStatus(600, 4, "the disk is full"),
-        faults=(
-            Fault(1_700_000_000.0, "WARNING", "left camera: no frames"),
-            Fault(1_700_000_009.0, "WARNING", "left camera: no frames"),
-            Fault(1_700_000_010.0, "ERROR", HOSTILE),
-        ),
-    )
+TROUBLED = replace(
+    EXPOSING,
+    state=State.DEGRADED,
+    reasons=("left camera gone", "calibration of the right camera does not fit: off by 9 grey levels"),
+    cameras=EXPOSING.cameras | {"left": CameraStatus(None, None, None, None)},
+    pairs=12345,
+    lost={"startup": 62, "left_missing": 7},
+    mismatched_pairs=0,
+    decision=replace(DECISION, motion_px=math.nan),
+    command_to_effect_ms=Durations(0, 0.0, None, None),
+    recorder=RecorderStatus(600, 4, "the disk is full"),
+    faults=(*EXPOSING.faults, *EXPOSING.faults, Fault(1.7e9, "ERROR", HOSTILE)),
+)
 
 
 def published(at: str, status: Status) -> Publisher:
@@ -86,20 +68,23 @@ def test_it_tells_state_reasons_and_counts_in_words(tab: Tab, page: PageProcess,
     tab.open(page.url)
     tab.wait_for(f"{STATE} === 'waiting'", "a page without a daemon")
     assert "nothing heard of a daemon of rig rig" in tab.text("reasons")
-    with published(at, made_up()):
+    with published(at, TROUBLED):
         tab.wait_for(f"{STATE} === 'degraded'", "the state")
+        status, metrics, headers = page.get("/metrics")
+        assert (status, headers["Content-Type"]) == (200, CONTENT_TYPE)
+        assert 'autoexpose_pairs_total{rig="rig"} 12345.0' in metrics
     assert tab.text("reasons").startswith("left camera gone")
     assert "off by 9 grey levels" in tab.text("reasons")
     expected = {
-        "headline": ["59.9"],
+        "headline": ["60.0", "2.0 h"],
         "triggers": ["12\u202f345 of 12\u202f414", "lost: left missing\t7", "mismatched pairs\t0"],
-        "writes": ["late\t3", "decisions held at the brightest bound\t5"],
-        "latency": ["median\t99 %", "command to effect\t–"],
-        "cameras": ["left\tgone", "right\tModel A7", "off by 0.4 grey levels"],
-        "consumers": ["odometry\t90\t2\t1"],
-        "published": ["99 pairs sent; dropped: 1 behind"],
+        "writes": ["late\t5", "refused\t6", "clipped by the camera\t7", "decisions held at the brightest bound\t8"],
+        "latency": ["median\t99 %", "one decision\t2.00 ms\t8.00 ms", "command to effect\t\u2013"],
+        "cameras": ["left\tgone", "right\tFakeCam R2", "not tested yet"],
+        "consumers": ["slam\t400\u202f000\t8\t4"],
+        "published": ["431\u202f990 pairs sent; dropped: 10 behind"],
         "recorder": ["steps\t600", "dropped\t4", "ended\tthe disk is full"],
-        "faults": ["left camera: no frames 2 times", HOSTILE],
+        "faults": ["asking whether it is there 2 times", HOSTILE],
     }
     for place, words in expected.items():
         assert [word for word in words if word not in tab.text(place)] == [], place
@@ -107,14 +92,14 @@ def test_it_tells_state_reasons_and_counts_in_words(tab: Tab, page: PageProcess,
     tab.wait_for(f"{STATE} === 'silent'", "the silence to be told")
     assert "nothing heard of the daemon for" in tab.text("reasons")
     assert tab.complaints == []
+    wait_until(lambda: 'autoexpose_up{rig="rig"} 0.0' in page.get("/metrics")[1], "silence in the metrics")
 
 
 def test_a_daemon_that_leaves_says_so_and_a_new_one_is_found(tab: Tab, page: PageProcess, at: str) -> None:
-    running = replace(made_up(), state=State.EXPOSING, reasons=())
-    last = replace(running, ending=True)
+    last = replace(EXPOSING, ending=True)
 
     def tell(ending: bool) -> dict[str, str]:
-        return {status_key("rig"): (last if ending else running).to_json()}
+        return {status_key("rig"): (last if ending else EXPOSING).to_json()}
 
     tab.open(page.url)
     for _ in range(2):
@@ -122,7 +107,7 @@ def test_a_daemon_that_leaves_says_so_and_a_new_one_is_found(tab: Tab, page: Pag
             tab.wait_for(f"{STATE} === 'exposing'", "the daemon")
             tab.wait_for("!document.querySelector('.stale')", "pictures")
             for side in ("left", "right"):
-                assert max(tab.pixels(f"#{side} canvas", 4, 3)) > 0
+                assert max(tab.value(f"{SHRUNK}('#{side} canvas', 4, 3)")) > 0
         tab.wait_for(f"{STATE} === 'ended'", "the end of the daemon")
         tab.wait_for("document.querySelectorAll('.stale').length === 2", "stale pictures")
     assert tab.complaints == []
@@ -142,13 +127,8 @@ def test_a_hidden_tab_takes_no_pictures(tab: Tab, page: PageProcess, at: str) ->
 
 
 def consumers(publisher: Publisher) -> list[str]:
-    return [name for name in describe_consumers(publisher) if name.startswith("page-")]
-
-
-def describe_consumers(publisher: Publisher) -> list[str]:
-    telemetry = Telemetry(publishing=publisher.tally)
-    said = describe(telemetry, CONFIG).publishing
-    return [] if said is None else list(said.consumers)
+    """Pages among them."""
+    return [name for name in publisher.tally.consumers(time.monotonic_ns()) if name.startswith("page-")]
 
 
 def hiding(hidden: bool) -> str:
