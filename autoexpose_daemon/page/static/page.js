@@ -184,8 +184,10 @@ function valueWords(lane, row) {
   return asked && asked !== applied && asked !== "–" ? `${applied}, asked for ${asked}` : applied;
 }
 
-addEventListener("resize", () => {
+function redraw() {
   showHistory();
   if (numbers?.curve) drawCurve(byId("curve"), numbers.curve);
-});
+}
+addEventListener("resize", redraw);
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
 connect();
