@@ -38,6 +38,7 @@ from drivers.rig import (
     WriteFailed,
     Written,
 )
+from drivers.seldom import Seldom
 from drivers.start_check import StartCheck
 from drivers.write_ledger import WriteLedger
 from drivers.write_window import when_to_write_ns
@@ -48,6 +49,7 @@ _STOP_S = 9.0  # a camera that does not answer holds up its teardown for 5 to 10
 _BEAT_S = 0.1
 _SILENCE_S = 0.2
 _SILENCE_PERIODS = 3.0
+_SILENCE_SAID_S = 60.0  # a trigger much slower than configured makes each frame end a silence
 
 
 class Daemon:
@@ -105,6 +107,7 @@ class Daemon:
         self._off_rate = False
         self._write_again = False
         self._complaints: set[tuple[Side, str]] = set()
+        self._seldom = Seldom(_SILENCE_SAID_S)
 
     @property
     def tally(self) -> Tally:
@@ -230,7 +233,8 @@ class Daemon:
                 self._start_check.frame(side, frame.host_time_ns)
                 return self._account.frame(side, frame)
             case CameraSilent(side):
-                log.warning("%s camera: no frames; asking whether it is there", side)
+                if self._seldom.due(side, time.monotonic_ns()):
+                    log.warning("%s camera: no frames; asking whether it is there", side)
                 return self._account.silent(side)
             case CameraGone(side, error, final):
                 self._on_gone(side, error, final)

@@ -14,13 +14,14 @@ from autoexpose_daemon.config import Config
 from autoexpose_daemon.control_thread import ControlThread
 from autoexpose_daemon.describe import describe
 from autoexpose_daemon.last_exposure import LastExposure
+from autoexpose_daemon.logs import set_up_logging
 from autoexpose_daemon.notify import Notifier
 from autoexpose_daemon.panel import line_of
 from autoexpose_daemon.runtime import Daemon
 from autoexpose_daemon.states import State
 from autoexpose_daemon.status import Status
 from autoexpose_daemon.tuning import Tuning
-from autoexpose_daemon.view import Show, display, set_up_logging
+from autoexpose_daemon.view import Show, display
 from autoexpose_daemon.watch import Watch
 from drivers.errors import AutoexposeError, ConfigurationError
 from drivers.exposure import ExposureSetting

@@ -9,10 +9,8 @@ from contextlib import contextmanager
 
 from rich.console import Console
 from rich.live import Live
-from rich.logging import RichHandler
 from rich.panel import Panel
 
-from autoexpose_daemon.fault_log import fault_log
 from autoexpose_daemon.panel import COLOURS, line_of, table_of
 from autoexpose_daemon.status import Status
 
@@ -20,19 +18,6 @@ log = logging.getLogger(__name__)
 
 _FIRST_LINE_S = 5.0
 _LONGEST_PAUSE_S = 3600.0  # a log that is kept for months
-
-
-def set_up_logging(console: Console) -> None:
-    """Log through rich in a terminal, and as plain lines (systemd adds the time) elsewhere."""
-    if console.is_terminal:
-        handler: logging.Handler = RichHandler(console=console, show_path=False, log_time_format="%H:%M:%S")
-        handler.setFormatter(logging.Formatter("%(message)s"))
-    else:
-        handler = logging.StreamHandler()
-        handler.setFormatter(logging.Formatter("%(levelname)s %(message)s"))
-    logging.basicConfig(level=logging.WARNING, handlers=[handler, fault_log()], force=True)
-    for package in ("autoexpose_daemon", "drivers"):
-        logging.getLogger(package).setLevel(logging.INFO)
 
 
 Show = Callable[[Callable[[], Status]], None]

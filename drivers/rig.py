@@ -25,12 +25,14 @@ from drivers.errors import (
 )
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Frame, Side
+from drivers.seldom import Seldom
 
 log = logging.getLogger(__name__)
 
 _CLOCK_PERIOD_S = 1.0  # a crystal off by 50 ppm drifts 50 us in it, far below a trigger period
 _SHORTEST_BACK_OFF_S = 0.1
 _LONGEST_BACK_OFF_S = 2.0
+_CLOCK_SAID_S = 600.0
 _FRAME_POLL_S = 0.05
 _BACKLOG = 24  # frames that may wait for the control thread before pixels are let go
 _NO_PIXELS = np.empty((0, 0), np.uint8)
@@ -149,6 +151,7 @@ class _Unit:
         self._pending: tuple[ExposureSetting, int] | None = None
         self._trouble = False  # the frame thread wants the camera looked at
         self._stopping = False
+        self._seldom = Seldom(_CLOCK_SAID_S)
         self._thread = threading.Thread(target=self._live, name=f"nodes-{side}", daemon=True)
 
     def start(self) -> None:
@@ -244,7 +247,8 @@ class _Unit:
         except CameraLostError:
             raise
         except CameraError as error:
-            log.warning("%s camera: its clock was not read: %s", self._side, error)
+            if self._seldom.due("clock", time.monotonic_ns()):
+                log.warning("%s camera: its clock was not read: %s", self._side, error)
 
     def _write(self, camera: Camera, setting: ExposureSetting) -> None:
         started_ns = time.monotonic_ns()

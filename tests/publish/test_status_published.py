@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+import itertools
+import threading
+
 import pytest
 
 from autoexpose_daemon.client.status_client import StatusClient
 from autoexpose_daemon.config import Config
 from autoexpose_daemon.config_publish import PublishConfig
 from autoexpose_daemon.describe import describe
+from autoexpose_daemon.outlets import add_outlets
 from autoexpose_daemon.publish.keys import status_key
 from autoexpose_daemon.publish.publisher import Publisher
+from autoexpose_daemon.runtime import Daemon
+from autoexpose_daemon.service import Service
 from autoexpose_daemon.states import State
 from autoexpose_daemon.status import Status
 from autoexpose_daemon.telemetry import Telemetry
 from tests.autoexpose_daemon.stereo import running_daemon, stereo_cameras
+from tests.drivers.test_rig import ScriptedCamera
 from tests.publish.steps import PATIENCE_S, endpoint, wait_until
 
 CONFIG = Config.model_validate({"cameras": {"left": {"serial": "L"}, "right": {"serial": "R"}}})
@@ -43,11 +50,50 @@ def latest(client: StatusClient) -> Status:
     return client.status
 
 
-def test_it_is_told_without_a_single_pair() -> None:
+def test_it_is_told_without_a_single_pair_and_the_next_daemon_is_found() -> None:
     at = endpoint()
     said = describe(Telemetry(), CONFIG)
+    with StatusClient(connect=[at]) as client:
+        for _ in range(2):
+            with Publisher(PublishConfig(listen=(at,)), 2, lambda _last: {status_key("rig"): said.to_json()}):
+                assert [client.wait(PATIENCE_S), client.wait(PATIENCE_S)] == [said, said]
+
+
+def test_what_is_no_status_is_passed_over() -> None:
+    at = endpoint()
+    said = describe(Telemetry(), CONFIG)
+    texts = itertools.chain(["", "{}", "no JSON"], itertools.repeat(said.to_json()))
     with (
-        Publisher(PublishConfig(listen=(at,)), 2, lambda _last: {status_key("rig"): said.to_json()}),
+        Publisher(PublishConfig(listen=(at,)), 2, lambda _last: {status_key("rig"): next(texts)}),
         StatusClient(connect=[at]) as client,
     ):
-        assert [client.wait(PATIENCE_S), client.wait(PATIENCE_S)] == [said, said]
+        assert client.wait(PATIENCE_S) == said
+
+
+def test_the_last_status_names_what_ended_the_daemon() -> None:
+    at = endpoint()
+    config = Config.model_validate(
+        {"cameras": {"left": {"serial": "L"}}, "control": {"policy": "fixed"}, "publish": {"listen": [at]}}
+    )
+    camera = ScriptedCamera((90, 120))
+
+    def die(*_: object) -> None:
+        raise ZeroDivisionError("died in an observer")
+
+    service = Service(
+        config, lambda config, start: add_outlets(Daemon(config, {"left": lambda: camera}, die, start), config)
+    )
+
+    def run() -> None:
+        with pytest.raises(ZeroDivisionError):
+            service.run(threading.Event(), lambda _tell: None)
+
+    thread = threading.Thread(target=run)
+    with StatusClient(connect=[at]) as client:
+        thread.start()
+        assert latest(client).state is State.STARTING
+        wait_until(lambda: latest(client).cameras["left"].camera == "scripted S", "the camera")
+        camera.expose()
+        wait_until(lambda: latest(client).ending, "the last word")
+        thread.join()
+    assert (latest(client).state, latest(client).reasons) == (State.FAILED, ("died in an observer",))
