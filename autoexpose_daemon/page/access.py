@@ -22,7 +22,7 @@ LEAST_TOKEN = 16
 _COOKIE_AGE_S = 30 * 24 * 3600
 _LONGEST_FORM = 4096
 _HEADERS = {
-    "Content-Security-Policy": "default-src 'self'; img-src 'self' blob:; base-uri 'none'; frame-ancestors 'none'",
+    "Content-Security-Policy": "default-src 'self'; base-uri 'none'; frame-ancestors 'none'",
     "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "no-referrer",
     "Cache-Control": "no-cache",

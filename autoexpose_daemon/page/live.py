@@ -48,6 +48,7 @@ async def _send_numbers(socket: WebSocket, client: StatusClient, views: PairView
             "rig": views.rig,
             "now_s": time.monotonic(),
             "silent_s": client.silent_s,
+            "trouble": client.trouble,
             "status": client.status,
             "curve": views.curve,
             "history": rows,

@@ -22,6 +22,7 @@ from tests.page.server import PageProcess, running_page
 from tests.publish.steps import DECISION, endpoint, publishing, wait_until
 
 HOSTILE = "<img src=x onerror=alert(1)>"
+REASONS = "document.getElementById('reasons').innerText"
 STATE = "document.getElementById('state-word').innerText"
 
 
@@ -67,7 +68,8 @@ def published(at: str, status: Status) -> Publisher:
 def test_it_tells_state_reasons_and_counts_in_words(tab: Tab, page: PageProcess, at: str) -> None:
     tab.open(page.url)
     tab.wait_for(f"{STATE} === 'waiting'", "a page without a daemon")
-    assert "nothing heard of a daemon of rig rig" in tab.text("reasons")
+    tab.wait_for(f"{REASONS}.includes('{at}')", "where nobody answers")
+    assert "does the daemon run" in tab.text("reasons")
     with published(at, TROUBLED):
         tab.wait_for(f"{STATE} === 'degraded'", "the state")
         status, metrics, headers = page.get("/metrics")

@@ -72,9 +72,12 @@ function takeNumbers(message) {
 // Word, colour and reasons.
 function judged() {
   if (!numbers) return ["offline", "no connection", ["the page's own process does not answer; trying again"]];
-  const { status, silent_s: saidS, rig } = numbers;
+  const { status, silent_s: saidS, trouble, rig } = numbers;
+  if (!status && trouble) {
+    return ["waiting", "waiting", ["does the daemon run, with publish: {} in its configuration?", trouble]];
+  }
   if (!status) {
-    return ["waiting", "waiting", [`nothing heard of a daemon of rig ${rig}: it must run with a section publish`]];
+    return ["waiting", "waiting", [`no daemon of a rig named ${rig} says anything: is that its publish.rig?`]];
   }
   const silentS = saidS + sinceMs(heardMs) / 1000;
   if (status.ending && silentS > 1) return ["ended", "ended", [`the daemon left ${format.lasting(silentS)} ago`]];
