@@ -3,29 +3,23 @@
 from __future__ import annotations
 
 import asyncio
-import json
-import logging
-import math
 import os
-import struct
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 
 from autoexpose_daemon.client import ReceivedPair, StereoClient
 from autoexpose_daemon.client.status_client import StatusClient
-from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.page.history import History
-from autoexpose_daemon.page.picture import DELTA_LEVELS, Picture, Viewer
+from autoexpose_daemon.page.pair_message import pair_message
+from autoexpose_daemon.page.picture import DELTA_LEVELS, PictureMaker
 from calibration.response import ResponseFunction
-from drivers.frames import Frame, Side
-
-log = logging.getLogger(__name__)
+from drivers.frames import Side
 
 PICTURE_PERIOD_NS = 250_000_000
 CURVE_PERIOD_NS = 1_000_000_000
@@ -76,7 +70,7 @@ class PairViews:
         self._connect = connect
         self._status = status
         self._history = history
-        self._viewers_by_side: dict[Side, Viewer] = {}
+        self._makers: dict[Side, PictureMaker] = {}
         self._loop = asyncio.get_running_loop()
         self._rung = asyncio.Event()
         self._newest = (0, b"")
@@ -142,24 +136,21 @@ class PairViews:
                 curve_ns = pair.received_ns + CURVE_PERIOD_NS
                 self.curve = self._curve(pair)
 
-    def _viewer(self, side: Side) -> Viewer:
+    def _maker(self, side: Side) -> PictureMaker:
         response = self._status.responses.get(side, _LINEAR)
-        known = self._viewers_by_side.get(side)
+        known = self._makers.get(side)
         if known is None or not _same(known.response, response):
-            known = self._viewers_by_side[side] = Viewer(response)
+            known = self._makers[side] = PictureMaker(response)
         return known
 
     def _curve(self, pair: ReceivedPair) -> Curve:
-        metrics = self._viewer("left").curve(pair.left.grey8())
+        metrics = self._maker("left").curve(pair.left.grey8())
         decided = None if pair.decision is None else pair.decision.level
         return Curve(tuple(DELTA_LEVELS), tuple(metrics), pair.left.setting.level, decided)
 
     def _show(self, pair: ReceivedPair) -> None:
-        frames: dict[Side, Frame] = {"left": pair.left}
-        if pair.right is not None:
-            frames["right"] = pair.right
-        pictures = {side: self._viewer(side).picture(frame.grey8()) for side, frame in frames.items()}
-        self._newest = self._newest[0] + 1, message(pair, frames, pictures)
+        pictures = {side: self._maker(side).picture(frame.grey8()) for side, frame in pair.stereo.by_side.items()}
+        self._newest = self._newest[0] + 1, pair_message(pair, pictures)
         self._loop.call_soon_threadsafe(self._ring)
 
     def _ring(self) -> None:
@@ -171,43 +162,3 @@ def _same(one: ResponseFunction, other: ResponseFunction) -> bool:
     """Whether they are one and the same curve; the daemon sends it once a second."""
     levels = (one.black_level, one.saturation) == (other.black_level, other.saturation)
     return levels and np.array_equal(one.log2_exposure, other.log2_exposure)
-
-
-def message(pair: ReceivedPair, frames: dict[Side, Frame], pictures: dict[Side, Picture]) -> bytes:
-    """A pair for a browser: length of the text (4 bytes, little-endian), the text in JSON, the JPEGs in its order."""
-    text = {
-        "trigger": pair.trigger,
-        "unix_time_s": pair.stamp_ns * 1e-9,
-        "pictures": [_described(side, frames[side], picture) for side, picture in pictures.items()],
-        "decision": None if pair.decision is None else _decided(pair.decision),
-    }
-    head = json.dumps(text).encode()
-    return b"".join([struct.pack("<I", len(head)), head, *(picture.jpeg for picture in pictures.values())])
-
-
-def _described(side: Side, frame: Frame, picture: Picture) -> dict[str, Any]:
-    return {
-        "side": side,
-        "jpeg_bytes": len(picture.jpeg),
-        "exposure_time_us": frame.setting.exposure_time_us,
-        "gain_db": frame.setting.gain_db,
-        "level": frame.setting.level,
-        "setting_source": frame.setting_source,
-        "metric": picture.metric,
-        "saturated_share": picture.saturated_share,
-        "black_share": picture.black_share,
-    }
-
-
-def _decided(decision: Decision) -> dict[str, Any]:
-    numbers = {
-        "exposure_time_us": decision.setting.exposure_time_us,
-        "gain_db": decision.setting.gain_db,
-        "level": decision.level,
-        "metric": decision.metric,
-        "saturated_share": decision.saturated_share,
-        "black_share": decision.black_share,
-        "motion_px": decision.motion_px,
-    }
-    finite = {name: value if math.isfinite(value) else None for name, value in numbers.items()}
-    return {"reason": decision.reason, **finite}

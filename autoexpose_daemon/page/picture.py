@@ -46,8 +46,8 @@ class Picture:
     black_share: float
 
 
-class Viewer:
-    """Looks at the frames of one camera, by its response; with the paper's metric, and without regions of interest."""
+class PictureMaker:
+    """Looks at the frames of one camera, by its response: with the paper's metric, and at all of them."""
 
     def __init__(self, response: ResponseFunction) -> None:
         self.response = response

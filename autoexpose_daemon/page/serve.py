@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ipaddress
 import logging
+import os
 import signal
 import socket
 import threading
@@ -35,14 +36,15 @@ def serve(rig: str, connect: Sequence[str], host: str, port: int, token_file: Pa
     AutoexposeError
         When the port cannot be had, or a thread died.
     """
-    set_up_logging(Console())
     if token_file is None and not is_loopback(host):
         raise ConfigurationError(f"--host {host} lets others see the page: add --token-file FILE, or stay on 127.0.0.1")
     key = None if token_file is None else Key(read_token(token_file))
+    app = page_app(rig, connect, key)
     with _listening(host, port) as listener:
+        set_up_logging(Console())
         server = uvicorn.Server(
             uvicorn.Config(
-                page_app(rig, connect, key),
+                app,
                 ws="websockets-sansio",
                 ws_max_size=1024,
                 ws_per_message_deflate=False,  # JPEGs do not get smaller
@@ -87,4 +89,6 @@ def _listening(host: str, port: int) -> socket.socket:
     try:
         return socket.create_server((host, port), family=family)
     except OSError as error:
-        raise AutoexposeError(f"the page cannot listen on {host} port {port}: {error.strerror or error}") from error
+        # Of a name that is not known the number is none of the system's.
+        reason = error.strerror if isinstance(error, socket.gaierror) else os.strerror(error.errno or 0)
+        raise AutoexposeError(f"the page cannot listen on {host} port {port}: {reason}") from error

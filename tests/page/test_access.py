@@ -11,6 +11,8 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 from autoexpose_daemon.page.access import COOKIE
+from autoexpose_daemon.page.serve import serve
+from drivers.errors import AutoexposeError
 from tests.autoexpose_daemon.service_process import AUTOEXPOSE
 from tests.page.server import PageProcess, running_page
 from tests.publish.steps import endpoint
@@ -98,37 +100,30 @@ def test_a_browser_logs_in(locked_page: PageProcess) -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "words"),
+    ("rig", "host", "token_file", "words"),
     [
-        (["--host", "0.0.0.0"], ["--host 0.0.0.0 lets others see the page", "--token-file FILE"]),
-        (
-            ["--host", "0.0.0.0", "--token-file", "missing"],
-            ["missing cannot be read", "openssl rand -hex 32 > missing"],
-        ),
-        (["--host", "0.0.0.0", "--token-file", "short"], ["short holds less than 16 characters"]),
-        (["--host", "203.0.113.1", "--token-file", "good"], ["cannot listen on 203.0.113.1 port 8420"]),
-        (["--rig", "a/b"], ["a/b is no name for a rig"]),
+        ("rig", "0.0.0.0", None, ["--host 0.0.0.0 lets others see the page", "--token-file FILE"]),
+        ("rig", "0.0.0.0", "missing", ["missing cannot be read", "openssl rand -hex 32 > "]),
+        ("rig", "0.0.0.0", "short", ["short holds less than 16 characters"]),
+        ("rig", "203.0.113.1", "good", ["cannot listen on 203.0.113.1 port 8420"]),
+        ("a/b", "127.0.0.1", None, ["a/b is no name for a rig"]),
     ],
 )
-def test_what_cannot_be_is_one_sentence(tmp_path: Path, options: list[str], words: list[str]) -> None:
+def test_what_cannot_be_is_named(tmp_path: Path, rig: str, host: str, token_file: str | None, words: list[str]) -> None:
     (tmp_path / "short").write_text("hunter2\n")
     (tmp_path / "good").write_text(TOKEN)
-    result = subprocess.run(
-        [*AUTOEXPOSE, "page", *options], cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False
-    )
-    assert result.returncode == 1
-    assert result.stderr.startswith("autoexpose: ")
-    assert result.stderr.count("\n") == 1
+    with pytest.raises(AutoexposeError) as caught:
+        serve(rig, [endpoint()], host, 8420, None if token_file is None else tmp_path / token_file)
     for word in words:
-        assert word in result.stderr
+        assert word in str(caught.value)
 
 
-def test_a_port_that_is_taken_is_named(open_page: PageProcess) -> None:
+def test_a_port_that_is_taken_is_one_sentence(open_page: PageProcess) -> None:
     taken = subprocess.run(
         [*AUTOEXPOSE, "page", "--port", str(open_page.port)], capture_output=True, text=True, timeout=60, check=False
     )
-    assert taken.returncode == 1
-    assert f"cannot listen on 127.0.0.1 port {open_page.port}: Address already in use" in taken.stderr
+    sentence = f"the page cannot listen on 127.0.0.1 port {open_page.port}: Address already in use"
+    assert (taken.returncode, taken.stderr) == (1, f"autoexpose: {sentence}\n")
 
 
 def test_ctrl_c_ends_it_cleanly_while_somebody_watches() -> None:

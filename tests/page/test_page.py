@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
@@ -23,7 +24,7 @@ from tests.publish.steps import DECISION, endpoint, publishing, wait_until
 
 HOSTILE = "<img src=x onerror=alert(1)>"
 REASONS = "document.getElementById('reasons').innerText"
-STATE = "document.getElementById('state-word').innerText"
+STATE = "document.getElementById('state-word')?.innerText"
 
 
 @pytest.fixture(scope="module")
@@ -78,6 +79,7 @@ def test_it_tells_state_reasons_and_counts_in_words(tab: Tab, page: PageProcess,
     assert tab.text("reasons").startswith("left camera gone")
     assert "off by 9 grey levels" in tab.text("reasons")
     expected = {
+        "left": ["camera gone, no pair yet"],
         "headline": ["60.0", "2.0 h"],
         "triggers": ["12\u202f345 of 12\u202f414", "lost: left missing\t7", "mismatched pairs\t0"],
         "writes": ["late\t5", "refused\t6", "clipped by the camera\t7", "decisions held at the brightest bound\t8"],
@@ -151,6 +153,21 @@ def test_a_page_whose_process_is_gone_says_so_and_comes_back(tab: Tab, at: str) 
         tab.wait_for(f"{STATE} === 'waiting'", "the page's return")
     assert all("ERR_CONNECTION_REFUSED" in complaint for complaint in tab.complaints)
     tab.complaints.clear()
+
+
+def test_an_operator_logs_in(tab: Tab, at: str, tmp_path: Path) -> None:
+    token_file = tmp_path / "token"
+    token_file.write_text("correct horse battery staple")
+    with running_page("--connect", at, "--token-file", str(token_file)) as page:
+        tab.open(page.url)
+        for token, answer in (
+            ("guess", "location.search === '?wrong'"),
+            (token_file.read_text(), f"{STATE} !== undefined"),
+        ):
+            tab.value(f"document.getElementById('token').value = {token!r}, document.querySelector('button').click()")
+            tab.wait_for(f"document.readyState === 'complete' && {answer}", f"the answer to {token}")
+        tab.wait_for(f"{STATE} === 'waiting'", "the page")
+        assert tab.complaints == []
 
 
 def test_the_browser_would_tell_a_broken_page(tab: Tab) -> None:

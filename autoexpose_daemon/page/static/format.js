@@ -16,6 +16,9 @@ export function lasting(seconds) {
   return `${(seconds / 86400).toFixed(0)} days`;
 }
 
+// The time of day, with the date when that is not today's.
 export function clock(unixTimeS) {
-  return new Date(1000 * unixTimeS).toLocaleTimeString("en-GB");
+  const moment = new Date(1000 * unixTimeS);
+  const today = moment.toDateString() === new Date().toDateString();
+  return (today ? "" : `${moment.toLocaleDateString("en-CA")} `) + moment.toLocaleTimeString("en-GB");
 }

@@ -30,8 +30,11 @@ function connect() {
   };
   opened.onmessage = async (message) => {
     if (typeof message.data === "string") return takeNumbers(JSON.parse(message.data));
-    await takePair(message.data);
-    if (opened.readyState === WebSocket.OPEN) opened.send("next");
+    try {
+      await takePair(message.data);
+    } finally {
+      if (opened.readyState === WebSocket.OPEN) opened.send("next");
+    }
   };
   opened.onclose = () => {
     if (socket !== opened) return; // closed because hidden
@@ -97,8 +100,9 @@ function showState() {
   const staleS = pairMs === null ? null : sinceMs(pairMs) / 1000;
   for (const side of ["left", "right"]) {
     byId(side).classList.toggle("stale", staleS === null || staleS > STALE_S);
-    byId(side).querySelector(".screen p").textContent =
-      staleS === null ? "no pair yet" : `no pair for ${format.lasting(staleS)}`;
+    const gone = numbers?.status?.cameras[side]?.camera === null ? "camera gone, " : "";
+    const since = staleS === null ? "no pair yet" : `no pair for ${format.lasting(staleS)}`;
+    byId(side).querySelector(".screen p").textContent = gone + since;
   }
 }
 setInterval(showState, 1000);
