@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from dataclasses import replace
@@ -113,7 +115,7 @@ def test_a_daemon_that_leaves_says_so_and_a_new_one_is_found(tab: Tab, page: Pag
             for side in ("left", "right"):
                 assert max(tab.value(f"{SHRUNK}('#{side} canvas', 4, 3)")) > 0
         tab.wait_for(f"{STATE} === 'ended'", "the end of the daemon")
-        tab.wait_for("document.querySelectorAll('.stale').length === 2", "stale pictures")
+        tab.wait_for("document.querySelectorAll('figure.stale').length === 2", "stale pictures")
     assert tab.complaints == []
 
 
@@ -153,6 +155,19 @@ def test_a_page_whose_process_is_gone_says_so_and_comes_back(tab: Tab, at: str) 
         tab.wait_for(f"{STATE} === 'waiting'", "the page's return")
     assert all("ERR_CONNECTION_REFUSED" in complaint for complaint in tab.complaints)
     tab.complaints.clear()
+
+
+def test_a_dead_thread_ends_the_page_and_is_named(at: str) -> None:
+    dying = f"""
+from autoexpose_daemon.page import pair_views
+from autoexpose_daemon.page.serve import serve
+pair_views.PairViews._wait_for_viewers = None
+serve("rig", ["{at}"], "127.0.0.1", 0, None)
+"""
+    died = subprocess.run([sys.executable, "-c", dying], capture_output=True, text=True, timeout=60, check=False)
+    assert died.returncode == 1
+    assert "TypeError: 'NoneType' object is not callable" in died.stderr
+    assert "the thread pairs died" in died.stderr
 
 
 def test_an_operator_logs_in(tab: Tab, at: str, tmp_path: Path) -> None:

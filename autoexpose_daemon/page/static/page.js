@@ -98,8 +98,10 @@ function showState() {
   byId("pictures").classList.toggle("alone", alone);
   document.title = `${word} · autoexpose${numbers ? ` ${numbers.rig}` : ""}`;
   const staleS = pairMs === null ? null : sinceMs(pairMs) / 1000;
+  for (const id of ["left", "right", "decision"]) {
+    byId(id).classList.toggle("stale", staleS === null || staleS > STALE_S);
+  }
   for (const side of ["left", "right"]) {
-    byId(side).classList.toggle("stale", staleS === null || staleS > STALE_S);
     const gone = numbers?.status?.cameras[side]?.camera === null ? "camera gone, " : "";
     const since = staleS === null ? "no pair yet" : `no pair for ${format.lasting(staleS)}`;
     byId(side).querySelector(".screen p").textContent = gone + since;
