@@ -49,7 +49,7 @@ def line_of(status: Status) -> str:
     if status.decision is not None:
         parts.append(f"metric {status.decision.metric:.4f}")
     parts += [f"{name} {text}" for name, text in _responses(status)]
-    parts += [f"{count} {name}" for name, count in _oddities(status)]
+    parts += [f"{count} {name}" for name, count in status.oddities.items()]
     parts += [f"{name} {text}" for name, text in _outlets(status)]
     if status.frame_to_node_ms.p50_ms is not None:
         parts.append(f"frame to node {status.frame_to_node_ms.p50_ms:.1f}/{status.frame_to_node_ms.p99_ms:.1f} ms")
@@ -60,7 +60,7 @@ def _rows(status: Status) -> Iterator[tuple[str, str]]:
     yield from ((f"{side} camera", _camera(camera)) for side, camera in status.cameras.items())
     yield "pairs", f"{status.pairs}   {status.rate_hz:.1f} per second   for {duration_text(status.open_s)}"
     yield "lost", _counts(status.lost)
-    yield from ((name, str(count)) for name, count in _oddities(status))
+    yield from ((name, str(count)) for name, count in status.oddities.items())
     applied = _applied(status)
     if applied is not None:
         yield "level E", f"{applied.level:.2f} stops  {_bar(applied.level)}"
@@ -87,21 +87,6 @@ def _camera(camera: CameraStatus) -> str:
 def _applied(status: Status) -> ExposureSetting | None:
     """How the newest frame of the first camera that has one was taken."""
     return next((camera.applied for camera in status.cameras.values() if camera.applied is not None), None)
-
-
-def _oddities(status: Status) -> Iterator[tuple[str, int]]:
-    """What should not happen and did, in words, with its count."""
-    counts = {
-        "pairs without a decision": status.undecided_pairs,
-        "mismatched pairs": status.mismatched_pairs,
-        "mismatches without a late write": status.unexplained_mismatches,
-        "late writes": status.late_writes,
-        "refused writes": status.refused_writes,
-        "clipped writes": status.clipped_writes,
-        "reconnects": status.reconnects,
-        "surplus frames": status.surplus_frames,
-    }
-    return ((name, count) for name, count in counts.items() if count)
 
 
 def _responses(status: Status) -> Iterator[tuple[str, str]]:

@@ -189,6 +189,21 @@ class Status:
         """State and reasons."""
         return Health(self.state, self.reasons)
 
+    @property
+    def oddities(self) -> dict[str, int]:
+        """What should not happen and did, in words, with its count."""
+        counts = {
+            "pairs without a decision": self.undecided_pairs,
+            "mismatched pairs": self.mismatched_pairs,
+            "mismatches without a late write": self.unexplained_mismatches,
+            "late writes": self.late_writes,
+            "refused writes": self.refused_writes,
+            "clipped writes": self.clipped_writes,
+            "reconnects": self.reconnects,
+            "surplus frames": self.surplus_frames,
+        }
+        return {name: count for name, count in counts.items() if count}
+
     def to_json(self) -> str:
         """As it is sent."""
         return json.dumps(asdict(self))  # a number that is none (NaN) as such: it must not hide the rest

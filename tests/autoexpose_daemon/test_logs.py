@@ -7,7 +7,13 @@ import re
 import subprocess
 import sys
 
+import pytest
+
+from autoexpose_daemon.config import Config
+from autoexpose_daemon.runtime import Daemon
+from drivers.rig import CameraSilent
 from drivers.seldom import Seldom
+from tests.drivers.test_rig import ScriptedCamera
 
 PROGRAM = """
 import io, logging, threading
@@ -53,3 +59,11 @@ def test_what_comes_again_and_again_is_said_seldom() -> None:
     said = [second for second in range(35) if seldom.due("left", second * 10**9)]
     assert said == [0, 10, 20, 30]
     assert seldom.due("right", 0)
+
+
+def test_a_silence_before_every_frame_is_no_line_with_every_frame(caplog: pytest.LogCaptureFixture) -> None:
+    config = Config.model_validate({"cameras": {"left": {"serial": "L"}}})
+    daemon = Daemon(config, {"left": ScriptedCamera})
+    for _ in range(5):
+        daemon._take([CameraSilent("left")])
+    assert caplog.messages.count("left camera: no frames; asking whether it is there") == 1
