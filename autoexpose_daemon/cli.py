@@ -18,6 +18,7 @@ from rich.console import Console
 from autoexpose_daemon.config import Config, load_config
 from autoexpose_daemon.control.policies import DEFAULT_POLICY, POLICY_IDS, check_policy_id
 from autoexpose_daemon.notify import Notifier
+from autoexpose_daemon.publish.keys import LOOPBACK, check_endpoints
 from autoexpose_daemon.recording import check_recording_extra
 from drivers.errors import AutoexposeError, ConfigurationError
 from drivers.exposure import ExposureSetting
@@ -154,6 +155,49 @@ def demo(
         seconds, policy, summary, plot, scene, light, seed, transport, rate_hz, still, publish, record
     )
     run_demo(options, stop, Console())
+
+
+@app.command()
+def page(
+    rig: Annotated[str, typer.Option(help="Name of the rig, `publish.rig` of its configuration.")] = "rig",
+    connect: Annotated[
+        list[str] | None, typer.Option(help=f"Endpoint of a daemon or router; {LOOPBACK} unless given.")
+    ] = None,
+    host: Annotated[str, typer.Option(help="Where to serve; others than loopback need a token.")] = "127.0.0.1",
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Where to serve; 0 takes a free one.")] = 8420,
+    token_file: Annotated[
+        Path | None, typer.Option(help="Only who knows the token in this file sees the page.")
+    ] = None,
+) -> None:
+    """Serve a live page of a running daemon to browsers, and its metrics to Prometheus, until SIGTERM or Ctrl-C."""
+    try:
+        from autoexpose_daemon.page.serve import serve  # noqa: PLC0415  an extra
+    except ImportError as error:
+        raise AutoexposeError(f"{error.name} is missing: pip install 'autoexpose-daemon[page,publish]'") from error
+    check_endpoints(connect or [])
+    serve(rig, connect or [LOOPBACK], host, port, token_file)
+
+
+@app.command()
+def top(
+    rig: Annotated[str, typer.Option(help="Name of the rig, `publish.rig` of its configuration.")] = "rig",
+    connect: Annotated[
+        list[str] | None, typer.Option(help=f"Endpoint of a daemon or router; {LOOPBACK} unless given.")
+    ] = None,
+    once: Annotated[bool, typer.Option("--once", help="Print the status of the moment, and end.")] = False,
+) -> None:
+    """Watch a running daemon: state, exposure, losses, consumers, faults; Ctrl-C ends."""
+    try:
+        from autoexpose_daemon.top import follow, show_once  # noqa: PLC0415  an extra
+    except ImportError as error:
+        raise AutoexposeError(f"{error.name} is missing: pip install 'autoexpose-daemon[publish]'") from error
+    check_endpoints(connect or [])
+    stop = threading.Event()
+    stop_on_signals(stop)
+    if once:
+        show_once(rig, connect or [LOOPBACK], Console())
+    else:
+        follow(rig, connect or [LOOPBACK], Console(), stop)
 
 
 @app.command("list")

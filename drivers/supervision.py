@@ -34,9 +34,11 @@ from drivers.rig_events import (
     WriteFailed,
     Written,
 )
+from drivers.seldom import Seldom
 
 log = logging.getLogger(__name__)
 
+_CLOCK_SAID_S = 600.0
 _CLOCK_PERIOD_NS = 1_000_000_000  # a crystal off by 50 ppm drifts 50 us in it, far below a trigger period
 _SHORTEST_BACK_OFF_NS = 100_000_000
 _LONGEST_BACK_OFF_NS = 2_000_000_000
@@ -100,6 +102,7 @@ class Supervisor:
         self._take_due_ns = 0
         self._last_frame_ns = 0
         self._silent = False
+        self._seldom = Seldom(_CLOCK_SAID_S)
 
     def request(self, setting: ExposureSetting, not_before_ns: int) -> None:
         """Have the camera take `setting`, not before that time; a write still waiting is replaced. Any thread."""
@@ -243,7 +246,8 @@ class Supervisor:
         except CameraLostError:
             raise
         except CameraError as error:
-            log.warning("%s camera: its clock was not read: %s", self._side, error)
+            if self._seldom.due("clock", self._now_ns()):
+                log.warning("%s camera: its clock was not read: %s", self._side, error)
         self._latch_due_ns = self._now_ns() + _CLOCK_PERIOD_NS
 
     def _look(self) -> None:

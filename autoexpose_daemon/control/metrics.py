@@ -164,12 +164,18 @@ EXTREME_MARGIN = 0.01
 
 
 class ExtremeShares:
-    """The shares of an image that hold no information: saturated and black pixels."""
+    """The shares of an image that hold no information: saturated and black pixels.
+
+    Attributes
+    ----------
+    saturated_from, black_to
+        The lowest grey level that counts as saturated, and the highest that counts as black.
+    """
 
     def __init__(self, response: ResponseFunction) -> None:
         margin = math.ceil(EXTREME_MARGIN * (response.saturation - response.black_level))
-        self._black = response.black_level + margin
-        self._saturated = response.saturation - margin
+        self.black_to = response.black_level + margin
+        self.saturated_from = response.saturation - margin
         self._mask = np.empty((0, 0), np.uint8)
 
     def measure(self, image: NDArray[np.uint8], weights: NDArray[np.uint8] | None = None) -> tuple[float, float]:
@@ -179,9 +185,9 @@ class ExtremeShares:
         """
         if self._mask.shape != image.shape:
             self._mask = np.empty(image.shape, np.uint8)
-        cv2.threshold(image, self._saturated - 1, 255, cv2.THRESH_BINARY, dst=self._mask)
+        cv2.threshold(image, self.saturated_from - 1, 255, cv2.THRESH_BINARY, dst=self._mask)
         saturated = self._share(weights)
-        cv2.threshold(image, self._black, 255, cv2.THRESH_BINARY_INV, dst=self._mask)
+        cv2.threshold(image, self.black_to, 255, cv2.THRESH_BINARY_INV, dst=self._mask)
         return saturated, self._share(weights)
 
     def _share(self, weights: NDArray[np.uint8] | None) -> float:

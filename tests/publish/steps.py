@@ -12,7 +12,7 @@ import numpy as np
 
 from autoexpose_daemon.config_publish import PublishConfig
 from autoexpose_daemon.control.decision import Decision
-from autoexpose_daemon.publish.publisher import Publisher
+from autoexpose_daemon.publish.publisher import Publisher, Tell
 from autoexpose_daemon.publish.tally import DropReason
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame, StereoPair
@@ -37,13 +37,17 @@ def pair(number: int, shape: tuple[int, int] = (540, 720)) -> StereoPair:
     return StereoPair(number, frame, frame)
 
 
+def nothing(_last: bool) -> dict[str, str]:
+    return {}
+
+
 def endpoint() -> str:
     """One of one's own, on this machine."""
     return f"tcp/{loopback_address()}:7448"
 
 
 @contextlib.contextmanager
-def publishing(config: PublishConfig, period_s: float = 1 / 60) -> Iterator[Publisher]:
+def publishing(config: PublishConfig, period_s: float = 1 / 60, tell: Tell = nothing) -> Iterator[Publisher]:
     """A publisher that gets a pair at each period, as from a running rig, until the block ends."""
     stop = threading.Event()
 
@@ -53,7 +57,7 @@ def publishing(config: PublishConfig, period_s: float = 1 / 60) -> Iterator[Publ
                 return
             publisher(pair(number), DECISION)
 
-    with Publisher(config, cameras=2) as publisher:
+    with Publisher(config, 2, tell) as publisher:
         thread = threading.Thread(target=run)
         thread.start()
         try:

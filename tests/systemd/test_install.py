@@ -13,6 +13,7 @@ REPOSITORY = Path(__file__).parents[2]
 CONFIG = "cameras: {left: {serial: MINE}}\n"
 FILES = [
     "usr/lib/systemd/system/autoexpose.service",
+    "usr/lib/systemd/system/autoexpose-page.service",
     "usr/lib/sysusers.d/autoexpose.conf",
     "usr/lib/tmpfiles.d/autoexpose-usbfs-memory.conf",
     "usr/lib/udev/rules.d/60-usb3-vision.rules",
@@ -51,6 +52,14 @@ def test_the_installed_program_runs_and_keeps_the_configuration(robot: Path) -> 
     assert "valid: left MINE" in autoexpose(robot, "config", "check", robot / "etc/autoexpose/config.yaml")
 
 
+def test_the_page_is_there_but_not_enabled(robot: Path) -> None:
+    assert "live page" in autoexpose(robot, "page", "--help")
+    (static,) = robot.glob("opt/autoexpose/lib/python3*/site-packages/autoexpose_daemon/page/static")
+    ours = REPOSITORY / "autoexpose_daemon/page/static"
+    assert {file.name for file in static.iterdir()} == {file.name for file in ours.iterdir()}
+    assert not list(robot.glob("etc/systemd/system/**/*.service"))
+
+
 def test_units_rules_and_documentation_are_in_place(robot: Path) -> None:
     assert [file for file in FILES if not (robot / file).is_file()] == []
     assert str((robot / "usr/bin/autoexpose").readlink()) == "/opt/autoexpose/bin/autoexpose"
@@ -66,7 +75,7 @@ def test_the_tree_does_not_remember_where_it_was_made(robot: Path) -> None:
 
 def test_nothing_but_aravis_comes_from_debians_python_packages(robot: Path) -> None:
     packages = {path.name for path in robot.glob("opt/autoexpose/lib/python3*/site-packages/*")}
-    assert {"numpy", "cv2", "yaml", "pydantic", "typer", "rich", "usb", "jinja2", "matplotlib"} <= packages
+    assert {"numpy", "cv2", "yaml", "pydantic", "typer", "rich", "usb", "jinja2", "matplotlib", "starlette"} <= packages
 
 
 def test_the_debian_package_holds_the_tree(robot: Path, tmp_path: Path) -> None:

@@ -6,10 +6,15 @@ import configparser
 import subprocess
 from pathlib import Path
 
+import pytest
+
 from autoexpose_daemon.config import load_config
+from autoexpose_daemon.config_publish import PublishConfig
 
 FOLDER = Path(__file__).parents[2] / "systemd"
 UNIT = FOLDER / "autoexpose.service"
+PAGE = FOLDER / "autoexpose-page.service"
+UNITS = pytest.mark.parametrize("unit", [UNIT, PAGE], ids=lambda unit: unit.stem)
 WORST_EXPOSURE = 2.0
 
 
@@ -17,11 +22,12 @@ def run(*command: str | Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=60, check=False)
 
 
-def test_the_unit_is_shut_in() -> None:
+@UNITS
+def test_the_unit_is_shut_in(unit: Path) -> None:
     threshold = f"--threshold={10 * WORST_EXPOSURE:.0f}"
-    result = run("systemd-analyze", "security", "--offline=true", "--no-pager", threshold, UNIT)
+    result = run("systemd-analyze", "security", "--offline=true", "--no-pager", threshold, unit)
     assert result.returncode == 0, result.stdout
-    assert "Overall exposure level for autoexpose.service" in result.stdout
+    assert f"Overall exposure level for {unit.name}" in result.stdout
 
 
 def test_an_open_unit_would_not_pass(tmp_path: Path) -> None:
@@ -33,13 +39,14 @@ def test_an_open_unit_would_not_pass(tmp_path: Path) -> None:
     assert run("systemd-analyze", "security", "--offline=true", "--no-pager", threshold, unit).returncode != 0
 
 
-def test_the_unit_is_sound(tmp_path: Path) -> None:
+@UNITS
+def test_the_unit_is_sound(unit: Path, tmp_path: Path) -> None:
     program = tmp_path / "autoexpose"
     program.write_text("#!/bin/sh\n")
     program.chmod(0o755)
-    unit = tmp_path / UNIT.name
-    unit.write_text(UNIT.read_text().replace("/opt/autoexpose/bin/autoexpose", str(program)))
-    result = run("systemd-analyze", "verify", "--man=no", unit)
+    copy = tmp_path / unit.name
+    copy.write_text(unit.read_text().replace("/opt/autoexpose/bin/autoexpose", str(program)))
+    result = run("systemd-analyze", "verify", "--man=no", copy)
     assert (result.returncode, result.stdout) == (0, "")
 
 
@@ -55,4 +62,16 @@ def test_the_user_may_open_cameras() -> None:
 
 
 def test_the_configuration_it_comes_with_is_valid() -> None:
-    assert list(load_config(FOLDER / "config.yaml").sides) == ["left", "right"]
+    config = load_config(FOLDER / "config.yaml")
+    assert list(config.sides) == ["left", "right"]
+    assert config.publish == PublishConfig()  # to this machine only: without it nobody can see how the daemon is
+
+
+def test_the_page_is_seen_from_this_machine_only() -> None:
+    unit = configparser.ConfigParser(strict=False, interpolation=None)
+    unit.optionxform = str  # type: ignore[assignment,method-assign]
+    unit.read(PAGE)
+    service = unit["Service"]
+    assert "--host" not in service["ExecStart"]
+    assert (service["IPAddressDeny"], service["IPAddressAllow"]) == ("any", "localhost")
+    assert service["DynamicUser"] == "yes"

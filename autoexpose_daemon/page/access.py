@@ -1,0 +1,146 @@
+"""Who may see the page: programs of this machine, or whoever has the token; never another site's script."""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+import ipaddress
+from pathlib import Path
+from urllib.parse import parse_qs, urlsplit
+
+from starlette.datastructures import MutableHeaders
+from starlette.requests import HTTPConnection, Request
+from starlette.responses import PlainTextResponse, RedirectResponse, Response
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from drivers.errors import ConfigurationError
+
+COOKIE = "autoexpose_page"
+LEAST_TOKEN = 16
+"""Characters. A token is never typed, so it can be long enough not to be guessed."""
+
+_COOKIE_AGE_S = 30 * 24 * 3600
+_LONGEST_FORM = 4096
+_HEADERS = {
+    "Content-Security-Policy": "default-src 'self'; base-uri 'none'; frame-ancestors 'none'",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "same-origin",
+    "Cache-Control": "no-cache",
+}
+
+
+def is_loopback(host: str | None) -> bool:
+    """Whether a name or address is this machine's own; a name but `localhost` may be anybody's."""
+    try:
+        return host == "localhost" or ipaddress.ip_address(host or "").is_loopback
+    except ValueError:
+        return False
+
+
+def read_token(file: Path) -> str:
+    """The token in a file.
+
+    Raises
+    ------
+    ConfigurationError
+        When it cannot be read, or could be guessed.
+    """
+    make_one = f"make one: openssl rand -hex 32 > {file}"
+    try:
+        token = file.read_text(encoding="utf-8").strip()
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "it is no text"
+        raise ConfigurationError(f"--token-file {file} cannot be read: {reason}; {make_one}") from error
+    if len(token) < LEAST_TOKEN:
+        raise ConfigurationError(f"--token-file {file} holds less than {LEAST_TOKEN} characters; {make_one}")
+    return token
+
+
+class Key:
+    """A token, and the cookie that stands for it in a browser."""
+
+    def __init__(self, token: str) -> None:
+        self._token = token.encode()
+        self._cookie = hmac.new(self._token, b"autoexpose page", hashlib.sha256).hexdigest()
+
+    def fits(self, token: str) -> bool:
+        """Whether this is the token; takes the same time whatever is wrong with it."""
+        return hmac.compare_digest(token.encode(), self._token)
+
+    def opens(self, connection: HTTPConnection) -> bool:
+        """Whether a request carries the token or its cookie."""
+        scheme, _, token = connection.headers.get("authorization", "").partition(" ")
+        if scheme.lower() == "bearer" and self.fits(token.strip()):
+            return True
+        return hmac.compare_digest(connection.cookies.get(COOKIE, "").encode(), self._cookie.encode())
+
+    async def log_in(self, request: Request) -> Response:
+        """Answer the login form: a cookie for the right token."""
+        body = b""
+        async for chunk in request.stream():
+            body += chunk
+            if len(body) > _LONGEST_FORM:
+                return PlainTextResponse("too long", 413)
+        (token,) = parse_qs(body.decode("utf-8", "replace")).get("token", [""])[:1]
+        if not self.fits(token.strip()):
+            return RedirectResponse("/login?wrong", 303)
+        response = RedirectResponse("/", 303)
+        secure = request.url.scheme == "https"
+        response.set_cookie(COOKIE, self._cookie, _COOKIE_AGE_S, httponly=True, samesite="strict", secure=secure)
+        return response
+
+
+class Access:
+    """Lets a request through to `app`, or answers it with a refusal.
+
+    Without a key the page answers to loopback names only: a site whose name suddenly means 127.0.0.1 (DNS rebinding)
+    is refused by its name, and a web socket opened by another site's script by its origin.
+    """
+
+    def __init__(self, app: ASGIApp, key: Key | None) -> None:
+        self._app = app
+        self._key = key
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """As ASGI has it."""
+        if scope["type"] == "lifespan":
+            return await self._app(scope, receive, send)
+        refusal = self._refusal(HTTPConnection(scope))
+
+        async def send_with_headers(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                MutableHeaders(scope=message).update(_HEADERS)
+            await send(message)
+
+        if refusal is None:
+            return await self._app(scope, receive, send_with_headers)
+        if scope["type"] == "websocket":
+            return await send({"type": "websocket.close", "code": 1008, "reason": "refused"})
+        return await refusal(scope, receive, send_with_headers)
+
+    def _refusal(self, connection: HTTPConnection) -> Response | None:
+        host = connection.headers.get("host", "")
+        origin = connection.headers.get("origin")
+        changes = connection.scope["type"] == "websocket" or connection.scope["method"] != "GET"
+        if changes and origin is not None and _after_scheme(origin) != host:
+            return PlainTextResponse(f"refused: asked for by a page of {origin}, which is another site\n", 403)
+        if self._key is None:
+            if not is_loopback(_name_of(host)):
+                return PlainTextResponse("refused: without a token this page is 127.0.0.1 or localhost only\n", 403)
+            return None
+        if self._key.opens(connection) or connection.url.path.startswith(("/static/", "/login")):
+            return None
+        if "text/html" in connection.headers.get("accept", ""):
+            return RedirectResponse("/login", 303)
+        return PlainTextResponse("a token is needed\n", 401, {"WWW-Authenticate": "Bearer"})
+
+
+def _after_scheme(origin: str) -> str:
+    return origin.partition("://")[2]
+
+
+def _name_of(host: str) -> str | None:
+    try:
+        return urlsplit(f"//{host}").hostname
+    except ValueError:
+        return None

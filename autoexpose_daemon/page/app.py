@@ -1,0 +1,83 @@
+"""What the page's server answers, and where it keeps what it shows."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import FileResponse, Response
+from starlette.routing import Mount, Route, WebSocketRoute
+from starlette.staticfiles import StaticFiles
+from starlette.types import ASGIApp
+from starlette.websockets import WebSocket
+
+from autoexpose_daemon.client.status_client import StatusClient
+from autoexpose_daemon.page.access import Access, Key
+from autoexpose_daemon.page.history import History
+from autoexpose_daemon.page.live import watch
+from autoexpose_daemon.page.metrics import CONTENT_TYPE, exposition
+from autoexpose_daemon.page.pair_views import PairViews
+
+STATIC = Path(__file__).with_name("static")
+
+SILENT_S = 5.0
+"""A daemon that has said nothing for so long is not up; it speaks once a second."""
+
+_STATUS_PERIOD_S = 1.0
+
+
+def page_app(rig: str, connect: Sequence[str], key: Key | None) -> ASGIApp:
+    """The page of a rig as an ASGI application; with a key only for those who have it."""
+    history = History()
+    client = StatusClient(rig, connect)
+
+    @asynccontextmanager
+    async def fed(app: Starlette) -> AsyncIterator[None]:
+        with client, PairViews(rig, connect, client, history) as views:
+            app.state.views = views
+            remembering = asyncio.create_task(_remember(client, history))
+            yield
+            remembering.cancel()
+
+    async def live(socket: WebSocket) -> None:
+        await watch(socket, client, socket.app.state.views, history)
+
+    async def metrics(_request: Request) -> Response:
+        heard = client.status if client.silent_s < SILENT_S else None
+        return Response(exposition(rig, heard), media_type=CONTENT_TYPE)
+
+    routes = [
+        Route("/", _file("page.html")),
+        WebSocketRoute("/live", live),
+        Route("/metrics", metrics),
+        Mount("/static", StaticFiles(directory=STATIC)),
+    ]
+    if key is not None:
+        routes += [Route("/login", _file("login.html")), Route("/login", key.log_in, methods=["POST"])]
+    return Access(Starlette(routes=routes, lifespan=fed), key)
+
+
+async def _remember(client: StatusClient, history: History) -> None:
+    """Keep the history going while nobody watches: what the daemon says of itself is a point a second."""
+    seen = None
+    while True:
+        await asyncio.sleep(_STATUS_PERIOD_S)
+        status = client.status
+        if status is None or status is seen or status.rate_hz == 0:
+            continue
+        seen = status
+        applied = status.cameras["left"].applied if "left" in status.cameras else None
+        if applied is not None:
+            history.add(time.monotonic(), applied, status.decision)
+
+
+def _file(name: str) -> Callable[[Request], Awaitable[Response]]:
+    async def answer(_request: Request) -> Response:
+        return FileResponse(STATIC / name)
+
+    return answer

@@ -1,0 +1,66 @@
+"""One browser that watches: numbers twice a second, and pictures as fast as it asks for them."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from typing import Any
+
+from pydantic_core import to_json
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from autoexpose_daemon.client.status_client import StatusClient
+from autoexpose_daemon.page.history import LENGTH_S, History
+from autoexpose_daemon.page.pair_views import PairViews
+
+NUMBERS_PERIOD_S = 0.5
+
+
+async def watch(socket: WebSocket, client: StatusClient, views: PairViews, history: History) -> None:
+    """Serve one web socket until it is closed.
+
+    Text messages to the browser hold the numbers, binary ones a pair. Each message from the browser asks for the next
+    pair: one that is slow, or far away, gets fewer of them, and no queue of old ones.
+    """
+    await socket.accept()
+    asked = asyncio.Event()
+    with views.watched():
+        try:
+            async with asyncio.TaskGroup() as tasks:
+                senders = [
+                    tasks.create_task(_send_numbers(socket, client, views, history)),
+                    tasks.create_task(_send_pairs(socket, views, asked)),
+                ]
+                async for _ in socket.iter_text():
+                    asked.set()
+                for sender in senders:
+                    sender.cancel()
+        except* WebSocketDisconnect:
+            pass  # noticed by a sender first
+
+
+async def _send_numbers(socket: WebSocket, client: StatusClient, views: PairViews, history: History) -> None:
+    since_s = time.monotonic() - LENGTH_S
+    while True:
+        rows = history.since(since_s)
+        since_s = rows[-1][0] if rows else since_s
+        numbers: dict[str, Any] = {
+            "rig": views.rig,
+            "now_s": time.monotonic(),
+            "silent_s": client.silent_s,
+            "trouble": client.trouble,
+            "status": client.status,
+            "curve": views.curve,
+            "history": rows,
+        }
+        await socket.send_text(to_json(numbers, inf_nan_mode="null").decode())
+        await asyncio.sleep(NUMBERS_PERIOD_S)
+
+
+async def _send_pairs(socket: WebSocket, views: PairViews, asked: asyncio.Event) -> None:
+    number = 0
+    while True:
+        await asked.wait()
+        asked.clear()
+        number, pair = await views.next_view(number)
+        await socket.send_bytes(pair)

@@ -1,0 +1,51 @@
+"""One pair as a browser gets it."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Mapping
+from typing import Any
+
+from pydantic_core import to_json
+
+from autoexpose_daemon.client import ReceivedPair
+from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.page.picture import Picture
+from drivers.frames import Frame, Side
+
+
+def pair_message(pair: ReceivedPair, pictures: Mapping[Side, Picture]) -> bytes:
+    """Length of the text (4 bytes, little-endian), the text in JSON, then the JPEGs in its order."""
+    frames = pair.stereo.by_side
+    text = {
+        "trigger": pair.trigger,
+        "pictures": [_described(side, frames[side], picture) for side, picture in pictures.items()],
+        "decision": None if pair.decision is None else _decided(pair.decision),
+    }
+    head = to_json(text, inf_nan_mode="null")
+    return b"".join([struct.pack("<I", len(head)), head, *(picture.jpeg for picture in pictures.values())])
+
+
+def _described(side: Side, frame: Frame, picture: Picture) -> dict[str, Any]:
+    return {
+        "side": side,
+        "jpeg_bytes": len(picture.jpeg),
+        "exposure_time_us": frame.setting.exposure_time_us,
+        "gain_db": frame.setting.gain_db,
+        "metric": picture.metric,
+        "saturated_share": picture.saturated_share,
+        "black_share": picture.black_share,
+    }
+
+
+def _decided(decision: Decision) -> dict[str, Any]:
+    return {
+        "reason": decision.reason,
+        "exposure_time_us": decision.setting.exposure_time_us,
+        "gain_db": decision.setting.gain_db,
+        "level": decision.level,
+        "metric": decision.metric,
+        "saturated_share": decision.saturated_share,
+        "black_share": decision.black_share,
+        "motion_px": decision.motion_px,
+    }

@@ -1,0 +1,164 @@
+"""Pictures and prediction curves of the newest pairs, made only while somebody watches."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+
+from autoexpose_daemon.client import ReceivedPair, StereoClient
+from autoexpose_daemon.client.status_client import StatusClient
+from autoexpose_daemon.page.history import History
+from autoexpose_daemon.page.pair_message import pair_message
+from autoexpose_daemon.page.picture import DELTA_LEVELS, PictureMaker
+from calibration.response import ResponseFunction
+from drivers.frames import Side
+
+PICTURE_PERIOD_NS = 250_000_000
+CURVE_PERIOD_NS = 1_000_000_000
+_PATIENCE_S = 0.25
+_JOIN_S = 3.0
+_LINEAR = ResponseFunction.linear()
+"""Until the daemon has said otherwise, which it does once a second."""
+
+
+@dataclass(frozen=True, slots=True)
+class Curve:
+    """What the metric of the newest left image would be at other exposures.
+
+    Attributes
+    ----------
+    delta_levels
+        Changes of exposure level, stops.
+    metrics
+        M_g predicted there.
+    level
+        The image's own exposure level, stops.
+    decided_level
+        The level that the daemon decided on for this image, stops; None when it had no time for it.
+    """
+
+    delta_levels: tuple[float, ...]
+    metrics: tuple[float, ...]
+    level: float
+    decided_level: float | None
+
+
+class PairViews:
+    """The newest pair as a browser gets it. A thread of its own consumes pairs while there are viewers, and only then.
+
+    Made and watched on an event loop, whose coroutines it wakes.
+
+    Attributes
+    ----------
+    rig
+        Its name.
+    curve
+        None before the first.
+    """
+
+    def __init__(self, rig: str, connect: Sequence[str], status: StatusClient, history: History) -> None:
+        self.curve: Curve | None = None
+        self.rig = rig
+        self._connect = connect
+        self._status = status
+        self._history = history
+        self._makers: dict[Side, PictureMaker] = {}
+        self._loop = asyncio.get_running_loop()
+        self._rung = asyncio.Event()
+        self._newest = (0, b"")
+        self._watched = threading.Condition()
+        self._watching = 0
+        self._closed = False
+        self._client: StereoClient | None = None
+        self._thread = threading.Thread(target=self._run, name="pairs", daemon=True)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        with self._watched:
+            self._closed = True
+            self._watched.notify_all()
+        if self._client is not None:
+            self._client.close()
+        self._thread.join(_JOIN_S)
+
+    @contextmanager
+    def watched(self) -> Iterator[None]:
+        """While this lasts, somebody watches."""
+        with self._watched:
+            self._watching += 1
+            self._watched.notify_all()
+        try:
+            yield
+        finally:
+            with self._watched:
+                self._watching -= 1
+
+    async def next_view(self, after: int) -> tuple[int, bytes]:
+        """The newest pair as a message, with its number, when that is more than `after`."""
+        while self._newest[0] <= after:
+            await self._rung.wait()
+        return self._newest
+
+    def _run(self) -> None:
+        while self._wait_for_viewers():
+            with StereoClient(self.rig, self._connect, name=f"page-{os.getpid()}") as self._client:
+                self._follow(self._client)
+
+    def _wait_for_viewers(self) -> bool:
+        with self._watched:
+            self._watched.wait_for(lambda: self._watching or self._closed)
+            return not self._closed
+
+    def _follow(self, client: StereoClient) -> None:
+        picture_ns = curve_ns = 0
+        while self._watching and not self._closed:
+            pair = client.next_pair(_PATIENCE_S)
+            if pair is None:
+                continue
+            self._history.add(pair.received_ns * 1e-9, pair.left.setting, pair.decision)
+            if pair.received_ns >= picture_ns:
+                picture_ns = pair.received_ns + PICTURE_PERIOD_NS
+                self._show(pair)
+            if pair.received_ns >= curve_ns:
+                curve_ns = pair.received_ns + CURVE_PERIOD_NS
+                self.curve = self._curve(pair)
+
+    def _maker(self, side: Side) -> PictureMaker:
+        response = self._status.responses.get(side, _LINEAR)
+        known = self._makers.get(side)
+        if known is None or not _same(known.response, response):
+            known = self._makers[side] = PictureMaker(response)
+        return known
+
+    def _curve(self, pair: ReceivedPair) -> Curve:
+        metrics = self._maker("left").curve(pair.left.grey8())
+        decided = None if pair.decision is None else pair.decision.level
+        return Curve(tuple(DELTA_LEVELS), tuple(metrics), pair.left.setting.level, decided)
+
+    def _show(self, pair: ReceivedPair) -> None:
+        pictures = {side: self._maker(side).picture(frame.grey8()) for side, frame in pair.stereo.by_side.items()}
+        self._newest = self._newest[0] + 1, pair_message(pair, pictures)
+        self._loop.call_soon_threadsafe(self._ring)
+
+    def _ring(self) -> None:
+        self._rung.set()
+        self._rung = asyncio.Event()
+
+
+def _same(one: ResponseFunction, other: ResponseFunction) -> bool:
+    """Whether they are one and the same curve; the daemon sends it once a second."""
+    levels = (one.black_level, one.saturation) == (other.black_level, other.saturation)
+    return levels and np.array_equal(one.log2_exposure, other.log2_exposure)

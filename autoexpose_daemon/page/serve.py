@@ -1,0 +1,94 @@
+"""The page's process, from its first look at the options to Ctrl-C."""
+
+from __future__ import annotations
+
+import ipaddress
+import logging
+import os
+import signal
+import socket
+import threading
+from collections.abc import Sequence
+from pathlib import Path
+
+import uvicorn
+from rich.console import Console
+
+from autoexpose_daemon.logs import set_up_logging
+from autoexpose_daemon.page.access import Key, is_loopback, read_token
+from autoexpose_daemon.page.app import page_app
+from drivers.errors import AutoexposeError, ConfigurationError
+
+log = logging.getLogger(__name__)
+
+_PING_S = 5.0
+"""A browser that does not answer for so long is gone."""
+_STOP_S = 2
+
+
+def serve(rig: str, connect: Sequence[str], host: str, port: int, token_file: Path | None) -> None:
+    """Serve the page until SIGTERM or Ctrl-C.
+
+    Raises
+    ------
+    ConfigurationError
+        Without a token for an address that others can reach, or with one that will not do.
+    AutoexposeError
+        When the port cannot be had, or a thread died.
+    """
+    if token_file is None and not is_loopback(host):
+        raise ConfigurationError(f"--host {host} lets others see the page: add --token-file FILE, or stay on 127.0.0.1")
+    key = None if token_file is None else Key(read_token(token_file))
+    app = page_app(rig, connect, key)
+    with _listening(host, port) as listener:
+        set_up_logging(Console())
+        server = uvicorn.Server(
+            uvicorn.Config(
+                app,
+                ws="websockets-sansio",
+                ws_max_size=1024,
+                ws_per_message_deflate=False,  # JPEGs do not get smaller
+                ws_ping_interval=_PING_S,
+                ws_ping_timeout=_PING_S,
+                lifespan="on",
+                log_config=None,
+                access_log=False,
+                server_header=False,
+                timeout_graceful_shutdown=_STOP_S,
+            )
+        )
+        place = f"[{host}]" if ":" in host else host
+        log.info("the page of rig %s: http://%s:%d/", rig, place, listener.getsockname()[1])
+        _run(server, listener)
+
+
+def _run(server: uvicorn.Server, listener: socket.socket) -> None:
+    dead: list[str] = []
+
+    def on_dead_thread(death: threading.ExceptHookArgs) -> None:
+        former_hook(death)
+        dead.append(death.thread.name if death.thread is not None else "?")
+        server.should_exit = True
+
+    former_hook, threading.excepthook = threading.excepthook, on_dead_thread
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: None)  # uvicorn stops at them, and raises them again when it has
+    try:
+        server.run(sockets=[listener])
+    finally:
+        threading.excepthook = former_hook
+    if dead:
+        raise AutoexposeError(f"the thread {dead[0]} died, see above")
+
+
+def _listening(host: str, port: int) -> socket.socket:
+    try:
+        family = socket.AF_INET6 if ipaddress.ip_address(host).version == 6 else socket.AF_INET
+    except ValueError:
+        family = socket.AF_INET  # a name
+    try:
+        return socket.create_server((host, port), family=family)
+    except OSError as error:
+        # Of a name that is not known the number is none of the system's.
+        reason = error.strerror if isinstance(error, socket.gaierror) else os.strerror(error.errno or 0)
+        raise AutoexposeError(f"the page cannot listen on {host} port {port}: {reason}") from error

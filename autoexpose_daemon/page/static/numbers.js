@@ -1,0 +1,172 @@
+// The tables and words of the page, from the daemon's status. Text only: names come from outside.
+
+import * as format from "./format.js";
+
+const byId = (id) => document.getElementById(id);
+
+export function element(name, text, kind) {
+  const made = document.createElement(name);
+  if (text !== undefined) made.textContent = text;
+  if (kind) made.className = kind;
+  return made;
+}
+
+// A definition list from [title, text, class of the text].
+export function define(list, entries) {
+  list.replaceChildren(
+    ...entries.map(([title, text, kind]) => {
+      const pair = element("div");
+      pair.append(element("dt", title), " ", element("dd", text, kind));
+      return pair;
+    }),
+  );
+}
+
+// A table from rows, each of texts and a kind: "bad", "none" or neither.
+function fill(table, rows, head) {
+  const lines = rows.map(([cells, kind]) => {
+    const line = element("tr", undefined, kind);
+    line.append(...cells.map((cell) => element("td", cell)));
+    return line;
+  });
+  if (head) {
+    const line = element("tr");
+    line.append(...head.map((title) => element("th", title)));
+    lines.unshift(line);
+  }
+  table.replaceChildren(...lines);
+}
+
+const counted = (name, number) => [[name, format.count(number)], number > 0 ? "bad" : "none"];
+const byReason = (counts) => Object.entries(counts).filter(([, number]) => number > 0);
+const words = (name) => name.replaceAll("_", " ");
+
+export function showStatus(status) {
+  define(byId("headline"), [
+    ["rig", status.rig],
+    ["pairs/s", status.rate_hz.toFixed(1)],
+    ["up", format.lasting(status.uptime_s)],
+  ]);
+  byId("policy").textContent = `by ${status.policy}`;
+  showTriggers(status);
+  showWrites(status);
+  showLatency(status);
+  showCameras(status.cameras);
+  showConsumers(status.publishing);
+  showRecorder(status.recorder);
+  showFaults(status.faults);
+}
+
+export function showDecision(decision) {
+  byId("decision-reason").textContent = decision ? decision.reason : "none: control had no time for this pair";
+  if (!decision) return;
+  define(byId("decision-values"), [
+    ["next", `${format.micros(decision.exposure_time_us)}, ${format.decibels(decision.gain_db)}`],
+    ["level", `${format.stops(decision.level)} stops`],
+    ["metric", format.metric(decision.metric)],
+    ["saturated", format.share(decision.saturated_share), "saturated"],
+    ["black", format.share(decision.black_share), "black"],
+    ["motion", decision.motion_px === null ? "–" : `${decision.motion_px.toFixed(1)} px`],
+  ]);
+}
+
+function showTriggers(status) {
+  const lost = byReason(status.lost);
+  const all = status.pairs + lost.reduce((sum, [, number]) => sum + number, 0);
+  fill(byId("triggers"), [
+    [["stereo pairs", `${format.count(status.pairs)} of ${format.count(all)}`]],
+    ...lost.map(([reason, number]) => [
+      [`lost: ${words(reason)}`, format.count(number)],
+      reason !== "startup" && reason !== "shutdown" && "bad",
+    ]),
+    ...(lost.length ? [] : [counted("lost", 0)]),
+    counted("pairs without a decision", status.undecided_pairs),
+    counted("mismatched pairs", status.mismatched_pairs),
+    counted("  not explained by a late write", status.unexplained_mismatches),
+    counted("frames between triggers", status.surplus_frames),
+    counted("cameras reconnected", status.reconnects),
+    counted("jumps of a camera's clock", status.clock_jumps),
+  ]);
+}
+
+function showWrites(status) {
+  fill(byId("writes"), [
+    counted("late", status.late_writes),
+    counted("refused", status.refused_writes),
+    counted("clipped by the camera", status.clipped_writes),
+    counted("frames not as written", status.astray_frames),
+    counted("frames that do not tell", status.untold_frames),
+    ...["darkest", "brightest"].map((bound) => {
+      const number = status.clamped_decisions[bound] ?? 0;
+      return [[`decisions held at the ${bound} bound`, format.count(number)], number === 0 && "none"];
+    }),
+  ]);
+}
+
+function showLatency(status) {
+  const rows = [
+    ["one decision", status.decision_ms],
+    ["writing a camera", status.write_ms],
+    ["frame to node", status.frame_to_node_ms],
+    ["command to effect", status.command_to_effect_ms],
+  ];
+  fill(
+    byId("latency"),
+    rows.map(([name, lasted]) => [[name, format.millis(lasted.p50_ms), format.millis(lasted.p99_ms)]]),
+    ["", "median", "99 %"],
+  );
+}
+
+function showCameras(cameras) {
+  const rows = Object.entries(cameras).flatMap(([side, camera]) => [
+    [[side, camera.camera ?? "gone"], camera.camera === null && "bad"],
+    [["  response", responseWords(camera)], camera.misfit === null ? "none" : "bad"],
+  ]);
+  fill(byId("cameras"), rows);
+}
+
+function responseWords({ drift_grey: drift, misfit }) {
+  if (misfit !== null) return misfit;
+  return drift === null ? "not tested yet" : `off by ${drift.toFixed(1)} grey levels`;
+}
+
+function showConsumers(publishing) {
+  const consumers = Object.entries(publishing?.consumers ?? {});
+  fill(
+    byId("consumers"),
+    consumers.map(([name, tally]) => [
+      [name, format.count(tally.pairs), format.count(tally.lost), format.count(tally.too_slow)],
+      tally.lost + tally.too_slow > 0 && "bad",
+    ]),
+    ["", "pairs", "lost", "too slow"],
+  );
+  if (!publishing) return;
+  const dropped = byReason(publishing.dropped).map(([reason, number]) => `${format.count(number)} ${words(reason)}`);
+  byId("published").textContent =
+    publishing.trouble || `${format.count(publishing.sent)} pairs sent; dropped: ${dropped.join(", ") || "none"}`;
+}
+
+function showRecorder(recorder) {
+  if (!recorder) return fill(byId("recorder"), [[["not recording"], "none"]]);
+  const rows = [[["steps", format.count(recorder.steps)]], counted("dropped", recorder.dropped)];
+  if (recorder.failure) rows.push([["ended", recorder.failure], "bad"]);
+  return fill(byId("recorder"), rows);
+}
+
+// The latest first; what was said several times is one line.
+function showFaults(faults) {
+  const told = new Map();
+  for (const fault of [...faults].reverse()) {
+    const known = told.get(fault.message);
+    if (known) known.times += 1;
+    else told.set(fault.message, { ...fault, times: 1 });
+  }
+  const lines = [...told.values()].map((fault) => {
+    const line = element("li", undefined, fault.level);
+    const text = element("span", fault.message);
+    if (fault.times > 1) text.append(" ", element("small", `${fault.times} times`));
+    line.append(element("time", format.clock(fault.unix_time_s)), text);
+    return line;
+  });
+  byId("fault-lines").replaceChildren(...(lines.length ? lines : [element("p", "none", "quiet")]));
+}

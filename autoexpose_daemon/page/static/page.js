@@ -1,0 +1,202 @@
+// One web socket: numbers come twice a second, pictures when asked for. A hidden tab closes it.
+
+import { LANES, at, drawCurve, drawLane, lengthOf, timeAt } from "./charts.js";
+import * as format from "./format.js";
+import { define, element, showDecision, showStatus } from "./numbers.js";
+
+const SILENT_S = 3; // the daemon speaks once a second
+const STALE_S = 2;
+const HISTORY_S = 300;
+const byId = (id) => document.getElementById(id);
+
+let socket = null;
+let retryMs = 500;
+let numbers = null; // the latest message, and when it came
+let heardMs = 0;
+let rows = [];
+let pairMs = null;
+let hoverS = null;
+
+const sinceMs = (moment) => performance.now() - moment;
+
+function connect() {
+  if (socket || document.hidden) return;
+  const opened = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/live`);
+  opened.binaryType = "arraybuffer";
+  socket = opened;
+  opened.onopen = () => {
+    retryMs = 500;
+    opened.send("next");
+  };
+  opened.onmessage = async (message) => {
+    if (typeof message.data === "string") return takeNumbers(JSON.parse(message.data));
+    try {
+      await takePair(message.data);
+    } finally {
+      if (opened.readyState === WebSocket.OPEN) opened.send("next");
+    }
+  };
+  opened.onclose = () => {
+    if (socket !== opened) return; // closed because hidden
+    socket = null;
+    numbers = null;
+    showState();
+    setTimeout(connect, retryMs);
+    retryMs = Math.min(2 * retryMs, 8000);
+    askForLogin();
+  };
+}
+
+// A token that is not good any more: the page itself would say so.
+async function askForLogin() {
+  const answer = await fetch("/", { headers: { accept: "text/html" } }).catch(() => null);
+  if (answer?.redirected) location.assign(answer.url);
+}
+
+document.addEventListener("visibilitychange", () => {
+  if (!document.hidden) return connect();
+  const closing = socket;
+  socket = null;
+  closing?.close();
+});
+
+function takeNumbers(message) {
+  numbers = message;
+  heardMs = performance.now();
+  const first = message.history[0]?.[0] ?? Infinity;
+  const oldest = message.now_s - HISTORY_S;
+  rows = rows.filter((row) => row[0] < first && row[0] >= oldest).concat(message.history);
+  if (message.status) showStatus(message.status);
+  showState();
+  showHistory();
+  if (message.curve) showCurve(message.curve);
+}
+
+// Word, colour and reasons.
+function judged() {
+  if (!numbers) return ["offline", "no connection", ["the page's own process does not answer; trying again"]];
+  const { status, silent_s: saidS, trouble, rig } = numbers;
+  if (!status && trouble) {
+    return ["waiting", "waiting", ["does the daemon run, with publish: {} in its configuration?", trouble]];
+  }
+  if (!status) {
+    return ["waiting", "waiting", [`no daemon of a rig named ${rig} says anything: is that its publish.rig?`]];
+  }
+  const silentS = saidS + sinceMs(heardMs) / 1000;
+  if (status.ending && silentS > 1) return ["ended", "ended", [`the daemon left ${format.lasting(silentS)} ago`]];
+  if (silentS > SILENT_S) return ["silent", "silent", [`nothing heard of the daemon for ${format.lasting(silentS)}`]];
+  return [status.state, status.state, status.reasons];
+}
+
+function showState() {
+  const [state, word, reasons] = judged();
+  byId("state").dataset.state = state;
+  byId("state-word").textContent = word;
+  byId("reasons").replaceChildren(...reasons.map((reason) => element("li", reason)));
+  const alone = Boolean(numbers?.status) && !("right" in numbers.status.cameras);
+  byId("right").hidden = alone;
+  byId("pictures").classList.toggle("alone", alone);
+  document.title = `${word} · autoexpose${numbers ? ` ${numbers.rig}` : ""}`;
+  const staleS = pairMs === null ? null : sinceMs(pairMs) / 1000;
+  for (const id of ["left", "right", "decision"]) {
+    byId(id).classList.toggle("stale", staleS === null || staleS > STALE_S);
+  }
+  for (const side of ["left", "right"]) {
+    const gone = numbers?.status?.cameras[side]?.camera === null ? "camera gone, " : "";
+    const since = staleS === null ? "no pair yet" : `no pair for ${format.lasting(staleS)}`;
+    byId(side).querySelector(".screen p").textContent = gone + since;
+  }
+}
+setInterval(showState, 1000);
+
+async function takePair(data) {
+  const length = new DataView(data).getUint32(0, true);
+  const pair = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, length)));
+  let start = 4 + length;
+  const decoded = [];
+  for (const { jpeg_bytes: length } of pair.pictures) {
+    decoded.push(createImageBitmap(new Blob([new Uint8Array(data, start, length)], { type: "image/jpeg" })));
+    start += length;
+  }
+  const bitmaps = await Promise.all(decoded);
+  pair.pictures.forEach((picture, index) => showPicture(picture, bitmaps[index]));
+  pairMs = performance.now();
+  showDecision(pair.decision);
+  showState();
+  document.body.dataset.trigger = pair.trigger;
+}
+
+function showPicture(picture, bitmap) {
+  const figure = byId(picture.side);
+  const canvas = figure.querySelector("canvas");
+  if (canvas.width !== bitmap.width || canvas.height !== bitmap.height) {
+    [canvas.width, canvas.height] = [bitmap.width, bitmap.height];
+    canvas.parentElement.style.aspectRatio = `${bitmap.width} / ${bitmap.height}`;
+  }
+  canvas.getContext("2d").drawImage(bitmap, 0, 0);
+  bitmap.close();
+  const title = element("h2", picture.side);
+  title.append(" ", element("small", numbers?.status?.cameras[picture.side]?.camera ?? ""));
+  const values = element("dl");
+  define(values, [
+    ["exposure", format.micros(picture.exposure_time_us)],
+    ["gain", format.decibels(picture.gain_db)],
+    ["metric", format.metric(picture.metric)],
+    ["saturated", format.share(picture.saturated_share), "saturated"],
+    ["black", format.share(picture.black_share), "black"],
+  ]);
+  figure.querySelector("figcaption").replaceChildren(title, values);
+}
+
+function showCurve(curve) {
+  drawCurve(byId("curve"), curve);
+  const best = curve.metrics.indexOf(Math.max(...curve.metrics));
+  const decided = curve.decided_level === null ? "" : `, decided ${format.signed(curve.decided_level - curve.level)}`;
+  byId("curve-words").textContent =
+    `taken at level ${format.stops(curve.level)} with metric ${format.metric(at(curve, 0))}${decided}; ` +
+    `most promised at ${format.signed(curve.delta_levels[best])} stops`;
+}
+
+const lanes = LANES.map((lane) => {
+  const box = element("div", undefined, "lane");
+  const heading = element("h3", lane.name);
+  const value = element("b");
+  heading.append(value);
+  const canvas = element("canvas");
+  box.append(heading, canvas);
+  byId("lanes").append(box);
+  canvas.addEventListener("pointermove", (event) => {
+    hoverS = numbers && timeAt(canvas, event.offsetX, numbers.now_s, lengthOf(rows, numbers.now_s));
+    showHistory();
+  });
+  canvas.addEventListener("pointerleave", () => {
+    hoverS = null;
+    showHistory();
+  });
+  return { lane, canvas, value };
+});
+
+function showHistory() {
+  if (!numbers) return;
+  const view = { nowS: numbers.now_s, lengthS: lengthOf(rows, numbers.now_s), hoverS };
+  const chosen = hoverS === null ? rows.at(-1) : rows.findLast((row) => row[0] <= hoverS);
+  for (const { lane, canvas, value } of lanes) {
+    drawLane(canvas, lane, rows, view);
+    value.textContent = chosen ? valueWords(lane, chosen) : "";
+  }
+}
+
+function valueWords(lane, row) {
+  const words = (range) => (range ? [...new Set(range.map(lane.words))].join(" to ") : "–");
+  const asked = lane.asked ? words(row[lane.asked]) : "";
+  const applied = words(row[lane.applied]);
+  return asked && asked !== applied && asked !== "–" ? `${applied}, asked for ${asked}` : applied;
+}
+
+function redraw() {
+  showHistory();
+  if (numbers?.curve) drawCurve(byId("curve"), numbers.curve);
+}
+addEventListener("resize", redraw);
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
+connect();
