@@ -7,20 +7,17 @@ import functools
 import math
 import struct
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from typing import Concatenate, ParamSpec, TypeVar
 
 from fake_camera.genapi.description import REGISTERS, Description, Node, NodeError, whole_number
+from fake_camera.genapi.field import Field
 from fake_camera.genapi.formula import FormulaError, Number, compile_formula
 from fake_camera.genapi.memory import Memory
 
 _WHOLE = ("Integer", "IntReg", "MaskedIntReg", "StructEntry", "IntSwissKnife", "IntConverter", "Enumeration", "Boolean")
 _DEEPEST = 64  # nodes that a value may rest on, one upon the other: more is a circle
-
-
 _LARGEST_INTEGER = 1 << 64
 _LONGEST_REGISTER = 1 << 16  # bytes: more than any register that a camera has, a look-up table among them
-_LONGEST_NUMBER = 8  # bytes
 _MOST_STEPS = 20_000  # nodes that may be asked for one value; a few are asked some hundred times
 
 Told = ParamSpec("Told")
@@ -42,41 +39,6 @@ def _in_words(
             raise NodeError(f"node {name}: {error}") from None
 
     return asked
-
-
-@dataclass(frozen=True, slots=True)
-class Field:
-    """A register, or some bits of one: where a value lies in a camera's memory."""
-
-    port: str
-    address: int
-    length: int
-    shift: int
-    bits: int
-    signed: bool
-    little_endian: bool
-    floating: bool
-
-    def decode(self, data: bytes) -> Number:
-        """The value in the register's bytes."""
-        order = "<" if self.little_endian else ">"
-        if self.floating:
-            return float(struct.unpack(order + ("d" if self.length == 8 else "f"), data)[0])
-        if self.length > _LONGEST_NUMBER:
-            raise NodeError(f"a register of {self.length} bytes is no number")
-        raw = int.from_bytes(data, "little" if self.little_endian else "big") >> self.shift & (1 << self.bits) - 1
-        return raw - (1 << self.bits) if self.signed and raw >> self.bits - 1 else raw
-
-    def encode(self, value: Number, data: bytes) -> bytes:
-        """The register's bytes `data` with `value` in them, cut to the bits there are."""
-        if self.floating:
-            return struct.pack(("<" if self.little_endian else ">") + ("d" if self.length == 8 else "f"), value)
-        order = "little" if self.little_endian else "big"
-        mask = (1 << self.bits) - 1
-        low, high = (-(1 << self.bits - 1), mask >> 1) if self.signed else (0, mask)
-        raw = int.from_bytes(data, order) & ~(mask << self.shift)  # type: ignore[arg-type]
-        raw |= (min(max(round(value), low), high) & mask) << self.shift
-        return raw.to_bytes(self.length, order)  # type: ignore[arg-type]
 
 
 class Evaluator:

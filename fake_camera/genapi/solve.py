@@ -8,7 +8,8 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
 from fake_camera.genapi.description import NodeError
-from fake_camera.genapi.evaluator import Evaluator, Field
+from fake_camera.genapi.evaluator import Evaluator
+from fake_camera.genapi.field import Field
 from fake_camera.genapi.formula import Number
 
 Wish = Callable[[], bool]

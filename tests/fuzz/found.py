@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+import math
 import struct
 from collections.abc import Iterable
 
+import numpy as np
+
+from autoexpose_daemon.messages.write import MessageWriter
+from drivers.exposure import ExposureSetting
+from drivers.frames import Frame, StereoPair
 from fake_camera.usb3.descriptors import CONTROL_IN, CONTROL_OUT
 from tests.fuzz.of_fake_camera import ATTACH, submit
+from tests.fuzz.of_host import received
 from tests.fuzz.target import framed
+from tests.publish.steps import DECISION
 
 _BOMB = b"a: &a {x: 1, y: 2}\n" + b"".join(
     b"%c: &%c {<<: [*%c, *%c, *%c, *%c]}\n" % (new, new, *[new - 1] * 4) for new in b"bcdefghijklmnop"
@@ -48,6 +56,12 @@ def _doubling() -> str:
     return "".join(nodes) + "<Integer Name='N40'><Value>1</Value></Integer>"
 
 
+def _published(bits: int, exposure_time_us: float) -> bytes:
+    """One frame as it is sent, with what no camera has."""
+    frame = Frame(np.ones((2, 3), np.uint16), bits, 1, 1, 1, 0, ExposureSetting(exposure_time_us, 0.0))
+    return received(MessageWriter("rig", 1).messages(StereoPair(1, frame, None), DECISION, 0, 0))
+
+
 FOUND: dict[str, Iterable[bytes]] = {
     "usb3": (ATTACH + submit(1, CONTROL_IN, 64) * 2 + submit(2, CONTROL_OUT, len(_READ), _READ) * 2,),
     "fault-orders": (b"[" * 100_000, b'{"fault": {}}', b'{"fault": "freeze", "count": 1e999}'),
@@ -81,6 +95,7 @@ FOUND: dict[str, Iterable[bytes]] = {
     "exposure-list": (b"a" * 300 + b" 0.1", b"\0 0.1", b"a.png 1/0"),
     "image-file": (b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\0\xff\xff\0\0\xff\xff\x08\0\0\0\0\0\0\0\0",),
     "last-exposure": (b"[" * 100_000, b"{}", b"null"),
+    "published": (_published(3, 100.0), _published(12, math.nan), _published(12, 0.5)),
     "truth": (b"{}", b"[" * 100_000, b'{"trigger": 1, "host_time_ns": 1e999, "lux": 1}', b'{"trigger": 1, "host'),
     "tally": (b"[" * 100_000, b'{"pairs": 1e999, "missed": 0, "lost": 0, "too_slow": 0, "alone": 0}'),
     "control-setup": (b'{"dtype": "uint8", "shape": [99999999999999999999], "base64": ""}', b"[" * 100_000),

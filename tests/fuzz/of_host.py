@@ -6,7 +6,7 @@ import io
 import json
 import struct
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from functools import cache
 from ipaddress import IPv4Interface
 
@@ -23,6 +23,7 @@ from autoexpose_daemon.control.loop import ControlSetup
 from autoexpose_daemon.control.snapshot import parse, plain
 from autoexpose_daemon.demo.fakes import read_pulses
 from autoexpose_daemon.last_exposure import FORMAT, LastExposure
+from autoexpose_daemon.messages.write import Message
 from autoexpose_daemon.publish.tally import ConsumerTally
 from autoexpose_daemon.recording.plain_json import from_json, to_json
 from autoexpose_daemon.recording.read import Recording
@@ -198,14 +199,19 @@ def published(data: bytes) -> None:
                 str(frame.setting)
 
 
+def received(sent: Iterable[Message]) -> bytes:
+    """Messages as an input of `published`."""
+    parts = []
+    for message in sent:
+        if message.topic != "camera_info":
+            kind = (message.topic == "image") | (message.side == "right") << 1
+            parts.append(bytes([kind]) + bytes(message.data))
+    return framed(*parts)
+
+
 def published_seeds() -> Iterator[bytes]:
     for cameras in (1, 2):
-        parts = []
-        for number in range(2):
-            for message in messages(number, cameras=cameras):
-                kind = (message.topic == "image") | (message.side == "right") << 1
-                parts.append(bytes([kind]) + bytes(message.data))
-        yield framed(*parts)
+        yield received(message for number in range(2) for message in messages(number, cameras=cameras))
 
 
 def truth(data: bytes) -> None:
