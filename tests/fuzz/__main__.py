@@ -12,6 +12,7 @@ import logging
 import os
 import re
 import sys
+import tempfile
 import time
 import traceback
 import warnings
@@ -85,6 +86,7 @@ def fuzz(target: Target) -> NoReturn:
     log = os.open(folder / "log", os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
     for stream in (1, 2):
         os.dup2(log, stream)
+    tempfile.tempdir = str(folder.resolve())  # libFuzzer ends the process without cleaning up
     logging.disable()
     warnings.simplefilter("error", RuntimeWarning)  # of numpy, about numbers that are none
     for number, seed in enumerate(target.seeds()):
