@@ -16,7 +16,7 @@ ROBOT_PACKAGES := $(DEMO_PACKAGES) $(SHIM_PACKAGES) udev
 # Of the optional C libraries: built where there are a compiler and python3-dev, as after `make setup`.
 NATIVE_SOURCES := setup.py $(wildcard autoexpose_daemon/control/native/* fake_camera/usb3/shim/*)
 
-.PHONY: setup shim demo test lint bench accept soak test-kernel install uninstall deb clean
+.PHONY: setup shim demo test lint bench accept soak fuzz test-kernel install uninstall deb clean
 .DEFAULT_GOAL := demo
 
 # Stamps make second runs start at once; they are remade when what is installed changes.
@@ -65,6 +65,14 @@ soak: $(VENV)/dev.stamp ## endurance: ten minutes of demo, the account must bala
 	@mkdir -p out
 	$(VENV)/bin/autoexpose demo --seconds 600 --policy neves2009 --summary out/soak.json
 	REPLUG_CYCLES=50 $(VENV)/bin/pytest tests/autoexpose_daemon/test_replug.py tests/autoexpose_daemon/test_replug_usb3.py
+
+$(VENV)/fuzz.stamp: $(VENV)/dev.stamp pyproject.toml
+	@echo "installing the fuzzer ..."
+	@$(PY) -m pip install --quiet --disable-pip-version-check --editable '.[fuzz]'
+	@touch $@
+
+fuzz: $(VENV)/fuzz.stamp ## a million damaged messages and files to our parsers, about 12 minutes on two cores
+	nice -n 5 $(PY) -m tests.fuzz $(TARGETS)
 
 # Fetched anew when the scripts that unpack or start it change, or after `make clean`.
 build/kernel/initramfs.gz: tests/kernel/build tests/kernel/init

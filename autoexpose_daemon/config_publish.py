@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Self
 
@@ -42,6 +43,6 @@ class PublishConfig(Section):
         if self.zenoh is None:
             return self
         file = folder / self.zenoh
-        if not file.is_file():
+        if not os.path.isfile(file):  # noqa: PTH113 - Path.is_file raises for names that are too long
             raise ConfigurationError(f"publish.zenoh: {file} is not there; name a configuration file of zenoh")
         return self.model_copy(update={"zenoh": file})

@@ -14,6 +14,7 @@ from autoexpose_daemon.config_section import Section
 from autoexpose_daemon.control.region import Rectangle, Region
 from drivers.errors import ConfigurationError
 from drivers.frames import Side
+from drivers.png import is_whole_png
 
 Weight = Annotated[float, Field(ge=0, le=1)]
 Pixel = Annotated[int, Field(ge=0)]
@@ -83,8 +84,10 @@ def _read_mask(key: str, path: Path) -> NDArray[np.uint8]:
         content = path.read_bytes()
     except OSError as error:
         raise ConfigurationError(f"{key}: {path}: cannot be read: {error.strerror}") from error
-    mask = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED) if content else None
-    if mask is None or not content.startswith(b"\x89PNG"):
+    except ValueError as error:  # a NUL in its name
+        raise ConfigurationError(f"{key}: {str(path)!r}: is no name of a file: {error}") from error
+    mask = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED) if is_whole_png(content) else None
+    if mask is None:
         raise ConfigurationError(f"{key}: {path}: is not a PNG picture: save the mask as one")
     if mask.ndim != 2 or mask.dtype != np.uint8:
         raise ConfigurationError(f"{key}: {path}: is not 8-bit grey without alpha: convert it")

@@ -108,7 +108,7 @@ class ResponseFunction:
                 raise ConfigurationError(f"{path}: log2_exposure[{grey}] is {told}: give a number of stops")
         for key in ("black_level", "saturation"):
             if type(document[key]) is not int:
-                raise ConfigurationError(f"{path}: {key} is {document[key]!r}: give a grey level, 0 to 255")
+                raise ConfigurationError(f"{path}: {key} is {reprlib.repr(document[key])}: give a grey level, 0 to 255")
         try:
             return cls(np.array(curve, dtype=np.float64), document["black_level"], document["saturation"])
         except ConfigurationError as error:
@@ -133,7 +133,7 @@ def load_response_document(path: Path) -> dict[Any, Any]:
         if key not in document:
             raise ConfigurationError(f"{path}: the key {key!r} is missing: add it")
     if document["format"] != FORMAT:
-        raise ConfigurationError(f"{path}: format is {document['format']!r}: only {FORMAT!r} can be read")
+        raise ConfigurationError(f"{path}: format is {reprlib.repr(document['format'])}: only {FORMAT!r} can be read")
     return document
 
 

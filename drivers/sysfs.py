@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 
@@ -15,8 +16,8 @@ def read_value(file: Path) -> str | None:
 
 def read_number(file: Path) -> float | None:
     """The number in a file; None when there is none."""
-    value = read_value(file)
     try:
-        return None if value is None else float(value)
+        number = float(read_value(file) or "")
     except ValueError:
         return None
+    return number if math.isfinite(number) else None

@@ -11,6 +11,9 @@ from pathlib import Path
 from fake_camera.faults import Fault, FaultError, Faults
 from fake_camera.unix_socket import listen
 
+_LONGEST_ORDER_BYTES = 1 << 16
+"""A line without an end is answered in pieces, and not collected."""
+
 
 class ControlSocket:
     """A Unix stream socket at `path` that hands orders to `faults`; one thread for each connection.
@@ -41,7 +44,7 @@ class ControlSocket:
 
     def _serve(self, connection: socket.socket) -> None:
         with connection, connection.makefile("rb") as lines, contextlib.suppress(OSError):  # the client has gone
-            for line in lines:
+            for line in iter(lambda: lines.readline(_LONGEST_ORDER_BYTES), b""):
                 connection.sendall(json.dumps(self._answer(line)).encode() + b"\n")
 
     def _answer(self, line: bytes) -> dict[str, object]:

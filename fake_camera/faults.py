@@ -97,7 +97,7 @@ class Fault:
         """
         try:
             order = json.loads(line)
-        except ValueError as error:
+        except (ValueError, RecursionError) as error:
             raise FaultError(f"the line is not JSON: {error}") from None
         if not isinstance(order, dict):
             raise FaultError('the line must be a JSON object such as {"fault": "freeze", "count": 3}')

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import reprlib
 from bisect import bisect_right
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -10,6 +11,15 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+
+
+class _PlainLoader(yaml.SafeLoader):
+    """YAML without aliases: aliases of aliases may stand for more than any memory holds."""
+
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        if self.check_event(yaml.AliasEvent):
+            raise yaml.YAMLError("aliases (*name) are not understood: write out what they stand for")
+        return super().compose_node(parent, index)
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,10 +108,10 @@ class LightScript:
     def from_file(cls, path: Path) -> LightScript:
         """Read a script; raises ValueError with one sentence that names the file and the key."""
         try:
-            content = yaml.safe_load(path.read_text(encoding="utf-8"))
+            content = yaml.load(path.read_text(encoding="utf-8"), _PlainLoader)
         except (OSError, UnicodeDecodeError) as error:
             raise ValueError(f"light script {path} cannot be read: {error}") from error
-        except yaml.YAMLError as error:
+        except Exception as error:  # PyYAML checks little of what tags such as !!int or a date announce
             raise ValueError(f"light script {path} is not YAML: {' '.join(str(error).split())}") from error
         try:
             return cls._from_mapping(content)
@@ -173,6 +183,10 @@ def _fields(value: object, where: str, required: set[str], optional: set[str]) -
 
 
 def _number(value: object, where: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise ValueError(f"{where} must be a number, not {value!r}")
-    return float(value)
+    try:
+        number = math.nan if isinstance(value, bool) or not isinstance(value, int | float) else float(value)
+    except OverflowError:  # YAML's integers have no bound
+        number = math.inf
+    if not math.isfinite(number):
+        raise ValueError(f"{where} must be a number, not {reprlib.repr(value)}")
+    return number

@@ -49,7 +49,7 @@ class Line0:
         Raises
         ------
         WireError
-            The name is no plain word, or the wire runs at another rate.
+            The name is no plain word, the wire runs at another rate, or its file is held by something else.
         """
         if not re.fullmatch(r"[\w.-]{1,64}", name):
             raise WireError(f"the wire's name {name!r} must be a word of letters, digits, dots and dashes")
@@ -95,9 +95,12 @@ def _open_locked(path: Path, rate_hz: float, clock_ns: Callable[[], int]) -> int
         # Passing from one lock to the other is not atomic: between them another process may find the file unlocked
         # and start the wire anew, or remove it. The first is harmless, as the grid is read under the shared lock.
         fcntl.flock(lock, fcntl.LOCK_SH)
-        if _is_file_at(lock, path) and os.pread(lock, len(_MAGIC), 0) == _MAGIC:
+        there, grid = _is_file_at(lock, path), os.pread(lock, _GRID.size, 0)
+        if there and len(grid) == _GRID.size and grid.startswith(_MAGIC):
             return lock
         os.close(lock)
+        if there:  # whoever holds it wrote no grid before
+            raise WireError(f"{path} is held by a program that is no camera: name another wire")
 
 
 def _try_exclusive(lock: int) -> bool:

@@ -44,8 +44,8 @@ def load_radiance(path: Path) -> NDArray[np.float32]:
     lit = luminance[luminance > 0]
     if lit.size == 0:
         raise ValueError(f"scene {path} is black: give a picture with light in it")
-    scaled = luminance * (GREY / math.exp(float(np.log(lit).mean(dtype=np.float64))))
-    return np.asarray(scaled, np.float32)
+    scaled = luminance.astype(np.float64) * (GREY / math.exp(float(np.log(lit).mean(dtype=np.float64))))
+    return np.asarray(np.minimum(scaled, np.finfo(np.float32).max), np.float32)
 
 
 class Panorama:

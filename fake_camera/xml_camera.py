@@ -7,8 +7,9 @@ import threading
 
 from fake_camera.device import Device
 from fake_camera.features import CHUNK_TRAILER_BYTES, FeatureError
-from fake_camera.genapi.description import REGISTERS, Description
-from fake_camera.genapi.evaluator import Evaluator, Field, NodeError
+from fake_camera.genapi.description import REGISTERS, Description, NodeError
+from fake_camera.genapi.evaluator import Evaluator
+from fake_camera.genapi.field import Field
 from fake_camera.genapi.memory import Fixed, Memory
 from fake_camera.genapi.solve import assign
 from fake_camera.imaging import ExposedFrame

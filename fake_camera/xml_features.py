@@ -7,7 +7,8 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 from fake_camera.features import FeatureError, Features
-from fake_camera.genapi.evaluator import Evaluator, NodeError
+from fake_camera.genapi.description import NodeError
+from fake_camera.genapi.evaluator import Evaluator
 from fake_camera.genapi.solve import assign
 from fake_camera.imaging import ExposedFrame
 from fake_camera.xml_power_on import (
@@ -195,10 +196,10 @@ class Animation:
             places = tuple((field.address, field.length) for field in self._evaluator.fields(name).values())
 
         def applied() -> None:
-            if self._elsewhere(name, selection):
-                return
-            with self._selecting(selection), contextlib.suppress(NodeError):
-                apply()
+            with contextlib.suppress(NodeError, FeatureError):  # a value that means nothing changes nothing
+                if not self._elsewhere(name, selection):
+                    with self._selecting(selection):
+                        apply()
 
         def check() -> None:
             with self._selecting(selection), contextlib.suppress(NodeError):

@@ -6,7 +6,8 @@ import contextlib
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
-from fake_camera.genapi.evaluator import Evaluator, NodeError
+from fake_camera.genapi.description import NodeError
+from fake_camera.genapi.evaluator import Evaluator
 from fake_camera.genapi.formula import Number
 from fake_camera.genapi.solve import Wish, achieve, assign
 

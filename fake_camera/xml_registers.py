@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from fake_camera.features import FeatureError
+from fake_camera.genapi.description import NodeError, whole_number
 from fake_camera.registers import FEATURE_STATUS, Register, RegisterMap
 from fake_camera.status import CommandError, Status
 from fake_camera.xml_camera import XmlCamera
@@ -15,7 +16,7 @@ _BASES = (0x100000, 0x4000_0000, 0x5000_0000, 0x6000_0000, 0x7000_0000, 0xE000_0
 def free_address(camera: XmlCamera, length: int) -> int:
     """Where `length` bytes of zipped description lie in the way of none of the camera's registers."""
     taken = [
-        int((part.text or "0").strip(), 0)
+        whole_number((part.text or "0").strip())
         for node in camera.description.nodes.values()
         for part in node.parts.get("Address", [])
     ]
@@ -33,6 +34,7 @@ class XmlRegisters(RegisterMap):
 
     def read(self, address: int, count: int) -> bytes:
         """Read `count` bytes; what is no bootstrap register is the camera's memory, see `RegisterMap.read`."""
+        self._check_alignment(address, count)
         known = self._bootstrap(address, count)
         return self._camera.read(address, count) if known is None else known
 
@@ -49,11 +51,12 @@ class XmlRegisters(RegisterMap):
             self._camera.write(address, data)
         except FeatureError as error:
             raise CommandError(FEATURE_STATUS[error.kind]) from error
+        except NodeError as error:  # what was written leaves a node without a value
+            raise CommandError(Status.INVALID_PARAMETER) from error
 
     def _bootstrap(self, address: int, count: int) -> bytes | None:
+        """What bootstrap registers hold there, None where there are none or not only they."""
         try:
             return super().read(address, count)
-        except CommandError as error:
-            if error.status != Status.INVALID_ADDRESS:
-                raise
+        except CommandError:
             return None

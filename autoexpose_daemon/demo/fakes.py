@@ -99,10 +99,14 @@ def _wait_ready(side: Side, process: subprocess.Popen[str], stop: threading.Even
 
 
 def read_pulses(truths: Sequence[Path]) -> list[Pulse]:
-    """All pulses that any of the fakes saw on the wire, in order."""
+    """All pulses that any of the fakes saw on the wire, in order; raises AutoexposeError for what is no pulse."""
     pulses: dict[int, Pulse] = {}
     for truth in truths:
-        for line in truth.read_text().splitlines():
-            seen = json.loads(line)
-            pulses[seen["trigger"]] = Pulse(seen["trigger"], seen["host_time_ns"], seen["lux"])
+        for number, line in enumerate(truth.read_bytes().splitlines(), 1):
+            try:
+                seen = json.loads(line)
+                pulse = Pulse(int(seen["trigger"]), int(seen["host_time_ns"]), float(seen["lux"]))
+            except (ValueError, TypeError, LookupError, OverflowError, RecursionError) as error:
+                raise AutoexposeError(f"{truth}: line {number} is no pulse of the wire ({error})") from error
+            pulses[pulse.trigger] = pulse
     return [pulses[trigger] for trigger in sorted(pulses)]

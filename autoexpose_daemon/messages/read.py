@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.messages.types import EXPOSURE_INFO, IMAGE, TYPESTORE
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame, Pixels
+from drivers.image_format import BIT_DEPTHS
 
 
 class DamagedMessageError(ValueError):
@@ -44,7 +46,17 @@ def stamp_ns(message: Any) -> int:
 
 
 def frame_of(info: Any, pixels: Pixels) -> Frame:
-    """The frame that an ExposureInfo and the pixels of its Image tell of."""
+    """The frame that an ExposureInfo and the pixels of its Image tell of.
+
+    Raises
+    ------
+    DamagedMessageError
+        When the two do not belong together, or no image can be taken so.
+    """
+    if info.bit_depth not in BIT_DEPTHS.values() or (info.bit_depth == 8) != (pixels.dtype == np.uint8):
+        raise DamagedMessageError(f"{info.bit_depth} significant bits in pixels of {8 * pixels.itemsize}")
+    if not (0 < info.exposure_time_us < math.inf and math.isfinite(info.gain_db)):
+        raise DamagedMessageError(f"an exposure of {info.exposure_time_us} us and {info.gain_db} dB")
     return Frame(
         pixels,
         info.bit_depth,

@@ -51,5 +51,5 @@ def _array_from_json(members: dict[str, Any]) -> Any:
         content = base64.b64decode(members["base64"], validate=True)
         dtype = np.dtype(members["dtype"])
         return np.frombuffer(content, dtype.newbyteorder("<")).astype(dtype).reshape(members["shape"])
-    except (TypeError, binascii.Error) as error:
+    except (TypeError, OverflowError, binascii.Error) as error:
         raise ValueError(f"a damaged array: {error}") from None

@@ -11,11 +11,12 @@ time alone; times alone belong to the images next to the list, in the order of t
 from __future__ import annotations
 
 import math
+import os
 import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from PIL import Image, UnidentifiedImageError
+from PIL import Image
 
 from drivers.errors import ConfigurationError
 
@@ -110,7 +111,7 @@ def _in_list(path: Path) -> list[TimedFile]:
     files: list[TimedFile] = []
     for (number, name), value in zip(named, seconds, strict=True):
         image = path.parent / name
-        if not image.is_file():
+        if not os.path.isfile(image):  # noqa: PTH113 - Path.is_file raises for names that are too long
             raise ConfigurationError(f"{path}: line {number}: there is no image {image}: correct its name")
         if image in (file.path for file in files):
             raise ConfigurationError(f"{path}: line {number}: names {name} again: leave one line for each image")
@@ -143,7 +144,7 @@ def _exif_number(path: Path, tag: int) -> float | None:
     try:
         with Image.open(path) as image:
             value = image.getexif().get_ifd(_EXIF_IFD).get(tag)
-    except (UnidentifiedImageError, OSError) as error:
+    except Exception as error:  # Pillow checks little of what a damaged file announces
         raise ConfigurationError(f"{path}: is not an image that can be read: remove or replace it") from error
     if isinstance(value, tuple):
         value = value[0] if value else None

@@ -14,6 +14,7 @@ from calibration.sweep import Shot, Sweep
 from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureSetting
 from drivers.frames import Pixels
+from drivers.png import SIGNATURE, is_whole_png
 
 GREEN = 1
 """Of OpenCV's blue, green, red."""
@@ -54,8 +55,10 @@ def _described(image: NDArray[Any]) -> str:
 
 def _grey(path: Path) -> Pixels:
     try:
-        content = np.frombuffer(path.read_bytes(), np.uint8)
-        image = cv2.imdecode(content, cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION)
+        content = path.read_bytes()
+        damaged = content.startswith(SIGNATURE) and not is_whole_png(content)
+        flags = cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION
+        image = None if damaged else cv2.imdecode(np.frombuffer(content, np.uint8), flags)
     except (OSError, cv2.error):
         image = None
     if image is None or image.dtype not in {np.dtype(np.uint8), np.dtype(np.uint16)}:

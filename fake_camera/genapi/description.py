@@ -10,9 +10,19 @@ REGISTERS = ("IntReg", "MaskedIntReg", "FloatReg", "StringReg", "Register", "Str
 _BELOW_STRUCT = ("StructEntry",)
 
 
+_LONGEST_NUMBER = 64  # characters: numbers have 64 bits
+
+
+class NodeError(ValueError):
+    """A node that has no value, or cannot be set: missing, circular, or beyond what is understood here."""
+
+
 def whole_number(text: str) -> int:
-    """The number that `text` is, in decimal or as 0x...; raises ValueError when it is none."""
-    return int(text, 16 if "x" in text.lower() else 10)
+    """The number that `text` is, in decimal or as 0x...; raises NodeError when it is none."""
+    try:
+        return int(text[:_LONGEST_NUMBER], 16 if "x" in text.lower() else 10)
+    except ValueError:
+        raise NodeError(f"{text[:_LONGEST_NUMBER]!r} is no whole number") from None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,7 +80,7 @@ class Description:
         data = text[max(text.find(b"<?xml"), 0) :].strip()
         try:
             root = fromstring(data)
-        except ParseError as error:
+        except (ParseError, LookupError, ValueError) as error:  # also an encoding that is none, or not understood
             raise ValueError(f"{source}: not an XML file ({error}); give the GenICam description of a camera") from None
         for element in root.iter():
             element.tag = element.tag.rpartition("}")[2]
@@ -79,7 +89,10 @@ class Description:
                 f"{source}: a GenICam description begins with RegisterDescription, this one with {root.tag}"
             )
         nodes: dict[str, Node] = {}
-        _collect(root, nodes)
+        try:
+            _collect(root, nodes)
+        except RecursionError:
+            raise ValueError(f"{source}: its groups are nested too deeply for a GenICam description") from None
         return cls(
             data, root.get("VendorName", ""), root.get("ModelName", ""), root.get("StandardNameSpace", ""), nodes
         )

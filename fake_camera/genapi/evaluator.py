@@ -3,54 +3,42 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import math
 import struct
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from typing import Concatenate, ParamSpec, TypeVar
 
-from fake_camera.genapi.description import REGISTERS, Description, Node, whole_number
+from fake_camera.genapi.description import REGISTERS, Description, Node, NodeError, whole_number
+from fake_camera.genapi.field import Field
 from fake_camera.genapi.formula import FormulaError, Number, compile_formula
 from fake_camera.genapi.memory import Memory
 
 _WHOLE = ("Integer", "IntReg", "MaskedIntReg", "StructEntry", "IntSwissKnife", "IntConverter", "Enumeration", "Boolean")
 _DEEPEST = 64  # nodes that a value may rest on, one upon the other: more is a circle
+_LARGEST_INTEGER = 1 << 64
+_LONGEST_REGISTER = 1 << 16  # bytes: more than any register that a camera has, a look-up table among them
+_MOST_STEPS = 20_000  # nodes that may be asked for one value; a few are asked some hundred times
+
+Told = ParamSpec("Told")
+Result = TypeVar("Result")
 
 
-class NodeError(ValueError):
-    """A node that has no value, or cannot be set: missing, circular, or beyond what is understood here."""
+def _in_words(
+    method: Callable[Concatenate[Evaluator, str, Told], Result],
+) -> Callable[Concatenate[Evaluator, str, Told], Result]:
+    """Make NodeErrors of what goes wrong with numbers out of range, circles, and texts that mean nothing."""
 
+    @functools.wraps(method)
+    def asked(evaluator: Evaluator, name: str, /, *arguments: Told.args, **named: Told.kwargs) -> Result:
+        try:
+            return method(evaluator, name, *arguments, **named)
+        except NodeError:
+            raise
+        except (ValueError, ArithmeticError, RecursionError, struct.error) as error:
+            raise NodeError(f"node {name}: {error}") from None
 
-@dataclass(frozen=True, slots=True)
-class Field:
-    """A register, or some bits of one: where a value lies in a camera's memory."""
-
-    port: str
-    address: int
-    length: int
-    shift: int
-    bits: int
-    signed: bool
-    little_endian: bool
-    floating: bool
-
-    def decode(self, data: bytes) -> Number:
-        """The value in the register's bytes."""
-        order = "<" if self.little_endian else ">"
-        if self.floating:
-            return float(struct.unpack(order + ("d" if self.length == 8 else "f"), data)[0])
-        raw = int.from_bytes(data, "little" if self.little_endian else "big") >> self.shift & (1 << self.bits) - 1
-        return raw - (1 << self.bits) if self.signed and raw >> self.bits - 1 else raw
-
-    def encode(self, value: Number, data: bytes) -> bytes:
-        """The register's bytes `data` with `value` in them, cut to the bits there are."""
-        if self.floating:
-            return struct.pack(("<" if self.little_endian else ">") + ("d" if self.length == 8 else "f"), value)
-        order = "little" if self.little_endian else "big"
-        mask = (1 << self.bits) - 1
-        low, high = (-(1 << self.bits - 1), mask >> 1) if self.signed else (0, mask)
-        raw = int.from_bytes(data, order) & ~(mask << self.shift)  # type: ignore[arg-type]
-        raw |= (min(max(round(value), low), high) & mask) << self.shift
-        return raw.to_bytes(self.length, order)  # type: ignore[arg-type]
+    return asked
 
 
 class Evaluator:
@@ -67,6 +55,7 @@ class Evaluator:
         self._chosen: dict[str, int] = {}
         self._seen: dict[str, Field] = {}
         self._depth = 0
+        self._steps = 0
 
     def node(self, name: str) -> Node:
         """The node of that name; raises NodeError when there is none."""
@@ -79,6 +68,7 @@ class Evaluator:
         """The kind of a node, None when there is none of that name."""
         return self._nodes[name].kind if name in self._nodes else None
 
+    @_in_words
     def value(self, name: str) -> Number:
         """The value of a node; an enumeration's is a number, a boolean's 0 or 1.
 
@@ -91,11 +81,12 @@ class Evaluator:
             return self._chosen[name]
         if self._depth > _DEEPEST:
             raise NodeError(f"node {name} rests on itself")
+        self._steps = self._steps + 1 if self._depth else 0
+        if self._steps > _MOST_STEPS:
+            raise NodeError(f"node {name} is asked for again and again")
         self._depth += 1
         try:
             return self._value(self.node(name))
-        except (struct.error, OverflowError) as error:
-            raise NodeError(f"node {name}: {error}") from error
         finally:
             self._depth -= 1
 
@@ -106,6 +97,7 @@ class Evaluator:
             self.value(name)
         return self._seen
 
+    @_in_words
     def chain(self, name: str) -> tuple[Node, ...]:
         """A node and those behind it, which must all be available for the first to be."""
         nodes = [self.node(name)]
@@ -122,6 +114,7 @@ class Evaluator:
         except NodeError:
             return name
 
+    @_in_words
     def field(self, name: str) -> Field:
         """Where a register node lies at present."""
         return self._field(self.node(name))
@@ -134,6 +127,7 @@ class Evaluator:
         """Store the bytes of a register."""
         self._port(field).write(field.address, data)
 
+    @_in_words
     def set(self, name: str, value: Number) -> None:
         """Set a node by its pValue and the formulas of its converters, down to a register.
 
@@ -145,10 +139,7 @@ class Evaluator:
         node = self.node(name)
         if node.kind in REGISTERS:
             field = self._field(node)
-            try:
-                self.write(field, field.encode(value, self.bytes_of(field)))
-            except (ValueError, OverflowError, struct.error) as error:  # no number, infinite, or too large for a float
-                raise NodeError(f"node {name}: {error}") from error
+            self.write(field, field.encode(value, self.bytes_of(field)))
             return
         behind = self._behind(node)
         if behind is None:
@@ -178,6 +169,7 @@ class Evaluator:
             else contextlib.nullcontext()
         )
 
+    @_in_words
     def bound(self, name: str, which: str) -> Number | None:
         """The Min, Max or Inc (`which`) of a number, its own or that of what is behind it; None when not declared."""
         node = self.node(name)
@@ -193,6 +185,7 @@ class Evaluator:
             return limit
         return None if which == "Inc" else self._formula(node, "FormulaFrom", "TO", limit)
 
+    @_in_words
     def bounded(self, name: str, value: Number) -> tuple[str, Number]:
         """The node at or behind `name` that declares bounds (else the last one), and `value` in its own terms."""
         node = self.node(name)
@@ -257,16 +250,19 @@ class Evaluator:
             if name in constants:
                 return _number(constants[name])
             if name in expressions:
-                return compile_formula(expressions[name].strip(), integer)(variable)
+                return values.setdefault(name, compile_formula(expressions[name].strip(), integer)(variable))
             raise FormulaError(f"unknown variable {name}")
 
         try:
             result = compile_formula(node.text(tag), integer)(variable)
-            return math.trunc(result) if integer else result
+            result = math.trunc(result) if integer else result
         except NodeError:
             raise
-        except (ValueError, ArithmeticError) as error:
+        except (ValueError, ArithmeticError, RecursionError) as error:
             raise NodeError(f"formula of node {node.name}: {error}") from error
+        if abs(result) > _LARGEST_INTEGER and isinstance(result, int):
+            raise NodeError(f"formula of node {node.name}: its value has more than 64 bits")
+        return result
 
     def _field(self, node: Node) -> Field:
         length = int(self.value(node.text("pLength"))) if "pLength" in node.parts else node.integer("Length", 4)
@@ -278,9 +274,14 @@ class Evaluator:
             bits = abs(msb - lsb) + 1
             # Big-endian descriptions count bits from the highest one, as the registers of GigE Vision are drawn.
             shift = min(lsb, msb) if little_endian else 8 * length - 1 - max(lsb, msb)
+        floating = node.kind == "FloatReg"
+        if not 0 < length <= _LONGEST_REGISTER or not 0 <= shift <= shift + bits <= 8 * length:
+            raise NodeError(f"node {node.name}: bits {shift} to {shift + bits} of a register of {length} bytes")
+        if floating and length not in (4, 8):
+            raise NodeError(f"node {node.name}: no float has {length} bytes")
         return Field(
             node.text("pPort"), self._address(node, length), length, shift, bits, node.text("Sign") == "Signed",
-            little_endian, node.kind == "FloatReg",
+            little_endian, floating,
         )  # fmt: skip
 
     def _address(self, node: Node, length: int) -> int:
@@ -308,5 +309,5 @@ def _number(text: str) -> Number:
     text = text.strip()
     try:
         return whole_number(text) if text else 0
-    except ValueError:
+    except NodeError:
         return float(text)

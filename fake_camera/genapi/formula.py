@@ -29,6 +29,7 @@ _FUNCTIONS: dict[str, Callable[[Number], Number]] = {
 
 
 _LARGEST_EXPONENT = 1023
+_MOST_BITS = 4096  # of a power: floats end at 1024
 
 
 class FormulaError(ValueError):
@@ -44,13 +45,17 @@ def _divide(integer: bool, left: Number, right: Number) -> Number:
 def _raise(base: Number, exponent: Number) -> Number:
     if abs(exponent) > _LARGEST_EXPONENT:
         raise FormulaError(f"{exponent} is too large an exponent")
+    if isinstance(base, int) and base.bit_length() * exponent > _MOST_BITS:
+        raise FormulaError("a power is too large a number")
+    if base < 0 and exponent != int(exponent):
+        raise FormulaError(f"{base} to the power of {exponent} is no real number")
     return base**exponent if base or exponent >= 0 else 0
 
 
 def _binary(symbol: str, integer: bool) -> Callable[[Number, Number], Number]:
     whole: Mapping[str, Callable[[int, int], int]] = {
         "|": operator.or_, "^": operator.xor, "&": operator.and_,
-        "<<": lambda left, right: left << right & (1 << 64) - 1, ">>": operator.rshift,
+        "<<": lambda left, right: left << right & (1 << 64) - 1 if right < 64 else 0, ">>": operator.rshift,
     }  # fmt: skip
     if symbol in whole:
         function = whole[symbol]

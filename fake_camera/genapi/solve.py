@@ -7,7 +7,9 @@ import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
-from fake_camera.genapi.evaluator import Evaluator, Field, NodeError
+from fake_camera.genapi.description import NodeError
+from fake_camera.genapi.evaluator import Evaluator
+from fake_camera.genapi.field import Field
 from fake_camera.genapi.formula import Number
 
 Wish = Callable[[], bool]

@@ -99,6 +99,8 @@ class Connection:
             case usbip.Submit():
                 if word.length > _LONGEST_TRANSFER_BYTES:
                     raise usbip.ProtocolError(f"{word.length} bytes")
+                if word.sequence in self._pending:
+                    raise usbip.ProtocolError(f"sequence number {word.sequence} twice")
                 self._submit(word, self._receive(word.data_bytes))
             case usbip.Unlink():
                 taken_back = self._cancel(word.unlinked)

@@ -5,8 +5,8 @@ from collections.abc import Mapping
 
 import pytest
 
-from fake_camera.genapi.description import Description
-from fake_camera.genapi.evaluator import Evaluator, NodeError
+from fake_camera.genapi.description import Description, NodeError
+from fake_camera.genapi.evaluator import Evaluator
 from fake_camera.genapi.formula import FormulaError, compile_formula
 from fake_camera.genapi.memory import Memory
 from fake_camera.genapi.solve import achieve, assign

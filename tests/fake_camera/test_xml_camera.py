@@ -13,7 +13,8 @@ from fake_camera.device import Device
 from fake_camera.faults import Fault
 from fake_camera.features import FeatureError
 from fake_camera.genapi.description import Description
-from fake_camera.genapi.evaluator import Evaluator, Field
+from fake_camera.genapi.evaluator import Evaluator
+from fake_camera.genapi.field import Field
 from fake_camera.genapi.memory import Memory
 from fake_camera.imaging import ExposedFrame
 from fake_camera.xml_camera import XmlCamera

@@ -1,0 +1,46 @@
+"""Where a value lies in a camera's memory, and how it is written there."""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+
+from fake_camera.genapi.description import NodeError
+from fake_camera.genapi.formula import Number
+
+_LONGEST_NUMBER = 8  # bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """A register, or some bits of one: where a value lies in a camera's memory."""
+
+    port: str
+    address: int
+    length: int
+    shift: int
+    bits: int
+    signed: bool
+    little_endian: bool
+    floating: bool
+
+    def decode(self, data: bytes) -> Number:
+        """The value in the register's bytes."""
+        order = "<" if self.little_endian else ">"
+        if self.floating:
+            return float(struct.unpack(order + ("d" if self.length == 8 else "f"), data)[0])
+        if self.length > _LONGEST_NUMBER:
+            raise NodeError(f"a register of {self.length} bytes is no number")
+        raw = int.from_bytes(data, "little" if self.little_endian else "big") >> self.shift & (1 << self.bits) - 1
+        return raw - (1 << self.bits) if self.signed and raw >> self.bits - 1 else raw
+
+    def encode(self, value: Number, data: bytes) -> bytes:
+        """The register's bytes `data` with `value` in them, cut to the bits there are."""
+        if self.floating:
+            return struct.pack(("<" if self.little_endian else ">") + ("d" if self.length == 8 else "f"), value)
+        order = "little" if self.little_endian else "big"
+        mask = (1 << self.bits) - 1
+        low, high = (-(1 << self.bits - 1), mask >> 1) if self.signed else (0, mask)
+        raw = int.from_bytes(data, order) & ~(mask << self.shift)  # type: ignore[arg-type]
+        raw |= (min(max(round(value), low), high) & mask) << self.shift
+        return raw.to_bytes(self.length, order)  # type: ignore[arg-type]

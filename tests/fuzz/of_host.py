@@ -1,0 +1,294 @@
+"""What the host's side reads from outside: drivers, calibration and the daemon."""
+
+from __future__ import annotations
+
+import io
+import json
+import struct
+import time
+from collections.abc import Iterable, Iterator
+from functools import cache
+from ipaddress import IPv4Interface
+
+import cv2
+import numpy as np
+import yaml
+from mcap.reader import make_reader
+from mcap.writer import CompressionType, Writer
+from PIL import Image
+
+from autoexpose_daemon.client.pairs import PairAssembler, PairQueue
+from autoexpose_daemon.config import load_config
+from autoexpose_daemon.control.loop import ControlSetup
+from autoexpose_daemon.control.snapshot import parse, plain
+from autoexpose_daemon.demo.fakes import read_pulses
+from autoexpose_daemon.last_exposure import FORMAT, LastExposure
+from autoexpose_daemon.messages.write import Message
+from autoexpose_daemon.publish.tally import ConsumerTally
+from autoexpose_daemon.recording.plain_json import from_json, to_json
+from autoexpose_daemon.recording.read import Recording
+from autoexpose_daemon.recording.replay import Replay
+from calibration.findings import Finding
+from calibration.response import ResponseFunction
+from calibration.response_file import CameraIdentity, Origin, ResponseFile
+from calibration.sources.exposure_times import timed_files
+from calibration.sources.images import read_images
+from drivers import gvcp
+from drivers.image_format import PFNC_CODES, decode_pixels
+from drivers.network import NetworkInterface, find_interfaces, largest_socket_buffer_bytes
+from drivers.sysfs import read_number
+from fake_camera.line0 import Line0
+from fake_camera.truth import TruthFile
+from tests.fuzz.of_fake_camera import gvcp_answer
+from tests.fuzz.target import framed, in_file, unframed
+from tests.publish.test_pairs import messages
+from tests.recording.runs import LIMITS, VirtualRun, record
+
+LO = NetworkInterface("lo", IPv4Interface("127.0.0.1/8"), 65536, None)
+
+
+def discovery(data: bytes) -> None:
+    """What a camera answers to a search, and to the question who controls it."""
+    camera = gvcp._read_identity(data, LO)
+    if camera is not None:
+        str(camera.reachable)
+    gvcp._parse(data)
+
+
+def discovery_seeds() -> Iterator[bytes]:
+    yield gvcp_answer()
+
+
+def image_bytes(data: bytes) -> None:
+    """A received buffer: pixel format, width and height before it."""
+    if len(data) >= 12:
+        decode_pixels(data[12:], *struct.unpack(">III", data[:12]))
+
+
+def image_bytes_seeds() -> Iterator[bytes]:
+    for code in PFNC_CODES:
+        yield struct.pack(">III", code, 4, 3) + bytes(24)
+
+
+def sysfs(data: bytes) -> None:
+    root = in_file(data, "root/sys/class/net/lo/mtu").parents[4]
+    in_file(data, "root/sys/class/net/lo/speed")
+    in_file(data, "root/proc/sys/net/core/rmem_max")
+    read_number(root / "proc/sys/net/core/rmem_max")
+    find_interfaces(root, lambda name: IPv4Interface("127.0.0.1/8"))
+    largest_socket_buffer_bytes(root)
+
+
+def sysfs_seeds() -> Iterator[bytes]:
+    yield from (b"65536\n", b"-1\n", b"1e3")
+
+
+def response_file(data: bytes) -> None:
+    path = in_file(data, "response.yaml")
+    file = ResponseFile.load(path)
+    file.check_belongs(path, file.origin.camera.serial if file.origin.camera else "X", file.origin.pixel_format)
+    file.save(path.with_name("again.yaml"))
+
+
+@cache
+def _response_file() -> bytes:
+    origin = Origin(CameraIdentity("Acme", "M1", "0042"), "Mono8", 1, 0.0, None, "autoexpose 0.1")
+    found = (Finding("warned", "light_drift", "The light fell by 0.1 stops."),)
+    path = in_file(b"", "made.yaml")
+    uncertainty = tuple(np.linspace(0.1, 0.2, 256).tolist())
+    ResponseFile(
+        ResponseFunction.linear(4), origin, "gamma", {"gamma": 2.2}, (4, 250), 0.4, found, {"grey": [1.0, 2.0]},
+        {"frames": 2}, uncertainty,
+    ).save(path)  # fmt: skip
+    return path.read_bytes()
+
+
+def response_seeds() -> Iterator[bytes]:
+    yield _response_file()
+    curve = [round(float(stops), 1) for stops in ResponseFunction.linear().log2_exposure]
+    document = {"format": "autoexpose-response/1", "black_level": 0, "saturation": 255, "log2_exposure": curve}
+    yield yaml.safe_dump(document, default_flow_style=None, width=9999).encode()
+
+
+def config(data: bytes) -> None:
+    """A configuration, with a response file and a mask beside it."""
+    in_file(_response_file(), "made.yaml")
+    in_file(_mask(), "mask.png")
+    path = in_file(data, "rig.yaml")
+    load = load_config(path)
+    for side in load.sides:
+        load.response_of(side)
+
+
+def config_seeds() -> Iterator[bytes]:
+    yield b'cameras: {left: {serial: "0042", response: made.yaml}, right: {serial: "2"}}\n'
+    yield (
+        b'cameras:\n  left: {serial: "1"}\n  right: {serial: "2"}\n'
+        b"trigger: {mode: external, line: Line0, rate_hz: 60}\n"
+        b"exposure: {min_time_us: 20, max_time_us: 7500, min_gain_db: 0, max_gain_db: 30}\n"
+        b"control:\n  policy: begin2022\n  start: {exposure_time_us: 2000, gain_db: 3}\n  balance: flicker\n"
+        b"  roi:\n    left: &roi\n      mask: mask.png\n      background_weight: 0.2\n"
+        b"      rectangles: [{box: [0, 0, 20, 20], weight: 0.5}]\n    right: *roi\n"
+        b"transport: {packet_size_bytes: 1500}\nimage: {pixel_format: Mono8, binning: 2}\n"
+        b"publish: {rig: rig, listen: [tcp/127.0.0.1:7447], connect: []}\n"
+    )
+
+
+def mask(data: bytes) -> None:
+    in_file(data, "drawn.png")
+    load_config(in_file(b"cameras: {left: {serial: A}}\ncontrol: {roi: {left: {mask: drawn.png}}}", "mask.yaml"))
+
+
+@cache
+def _mask() -> bytes:
+    drawn = np.zeros((54, 72), np.uint8)
+    drawn[:40] = 255
+    return cv2.imencode(".png", drawn)[1].tobytes()
+
+
+def mask_seeds() -> Iterator[bytes]:
+    yield _mask()
+
+
+def exposure_list(data: bytes) -> None:
+    in_file(_mask(), "sweep/a.png")
+    in_file(_mask(), "sweep/b.png")
+    timed_files(in_file(data, "sweep/list.txt"))
+
+
+def list_seeds() -> Iterator[bytes]:
+    yield b"a.png 0.001\nb.png 1/500 # two\n"
+    yield b"0.001\n0.002\n"
+
+
+def image_file(data: bytes) -> None:
+    """An image of a sweep, its time in EXIF or in its name."""
+    read_images(in_file(data, "shot/img_500us.jpg").parent)
+
+
+def image_file_seeds() -> Iterator[bytes]:
+    exif = Image.Exif()
+    exif.get_ifd(0x8769).update({0x829A: 0.01, 0x829D: 2.8, 0x8827: 100})
+    for kind in ("JPEG", "TIFF", "PNG"):
+        content = io.BytesIO()
+        Image.fromarray(np.arange(48, dtype=np.uint8).reshape(6, 8)).save(content, kind, exif=exif)
+        yield content.getvalue()
+
+
+def last_exposure(data: bytes) -> None:
+    LastExposure(in_file(data, "last.json")).recall(LIMITS)
+
+
+def last_exposure_seeds() -> Iterator[bytes]:
+    now = {"format": FORMAT, "unix_time_s": time.time(), "exposure_time_us": 1500.0, "gain_db": 3.0}
+    yield json.dumps(now).encode()
+
+
+def published(data: bytes) -> None:
+    """Messages as a consumer receives them: of which camera and what says their first byte."""
+    tally = ConsumerTally()
+    assembler, queue = PairAssembler(tally), PairQueue(tally, 8)
+    for message in unframed(data):
+        kind = message[0] if message else 0
+        take = assembler.image if kind & 1 else assembler.exposure
+        pair = take("right" if kind & 2 else "left", message[1:], 0)
+        if pair is not None:
+            queue.put(pair)
+            for frame in queue.take().stereo.frames:
+                frame.grey8()
+                str(frame.setting)
+
+
+def received(sent: Iterable[Message]) -> bytes:
+    """Messages as an input of `published`."""
+    parts = []
+    for message in sent:
+        if message.topic != "camera_info":
+            kind = (message.topic == "image") | (message.side == "right") << 1
+            parts.append(bytes([kind]) + bytes(message.data))
+    return framed(*parts)
+
+
+def published_seeds() -> Iterator[bytes]:
+    for cameras in (1, 2):
+        yield received(message for number in range(2) for message in messages(number, cameras=cameras))
+
+
+def truth(data: bytes) -> None:
+    read_pulses([in_file(data, "truth.jsonl")])
+
+
+def truth_seeds() -> Iterator[bytes]:
+    path = in_file(b"", "made.jsonl")
+    file = TruthFile(path, lambda time_s: 150.0, Line0(0, 60.0))
+    for pulse in range(3):
+        file.record(pulse)
+    file.close()
+    yield path.read_bytes()
+
+
+def tally(data: bytes) -> None:
+    str(ConsumerTally.from_json(data))
+
+
+def tally_seeds() -> Iterator[bytes]:
+    yield ConsumerTally(1, 2, 3, 4, 5).to_json().encode()
+
+
+@cache
+def _recording() -> bytes:
+    """Three steps as our recorder writes them, and so without checksums and compression, which stop most damage."""
+    path = in_file(b"", "run/made.mcap")
+    path.unlink()
+    record(path, _run(), 3)
+    return path.read_bytes()
+
+
+def _run() -> VirtualRun:
+    return VirtualRun("neves2009")
+
+
+def _bare(recording: bytes) -> bytes:
+    """The same messages without checksums and compression, which would stop most damage before our own code."""
+    bare = io.BytesIO()
+    writer = Writer(bare, compression=CompressionType.NONE, enable_crcs=False, use_chunking=False)
+    writer.start("ros2", "fuzz")
+    channels: dict[int, int] = {}
+    for schema, channel, message in make_reader(io.BytesIO(recording)).iter_messages():
+        assert schema is not None
+        if channel.id not in channels:
+            number = writer.register_schema(schema.name, schema.encoding, schema.data)
+            channels[channel.id] = writer.register_channel(channel.topic, channel.message_encoding, number)
+        writer.add_message(channels[channel.id], message.log_time, message.data, message.publish_time)
+    writer.finish()
+    return bare.getvalue()
+
+
+def recording(data: bytes) -> None:
+    """Read and replayed."""
+    for replayed in Replay().steps(Recording(in_file(data, "run/fuzzed.mcap"))):
+        str(replayed.same)
+
+
+def recording_seeds() -> Iterator[bytes]:
+    yield _recording()
+    yield _bare(_recording())
+
+
+def control_setup(data: bytes) -> None:
+    parse(from_json(data.decode(errors="replace")), ControlSetup).loop()
+
+
+def setup_seeds() -> Iterator[bytes]:
+    yield to_json(plain(_run().loop.setup)).encode()
+
+
+def control_state(data: bytes) -> None:
+    _run().loop.restore(from_json(data.decode(errors="replace")))
+
+
+def state_seeds() -> Iterator[bytes]:
+    run = _run()
+    for _, pair in zip(range(3), run.pairs(), strict=False):
+        run.loop.step(pair)
+    yield to_json(run.loop.state()).encode()

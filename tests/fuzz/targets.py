@@ -1,0 +1,37 @@
+"""The table of all parsers of bytes from outside. A new one is a line here."""
+
+from __future__ import annotations
+
+from autoexpose_daemon.messages.read import DamagedMessageError
+from autoexpose_daemon.recording.step import RecordingError
+from drivers.errors import AutoexposeError, ConfigurationError
+from fake_camera.faults import FaultError
+from fake_camera.line0 import WireError
+from tests.fuzz import of_fake_camera as fake
+from tests.fuzz import of_host as host
+from tests.fuzz.target import Target
+
+TARGETS = (
+    Target("gvcp", fake.gvcp_commands, (), fake.gvcp_seeds),
+    Target("usb3", fake.usb3_connection, (), fake.usb3_seeds),
+    Target("fault-orders", fake.fault_orders, (FaultError,), fake.fault_seeds),
+    Target("light-script", fake.light_script, (ValueError,), fake.light_seeds),
+    Target("radiance", fake.radiance, (ValueError,), fake.radiance_seeds),
+    Target("line0", fake.wire_file, (WireError,), fake.wire_seeds),
+    Target("genicam-xml", fake.description, (ValueError,), fake.description_seeds),
+    Target("discovery", host.discovery, (), host.discovery_seeds),
+    Target("image-bytes", host.image_bytes, (ValueError,), host.image_bytes_seeds),
+    Target("sysfs", host.sysfs, (), host.sysfs_seeds),
+    Target("response-file", host.response_file, (ConfigurationError,), host.response_seeds),
+    Target("config", host.config, (ConfigurationError,), host.config_seeds),
+    Target("mask", host.mask, (ConfigurationError,), host.mask_seeds),
+    Target("exposure-list", host.exposure_list, (ConfigurationError,), host.list_seeds),
+    Target("image-file", host.image_file, (ConfigurationError,), host.image_file_seeds),
+    Target("last-exposure", host.last_exposure, (), host.last_exposure_seeds),
+    Target("published", host.published, (DamagedMessageError,), host.published_seeds),
+    Target("tally", host.tally, (), host.tally_seeds),
+    Target("truth", host.truth, (AutoexposeError,), host.truth_seeds),
+    Target("recording", host.recording, (RecordingError, ConfigurationError), host.recording_seeds),
+    Target("control-setup", host.control_setup, (ValueError,), host.setup_seeds),
+    Target("control-state", host.control_state, (ValueError,), host.state_seeds),
+)
