@@ -94,7 +94,7 @@ class RigControl:
         self._shared_limits: ExposureLimits | None = None
         self._loop: ControlLoop | None = None
         self._asked_arrival_ns: int | None = None
-        self._ledger = WriteLedger(tuple(config.sides))
+        self._ledger = WriteLedger()
         self._last_trigger = -1
         self._write_again = False
 

@@ -28,6 +28,8 @@ PERIOD_NS = SECOND / RATE_HZ * (1 + 20e-6)
 BEAT_NS = 100 * MS
 POLL_NS = 50 * MS
 LOOK_NS = 250 * MS
+LONGEST_REST_NS = 3 * SECOND
+"""The scripted policy changes its mind at least so often."""
 
 CONFIG = Config.model_validate(
     {
@@ -104,7 +106,7 @@ class Unit:
     def __init__(self, device: Device, events: Events, clock: Clock) -> None:
         self.device = device
         self.supervisor = Supervisor(device.side, device.open, silence_s(CONFIG), CONFIG.start, events, now_ns=clock)
-        self.nodes = Actor(self._serve, 0)
+        self.nodes = Actor(self._serve, clock.now_ns)
         self.frames = Actor(self._take)
         self._clock = clock
         self._poll_ns = 0
@@ -159,7 +161,7 @@ class VirtualRig:
         self.devices = [unit.device for unit in self.units.values()]
         self.control = RigControl(CONFIG, self._write, observer, now_ns=self.clock)
         self.control.tune(ScriptedTuning(CONFIG, self.clock))
-        self._control = self._events.control = Actor(self._take, 0)
+        self._control = self._events.control = Actor(self._take, self.clock.now_ns)
         self._see_health = see_health
         self._health = Health(State.STARTING)
         self._expectation = Expectation(SIDES, 1 / RATE_HZ, True, self.clock.now_ns)
