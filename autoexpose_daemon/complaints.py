@@ -9,7 +9,7 @@ from drivers.frames import Side
 log = logging.getLogger(__name__)
 
 Kind = str
-"""What kind of trouble: of each a camera has one at a time."""
+"""What kind of trouble, such as "refused": of each a camera has one at a time."""
 
 
 class Complaints:
@@ -31,11 +31,11 @@ class Complaints:
             self._say(side, kind, sentence)
 
     def judge(self, side: Side, kind: Kind, sentence: str | None) -> None:
-        """Begin or end, by whether there is something to say."""
+        """What there is to say now; None: nothing. Another sentence than the last is logged."""
         if sentence is None:
             self.end(side, kind)
-        else:
-            self.begin(side, kind, sentence)
+        elif self.present.get((side, kind)) != sentence:
+            self._say(side, kind, sentence)
 
     def end(self, side: Side, kind: Kind) -> None:
         """It is over, or never was."""

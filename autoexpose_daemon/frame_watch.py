@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections import Counter
 from collections.abc import Collection
 
 from autoexpose_daemon.complaints import Complaints
@@ -15,6 +16,10 @@ from drivers.rate_watch import RateWatch
 
 log = logging.getLogger(__name__)
 
+INCOMPLETE_FRAMES = 20
+"""So many in a row are no chance."""
+
+_INCOMPLETE = "all its frames arrive incomplete: check its cable, and network or USB for what they can carry"
 _UNTOLD = "its frames do not say any more how they were taken: their exposure is inferred from when it was written"
 
 
@@ -30,6 +35,7 @@ class FrameWatch:
         self._effects = EffectWatch()
         self._jumps = JumpWatch()
         self._telling: set[Side] = set()
+        self._incomplete: Counter[Side] = Counter()
 
     def written(self, side: Side, read_back: ExposureSetting, time_ns: int) -> None:
         """A camera's nodes hold this setting since `time_ns` (CLOCK_MONOTONIC)."""
@@ -40,7 +46,9 @@ class FrameWatch:
         self._effects.gone(side)
 
     def frame(self, side: Side, frame: Frame) -> None:
-        """The next frame of a camera."""
+        """The next whole frame of a camera."""
+        self._incomplete[side] = 0
+        self._complaints.end(side, "incomplete")
         jump_s = self._jumps.frame(side, frame)
         if jump_s:
             self._telemetry.clock_jumps += 1
@@ -54,6 +62,17 @@ class FrameWatch:
         elif side in self._telling:
             self._telemetry.untold_frames += 1
             self._complaints.begin(side, "untold", _UNTOLD)
+
+    def incomplete(self, side: Side) -> None:
+        """A frame of a camera arrived with holes."""
+        self._incomplete[side] += 1
+        if self._incomplete[side] >= INCOMPLETE_FRAMES:
+            self._complaints.begin(side, "incomplete", _INCOMPLETE)
+
+    def silent(self, side: Side) -> None:
+        """A camera sends no frames: they have no rate."""
+        self._rates.gone(side)
+        self._complaints.end(side, "rate")
 
     def gone(self, side: Side) -> None:
         """The camera is lost: all is looked at anew when it is back."""

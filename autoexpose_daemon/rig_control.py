@@ -157,6 +157,7 @@ class RigControl:
         """Account for one event; returns the pairs it completed."""
         match event:
             case FrameArrived(side, IncompleteFrame() as frame):
+                self._frame_watch.incomplete(side)
                 return self._account.incomplete(side, frame)
             case FrameArrived(side, Frame() as frame, stale=True):
                 return self._account.stale(side, frame)
@@ -167,6 +168,7 @@ class RigControl:
                 return self._account.frame(side, frame)
             case CameraSilent(side):
                 log.warning("%s camera: no frames; asking whether it is there", side)
+                self._frame_watch.silent(side)
                 return self._account.silent(side)
             case CameraGone(side, error, final):
                 self._on_gone(side, error, final)

@@ -13,6 +13,9 @@ START_PATIENCE_NS = 10_000_000_000
 """A rig that exposes nothing for so long after its start is no longer starting. A GigE Vision camera keeps a killed
 controller for 3 s, and two searches of a second and the pauses between them come on top."""
 
+CLIPPED = "clipped"
+"""Of the kinds of complaints the one that degrades nothing: cameras round, and frames tell what they took."""
+
 SILENCE_NS = 1_000_000_000
 SILENCE_PERIODS = 5.0
 """Without frames for a second, and for five trigger periods, something is wrong."""
@@ -73,12 +76,13 @@ def _shortcomings(telemetry: Telemetry, expected: Expectation, now_ns: int) -> I
         yield "no triggers" if expected.triggered else "no frames"
     else:
         for side in silent:
-            yield f"no frames of the {side} camera"
+            if (side, "incomplete") not in complaints:
+                yield f"no frames of the {side} camera"
     # Twice as patient: when a trigger stops, one camera's last frame may be a little later than the last pair.
     if not gone and not silent and _silent(telemetry.last_pair_ns, expected, now_ns - round(expected.silence_ns)):
         yield "frames make no stereo pairs"
     for (side, kind), complaint in complaints.items():
-        if kind != GONE:
+        if kind not in (GONE, CLIPPED):
             yield f"{side} camera: {complaint}"
     for side, misfit in list(telemetry.misfits.items()):  # the control thread adds to it
         yield f"calibration of the {side} camera does not fit: {misfit}"

@@ -22,6 +22,7 @@ _REMEMBERED_WRITES = 128
 class _Camera:
     writes: deque[tuple[int, ExposureSetting]] = field(default_factory=lambda: deque(maxlen=_REMEMBERED_WRITES))
     astray: int = 0
+    trouble: str | None = None
 
 
 class EffectWatch:
@@ -30,7 +31,7 @@ class EffectWatch:
     Attributes
     ----------
     astray_frames
-        Frames that were taken with a setting that was written at no time within the last half second.
+        Frames, twenty or more in a row, taken with a setting that was not written within the last half second.
     """
 
     def __init__(self) -> None:
@@ -46,20 +47,24 @@ class EffectWatch:
         camera = self._cameras.get(side)
         if camera is None or frame.setting_source != "chunk":
             return None
-        writes = camera.writes
-        while len(writes) > 1 and writes[1][0] < frame.host_time_ns - PATIENCE_NS:
+        writes, since_ns = camera.writes, frame.host_time_ns - PATIENCE_NS
+        while len(writes) > 1 and writes[1][0] < since_ns:
             writes.popleft()
+        if writes[0][0] > since_ns:
+            return None  # it may still hold what it held before
         if any(frame.setting.agrees_with(setting) for _, setting in reversed(writes)):
-            camera.astray = 0
+            camera.astray, camera.trouble = 0, None
             return None
-        self.astray_frames += 1
         camera.astray += 1
-        if camera.astray < ASTRAY_FRAMES:
-            return None
-        return (
-            f"its frames do not follow what is written: {writes[-1][1]} stands in its nodes, "
-            f"frames are taken with {frame.setting}; switch the camera off and on"
-        )
+        if camera.astray > ASTRAY_FRAMES:
+            self.astray_frames += 1
+        elif camera.astray == ASTRAY_FRAMES:
+            self.astray_frames += ASTRAY_FRAMES
+            camera.trouble = (
+                f"its frames do not follow what is written: {writes[-1][1]} stands in its nodes, "
+                f"frames are taken with {frame.setting}; switch the camera off and on"
+            )
+        return camera.trouble
 
     def gone(self, side: Side) -> None:
         """Nothing is known of a camera's nodes, until it is written."""

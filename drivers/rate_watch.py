@@ -29,12 +29,22 @@ def wrong_rate(period_ns: float, rate_hz: float, triggered: bool = True) -> str 
 
 @dataclass(slots=True)
 class _Course:
-    """Of one camera: the last frame, the periods since the last verdict, and that verdict."""
+    """Of one camera: the last frame, the periods since the last verdict, and that verdict on which period."""
 
     frame_id: int
     time_ns: int
     periods_ns: list[float] = field(default_factory=list)
     trouble: str | None = None
+    judged_ns: float = 0.0
+
+    def judge(self, rate_hz: float, triggered: bool) -> None:
+        """Find a verdict, or stay with the last one when the rate is as good as the same."""
+        period_ns = max(statistics.median(self.periods_ns), 1.0)
+        self.periods_ns.clear()
+        trouble = wrong_rate(period_ns, rate_hz, triggered)
+        if self.trouble and trouble and abs(period_ns / self.judged_ns - 1.0) <= RATE_TOLERANCE:
+            return
+        self.trouble, self.judged_ns = trouble, period_ns
 
 
 class RateWatch:
@@ -64,9 +74,7 @@ class RateWatch:
             course.periods_ns.append((frame.host_time_ns - course.time_ns) / taken)
         course.frame_id, course.time_ns = frame.frame_id, frame.host_time_ns
         if len(course.periods_ns) == JUDGED_FRAMES:
-            period_ns = max(statistics.median(course.periods_ns), 1.0)
-            course.trouble = wrong_rate(period_ns, self._rate_hz, side in self._triggered)
-            course.periods_ns.clear()
+            course.judge(self._rate_hz, side in self._triggered)
         return course.trouble
 
     def gone(self, side: Side) -> None:

@@ -33,26 +33,31 @@ class Rig:
 
     def __init__(self, openers: Mapping[Side, Callable[[], Camera]], silence_s: float, start: ExposureSetting) -> None:
         self.events: queue.SimpleQueue[RigEvent] = queue.SimpleQueue()
-        self._units = [
-            _Unit(side, Supervisor(side, opener, silence_s, start, self.events)) for side, opener in openers.items()
-        ]
+        self._units = {
+            side: _Unit(side, Supervisor(side, opener, silence_s, start, self.events))
+            for side, opener in openers.items()
+        }
 
     def start(self) -> None:
         """Start opening the cameras."""
-        for unit in self._units:
+        for unit in self._units.values():
             unit.start()
+
+    def reopen(self, side: Side) -> None:
+        """Close and open a camera that answers, but sends nothing."""
+        self._units[side].supervisor.reopen()
 
     def write(self, setting: ExposureSetting, not_before_ns: int) -> None:
         """Have every camera take `setting`, not before a host time; a write still waiting is replaced."""
-        for unit in self._units:
+        for unit in self._units.values():
             unit.supervisor.request(setting, not_before_ns)
 
     def stop(self, timeout_s: float) -> bool:
         """Stop acquisition and close the cameras; False when one did not answer in time."""
-        for unit in self._units:
+        for unit in self._units.values():
             unit.ask_to_stop()
         deadline_s = time.monotonic() + timeout_s
-        stopped = [unit.join(deadline_s) for unit in self._units]
+        stopped = [unit.join(deadline_s) for unit in self._units.values()]
         return all(stopped)
 
 

@@ -95,6 +95,7 @@ class Supervisor:
         self._open_due_ns: float = 0
         self._latch_due_ns = 0
         self._trouble = False  # whoever takes frames wants the camera looked at
+        self._stuck = False
         self._taking = threading.Lock()
         self._take_due_ns = 0
         self._last_frame_ns = 0
@@ -107,12 +108,18 @@ class Supervisor:
             self._pending = (setting, not_before_ns)
             self.news.notify_all()
 
+    def reopen(self) -> None:
+        """Have the camera closed and opened, because it sends nothing although it should. Any thread."""
+        with self.news:
+            self._stuck = True
+            self.news.notify_all()
+
     @property
     def serve_due_ns(self) -> float:
         """From when on `serve` has something to do; infinite for a camera that can never be driven."""
         if self._camera is None:
             return self._open_due_ns
-        if self._trouble:
+        if self._trouble or self._stuck:
             return 0
         return self._latch_due_ns if self._pending is None else min(self._latch_due_ns, self._pending[1])
 
@@ -121,6 +128,11 @@ class Supervisor:
         camera = self._camera
         if camera is None:
             self._open()
+            return
+        if self._stuck:
+            self.close()
+            stuck = f"camera {camera.description.serial} sends no frames while the other one does; it is opened anew"
+            self._report_gone(CameraLostError(stuck), final=False)
             return
         now_ns, setting = self._now_ns(), None
         with self.news:
@@ -188,7 +200,7 @@ class Supervisor:
         with self.news:
             self._last_frame_ns = self._take_due_ns = self._now_ns()
             self._latch_due_ns = self._last_frame_ns + _CLOCK_PERIOD_NS
-            self._trouble = self._silent = False
+            self._trouble = self._stuck = self._silent = False
             self._camera = camera
             self.news.notify_all()
 

@@ -37,7 +37,7 @@ DELAY_NS = 200_000_000
 JUMP_NS = 10_000_000_000
 """By how much ``clock_ahead`` and ``clock_back`` set the device's clock at each trigger that they meet."""
 
-SHRUNK = 0.5
+SHRUNK = 0.95
 """The part of a number that is taken of a write that meets ``shrink``."""
 
 
@@ -55,7 +55,7 @@ class Fault:
     ``come_back``         the camera is there again, in its power-on state
     ``refuse_writes``     `count` writes are answered with an access error
     ``stick``             `count` writes are acknowledged and change nothing
-    ``shrink``            `count` writes of numbers are acknowledged, and half the number is taken, within its limits
+    ``shrink``            `count` writes of numbers are acknowledged, and 5 % less is taken, within its limits
     ``ignore_triggers``   `count` triggers make no frame, and the frame id does not advance
     ``stop_triggers``     `count` pulses do not rise: they are not in the truth either
     ``halve_triggers``    of `count` triggers those with odd numbers make no frame

@@ -65,15 +65,20 @@ class Run:
 
 
 @contextlib.contextmanager
-def stereo_cameras(*, left_triggers_right: bool = False) -> Iterator[tuple[FakeCamera, FakeCamera, list[Path]]]:
-    """Both on one trigger wire, and, if asked for, the exposure output of the left one on Line3 of the right one."""
+def stereo_cameras(
+    *options: str, left_triggers_right: bool = False
+) -> Iterator[tuple[FakeCamera, FakeCamera, list[Path]]]:
+    """Both on one trigger wire, and, if asked for, the exposure output of the left one on Line3 of the right one.
+
+    `options` are further ones of both.
+    """
     wire = unique("wire")
     with tempfile.TemporaryDirectory() as folder, contextlib.ExitStack() as stack:
         truths = [Path(folder) / "left.jsonl", Path(folder) / "right.jsonl"]
         between = str(Path(folder) / "wire")
         ends = [["--line1", between], ["--line3", between]] if left_triggers_right else [[], []]
         left, right = (
-            stack.enter_context(START_CAMERA(side=side, line0=wire, options=["--truth", str(truth), *end]))
+            stack.enter_context(START_CAMERA(side=side, line0=wire, options=["--truth", str(truth), *end, *options]))
             for side, truth, end in zip(("left", "right"), truths, ends, strict=True)
         )
         yield left, right, truths

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import os
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -20,9 +18,6 @@ from tests.fakes import FakeCamera
 
 pytestmark = pytest.mark.realtime
 
-RESTART_S = 10.0
-"""What is promised after SIGKILL; machines are busy, so the best of a few counts."""
-ATTEMPTS = 3
 IMPOSSIBLE: list[tuple[dict[str, Any], str]] = [
     ({"exposure": {"max_time": 1}}, "exposure.max_time: unknown key"),
     (
@@ -129,22 +124,3 @@ def test_a_start_that_cannot_be_is_told_and_is_not_worth_another(
         assert service.process.wait(PATIENCE_S) == os.EX_CONFIG
         assert service.log.splitlines()[-1].startswith("autoexpose: ")
         assert "Traceback" not in service.log
-
-
-def test_after_sigkill_it_exposes_again_from_where_it_was(rig: Rig, file: Path, tmp_path: Path) -> None:
-    configure(file, rig, control={"policy": "neves2009", "start": {"exposure_time_us": 100}})
-    kept = tmp_path / "last-exposure.json"
-
-    def restart_s() -> float:
-        """Run, kill, run again; how long the second run takes to expose."""
-        with running_service(file, tmp_path) as service:
-            wait_for_exposing(service)
-            service.wait_until(lambda _: kept.exists(), "the last exposure")
-            service.kill()
-        begun_s = time.monotonic()
-        with running_service(file, tmp_path) as service:
-            wait_for_exposing(service)
-            return time.monotonic() - begun_s
-
-    assert any(restart_s() < RESTART_S for _ in range(ATTEMPTS))
-    assert json.loads(kept.read_text())["exposure_time_us"] > 100
