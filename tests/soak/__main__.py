@@ -53,7 +53,7 @@ def main() -> int:
         if number % 60 == 0:
             print(
                 f"{number // 60:3} h: {day.wire.triggers} triggers, {totals['pairs']} pairs, "
-                f"{Memory.now().resident_bytes / 1e6:.1f} MB, {time.monotonic() - began_s:.0f} s",
+                f"{Memory.now().resident_bytes / 1e6:.1f} MB, {_spent(began_s)}",
                 flush=True,
             )
     account = day.close()
@@ -62,7 +62,7 @@ def main() -> int:
         print(account)
     wrong += _grown(middle)
     _table(day, totals, faults, slowest_ns)
-    print(f"{time.monotonic() - began_s:.0f} s; {wrong or 'nothing'} wrong")
+    print(f"{_spent(began_s)}; {wrong or 'nothing'} wrong")
     return 1 if wrong else 0
 
 
@@ -71,6 +71,10 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--hours", type=float, default=24.0, help="of virtual time")
     parser.add_argument("--seed", type=int, default=random.SystemRandom().randrange(10**6), help="of faults and jitter")
     return parser.parse_args()
+
+
+def _spent(began_s: float) -> str:
+    return f"{time.monotonic() - began_s:.0f} s ({time.process_time():.0f} s of the processor)"
 
 
 def _grown(middle: Memory | None) -> int:

@@ -14,6 +14,9 @@ from tests.soak.clock import MS, SECOND, Actor
 from tests.soak.rig import LONGEST_REST_NS, RATE_HZ, VirtualRig
 from tests.soak.wire import Wire
 
+STUCK_FRAMES = 180
+"""After three seconds a camera that sends nothing while the other one does is opened anew."""
+
 NO_PAIRS = "frames make no stereo pairs"
 """Also said for a moment when frames come again, between the first one and its partner."""
 
@@ -77,7 +80,7 @@ class Script:
         self.actor.plan(self._plans[0][0] if self._plans else math.inf)
 
 
-def no_frames(device: Device) -> tuple[str, str]:
+def no_frames(device: Device) -> tuple[str, ...]:
     return f"no frames of the {device.side} camera", NO_PAIRS
 
 
@@ -130,7 +133,7 @@ def trigger_doubled(script: Script) -> Expected:
 
 def frames_lost(script: Script) -> Expected:
     device = script.device()
-    device.lose = frames = script.numbers.randint(1, 300)
+    device.lose = frames = script.numbers.randint(1, STUCK_FRAMES)
     return Expected(periods_ns(frames), None, no_frames(device))
 
 
@@ -138,20 +141,24 @@ def frames_of_both_lost(script: Script) -> Expected:
     frames = script.numbers.randint(1, 300)
     for device in script.rig.devices:
         device.lose = frames
-    return Expected(periods_ns(frames), None, ("no triggers", "no frames of the"))
+    return Expected(periods_ns(frames), None, ("no triggers", "no frames of the", NO_PAIRS))
 
 
 def frames_truncated(script: Script) -> Expected:
     device = script.device()
-    device.truncate = frames = script.numbers.randint(1, 300)
-    return Expected(periods_ns(frames), None, no_frames(device))
+    device.truncate = frames = script.numbers.randint(1, STUCK_FRAMES)
+    return Expected(periods_ns(frames), None, (*no_frames(device), "all its frames arrive incomplete"))
 
 
 def triggers_ignored(script: Script) -> Expected:
     device = script.device()
     device.ignore = triggers = round(script.duration_ns(0.01, 14.0) / SECOND * RATE_HZ) + 1
-    silent = no_frames(device)
-    return Expected(periods_ns(triggers), silent[0] if triggers > 2 * RATE_HZ else None, silent)
+    says = f"no frames of the {device.side} camera" if triggers > 2 * RATE_HZ else None
+    may_say, counts = no_frames(device), {}
+    if triggers > STUCK_FRAMES:  # it is opened anew, and what it ignored before counts as lost by that
+        may_say = (*may_say, f"{device.side} camera gone")
+        counts = OVERTAKEN | {"reconnects": (0, 2), "camera_gone": (0, triggers), "trigger_ignored": (-triggers, 0)}
+    return Expected(periods_ns(triggers), says, may_say, counts)
 
 
 def frame_late(script: Script) -> Expected:

@@ -159,7 +159,7 @@ class VirtualRig:
         self._events = Events(self.clock)
         self.units = {side: Unit(Device(side, self.clock, seed), self._events, self.clock) for side in SIDES}
         self.devices = [unit.device for unit in self.units.values()]
-        self.control = RigControl(CONFIG, self._write, observer, now_ns=self.clock)
+        self.control = RigControl(CONFIG, self, observer, now_ns=self.clock)
         self.control.tune(ScriptedTuning(CONFIG, self.clock))
         self._control = self._events.control = Actor(self._take, self.clock.now_ns)
         self._see_health = see_health
@@ -190,10 +190,16 @@ class VirtualRig:
             unit.device.pulse(number, now_ns)
             unit.plan_frames()
 
-    def _write(self, setting: ExposureSetting, not_before_ns: int) -> None:
+    def write(self, setting: ExposureSetting, not_before_ns: int) -> None:
+        """See `Rig.write`."""
         for unit in self.units.values():
             unit.supervisor.request(setting, not_before_ns)
             unit.plan_nodes()
+
+    def reopen(self, side: Side) -> None:
+        """See `Rig.reopen`."""
+        self.units[side].supervisor.reopen()
+        self.units[side].plan_nodes()
 
     def _take(self) -> None:
         began_ns = self.clock.now_ns
