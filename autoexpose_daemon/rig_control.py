@@ -8,6 +8,7 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable, Sequence
+from typing import Protocol
 
 from autoexpose_daemon.complaints import Complaints
 from autoexpose_daemon.config import Config
@@ -16,6 +17,7 @@ from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.frame_watch import FrameWatch
 from autoexpose_daemon.observer import Observer, Outlet
 from autoexpose_daemon.response_drift import ResponseDrift
+from autoexpose_daemon.stuck import StuckStreams
 from autoexpose_daemon.telemetry import GONE, Telemetry
 from autoexpose_daemon.tuning import Tuning
 from drivers.account import Tally, TriggerAccount
@@ -38,8 +40,15 @@ from drivers.write_window import when_to_write_ns
 
 log = logging.getLogger(__name__)
 
-Write = Callable[[ExposureSetting, int], None]
-"""Has every camera take a setting, not before a time."""
+
+class Cameras(Protocol):
+    """What control asks of a rig."""
+
+    def write(self, setting: ExposureSetting, not_before_ns: int) -> None:
+        """Have every camera take `setting`, not before a time; a write still waiting is replaced."""
+
+    def reopen(self, side: Side) -> None:
+        """Close and open a camera that answers, but sends nothing."""
 
 
 class RigControl:
@@ -49,8 +58,8 @@ class RigControl:
     ----------
     config
         The checked configuration.
-    write
-        Where settings go.
+    cameras
+        Those of the rig.
     observer
         Told of every pair.
     start
@@ -62,7 +71,7 @@ class RigControl:
     def __init__(
         self,
         config: Config,
-        write: Write,
+        cameras: Cameras,
         observer: Observer | None = None,
         start: ExposureSetting | None = None,
         *,
@@ -73,7 +82,7 @@ class RigControl:
         self.outlets: list[Outlet] = []
         """Told of every pair, as the observer is."""
         self._config = config
-        self._write = write
+        self._cameras = cameras
         self._now_ns = now_ns
         self._tuning = Tuning(config)
         self._drift = ResponseDrift(config, self._tuning.responses)
@@ -89,12 +98,13 @@ class RigControl:
         lines = dict.fromkeys(config.triggered_sides, config.trigger.line)
         self._start_check = StartCheck(lines, config.trigger.rate_hz)
         self._frame_watch = FrameWatch(self.telemetry, self._complaints, config.trigger.rate_hz, lines)
+        self._stuck = StuckStreams(1.0 / config.trigger.rate_hz)
         self._limits: dict[Side, ExposureLimits] = {}
         self._pixel_formats: dict[Side, str | None] = {}
         self._shared_limits: ExposureLimits | None = None
         self._loop: ControlLoop | None = None
         self._asked_arrival_ns: int | None = None
-        self._ledger = WriteLedger(tuple(config.sides))
+        self._ledger = WriteLedger()
         self._last_trigger = -1
         self._write_again = False
 
@@ -150,8 +160,11 @@ class RigControl:
                 self._step(newest)
         if events:
             self._publish_tally()
-        for finding in self._start_check.findings(self._now_ns()):
+        now_ns = self._now_ns()
+        for finding in self._start_check.findings(now_ns):
             log.warning("%s", finding)
+        for side in self._stuck.sides(self.telemetry, now_ns):
+            self._cameras.reopen(side)
 
     def _handle(self, event: RigEvent) -> list[StereoPair]:
         """Account for one event; returns the pairs it completed."""
@@ -246,7 +259,7 @@ class RigControl:
         if decision.setting != self._asked or self._write_again:
             self._asked, self._write_again = decision.setting, False
             self._asked_arrival_ns = max(frame.arrival_time_ns for frame in pair.frames)
-            self._write(decision.setting, self._when_to_write_ns())
+            self._cameras.write(decision.setting, self._when_to_write_ns())
         self._deliver(pair, decision)
 
     def _deliver(self, pair: StereoPair, decision: Decision | None) -> None:
