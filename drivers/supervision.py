@@ -94,6 +94,7 @@ class Supervisor:
         self._back_off_ns = _SHORTEST_BACK_OFF_NS
         self._open_due_ns: float = 0
         self._latch_due_ns = 0
+        self._latch_refused = False
         self._trouble = False  # whoever takes frames wants the camera looked at
         self._stuck = False
         self._taking = threading.Lock()
@@ -243,7 +244,11 @@ class Supervisor:
         except CameraLostError:
             raise
         except CameraError as error:
-            log.warning("%s camera: its clock was not read: %s", self._side, error)
+            if not self._latch_refused:
+                log.warning("%s camera: its clock was not read: %s", self._side, error)
+            self._latch_refused = True
+        else:
+            self._latch_refused = False
         self._latch_due_ns = self._now_ns() + _CLOCK_PERIOD_NS
 
     def _look(self) -> None:
