@@ -17,7 +17,6 @@ from autoexpose_daemon.config import Config
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.observer import Observer
 from autoexpose_daemon.rig_control import RigControl
-from autoexpose_daemon.stuck import StuckStreams
 from autoexpose_daemon.tuning import Tuning
 from calibration.response import ResponseFunction
 from drivers.account import Tally
@@ -66,8 +65,7 @@ class Daemon:
     ) -> None:
         self._config = config
         self._rig = Rig(openers, silence_s(config), start or config.start)
-        self._control = RigControl(config, self._rig.write, observer, start)
-        self._stuck = StuckStreams(1.0 / config.trigger.rate_hz)
+        self._control = RigControl(config, self._rig, observer, start)
         self._tunings: queue.SimpleQueue[tuple[Tuning, Future[None]]] = queue.SimpleQueue()
         self.telemetry = self._control.telemetry
         self.outlets = self._control.outlets
@@ -109,8 +107,6 @@ class Daemon:
                 while not stop.is_set():
                     self.beat_ns = time.monotonic_ns()
                     self._control.take(self._next_events())
-                    for side in self._stuck.sides(self.telemetry, self.beat_ns):
-                        self._rig.reopen(side)
                     self._tune()
             except BaseException as error:
                 self.telemetry.failed(error)

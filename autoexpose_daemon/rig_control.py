@@ -8,6 +8,7 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable, Sequence
+from typing import Protocol
 
 from autoexpose_daemon.command_effect import CommandToEffect
 from autoexpose_daemon.complaints import Complaints
@@ -17,6 +18,7 @@ from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.frame_watch import FrameWatch
 from autoexpose_daemon.observer import Observer, Outlet
 from autoexpose_daemon.response_drift import ResponseDrift
+from autoexpose_daemon.stuck import StuckStreams
 from autoexpose_daemon.telemetry import GONE, Telemetry
 from autoexpose_daemon.tuning import Tuning
 from drivers.account import Tally, TriggerAccount
@@ -40,10 +42,17 @@ from drivers.write_window import when_to_write_ns
 
 log = logging.getLogger(__name__)
 
-Write = Callable[[ExposureSetting, int], None]
-"""Has every camera take a setting, not before a time."""
-
 _SILENCE_SAID_S = 60.0  # a trigger much slower than configured makes each frame end a silence
+
+
+class Cameras(Protocol):
+    """What control asks of a rig."""
+
+    def write(self, setting: ExposureSetting, not_before_ns: int) -> None:
+        """Have every camera take `setting`, not before a time; a write still waiting is replaced."""
+
+    def reopen(self, side: Side) -> None:
+        """Close and open a camera that answers, but sends nothing."""
 
 
 class RigControl:
@@ -53,8 +62,8 @@ class RigControl:
     ----------
     config
         The checked configuration.
-    write
-        Where settings go.
+    cameras
+        Those of the rig.
     observer
         Told of every pair.
     start
@@ -66,7 +75,7 @@ class RigControl:
     def __init__(
         self,
         config: Config,
-        write: Write,
+        cameras: Cameras,
         observer: Observer | None = None,
         start: ExposureSetting | None = None,
         *,
@@ -77,7 +86,7 @@ class RigControl:
         self.outlets: list[Outlet] = []
         """Told of every pair, as the observer is."""
         self._config = config
-        self._write = write
+        self._cameras = cameras
         self._now_ns = now_ns
         self._tuning = Tuning(config)
         self._drift = ResponseDrift(config, self._tuning.responses)
@@ -93,12 +102,13 @@ class RigControl:
         lines = dict.fromkeys(config.triggered_sides, config.trigger.line)
         self._start_check = StartCheck(lines, config.trigger.rate_hz)
         self._frame_watch = FrameWatch(self.telemetry, self._complaints, config.trigger.rate_hz, lines)
+        self._stuck = StuckStreams(1.0 / config.trigger.rate_hz)
         self._limits: dict[Side, ExposureLimits] = {}
         self._pixel_formats: dict[Side, str | None] = {}
         self._shared_limits: ExposureLimits | None = None
         self._loop: ControlLoop | None = None
         self._asked_arrival_ns: int | None = None
-        self._ledger = WriteLedger(tuple(config.sides))
+        self._ledger = WriteLedger()
         self._effects = CommandToEffect(tuple(config.sides))
         self._last_trigger = -1
         self._write_again = False
@@ -161,8 +171,11 @@ class RigControl:
                 self._step(newest)
         if events:
             self._publish_tally()
-        for finding in self._start_check.findings(self._now_ns()):
+        now_ns = self._now_ns()
+        for finding in self._start_check.findings(now_ns):
             log.warning("%s", finding)
+        for side in self._stuck.sides(self.telemetry, now_ns):
+            self._cameras.reopen(side)
 
     def _handle(self, event: RigEvent) -> list[StereoPair]:
         """Account for one event; returns the pairs it completed."""
@@ -261,7 +274,7 @@ class RigControl:
             self._effects.commanded(decision.setting, decided_ns)
             self._asked, self._write_again = decision.setting, False
             self._asked_arrival_ns = max(frame.arrival_time_ns for frame in pair.frames)
-            self._write(decision.setting, self._when_to_write_ns())
+            self._cameras.write(decision.setting, self._when_to_write_ns())
         self._deliver(pair, decision)
 
     def _deliver(self, pair: StereoPair, decision: Decision | None) -> None:

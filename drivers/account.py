@@ -16,6 +16,7 @@ from typing import Final, Literal
 from drivers.camera import IncompleteFrame
 from drivers.frames import Frame, Side, StereoPair
 from drivers.grid import TriggerGrid
+from drivers.outcomes import Fate, Outcome, Outcomes
 
 
 class LossReason(StrEnum):
@@ -32,30 +33,14 @@ class LossReason(StrEnum):
     STALE = "stale"
 
 
-class _Fate(StrEnum):
-    """What became of a trigger at one camera, when it is not a frame."""
-
-    STARTUP = "startup"
-    MISSING = "missing"
-    INCOMPLETE = "incomplete"
-    IGNORED = "ignored"
-    SILENT = "silent"  # nothing for long, and no frame missing from the counter: ignored, or there was no trigger
-    GONE = "gone"
-    STALE = "stale"
-    TAKEN = "taken"  # a good frame whose partner did not come in time
-    SHUTDOWN = "shutdown"
-
-
-_Outcome = Frame | _Fate
-
 _BLAME: Final = (
-    (_Fate.GONE, LossReason.CAMERA_GONE),
-    (_Fate.STARTUP, LossReason.STARTUP),
-    (_Fate.INCOMPLETE, LossReason.INCOMPLETE),
-    (_Fate.IGNORED, LossReason.TRIGGER_IGNORED),
-    (_Fate.SILENT, LossReason.TRIGGER_IGNORED),
-    (_Fate.STALE, LossReason.STALE),
-    (_Fate.SHUTDOWN, LossReason.SHUTDOWN),
+    (Fate.GONE, LossReason.CAMERA_GONE),
+    (Fate.STARTUP, LossReason.STARTUP),
+    (Fate.INCOMPLETE, LossReason.INCOMPLETE),
+    (Fate.IGNORED, LossReason.TRIGGER_IGNORED),
+    (Fate.SILENT, LossReason.TRIGGER_IGNORED),
+    (Fate.STALE, LossReason.STALE),
+    (Fate.SHUTDOWN, LossReason.SHUTDOWN),
 )
 """Which fate names the loss when the two cameras met different ones; missing frames come last."""
 
@@ -81,11 +66,10 @@ class _Track:
 
     streaming: bool = False
     silent: bool = True
-    gap_fate: _Fate = _Fate.STARTUP  # what happened to triggers before the first frame of the next session
+    gap_fate: Fate = Fate.STARTUP  # what happened to triggers before the first frame of the next session
     frame_id: int = 0
     trigger: int = -1  # of the newest frame in this session
     ready_ns: int | None = None  # since when it waits for its first frame; None: it is not open, or has had it
-    settled: int = 0  # every trigger below this number has an outcome at this camera
     alone: int = -1  # the newest trigger whose frame was handed out alone
 
 
@@ -136,7 +120,8 @@ class TriggerAccount:
         self._opened_ns = opened_ns
         self._numbered_by = numbered_by
         self._tracks: dict[Side, _Track] = {side: _Track() for side in sides}
-        self._open: dict[int, dict[Side, _Outcome]] = {}
+        self._outcomes = Outcomes(sides)
+        self._lone_from = 0  # frames of older triggers have been handed out, in company or alone
         self._on_grid_ns = 0  # the newest frame that a trigger made
 
     def frame(self, side: Side, frame: Frame) -> list[StereoPair]:
@@ -149,11 +134,11 @@ class TriggerAccount:
 
     def incomplete(self, side: Side, frame: IncompleteFrame) -> list[StereoPair]:
         """Account for a frame that arrived with holes."""
-        return self._arrival(side, frame.frame_id, frame.host_time_ns, _Fate.INCOMPLETE)
+        return self._arrival(side, frame.frame_id, frame.host_time_ns, Fate.INCOMPLETE)
 
     def stale(self, side: Side, frame: Frame) -> list[StereoPair]:
         """Account for a frame that nobody had time for."""
-        return self._arrival(side, frame.frame_id, frame.host_time_ns, _Fate.STALE)
+        return self._arrival(side, frame.frame_id, frame.host_time_ns, Fate.STALE)
 
     def ready(self, side: Side, now_ns: int) -> None:
         """The camera is open and takes triggers from now on."""
@@ -170,7 +155,7 @@ class TriggerAccount:
         track.streaming = False
         track.silent = True
         track.ready_ns = None
-        track.gap_fate = _Fate.GONE
+        track.gap_fate = Fate.GONE
         return self._release_lone() + self._resolve()
 
     def close(self, now_ns: int) -> None:
@@ -191,7 +176,7 @@ class TriggerAccount:
         self.tally.window_end_ns = round(self.grid.time_of(last) + self.grid.period_ns / 2)
         for side, track in self._tracks.items():
             if track.streaming:
-                self._settle(side, last + 1, _Fate.MISSING if track.silent and not still else _Fate.SHUTDOWN)
+                self._outcomes.settle(side, last + 1, Fate.MISSING if track.silent and not still else Fate.SHUTDOWN)
             else:
                 self._settle_unseen(side, last + 1, last)
         self._resolve()
@@ -200,28 +185,28 @@ class TriggerAccount:
         """Whether a camera has taken triggers for so long without a first frame that there were none."""
         return track.ready_ns is not None and now_ns - track.ready_ns >= _SILENCE_PERIODS * self._period_ns
 
-    def _arrival(self, side: Side, frame_id: int, time_ns: int | None, outcome: _Outcome) -> list[StereoPair]:
+    def _arrival(self, side: Side, frame_id: int, time_ns: int | None, outcome: Outcome) -> list[StereoPair]:
         track = self._tracks[side]
         trigger = self._number(track, frame_id, time_ns)
         if trigger is None:
             return []
-        if trigger < track.settled:
+        if trigger < self._outcomes.settled[side]:
             self.tally.surplus_frames += 1
             track.frame_id = frame_id
             return []
         self._explain_gap(side, track, trigger, frame_id)
-        self._settle(side, trigger + 1, outcome)
+        self._outcomes.settle(side, trigger + 1, outcome)
         track.streaming, track.silent, track.frame_id, track.trigger = True, False, frame_id, trigger
         track.ready_ns = None
         if self.grid is not None and time_ns is not None:
             self.grid.observe(trigger, time_ns)
         for other_side, other in self._tracks.items():
-            if not other.streaming and other.gap_fate is _Fate.GONE and other.ready_ns is None:
-                self._settle(other_side, trigger - _HOLD_PERIODS, _Fate.GONE)
+            if not other.streaming and other.gap_fate is Fate.GONE and other.ready_ns is None:
+                self._outcomes.settle(other_side, trigger - _HOLD_PERIODS, Fate.GONE)
             elif not other.streaming:
                 self._settle_unseen(other_side, trigger - _PATIENCE_PERIODS, trigger)
             elif other is not track:
-                self._settle(other_side, trigger - _PATIENCE_PERIODS, _Fate.SILENT)
+                self._outcomes.settle(other_side, trigger - _PATIENCE_PERIODS, Fate.SILENT)
         return self._resolve() + self._release_lone()
 
     def _number(self, track: _Track, frame_id: int, time_ns: int | None) -> int | None:
@@ -250,9 +235,9 @@ class TriggerAccount:
             self._settle_unseen(side, trigger, trigger)
             return
         missing = max(frame_id - track.frame_id - 1, 0)
-        self._settle(side, min(track.settled + missing, trigger), _Fate.MISSING)
-        not_taken = trigger - track.settled
-        self._settle(side, trigger, _Fate.SILENT if not_taken >= _SILENCE_PERIODS else _Fate.IGNORED)
+        self._outcomes.settle(side, min(self._outcomes.settled[side] + missing, trigger), Fate.MISSING)
+        not_taken = trigger - self._outcomes.settled[side]
+        self._outcomes.settle(side, trigger, Fate.SILENT if not_taken >= _SILENCE_PERIODS else Fate.IGNORED)
 
     def _settle_unseen(self, side: Side, until: int, now: int) -> None:
         """Give triggers before a session's first frame their fate, `now` being the newest trigger known."""
@@ -260,47 +245,37 @@ class TriggerAccount:
         if track.ready_ns is not None and self.grid is not None:
             ready = self.grid.last_before(track.ready_ns) + 1
             if now - ready >= _SILENCE_PERIODS:
-                self._settle(side, min(ready, until), track.gap_fate)
-                self._settle(side, until, _Fate.SILENT)
-        self._settle(side, until, track.gap_fate)
-
-    def _settle(self, side: Side, until: int, outcome: _Outcome) -> None:
-        """Record `outcome` for the camera's triggers from the first unsettled one up to, not including, `until`."""
-        track = self._tracks[side]
-        for trigger in range(track.settled, until):
-            self._open.setdefault(trigger, {})[side] = outcome
-        track.settled = max(track.settled, until)
+                self._outcomes.settle(side, min(ready, until), track.gap_fate)
+                self._outcomes.settle(side, until, Fate.SILENT)
+        self._outcomes.settle(side, until, track.gap_fate)
 
     def _resolve(self) -> list[StereoPair]:
         """Close the triggers of which every camera's outcome is known."""
         pairs: list[StereoPair] = []
-        for trigger in [t for t, outcomes in self._open.items() if len(outcomes) == len(self._tracks)]:
-            outcomes = self._open.pop(trigger)
+        for trigger, count, outcomes in self._outcomes.close():
             frames = {side: outcome for side, outcome in outcomes.items() if isinstance(outcome, Frame)}
             if len(frames) == len(self._tracks):
                 self.tally.pairs += 1
-                first, *rest = [frames[side] for side in self._tracks]
+                first, *rest = frames.values()
                 pairs.append(StereoPair(trigger, first, rest[0] if rest else None))
-                continue
-            if all(outcome is _Fate.SILENT for outcome in outcomes.values()):
-                continue
-            self.tally.lost[_reason(outcomes)] += 1
-            pairs += self._alone(trigger, frames)
-        return sorted(pairs, key=lambda pair: pair.trigger)
+            elif any(outcome is not Fate.SILENT for outcome in outcomes.values()):
+                self.tally.lost[_reason(outcomes)] += count
+                pairs += self._alone(trigger, frames)
+        return pairs
 
     def _release_lone(self) -> list[StereoPair]:
         """Frames whose partner is silent, handed out alone; their trigger stays open."""
-        silent = {side for side, track in self._tracks.items() if track.silent}
-        if not silent:
+        if not any(track.silent for track in self._tracks.values()):
             return []
-        newest = max(track.trigger for track in self._tracks.values())
+        held_from = max(track.trigger for track in self._tracks.values()) - _HOLD_PERIODS
         pairs: list[StereoPair] = []
-        for trigger, outcomes in sorted(self._open.items()):
-            frames = {side: outcome for side, outcome in outcomes.items() if isinstance(outcome, Frame)}
-            if silent.isdisjoint(outcomes):
-                pairs += self._alone(trigger, frames)
-            if trigger < newest - _HOLD_PERIODS:
-                outcomes.update(dict.fromkeys(frames, _Fate.TAKEN))
+        for side, run in self._outcomes.waiting(self._lone_from):
+            trigger, frame = run.until - 1, run.outcome
+            if isinstance(frame, Frame) and not self._tracks[side].silent:
+                pairs += self._alone(trigger, {side: frame})
+            if trigger < held_from:
+                run.outcome = Fate.TAKEN
+        self._lone_from = max(self._lone_from, held_from)
         return pairs
 
     def _alone(self, trigger: int, frames: dict[Side, Frame]) -> list[StereoPair]:
@@ -313,11 +288,11 @@ class TriggerAccount:
         return []
 
 
-def _reason(outcomes: dict[Side, _Outcome]) -> LossReason:
+def _reason(outcomes: dict[Side, Outcome]) -> LossReason:
     for fate, reason in _BLAME:
         if fate in outcomes.values():
             return reason
-    missing = [side for side, outcome in outcomes.items() if outcome is _Fate.MISSING]
+    missing = [side for side, outcome in outcomes.items() if outcome is Fate.MISSING]
     match missing:
         case ["left"]:
             return LossReason.LEFT_MISSING

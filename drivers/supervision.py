@@ -34,11 +34,9 @@ from drivers.rig_events import (
     WriteFailed,
     Written,
 )
-from drivers.seldom import Seldom
 
 log = logging.getLogger(__name__)
 
-_CLOCK_SAID_S = 600.0
 _CLOCK_PERIOD_NS = 1_000_000_000  # a crystal off by 50 ppm drifts 50 us in it, far below a trigger period
 _SHORTEST_BACK_OFF_NS = 100_000_000
 _LONGEST_BACK_OFF_NS = 2_000_000_000
@@ -96,13 +94,13 @@ class Supervisor:
         self._back_off_ns = _SHORTEST_BACK_OFF_NS
         self._open_due_ns: float = 0
         self._latch_due_ns = 0
+        self._latch_refused = False
         self._trouble = False  # whoever takes frames wants the camera looked at
         self._stuck = False
         self._taking = threading.Lock()
         self._take_due_ns = 0
         self._last_frame_ns = 0
         self._silent = False
-        self._seldom = Seldom(_CLOCK_SAID_S)
 
     def request(self, setting: ExposureSetting, not_before_ns: int) -> None:
         """Have the camera take `setting`, not before that time; a write still waiting is replaced. Any thread."""
@@ -246,8 +244,11 @@ class Supervisor:
         except CameraLostError:
             raise
         except CameraError as error:
-            if self._seldom.due("clock", self._now_ns()):
+            if not self._latch_refused:
                 log.warning("%s camera: its clock was not read: %s", self._side, error)
+            self._latch_refused = True
+        else:
+            self._latch_refused = False
         self._latch_due_ns = self._now_ns() + _CLOCK_PERIOD_NS
 
     def _look(self) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
 
 from drivers.exposure import ExposureSetting
 from drivers.frames import Side, StereoPair
@@ -29,9 +28,9 @@ class WriteLedger:
         Settings that were late: for a frame or so, left and right may differ, or a camera may hold half of one.
     """
 
-    def __init__(self, sides: Sequence[Side]) -> None:
+    def __init__(self) -> None:
         self.late = 0
-        self._held: dict[Side, deque[ExposureSetting]] = {side: deque(maxlen=_REMEMBERED_WRITES) for side in sides}
+        self._held: deque[dict[Side, ExposureSetting]] = deque(maxlen=_REMEMBERED_WRITES)  # for each that was asked
         self._asked: ExposureSetting | None = None
         self._present: set[Side] = set()
         self._missing: set[Side] = set()
@@ -41,15 +40,19 @@ class WriteLedger:
 
     def written(self, write: Written, grid: TriggerGrid | None) -> None:
         """Enter a write; `grid` tells when exposures start, None: not yet known, and so nothing is late."""
-        self._held[write.side].append(write.read_back)
+        news = write.asked is not self._asked
+        if news:
+            self._asked = write.asked
+            self._held.append({})
+        self._held[-1][write.side] = write.read_back
         self._present.add(write.side)
         if grid is None:
             return
         finished_trigger = grid.last_before(write.finished_ns + CLOCK_NS)
-        if write.asked is not self._asked:
+        if news:
             if self._missing:  # a newer setting overtook the last one before every camera had it
                 self._mark_late(finished_trigger)
-            self._asked, self._missing, self._counted = write.asked, set(self._present), False
+            self._missing, self._counted = set(self._present), False
             self._started_trigger = grid.last_before(write.started_ns - CLOCK_NS)
         self._missing.discard(write.side)
         if finished_trigger > self._started_trigger:
@@ -70,8 +73,18 @@ class WriteLedger:
         return pair.mismatched or not all(self._known(frame.setting) for frame in pair.frames)
 
     def explains(self, pair: StereoPair) -> bool:
-        """Whether a late setting, or one that not every camera has yet, may be why a pair is mismatched."""
-        return pair.trigger <= self._late_until or bool(self._missing and pair.trigger > self._started_trigger)
+        """Whether it is known why a pair is mismatched.
+
+        Because a setting was late, because not every camera has it yet, or because the cameras took different ones of
+        the same that was asked for, as their nodes said.
+        """
+        if pair.trigger <= self._late_until or (self._missing and pair.trigger > self._started_trigger):
+            return True
+        frames = pair.by_side
+        return any(
+            held.keys() >= frames.keys() and all(held[side].agrees_with(frames[side].setting) for side in frames)
+            for held in reversed(self._held)
+        )
 
     def _known(self, setting: ExposureSetting) -> bool:
-        return any(setting.agrees_with(held) for settings in self._held.values() for held in reversed(settings))
+        return any(setting.agrees_with(taken) for held in reversed(self._held) for taken in held.values())

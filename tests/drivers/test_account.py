@@ -224,7 +224,7 @@ def test_a_camera_that_never_gets_a_trigger_ignores_them() -> None:
     rig = FakeRig()
     rig.account.ready("right", rig.time_ns)
     rig.pulses(1000, right="absent")
-    assert len(rig.account._open) < 700
+    assert len(rig.account._outcomes) < 700
     assert rig.close() == {"startup": 1, "trigger_ignored": 999}
 
 
@@ -240,7 +240,7 @@ def test_a_camera_that_answers_but_sends_nothing_takes_bounded_memory() -> None:
     rig.pulses(3)
     rig.pulse(right="silent")
     rig.pulses(2000, right="absent")
-    assert len(rig.account._open) < 700
+    assert len(rig.account._outcomes) < 700
     assert len(rig.released) > 1900
     rig.close()
     assert rig.account.tally.triggers == 2004
@@ -249,7 +249,7 @@ def test_a_camera_that_answers_but_sends_nothing_takes_bounded_memory() -> None:
 def test_a_camera_that_never_got_a_trigger_takes_bounded_memory() -> None:
     rig = FakeRig()
     rig.pulses(2000, right="absent")
-    assert len(rig.account._open) < 700
+    assert len(rig.account._outcomes) < 700
     assert len(rig.released) == 2000
     assert rig.account.tally.lost[LossReason.STARTUP] > 1000
     assert set(rig.close()) == {"startup"}
@@ -264,6 +264,17 @@ def test_a_trigger_that_stands_still_for_long_is_no_loss(periods: int) -> None:
     rig.pulses(periods, left="ignored", right="ignored")
     rig.pulses(3)
     assert rig.close() == {}
+    assert rig.account.tally.pairs == 6
+
+
+@pytest.mark.parametrize(("event", "lost"), [("silent", {}), ("goes", {"camera_gone": 10**9 + 1})])
+def test_a_year_without_frames_is_over_at_once(event: str, lost: dict[str, int]) -> None:
+    rig = FakeRig(period_ns=PERIOD_NS)
+    rig.pulses(3)
+    rig.pulse(left=event, right=event)
+    rig.trigger += 10**9
+    rig.pulses(3)
+    assert rig.close() == lost
     assert rig.account.tally.pairs == 6
 
 

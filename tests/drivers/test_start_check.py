@@ -76,3 +76,10 @@ def test_cameras_that_wait_for_no_pulses_are_not_judged() -> None:
     judge.ready("left", 0)
     feed(judge, "left", period_ns=40 * MS)
     assert judge.findings(2 * PATIENCE_NS) == []
+
+
+def test_pulses_that_begin_late_are_no_finding_before_both_cameras_had_time_to_show_them() -> None:
+    judge = check()
+    assert "no trigger pulse" in judge.findings(PATIENCE_NS + 1)[0]
+    judge.frame("left", PATIENCE_NS)
+    assert judge.findings(PATIENCE_NS + 2) == []

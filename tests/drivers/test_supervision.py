@@ -6,8 +6,10 @@ import itertools
 import math
 import queue
 
+import pytest
+
 from drivers.camera import Camera
-from drivers.errors import AutoexposeError, CameraNotFoundError, UnsupportedCameraError
+from drivers.errors import AutoexposeError, CameraNotFoundError, NodeError, UnsupportedCameraError
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame
 from drivers.rig_events import CameraGone, CameraReady, CameraSilent, FrameArrived, RigEvent, Written
@@ -22,6 +24,7 @@ class InstantCamera(ScriptedCamera):
     """Answers at once; `latches` counts how often its clock was read."""
 
     latches = 0
+    refuses_latches = False
 
     def next_frame(self, timeout_s: float) -> Frame | None:
         return super().next_frame(0.0)
@@ -29,6 +32,8 @@ class InstantCamera(ScriptedCamera):
     def latch_clock(self) -> None:
         super().latch_clock()
         self.latches += 1
+        if self.refuses_latches:
+            raise NodeError("camera S: TimestampLatch is locked")
 
 
 class Bench:
@@ -81,6 +86,28 @@ def test_a_camera_that_ran_for_long_is_tried_soon_again() -> None:
     bench.run(2.0)
     assert pauses_s(bench.attempts_ns) == [0.2, 0.4, 0.8]
     assert camera.closed.wait(10.0)
+
+
+def test_a_clock_that_cannot_be_read_is_said_once(caplog: pytest.LogCaptureFixture) -> None:
+    camera = InstantCamera()
+    bench = Bench(camera)
+    for refused in (True, False, True):
+        camera.refuses_latches = refused
+        bench.run(3.0)
+    assert caplog.messages == ["left camera: its clock was not read: camera S: TimestampLatch is locked"] * 2
+
+
+def test_a_camera_that_is_opened_anew_is_closed_first_and_the_reason_is_told() -> None:
+    camera = InstantCamera()
+    bench = Bench(camera)
+    bench.run(1.0)
+    bench.supervisor.reopen()
+    bench.camera = InstantCamera()
+    gone, *_, ready = (event for event in bench.run(1.0) if isinstance(event, CameraGone | CameraReady))
+    assert camera.closed.is_set()
+    assert isinstance(gone, CameraGone)
+    assert str(gone.error).endswith("sends no frames while the other one does; it is opened anew")
+    assert isinstance(ready, CameraReady)
 
 
 def test_a_camera_that_can_never_be_driven_is_left_alone() -> None:

@@ -25,7 +25,7 @@ def pair(trigger: int, left: ExposureSetting, right: ExposureSetting) -> StereoP
 
 
 def test_a_write_between_two_exposures_is_in_time() -> None:
-    ledger = WriteLedger(("left", "right"))
+    ledger = WriteLedger()
     ledger.written(wrote("left", DIM, 1, 3), GRID)
     ledger.written(wrote("right", DIM, 2, 19), GRID)
     assert ledger.late == 0
@@ -35,7 +35,7 @@ def test_a_write_between_two_exposures_is_in_time() -> None:
 
 @pytest.mark.parametrize("spans", [((1, 21), (1, 3)), ((1, 3), (19, 21)), ((1, 3), (21, 23)), ((1, 21), (1, 23))])
 def test_a_setting_that_an_exposure_cuts_in_two_is_late_once(spans: tuple[tuple[int, int], tuple[int, int]]) -> None:
-    ledger = WriteLedger(("left", "right"))
+    ledger = WriteLedger()
     ledger.written(wrote("left", DIM, *spans[0]), GRID)
     ledger.written(wrote("right", DIM, *spans[1]), GRID)
     assert ledger.late == 1
@@ -44,7 +44,7 @@ def test_a_setting_that_an_exposure_cuts_in_two_is_late_once(spans: tuple[tuple[
 
 
 def both_written() -> WriteLedger:
-    ledger = WriteLedger(("left", "right"))
+    ledger = WriteLedger()
     for side in ("left", "right"):
         ledger.written(wrote(side, BRIGHT, -19, -18), GRID)
     return ledger
@@ -83,7 +83,7 @@ def test_a_setting_that_a_newer_one_overtook_on_its_way_to_a_camera_is_late() ->
 
 
 def test_cameras_that_differ_or_hold_half_a_setting_are_mismatched() -> None:
-    ledger = WriteLedger(("left", "right"))
+    ledger = WriteLedger()
     for side in ("left", "right"):
         ledger.written(wrote(side, DIM, 1, 2), GRID)
         ledger.written(wrote(side, BRIGHT, 3, 4), GRID)
@@ -94,6 +94,17 @@ def test_cameras_that_differ_or_hold_half_a_setting_are_mismatched() -> None:
 
 
 def test_before_the_first_frame_nothing_is_late() -> None:
-    ledger = WriteLedger(("left", "right"))
+    ledger = WriteLedger()
     ledger.written(wrote("left", DIM, 1, 500), None)
     assert ledger.late == 0
+
+
+def test_a_mismatch_is_explained_when_a_camera_took_something_else_and_said_so() -> None:
+    ledger = both_written()
+    clipped = ExposureSetting(500.0, 0.0)
+    ledger.written(Written("left", DIM, clipped, 1 * MS, 3 * MS), GRID)
+    ledger.written(wrote("right", DIM, 1, 3), GRID)
+    assert ledger.mismatched(pair(1, clipped, DIM))
+    assert ledger.explains(pair(1, clipped, DIM))
+    assert not ledger.explains(pair(1, DIM, clipped))
+    assert not ledger.explains(pair(1, clipped, BRIGHT))

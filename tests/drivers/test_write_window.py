@@ -56,7 +56,7 @@ def mismatches(write_ms: tuple[float, float], triggers: int, seed: int) -> tuple
     """
     numbers = random.Random(seed)
     grid = TriggerGrid(PERIOD_NS, 0)
-    ledger = WriteLedger(("left", "right"))
+    ledger = WriteLedger()
     cameras = [VirtualCamera("left"), VirtualCamera("right")]
     writes: deque[tuple[int, VirtualCamera, str, float]] = deque()
     mismatched = unexplained = 0

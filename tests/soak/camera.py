@@ -57,8 +57,9 @@ class Device:
         How many of the next frames get lost or arrive with holes, and how many triggers are ignored.
     delay_ns
         How late the next frame is; those after it wait behind it.
-    refuses, clips_us, write_ns
-        Whether writes are refused, the longest exposure time that is taken, and how long a write takes.
+    refuses, clips_us, write_ns, frozen
+        Whether writes are refused, the longest exposure time that is taken, how long a write takes (0: as usual), and
+        whether exposures stay as they are whatever the nodes read.
     fates
         What became of pulses that make no frame, until somebody takes note.
     """
@@ -74,6 +75,7 @@ class Device:
         self.refuses = False
         self.clips_us = LIMITS.max_time_us
         self.write_ns = 0
+        self.frozen = False
         self.clock_offset_ns = 123_456_789_000
         self.fates: list[tuple[int, str]] = []
         self._streams_from_ns: int | None = None
@@ -89,8 +91,9 @@ class Device:
         self._writes_done = 0
 
     def vanish(self) -> None:
-        """Lose power."""
+        """Lose power: even when it is back at once, nobody controls it any more."""
         self.present = False
+        self.session += 1
         self.forget_stream()
 
     def forget_stream(self) -> None:
@@ -114,7 +117,8 @@ class Device:
             self.fates.append((number, "ignored"))
             return
         while self._writes and self._writes[0][0] <= now_ns:
-            self._setting = self._writes.popleft()[1]
+            _, setting = self._writes.popleft()
+            self._setting = self._setting if self.frozen else setting
         self._frame_id += 1
         if self.lose or len(self.in_flight) >= BUFFERS:
             self.lose = max(self.lose - 1, 0)

@@ -7,11 +7,26 @@ import math
 import random
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 
-from tests.soak.camera import LIMITS, Device
+from tests.soak.camera import BUFFERS, LIMITS, Device
 from tests.soak.clock import MS, SECOND, Actor
-from tests.soak.rig import RATE_HZ, VirtualRig
+from tests.soak.rig import LONGEST_REST_NS, RATE_HZ, VirtualRig
 from tests.soak.wire import Wire
+
+STUCK_FRAMES = 180
+"""After three seconds a camera that sends nothing while the other one does is opened anew."""
+
+NO_PAIRS = "frames make no stereo pairs"
+"""Also said for a moment when frames come again, between the first one and its partner."""
+
+WRONG_RATE = "frames a second where"
+
+OVERTAKEN = {"late": (0, 10), "mismatched": (0, 3)}
+"""A dead camera takes its time until it is known to be, and what is asked for meanwhile does not reach it."""
+
+BEHIND = {"late": (0, 2), "mismatched": (0, 8)}
+"""Of control that was behind: the grid of triggers, by which it chose when to write, was old."""
 
 
 @dataclass
@@ -22,17 +37,17 @@ class Expected:
     ----------
     duration_ns
         How long its cause lasts.
-    degraded
-        What the state says meanwhile, for certain; None: it may go unnoticed.
-    perhaps
+    says
+        What the state says meanwhile, for certain, or a part of it; None: it may go unnoticed.
+    may_say
         What the state may say.
     counts
         Counters with the least and the most that the fault adds to them.
     """
 
     duration_ns: int
-    degraded: str | None = None
-    perhaps: tuple[str, ...] = ()
+    says: str | None = None
+    may_say: tuple[str, ...] = ()
     counts: dict[str, tuple[int, int]] = field(default_factory=dict)
 
 
@@ -65,145 +80,156 @@ class Script:
         self.actor.plan(self._plans[0][0] if self._plans else math.inf)
 
 
+def no_frames(device: Device) -> tuple[str, ...]:
+    return f"no frames of the {device.side} camera", NO_PAIRS
+
+
+def periods_ns(periods: int) -> int:
+    return round(periods / RATE_HZ * SECOND)
+
+
+def frames_in(duration_ns: int) -> int:
+    return round(duration_ns / SECOND * RATE_HZ) + 2
+
+
 def camera_lost(script: Script) -> Expected:
     device, duration_ns = script.device(), script.duration_ns(0.01, 10.0)
     device.vanish()
     script.after(duration_ns, lambda: setattr(device, "present", True))
-    says = f"{device.side} camera gone"
-    return Expected(
-        duration_ns,
-        degraded=says if duration_ns > SECOND else None,
-        perhaps=(says, f"no frames of the {device.side} camera"),
-        counts={"reconnects": (1, 1)},
-    )
+    gone = f"{device.side} camera gone"
+    counts = OVERTAKEN | {"reconnects": (1, 1)}
+    return Expected(duration_ns, gone if duration_ns > 2 * SECOND else None, (gone, *no_frames(device)), counts)
 
 
 def both_cameras_lost(script: Script) -> Expected:
     duration_ns = script.duration_ns(0.01, 10.0)
-    for device in script.rig.devices:
+    for device, back_ns in zip(script.rig.devices, (script.numbers.randint(1, duration_ns), duration_ns), strict=True):
         device.vanish()
-        script.after(
-            script.numbers.randint(1, duration_ns) if device.side == "left" else duration_ns,
-            lambda device=device: setattr(device, "present", True),
-        )
-    return Expected(
-        duration_ns, perhaps=("left camera gone", "right camera gone", "no triggers", "no frames of the left camera",
-                              "no frames of the right camera"), counts={"reconnects": (2, 2)}
-    )  # fmt: skip
+        script.after(back_ns, partial(setattr, device, "present", True))
+    counts = OVERTAKEN | {"reconnects": (2, 2)}
+    return Expected(duration_ns, None, ("camera gone", "no triggers", "no frames of the", NO_PAIRS), counts)
 
 
 def trigger_stops(script: Script) -> Expected:
-    periods = script.duration_ns(0.05, 12.0) / SECOND * RATE_HZ
-    phase = script.numbers.uniform(-0.45, 0.45)
-    script.wire.stop_periods = max(round(periods), 2) + phase
-    duration_ns = round(script.wire.stop_periods / RATE_HZ * SECOND)
+    pause_s = script.duration_ns(0.05, 12.0) / SECOND
+    script.wire.stop_periods = max(round(pause_s * RATE_HZ), 2) + script.numbers.uniform(-0.45, 0.45)
+    counts = {"late": (0, 2), "mismatched": (0, 2)}
     return Expected(
-        duration_ns, degraded="no triggers" if duration_ns > 1.5 * SECOND else None, perhaps=("no triggers",)
-    )  # fmt: skip
+        round(pause_s * SECOND), "no triggers" if pause_s > 1.5 else None, ("no triggers", NO_PAIRS), counts
+    )
 
 
 def trigger_halved(script: Script) -> Expected:
     script.wire.halved = script.numbers.randint(1, 200)
-    return Expected(script.wire.halved * 2 * SECOND // int(RATE_HZ))
+    says = WRONG_RATE if script.wire.halved > 40 else None
+    return Expected(periods_ns(2 * script.wire.halved), says, (WRONG_RATE,))
 
 
 def trigger_doubled(script: Script) -> Expected:
     script.wire.doubled = pulses = script.numbers.randint(1, 300)
-    return Expected(pulses * SECOND // int(RATE_HZ), counts={"surplus": (2 * pulses, 2 * pulses)})
+    says = WRONG_RATE if pulses > 40 else None
+    return Expected(periods_ns(pulses), says, (WRONG_RATE,), {"surplus": (2 * pulses, 2 * pulses)})
 
 
 def frames_lost(script: Script) -> Expected:
     device = script.device()
-    device.lose = frames = script.numbers.randint(1, 300)
-    return Expected(frames * SECOND // int(RATE_HZ), perhaps=(f"no frames of the {device.side} camera",))
+    device.lose = frames = script.numbers.randint(1, STUCK_FRAMES)
+    return Expected(periods_ns(frames), None, no_frames(device))
 
 
 def frames_of_both_lost(script: Script) -> Expected:
     frames = script.numbers.randint(1, 300)
     for device in script.rig.devices:
         device.lose = frames
-    return Expected(frames * SECOND // int(RATE_HZ), perhaps=("no triggers",))
+    return Expected(periods_ns(frames), None, ("no triggers", "no frames of the", NO_PAIRS))
 
 
 def frames_truncated(script: Script) -> Expected:
     device = script.device()
-    device.truncate = frames = script.numbers.randint(1, 300)
-    return Expected(frames * SECOND // int(RATE_HZ), perhaps=(f"no frames of the {device.side} camera",))
+    device.truncate = frames = script.numbers.randint(1, STUCK_FRAMES)
+    return Expected(periods_ns(frames), None, (*no_frames(device), "all its frames arrive incomplete"))
 
 
 def triggers_ignored(script: Script) -> Expected:
     device = script.device()
     device.ignore = triggers = round(script.duration_ns(0.01, 14.0) / SECOND * RATE_HZ) + 1
-    says = f"no frames of the {device.side} camera"
-    return Expected(
-        triggers * SECOND // int(RATE_HZ), degraded=says if triggers > 2 * RATE_HZ else None, perhaps=(says,)
-    )  # fmt: skip
+    says = f"no frames of the {device.side} camera" if triggers > 2 * RATE_HZ else None
+    may_say, counts = no_frames(device), {}
+    if triggers > STUCK_FRAMES:  # it is opened anew, and what it ignored before counts as lost by that
+        may_say = (*may_say, f"{device.side} camera gone")
+        counts = OVERTAKEN | {"reconnects": (0, 2), "camera_gone": (0, triggers), "trigger_ignored": (-triggers, 0)}
+    return Expected(periods_ns(triggers), says, may_say, counts)
 
 
 def frame_late(script: Script) -> Expected:
     script.device().delay_ns = script.numbers.randint(5, 240) * MS
-    return Expected(SECOND // 4, counts={"stale": (0, 16), "undecided": (0, 16), "late": (0, 2), "mismatched": (0, 8)})
+    return Expected(SECOND // 4, counts=BEHIND | {"stale": (0, 16), "undecided": (0, 16)})
 
 
 def writes_refused(script: Script) -> Expected:
     device, duration_ns = script.device(), script.duration_ns(0.2, 5.0)
     device.refuses = True
     script.after(duration_ns, lambda: setattr(device, "refuses", False))
-    most = round(duration_ns / SECOND * RATE_HZ) + 1
-    return Expected(duration_ns, counts={"refused": (0, most), "late": (0, most), "mismatched": (0, most + 8)})
+    most = frames_in(duration_ns)
+    return Expected(
+        duration_ns,
+        may_say=("was refused",),
+        counts={"refused": (0, most), "late": (0, most), "mismatched": (0, most + 8)},
+    )
 
 
 def writes_clipped(script: Script) -> Expected:
     device, duration_ns = script.device(), script.duration_ns(0.2, 5.0)
-    device.clips_us = script.numbers.uniform(500.0, 2000.0)
+    device.clips_us = script.numbers.uniform(500.0, 1500.0)
     script.after(duration_ns, lambda: setattr(device, "clips_us", LIMITS.max_time_us))
-    # What was clipped stays so until the next change is written.
-    return Expected(duration_ns + 3 * SECOND, counts={"mismatched": (0, round((duration_ns / SECOND + 3) * RATE_HZ))})
+    duration_ns += LONGEST_REST_NS  # what was clipped stays so until something else is written
+    most = frames_in(duration_ns)
+    return Expected(
+        duration_ns, may_say=("the camera took",), counts={"clipped": (0, most), "mismatched": (0, most + 8)}
+    )  # fmt: skip
 
 
 def writes_slow(script: Script) -> Expected:
     device, duration_ns = script.device(), script.duration_ns(0.2, 5.0)
     device.write_ns = script.numbers.randint(6, 60) * MS
     script.after(duration_ns, lambda: setattr(device, "write_ns", 0))
-    most = round(duration_ns / SECOND * RATE_HZ) + 1
-    return Expected(duration_ns, counts={"late": (0, most), "mismatched": (0, most + 16)})
+    most = frames_in(duration_ns)
+    return Expected(duration_ns, counts={"late": (0, most), "mismatched": (0, most + 16), "astray": (0, most)})
+
+
+def exposure_freezes(script: Script) -> Expected:
+    device, duration_ns = script.device(), script.duration_ns(0.2, 8.0)
+    device.frozen = True
+    script.after(duration_ns, lambda: setattr(device, "frozen", False))
+    duration_ns += LONGEST_REST_NS
+    most = frames_in(duration_ns)
+    counts = dict.fromkeys(("astray", "mismatched", "unexplained"), (0, most))
+    return Expected(duration_ns, may_say=("do not follow what is written",), counts=counts)
 
 
 def clock_jumps(script: Script) -> Expected:
     device = script.device()
-    device.clock_offset_ns += script.numbers.choice((-10, -1, 1, 10)) * SECOND + script.numbers.randint(0, SECOND)
-    return Expected(SECOND)
+    device.clock_offset_ns += script.numbers.choice((-10, -1, 1, 10)) * SECOND + script.numbers.randrange(SECOND // 2)
+    return Expected(SECOND, counts={"jumps": (1, 1)})
 
 
 def control_stalls(script: Script) -> Expected:
     duration_ns = script.duration_ns(0.02, 5.0)
     script.rig.stall_control(duration_ns)
-    frames = round(duration_ns / SECOND * RATE_HZ)
-    return Expected(
-        duration_ns,
-        perhaps=("no triggers", "frames make no stereo pairs"),
-        counts={
-            "stale": (max(frames - 24, 0) // 2, frames + 2),
-            "undecided": (0, frames),
-            "late": (0, 2),
-            "mismatched": (0, 8),
-        },
-    )
+    frames = frames_in(duration_ns)
+    counts = BEHIND | {"stale": (max(frames - 24, 0) // 2, frames), "undecided": (0, frames)}
+    return Expected(duration_ns, None, ("no triggers", NO_PAIRS), counts)
 
 
 def process_stops(script: Script) -> Expected:
     duration_ns = script.duration_ns(0.02, 5.0)
     script.rig.stop_process(duration_ns)
-    frames = round(duration_ns / SECOND * RATE_HZ)
-    return Expected(
-        duration_ns,
-        perhaps=("no triggers", "frames make no stereo pairs"),
-        counts={"undecided": (0, frames), "stale": (0, 16), "late": (0, 2), "mismatched": (0, 8)},
-    )
+    counts = BEHIND | {"stale": (0, BUFFERS), "undecided": (0, BUFFERS)}
+    return Expected(duration_ns, None, ("no triggers", NO_PAIRS), counts)
 
 
 FAULTS: tuple[Callable[[Script], Expected], ...] = (
     camera_lost, both_cameras_lost, trigger_stops, trigger_halved, trigger_doubled, frames_lost, frames_of_both_lost,
-    frames_truncated, triggers_ignored, frame_late, writes_refused, writes_clipped, writes_slow, clock_jumps,
-    control_stalls, process_stops,
+    frames_truncated, triggers_ignored, frame_late, writes_refused, writes_clipped, writes_slow, exposure_freezes,
+    clock_jumps, control_stalls, process_stops,
 )  # fmt: skip

@@ -28,6 +28,8 @@ PERIOD_NS = SECOND / RATE_HZ * (1 + 20e-6)
 BEAT_NS = 100 * MS
 POLL_NS = 50 * MS
 LOOK_NS = 250 * MS
+LONGEST_REST_NS = 3 * SECOND
+"""The scripted policy changes its mind at least so often."""
 
 CONFIG = Config.model_validate(
     {
@@ -104,7 +106,7 @@ class Unit:
     def __init__(self, device: Device, events: Events, clock: Clock) -> None:
         self.device = device
         self.supervisor = Supervisor(device.side, device.open, silence_s(CONFIG), CONFIG.start, events, now_ns=clock)
-        self.nodes = Actor(self._serve, 0)
+        self.nodes = Actor(self._serve, clock.now_ns)
         self.frames = Actor(self._take)
         self._clock = clock
         self._poll_ns = 0
@@ -157,9 +159,9 @@ class VirtualRig:
         self._events = Events(self.clock)
         self.units = {side: Unit(Device(side, self.clock, seed), self._events, self.clock) for side in SIDES}
         self.devices = [unit.device for unit in self.units.values()]
-        self.control = RigControl(CONFIG, self._write, observer, now_ns=self.clock)
+        self.control = RigControl(CONFIG, self, observer, now_ns=self.clock)
         self.control.tune(ScriptedTuning(CONFIG, self.clock))
-        self._control = self._events.control = Actor(self._take, 0)
+        self._control = self._events.control = Actor(self._take, self.clock.now_ns)
         self._see_health = see_health
         self._health = Health(State.STARTING)
         self._expectation = Expectation(SIDES, 1 / RATE_HZ, True, self.clock.now_ns)
@@ -188,10 +190,16 @@ class VirtualRig:
             unit.device.pulse(number, now_ns)
             unit.plan_frames()
 
-    def _write(self, setting: ExposureSetting, not_before_ns: int) -> None:
+    def write(self, setting: ExposureSetting, not_before_ns: int) -> None:
+        """See `Rig.write`."""
         for unit in self.units.values():
             unit.supervisor.request(setting, not_before_ns)
             unit.plan_nodes()
+
+    def reopen(self, side: Side) -> None:
+        """See `Rig.reopen`."""
+        self.units[side].supervisor.reopen()
+        self.units[side].plan_nodes()
 
     def _take(self) -> None:
         began_ns = self.clock.now_ns

@@ -1,0 +1,87 @@
+"""What became of each trigger at each camera, until it is known for all of them."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+from drivers.frames import Frame, Side
+
+
+class Fate(StrEnum):
+    """What became of a trigger at one camera, when it is not a frame."""
+
+    STARTUP = "startup"
+    MISSING = "missing"
+    INCOMPLETE = "incomplete"
+    IGNORED = "ignored"
+    SILENT = "silent"  # nothing for long, and no frame missing from the counter: ignored, or there was no trigger
+    GONE = "gone"
+    STALE = "stale"
+    TAKEN = "taken"  # a good frame whose partner did not come in time
+    SHUTDOWN = "shutdown"
+
+
+Outcome = Frame | Fate
+
+
+@dataclass(slots=True)
+class Run:
+    """Triggers, up to `until` and without it, that met one outcome at a camera; a frame is one of its own."""
+
+    until: int
+    outcome: Outcome
+
+
+class Outcomes:
+    """The outcomes that some camera still lacks. A night without triggers takes no more room than one without one.
+
+    Attributes
+    ----------
+    settled
+        For each side, the first trigger that has no outcome at its camera.
+    """
+
+    def __init__(self, sides: Sequence[Side]) -> None:
+        self.settled: dict[Side, int] = dict.fromkeys(sides, 0)
+        self._runs: dict[Side, deque[Run]] = {side: deque() for side in sides}
+        self._closed = 0
+
+    def __len__(self) -> int:
+        return sum(map(len, self._runs.values()))
+
+    def settle(self, side: Side, until: int, outcome: Outcome) -> None:
+        """Record `outcome` for the camera's triggers from the first unsettled one up to, not including, `until`."""
+        if until <= self.settled[side]:
+            return
+        self.settled[side] = until
+        runs = self._runs[side]
+        if runs and runs[-1].outcome is outcome:
+            runs[-1].until = until
+        else:
+            runs.append(Run(until, outcome))
+
+    def close(self) -> Iterator[tuple[int, int, dict[Side, Outcome]]]:
+        """Forget what is known of every camera, oldest first: last trigger and number of triggers alike, outcomes."""
+        while all(self._runs.values()):
+            until = min([runs[0].until for runs in self._runs.values()])
+            outcomes = {side: runs[0].outcome for side, runs in self._runs.items()}
+            for runs in self._runs.values():
+                if runs[0].until == until:
+                    runs.popleft()
+            count, self._closed = until - self._closed, until
+            yield until - 1, count, outcomes
+
+    def waiting(self, since: int) -> list[tuple[Side, Run]]:
+        """The frames of triggers from `since` on of which another camera has no outcome, oldest first."""
+        ahead = max(self.settled, key=self.settled.__getitem__)
+        since = max(since, min(self.settled.values()))
+        frames: list[tuple[Side, Run]] = []
+        for run in reversed(self._runs[ahead]):
+            if run.until <= since:
+                break
+            if isinstance(run.outcome, Frame):
+                frames.append((ahead, run))
+        return frames[::-1]
