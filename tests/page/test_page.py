@@ -83,7 +83,12 @@ def test_it_tells_state_reasons_and_counts_in_words(tab: Tab, page: PageProcess,
     expected = {
         "left": ["camera gone, no pair yet"],
         "headline": ["60.0", "2.0 h"],
-        "triggers": ["12\u202f345 of 12\u202f414", "lost: left missing\t7", "mismatched pairs\t0"],
+        "triggers": [
+            "triggers\t12\u202f414",
+            "stereo pairs\t12\u202f345",
+            "lost: left missing\t7",
+            "mismatched pairs\t0",
+        ],
         "writes": ["late\t5", "refused\t6", "clipped by the camera\t7", "decisions held at the brightest bound\t8"],
         "latency": ["median\t99 %", "one decision\t2.00 ms\t8.00 ms", "command to effect\t\u2013"],
         "cameras": ["left\tgone", "right\tFakeCam R2", "not tested yet"],
