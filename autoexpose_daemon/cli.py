@@ -17,6 +17,7 @@ from rich.console import Console
 
 from autoexpose_daemon.config import Config, load_config
 from autoexpose_daemon.control.policies import DEFAULT_POLICY, POLICY_IDS, check_policy_id
+from autoexpose_daemon.logs import complain
 from autoexpose_daemon.notify import Notifier
 from autoexpose_daemon.publish.keys import LOOPBACK, check_endpoints
 from autoexpose_daemon.recording import check_recording_extra
@@ -94,7 +95,7 @@ def _explaining(notifier: Notifier) -> Iterator[None]:
         yield
     except ConfigurationError as error:
         notifier.status(f"failed: {error}")
-        typer.echo(f"autoexpose: {error}", err=True)
+        complain(str(error))
         raise typer.Exit(os.EX_CONFIG) from None
 
 
@@ -249,7 +250,7 @@ def main() -> None:
         _add_commands(next((word for word in sys.argv[1:] if not word.startswith("-")), None))
         app()
     except AutoexposeError as error:
-        typer.echo(f"autoexpose: {error}", err=True)
+        complain(str(error))
         raise SystemExit(1) from None
 
 

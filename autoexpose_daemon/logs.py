@@ -34,13 +34,24 @@ def set_up_logging(console: Console) -> None:
         logging.getLogger(package).setLevel(logging.INFO)
 
 
+def complain(sentence: str) -> None:
+    """Tell on standard error why the program ends."""
+    text = f"autoexpose: {sentence}"
+    print(_with_priority(logging.ERROR, text) if _journal_reads() else text, file=sys.stderr)
+
+
 class JournalFormatter(logging.Formatter):
-    """Puts the priority before each line, as sd-daemon(3) has it: the journal takes every line for an entry."""
+    """Puts the priority before each line."""
 
     def format(self, record: logging.LogRecord) -> str:
         """The lines of an event."""
-        priority = next((priority for level, priority in _PRIORITIES if record.levelno >= level), 7)
-        return "\n".join(f"<{priority}>{line}" for line in super().format(record).splitlines())
+        return _with_priority(record.levelno, super().format(record))
+
+
+def _with_priority(level: int, text: str) -> str:
+    """Each line with its priority, as sd-daemon(3) has it: the journal takes every line for an entry."""
+    priority = next((priority for least, priority in _PRIORITIES if level >= least), 7)
+    return "\n".join(f"<{priority}>{line}" for line in text.splitlines())
 
 
 def _journal_reads() -> bool:

@@ -6,6 +6,7 @@ import os
 import re
 import subprocess
 import sys
+from collections.abc import Sequence
 
 import pytest
 
@@ -15,6 +16,7 @@ from drivers.rig import CameraSilent
 from drivers.seldom import Seldom
 from tests.drivers.test_rig import ScriptedCamera
 
+ENDING = [sys.executable, "-c", "from autoexpose_daemon.cli import main; main()", "run", "-c", "/none.yaml"]
 PROGRAM = """
 import io, logging, threading
 from rich.console import Console
@@ -28,28 +30,33 @@ raise ZeroDivisionError("died")
 """
 
 
-def stderr_of(journal: bool) -> list[str]:
+def stderr_of(command: Sequence[str], journal: bool) -> list[str]:
     reading, writing = os.pipe()
     stream = os.fstat(writing)
     number = stream.st_ino if journal else stream.st_ino + 1  # of what systemd gave to whoever started this
     environment = os.environ | {"JOURNAL_STREAM": f"{stream.st_dev}:{number}"}
     with os.fdopen(reading) as lines:
-        process = subprocess.run([sys.executable, "-c", PROGRAM], stderr=writing, env=environment, check=False)
+        process = subprocess.run(command, stderr=writing, env=environment, check=False)
         os.close(writing)
-        assert process.returncode == 1
+        assert process.returncode != 0
         return lines.read().splitlines()
 
 
 def test_the_journal_gets_a_priority_with_every_line() -> None:
-    first, second, *last_words = stderr_of(journal=True)
+    first, second, *last_words = stderr_of([sys.executable, "-c", PROGRAM], journal=True)
     assert (first, second) == ("<6>state exposing", "<4>left camera: gone")
     assert last_words[0] == "<2>ended by ZeroDivisionError"
     assert last_words[-1] == "<2>ZeroDivisionError: died"
     assert all(re.match("<2>.", line) for line in last_words)
 
 
+def test_the_sentence_that_ends_the_program_has_one_too() -> None:
+    (sentence,) = stderr_of(ENDING, journal=True)
+    assert sentence.startswith("<3>autoexpose: /none.yaml")
+
+
 def test_others_get_plain_lines() -> None:
-    lines = stderr_of(journal=False)
+    lines = stderr_of([sys.executable, "-c", PROGRAM], journal=False)
     assert lines[:3] == ["INFO state exposing", "WARNING left camera: gone", "CRITICAL ended by ZeroDivisionError"]
     assert lines[-1] == "ZeroDivisionError: died"
 
