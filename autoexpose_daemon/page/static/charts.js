@@ -113,7 +113,7 @@ export function drawLane(canvas, lane, rows, { nowS, lengthS, hoverS }) {
   }
 }
 
-// From the least to the greatest value of each half second, as one line that is wide where they differ.
+// Each half second from its least to its greatest value, joined to the next where the two overlap or come nearest.
 function band(pen, rows, column, x, y, colour, width) {
   pen.save();
   pen.beginPath();
@@ -121,18 +121,21 @@ function band(pen, rows, column, x, y, colour, width) {
   pen.clip();
   pen.strokeStyle = colour;
   pen.lineWidth = width;
-  pen.lineJoin = "round";
+  pen.lineCap = "round";
   pen.beginPath();
   let last = null;
   for (const row of rows) {
     if (!row[column]) continue;
     const [low, high] = row[column];
-    const at = x(row[0]);
-    if (last === null || row[0] - last > GAP_S) pen.moveTo(at, y(low));
-    pen.lineTo(at, y(low));
-    pen.lineTo(at, y(high));
-    pen.lineTo(at, y((low + high) / 2));
-    last = row[0];
+    if (last !== null && row[0] - last[0] <= GAP_S) {
+      const [lastLow, lastHigh] = last[column];
+      const common = Math.min(Math.max(low, lastLow), high, lastHigh);
+      pen.moveTo(x(last[0]), y(Math.min(Math.max(common, lastLow), lastHigh)));
+      pen.lineTo(x(row[0]), y(Math.min(Math.max(common, low), high)));
+    }
+    pen.moveTo(x(row[0]), y(low));
+    pen.lineTo(x(row[0]), y(high));
+    last = row;
   }
   pen.stroke();
   pen.restore();
@@ -153,7 +156,7 @@ export function timeAt(canvas, offsetX, nowS, lengthS) {
 export function drawCurve(canvas, curve) {
   const { pen, width, height, colour } = begin(canvas);
   const [left, right, top, bottom] = [LEFT - 8, width - 8, 22, height - 30];
-  const greatest = Math.max(...curve.metrics, 1e-6) * 1.1;
+  const greatest = Math.max(...curve.metrics, 0.01) * 1.1;
   const x = (change) => left + ((change + 2) / 4) * (right - left);
   const y = (value) => bottom - (value / greatest) * (bottom - top);
   pen.textBaseline = "middle";

@@ -74,7 +74,8 @@ function showTriggers(status) {
   const lost = byReason(status.lost);
   const all = status.pairs + lost.reduce((sum, [, number]) => sum + number, 0);
   fill(byId("triggers"), [
-    [["stereo pairs", `${format.count(status.pairs)} of ${format.count(all)}`]],
+    [["triggers", format.count(all)]],
+    [["stereo pairs", format.count(status.pairs)]],
     ...lost.map(([reason, number]) => [
       [`lost: ${words(reason)}`, format.count(number)],
       reason !== "startup" && reason !== "shutdown" && "bad",
@@ -82,7 +83,7 @@ function showTriggers(status) {
     ...(lost.length ? [] : [counted("lost", 0)]),
     counted("pairs without a decision", status.undecided_pairs),
     counted("mismatched pairs", status.mismatched_pairs),
-    counted("  not explained by a late write", status.unexplained_mismatches),
+    counted("  of them unexplained", status.unexplained_mismatches),
     counted("frames between triggers", status.surplus_frames),
     counted("cameras reconnected", status.reconnects),
     counted("jumps of a camera's clock", status.clock_jumps),

@@ -150,11 +150,12 @@ function showPicture(picture, bitmap) {
 
 function showCurve(curve) {
   drawCurve(byId("curve"), curve);
-  const best = curve.metrics.indexOf(Math.max(...curve.metrics));
+  const greatest = Math.max(...curve.metrics);
+  const best = curve.delta_levels[curve.metrics.indexOf(greatest)];
   const decided = curve.decided_level === null ? "" : `, decided ${format.signed(curve.decided_level - curve.level)}`;
   byId("curve-words").textContent =
     `taken at level ${format.stops(curve.level)} with metric ${format.metric(at(curve, 0))}${decided}; ` +
-    `most promised at ${format.signed(curve.delta_levels[best])} stops`;
+    (greatest > 0 ? `most promised at ${format.signed(best)} stops` : "no gradient at any exposure");
 }
 
 const lanes = LANES.map((lane) => {
