@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -16,6 +16,9 @@ from drivers.frames import Frame, Side, StereoPair
 
 TOPICS = {"image": IMAGE, "camera_info": CAMERA_INFO, "exposure": EXPOSURE_INFO}
 """What is said of each frame: the last part of the key, and the message type."""
+
+_SIDES: tuple[Side, ...] = ("left", "right")
+ALL_TOPICS: Final = frozenset((side, topic) for side in _SIDES for topic in TOPICS)
 
 LAST_STAMP_NS = (1 << 31) * 1_000_000_000 - 1
 """The end of ROS 2's time, in 2038: a camera whose clock has gone mad must not stop what sends its frames."""
@@ -67,7 +70,14 @@ class MessageWriter:
         self._rig = rig
         self._cameras = cameras
 
-    def messages(self, pair: StereoPair, decision: Decision | None, sequence: int, offset_ns: int) -> Iterator[Message]:
+    def messages(
+        self,
+        pair: StereoPair,
+        decision: Decision | None,
+        sequence: int,
+        offset_ns: int,
+        wanted: Container[tuple[Side, str]] = ALL_TOPICS,
+    ) -> Iterator[Message]:
         """The messages of one pair; None: nothing was decided on it.
 
         Parameters
@@ -76,6 +86,8 @@ class MessageWriter:
             Number of this pair among those that are sent, or recorded.
         offset_ns
             CLOCK_REALTIME less CLOCK_MONOTONIC, as `realtime_offset_ns` measures it.
+        wanted
+            Side and topic of those that are made.
         """
         stamp_ns = min(max(pair.left.host_time_ns + offset_ns, 0), LAST_STAMP_NS)
         stamp = _Time(*divmod(stamp_ns, 1_000_000_000))
@@ -89,9 +101,12 @@ class MessageWriter:
         for side, frame in pair.by_side.items():
             header = _Header(stamp, f"{self._rig}_{side}_optical_frame")
             info = _ExposureInfo(header=header, **of_pair, **_of_frame(frame))
-            yield Message(side, "exposure", _serialise(info, EXPOSURE_INFO))
-            yield Message(side, "camera_info", _serialise(_camera_info(header, frame), CAMERA_INFO))
-            yield Message(side, "image", _serialise(_image(header, frame), IMAGE))
+            if (side, "exposure") in wanted:
+                yield Message(side, "exposure", _serialise(info, EXPOSURE_INFO))
+            if (side, "camera_info") in wanted:
+                yield Message(side, "camera_info", _serialise(_camera_info(header, frame), CAMERA_INFO))
+            if (side, "image") in wanted:
+                yield Message(side, "image", _serialise(_image(header, frame), IMAGE))
 
 
 def _serialise(message: object, message_type: str) -> bytearray:

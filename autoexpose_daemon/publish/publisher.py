@@ -144,8 +144,9 @@ class Publisher:
     def _send(
         self, step: tuple[StereoPair, Decision | None], publishers: Mapping[tuple[Side, str], zenoh.Publisher]
     ) -> None:
+        listened_to = {key for key, publisher in publishers.items() if publisher.matching_status.matching}
         try:
-            for message in self._writer.messages(*step, self._sequence, realtime_offset_ns()):
+            for message in self._writer.messages(*step, self._sequence, realtime_offset_ns(), listened_to):
                 publishers[message.side, message.topic].put(message.data)
             self.tally.sent += 1
         except zenoh.ZError as error:

@@ -123,3 +123,10 @@ def test_a_truncated_message_is_refused(length: int) -> None:
     whole = bytes(messages["left", "image"].data)
     with pytest.raises(DamagedMessageError):
         read_image(whole[: min(length, len(whole) - 1)])
+
+
+def test_only_what_is_wanted_is_made() -> None:
+    pair = StereoPair(1, frame(), frame())
+    wanted: set[tuple[Side, str]] = {("left", "exposure"), ("right", "image")}
+    made = MessageWriter("robot", 2).messages(pair, None, 0, 0, wanted)
+    assert [(message.side, message.topic) for message in made] == [("left", "exposure"), ("right", "image")]
