@@ -144,7 +144,7 @@ class Publisher:
     def _send(
         self, step: tuple[StereoPair, Decision | None], publishers: Mapping[tuple[Side, str], zenoh.Publisher]
     ) -> None:
-        listened_to = {key for key, publisher in publishers.items() if publisher.matching_status.matching}
+        listened_to = {key for key, publisher in publishers.items() if _has_listener(publisher)}
         try:
             for message in self._writer.messages(*step, self._sequence, realtime_offset_ns(), listened_to):
                 publishers[message.side, message.topic].put(message.data)
@@ -167,3 +167,8 @@ class Publisher:
         tally = ConsumerTally.from_json(sample.payload.to_bytes())
         if tally is not None and CONSUMER_NAME.fullmatch(name) and self.tally.heard(name, tally, time.monotonic_ns()):
             log.info("consumer %s is there", name)
+
+
+def _has_listener(publisher: zenoh.Publisher) -> bool:
+    status: object = publisher.matching_status
+    return bool(getattr(status, "matching", status))  # a MatchingStatus, which zenoh's types call a bool
