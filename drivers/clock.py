@@ -12,6 +12,8 @@ from drivers.nodes import NodeMap
 
 LATCH_TRIES = 5
 """A latch is as exact as half its round trip (0.1 ms on a quiet wire); the quickest of a few is kept."""
+COMPARED_DELAYS = 60
+"""Frames of the recent past; the delay changes with the exposure time."""
 ARRIVAL_WINDOW = 600
 """Frames whose delays are compared without a latch: 10 s at 60 Hz, in which crystals of 50 ppm part by 0.5 ms."""
 LATCH_ERROR_NS = 1_000_000
@@ -37,7 +39,7 @@ class LatchedClock:
     """Latches the camera's clock between two looks at the host's; the offset is that of their middle.
 
     A clock that jumps is noticed at its next frame, whose time stamp then lies in the future or before the last one's.
-    Until the next latch such a frame, and those behind it, count as on their way for as long as the one before it.
+    Until the next latch the quickest frame since counts as on its way for as long as the quickest before.
 
     Raises, from `latch` and at construction, `NodeError` and `CameraLostError`.
     """
@@ -57,12 +59,14 @@ class LatchedClock:
         self._now_ns = now_ns
         self._offset_ns = 0
         self._newest_ns = 0  # the last time stamp
-        self._delay_ns = 0  # of that frame, from its time stamp to its arrival
+        self._delays_ns: deque[int] = deque(maxlen=COMPARED_DELAYS)  # from time stamp to arrival
+        self._jumped = False  # since the last latch
         self.latch()
 
     def latch(self) -> None:
         """Measure the offset anew; a drift of some ppm moves it by microseconds a second."""
         _, self._offset_ns = min(self._sample() for _ in range(LATCH_TRIES))
+        self._jumped = False
 
     def _sample(self) -> tuple[int, int]:
         """Round trip and offset (both ns) of one latch."""
@@ -76,11 +80,18 @@ class LatchedClock:
     def host_time_ns(self, device_time_ns: int, arrival_time_ns: int) -> int:
         """Host time of a time stamp; the arrival tells whether the clock has jumped."""
         jumped_back = device_time_ns < self._newest_ns - OUT_OF_ORDER_NS
+        self._newest_ns = device_time_ns
         if jumped_back or device_time_ns + self._offset_ns > arrival_time_ns + LATCH_ERROR_NS:
-            self._offset_ns = arrival_time_ns - self._delay_ns - device_time_ns
-        host_time_ns = device_time_ns + self._offset_ns
-        self._newest_ns, self._delay_ns = device_time_ns, max(arrival_time_ns - host_time_ns, 0)
-        return host_time_ns
+            self._jumped, self._offset_ns = True, self._offset_by(device_time_ns, arrival_time_ns)
+        elif self._jumped:
+            self._offset_ns = min(self._offset_ns, self._offset_by(device_time_ns, arrival_time_ns))
+        else:
+            self._delays_ns.append(arrival_time_ns - device_time_ns - self._offset_ns)
+        return device_time_ns + self._offset_ns
+
+    def _offset_by(self, device_time_ns: int, arrival_time_ns: int) -> int:
+        """The offset, if this frame was on its way for as long as the quickest recent one."""
+        return arrival_time_ns - min(self._delays_ns, default=0) - device_time_ns
 
 
 class ArrivalClock:

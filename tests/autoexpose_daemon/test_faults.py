@@ -129,9 +129,9 @@ def test_trigger_doubled(run: Run) -> None:
 
 def test_trigger_halved(run: Run) -> None:
     with only(run, "trigger_ignored") as new:
-        order(run, "halve_triggers", 90)
+        order(run, "halve_triggers", 120)
         wait_for_state(run, "right camera: starts 30.0 frames a second", "exposure and readout fit into one period")
-    assert new["trigger_ignored"] == pytest.approx(45, abs=NOISE)
+    assert new["trigger_ignored"] == pytest.approx(60, abs=NOISE)
 
 
 @pytest.mark.skipif(ON_USB, reason="USB sends again by itself, below what a camera knows")

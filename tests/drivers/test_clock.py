@@ -118,11 +118,13 @@ def test_a_clock_that_jumps_keeps_its_frames_in_place(jump_ns: int, latched: boo
         if number in (20, 120):
             clock.latch()
         wire.host_ns += 16_666_667
-        true_ns, arrival_ns = wire.host_ns, wire.host_ns + 9_000_000 + wire.delays.randrange(2_000_000)
+        late_ns = 20_000_000 if number in (50, 60) else wire.delays.randrange(2_000_000)
+        true_ns, arrival_ns = wire.host_ns, wire.host_ns + 9_000_000 + late_ns
         errors_ns.append(clock.host_time_ns(true_ns - wire.offset_ns, arrival_ns) - true_ns)
+    del errors_ns[50]  # what its own delay tells is all that is known
     assert max(errors_ns) - min(errors_ns) < 5_000_000
     if latched:
-        assert max(map(abs, errors_ns[120:])) < 300_000
+        assert max(map(abs, errors_ns[119:])) < 300_000
 
 
 def test_a_jump_is_told_once_and_a_camera_that_is_back_has_made_none() -> None:
