@@ -192,7 +192,7 @@ class TriggerAccount:
             return []
         if trigger < self._outcomes.settled[side]:
             self.tally.surplus_frames += 1
-            track.frame_id = frame_id
+            track.frame_id += 1  # one of those since the last trigger's; the others were lost
             return []
         self._explain_gap(side, track, trigger, frame_id)
         self._outcomes.settle(side, trigger + 1, outcome)

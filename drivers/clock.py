@@ -12,6 +12,10 @@ from drivers.nodes import NodeMap
 
 LATCH_TRIES = 5
 """A latch is as exact as half its round trip (0.1 ms on a quiet wire); the quickest of a few is kept."""
+COMPARED_DELAYS = 60
+"""Frames of the recent past; the delay changes with the exposure time."""
+SURE_FRAMES = 5
+"""One of so many is as quick as any, unless the machine is very busy; a late one would pass for the next trigger's."""
 ARRIVAL_WINDOW = 600
 """Frames whose delays are compared without a latch: 10 s at 60 Hz, in which crystals of 50 ppm part by 0.5 ms."""
 LATCH_ERROR_NS = 1_000_000
@@ -26,8 +30,8 @@ NANOSECONDS = 1_000_000_000
 class DeviceClock(Protocol):
     """Maps device time to host time."""
 
-    def host_time_ns(self, device_time_ns: int, arrival_time_ns: int) -> int:
-        """Host time of a frame's time stamp, the frame having arrived at `arrival_time_ns`."""
+    def host_time_ns(self, device_time_ns: int, arrival_time_ns: int) -> int | None:
+        """Host time of a frame's time stamp, the frame having arrived at `arrival_time_ns`; None: it cannot be told."""
 
     def latch(self) -> None:
         """Measure the mapping anew, where the camera can be asked."""
@@ -37,7 +41,8 @@ class LatchedClock:
     """Latches the camera's clock between two looks at the host's; the offset is that of their middle.
 
     A clock that jumps is noticed at its next frame, whose time stamp then lies in the future or before the last one's.
-    Until the next latch such a frame, and those behind it, count as on their way for as long as the one before it.
+    The host times of the first few are not told. From then on, until the next latch, the quickest frame since counts
+    as on its way for as long as the quickest before.
 
     Raises, from `latch` and at construction, `NodeError` and `CameraLostError`.
     """
@@ -57,12 +62,14 @@ class LatchedClock:
         self._now_ns = now_ns
         self._offset_ns = 0
         self._newest_ns = 0  # the last time stamp
-        self._delay_ns = 0  # of that frame, from its time stamp to its arrival
+        self._delays_ns: deque[int] = deque(maxlen=COMPARED_DELAYS)  # from time stamp to arrival
+        self._since_jump: int | None = None  # frames; None: it has not jumped since the last latch
         self.latch()
 
     def latch(self) -> None:
         """Measure the offset anew; a drift of some ppm moves it by microseconds a second."""
         _, self._offset_ns = min(self._sample() for _ in range(LATCH_TRIES))
+        self._since_jump = None
 
     def _sample(self) -> tuple[int, int]:
         """Round trip and offset (both ns) of one latch."""
@@ -73,14 +80,25 @@ class LatchedClock:
         device_ns = ticks * NANOSECONDS // self._tick_frequency_hz
         return round_trip_ns, before_ns + round_trip_ns // 2 - device_ns
 
-    def host_time_ns(self, device_time_ns: int, arrival_time_ns: int) -> int:
+    def host_time_ns(self, device_time_ns: int, arrival_time_ns: int) -> int | None:
         """Host time of a time stamp; the arrival tells whether the clock has jumped."""
         jumped_back = device_time_ns < self._newest_ns - OUT_OF_ORDER_NS
-        if jumped_back or device_time_ns + self._offset_ns > arrival_time_ns + LATCH_ERROR_NS:
-            self._offset_ns = arrival_time_ns - self._delay_ns - device_time_ns
-        host_time_ns = device_time_ns + self._offset_ns
-        self._newest_ns, self._delay_ns = device_time_ns, max(arrival_time_ns - host_time_ns, 0)
-        return host_time_ns
+        self._newest_ns = device_time_ns
+        in_the_future = device_time_ns + self._offset_ns > arrival_time_ns + LATCH_ERROR_NS
+        if jumped_back or (in_the_future and self._since_jump is None):
+            self._since_jump, self._offset_ns = 1, self._offset_by(device_time_ns, arrival_time_ns)
+        elif self._since_jump is not None:
+            self._since_jump += 1
+            self._offset_ns = min(self._offset_ns, self._offset_by(device_time_ns, arrival_time_ns))
+        else:
+            self._delays_ns.append(arrival_time_ns - device_time_ns - self._offset_ns)
+        if self._since_jump is not None and self._since_jump < SURE_FRAMES:
+            return None
+        return device_time_ns + self._offset_ns
+
+    def _offset_by(self, device_time_ns: int, arrival_time_ns: int) -> int:
+        """The offset, if this frame was on its way for as long as the quickest recent one."""
+        return arrival_time_ns - min(self._delays_ns, default=0) - device_time_ns
 
 
 class ArrivalClock:

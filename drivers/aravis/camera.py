@@ -160,7 +160,7 @@ class AravisCamera:
             return None  # its leader is among what was lost, and with it its number: the gap in the ids tells of it
         frame_id = self._frame_ids.unwrap(buffer.get_frame_id())
         host_time_ns = self._clock.host_time_ns(device_time_ns, arrival_time_ns)
-        if status in _HOLES:
+        if status in _HOLES or host_time_ns is None:
             return IncompleteFrame(frame_id, host_time_ns)
         try:
             width, height = buffer.get_image_width(), buffer.get_image_height()

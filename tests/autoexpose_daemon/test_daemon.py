@@ -14,7 +14,6 @@ from autoexpose_daemon.daemon import Daemon
 from drivers.account import LossReason
 from tests.autoexpose_daemon.stereo import (
     JOIN_WARNING,
-    ON_USB,
     PATIENCE_S,
     START_CAMERA,
     running_daemon,
@@ -66,38 +65,6 @@ def test_a_killed_camera_leaves_the_other_at_work_and_comes_back() -> None:
             run.wait_for_pairs(30)
             assert run.daemon.tally.lost[LossReason.CAMERA_GONE] > 0
             assert run.daemon.telemetry.reconnects == 1
-
-
-@pytest.mark.parametrize(
-    ("fault", "reason", "most"),
-    [
-        ("ignore_triggers", LossReason.TRIGGER_IGNORED, 30),
-        ("freeze", LossReason.LEFT_MISSING, 30),
-        ("delay", None, 30),  # late, and whole if its partner was not used alone
-        pytest.param("lose_packets", None, 2, marks=pytest.mark.skipif(ON_USB, reason="USB loses none")),  # sent again
-    ],
-)
-def test_a_fault_is_accounted_for_and_passes(fault: str, reason: LossReason | None, most: int) -> None:
-    with stereo_cameras() as cameras, running_daemon(cameras, {"control": {"policy": "fixed"}}) as run:
-        run.wait_for_pairs(30)
-        before = run.daemon.tally.lost.copy()
-        run.left.inject(fault, count=3)
-        run.wait_for_pairs(60)
-        new = run.daemon.tally.lost - before
-        assert new.total() <= most
-        assert reason is None or new[reason] > 0
-
-
-def test_refused_writes_are_counted_and_made_again() -> None:
-    with stereo_cameras() as cameras, running_daemon(cameras, {"control": {"policy": "neves2009"}}) as run:
-        run.wait_for_pairs(10)
-        run.right.inject("refuse_writes", count=4)
-        run.wait_until(lambda: run.daemon.telemetry.refused_writes > 0, "a refused write")
-        run.wait_for_pairs(30)
-        before = run.daemon.telemetry.mismatched_pairs
-        run.wait_for_pairs(60)
-        assert run.daemon.telemetry.reconnects == 0
-        assert run.daemon.telemetry.mismatched_pairs - before <= 2
 
 
 def test_both_cameras_gone_and_back_is_counted_by_the_clock() -> None:

@@ -191,6 +191,14 @@ def test_a_doubled_trigger_never_pairs_one_instant_with_another(lost: str | None
     assert rig.account.tally.surplus_frames >= 38
 
 
+def test_what_a_doubled_trigger_loses_on_the_way_is_no_trigger_ignored() -> None:
+    rig = FakeRig(period_ns=PERIOD_NS / 2)
+    rig.pulses(20)
+    rig.pulse(left="missing")  # of a trigger; the next frame is surplus
+    rig.pulses(19)
+    assert rig.close() == {"left_missing": 1}
+
+
 def test_a_trigger_that_goes_on_in_another_phase_is_followed_at_once() -> None:
     rig = FakeRig()
     rig.pulses(10)

@@ -184,7 +184,7 @@ class VirtualCamera:
             return None
         pulse, _, frame_id, device_ns, setting, whole = in_flight.popleft()
         host_ns = self._clock.host_time_ns(device_ns, now_ns)
-        if not whole:
+        if not whole or host_ns is None:
             return IncompleteFrame(frame_id, host_ns)
         return VirtualFrame(PIXELS, 8, frame_id, device_ns, host_ns, now_ns, setting, "chunk", pulse)
 
