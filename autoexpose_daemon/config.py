@@ -268,16 +268,22 @@ def _with_absolute_paths(config: Config, folder: Path) -> Config:
 
 
 def _sentence(path: Path, error: ErrorDetails) -> str:
+    """What is wrong, on one line whatever stands in the file."""
+    sentence = f"{path}: {_complaint(error)}"
+    return "".join(char if char.isprintable() else ascii(char)[1:-1] for char in sentence)
+
+
+def _complaint(error: ErrorDetails) -> str:
     key = ".".join(str(part) for part in error["loc"])
     if error["type"] == "extra_forbidden":
         *parents, last = [str(part) for part in error["loc"]]
         near = difflib.get_close_matches(last, _keys_of(parents), n=1)
         hint = f"did you mean {'.'.join([*parents, near[0]])}?" if near else f"known: {', '.join(_keys_of(parents))}"
-        return f"{path}: {key}: unknown key; {hint}"
+        return f"{key}: unknown key; {hint}"
     if error["type"] == "missing":
-        return f"{path}: {key}: is missing"
+        return f"{key}: is missing"
     message = error["msg"].removeprefix("Value error, ")
-    return f"{path}: {key + ': ' if key else ''}{message[0].lower()}{message[1:]}"
+    return f"{key + ': ' if key else ''}{message[0].lower()}{message[1:]}"
 
 
 def _keys_of(parents: list[str]) -> list[str]:

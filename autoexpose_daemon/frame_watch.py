@@ -70,9 +70,11 @@ class FrameWatch:
             self._complaints.begin(side, "incomplete", _INCOMPLETE)
 
     def silent(self, side: Side) -> None:
-        """A camera sends no frames: they have no rate."""
+        """A camera sends no frames: what was wrong with them is past."""
         self._rates.gone(side)
-        self._complaints.end(side, "rate")
+        self._incomplete[side] = 0
+        for kind in ("rate", "incomplete"):
+            self._complaints.end(side, kind)
 
     def gone(self, side: Side) -> None:
         """The camera is lost: all is looked at anew when it is back."""

@@ -68,18 +68,21 @@ def _shortcomings(telemetry: Telemetry, expected: Expectation, now_ns: int) -> I
     cameras = {side: telemetry.cameras.get(side, GONE) for side in expected.sides}
     gone = [side for side, camera in cameras.items() if camera == GONE]
     present = [side for side in cameras if side not in gone]
-    silent = [side for side in present if _silent(telemetry.last_frame_ns.get(side), expected, now_ns)]
     complaints = telemetry.complaints.copy()  # the control thread changes it
+    incomplete = [side for side in present if (side, "incomplete") in complaints]
+    whole = [side for side in present if side not in incomplete]
+    silent = [side for side in whole if _silent(telemetry.last_frame_ns.get(side), expected, now_ns)]
     for side in gone:
         yield f"{side} camera gone" + (f": {complaints[side, GONE]}" if (side, GONE) in complaints else "")
     if silent and silent == present:
         yield "no triggers" if expected.triggered else "no frames"
     else:
         for side in silent:
-            if (side, "incomplete") not in complaints:
-                yield f"no frames of the {side} camera"
+            yield f"no frames of the {side} camera"
     # Twice as patient: when a trigger stops, one camera's last frame may be a little later than the last pair.
-    if not gone and not silent and _silent(telemetry.last_pair_ns, expected, now_ns - round(expected.silence_ns)):
+    if not (gone or silent or incomplete) and _silent(
+        telemetry.last_pair_ns, expected, now_ns - round(expected.silence_ns)
+    ):
         yield "frames make no stereo pairs"
     for (side, kind), complaint in complaints.items():
         if kind not in (GONE, CLIPPED):

@@ -16,6 +16,8 @@ ARRIVAL_WINDOW = 600
 """Frames whose delays are compared without a latch: 10 s at 60 Hz, in which crystals of 50 ppm part by 0.5 ms."""
 LATCH_ERROR_NS = 1_000_000
 """A latch that had to wait for the processor is off by so much: no jump."""
+OUT_OF_ORDER_NS = 100_000_000
+"""A frame given up late may come after newer ones: no jump either."""
 JUMP_NS = 500_000_000
 """Time stamps that leave the host's clock by so much between two frames have jumped; crystals and latches do not."""
 NANOSECONDS = 1_000_000_000
@@ -73,7 +75,7 @@ class LatchedClock:
 
     def host_time_ns(self, device_time_ns: int, arrival_time_ns: int) -> int:
         """Host time of a time stamp; the arrival tells whether the clock has jumped."""
-        jumped_back = device_time_ns < self._newest_ns
+        jumped_back = device_time_ns < self._newest_ns - OUT_OF_ORDER_NS
         if jumped_back or device_time_ns + self._offset_ns > arrival_time_ns + LATCH_ERROR_NS:
             self._offset_ns = arrival_time_ns - self._delay_ns - device_time_ns
         host_time_ns = device_time_ns + self._offset_ns
@@ -93,7 +95,7 @@ class ArrivalClock:
 
     def host_time_ns(self, device_time_ns: int, arrival_time_ns: int) -> int:
         """Host time of a frame's time stamp; never later than its arrival."""
-        if device_time_ns < self._newest_ns:  # it jumped back, which would count as a delay
+        if device_time_ns < self._newest_ns - OUT_OF_ORDER_NS:  # it jumped back, which would count as a delay
             self._offsets_ns.clear()
         self._newest_ns = device_time_ns
         self._offsets_ns.append(arrival_time_ns - device_time_ns)

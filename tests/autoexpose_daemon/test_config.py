@@ -5,7 +5,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given
+import yaml
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -167,3 +168,51 @@ def test_a_response_file_of_another_camera_is_refused(tmp_path: Path) -> None:
     assert "camera.serial is B, but this is camera A" in message
     message = complaint(tmp_path, "cameras: {left: {serial: B, response: r.yaml}}\nimage: {pixel_format: Mono12}")
     assert "pixel_format is Mono8" in message
+
+
+WORDS = """cameras left right serial response trigger mode line rate_hz exposure min_time_us max_time_us max_gain_db
+    control policy start exposure_time_us roi rectangles box weight mask image binning pixel_format transport
+    packet_size_bytes publish rig refine flicker_hz"""
+KEYS = st.sampled_from(WORDS.split())
+SCALARS = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8) | st.dates()
+GARBAGE = st.recursive(
+    SCALARS,
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(KEYS | SCALARS, inner, max_size=4),
+    max_leaves=12,
+)
+
+
+def is_config_or_one_sentence_each(file: Path) -> None:
+    """A configuration, or a line for each thing that is wrong, which begins with the file's name."""
+    try:
+        load_config(file)
+    except ConfigurationError as error:
+        lines = str(error).splitlines()
+        assert lines
+        assert all(line.startswith(f"{file}: ") for line in lines)
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.text(max_size=200) | st.binary(max_size=200))
+@example("&a [*a, *a]")
+@example("cameras: &a {left: *a}")
+@example("? [1, 2]\n: 3")
+@example("cameras: {left: {serial: A}}\nexposure: {max_time_us: 1e999}")
+def test_any_text_is_a_configuration_or_a_sentence(
+    tmp_path_factory: pytest.TempPathFactory, content: str | bytes
+) -> None:
+    file = tmp_path_factory.getbasetemp() / "garbage.yaml"
+    file.write_bytes(content if isinstance(content, bytes) else content.encode(errors="replace"))
+    is_config_or_one_sentence_each(file)
+
+
+@settings(max_examples=300, deadline=None)
+@given(content=st.dictionaries(KEYS, GARBAGE, max_size=5), with_camera=st.booleans())
+@example({"cameras": {"\x85": None}}, False)
+def test_any_keys_and_values_are_a_configuration_or_a_sentence_for_each_mistake(
+    tmp_path_factory: pytest.TempPathFactory, content: dict[str, object], with_camera: bool
+) -> None:
+    file = tmp_path_factory.getbasetemp() / "garbage.yaml"
+    camera: dict[str, object] = {"cameras": {"left": {"serial": "A"}}}
+    file.write_text(yaml.safe_dump(content | camera if with_camera else content, allow_unicode=False))
+    is_config_or_one_sentence_each(file)

@@ -135,6 +135,35 @@ def test_a_silent_clip_is_told(name: str, asked: ExposureSetting) -> None:
         find_dialect(nodes).write(nodes, asked, None)
 
 
+NAN, INFINITE = float("nan"), float("inf")
+
+
+@pytest.mark.parametrize("name", ["ExposureTime", "Gain"])
+@pytest.mark.parametrize("value", [NAN, INFINITE, -INFINITE])
+def test_a_node_that_reads_back_no_number_is_told(name: str, value: float) -> None:
+    nodes = sfnc2()
+    node = nodes.nodes[name]
+    assert isinstance(node, FloatNode)
+    node.take = lambda _: value
+    with pytest.raises(NodeError, match=f"^camera M1: node {name} reads -?(nan|inf), which is no number$"):
+        find_dialect(nodes).write(nodes, ExposureSetting(1000.0, 3.0), None)
+
+
+def test_no_exposure_takes_no_time() -> None:
+    nodes = sfnc2(ExposureTime=FloatNode(0.0, 10.0, 1e6, "us", take=lambda _: 0.0))
+    with pytest.raises(NodeError, match=r"ExposureTime reads 0 us, which is no exposure time$"):
+        find_dialect(nodes).write(nodes, ExposureSetting(1000.0, 3.0), None)
+
+
+def test_bounds_and_increments_that_are_no_numbers() -> None:
+    nodes = sfnc2(ExposureTime=FloatNode(1000.0, NAN, 1e6, "us"))
+    with pytest.raises(NodeError, match="the bounds of node ExposureTime are no numbers: nan to 1e"):
+        find_dialect(nodes).limits(nodes)
+    nodes = sfnc2(ExposureTime=FloatNode(1000.0, 10.0, INFINITE, "us", increment=NAN))
+    limits = find_dialect(nodes).limits(nodes)
+    assert (limits.max_time_us, limits.time_step_us) == (INFINITE, 0.0)
+
+
 def test_automatics_are_switched_off_where_there_are_any() -> None:
     nodes = sfnc2(
         ExposureAuto=EnumerationNode("Continuous", ("Off", "Once", "Continuous")),

@@ -11,7 +11,7 @@ import pytest
 
 from fake_camera.acquisition import Acquisition, Exposure
 from fake_camera.device import Device
-from fake_camera.faults import Fault
+from fake_camera.faults import JUMP_NS, Fault
 from fake_camera.features import Features
 from fake_camera.imaging import ExposedFrame, ImageSettings, Pixels
 from fake_camera.line0 import Line0
@@ -333,6 +333,42 @@ def test_frozen_frames_are_taken_but_not_sent_and_delayed_ones_keep_their_order(
     ids = [frame.frame_id for frame in frames]
     assert sorted(set(range(1, ids[-1] + 1)) - set(ids)) == [7, 8]
     assert ids == sorted(ids)
+
+
+def test_of_halved_triggers_the_odd_ones_make_no_frame(bench: Bench) -> None:
+    bench.await_line0(1.0, "Off")
+    exposures = [bench.pulse(16.0 * n, n, frozenset({"halve_triggers"})) for n in range(5)]
+    assert [e and (e.frame_id, e.trigger) for e in exposures] == [(1, 0), None, (2, 2), None, (3, 4)]
+
+
+def test_a_frozen_exposure_stays_whatever_is_written(bench: Bench) -> None:
+    bench.await_line0(5.0, "ReadOut")
+    bench.pulse(0.0)
+    bench.features.set("ExposureTime", 1000.0)
+    frozen, free = bench.pulse(16.0, faults=frozenset({"freeze_exposure"})), bench.pulse(32.0)
+    assert frozen is not None
+    assert free is not None
+    assert frozen.settings.exposure_time_us == 5000
+    assert free.settings.exposure_time_us == bench.features.get("ExposureTime") == 1000
+
+
+@pytest.mark.realtime
+def test_faults_of_wire_sensor_and_clock(device: Device) -> None:
+    client = Client(device)
+    trigger_by_line0(device)
+    first = client.wait(lambda frames: len(frames) >= 1)[0].trigger or 0
+    for fault, after, count in [("stop_triggers", 3, 2), ("black", 6, 1), ("white", 7, 1), ("clock_ahead", 9, 1)]:
+        device.faults.add(Fault(fault, first + after, count))
+    device.faults.add(Fault("double_triggers", first + 12, 3))
+    frames = client.wait(lambda frames: (frames[-1].trigger or 0) >= first + 20)
+    by_trigger = {frame.trigger - first: frame for frame in frames if frame.trigger is not None}
+    assert by_trigger.keys() >= {1, 2, 3, 6, 7, 8}
+    assert by_trigger.keys().isdisjoint({4, 5})
+    assert (by_trigger[7].pixels.max(), by_trigger[8].pixels.min()) == (0, 255)
+    assert sum(frame.trigger is None for frame in frames) == 3
+    ids = [frame.frame_id for frame in frames]
+    assert np.all(np.diff(ids) == 1)
+    assert by_trigger[12].device_time_ns - by_trigger[8].device_time_ns > JUMP_NS
 
 
 @pytest.mark.realtime

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from fake_camera.control_socket import ControlSocket
-from fake_camera.faults import USB3, Fault, FaultError, Faults
+from fake_camera.faults import PER_TRIGGER, USB3, Fault, FaultError, Faults
 
 
 def met(faults: Faults, name: str, triggers: range) -> list[int]:
@@ -52,7 +52,7 @@ def test_refuses_what_is_no_order(line: str, complaint: str) -> None:
         Fault.from_json(line)
 
 
-@pytest.mark.parametrize("name", ["freeze", "delay", "ignore_triggers"])
+@pytest.mark.parametrize("name", sorted(PER_TRIGGER - {"vanish"}))
 def test_counts_triggers_after_the_one_named(name: str) -> None:
     faults = Faults()
     faults.add(Fault(name, after_trigger=4, count=3))

@@ -184,6 +184,28 @@ def test_eight_frames_are_kept_and_older_ones_are_not_to_be_had(client: Client) 
     ]
 
 
+def test_of_a_truncated_frame_the_rest_is_not_to_be_had(client: Client) -> None:
+    client.faults.add(Fault("truncate"))
+    for frame_id in (1, 2):
+        client.channel.send(exposed(frame_id=frame_id), b"")
+    packets = [header(packet) for packet in client.received()]
+    cut, whole = ([number for _, block, _, number in packets if block == frame_id] for frame_id in (1, 2))
+    assert cut == [*whole[: len(whole) // 2], whole[-1]]
+    client.channel.resend(Resend(0, 1, len(cut), len(cut)))
+    assert [header(packet) for packet in client.received()] == [(UNAVAILABLE, 1, PAYLOAD, len(cut))]
+
+
+def test_half_of_the_packets_go_through_and_of_those_sent_again_too(client: Client) -> None:
+    client.faults.add(Fault("lose_half", None, 1000))
+    client.channel.packet_size_register = 1500
+    client.channel.send(exposed(), b"")
+    arrived = [header(packet)[3] for packet in client.received()]
+    sent = 720 * 540 // (1500 - 36) + 3
+    assert 0.3 * sent < len(arrived) < 0.7 * sent
+    client.channel.resend(Resend(0, 1, 0, sent))
+    assert 0.3 * sent < len(client.received()) < 0.7 * sent
+
+
 def test_deep_pixels_are_little_endian() -> None:
     frame = exposed(4, 1, "Mono12")
     pixels = np.array([[1, 2, 0x0ABC, 4]], dtype=np.uint16)

@@ -233,3 +233,18 @@ def test_timestamp_latch_in_both_dialects(camera: Device, memory: RegisterMap, l
 def test_the_device_and_the_wire_agree_on_chunks() -> None:
     assert set(CHUNK_BYTES) == set(CHUNKS)
     assert set(CHUNK_BYTES.values()) == {8}
+
+
+def test_a_node_that_sticks_keeps_its_value_and_one_that_shrinks_takes_less(
+    camera: Device, memory: RegisterMap
+) -> None:
+    for feature in ("ExposureAuto", "GainAuto"):
+        camera.features.set(feature, "Off")
+    spec, address = camera.features.spec("ExposureTime"), SLOTS["ExposureTime"]
+    taken = []
+    for fault in ("stick", "shrink", None):
+        if fault is not None:
+            camera.faults.add(Fault(fault))
+        memory.write(address, encode(spec, 1000.0, "big"))
+        taken.append(decode(spec, memory.read(address, 8), "big"))
+    assert taken == [5000.0, 950.0, 1000.0]
