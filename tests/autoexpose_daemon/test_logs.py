@@ -12,10 +12,10 @@ import pytest
 
 from autoexpose_daemon.config import Config
 from autoexpose_daemon.rig_control import RigControl
-from drivers.exposure import ExposureSetting
-from drivers.frames import Side
+from drivers.rig import Rig
 from drivers.rig_events import CameraSilent
 from drivers.seldom import Seldom
+from tests.drivers.test_rig import ScriptedCamera
 
 ENDING = [sys.executable, "-c", "from autoexpose_daemon.cli import main; main()", "run", "-c", "/none.yaml"]
 PROGRAM = """
@@ -69,19 +69,9 @@ def test_what_comes_again_and_again_is_said_seldom() -> None:
     assert seldom.due("right", 0)
 
 
-class Idle:
-    """Cameras that are asked for nothing."""
-
-    def write(self, setting: ExposureSetting, not_before_ns: int) -> None:
-        raise NotImplementedError
-
-    def reopen(self, side: Side) -> None:
-        raise NotImplementedError
-
-
 def test_a_silence_before_every_frame_is_no_line_with_every_frame(caplog: pytest.LogCaptureFixture) -> None:
     config = Config.model_validate({"cameras": {"left": {"serial": "L"}}})
-    control = RigControl(config, Idle())
+    control = RigControl(config, Rig({"left": ScriptedCamera}, 1.0, config.start))
     for _ in range(5):
         control.take([CameraSilent("left")])
     assert caplog.messages.count("left camera: no frames; asking whether it is there") == 1
