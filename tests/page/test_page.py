@@ -60,6 +60,24 @@ TROUBLED = replace(
     recorder=RecorderStatus(600, 4, "the disk is full"),
     faults=(*EXPOSING.faults, *EXPOSING.faults, Fault(1.7e9, "ERROR", HOSTILE)),
 )
+SHOWN = {
+    "left": ["camera gone, no pair yet"],
+    "headline": ["60.0", "2.0 h"],
+    "triggers": [
+        "triggers\t12\u202f414",
+        "stereo pairs\t12\u202f345",
+        "lost: left missing\t7",
+        "mismatched pairs\t0",
+    ],
+    "writes": ["late\t5", "refused\t6", "clipped by the camera\t7", "decisions held at the brightest bound\t8"],
+    "latency": ["median\t99 %", "one decision\t2.00 ms\t8.00 ms", "command to effect\t\u2013"],
+    "cameras": ["left\tgone", "right\tFakeCam R2", "not tested yet"],
+    "consumers": ["slam\t400\u202f000\t8\t4"],
+    "published": ["431\u202f990 pairs sent; dropped: 10 behind"],
+    "recorder": ["steps\t600", "dropped\t4", "ended\tthe disk is full"],
+    "faults": ["asking whether it is there 2 times", HOSTILE],
+}
+"""What the page has to say of it, by the place."""
 
 
 def published(at: str, status: Status) -> Publisher:
@@ -80,24 +98,7 @@ def test_it_tells_state_reasons_and_counts_in_words(tab: Tab, page: PageProcess,
         assert 'autoexpose_pairs_total{rig="rig"} 12345.0' in metrics
         assert tab.text("reasons").startswith("left camera gone")
         assert "off by 9 grey levels" in tab.text("reasons")
-        expected = {
-            "left": ["camera gone, no pair yet"],
-            "headline": ["60.0", "2.0 h"],
-            "triggers": [
-                "triggers\t12\u202f414",
-                "stereo pairs\t12\u202f345",
-                "lost: left missing\t7",
-                "mismatched pairs\t0",
-            ],
-            "writes": ["late\t5", "refused\t6", "clipped by the camera\t7", "decisions held at the brightest bound\t8"],
-            "latency": ["median\t99 %", "one decision\t2.00 ms\t8.00 ms", "command to effect\t\u2013"],
-            "cameras": ["left\tgone", "right\tFakeCam R2", "not tested yet"],
-            "consumers": ["slam\t400\u202f000\t8\t4"],
-            "published": ["431\u202f990 pairs sent; dropped: 10 behind"],
-            "recorder": ["steps\t600", "dropped\t4", "ended\tthe disk is full"],
-            "faults": ["asking whether it is there 2 times", HOSTILE],
-        }
-        for place, words in expected.items():
+        for place, words in SHOWN.items():
             assert [word for word in words if word not in tab.text(place)] == [], place
     assert tab.value("document.querySelectorAll('img').length") == 0
     tab.wait_for(f"{STATE} === 'silent'", "the silence to be told")
