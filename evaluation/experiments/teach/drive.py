@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import base64
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -182,7 +184,7 @@ def measure(seed: int, tilt_deg: float, light: str, maps: int) -> Plain:
     -------
     `map` and true `shift` (pixels) of each registration; by way and policy the `shifts` found, None for none, and the
     `votes` for them; `looks` of each image by policy: exposure level, mean of the top half and of all (0 to 1), share
-    of saturated pixels.
+    of saturated pixels. `views`: by policy one image from the middle of the drive, a small JPEG in base 64.
     """
     path = TaughtPath(seed, tilt_deg)
     surfaces = park(seed, TEACHING)
@@ -194,8 +196,11 @@ def measure(seed: int, tilt_deg: float, light: str, maps: int) -> Plain:
     shifts: dict[str, dict[str, list[float | None]]] = {way: {name: [] for name in POLICIES} for way in WAYS}
     votes: dict[str, dict[str, list[int]]] = {way: {name: [] for name in POLICIES} for way in WAYS}
     looks: dict[str, list[list[float]]] = {name: [] for name in POLICIES}
+    views: dict[str, str] = {}
     renderer = Renderer(park(seed, REPLAYS[light]), CAMERA)
     for index, pose, images, drive in replayed(path, renderer, Camera(2 * seed + 1), light=light, maps=maps):
+        if len(where) == maps * IMAGES_PER_MAP // 2:
+            views = {name: _small(image) for name, image in images.items()}
         where.append(index)
         shift.append(truth.shift(path.taught(index), pose))
         for name, image in images.items():
@@ -205,10 +210,15 @@ def measure(seed: int, tilt_deg: float, light: str, maps: int) -> Plain:
                 won = register(taught[part][teacher or name][index], seen[part])
                 shifts[way][name].append(won.shift)
                 votes[way][name].append(won.votes)
-    return {"map": where, "shift": shift, "shifts": shifts, "votes": votes, "looks": looks}
+    return {"map": where, "shift": shift, "shifts": shifts, "votes": votes, "looks": looks, "views": views}
 
 
 def _look(image: Image) -> tuple[float, float, float]:
     """Means of the top half and of the whole, and the saturated share."""
     upper = image[: image.shape[0] // 2]
     return float(upper.mean()) / 255, float(image.mean()) / 255, float((image == 255).mean())
+
+
+def _small(image: Image) -> str:
+    small = cv2.resize(image, (288, 216), interpolation=cv2.INTER_AREA)
+    return base64.b64encode(cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, 85])[1].tobytes()).decode()
