@@ -1,12 +1,11 @@
-"""Pictures of the experiment: what the policies saw, the error curves, and agreement against brightness."""
+"""Pictures of the experiment: what the policies saw, the error curves, and what exposure does to registration."""
 
 from __future__ import annotations
 
 import base64
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import cv2
 import matplotlib as mpl
@@ -19,6 +18,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image
 
+from evaluation.experiments.teach.cases import Sweep
 from evaluation.experiments.teach.judge import WITHIN_PX, Errors
 
 COLOURS = {
@@ -33,7 +33,7 @@ COLOURS = {
 PIXELS = np.arange(0.0, 18.01, 0.25)
 """The axis of the paper's figure 7."""
 
-BRIGHTNESS_BINS = np.linspace(0.0, 1.0, 11)
+SWEEP_COLOURS = ("#0072B2", "#D55E00", "#009E73")
 
 
 def plot_views(views: Mapping[str, Mapping[str, str]], file: Path) -> None:
@@ -86,34 +86,30 @@ def _draw_curve(axes: Axes, policy: str, errors: Errors) -> None:
     axes.plot(PIXELS, middle, color=COLOURS[policy], linewidth=1.4, label=policy)
 
 
-def plot_agreement(cases: Mapping[str, Sequence[Mapping[str, Any]]], file: Path) -> None:
-    """Matches that agree, as a share of the most that any policy has of the same view, against brightness; by light."""
-    figure, grid = plt.subplots(1, len(cases), figsize=(9.0, 3.4), sharey=True, layout="constrained", squeeze=False)
-    for (light, series), axes in zip(cases.items(), grid[0], strict=True):
-        for policy, colour in COLOURS.items():
-            brightness = np.concatenate([part["brightness"][policy] for part in series])
-            share = np.concatenate([part["share"][policy] for part in series])
-            _draw_binned(axes, brightness, share, colour, policy)
-        axes.set_title(light, fontsize=10)
-        axes.set_xlabel("mean of the image's top half (1: saturated)")
-        axes.set(xlim=(0, 1), ylim=(0, 1.02))
-        axes.grid(alpha=0.3)
-    grid[0, 0].set_ylabel("votes / most votes of this view")
-    grid[0, -1].legend(loc="lower left", fontsize=8)
-    _save(figure, file)
-
-
-def _draw_binned(axes: Axes, x: NDArray[np.float64], y: NDArray[np.float64], colour: str, label: str) -> None:
-    """Medians and quartiles of y in bins of x that hold at least 20 values."""
-    places = np.digitize(x, BRIGHTNESS_BINS) - 1
-    bins = [place for place in range(len(BRIGHTNESS_BINS) - 1) if (places == place).sum() >= 20]
-    if not bins:
-        return
-    middles = [float(x[places == place].mean()) for place in bins]
-    low, middle, high = np.array([np.percentile(y[places == place], [25, 50, 75]) for place in bins]).T
-    axes.errorbar(
-        middles, middle, [middle - low, high - middle], color=colour, label=label, linewidth=1.2, marker="o", ms=4
+def plot_sweeps(sweeps: Mapping[tuple[str, str], Sweep], file: Path) -> None:
+    """Votes, and shares within 5 pixels, against exposure; a column for each light, a line for each placement."""
+    lights, placements = (list(dict.fromkeys(key[axis] for key in sweeps)) for axis in (0, 1))
+    figure, grid = plt.subplots(
+        2, len(lights), figsize=(9.0, 5.4), sharex=True, sharey="row", layout="constrained", squeeze=False
     )
+    for (light, placement), sweep in sweeps.items():
+        upper, lower = grid[:, lights.index(light)]
+        colour = SWEEP_COLOURS[placements.index(placement)]
+        upper.plot(sweep.offsets, np.mean(sweep.votes, axis=0), color=colour, marker="o", ms=4, label=placement)
+        shares = [errors.share_within(WITHIN_PX) for errors in sweep.errors]
+        middle = np.array([share.value for share in shares])
+        reach = [middle - [share.low for share in shares], [share.high for share in shares] - middle]
+        lower.errorbar(sweep.offsets, middle, reach, color=colour, marker="o", ms=4, capsize=2)
+        for axes in (upper, lower):
+            axes.axvline(float(np.median(sweep.whole)), color=colour, linestyle=":", linewidth=1.2)
+        upper.set_title(light, fontsize=10)
+        lower.set_xlabel("exposure against that of `standard` (stops)")
+    for axes in grid.ravel():
+        axes.grid(alpha=0.3)
+    grid[0, 0].set(ylabel="votes", ylim=(0, None))
+    grid[1, 0].set(ylabel=f"p(error ≤ {WITHIN_PX:g} px)", ylim=(0, 1.02))
+    grid[0, 0].legend(fontsize=8)
+    _save(figure, file)
 
 
 def _decoded(text: str) -> NDArray[np.uint8]:
@@ -122,9 +118,9 @@ def _decoded(text: str) -> NDArray[np.uint8]:
 
 
 def _save(figure: Figure, file: Path) -> None:
-    """In 64 colours: a third of the size, and it cannot be seen."""
+    """In 256 colours: half of the size, and it cannot be seen."""
     canvas = io.BytesIO()
     figure.savefig(canvas, dpi=110)
     plt.close(figure)
     with Image.open(canvas) as picture:
-        picture.convert("RGB").quantize(64).save(file, optimize=True)
+        picture.convert("RGB").quantize(256).save(file, optimize=True)

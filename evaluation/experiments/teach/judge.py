@@ -5,12 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from evaluation.experiments.experiment import Results, Verdict
+from evaluation.experiments.experiment import Verdict
 from evaluation.experiments.statistics import Interval
 
 LOST_PX = 50.0
@@ -91,22 +90,6 @@ class Comparison:
         return 1 if self.difference.value > 0 else -1
 
 
-def errors_of(results: Results, *, tilt_deg: float, light: str, way: str, policy: str) -> Errors | None:
-    """One policy's errors in one case, over all parks; None when the case was not run."""
-    errors: list[NDArray[np.float64]] = []
-    places: list[NDArray[np.int64]] = []
-    for arguments, result in results:
-        if arguments["tilt_deg"] != tilt_deg or arguments["light"] != light:
-            continue
-        truth = np.array(result["shift"])
-        known = ~np.isnan(truth)
-        found = _found(result["shifts"][way][policy])
-        errors.append(np.abs(found - truth)[known])
-        first = 0 if not places else int(places[-1].max()) + 1
-        places.append(first + np.array(result["map"], np.int64)[known])
-    return Errors(np.concatenate(errors), np.concatenate(places)) if errors else None
-
-
 def compare(first: Errors, second: Errors) -> Comparison:
     """Whether the first registers better than the second."""
     difference = first.capped - second.capped
@@ -124,19 +107,20 @@ def paired_t(differences: NDArray[np.float64]) -> tuple[float, float]:
 
 
 def better_everywhere(signs: Sequence[int]) -> Verdict:
-    """Verdict on "is better": in all cases, in some and worse in none, or else."""
+    """Verdict on "is better": in all cases, in some, or in none."""
     if signs and all(sign < 0 for sign in signs):
         return Verdict.REPRODUCED
     return Verdict.CONDITIONALLY if any(sign < 0 for sign in signs) else Verdict.NOT_REPRODUCED
 
 
+def probability(p: float) -> str:
+    """As a person reads it."""
+    return "< 0.001" if p < 0.001 else f"= {p:.3f}"
+
+
 def follows(errors: Errors) -> bool:
     """Whether a robot could follow its path by these registrations."""
     return bool((errors.errors <= FOLLOWS_PX).mean() >= FOLLOWS_SHARE)
-
-
-def _found(shifts: list[Any]) -> NDArray[np.float64]:
-    return np.array([math.inf if shift is None else shift for shift in shifts], np.float64)
 
 
 def _interval(values: NDArray[np.float64], places: NDArray[np.int64]) -> Interval:
