@@ -12,7 +12,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from fake_camera.render import Surface
-from fake_camera.textures import Pattern, lampshade, planks, plaster, window_view, with_targets
+from fake_camera.shapes import block, from_below, level, upright
+from fake_camera.textures import lampshade, planks, plaster, window_view, with_targets
 
 LENGTH_M, WIDTH_M, HEIGHT_M = 5.0, 4.0, 2.2
 """East to west, north to south, floor to ceiling."""
@@ -29,8 +30,6 @@ AMBIENT = 0.05
 WALL_TEXELS_PER_M = 410.0
 """About one texel for a pixel at 2 m."""
 
-_UP = np.array([0.0, 0.0, 1.0])
-
 
 @lru_cache(maxsize=1)
 def furnished_room(seed: int) -> tuple[Surface, ...]:
@@ -41,10 +40,10 @@ def furnished_room(seed: int) -> tuple[Surface, ...]:
     rng = np.random.default_rng(seed)
     matte = [*_shell(rng), *_cartons(rng), *_dark_corner(rng)]
     lamp_at = np.array([rng.uniform(1.2, 1.5), rng.uniform(1.0, 1.3)])
-    lamp = _block(lamp_at, (0.26, 0.26), 0.3, (0.62, 0.92), [lampshade(128, 128)] * 4)
-    pole = _block(lamp_at, (0.03, 0.03), 0.3, (0.0, 0.62), [np.full((64, 8), 0.25, np.float32)] * 4)
+    lamp = block(lamp_at, (0.26, 0.26), 0.3, (0.62, 0.92), [lampshade(128, 128)] * 4)
+    pole = block(lamp_at, (0.03, 0.03), 0.3, (0.0, 0.62), [np.full((64, 8), 0.25, np.float32)] * 4)
     lit = _lit([*matte, *pole], ceiling_light=np.array([0.9, -0.2, 2.15]), lamp=np.array([*lamp_at, 0.77]))
-    window = _upright(
+    window = upright(
         np.array([rng.uniform(-0.6, 0.2), -WIDTH_M / 2 + 0.01]), -90.0, 1.3, (0.45, 1.45), window_view(rng, 360, 468)
     )
     return (
@@ -52,51 +51,6 @@ def furnished_room(seed: int) -> tuple[Surface, ...]:
         *(replace(side, pattern=side.pattern * np.float32(LAMP_RADIANCE)) for side in lamp),
         replace(window, pattern=window.pattern * np.float32(WINDOW_RADIANCE), follows_light=False),
     )
-
-
-def _upright(
-    centre: NDArray[np.float64], facing_deg: float, width: float, span: tuple[float, float], pattern: Pattern
-) -> Surface:
-    """A vertical rectangle around `centre` (x, y) over a span of z, seen looking along `facing_deg` (0 is east)."""
-    angle = math.radians(facing_deg)
-    right = np.array([math.sin(angle), -math.cos(angle), 0.0]) * width
-    corner = np.array([centre[0], centre[1], span[1]]) - right / 2
-    return Surface(corner, right, -_UP * (span[1] - span[0]), pattern)
-
-
-def _level(
-    centre: NDArray[np.float64], size: tuple[float, float], turn_deg: float, z: float, pattern: Pattern
-) -> Surface:
-    """A horizontal rectangle around `centre` (x, y), seen from above."""
-    angle = math.radians(turn_deg)
-    right = np.array([math.cos(angle), math.sin(angle), 0.0]) * size[0]
-    down = np.array([math.sin(angle), -math.cos(angle), 0.0]) * size[1]
-    return Surface(np.array([centre[0], centre[1], z]) - right / 2 - down / 2, right, down, pattern)
-
-
-def _from_below(surface: Surface) -> Surface:
-    """The same rectangle, seen from its other side."""
-    return replace(surface, corner=surface.corner + surface.edge_v, edge_v=-surface.edge_v)
-
-
-def _block(
-    centre: NDArray[np.float64],
-    size: tuple[float, float],
-    turn_deg: float,
-    span: tuple[float, float],
-    patterns: list[Pattern],
-) -> list[Surface]:
-    """The four sides of an upright block, and its top when there is a fifth pattern."""
-    surfaces = []
-    for side in range(4):
-        facing = turn_deg + 90.0 * side
-        angle = math.radians(facing)
-        depth, width = (size[0], size[1]) if side % 2 == 0 else (size[1], size[0])
-        middle = centre - np.array([math.cos(angle), math.sin(angle)]) * depth / 2
-        surfaces.append(_upright(middle, facing, width, span, patterns[side]))
-    if len(patterns) > 4:
-        surfaces.append(_level(centre, size, turn_deg, span[1], patterns[4]))
-    return surfaces
 
 
 def _shell(rng: np.random.Generator) -> list[Surface]:
@@ -111,10 +65,10 @@ def _shell(rng: np.random.Generator) -> list[Surface]:
         wall = with_targets(rng, wall, 12 if along_x else 15, 7, 0.26 * WALL_TEXELS_PER_M)
         wall[-int(0.08 * WALL_TEXELS_PER_M) :] = 0.12
         centre = np.array([math.cos(angle), math.sin(angle)]) * distance
-        surfaces.append(_upright(centre, facing, width, (0.0, HEIGHT_M), wall))
+        surfaces.append(upright(centre, facing, width, (0.0, HEIGHT_M), wall))
     middle, size = np.zeros(2), (LENGTH_M, WIDTH_M)
-    surfaces.append(_level(middle, size, 0.0, 0.0, planks(rng, 1024, 1280, 26)))
-    surfaces.append(_from_below(_level(middle, size, 0.0, HEIGHT_M, plaster(rng, 256, 320, 0.8))))
+    surfaces.append(level(middle, size, 0.0, 0.0, planks(rng, 1024, 1280, 26)))
+    surfaces.append(from_below(level(middle, size, 0.0, HEIGHT_M, plaster(rng, 256, 320, 0.8))))
     return surfaces
 
 
@@ -132,7 +86,7 @@ def _cartons(rng: np.random.Generator) -> list[Surface]:
         ]
         patterns.append(plaster(rng, 256, 256, paper))
         centre = np.array([math.cos(angle), math.sin(angle)]) * distance
-        surfaces += _block(centre, size, rng.uniform(0.0, 90.0), (0.0, height), patterns)
+        surfaces += block(centre, size, rng.uniform(0.0, 90.0), (0.0, height), patterns)
     return surfaces
 
 
@@ -140,10 +94,10 @@ def _dark_corner(rng: np.random.Generator) -> list[Surface]:
     """A loft over the north-west corner and a black cupboard under it: the light hardly gets there."""
     wood = [plaster(rng, 96, 512, 0.25) for _ in range(4)]
     centre, size = np.array([-1.9, 1.45]), (1.2, 1.1)
-    loft = _block(centre, size, 0.0, (1.3, 1.45), [*wood, plaster(rng, 128, 128, 0.25)])
-    underside = _from_below(_level(centre, size, 0.0, 1.3, plaster(rng, 128, 128, 0.2)))
+    loft = block(centre, size, 0.0, (1.3, 1.45), [*wood, plaster(rng, 128, 128, 0.25)])
+    underside = from_below(level(centre, size, 0.0, 1.3, plaster(rng, 128, 128, 0.2)))
     black = [with_targets(rng, plaster(rng, 700, 350, 0.06), 2, 5, 80.0) * np.float32(0.5) for _ in range(4)]
-    cupboard = _block(np.array([-2.2, 1.7]), (0.5, 0.5), 0.0, (0.0, 1.0), [*black, plaster(rng, 64, 64, 0.05)])
+    cupboard = block(np.array([-2.2, 1.7]), (0.5, 0.5), 0.0, (0.0, 1.0), [*black, plaster(rng, 64, 64, 0.05)])
     return [*loft, underside, *cupboard]
 
 

@@ -1,0 +1,224 @@
+"""Drives along the taught path: every policy in a loop of its own, all seeing the same park at the same time."""
+
+from __future__ import annotations
+
+import base64
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from autoexpose_daemon.control.loop import ControlLoop
+from calibration.response import ResponseFunction
+from drivers.exposure import ExposureLimits, ExposureSetting
+from drivers.frames import Frame, StereoPair
+from evaluation.experiments.experiment import Plain
+from evaluation.experiments.teach.daylight import REPLAYS, TEACHING
+from evaluation.experiments.teach.park import park
+from evaluation.experiments.teach.path import MAPS, TaughtPath
+from evaluation.experiments.teach.registration import CAMERA, Detector, Features, Part, Truth, register
+from fake_camera.imaging import ImageSettings
+from fake_camera.render import Renderer
+from fake_camera.sensor import Sensor, SensorModel
+
+POLICIES = ("majer2018-standard", "majer2018-full", "majer2018-fixed", "begin2022", "metric-map")
+"""The three of the paper, and two that it does not know."""
+
+LIMITS = ExposureLimits(min_time_us=20.0, max_time_us=7500.0, min_gain_db=0.0, max_gain_db=30.0)
+
+RATE_HZ = 30.0
+DELAY_FRAMES = 2
+"""A decision on one frame applies from so many frames later on."""
+
+IMAGES_PER_MAP, FRAMES_PER_IMAGE = 8, 5
+"""640 images in a drive (658 in the paper), and frames from one to the next: the robot drives at about 0.3 m/s."""
+
+STILL_FRAMES, FIRST_FRAMES = 10, 40
+"""Frames at rest before a map is taught, and before a drive begins."""
+
+BRIGHTNESS = 0.5
+"""To which mean the operator sets the fixed exposure (MH 4.2)."""
+
+WAYS: dict[str, tuple[str | None, Part]] = {
+    "as the paper": ("majer2018-standard", "top half"),
+    "each its own map": (None, "top half"),
+    "features everywhere": ("majer2018-standard", "whole image"),
+}
+"""By whose exposure the map was taught (None: that of the replaying policy), and where features are looked for."""
+
+Image = NDArray[np.uint8]
+
+
+@dataclass(slots=True, eq=False)
+class Driver:
+    """A policy in closed loop; `settings` are those of the frames to come, the next one first."""
+
+    loop: ControlLoop
+    settings: list[ExposureSetting]
+    levels: list[float] = field(default_factory=list)
+
+
+class Camera:
+    """The robot's camera; the noise of a frame is the same whatever its exposure."""
+
+    def __init__(self, seed: int) -> None:
+        self._sensor = Sensor(SensorModel(), seed)
+        self._seed = seed
+
+    def expose(self, radiance: NDArray[np.float32], setting: ExposureSetting, frame: int) -> Image:
+        """The image of a radiance, uint8, (540, 720)."""
+        model = self._sensor.model
+        settings = ImageSettings(
+            setting.exposure_time_us, setting.gain_db, 0.0, 1.0, "Mono8", 0, 0, model.width, model.height, 1, 1
+        )
+        return self._sensor.expose(radiance, settings, self._seed * 100_000 + frame).astype(np.uint8, copy=False)
+
+
+class Drive:
+    """All policies on one drive. No exposure is longer than 7.5 ms, in which the slow robot's image moves half a pixel.
+
+    Parameters
+    ----------
+    renderer
+        The park.
+    camera
+        The robot's.
+    first
+        Radiance of the first frame: what the operator sets the exposure by that all start with, and `fixed` keeps.
+    """
+
+    def __init__(self, renderer: Renderer, camera: Camera, first: NDArray[np.float32]) -> None:
+        self._renderer, self._camera = renderer, camera
+        start = operators_setting(camera, first)
+        self.drivers = {
+            name: Driver(ControlLoop(name, ResponseFunction.linear(), LIMITS, start), [start] * DELAY_FRAMES)
+            for name in POLICIES
+        }
+        self.frame = 0
+        for _ in range(FIRST_FRAMES):
+            self.step(first)
+
+    def step(self, radiance: NDArray[np.float32]) -> dict[str, Image]:
+        """One frame: each policy takes it with its own exposure and decides; the images by policy."""
+        images = {}
+        time_ns = round(self.frame / RATE_HZ * 1e9)
+        for name, driver in self.drivers.items():
+            setting = driver.settings.pop(0)
+            images[name] = self._camera.expose(radiance, setting, self.frame)
+            frame = Frame(images[name], 8, self.frame, time_ns, time_ns, time_ns, setting)
+            driver.settings.append(driver.loop.step(StereoPair(self.frame, frame, None)).setting)
+            driver.levels.append(setting.level)
+        self.frame += 1
+        return images
+
+
+def operators_setting(camera: Camera, radiance: NDArray[np.float32]) -> ExposureSetting:
+    """The setting whose image has a mean of half scale, as far as the limits allow."""
+    low, high = LIMITS.darkest.level, LIMITS.brightest.level
+    for _ in range(12):
+        level = (low + high) / 2
+        setting = LIMITS.realise(level, math.exp2(level))
+        if camera.expose(radiance, setting, 0).mean() < BRIGHTNESS * 255:
+            low = level
+        else:
+            high = level
+    return setting
+
+
+def taught_maps(
+    path: TaughtPath, renderer: Renderer, camera: Camera, maps: int
+) -> dict[Part, dict[str, list[Features]]]:
+    """Features of every map by part of the image and policy; the robot rests at each before its image is taken."""
+    detector = Detector()
+    taught: dict[Part, dict[str, list[Features]]] = {
+        "top half": {name: [] for name in POLICIES},
+        "whole image": {name: [] for name in POLICIES},
+    }
+    drive: Drive | None = None
+    for index in range(maps):
+        radiance = renderer.render(path.taught(index)[None], TEACHING.lux(0.0))
+        drive = drive or Drive(renderer, camera, radiance)
+        for _ in range(STILL_FRAMES):
+            images = drive.step(radiance)
+        for part, features in taught.items():
+            for name, image in images.items():
+                features[name].append(detector.find(image, part))
+    return taught
+
+
+def replayed(
+    path: TaughtPath, renderer: Renderer, camera: Camera, *, light: str, maps: int
+) -> Iterator[tuple[int, NDArray[np.float64], dict[str, Image], Drive]]:
+    """The images of one replay: index of the nearest map, pose, image by policy, and the drive so far."""
+    drive: Drive | None = None
+    daylight, number = REPLAYS[light], 1 + list(REPLAYS).index(light)
+    for frame in range(maps * IMAGES_PER_MAP * FRAMES_PER_IMAGE):
+        distance = (frame / (IMAGES_PER_MAP * FRAMES_PER_IMAGE) - 0.5) * path.spacing_m
+        pose = path.repeated(number, distance)
+        progress = frame / (MAPS * IMAGES_PER_MAP * FRAMES_PER_IMAGE)
+        radiance = renderer.render(pose[None], daylight.lux(progress))
+        drive = drive or Drive(renderer, camera, radiance)
+        images = drive.step(radiance)
+        if frame % FRAMES_PER_IMAGE == FRAMES_PER_IMAGE - 1:
+            yield frame // (IMAGES_PER_MAP * FRAMES_PER_IMAGE), pose, images, drive
+
+
+def measure(seed: int, tilt_deg: float, light: str, maps: int) -> Plain:
+    """Teach a path and replay it under another light.
+
+    Parameters
+    ----------
+    seed
+        Of park, path and noise.
+    tilt_deg
+        How far the camera looks up.
+    light
+        Of the replay, one of `REPLAYS`.
+    maps
+        How many of the 80 maps, from the first on.
+
+    Returns
+    -------
+    `map` and true `shift` (pixels) of each registration; by way and policy the `shifts` found, None for none, and the
+    `votes` for them; `looks` of each image by policy: exposure level, mean of the top half and of all (0 to 1), share
+    of saturated pixels. `views`: by policy one image from the middle of the drive, a small JPEG in base 64.
+    """
+    path = TaughtPath(seed, tilt_deg)
+    surfaces = park(seed, TEACHING)
+    truth = Truth(surfaces)
+    taught = taught_maps(path, Renderer(surfaces, CAMERA), Camera(2 * seed), maps)
+    detector = Detector()
+    where: list[int] = []
+    shift: list[float] = []
+    shifts: dict[str, dict[str, list[float | None]]] = {way: {name: [] for name in POLICIES} for way in WAYS}
+    votes: dict[str, dict[str, list[int]]] = {way: {name: [] for name in POLICIES} for way in WAYS}
+    looks: dict[str, list[list[float]]] = {name: [] for name in POLICIES}
+    views: dict[str, str] = {}
+    renderer = Renderer(park(seed, REPLAYS[light]), CAMERA)
+    for index, pose, images, drive in replayed(path, renderer, Camera(2 * seed + 1), light=light, maps=maps):
+        if len(where) == maps * IMAGES_PER_MAP // 2:
+            views = {name: _small(image) for name, image in images.items()}
+        where.append(index)
+        shift.append(truth.shift(path.taught(index), pose))
+        for name, image in images.items():
+            looks[name].append([drive.drivers[name].levels[-1], *_look(image)])
+            seen: dict[Part, Features] = {part: detector.find(image, part) for part in taught}
+            for way, (teacher, part) in WAYS.items():
+                won = register(taught[part][teacher or name][index], seen[part])
+                shifts[way][name].append(won.shift)
+                votes[way][name].append(won.votes)
+    return {"map": where, "shift": shift, "shifts": shifts, "votes": votes, "looks": looks, "views": views}
+
+
+def _look(image: Image) -> tuple[float, float, float]:
+    """Means of the top half and of the whole, and the saturated share."""
+    upper = image[: image.shape[0] // 2]
+    return float(upper.mean()) / 255, float(image.mean()) / 255, float((image == 255).mean())
+
+
+def _small(image: Image) -> str:
+    small = cv2.resize(image, (288, 216), interpolation=cv2.INTER_AREA)
+    return base64.b64encode(cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, 85])[1].tobytes()).decode()

@@ -1,0 +1,219 @@
+"""A park with trees, shrubs, one small building and a path, under any daylight."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from evaluation.experiments.teach.daylight import Daylight
+from evaluation.experiments.teach.path import path_radius_m
+from evaluation.stills import leaves
+from fake_camera.render import Surface
+from fake_camera.shapes import block, level, upright
+from fake_camera.textures import Pattern, clouds, plaster
+
+MEADOW_M, MEADOW_TEXELS = 26.0, 4096
+"""The ground around the path: 6 mm for a texel, which is one pixel at 5 m."""
+
+BACKDROP_M, PANELS = 30.0, 8
+"""Distance of the wood around the park, and the sky over it, on so many panels."""
+
+PANEL_TEXELS = (820, 1024)
+SKY_TOP_M = 20.0
+"""Top of the panels: 32 degrees over the horizon, more than the view shows."""
+
+TRUNKS, TRUNK_HEIGHT_M = 40, 12.0
+"""Trunks reach beyond the view; their crowns are known by their shadows only."""
+
+SHRUBS = 24
+
+HEDGES, HEDGE_TEXELS = 6, (420, 1800)
+"""Shrubs are cut out of so many patterns of leaves, 256 texels to the metre."""
+
+LITTER = 25_000
+"""Fallen leaves on the meadow."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Thing:
+    """Something upright: its place, size and height (m), and how it is turned."""
+
+    place: NDArray[np.float64]
+    size: tuple[float, float]
+    height: float
+    turn_deg: float
+
+
+def park(seed: int, daylight: Daylight) -> list[Surface]:
+    """The surfaces of a park, with the light baked in: radiance per lux on level ground.
+
+    The seed decides what stays; the daylight decides sun, sky and shadows, and on another day than that of the
+    teaching, half of the leaves have moved, on the trees and on the ground.
+    """
+    rng = np.random.default_rng([seed, 42])
+    wind = np.random.default_rng([seed, 48, daylight.day]) if daylight.day else None
+    trunks = [_thing(rng, (8.0, 24.0), (0.22, 0.5), TRUNK_HEIGHT_M) for _ in range(TRUNKS - 4)]
+    trunks += [_thing(rng, (0.0, 2.6), (0.2, 0.35), TRUNK_HEIGHT_M) for _ in range(4)]
+    shrubs = [_thing(rng, (7.5, 16.0), (0.8, 1.7), float(rng.uniform(0.5, 1.6))) for _ in range(SHRUBS - 3)]
+    shrubs += [_thing(rng, (0.0, 2.4), (0.6, 1.0), float(rng.uniform(0.4, 0.9))) for _ in range(3)]
+    bearing = float(rng.uniform(0.0, 2 * math.pi))
+    house = _Thing(11.0 * np.array([math.cos(bearing), math.sin(bearing)]), (4.0, 6.0), 2.9, math.degrees(bearing))
+    surfaces = [_shaded(side, daylight) for trunk in trunks for side in _sides(trunk, [_bark(rng), _bark(rng)] * 2)]
+    hedges = [_foliage(rng, wind, HEDGE_TEXELS[1], HEDGE_TEXELS[0])[0] for _ in range(HEDGES)]
+    for number, shrub in enumerate(shrubs):
+        patterns = _cut(rng, hedges[number % HEDGES], shrub)
+        surfaces += [_shaded(side, daylight) for side in _sides(shrub, patterns)]
+    surfaces += [_shaded(side, daylight) for side in _sides(house, [_front(rng) for _ in range(4)])]
+    surfaces += _backdrop(seed, wind, daylight)
+    far = np.asarray(0.15 * (1.0 + 0.4 * clouds(rng, 1024, 1024, 64, 6)), np.float32).clip(0.03)
+    meadow = _meadow(rng, wind, seed) * _sunlit([*trunks, *shrubs, house], daylight)
+    middle = np.zeros(2)
+    surfaces.append(level(middle, (MEADOW_M, MEADOW_M), 0.0, 0.0, meadow.astype(np.float32)))
+    # Farther off it is a little lower, so that the meadow hides it.
+    surfaces.append(level(middle, (80.0, 80.0), 0.0, -0.03, far * np.float32(1.0 - 0.5 * daylight.direct)))
+    return surfaces
+
+
+def _thing(
+    rng: np.random.Generator, ring_m: tuple[float, float], width_m: tuple[float, float], height: float
+) -> _Thing:
+    """Something of a random width somewhere in a ring around the middle."""
+    bearing, radius = float(rng.uniform(0, 2 * math.pi)), math.sqrt(float(rng.uniform(ring_m[0] ** 2, ring_m[1] ** 2)))
+    place = np.array([math.cos(bearing), math.sin(bearing)]) * radius
+    size = (float(rng.uniform(*width_m)), float(rng.uniform(*width_m)))
+    return _Thing(place, size, height, float(rng.uniform(0.0, 90.0)))
+
+
+def _sides(thing: _Thing, patterns: list[Pattern]) -> list[Surface]:
+    return block(thing.place, thing.size, thing.turn_deg, (0.0, thing.height), patterns)
+
+
+def _shaded(side: Surface, daylight: Daylight) -> Surface:
+    """A side of a thing with the light that falls onto it."""
+    x, y, z = np.cross(side.edge_v, side.edge_u)
+    light = 1.0 if z > 1e-9 else daylight.on_upright(math.degrees(math.atan2(y, x)))
+    return replace(side, pattern=side.pattern * np.float32(light))
+
+
+def _bark(rng: np.random.Generator) -> Pattern:
+    """Ribbed lengthwise, with moss and scars."""
+    ribs = cv2.resize(rng.standard_normal((48, 32)).astype(np.float32), (64, 1024), interpolation=cv2.INTER_CUBIC)
+    stains = clouds(rng, 1024, 64, 96, 5)
+    return np.asarray(rng.uniform(0.1, 0.2) * (1.0 + 0.3 * ribs + 0.4 * stains), np.float32).clip(0.02, 0.5)
+
+
+def _foliage(
+    rng: np.random.Generator, wind: np.random.Generator | None, width: int, height: int
+) -> tuple[Pattern, NDArray[np.bool_]]:
+    """Leaves, and where the sky shows between them."""
+    pattern = leaves(rng, width, height)
+    if wind is not None:
+        moved = clouds(wind, height, width, 48, 2) > 0
+        pattern = np.where(moved, leaves(wind, width, height), pattern)
+    return np.minimum(pattern, np.float32(0.6)) * np.float32(0.65), pattern > 1.0
+
+
+def _cut(rng: np.random.Generator, hedge: Pattern, shrub: _Thing) -> list[Pattern]:
+    """Four sides of a shrub and its top, cut out of a hedge."""
+    tall, patterns = int(256 * shrub.height), []
+    for width in (shrub.size[1], shrub.size[0]) * 2:
+        wide = int(256 * width)
+        row, column = int(rng.integers(hedge.shape[0] - tall)), int(rng.integers(hedge.shape[1] - wide))
+        patterns.append(hedge[row : row + tall, column : column + wide].copy())
+    return [*patterns, patterns[0].copy()]
+
+
+def _front(rng: np.random.Generator) -> Pattern:
+    """A wall of the building with a plinth, windows and a door, under dark eaves."""
+    wall = plaster(rng, 464, 800, float(rng.uniform(0.4, 0.6)))
+    for left in range(90, 700, 170):
+        top, glass = int(rng.integers(110, 140)), float(rng.uniform(0.04, 0.3))
+        cv2.rectangle(wall, (left - 8, top - 8), (left + 88, top + 148), 0.7, -1)
+        cv2.rectangle(wall, (left, top), (left + 80, top + 140), glass, -1)
+        cv2.line(wall, (left + 40, top), (left + 40, top + 140), 0.7, 5)
+        cv2.line(wall, (left, top + 50), (left + 80, top + 50), 0.7, 5)
+    door = int(rng.integers(60, 640))
+    cv2.rectangle(wall, (door, 200), (door + 110, 464), 0.08, -1)
+    wall[:50] = 0.06 * (1.0 + 0.5 * clouds(rng, 50, 800, 20))
+    wall[-40:] *= 0.5
+    return wall
+
+
+def _backdrop(seed: int, wind: np.random.Generator | None, daylight: Daylight) -> list[Surface]:
+    """The wood around, and the sky above it and through its gaps."""
+    rows, columns = PANEL_TEXELS
+    rng = np.random.default_rng([seed, 43])
+    treeline = 5.0 + 1.8 * _around(clouds(rng, 8, columns * PANELS // 2, 700, 6))[0]
+    cover = _around(clouds(np.random.default_rng([seed, 44, daylight.day]), rows, columns * PANELS // 2, 420, 6))
+    width = 2 * BACKDROP_M * math.tan(math.pi / PANELS)
+    height = (np.arange(rows, dtype=np.float32)[::-1, None] + 0.5) * (SKY_TOP_M / rows)
+    across = (np.arange(columns, dtype=np.float32) + 0.5) * (width / columns) - width / 2
+    elevation = np.degrees(np.arctan2(height, BACKDROP_M))
+    panels = []
+    for panel in range(PANELS):
+        part = np.s_[panel * columns : (panel + 1) * columns]
+        middle_deg = -360.0 / PANELS * panel  # to the right is clockwise
+        sky = daylight.sky(middle_deg - np.degrees(np.arctan2(across, BACKDROP_M)), elevation)
+        sky = sky * (1.0 + 0.6 * np.clip(cover[:, part] + 0.2, 0.0, 1.0))
+        foliage, gaps = _foliage(rng, wind, columns, rows)
+        crowns = height < treeline[part] + 0.4 * clouds(rng, rows, columns, 24, 4)
+        lit = foliage * np.float32(daylight.on_upright(middle_deg + 180.0))
+        pattern = np.where(crowns & ~gaps, lit, sky).astype(np.float32)
+        angle = math.radians(middle_deg)
+        centre = BACKDROP_M * np.array([math.cos(angle), math.sin(angle)])
+        panels.append(upright(centre, middle_deg, width, (0.0, SKY_TOP_M), pattern))
+    return panels
+
+
+def _around(half: Pattern) -> Pattern:
+    """A pattern and its mirror image, which close without a seam."""
+    return np.concatenate([half, half[:, ::-1]], axis=1)
+
+
+def _meadow(rng: np.random.Generator, wind: np.random.Generator | None, seed: int) -> Pattern:
+    """Grass with fallen leaves, and a gravel path where the robot drives; north is up."""
+    size = MEADOW_TEXELS
+    blades = cv2.GaussianBlur(rng.standard_normal((size, size), np.float32), (0, 0), 1.2) * 2.0
+    grass = 0.15 * (1.0 + 0.35 * clouds(rng, size, size, 256, 5) + 0.35 * blades)
+    bearings = np.linspace(0.0, 2 * math.pi, 400)
+    radii = path_radius_m(seed, bearings)
+    track = _texels(np.stack([radii * np.cos(bearings), radii * np.sin(bearings)], axis=1))
+    gravel = np.zeros((size, size), np.uint8)
+    cv2.polylines(gravel, [track], True, 255, int(1.3 / MEADOW_M * size), cv2.LINE_AA)
+    ground = np.where(gravel > 128, 0.25 * (1.0 + 0.3 * clouds(rng, size, size, 12, 3) + 0.3 * blades), grass)
+    ground = np.ascontiguousarray(ground, np.float32)
+    for place in (rng, wind or rng):
+        for x, y, axis, turn in place.uniform((0, 0, 3, 0), (size, size, 8, 180), (LITTER // 2, 4)):
+            tone = float(0.18 * 2.0 ** place.normal(0.0, 0.8))
+            cv2.ellipse(ground, (int(x), int(y)), (int(axis), max(int(axis / 2), 1)), float(turn), 0, 360, tone, -1)
+    return ground.clip(0.02, 0.7)
+
+
+def _sunlit(things: list[_Thing], daylight: Daylight) -> NDArray[np.float32]:
+    """Light on the meadow per lux on open ground: shadows of all things, and the flecks of sun under the crowns."""
+    size = MEADOW_TEXELS
+    if daylight.direct == 0:
+        return np.ones((size, size), np.float32)
+    shadow = np.zeros((size, size), np.uint8)
+    azimuth = math.radians(daylight.sun_azimuth_deg)
+    away = -np.array([math.cos(azimuth), math.sin(azimuth)]) / math.tan(math.radians(daylight.sun_elevation_deg))
+    for thing in things:
+        angle = math.radians(thing.turn_deg)
+        axes = np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]])
+        corners = thing.place + np.array([[-1, -1], [-1, 1], [1, 1], [1, -1]]) / 2 * np.array(thing.size) @ axes
+        reach = np.concatenate([corners, corners + away * thing.height])
+        cv2.fillConvexPoly(shadow, cv2.convexHull(_texels(reach)), 255, cv2.LINE_AA)
+    crowns = clouds(np.random.default_rng([daylight.day, 45]), size, size, 500, 6) > 0.45
+    lit = 1.0 - np.maximum(shadow / np.float32(255.0), crowns)
+    soft = cv2.GaussianBlur(lit.astype(np.float32), (0, 0), 3.0)
+    return np.asarray(1.0 - daylight.direct * (1.0 - soft), np.float32)
+
+
+def _texels(points_m: NDArray[np.float64]) -> NDArray[np.int32]:
+    """Places on the meadow as (column, row), shape (points, 2)."""
+    scale = MEADOW_TEXELS / MEADOW_M
+    return np.stack([points_m[:, 0] * scale, -points_m[:, 1] * scale], axis=1).astype(np.int32) + MEADOW_TEXELS // 2

@@ -1,0 +1,86 @@
+"""The tables of the experiment's section."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from evaluation.experiments.experiment import Results, Table
+from evaluation.experiments.teach.cases import AS_PAPER, FIXED, FULL, STANDARD, Case, cases_of, drives_of, short
+from evaluation.experiments.teach.daylight import REPLAYS
+from evaluation.experiments.teach.drive import POLICIES, WAYS
+from evaluation.experiments.teach.judge import LOST_PX, WITHIN_PX, Errors, compare, probability
+
+
+def shares_table(cases: Mapping[Case, Mapping[str, Errors]]) -> Table:
+    """How each policy registers in each case."""
+    rows = [
+        [f"{light}, {placement}", policy, errors[policy].share_within(WITHIN_PX).text(".3f"),
+         f"{errors[policy].capped.mean():.2f}", str(errors[policy].failures), str(len(errors[policy].errors))]
+        for (light, placement), errors in cases.items()
+        for policy in errors
+    ]  # fmt: skip
+    return Table(
+        f"Registrations. `mean error` counts a failure, and whatever exceeds it, as {LOST_PX:g} px.",
+        ["replay", "policy", f"p(error <= {WITHIN_PX:g} px)", "mean error, px", "no shift found", "registrations"],
+        rows,
+    )
+
+
+def comparisons_table(cases: Mapping[Case, Mapping[str, Errors]]) -> Table:
+    """The paired tests of `standard` against all others."""
+    rows = []
+    for (light, placement), errors in cases.items():
+        for other in POLICIES[1:]:
+            found = compare(errors[STANDARD], errors[other])
+            rows.append(
+                [f"{light}, {placement}", other, found.difference.text("+.2f", "px"), f"{found.t:+.1f}",
+                 probability(found.p)]
+            )  # fmt: skip
+    return Table(
+        f"`{STANDARD}` less another policy, image by image: below 0 it registers better. Student's paired test takes "
+        "all registrations for independent, as the paper does; the interval draws maps, since the eight registrations "
+        "with one map are alike, and is wider.",
+        ["replay", "against", "difference of mean errors", "t", "p"],
+        rows,
+    )
+
+
+def looks_table(results: Results) -> Table:
+    """How each policy exposes."""
+    rows = []
+    for light in REPLAYS:
+        drives = drives_of(results, light)
+        for policy in POLICIES if drives else ():
+            looks = np.concatenate([drive["looks"][policy] for drive in drives])
+            votes = np.concatenate([drive["votes"][AS_PAPER][policy] for drive in drives])
+            level, upper, whole, saturated = looks.mean(axis=0)
+            rows.append(
+                [light, policy, f"{level:.2f}", f"{upper:.2f}", f"{whole:.2f}", f"{saturated:.0%}",
+                 f"{votes.mean():.0f}"]
+            )  # fmt: skip
+    return Table(
+        "Exposure, over all placements: mean exposure level, mean grey of the top half and of the image (1: "
+        "saturated), share of saturated pixels, and how many matches agreed on the winning shift.",
+        ["replay", "policy", "level, stops", "top half", "image", "saturated", "votes"],
+        rows,
+    )
+
+
+def ways_table(results: Results) -> Table:
+    """What becomes of it with other maps and features."""
+    rows = []
+    for way in WAYS:
+        for (light, placement), errors in cases_of(results, way).items():
+            shares = [f"{errors[policy].share_within(WITHIN_PX).value:.3f}" for policy in POLICIES]
+            against = [compare(errors[STANDARD], errors[other]).difference.text("+.2f") for other in (FULL, FIXED)]
+            rows.append([f"{way}: {light}, {placement}", *shares, *against])
+    return Table(
+        f"Done otherwise: p(error <= {WITHIN_PX:g} px) by policy, and the differences of mean errors (px) of "
+        "`standard` from `full` and from `fixed`. `as the paper`: maps taught by `standard`, features of the top half. "
+        "`each its own map`: each policy replays a map that it taught itself. `features everywhere`: of the whole "
+        "image.",
+        ["way", *(short(policy) for policy in POLICIES), "standard - full", "standard - fixed"],
+        rows,
+    )
