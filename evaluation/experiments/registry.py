@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
+from evaluation.experiments import fig1, fig3, fig11
 from evaluation.experiments.experiment import Experiment
 
-EXPERIMENTS: tuple[Experiment, ...] = ()
+EXPERIMENTS: tuple[Experiment, ...] = (fig1.EXPERIMENT, fig3.EXPERIMENT, fig11.EXPERIMENT)
 """In the order of the papers."""
