@@ -51,6 +51,7 @@ class Stage:
         course: Course,
         seed: int,
         start_times_s: NDArray[np.float64] | None = None,
+        *,
         response: str = "linear",
         gamma: float = 1.0,
     ) -> None:

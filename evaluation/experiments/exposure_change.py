@@ -26,7 +26,7 @@ def gamma_curve(gamma: float) -> NDArray[np.float64]:
 
 
 def measure(
-    scene: str, seed: int, lux: float, camera: list[Any], level: float, changes: list[float], shots: int
+    *, scene: str, seed: int, lux: float, camera: list[Any], level: float, changes: list[float], shots: int
 ) -> Plain:
     """Photograph a still scene at a level and at changes of it (stops), and compare with what curves foretell.
 

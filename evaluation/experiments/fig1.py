@@ -20,7 +20,7 @@ DARK_STOPS = 1.0
 """Frames at least so far below the best exposure are dark."""
 
 COUPLED, DECOUPLED = 0.10, 0.05
-"""A metric that changes by more than a tenth of its peak with gain alone depends on gain; by less than a twentieth, not."""
+"""A metric that gain alone changes by more than a tenth of its peak depends on gain; by less than a twentieth, not."""
 
 SAME_OPTIMUM_STOPS = 0.5
 """Narrower than the plateaus on which the metric is within 1 % of its peak often are."""
@@ -35,15 +35,15 @@ _VIEW_NAMES = {
 
 _SETTING = """\
 The paper took a static room of about 50 lux with one FLIR BFS-U3-16S2M, at many pairs of exposure time and gain, and
-computed M_g for delta 0.06 and 0.30. Ours is a simulated sensor of 22000 electrons full well and 3 electrons read noise
-at 50 lux, before furnished rooms and painted stills that keep still; times of 20 to 7500 us with gains of 0 to 48 dB in
-steps of 6, so each level is made of up to nine pairs. Gain amplifies what light and read noise leave, as in a camera:
-at one level, more gain is less light and more noise.
+computed M_g for delta 0.06 and 0.30. Ours is a simulated sensor of 22000 electrons full well and 3 electrons read
+noise at 50 lux, before furnished rooms and painted stills that keep still; times of 20 to 7500 us with gains of 0 to
+48 dB in steps of 6, so each level is made of up to nine pairs. Gain amplifies what light and read noise leave, as in
+a camera: at one level, more gain is less light and more noise.
 
 Gain dependence is, at one level, the largest metric minus the least over all gains, as a share of the curve's peak.
-Whether there is any rests on what is done to a frame before it is measured, and the paper is not of one mind: its text
-has a median filter, its published code computes one and then measures the frame without; its frames elsewhere went
-through a gamma of 0.3. So all are shown. The verdicts are by frames as the daemon's control sees them."""
+Whether there is any rests on what is done to a frame before it is measured, and the paper is not of one mind: its
+text has a median filter, its published code computes one and then measures the frame without; its frames elsewhere
+went through a gamma of 0.3. So all are shown. The verdicts are by frames as the daemon's control sees them."""
 
 
 def jobs(quick: bool) -> list[Job]:
@@ -72,9 +72,10 @@ def section(results: Results, folder: Path) -> Section:
             Figure("fig1.png", "Each dot is one pair of time and gain; its colour is the gain. Left delta 0.06, right "
                    "0.30; above as control sees frames, below without any preparation."),
             _table(measured),
-            f"{len(measured)} scenes. As control sees frames, delta 0.06 depends most on gain {_where_worst(measured):+.1f} "
-            "stops from the best exposure (median over scenes): a short exposure at high gain has the largest shot noise in "
-            "grey levels where the image is bright, and dark frames have less noise than the threshold of 15 Sobel units.",
+            f"{len(measured)} scenes. As control sees frames, delta 0.06 depends most on gain "
+            f"{_where_worst(measured):+.1f} stops from the best exposure (median over scenes): where the image is "
+            "bright, a short exposure at high gain has the largest shot noise in grey levels; dark frames have less "
+            "noise than the threshold of 15 Sobel units.",
         ],
     )  # fmt: skip
 
@@ -165,28 +166,27 @@ def _table(measured: Sequence[Rows]) -> Table:
     ]
     heads = ["frames", "dark frames, all gains", *(f"all, to {gain} dB" for gain in (24, 30, max(GAINS_DB)))]
     caption = (
-        "Gain dependence (share of the peak) at the level where it is worst; mean over scenes. Dark frames are at least "
-        f"{DARK_STOPS:g} stop below the best."
+        "Gain dependence (share of the peak) at the level where it is worst; mean over scenes. Dark frames are at "
+        f"least {DARK_STOPS:g} stop below the best."
     )
     return Table(caption, heads, rows)
 
 
 def _draw(rows: Rows, title: str, file: Path) -> None:
     figure, axes = panels(2, 2, 6.0, sharex=True, sharey="row")
-    dots = None
     for line, view in zip(axes, ("control", "raw"), strict=True):
         for axis, delta in zip(line, DELTAS, strict=True):
             levels, curve = curve_of_least_gain(rows, view, delta)
             axis.plot(levels, curve, color="grey", linewidth=0.8)
-            dots = axis.scatter(
+            axis.scatter(
                 [row["level"] for row in rows], [row[view][DELTAS.index(delta)] for row in rows], s=14,
-                c=[row["gain_db"] for row in rows], cmap="viridis",
+                c=[row["gain_db"] for row in rows], cmap="viridis", vmin=min(GAINS_DB), vmax=max(GAINS_DB),
             )  # fmt: skip
             axis.set_title(f"delta {delta:.2f}, {'as control sees it' if view == 'control' else 'raw'}", fontsize=10)
         line[0].set_ylabel("M_g per pixel")
     for axis in axes[1]:
         axis.set_xlabel("exposure level E (stops)")
-    figure.colorbar(dots, ax=axes, label="gain (dB)", ticks=GAINS_DB, shrink=0.7)
+    figure.colorbar(axes[0, 0].collections[0], ax=axes, label="gain (dB)", ticks=GAINS_DB, shrink=0.7)
     figure.suptitle(f"{title}, {LUX:g} lux", fontsize=11)
     save(figure, file)
 

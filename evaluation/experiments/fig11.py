@@ -28,16 +28,17 @@ SLIGHT_STOPS = 1.0
 _LAW_NAMES = {"begin2022": "by the response", "shim2018": "by gamma, shim2018", "mehta2020": "by gamma, mehta2020"}
 
 _SETTING = """\
-The paper photographed a static scene at many exposure levels, computed M_g and the gamma* of Shim's method for each, and
-did so for three responses: its FLIR camera's, and that with gamma transformations of 0.6 and 0.3 on the images. Ours are
-rooms and painted stills at 50 lux before the simulated sensor, linear and with its Gamma node at 0.6 and 0.3 (which acts
-before the 8 bits, not after; `linear^0.6` below), and besides the fake camera's gamma and S-shaped responses.
+The paper photographed a static scene at many exposure levels, computed M_g and the gamma* of Shim's method for each,
+and did so for three responses: its FLIR camera's, and that with gamma transformations of 0.6 and 0.3 on the images.
+Ours are rooms and painted stills at 50 lux before the simulated sensor, linear and with its Gamma node at 0.6 and 0.3
+(which acts before the 8 bits, not after; `linear^0.6` below), and besides the fake camera's gamma and S-shaped
+responses.
 
-The true best level is the middle of the levels within 1 % of the largest M_g. From each frame the daemon's own laws, which
-know that frame only, say how many stops they want to go: `begin2022` by the response, without feedback, and Shim's law by
-gamma curves as `shim2018` and as `mehta2020`. Where a law wants up from below and down from above it comes to rest: that
-is the level it takes for the best, and its bias is the distance to the true one. Of several such levels the one nearest
-to the true best counts, in favour of the law."""
+The true best level is the middle of the levels within 1 % of the largest M_g. From each frame the daemon's own laws,
+which know that frame only, say how many stops they want to go: `begin2022` by the response, without feedback, and
+Shim's law by gamma curves as `shim2018` and as `mehta2020`. Where a law wants up from below and down from above it
+comes to rest: that is the level it takes for the best, and its bias is the distance to the true one. Of several such
+levels the one nearest to the true best counts, in favour of the law."""
 
 
 def jobs(quick: bool) -> list[Job]:
@@ -65,7 +66,7 @@ def section(results: Results, folder: Path) -> Section:
     """Judge the three claims of section 3.2."""
     found: dict[CameraResponse, list[Mapping[str, Mapping[str, float]]]] = {}
     for arguments, measured in results:
-        found.setdefault(CameraResponse(*arguments["camera"]), []).append(summary(measured))
+        found.setdefault(_camera(arguments), []).append(summary(measured))
     shown = results[0][0]
     _draw(
         {_camera(a): m for a, m in results if (a["scene"], a["seed"]) == (shown["scene"], shown["seed"])},
@@ -119,13 +120,9 @@ def _underestimates(found: Summaries) -> Claim:
 
 def _steady_optimum(found: Summaries) -> Claim:
     ranges = {
-        law: mean_interval([
-            np.ptp([found[camera][place][law]["level"] for camera in THE_PAPERS])
-            for place in range(len(found[THE_PAPERS[0]]))
-            if all(np.isfinite(found[camera][place][law]["level"]) for camera in THE_PAPERS)
-        ])
+        law: mean_interval([spread for spread in _spreads(found, law) if np.isfinite(spread)])
         for law in ("true", "shim2018")
-    }  # fmt: skip
+    }
     steady = ranges["true"].high < SLIGHT_STOPS and ranges["true"].high < ranges["shim2018"].low
     return Claim(
         "B&H 3.2, Fig. 11",
@@ -134,6 +131,12 @@ def _steady_optimum(found: Summaries) -> Claim:
         f"{ranges['shim2018'].text('.1f', 'stops')}",
         Verdict.REPRODUCED if steady else Verdict.NOT_REPRODUCED,
     )
+
+
+def _spreads(found: Summaries, law: str) -> list[float]:
+    """Of each scene, how far apart the law's levels are over the paper's cameras; NaN where it has none with one."""
+    scenes = zip(*(found[camera] for camera in THE_PAPERS), strict=True)
+    return [float(np.ptp(np.array([by_law[law]["level"] for by_law in scene]))) for scene in scenes]
 
 
 def _closer(found: Summaries) -> Claim:

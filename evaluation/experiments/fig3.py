@@ -32,15 +32,15 @@ _SHOWN = (-2.0, -1.0, 1.0, 2.0)
 _SHOTS = 16
 
 _SETTING = """\
-The paper shows the response of its FLIR camera, found by a calibration on a static scene, the transformations g_exp that
-follow from it, and gamma curves beside them; it measures no error. We ask how far both are from the truth, which a
-simulation can tell: a still scene at 50 lux is photographed at one level and again 0.5 to 2 stops brighter and darker,
-noise averaged out over shots. Three cameras: the responses that the fake camera can have (linear; gamma 1/2.2; S-shaped
-over a power law). The response that predicts is the sensor's own, as a calibration without error would find it; what a
-real calibration adds in error is docs/calibration-method.md's matter.
+The paper shows the response of its FLIR camera, found by a calibration on a static scene, the transformations g_exp
+that follow from it, and gamma curves beside them; it measures no error. We ask how far both are from the truth, which
+a simulation can tell: a still scene at 50 lux is photographed at one level and again 0.5 to 2 stops brighter and
+darker, noise averaged out over shots. Three cameras: the responses that the fake camera can have (linear; gamma
+1/2.2; S-shaped over a power law). The response that predicts is the sensor's own, as a calibration without error
+would find it; what a real calibration adds in error is docs/calibration-method.md's matter.
 
-The gamma curve is given every advantage: for each change of exposure, camera and scene it is the one that, knowing the
-outcome, errs least. In use nobody tells which gamma stands for which change."""
+The gamma curve is given every advantage: for each change of exposure, camera and scene it is the one that, knowing
+the outcome, errs least. In use nobody tells which gamma stands for which change."""
 
 
 def jobs(quick: bool) -> list[Job]:
@@ -91,13 +91,12 @@ def section(results: Results, folder: Path) -> Section:
         [
             Figure(
                 "fig3.png",
-                "Above, the responses. Below, what grey levels become: lines as predicted from the response, dots as seen, "
-                "dashes the best gamma curve of the same room.",
+                "Above, the responses. Below, what grey levels become: lines as predicted from the response, dots as "
+                "seen, dashes the best gamma curve of the same room.",
             ),
             _table(by_camera),
-            "A power law in grey levels would be a change of exposure only for a camera whose grey levels are powers of "
-            "powers of exposure, which none is: a change of exposure scales light, and its curve reaches white at a "
-            "grey level below 255 or ends below white; every gamma curve runs from corner to corner.",
+            "A change of exposure scales light, and its curve reaches white at a grey level below 255, or ends below "
+            "white. Every gamma curve runs from corner to corner, so none fits.",
         ],
     )
 

@@ -32,7 +32,7 @@ _PREPARATION = ImagePreparation()
 _LIFTED = gamma_table(0.3)
 
 VIEWS: Mapping[str, Callable[[Image], Image]] = {
-    "control": lambda image: _PREPARATION.prepare(image),
+    "control": _PREPARATION.prepare,
     "lifted": lambda image: _PREPARATION.prepare(np.asarray(cv2.LUT(image, _LIFTED), np.uint8)),
     "shrunk": lambda image: np.asarray(cv2.resize(image, CONTROL_SIZE, interpolation=cv2.INTER_AREA), np.uint8),
     "raw": lambda image: image,

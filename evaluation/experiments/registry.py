@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
-from evaluation.experiments import fig1, fig3, fig11
+from evaluation.experiments import fig1, fig3, fig10, fig11
 from evaluation.experiments.experiment import Experiment
 
-EXPERIMENTS: tuple[Experiment, ...] = (fig1.EXPERIMENT, fig3.EXPERIMENT, fig11.EXPERIMENT)
+EXPERIMENTS: tuple[Experiment, ...] = (
+    fig1.EXPERIMENT,
+    fig3.EXPERIMENT,
+    fig10.EXPERIMENT,
+    fig11.EXPERIMENT,
+)
 """In the order of the papers."""
