@@ -73,8 +73,16 @@ def _digest(module: str) -> str:
     for name in sorted(reached):
         state.update(name.encode() + b"\0" + reached[name].read_bytes() + b"\0")
     for library in _LIBRARIES:
-        state.update(f"{library} {importlib.metadata.version(library)}".encode())
+        state.update(f"{library} {_version(library)}".encode())
     return state.hexdigest()
+
+
+def _version(library: str) -> str:
+    """Of an installed library; what does not need one that is absent can run without it."""
+    try:
+        return importlib.metadata.version(library)
+    except importlib.metadata.PackageNotFoundError:
+        return "absent"
 
 
 def _source(module: str) -> Path | None:

@@ -6,6 +6,7 @@ import os
 import tempfile
 import time
 from collections.abc import Sequence
+from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import Annotated
 
@@ -110,6 +111,11 @@ def _results(jobs: Sequence[Job], folder: Path, processes: int, console: Console
             if not progress.tasks[bar].total:
                 progress.update(bar, total=1.0, completed=1.0, description="all kept from earlier")
             return results
+    except BrokenProcessPool:
+        raise AutoexposeError(
+            "a process was killed from outside, perhaps for want of memory: "
+            "try fewer --jobs; what was finished is kept, and the same command goes on"
+        ) from None
     except KeyboardInterrupt:
         raise AutoexposeError(
             "experiments stopped before they were done: the same command goes on where they were"

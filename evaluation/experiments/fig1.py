@@ -25,7 +25,7 @@ COUPLED, DECOUPLED = 0.10, 0.05
 SAME_OPTIMUM_STOPS = 0.5
 """Narrower than the plateaus on which the metric is within 1 % of its peak often are."""
 
-_SHOTS = 2
+_SHOTS = 4
 _VIEW_NAMES = {
     "control": "as control sees it: 360x270, median",
     "lifted": "gamma 0.3 first, then the same",
@@ -48,15 +48,17 @@ went through a gamma of 0.3. So all are shown. The verdicts are by frames as the
 
 def jobs(quick: bool) -> list[Job]:
     """One for each scene."""
-    if quick:
-        chosen = [("room", 0), ("room", 1), ("leaves", 0)]
-        levels, shots, cost_s = np.arange(7.0, 17.1, 1.0), 1, 2.0
-    else:
-        chosen = [("room", seed) for seed in range(6)] + [(s, i) for s in ("leaves", "street", "hall") for i in (0, 1)]
-        levels, shots, cost_s = np.arange(6.0, 19.1, 0.5), _SHOTS, 12.0
+    rooms = [("room", seed) for seed in range(2 if quick else 12)]
+    stills = [(scene, seed) for scene in ("leaves", "street", "hall") for seed in range(4)]
+    levels = np.arange(7.0, 17.1, 1.0) if quick else np.arange(6.0, 19.1, 0.5)
+    shots = 1 if quick else _SHOTS
     return [
-        Job(measure, {"scene": scene, "seed": seed, "lux": LUX, "levels": levels.tolist(), "shots": shots}, cost_s)
-        for scene, seed in chosen
+        Job(
+            measure,
+            {"scene": scene, "seed": seed, "lux": LUX, "levels": levels.tolist(), "shots": shots},
+            0.4 if quick else 1.6,
+        )
+        for scene, seed in [*rooms, *stills[: 1 if quick else None]]
     ]
 
 

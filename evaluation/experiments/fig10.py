@@ -62,8 +62,8 @@ least {USEFUL_SHARE:.0%} of the best metric there. A law that stays in a white i
 
 def jobs(quick: bool) -> list[Job]:
     """One for each scene, camera and rise of light."""
-    rooms = [("room", seed) for seed in range(6)]
-    stills = [(scene, seed) for scene in ("leaves", "street", "hall") for seed in range(2)]
+    rooms = [("room", seed) for seed in range(8)]
+    stills = [(scene, seed) for scene in ("leaves", "street", "hall") for seed in range(4)]
     chosen = [("room", 1), ("leaves", 1), ("street", 0)] if quick else [*rooms, *stills]
     rises = [4.0, THE_PAPERS_RISE] if quick else [3.0, 4.0, 5.0, 6.0, THE_PAPERS_RISE]
     return [

@@ -43,15 +43,15 @@ levels the one nearest to the true best counts, in favour of the law."""
 
 def jobs(quick: bool) -> list[Job]:
     """One for each camera and scene."""
-    rooms = [("room", seed) for seed in range(2 if quick else 8)]
-    stills = [(scene, seed) for scene in ("leaves", "street", "hall") for seed in range(4)]
+    rooms = [("room", seed) for seed in range(2 if quick else 16)]
+    stills = [(scene, seed) for scene in ("leaves", "street", "hall") for seed in range(8)]
     chosen = [*rooms, ("leaves", 0), ("hall", 0)] if quick else [*rooms, *stills]
     levels = np.arange(7.5, 17.8, 0.5 if quick else 0.125).tolist()
     return [
         Job(
             measure,
             {"scene": scene, "seed": seed, "lux": LUX, "camera": [camera.curve, camera.gamma], "levels": levels},
-            0.6 if quick else 3.0,
+            0.2 if quick else 0.5,
         )
         for scene, seed in chosen
         for camera in CAMERAS

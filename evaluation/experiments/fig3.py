@@ -45,8 +45,8 @@ the outcome, errs least. In use nobody tells which gamma stands for which change
 
 def jobs(quick: bool) -> list[Job]:
     """One for each camera and scene."""
-    rooms = [("room", seed) for seed in range(1 if quick else 6)]
-    stills = [(scene, seed) for scene in ("leaves", "street", "hall") for seed in range(2)]
+    rooms = [("room", seed) for seed in range(1 if quick else 8)]
+    stills = [(scene, seed) for scene in ("leaves", "street", "hall") for seed in range(4)]
     return [
         Job(
             measure,
@@ -54,7 +54,7 @@ def jobs(quick: bool) -> list[Job]:
                 "scene": scene, "seed": seed, "lux": LUX, "camera": [camera.curve, camera.gamma],
                 "level": LEVELS[scene], "changes": list(CHANGES), "shots": 8 if quick else _SHOTS,
             },
-            0.5 if quick else 2.0,
+            0.5,
         )
         for scene, seed in [*rooms, *stills[: 1 if quick else None]]
         for camera in FAKE_CAMERAS

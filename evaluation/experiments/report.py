@@ -38,7 +38,11 @@ def write_report(chapters: Sequence[Chapter], preface: str, folder: Path) -> Pat
 def count_of_verdicts(chapters: Sequence[Chapter]) -> str:
     """How many claims fared how, in a line."""
     counts = Counter(claim.verdict for _, section in chapters for claim in section.claims)
-    return f"{counts.total()} claim{'s' if counts.total() != 1 else ''}: " + ", ".join(f"{counts[verdict]} {verdict}" for verdict in Verdict) + "."
+    return (
+        f"{counts.total()} claim{'s' if counts.total() != 1 else ''}: "
+        + ", ".join(f"{counts[verdict]} {verdict}" for verdict in Verdict)
+        + "."
+    )
 
 
 def _markdown(chapters: Sequence[Chapter], preface: str) -> list[str]:
