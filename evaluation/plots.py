@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-import matplotlib as mpl
-
-mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from PIL import Image
 
 from evaluation.arena import Run
+from evaluation.drawing import save
 from evaluation.plan import MAIN_DELAY
 from evaluation.scenarios import RATE_HZ
 
@@ -36,7 +31,7 @@ def plot_table(
         if np.isfinite(value):
             axes.text(column, row, f"{value:.2f}", ha="center", va="center", color="white" if value < 0.6 else "black")
     axes.set_title(title)
-    _save(figure, file)
+    save(figure, file, dpi=110)
 
 
 def plot_traces(runs: Sequence[Run], folder: Path) -> Mapping[str, str]:
@@ -69,13 +64,4 @@ def _plot_scenario(scenario: str, runs: Sequence[Run], file: Path) -> None:
     for axes in (upper, lower):
         axes.grid(alpha=0.3)
         axes.axvline(0.0, color="grey", linewidth=0.8)
-    _save(figure, file)
-
-
-def _save(figure: Figure, file: Path) -> None:
-    """In 64 colours: a third of the size, and it cannot be seen."""
-    canvas = io.BytesIO()
-    figure.savefig(canvas, dpi=110)
-    plt.close(figure)
-    with Image.open(canvas) as picture:
-        picture.convert("RGB").quantize(64).save(file, optimize=True)
+    save(figure, file, dpi=110)

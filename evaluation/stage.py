@@ -41,8 +41,8 @@ class Stage:
         Of the noise.
     start_times_s
         When exposures start; None: every 1/60 s from 0 on.
-    response
-        Name of the sensors' response function.
+    response, gamma
+        Name of the sensors' response function, and the cameras' Gamma node, a power law on top of it.
     """
 
     def __init__(
@@ -51,8 +51,11 @@ class Stage:
         course: Course,
         seed: int,
         start_times_s: NDArray[np.float64] | None = None,
+        *,
         response: str = "linear",
+        gamma: float = 1.0,
     ) -> None:
+        self._gamma = gamma
         self._start_times_s = start_times_s
         self._seed = seed
         self._sensors = {side: Sensor(SensorModel(), 2 * seed + (side == "right"), response) for side in views}
@@ -87,7 +90,7 @@ class Stage:
         """The image that one camera takes of this frame, uint8, (540, 720)."""
         model = self._sensors[side].model
         settings = ImageSettings(
-            setting.exposure_time_us, setting.gain_db, 0.0, 1.0, "Mono8", 0, 0, model.width, model.height, 1, 1
+            setting.exposure_time_us, setting.gain_db, 0.0, self._gamma, "Mono8", 0, 0, model.width, model.height, 1, 1
         )
         radiance = self.radiance(side, setting.exposure_time_us * 1e-6)
         image = self._sensors[side].expose(radiance, settings, self._seed * 100_000 + self.frame)

@@ -11,6 +11,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from drivers.errors import AutoexposeError
 from evaluation.experiments.experiment import Job, Plain
 
 _OURS = ("autoexpose_daemon", "calibration", "drivers", "evaluation", "fake_camera")
@@ -34,16 +35,25 @@ class ResultCache:
             return None
 
     def put(self, job: Job, result: Plain) -> None:
-        """Keep a result; a reader sees all of it or nothing."""
+        """Keep a result; a reader sees all of it or nothing. AutoexposeError when it cannot be written."""
         path = self._path(job)
-        path.parent.mkdir(parents=True, exist_ok=True)
         unfinished = path.with_suffix(".part")
-        unfinished.write_text(json.dumps(result), encoding="utf-8")
-        unfinished.replace(path)
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            unfinished.write_text(json.dumps(result), encoding="utf-8")
+            unfinished.replace(path)
+        except OSError as error:
+            raise AutoexposeError(
+                f"{path}: a result cannot be kept ({error.strerror}): mend that, and the same command goes on"
+            ) from None
+
+    def key(self, job: Job) -> str:
+        """Equal for jobs that have the same result."""
+        parts = [job.measure.__module__, job.measure.__qualname__, job.arguments, _digest(job.measure.__module__)]
+        return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
 
     def _path(self, job: Job) -> Path:
-        parts = [job.measure.__module__, job.measure.__qualname__, job.arguments, _digest(job.measure.__module__)]
-        key = hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
+        key = self.key(job)
         return self._folder / key[:2] / f"{key}.json"
 
 
@@ -63,8 +73,16 @@ def _digest(module: str) -> str:
     for name in sorted(reached):
         state.update(name.encode() + b"\0" + reached[name].read_bytes() + b"\0")
     for library in _LIBRARIES:
-        state.update(f"{library} {importlib.metadata.version(library)}".encode())
+        state.update(f"{library} {_version(library)}".encode())
     return state.hexdigest()
+
+
+def _version(library: str) -> str:
+    """Of an installed library; what does not need one that is absent can run without it."""
+    try:
+        return importlib.metadata.version(library)
+    except importlib.metadata.PackageNotFoundError:
+        return "absent"
 
 
 def _source(module: str) -> Path | None:

@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 import os
+import tempfile
 import time
 from collections.abc import Sequence
+from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.console import Console
+from rich.markup import escape
+from rich.padding import Padding
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-from rich.table import Table
 
 from drivers.errors import AutoexposeError, ConfigurationError
 from evaluation.experiments.cache import ResultCache
-from evaluation.experiments.experiment import Experiment, Job, Plain, Section
+from evaluation.experiments.experiment import Experiment, Job, Plain
 from evaluation.experiments.registry import EXPERIMENTS
-from evaluation.experiments.report import Chapter, write_report
+from evaluation.experiments.report import Chapter, count_of_verdicts, write_report
 from evaluation.experiments.run import run_jobs
 
 experiments_app = typer.Typer(add_completion=False, no_args_is_help=True)
@@ -48,10 +51,7 @@ def run(
 ) -> None:
     """Run experiments and write `experiments.md` and `experiments.html`; what was finished before is not done again."""
     chosen = _chosen(names)
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ConfigurationError(f"{out}: cannot be made a folder ({error.strerror}): choose another --out") from None
+    _make_writable(out)
     console = Console()
     begun_s = time.monotonic()
     work = {experiment.name: experiment.jobs(quick) for experiment in chosen}
@@ -62,7 +62,7 @@ def run(
         measured, results = results[: len(mine)], results[len(mine) :]
         pairs = [(job.arguments, result) for job, result in zip(mine, measured, strict=True)]
         chapters.append((experiment, experiment.section(pairs, out)))
-    _show([section for _, section in chapters], console)
+    _show(chapters, console)
     report = write_report(chapters, _preface(names, quick), out)
     console.print(f"report: {report}, {report.with_suffix('.html').name} ({(time.monotonic() - begun_s) / 60:.1f} min)")
 
@@ -73,6 +73,16 @@ def _chosen(names: Sequence[str]) -> list[Experiment]:
         if name != "all" and name not in known:
             raise ConfigurationError(f"there is no experiment {name!r}: choose all, or from {', '.join(known)}")
     return [experiment for experiment in EXPERIMENTS if "all" in names or experiment.name in names]
+
+
+def _make_writable(out: Path) -> None:
+    """Before hours of work, not after them."""
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=out):
+            pass
+    except OSError as error:
+        raise ConfigurationError(f"{out}: cannot be written to ({error.strerror}): choose another --out") from None
 
 
 def _results(jobs: Sequence[Job], folder: Path, processes: int, console: Console) -> list[Plain]:
@@ -97,7 +107,15 @@ def _results(jobs: Sequence[Job], folder: Path, processes: int, console: Console
                     total = progress.tasks[bar].total or 0.0
                     progress.update(bar, total=total - job.cost_s, description=name)
 
-            return run_jobs(jobs, ResultCache(folder), processes, advance)
+            results = run_jobs(jobs, ResultCache(folder), processes, advance)
+            if not progress.tasks[bar].total:
+                progress.update(bar, total=1.0, completed=1.0, description="all kept from earlier")
+            return results
+    except BrokenProcessPool:
+        raise AutoexposeError(
+            "a process was killed from outside, perhaps for want of memory: "
+            "try fewer --jobs; what was finished is kept, and the same command goes on"
+        ) from None
     except KeyboardInterrupt:
         raise AutoexposeError(
             "experiments stopped before they were done: the same command goes on where they were"
@@ -115,12 +133,13 @@ Conditions" (2022); MH is Majer et al., "Adaptive image processing methods for o
 Intervals in brackets are 95 % bootstrap intervals."""
 
 
-def _show(sections: Sequence[Section], console: Console) -> None:
-    table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False)
-    for head in ("the paper", "says", "we saw", "verdict"):
-        table.add_column(head)
-    for section in sections:
+def _show(chapters: Sequence[Chapter], console: Console) -> None:
+    """The verdicts, each with what was claimed and seen, in as many columns as the terminal has."""
+    for experiment, section in chapters:
+        console.print(f"\n[bold]{experiment.name}[/]  {experiment.title}")
         for claim in section.claims:
-            verdict = f"[{_COLOURS[claim.verdict]}]{claim.verdict}[/]"
-            table.add_row(claim.source, claim.claim, claim.ours, verdict)
-    console.print(table)
+            console.print(f"  [{_COLOURS[claim.verdict]}]{claim.verdict}[/]")
+            said = [f"{claim.source}: {claim.claim}", f"we saw: {claim.ours}", claim.condition]
+            for line in filter(None, said):
+                console.print(Padding(escape(line), (0, 0, 0, 4)))
+    console.print(f"\n{count_of_verdicts(chapters)}")

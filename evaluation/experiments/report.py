@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import html
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
 import jinja2
 
-from evaluation.experiments.experiment import Claim, Experiment, Figure, Section, Table
+from evaluation.experiments.experiment import Claim, Experiment, Figure, Section, Table, Verdict
 
 Chapter = tuple[Experiment, Section]
 
@@ -24,16 +25,28 @@ def write_report(chapters: Sequence[Chapter], preface: str, folder: Path) -> Pat
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters["prose"] = _prose
+    environment.filters |= {"prose": _prose, "inline": _inline}
     environment.tests["table"] = lambda part: isinstance(part, Table)
     environment.tests["figure"] = lambda part: isinstance(part, Figure)
-    page = environment.get_template("report.html").render(chapters=chapters, preface=preface)
+    page = environment.get_template("report.html").render(
+        chapters=chapters, preface=preface, count=count_of_verdicts(chapters)
+    )
     (folder / "experiments.html").write_text(page, encoding="utf-8")
     return markdown
 
 
+def count_of_verdicts(chapters: Sequence[Chapter]) -> str:
+    """How many claims fared how, in a line."""
+    counts = Counter(claim.verdict for _, section in chapters for claim in section.claims)
+    return (
+        f"{counts.total()} claim{'s' if counts.total() != 1 else ''}: "
+        + ", ".join(f"{counts[verdict]} {verdict}" for verdict in Verdict)
+        + "."
+    )
+
+
 def _markdown(chapters: Sequence[Chapter], preface: str) -> list[str]:
-    parts = ["# The papers' experiments on the simulated rig", preface, "## Verdicts"]
+    parts = ["# The papers' experiments on the simulated rig", preface, "## Verdicts", count_of_verdicts(chapters)]
     parts.append(_claims([(experiment.name, claim) for experiment, section in chapters for claim in section.claims]))
     for experiment, section in chapters:
         parts += [f"## {experiment.name}: {experiment.title}", section.setting.strip()]
@@ -52,17 +65,24 @@ def _claims(claims: Sequence[tuple[str, Claim]]) -> str:
     lines = ["| experiment | the paper | says | we saw | verdict |", "|---|---|---|---|---|"]
     for name, claim in claims:
         verdict = f"**{claim.verdict}**" + (f": {claim.condition}" if claim.condition else "")
-        lines.append(f"| `{name}` | {claim.source} | {claim.claim} | {claim.ours} | {verdict} |")
+        lines.append(_row([f"`{name}`", claim.source, claim.claim, claim.ours, verdict]))
     return "\n".join(lines)
 
 
 def _table(table: Table) -> str:
-    lines = ["| " + " | ".join(table.heads) + " |", "|---|" + "---:|" * (len(table.heads) - 1)]
-    return "\n".join([*lines, *("| " + " | ".join(row) + " |" for row in table.rows)])
+    return "\n".join([_row(table.heads), "|---|" + "---:|" * (len(table.heads) - 1), *map(_row, table.rows)])
+
+
+def _row(cells: Sequence[str]) -> str:
+    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+
+
+def _inline(text: str) -> str:
+    """A line of plain text, with `code` as Markdown has it."""
+    pieces = html.escape(text.strip()).split("`")
+    return "".join(f"<code>{piece}</code>" if place % 2 else piece for place, piece in enumerate(pieces))
 
 
 def _prose(text: str) -> str:
-    """Paragraphs of plain text, with `code` as Markdown has it."""
-    pieces = html.escape(text.strip()).split("`")
-    marked = "".join(f"<code>{piece}</code>" if place % 2 else piece for place, piece in enumerate(pieces))
-    return "".join(f"<p>{paragraph}</p>" for paragraph in marked.split("\n\n"))
+    """Paragraphs of such text."""
+    return "".join(f"<p>{paragraph}</p>" for paragraph in _inline(text).split("\n\n"))

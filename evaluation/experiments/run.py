@@ -15,26 +15,28 @@ Advance = Callable[[Job, float], None]
 
 
 def run_jobs(jobs: Sequence[Job], kept: ResultCache, processes: int, advance: Advance) -> list[Plain]:
-    """The results of all jobs, in their order; each is kept as soon as it is there."""
+    """The results of all jobs, in their order; each is kept as soon as it is there, and equal ones are done once."""
     results: dict[int, Plain] = {}
-    missing: list[tuple[int, Job]] = []
+    missing: dict[str, list[int]] = {}
     for place, job in enumerate(jobs):
         known = kept.get(job)
         if known is None:
-            missing.append((place, job))
+            missing.setdefault(kept.key(job), []).append(place)
         else:
             results[place] = known[0]
             advance(job, 0.0)
-    missing.sort(key=lambda entry: -entry[1].cost_s)
-    with closing(over_processes(_measure, missing, min(processes, max(len(missing), 1)))) as finished:
-        for (place, job), (result, took_s) in finished:
+    entries = [(places, jobs[places[0]]) for places in missing.values()]
+    entries.sort(key=lambda entry: -entry[1].cost_s)
+    with closing(over_processes(_measure, entries, min(processes, max(len(entries), 1)))) as finished:
+        for (places, job), (result, took_s) in finished:
             kept.put(job, result)
-            results[place] = plain(result)
-            advance(job, took_s)
+            for place in places:
+                results[place] = plain(result)
+                advance(jobs[place], took_s if place == places[0] else 0.0)
     return [results[place] for place in range(len(jobs))]
 
 
-def _measure(entry: tuple[int, Job]) -> tuple[Plain, float]:
+def _measure(entry: tuple[list[int], Job]) -> tuple[Plain, float]:
     begun_s = time.perf_counter()
     result = entry[1].measure(**entry[1].arguments)
     return result, time.perf_counter() - begun_s

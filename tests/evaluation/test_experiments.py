@@ -8,10 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
-from evaluation.experiments import cache
+from drivers.errors import AutoexposeError
+from evaluation.experiments import cache, commands
 from evaluation.experiments.cache import ResultCache
-from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, Plain, Section, Table, Verdict
+from evaluation.experiments.commands import experiments_app
+from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, Plain, Results, Section, Table, Verdict
 from evaluation.experiments.report import write_report
 from evaluation.experiments.run import run_jobs
 from evaluation.experiments.statistics import mean_interval, pearson, spearman
@@ -52,6 +55,20 @@ def test_a_run_that_failed_goes_on_where_it_was(tmp_path: Path) -> None:
         run_jobs([Job(square, {"number": 7}, 2.0), Job(fails, {"number": 1})], kept, 1, lambda _job, _took: None)
     run_jobs([Job(square, {"number": 7}, 2.0)], kept, 1, lambda _job, _took: None)
     assert CALLS == [7]
+
+
+def test_what_two_experiments_need_is_done_once(tmp_path: Path) -> None:
+    CALLS.clear()
+    jobs = [Job(square, {"number": n}) for n in (4, 6, 4)]
+    found = run_jobs(jobs, ResultCache(tmp_path), 1, lambda _job, _took: None)
+    assert [r["square"] for r in found if isinstance(r, dict)] == [16, 36, 16]
+    assert sorted(CALLS) == [4, 6]
+
+
+def test_a_result_that_cannot_be_kept_ends_the_run_with_a_sentence(tmp_path: Path) -> None:
+    (tmp_path / "jobs").write_text("a file where a folder should be")
+    with pytest.raises(AutoexposeError, match="a result cannot be kept"):
+        ResultCache(tmp_path / "jobs").put(Job(square, {"number": 2}), 4)
 
 
 def test_a_result_is_done_anew_when_code_that_it_reaches_changes(
@@ -107,7 +124,7 @@ def _section(_results: list[tuple[Mapping[str, Plain], Plain]], _folder: Path) -
 
 
 def test_the_report_says_the_verdicts_first_in_both_forms(tmp_path: Path) -> None:
-    claim = Claim("B&H Fig. 0", "a < b", "1 < 2", Verdict.CONDITIONALLY, "only here")
+    claim = Claim("B&H Fig. 0", "a < b", "|1| < 2", Verdict.CONDITIONALLY, "only `here`")
     section = Section(
         "As in the paper, but for `x`.", [claim], ["Plain & simple.", Table("Numbers", ["a", "b"], [["1", "2"]]),
         Figure("fig0.png", "The figure")]
@@ -115,7 +132,35 @@ def test_the_report_says_the_verdicts_first_in_both_forms(tmp_path: Path) -> Non
     path = write_report([(Experiment("fig0", "Title", _jobs, _section), section)], "Preface.", tmp_path)
     text, page = path.read_text(), path.with_suffix(".html").read_text()
     assert text.index("## Verdicts") < text.index("## fig0: Title")
-    assert "| `fig0` | B&H Fig. 0 | a < b | 1 < 2 | **reproduced under conditions**: only here |" in text
+    assert "1 claim: 0 reproduced, 1 reproduced under conditions, 0 not reproduced." in text
+    assert "| `fig0` | B&H Fig. 0 | a < b | \\|1\\| < 2 | **reproduced under conditions**: only `here` |" in text
     assert "| a | b |\n|---|---:|\n| 1 | 2 |" in text and "![The figure](fig0.png)" in text
     assert "a &lt; b" in page and '<b class="conditions">' in page and "<code>x</code>" in page
-    assert "Plain &amp; simple." in page
+    assert "Plain &amp; simple." in page and "only <code>here</code>" in page
+
+
+def test_the_command_refuses_what_it_cannot_do_before_it_works(tmp_path: Path) -> None:
+    for arguments, said in (
+        (["run", "fig99"], "there is no experiment 'fig99': choose all, or from fig1"),
+        (["run", "fig1", "--out", str(tmp_path / "file" / "out")], "cannot be written to"),
+    ):
+        (tmp_path / "file").write_text("")
+        outcome = CliRunner().invoke(experiments_app, arguments)
+        assert isinstance(outcome.exception, AutoexposeError) and said in str(outcome.exception)
+
+
+def test_the_command_makes_the_report_and_a_second_time_from_what_was_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def section(results: Results, _folder: Path) -> Section:
+        seen = ", ".join(str(result["square"]) for _, result in results)
+        return Section("Setting.", [Claim("Us", "squares", seen, Verdict.REPRODUCED)], [])
+
+    made = Experiment("squares", "Squares", lambda _quick: [Job(square, {"number": n}) for n in (2, 3)], section)
+    monkeypatch.setattr(commands, "EXPERIMENTS", (made,))
+    CALLS.clear()
+    for _ in range(2):
+        outcome = CliRunner().invoke(experiments_app, ["run", "all", "--jobs", "1", "--out", str(tmp_path)])
+        assert outcome.exit_code == 0 and "we saw: 4, 9" in outcome.output and "100 %" in outcome.output
+        assert "4, 9" in (tmp_path / "experiments.md").read_text()
+    assert "all kept from earlier" in outcome.output and sorted(CALLS) == [2, 3]
