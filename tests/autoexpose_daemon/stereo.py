@@ -7,7 +7,7 @@ import os
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -67,15 +67,20 @@ class Run:
 
 
 @contextlib.contextmanager
-def stereo_cameras(*, left_triggers_right: bool = False) -> Iterator[tuple[FakeCamera, FakeCamera, list[Path]]]:
-    """Both on one trigger wire, and, if asked for, the exposure output of the left one on Line3 of the right one."""
+def stereo_cameras(
+    *, left_triggers_right: bool = False, options: Sequence[str] = ()
+) -> Iterator[tuple[FakeCamera, FakeCamera, list[Path]]]:
+    """Both on one trigger wire, and, if asked for, the exposure output of the left one on Line3 of the right one.
+
+    `options` are further command line options of both.
+    """
     wire = unique("wire")
     with tempfile.TemporaryDirectory() as folder, contextlib.ExitStack() as stack:
         truths = [Path(folder) / "left.jsonl", Path(folder) / "right.jsonl"]
         between = str(Path(folder) / "wire")
         ends = [["--line1", between], ["--line3", between]] if left_triggers_right else [[], []]
         left, right = (
-            stack.enter_context(START_CAMERA(side=side, line0=wire, options=["--truth", str(truth), *end]))
+            stack.enter_context(START_CAMERA(side=side, line0=wire, options=["--truth", str(truth), *end, *options]))
             for side, truth, end in zip(("left", "right"), truths, ends, strict=True)
         )
         yield left, right, truths
