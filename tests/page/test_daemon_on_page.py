@@ -21,6 +21,9 @@ from tests.publish.steps import endpoint
 
 SCREENSHOTS = os.environ.get("PAGE_SCREENSHOTS")
 HISTORY_S = 55.0
+SCREENSHOT_RATE_HZ = 20.0
+"""A browser without a graphics card takes its share of the machine."""
+
 SHAPE = (27, 36)
 STATE = "document.getElementById('state-word').innerText"
 
@@ -31,12 +34,16 @@ pytestmark = pytest.mark.realtime
 def test_what_is_shown_is_what_was_published(monkeypatch: pytest.MonkeyPatch) -> None:
     at = endpoint()
     settings: dict[str, Any] = {"publish": {"listen": [at]}}
+    options: list[str] = []
     if SCREENSHOTS is None:
         settings["control"] = {"policy": "neves2009"}
+    else:
+        settings["trigger"] = {"rate_hz": SCREENSHOT_RATE_HZ}
+        options = ["--line0-rate-hz", str(SCREENSHOT_RATE_HZ)]
     with (
         running_page("--connect", at) as page,
         browser() as tab,
-        stereo_cameras() as cameras,
+        stereo_cameras(*options) as cameras,
         running_daemon(cameras, settings) as run,
     ):
         tab.screen(1280, 900)
@@ -91,7 +98,9 @@ def take_screenshots(tab: Tab, folder: Path) -> None:
     """After a minute of the fakes' lights, at moments when there is something to see; the machine must keep up."""
     tab.wait_for(f"performance.now() > {1000 * HISTORY_S}", "some history", 2 * HISTORY_S)
     shares = ("saturated", "black")
-    steady = "parseFloat(document.getElementById('headline').innerText.split('pairs/s')[1]) > 50"
+    steady = (
+        f"parseFloat(document.getElementById('headline').innerText.split('pairs/s')[1]) > {0.9 * SCREENSHOT_RATE_HZ}"
+    )
     saturated, black = (f"parseFloat(document.querySelector('#left dd.{share}').innerText)" for share in shares)
     for name, width, height, dark in (("page", 1280, 900, False), ("page-phone", 390, 844, True)):
         tab.screen(width, height, dark, scale=1.0 if width > 1000 else 1.5)

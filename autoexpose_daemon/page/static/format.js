@@ -4,7 +4,7 @@ export const micros = (us) => (us == null ? "–" : us < 1000 ? `${us.toFixed(0)
 export const decibels = (db) => (db == null ? "–" : `${db.toFixed(1)} dB`);
 export const stops = (level) => (level == null ? "–" : `${level.toFixed(2)}`);
 export const signed = (change) =>
-  Math.abs(change) < 0.005 ? "0" : `${change < 0 ? "−" : "+"}${Math.abs(change).toFixed(2)}`;
+  Math.abs(change) < 0.005 ? "±0" : `${change < 0 ? "−" : "+"}${Math.abs(change).toFixed(2)}`;
 export const metric = (value) => (value == null ? "–" : value.toFixed(4));
 export const share = (part) => (part == null ? "–" : `${(100 * part).toFixed(part < 0.0995 ? 1 : 0)} %`);
 export const millis = (ms) => (ms == null ? "–" : `${ms.toFixed(ms < 10 ? 2 : 1)} ms`);
