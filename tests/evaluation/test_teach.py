@@ -117,7 +117,7 @@ def test_the_top_half_alone_can_be_held_at_one_half() -> None:
 
 def test_what_is_far_too_bright_is_not_registered() -> None:
     """The sign of the sweep: from the exposure of `standard` on, votes fall to both sides."""
-    result: Any = sweep(0, 0.0, "afternoon", 3)
+    result: Any = sweep(0, 0.0, "clear", 3)
     votes = np.array(result["votes"]).mean(axis=0)
     assert len(votes) == len(OFFSETS)
     assert votes[OFFSETS.index(4)] < 0.5 * votes[OFFSETS.index(0)]
@@ -126,7 +126,7 @@ def test_what_is_far_too_bright_is_not_registered() -> None:
 
 
 def test_what_faces_the_sun_is_lighter_and_so_is_the_sky_around_it() -> None:
-    for light in (TEACHING, REPLAYS["afternoon"]):
+    for light in (TEACHING, REPLAYS["clear"]):
         sun = light.sun_azimuth_deg
         assert light.on_upright(sun) > 2 * light.on_upright(sun + 180.0)
         up = light.sun_elevation_deg

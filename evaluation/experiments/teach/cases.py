@@ -96,6 +96,11 @@ def sweeps_of(results: Results) -> dict[Case, Sweep]:
     return sweeps
 
 
+def name(case: Case) -> str:
+    """A case as a person reads it."""
+    return f"{case[0]}, {case[1]}"
+
+
 def short(policy: str) -> str:
     """A policy's name among the paper's."""
     return policy.removeprefix("majer2018-")

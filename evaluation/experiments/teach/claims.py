@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from evaluation.experiments.experiment import Claim, Verdict
-from evaluation.experiments.teach.cases import FIXED, FULL, STANDARD, Case, Sweep, short
-from evaluation.experiments.teach.daylight import REPLAYS
+from evaluation.experiments.teach.cases import FIXED, FULL, STANDARD, Case, Sweep, name, short
+from evaluation.experiments.teach.daylight import STEADY
 from evaluation.experiments.teach.judge import (
     FOLLOWS_PX,
     FOLLOWS_SHARE,
@@ -25,33 +25,30 @@ THEIRS = (STANDARD, FULL, FIXED)
 
 def claims(cases: Mapping[Case, Mapping[str, Errors]], sweeps: Mapping[Case, Sweep]) -> list[Claim]:
     """Those that the cases which were run can be held against."""
-    by_light = {
-        light: {placement: errors for (of_light, placement), errors in cases.items() if of_light == light}
-        for light in REPLAYS
-    }
+    steady = {case: errors for case, errors in cases.items() if case[0] in STEADY}
+    sunset = {case: errors for case, errors in cases.items() if case[0] not in STEADY}
     judged = []
-    if by_light["afternoon"]:
-        judged += [_better_than(FULL, by_light["afternoon"]), _better_than(FIXED, by_light["afternoon"])]
-        judged.append(_small_difference(by_light["afternoon"]))
-    if by_light["sunset"]:
-        judged.append(_at_sunset(by_light["sunset"]))
+    if steady:
+        judged += [_better_than(FULL, steady), _better_than(FIXED, steady), _small_difference(steady)]
+    if sunset:
+        judged.append(_at_sunset(sunset))
     if sweeps:
         judged.append(_darker_is_safer(sweeps))
     return judged
 
 
-def _better_than(other: str, cases: Mapping[str, Mapping[str, Errors]]) -> Claim:
+def _better_than(other: str, cases: Mapping[Case, Mapping[str, Errors]]) -> Claim:
     """`standard` against another: better where test and interval agree that it is."""
-    found = {placement: compare(errors[STANDARD], errors[other]) for placement, errors in cases.items()}
+    found = {name(case): compare(errors[STANDARD], errors[other]) for case, errors in cases.items()}
     verdict = better_everywhere([comparison.sign for comparison in found.values()])
     number = len(next(iter(cases.values()))[STANDARD].errors)
     return Claim(
         "MH 4.2, Fig. 7",
         f"Late in the afternoon `standard` has smaller errors than `{short(other)}` (paired t-test over 658 images)",
-        "; ".join(f"{placement}: {_told(comparison)}" for placement, comparison in found.items())
+        "; ".join(f"{case}: {_told(comparison)}" for case, comparison in found.items())
         + f"; {number} registrations each",
         verdict,
-        _where({placement: comparison.sign for placement, comparison in found.items()}),
+        _where({case: comparison.sign for case, comparison in found.items()}),
     )
 
 
@@ -65,15 +62,15 @@ def _where(signs: Mapping[str, int]) -> str:
     )
 
 
-def _small_difference(cases: Mapping[str, Mapping[str, Errors]]) -> Claim:
+def _small_difference(cases: Mapping[Case, Mapping[str, Errors]]) -> Claim:
     """All three curves close to each other at 5 pixels, wherever the sky is."""
     shares = {
-        placement: [errors[policy].share_within(WITHIN_PX).value for policy in THEIRS]
-        for placement, errors in cases.items()
+        name(case): [errors[policy].share_within(WITHIN_PX).value for policy in THEIRS]
+        for case, errors in cases.items()
     }
     small = [max(values) - min(values) <= SMALL_DIFFERENCE for values in shares.values()]
     verdict = Verdict.REPRODUCED if all(small) else Verdict.CONDITIONALLY if any(small) else Verdict.NOT_REPRODUCED
-    told = "; ".join(f"{placement}: " + ", ".join(f"{v:.3f}" for v in values) for placement, values in shares.items())
+    told = "; ".join(f"{case}: " + ", ".join(f"{v:.3f}" for v in values) for case, values in shares.items())
     return Claim(
         "MH 4.2, Fig. 7",
         "The three curves p(error <= x) differ little",
@@ -83,15 +80,15 @@ def _small_difference(cases: Mapping[str, Mapping[str, Errors]]) -> Claim:
     )
 
 
-def _at_sunset(cases: Mapping[str, Mapping[str, Errors]]) -> Claim:
+def _at_sunset(cases: Mapping[Case, Mapping[str, Errors]]) -> Claim:
     """Only `standard` follows the path."""
     good = [[follows(errors[policy]) for policy in THEIRS] for errors in cases.values()]
     claimed = [standard and not full and not fixed for standard, full, fixed in good]
     partly = [standard and not (full and fixed) for standard, full, fixed in good]
     verdict = Verdict.REPRODUCED if all(claimed) else Verdict.CONDITIONALLY if any(partly) else Verdict.NOT_REPRODUCED
     told = "; ".join(
-        f"{placement}: " + ", ".join(f"{errors[policy].share_within(FOLLOWS_PX).value:.3f}" for policy in THEIRS)
-        for placement, errors in cases.items()
+        f"{name(case)}: " + ", ".join(f"{errors[policy].share_within(FOLLOWS_PX).value:.3f}" for policy in THEIRS)
+        for case, errors in cases.items()
     )
     return Claim(
         "MH 4.2",
@@ -109,11 +106,12 @@ def _told(comparison: Comparison) -> str:
 def _darker_is_safer(sweeps: Mapping[Case, Sweep]) -> Claim:
     """One stop below the exposure that holds the top half at 0.5 against one stop above it."""
     found, told = {}, []
-    for (light, placement), sweep in sweeps.items():
+    for case, sweep in sweeps.items():
         below, above = (sweep.errors[list(sweep.offsets).index(offset)] for offset in (-1.0, 1.0))
-        name = f"{light}, {placement}"
-        found[name] = compare(below, above).sign
-        told.append(f"{name}: {below.share_within(WITHIN_PX).value:.2f}, {above.share_within(WITHIN_PX).value:.2f}")
+        found[name(case)] = compare(below, above).sign
+        told.append(
+            f"{name(case)}: {below.share_within(WITHIN_PX).value:.2f}, {above.share_within(WITHIN_PX).value:.2f}"
+        )
     return Claim(
         "MH 3.2 (after their [45])",
         "Slightly underexposed images are more likely to be registered rightly",

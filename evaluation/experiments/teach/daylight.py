@@ -75,8 +75,13 @@ TEACHING = Daylight(230.0, 40.0, direct=0.75, haze=1.5, glow=2.0, first_lux=2000
 """Early in the afternoon, the sun high."""
 
 REPLAYS = {
-    "afternoon": Daylight(195.0, 20.0, direct=0.7, haze=1.5, glow=3.0, first_lux=1000.0, last_lux=900.0, day=1),
-    "sunset": Daylight(180.0, 1.0, direct=0.0, haze=0.8, glow=7.0, first_lux=40.0, last_lux=10.0, day=2),
+    "clear": Daylight(195.0, 20.0, direct=0.7, haze=1.5, glow=3.0, first_lux=1000.0, last_lux=900.0, day=1),
+    "overcast": Daylight(195.0, 20.0, direct=0.0, haze=0.0, glow=0.0, first_lux=500.0, last_lux=550.0, day=2),
+    "sunset": Daylight(180.0, 1.0, direct=0.0, haze=0.8, glow=7.0, first_lux=40.0, last_lux=10.0, day=3),
 }
-"""Late in the afternoon, when light is steady but shadows have moved; and after sunset, when only the sky gives light,
-which falls by two stops during the drive."""
+"""Late in the afternoon, when light is steady: under a clear sky, when shadows have moved and what faces the sun is
+almost as bright as the sky, or under an overcast one, 3 to 4 stops brighter than trees. And after sunset, when only the
+sky gives light, which falls by two stops during the drive."""
+
+STEADY = ("clear", "overcast")
+"""The replays late in the afternoon."""

@@ -34,6 +34,9 @@ SHRUBS = 24
 HEDGES, HEDGE_TEXELS = 6, (420, 1800)
 """Shrubs are cut out of so many patterns of leaves, 256 texels to the metre."""
 
+BRIGHTEST_LEAF = 0.25
+"""Leaves reflect 5 to 25 % of the light that the eye sees, 8 % in the middle."""
+
 LITTER = 25_000
 """Fallen leaves on the meadow."""
 
@@ -114,7 +117,7 @@ def _foliage(
     if wind is not None:
         moved = clouds(wind, height, width, 48, 2) > 0
         pattern = np.where(moved, leaves(wind, width, height), pattern)
-    return np.minimum(pattern, np.float32(0.6)) * np.float32(0.65), pattern > 1.0
+    return np.minimum(pattern * np.float32(0.5), np.float32(BRIGHTEST_LEAF)), pattern > 1.0
 
 
 def _cut(rng: np.random.Generator, hedge: Pattern, shrub: _Thing) -> list[Pattern]:

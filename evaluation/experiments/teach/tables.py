@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from evaluation.experiments.experiment import Results, Table
-from evaluation.experiments.teach.cases import AS_PAPER, FIXED, FULL, STANDARD, Case, cases_of, drives_of, short
+from evaluation.experiments.teach.cases import AS_PAPER, FIXED, FULL, STANDARD, Case, cases_of, drives_of, name, short
 from evaluation.experiments.teach.daylight import REPLAYS
 from evaluation.experiments.teach.drive import POLICIES, WAYS
 from evaluation.experiments.teach.judge import LOST_PX, WITHIN_PX, Errors, compare, probability
@@ -16,9 +16,9 @@ from evaluation.experiments.teach.judge import LOST_PX, WITHIN_PX, Errors, compa
 def shares_table(cases: Mapping[Case, Mapping[str, Errors]]) -> Table:
     """How each policy registers in each case."""
     rows = [
-        [f"{light}, {placement}", policy, errors[policy].share_within(WITHIN_PX).text(".3f"),
+        [name(case), policy, errors[policy].share_within(WITHIN_PX).text(".3f"),
          f"{errors[policy].capped.mean():.2f}", str(errors[policy].failures), str(len(errors[policy].errors))]
-        for (light, placement), errors in cases.items()
+        for case, errors in cases.items()
         for policy in errors
     ]  # fmt: skip
     return Table(
@@ -31,11 +31,11 @@ def shares_table(cases: Mapping[Case, Mapping[str, Errors]]) -> Table:
 def comparisons_table(cases: Mapping[Case, Mapping[str, Errors]]) -> Table:
     """The paired tests of `standard` against all others."""
     rows = []
-    for (light, placement), errors in cases.items():
+    for case, errors in cases.items():
         for other in POLICIES[1:]:
             found = compare(errors[STANDARD], errors[other])
             rows.append(
-                [f"{light}, {placement}", other, found.difference.text("+.2f", "px"), f"{found.t:+.1f}",
+                [name(case), other, found.difference.text("+.2f", "px"), f"{found.t:+.1f}",
                  probability(found.p)]
             )  # fmt: skip
     return Table(
@@ -72,10 +72,10 @@ def ways_table(results: Results) -> Table:
     """What becomes of it with other maps and features."""
     rows = []
     for way in WAYS:
-        for (light, placement), errors in cases_of(results, way).items():
+        for case, errors in cases_of(results, way).items():
             shares = [f"{errors[policy].share_within(WITHIN_PX).value:.3f}" for policy in POLICIES]
             against = [compare(errors[STANDARD], errors[other]).difference.text("+.2f") for other in (FULL, FIXED)]
-            rows.append([f"{way}: {light}, {placement}", *shares, *against])
+            rows.append([f"{way}: {name(case)}", *shares, *against])
     return Table(
         f"Done otherwise: p(error <= {WITHIN_PX:g} px) by policy, and the differences of mean errors (px) of "
         "`standard` from `full` and from `fixed`. `as the paper`: maps taught by `standard`, features of the top half. "
