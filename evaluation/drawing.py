@@ -1,0 +1,35 @@
+"""What all pictures of the evaluation have in common."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+
+mpl.use("Agg")
+import matplotlib.pyplot as plt
+from matplotlib.figure import Figure
+from PIL import Image
+
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+"""Okabe and Ito's, which colour-blind people can tell apart."""
+
+
+def panels(rows: int, columns: int, height_in: float, **options: Any) -> tuple[Figure, Any]:
+    """A figure of 900 pixels width with a grid of axes, as `matplotlib.pyplot.subplots` returns them."""
+    figure, axes = plt.subplots(rows, columns, figsize=(9.0, height_in), layout="constrained", **options)
+    for each in figure.axes:
+        each.grid(alpha=0.3)
+        each.spines[["top", "right"]].set_visible(False)
+    return figure, axes
+
+
+def save(figure: Figure, file: Path, dpi: int = 100) -> None:
+    """As a PNG in 64 colours: a third of the size, and it cannot be seen. Closes the figure."""
+    canvas = io.BytesIO()
+    figure.savefig(canvas, dpi=dpi)
+    plt.close(figure)
+    with Image.open(canvas) as picture:
+        picture.convert("RGB").quantize(64).save(file, optimize=True)
