@@ -15,6 +15,7 @@ from calibration.response import ResponseFunction
 from drivers.exposure import ExposureLimits, ExposureSetting
 from evaluation.closed_loop import Entrant
 from evaluation.drawing import COLOURS, panels, save
+from evaluation.experiments.boxes import boxes
 from evaluation.experiments.courses import by_course, over_courses
 from evaluation.experiments.experiment import (
     Claim,
@@ -274,7 +275,7 @@ def _draw_boxes(runs: Runs, figure: str, title: str, file: Path) -> None:
     canvas, (left, right) = panels(1, 2, 3.8, sharey=True)
     for axes, (light, name) in zip((left, right), LIGHTS.items(), strict=True):
         values = [[run[figure] for run in runs.of(light, policy)] for policy in runs.policies]
-        axes.boxplot(values, tick_labels=list(runs.policies))
+        boxes(axes, values, runs.policies)
         axes.tick_params(axis="x", labelrotation=20)
         axes.set_title(name, fontsize=10)
     left.set_ylabel(title)

@@ -16,6 +16,7 @@ from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import StereoPair
 from evaluation.closed_loop import Entrant
 from evaluation.drawing import COLOURS, panels, save
+from evaluation.experiments.boxes import boxes
 from evaluation.experiments.courses import by_course, over_courses
 from evaluation.experiments.experiment import (
     Claim,
@@ -40,6 +41,8 @@ SETTINGS = ((940.0, 24.0), (1880.0, 18.0), (3750.0, 12.0), (7500.0, 6.0))
 
 LOOK_EVERY = 8
 """Pairs of odometry between two whose images are measured."""
+
+MARKERS = "osv^"
 
 EQUALLY_GOOD = 0.05
 """Differences of |r| that are none."""
@@ -212,7 +215,7 @@ def _proxy_table(correlations: Mapping[str, Interval]) -> Table:
 
 def _draw_errors(errors: NDArray[np.float64], file: Path) -> None:
     figure, axes = panels(1, 1, 3.6)
-    axes.boxplot(errors, tick_labels=[f"{time_us / 1e3:.2g} ms\n{gain_db:g} dB" for time_us, gain_db in SETTINGS])
+    boxes(axes, list(errors.T), [f"{time_us / 1e3:.2g} ms\n{gain_db:g} dB" for time_us, gain_db in SETTINGS])
     axes.set_ylabel("RPE over 20 mm (mm)")
     axes.set_ylim(bottom=0)
     save(figure, file)
@@ -228,7 +231,7 @@ def _draw_paths(results: Results, file: Path) -> None:
     axes.set_aspect("equal")
     axes.set_xlabel("to the right of the first camera (mm)")
     axes.set_ylabel("ahead of it (mm)")
-    axes.legend()
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=9)
     save(figure, file)
 
 
@@ -241,7 +244,14 @@ def _draw_proxies(
         deviation = values[:, :, place] - values[:, :, place].mean(axis=1, keepdims=True)
         for setting, (time_us, _) in enumerate(SETTINGS):
             label = f"{time_us / 1e3:.2g} ms"
-            axes.plot(deviation[:, setting], error[:, setting], "o", color=COLOURS[setting], markersize=4, label=label)
+            axes.plot(
+                deviation[:, setting],
+                error[:, setting],
+                MARKERS[setting],
+                color=COLOURS[setting],
+                markersize=5,
+                label=label,
+            )
         axes.set_title(f"{name}\nr = {one.text('+.2f')}", fontsize=9)
     for axes in grid[:, 0]:
         axes.set_ylabel("RPE - mean (mm)")
