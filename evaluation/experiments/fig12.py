@@ -37,7 +37,7 @@ from evaluation.scenarios import RATE_HZ
 POLICIES = ("metric-map", "begin2022", "shim2018", "neves2009", "fixed")
 
 FIXED = ExposureSetting(3000.0, 18.0)
-"""Tuned by hand in a room that is not one of the report's, such that tracking is not lost in uneven light."""
+"""Chosen by hand: kept track in uneven light in room 1, which is not one of the report's."""
 
 LIGHTS: dict[Light, str] = {"uneven": "(a) 1 to 217 lux", "low": "(b) 2 to 4 lux"}
 
