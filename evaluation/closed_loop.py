@@ -184,7 +184,7 @@ def race(
 
     The oracle is asked every so many frames, at the last one, and where the light jumps.
     """
-    start = _start(oracle)
+    start = best_start(oracle)
     response = ResponseFunction.linear()
     loops = [entrant.make_loop(response, LIMITS, start) for entrant in entrants]
     runs = [Series(entrant, first_scored, [start] * entrant.delay_frames) for entrant in entrants]
@@ -199,7 +199,7 @@ def race(
     return runs
 
 
-def _start(oracle: Oracle) -> ExposureSetting:
+def best_start(oracle: Oracle) -> ExposureSetting:
     """The best setting of the first frame, the same for all entrants: they are judged by what comes after."""
     balance = ExposurePriority()
     best = oracle.best(balance, 0.0)
@@ -215,14 +215,18 @@ def _light_jumps_at(stage: Stage, frame: int, frames: int) -> bool:
     return jump(frame - 1) or (frame + 1 < frames and jump(frame))
 
 
-def _step(stage: Stage, loop: ControlLoop, series: Series) -> None:
+def take_pair(stage: Stage, setting: ExposureSetting) -> StereoPair:
+    """The pair that the cameras take of the stage's present frame."""
     frame = stage.frame
-    setting = series.settings[frame]
     time_ns = round(stage.start_s(frame) * 1e9)
     left, right = (
         Frame(stage.expose(side, setting), 8, frame, time_ns, time_ns, time_ns, setting) for side in ("left", "right")
     )
-    decision = loop.step(StereoPair(frame, left, right))
+    return StereoPair(frame, left, right)
+
+
+def _step(stage: Stage, loop: ControlLoop, series: Series) -> None:
+    decision = loop.step(take_pair(stage, series.settings[stage.frame]))
     series.settings.append(decision.setting)
     series.reasons.append(decision.reason)
     series.motion_px.append(decision.motion_px)

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from evaluation.experiments import fig1, fig3, fig10, fig11
+from evaluation.experiments import fig1, fig3, fig7, fig10, fig11, fig12
 from evaluation.experiments.experiment import Experiment
 from evaluation.experiments.teach.experiment import EXPERIMENT as TEACH
 
 EXPERIMENTS: tuple[Experiment, ...] = (
     fig1.EXPERIMENT,
     fig3.EXPERIMENT,
+    fig7.EXPERIMENT,
     fig10.EXPERIMENT,
     fig11.EXPERIMENT,
+    fig12.EXPERIMENT,
     TEACH,
 )
 """In the order of the papers."""

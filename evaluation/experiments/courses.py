@@ -1,0 +1,26 @@
+"""Intervals over courses, where a few runs through one room must not pass for knowledge."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evaluation.experiments.statistics import Interval, mean_interval
+
+FEWEST_COURSES = 3
+"""Fewer differ by chance, and nobody can tell how much."""
+
+
+def over_courses(values: NDArray[np.float64]) -> Interval:
+    """Mean over courses with its 95 % interval, which is unbounded for fewer than three courses."""
+    if len(values) < FEWEST_COURSES:
+        return Interval(float(values.mean()), -math.inf, math.inf)
+    return mean_interval(values)
+
+
+def by_course(courses: NDArray[np.int64], values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Values (runs, ...) averaged over the repeats of each course, in the order of `courses`' first appearance."""
+    order = list(dict.fromkeys(courses.tolist()))
+    return np.array([values[courses == course].mean(axis=0) for course in order])

@@ -1,0 +1,142 @@
+"""The odometry of this house: ORB features, stereo matches, PnP with RANSAC, and a robust refinement on both images."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from evaluation.odometry.features import FeatureFinder, Features, apart, match
+from evaluation.odometry.patches import place
+from evaluation.odometry.pose import IN_FRONT_M, project, refined_pose, rough_pose, transform, triangulate
+from evaluation.odometry.stereo import StereoCamera, Tracked
+
+KEYS = 3
+"""A pair is tied to so many key pairs and to the pair before it: errors of one then average out."""
+
+STALE_SHARE = 0.6
+"""When a pair shares less than this with the last key pair, of what the first one after it did, it is the next one."""
+
+FEWEST_INLIERS = 20
+"""Fewer points that agree on a motion may do so by chance."""
+
+LARGEST_JUMP_M, LARGEST_JUMP_RAD = 0.02, 0.1
+"""A pose further off than this from where the motion so far leads is an error."""
+
+NEAR_PX = 90.0
+"""How far from where it is expected a feature is looked for."""
+
+REACH_PX = 2
+"""How far off ORB may place a feature: within a pixel, times the scale of its pyramid level."""
+
+PLACED_SIGMA = 0.4
+"""Of a point that its patch has placed (pixels); three to four times what it is in good light."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Key:
+    """A pair that later ones are tied to: its features with a depth, where seen, and in the frame of the first pair."""
+
+    image: NDArray[np.uint8]
+    seen: NDArray[np.float64]
+    points: NDArray[np.float64]
+    descriptors: NDArray[np.uint8]
+
+
+class OrbOdometry:
+    """Ties each pair to the last key pairs; a `StereoOdometry`.
+
+    The motion so far, taken on at constant speed, tells where to look for features. Matches are then placed to a
+    fraction of a pixel by their patches. A pair that shares too little with earlier ones is lost: its pose is the
+    guess, and it becomes a key pair, so that tracking goes on from there.
+
+    Parameters
+    ----------
+    camera
+        The stereo camera.
+    seed
+        Of RANSAC's choices.
+    """
+
+    def __init__(self, camera: StereoCamera, seed: int = 0) -> None:
+        self._camera, self._seed = camera, seed
+        self._finder = FeatureFinder(camera)
+        self._pose, self._motion = np.eye(4), np.eye(4)
+        self._keys: list[_Key] = []
+        self._before: _Key | None = None
+        self._most_shared = 0
+
+    def track(self, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> Tracked:
+        """See `StereoOdometry`."""
+        cv2.setRNGSeed(self._seed)
+        features = self._finder.find(left, right)
+        expected = self._pose @ self._motion
+        tied = self._tie(features, expected)
+        if tied is not None:
+            pose, shared = tied
+            self._motion = np.linalg.inv(self._pose) @ pose
+            self._most_shared = max(self._most_shared, shared)
+        else:
+            pose, shared = expected, 0
+        first = self._before is None
+        self._pose, self._before = pose, self._keep(pose, features)
+        if shared < STALE_SHARE * self._most_shared or tied is None:
+            self._keys = [*self._keys[1 - KEYS :], self._before]
+            self._most_shared = 0
+        lost = len(self._before.points) < FEWEST_INLIERS if first else tied is None
+        return Tracked(pose.copy(), lost)
+
+    def _keep(self, pose: NDArray[np.float64], features: Features) -> _Key:
+        deep = ~np.isnan(features.right_x)
+        seen = np.column_stack([features.points, features.right_x])[deep]
+        points = transform(pose, triangulate(self._camera, seen))
+        return _Key(features.image, seen[:, :2], points, features.descriptors[deep])
+
+    def _tie(self, features: Features, expected: NDArray[np.float64]) -> tuple[NDArray[np.float64], int] | None:
+        """Pose of a pair by what it shares with earlier ones, and with how many points of the last key pair.
+
+        None when it shares too little, or the pose cannot be.
+        """
+        if self._before is None:
+            return None
+        earlier = self._keys if self._before is self._keys[-1] else [self._before, *self._keys]
+        found = [self._shared(key, features, expected) for key in earlier]
+        points, seen, sigmas = (np.concatenate(parts) for parts in zip(*found, strict=True))
+        rough = rough_pose(self._camera, points, seen[:, :2])
+        if rough is None:
+            return None
+        to_camera, agree = refined_pose(self._camera, rough, points, seen, sigmas)
+        pose = np.asarray(np.linalg.inv(to_camera), np.float64)
+        if agree.sum() < FEWEST_INLIERS or _jumps(np.linalg.inv(expected) @ pose):
+            return None
+        return pose, int(agree[-len(found[-1][0]) :].sum()) if len(found[-1][0]) else 0
+
+    def _shared(
+        self, key: _Key, features: Features, expected: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Points of a key pair that this one sees too, where (as of `project`), and how precisely placed."""
+        local = transform(np.asarray(np.linalg.inv(expected), np.float64), key.points)
+        where = project(self._camera, local)[:, :2]
+        near = apart(features.points[:, 0], where[:, 0]) < NEAR_PX
+        near &= apart(features.points[:, 1], where[:, 1]) < NEAR_PX
+        near &= local[:, 2] > IN_FRONT_M
+        here, there = match(features.descriptors, key.descriptors, near)
+        by_orb = features.points[here]
+        placed, good = place(key.image, features.image, key.seen[there], by_orb, (REACH_PX, REACH_PX))
+        seen = np.where(good[:, None], placed, by_orb)
+        # The disparity that was found for the feature holds for its neighbourhood.
+        right_x = features.right_x[here] + seen[:, 0] - by_orb[:, 0]
+        sigmas = np.where(good, PLACED_SIGMA, features.sigmas[here])
+        return key.points[there], np.column_stack([seen, right_x]), sigmas
+
+
+def in_house() -> OrbOdometry:
+    """Our odometry on the simulated rig."""
+    return OrbOdometry(StereoCamera.simulated())
+
+
+def _jumps(off: NDArray[np.float64]) -> bool:
+    turn_rad = float(np.linalg.norm(cv2.Rodrigues(off[:3, :3])[0]))
+    return turn_rad > LARGEST_JUMP_RAD or float(np.linalg.norm(off[:3, 3])) > LARGEST_JUMP_M

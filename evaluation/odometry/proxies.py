@@ -1,0 +1,48 @@
+"""The seven measures of an image that might stand for the error of odometry (Begin & Hunter 2022, section 3.1)."""
+
+from __future__ import annotations
+
+from autoexpose_daemon.control.entropy import entropy
+from autoexpose_daemon.control.entropy_weighted_gradient import entropy_weighted_gradient
+from autoexpose_daemon.control.gradient_statistics import median_gradient
+from autoexpose_daemon.control.image import ImagePreparation
+from autoexpose_daemon.control.metrics import GradientMetric
+from autoexpose_daemon.control.quality import CombinedQuality
+from autoexpose_daemon.control.stereo_matching import StereoMatcher
+from drivers.frames import StereoPair
+from evaluation.odometry.stereo import images
+
+PROXIES = {
+    "gradient information": -0.73,
+    "median gradient": -0.37,
+    "entropy": 0.26,
+    "entropy-weighted gradient": -0.40,
+    "combined quality": -0.26,
+    "good stereo matches": 0.02,
+    "Lowe ratio": -0.73,
+}
+"""In the order of Fig. 9, with the paper's correlation with the error."""
+
+
+class Proxies:
+    """Measures pairs: five of the left image as control sees it, two of both images as odometry does."""
+
+    def __init__(self) -> None:
+        self._preparation = ImagePreparation()
+        self._gradient, self._quality = GradientMetric(), CombinedQuality()
+        self._matcher = StereoMatcher()
+
+    def measure(self, pair: StereoPair) -> list[float]:
+        """One value for each of `PROXIES`; a Lowe ratio of 1 stands for no match at all."""
+        image = self._preparation.prepare(pair.left.grey8())
+        matches = self._matcher.match(*images(pair))
+        lowe = matches.median_lowe_ratio
+        return [
+            self._gradient.measure(image),
+            median_gradient(image),
+            entropy(image),
+            entropy_weighted_gradient(image),
+            self._quality.measure(image),
+            float(matches.count),
+            1.0 if lowe is None else lowe,
+        ]

@@ -1,0 +1,81 @@
+"""What any stereo odometry is to the experiments: pairs in, poses out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.frames import StereoPair
+from fake_camera.path import BASELINE_M
+from fake_camera.render import Pinhole
+
+GAMMA = 0.3
+"""Lifts the dark parts before features are looked for (Begin & Hunter 2022, section 3.1)."""
+
+_CONTRAST = np.rint(255.0 * (np.arange(256) / 255.0) ** GAMMA).astype(np.uint8)
+
+
+@dataclass(frozen=True, slots=True)
+class StereoCamera:
+    """A rectified stereo camera without distortion.
+
+    Attributes
+    ----------
+    focal_px
+        Focal length, pixels.
+    centre_px
+        Where the optical axes meet the images: x, y in pixels.
+    baseline_m
+        Distance of the right camera from the left one, metres.
+    """
+
+    focal_px: float
+    centre_px: tuple[float, float]
+    baseline_m: float
+
+    @classmethod
+    def simulated(cls) -> StereoCamera:
+        """That of the fake cameras."""
+        camera = Pinhole()
+        return cls(camera.focal_px, ((camera.width - 1) / 2, (camera.height - 1) / 2), BASELINE_M)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tracked:
+    """What odometry says of one pair.
+
+    Attributes
+    ----------
+    pose
+        Pose of the left camera in the frame of the first one: the matrix (4, 4) that takes its coordinates (m) there.
+    lost
+        Whether the pose is a guess, because the pair could not be tied to an earlier one.
+    """
+
+    pose: NDArray[np.float64]
+    lost: bool
+
+
+class StereoOdometry(Protocol):
+    """Follows a stereo camera from pair to pair; whoever stands behind it, ours or another's."""
+
+    def track(self, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> Tracked:
+        """The pose at the next pair of images, uint8 (height, width), as `prepared` makes them.
+
+        Always answers: a pair that cannot be tracked gets a guess and is told as lost.
+        """
+
+
+def images(pair: StereoPair) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """Both images of a whole pair as odometry gets them."""
+    assert pair.right is not None
+    return prepared(pair.left.grey8()), prepared(pair.right.grey8())
+
+
+def prepared(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """An image as the paper gives it to odometry: 3x3 median, then a gamma of 0.3."""
+    return np.asarray(cv2.LUT(cv2.medianBlur(image, 3), _CONTRAST), np.uint8)

@@ -1,0 +1,132 @@
+"""Odometry against motions and images that are known."""
+
+from __future__ import annotations
+
+import itertools
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from drivers.exposure import ExposureSetting
+from evaluation.closed_loop import take_pair
+from evaluation.odometry.course import lap, odometry_stage
+from evaluation.odometry.drive import FAILED_PAIRS, lost_for_good
+from evaluation.odometry.errors import relative_errors_mm
+from evaluation.odometry.orb import OrbOdometry
+from evaluation.odometry.patches import place
+from evaluation.odometry.pose import project, refined_pose, rough_pose, transform, triangulate
+from evaluation.odometry.stereo import StereoCamera, images
+from fake_camera.simulation import RoomView
+
+CAMERA = StereoCamera.simulated()
+
+
+def moved(turn_rad: tuple[float, float, float], shift_m: tuple[float, float, float]) -> NDArray[np.float64]:
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = cv2.Rodrigues(np.array(turn_rad, np.float64))[0], shift_m
+    return pose
+
+
+def cloud(count: int = 200) -> NDArray[np.float64]:
+    return np.random.default_rng(3).uniform((-0.6, -0.4, 0.7), (0.6, 0.4, 2.5), (count, 3))
+
+
+def test_points_are_found_again_from_where_both_cameras_see_them() -> None:
+    points = cloud()
+    assert np.allclose(triangulate(CAMERA, project(CAMERA, points)), points)
+
+
+def test_pose_is_exact_without_noise_and_does_not_follow_outliers() -> None:
+    points, motion = cloud(), moved((0.01, 0.03, -0.005), (0.004, -0.001, 0.003))
+    seen = project(CAMERA, transform(motion, points))
+    seen[:40] += np.random.default_rng(4).uniform(-60, 60, (40, 3))
+    seen[100:, 2] = np.nan  # not every point is seen by the right camera
+    rough = rough_pose(CAMERA, points, seen[:, :2])
+    assert rough is not None
+    pose, agree = refined_pose(CAMERA, rough, points, seen, np.ones(len(points)))
+    assert np.allclose(pose, motion, atol=5e-5)  # 0.05 mm
+    assert agree[40:].all() and agree[:40].sum() <= 2
+
+
+def test_too_few_points_give_no_pose() -> None:
+    points = cloud(5)
+    assert rough_pose(CAMERA, points, project(CAMERA, points)[:, :2]) is None
+
+
+def test_patches_are_placed_to_a_tenth_of_a_pixel_whatever_the_contrast() -> None:
+    rng = np.random.default_rng(5)
+    texture = cv2.GaussianBlur(rng.uniform(0, 255, (200, 200)).astype(np.float32), (0, 0), 2.0)
+    texture = (texture - texture.min()) * (200 / np.ptp(texture))
+    shift = np.float32([[1, 0, 1.3], [0, 1, -0.6]])
+    other = 20 + 0.6 * cv2.warpAffine(texture, shift, (200, 200))
+    points = rng.uniform(30, 170, (80, 2))
+    placed, good = place(texture.astype(np.uint8), other.astype(np.uint8), points, points, (3, 3))
+    assert good.mean() > 0.9
+    assert np.median(np.abs(placed - points - (1.3, -0.6))[good]) < 0.1
+    _, far = place(texture.astype(np.uint8), other.astype(np.uint8), points, points + 30, (3, 3))
+    assert far.mean() < 0.7  # many find their least cost at the edge of the search and say so
+
+
+def test_flat_images_place_nothing() -> None:
+    grey = np.full((60, 60), 80, np.uint8)
+    assert not place(grey, grey, np.full((3, 2), 30.0), np.full((3, 2), 30.0), (2, 2))[1].any()
+    assert place(grey, grey, np.empty((0, 2)), np.empty((0, 2)), (2, 2))[0].shape == (0, 2)
+
+
+def test_error_of_a_trajectory_that_is_5_percent_too_long() -> None:
+    truth = [moved((0, 0, 0), (0.002 * i, 0, 0)) for i in range(40)]
+    estimate = [moved((0, 0, 0), (0.0021 * i, 0, 0)) for i in range(40)]
+    errors = relative_errors_mm(truth, estimate)
+    assert len(errors) >= 30
+    assert np.allclose(errors[:30], 1.0)  # beginning at each pose with 20 mm ahead of it
+    # Where the world's axes are does not matter.
+    elsewhere = moved((0.3, -0.2, 1.0), (1, 2, 3))
+    assert np.allclose(relative_errors_mm(truth, [elsewhere @ pose for pose in truth]), 0.0, atol=1e-6)
+
+
+def test_tracking_is_lost_when_it_is_for_some_pairs_in_a_row() -> None:
+    almost = [True] * (FAILED_PAIRS - 1) + [False]
+    assert not lost_for_good(almost * 3)
+    assert lost_for_good([*almost, *[True] * FAILED_PAIRS])
+
+
+def track(setting: ExposureSetting, first: int, pairs: int, seed: int = 0) -> tuple[list[float], list[bool], float]:
+    """Errors, which pairs were lost, and the last pose's first number, of a piece of the lap in good light."""
+    stage = odometry_stage("even", 1, 0, 0)
+    view = stage.views["left"]
+    assert isinstance(view, RoomView)
+    odometry = OrbOdometry(CAMERA, seed)
+    truth, tracked = [], []
+    for frame in range(first, first + 2 * pairs, 2):
+        stage.go_to(frame)
+        tracked.append(odometry.track(*images(take_pair(stage, setting))))
+        truth.append(view.pose(stage.start_s(frame) + setting.exposure_time_us / 2e6))
+    errors = relative_errors_mm(truth, [one.pose for one in tracked])
+    return errors, [one.lost for one in tracked], float(tracked[-1].pose[0, 3])
+
+
+def test_a_lap_in_good_light_is_followed_and_always_in_the_same_way() -> None:
+    sharp = ExposureSetting(940.0, 24.0)
+    errors, lost, end = track(sharp, 60, 22)
+    assert not any(lost)
+    assert np.mean(errors) < 4.0  # of 20 mm
+    assert track(sharp, 60, 22)[2] == end
+
+
+def test_pairs_without_anything_to_see_are_lost_and_told() -> None:
+    odometry = OrbOdometry(CAMERA)
+    black = np.zeros((540, 720), np.uint8)
+    assert [odometry.track(black, black).lost for _ in range(3)] == [True, True, True]
+    assert np.allclose(odometry.track(black, black).pose, np.eye(4))
+
+
+def test_the_lap_starts_from_rest_and_keeps_to_its_speeds() -> None:
+    path = lap(0)
+    times_s = np.arange(0.0, 12.0, 0.02)
+    poses = np.array([path.pose(float(time_s)) for time_s in times_s])
+    speeds = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1) / 0.02
+    turns = [np.linalg.norm(cv2.Rodrigues(a[:3, :3].T @ b[:3, :3])[0]) / 0.02 for a, b in itertools.pairwise(poses)]
+    assert speeds[0] < 1e-3 and speeds.max() == pytest.approx(0.0855, abs=0.001)
+    assert 80 < np.degrees(max(turns)) < 90
