@@ -61,8 +61,9 @@ bench: $(VENV)/dev.stamp ## where the time goes, as ratios
 accept: $(VENV)/dev.stamp ## the longer checks in real time, about five minutes
 	$(VENV)/bin/pytest tests/accept -p no:cacheprovider --override-ini addopts=-ra --timeout 600 -s
 
-soak: $(VENV)/dev.stamp ## endurance: ten minutes of demo, the account must balance; cables pulled 50 times
+soak: $(VENV)/dev.stamp ## endurance: a day in virtual time, ten minutes of demo, cables pulled 50 times; accounts must balance
 	@mkdir -p out
+	$(PY) -m tests.soak --hours $${SOAK_HOURS:-24} $${SOAK_SEED:+--seed $$SOAK_SEED}
 	$(VENV)/bin/autoexpose demo --seconds 600 --policy neves2009 --summary out/soak.json
 	REPLUG_CYCLES=50 $(VENV)/bin/pytest tests/autoexpose_daemon/test_replug.py tests/autoexpose_daemon/test_replug_usb3.py
 

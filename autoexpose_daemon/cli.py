@@ -17,7 +17,9 @@ from rich.console import Console
 
 from autoexpose_daemon.config import Config, load_config
 from autoexpose_daemon.control.policies import DEFAULT_POLICY, POLICY_IDS, check_policy_id
+from autoexpose_daemon.logs import complain
 from autoexpose_daemon.notify import Notifier
+from autoexpose_daemon.publish.keys import LOOPBACK, check_endpoints
 from autoexpose_daemon.recording import check_recording_extra
 from drivers.errors import AutoexposeError, ConfigurationError
 from drivers.exposure import ExposureSetting
@@ -93,7 +95,7 @@ def _explaining(notifier: Notifier) -> Iterator[None]:
         yield
     except ConfigurationError as error:
         notifier.status(f"failed: {error}")
-        typer.echo(f"autoexpose: {error}", err=True)
+        complain(str(error))
         raise typer.Exit(os.EX_CONFIG) from None
 
 
@@ -156,6 +158,28 @@ def demo(
     run_demo(options, stop, Console())
 
 
+@app.command()
+def top(
+    rig: Annotated[str, typer.Option(help="Name of the rig, `publish.rig` of its configuration.")] = "rig",
+    connect: Annotated[
+        list[str] | None, typer.Option(help=f"Endpoint of a daemon or router; {LOOPBACK} unless given.")
+    ] = None,
+    once: Annotated[bool, typer.Option("--once", help="Print the status of the moment, and end.")] = False,
+) -> None:
+    """Watch a running daemon: state, exposure, losses, consumers, faults; Ctrl-C ends."""
+    try:
+        from autoexpose_daemon.top import follow, show_once  # noqa: PLC0415  an extra
+    except ImportError as error:
+        raise AutoexposeError(f"{error.name} is missing: pip install 'autoexpose-daemon[publish]'") from error
+    check_endpoints(connect or [])
+    stop = threading.Event()
+    stop_on_signals(stop)
+    if once:
+        show_once(rig, connect or [LOOPBACK], Console())
+    else:
+        follow(rig, connect or [LOOPBACK], Console(), stop)
+
+
 @app.command("list")
 def list_cameras() -> None:
     """List the cameras that Aravis finds."""
@@ -205,7 +229,7 @@ def main() -> None:
         _add_commands(next((word for word in sys.argv[1:] if not word.startswith("-")), None))
         app()
     except AutoexposeError as error:
-        typer.echo(f"autoexpose: {error}", err=True)
+        complain(str(error))
         raise SystemExit(1) from None
 
 

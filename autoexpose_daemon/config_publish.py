@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from typing import Self
 
 from pydantic import field_validator, model_validator
 
 from autoexpose_daemon.config_section import Section
-from autoexpose_daemon.publish.keys import LOOPBACK, RIG_NAME
+from autoexpose_daemon.publish.keys import LOOPBACK, check_endpoints, check_rig_name
 from drivers.errors import ConfigurationError
-
-_ENDPOINT = re.compile(r"[a-z][a-z0-9_-]*/\S+")
 
 
 class PublishConfig(Section):
@@ -26,15 +23,12 @@ class PublishConfig(Section):
     @field_validator("rig")
     @classmethod
     def _rig_is_a_name(cls, rig: str) -> str:
-        if not RIG_NAME.fullmatch(rig):
-            raise ValueError(f"{rig} is no name for a rig: a letter, then letters, digits and _")
+        check_rig_name(rig)
         return rig
 
     @model_validator(mode="after")
     def _endpoints_are_endpoints(self) -> Self:
-        for endpoint in (*self.listen, *self.connect):
-            if not _ENDPOINT.fullmatch(endpoint):
-                raise ValueError(f"{endpoint} is no endpoint: write protocol/address, such as {LOOPBACK}")
+        check_endpoints((*self.listen, *self.connect))
         return self
 
     @model_validator(mode="after")

@@ -79,6 +79,11 @@ class Daemon:
         return self._control.tally
 
     @property
+    def tuning(self) -> Tuning:
+        """What control goes by at present."""
+        return self._control.tuning
+
+    @property
     def loop(self) -> ControlLoop | None:
         """What decides at present: for observers, who are called on its thread."""
         return self._control.loop
@@ -92,6 +97,7 @@ class Daemon:
             When a camera can never be driven as configured.
         """
         share_one_heap()
+        self.telemetry.opened_ns = time.monotonic_ns()
         with ExitStack() as outlets:
             for outlet in self.outlets:
                 outlets.enter_context(outlet)
@@ -102,6 +108,9 @@ class Daemon:
                     self.beat_ns = time.monotonic_ns()
                     self._control.take(self._next_events())
                     self._tune()
+            except BaseException as error:
+                self.telemetry.failed(error)
+                raise
             finally:
                 self._control.close()
                 self._stop_rig()

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Self
 
 from autoexpose_daemon.config import Config
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.daemon import Daemon
+from autoexpose_daemon.describe import describe
+from autoexpose_daemon.publish.keys import response_key, status_key
 from autoexpose_daemon.publish.tally import PublishTally
+from autoexpose_daemon.status import response_to_json
 from drivers.frames import StereoPair
 
 if TYPE_CHECKING:
@@ -43,6 +47,7 @@ def add_outlets(daemon: Daemon, config: Config, recorder: Recorder | None = None
 
     Without the Python packages for publishing the daemon goes on and says so.
     """
+    daemon.telemetry.recorder = recorder
     if recorder is not None:
         daemon.outlets.append(RecorderTap(recorder, daemon, len(config.sides)))
     if config.publish is None:
@@ -54,7 +59,15 @@ def add_outlets(daemon: Daemon, config: Config, recorder: Recorder | None = None
         log.warning("frames are not published: %s", trouble)
         daemon.telemetry.publishing = PublishTally(trouble=trouble)
         return daemon
-    publisher = Publisher(config.publish, len(config.sides))
+    publisher = Publisher(config.publish, len(config.sides), partial(_tell, daemon))
     daemon.outlets.append(publisher)
     daemon.telemetry.publishing = publisher.tally
     return daemon
+
+
+def _tell(daemon: Daemon, last: bool) -> dict[str, str]:
+    """The status, and the response of each camera; `last`: before the session closes."""
+    tuning = daemon.tuning
+    status = describe(daemon.telemetry, tuning.config, ending=last)
+    responses = {response_key(status.rig, side): response_to_json(it) for side, it in tuning.responses.items()}
+    return {status_key(status.rig): status.to_json()} | responses

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import os
 import threading
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
@@ -17,8 +18,11 @@ from calibration.response import ResponseFunction
 from calibration.response_file import ResponseFile
 from drivers.errors import ConfigurationError
 from drivers.frames import Side, StereoPair
+from drivers.seldom import Seldom
 
 log = logging.getLogger(__name__)
+
+_SELDOM = Seldom(600.0)  # in changing light there is an attempt every second or so
 
 DOUBTFUL_GREY = 3.0
 """Misfit (grey levels rms) from which a response is doubted: a good one misses by half a grey level."""
@@ -115,6 +119,9 @@ def _refine(side: Side, calibrated: Path, response: ResponseFunction, changes: l
         replace(file, response=better, origin=origin, model="free", parameters={}, residual_grey=after).save(part)
         part.replace(path)
     except (ConfigurationError, OSError) as error:
-        log.warning("%s camera: no refined response is kept: %s", side, error)
+        if _SELDOM.due((path, "failed"), time.monotonic_ns()):
+            log.warning("%s camera: no refined response is kept: %s", side, error)
+        return
+    if not _SELDOM.due((path, "refined"), time.monotonic_ns()):
         return
     log.info("%s camera: %s refined: off by %.1f grey levels rms, was %.1f", side, path, after, before)

@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
+from autoexpose_daemon.command_effect import CommandToEffect
 from autoexpose_daemon.complaints import Complaints
 from autoexpose_daemon.config import Config
 from autoexpose_daemon.control.decision import Decision
@@ -34,11 +35,14 @@ from drivers.rig_events import (
     WriteFailed,
     Written,
 )
+from drivers.seldom import Seldom
 from drivers.start_check import StartCheck
 from drivers.write_ledger import WriteLedger
 from drivers.write_window import when_to_write_ns
 
 log = logging.getLogger(__name__)
+
+_SILENCE_SAID_S = 60.0  # a trigger much slower than configured makes each frame end a silence
 
 
 class Cameras(Protocol):
@@ -105,13 +109,20 @@ class RigControl:
         self._loop: ControlLoop | None = None
         self._asked_arrival_ns: int | None = None
         self._ledger = WriteLedger()
+        self._effects = CommandToEffect(tuple(config.sides))
         self._last_trigger = -1
         self._write_again = False
+        self._seldom = Seldom(_SILENCE_SAID_S)
 
     @property
     def tally(self) -> Tally:
         """The account of triggers so far."""
         return self._account.tally
+
+    @property
+    def tuning(self) -> Tuning:
+        """What control goes by at present."""
+        return self._tuning
 
     @property
     def loop(self) -> ControlLoop | None:
@@ -180,7 +191,8 @@ class RigControl:
                 self._frame_watch.frame(side, frame)
                 return self._account.frame(side, frame)
             case CameraSilent(side):
-                log.warning("%s camera: no frames; asking whether it is there", side)
+                if self._seldom.due(side, self._now_ns()):
+                    log.warning("%s camera: no frames; asking whether it is there", side)
                 self._frame_watch.silent(side)
                 return self._account.silent(side)
             case CameraGone(side, error, final):
@@ -229,6 +241,7 @@ class RigControl:
         self.telemetry.cameras[side] = GONE
         self._ledger.gone(side)
         self._frame_watch.gone(side)
+        self._effects.gone(side)
         if final:
             raise error
         self._complaints.change(side, GONE, f"{error}; trying again")
@@ -254,9 +267,11 @@ class RigControl:
         started_ns = self._now_ns()
         decision = self._loop.step(pair)
         self._newest = pair
-        self.telemetry.decision_ms.add_ns(self._now_ns() - started_ns)
-        self.telemetry.decision = decision
+        decided_ns = self._now_ns()
+        self.telemetry.decision_ms.add_ns(decided_ns - started_ns)
+        self.telemetry.decided(decision, self._loop.setup.limits)
         if decision.setting != self._asked or self._write_again:
+            self._effects.commanded(decision.setting, decided_ns)
             self._asked, self._write_again = decision.setting, False
             self._asked_arrival_ns = max(frame.arrival_time_ns for frame in pair.frames)
             self._cameras.write(decision.setting, self._when_to_write_ns())
@@ -265,6 +280,9 @@ class RigControl:
     def _deliver(self, pair: StereoPair, decision: Decision | None) -> None:
         """Note what a pair shows, and hand it on."""
         self.telemetry.delivered(pair, complete=len(pair.frames) == len(self._config.sides))
+        for side, frame in pair.by_side.items():
+            if (effect_ns := self._effects.shown(side, frame)) is not None:
+                self.telemetry.command_to_effect_ms.add_ns(effect_ns)
         if self._ledger.mismatched(pair):
             self.telemetry.mismatched_pairs += 1
             self.telemetry.unexplained_mismatches += not self._ledger.explains(pair)

@@ -13,11 +13,15 @@ from rich.console import Console
 from autoexpose_daemon.config import Config
 from autoexpose_daemon.control_thread import ControlThread
 from autoexpose_daemon.daemon import Daemon
+from autoexpose_daemon.describe import describe
 from autoexpose_daemon.last_exposure import LastExposure
+from autoexpose_daemon.logs import set_up_logging
 from autoexpose_daemon.notify import Notifier
+from autoexpose_daemon.panel import line_of
 from autoexpose_daemon.states import State
+from autoexpose_daemon.status import Status
 from autoexpose_daemon.tuning import Tuning
-from autoexpose_daemon.view import Show, display, set_up_logging
+from autoexpose_daemon.view import Show, display
 from autoexpose_daemon.watch import Watch
 from drivers.errors import AutoexposeError, ConfigurationError
 from drivers.exposure import ExposureSetting
@@ -45,7 +49,7 @@ def run_until_stopped(
     set_up_logging(console)
     with display(console, title) as show:
         service.run(stop, show, new_config)
-    log.info("stopped: %s", service.daemon.telemetry.line(time.monotonic_ns()))
+    log.info("stopped: %s", line_of(service.status()))
 
 
 class Service:
@@ -79,7 +83,7 @@ class Service:
         self.daemon = self._make(config)
 
     def run(self, stop: threading.Event, show: Show, new_config: NewConfig = _none) -> None:
-        """Run until `stop` is set, showing telemetry and state four times a second.
+        """Run until `stop` is set, showing the status four times a second.
 
         Raises
         ------
@@ -92,7 +96,7 @@ class Service:
             while not stop.wait(_TURN_S):
                 self._look_for_failures()
                 self._watch.look()
-                show(self.daemon.telemetry, self._watch.health)
+                show(self.status)
                 self._take_note()
                 self._look_for_reload(new_config)
         except BaseException as error:
@@ -104,6 +108,10 @@ class Service:
             threading.excepthook = former_hook
             self._last_exposure.save(time.monotonic())
         self._raise_failure()
+
+    def status(self) -> Status:
+        """How the daemon is."""
+        return describe(self.daemon.telemetry, self._config)
 
     def _make(self, config: Config) -> Daemon:
         return self._build(config, self._last_exposure.recall(config.exposure.limits()))

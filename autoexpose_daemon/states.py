@@ -58,6 +58,8 @@ class Expectation:
 
 def judge(telemetry: Telemetry, expected: Expectation, now_ns: int) -> Health:
     """The state at one moment. A trigger that stands still, or a camera that is lost, degrades and never fails."""
+    if telemetry.failure is not None:
+        return Health(State.FAILED, (telemetry.failure,))
     if telemetry.last_pair_ns is None and now_ns - expected.since_ns < max(START_PATIENCE_NS, expected.silence_ns):
         return Health(State.STARTING)
     reasons = tuple(_shortcomings(telemetry, expected, now_ns))

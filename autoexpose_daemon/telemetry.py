@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections import deque
+from collections import Counter, deque
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.publish.tally import PublishTally
 from drivers.account import LossReason
-from drivers.exposure import ExposureSetting
+from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Side, StereoPair
 
 _KEPT = 1 << 14  # four and a half minutes at 60 Hz: percentiles of the recent past in bounded memory
@@ -21,21 +22,34 @@ GONE = "gone"
 
 
 class Durations:
-    """Durations in ms, the latest of them kept."""
+    """Durations in ms: all of them counted and summed up, the latest of them kept. One thread adds, others read."""
 
     def __init__(self) -> None:
-        self._values_ms: deque[float] = deque(maxlen=_KEPT)
+        self.count = 0
+        self.sum_ms = 0.0
+        self._latest_ms = np.empty(_KEPT, np.float32)
 
     def add_ns(self, duration_ns: int) -> None:
         """Add one duration in ns."""
-        self._values_ms.append(duration_ns * 1e-6)
+        duration_ms = duration_ns * 1e-6
+        self._latest_ms[self.count % _KEPT] = duration_ms
+        self.sum_ms += duration_ms
+        self.count += 1
 
     def percentiles(self) -> dict[str, float | None]:
-        """Median and 99th percentile in ms; None before the first."""
-        if not self._values_ms:
+        """Median and 99th percentile of the latest, in ms; None before the first."""
+        if not self.count:
             return {"p50": None, "p99": None}
-        p50, p99 = np.percentile(np.array(self._values_ms), [50, 99])
+        p50, p99 = np.percentile(self._latest_ms[: self.count], [50, 99])
         return {"p50": round(float(p50), 3), "p99": round(float(p99), 3)}
+
+
+class RecorderCounts(Protocol):
+    """What a recorder tells of itself; itself it is an extra."""
+
+    steps: int
+    dropped: int
+    failure: str | None
 
 
 @dataclass(slots=True)
@@ -44,6 +58,10 @@ class Telemetry:
 
     Attributes
     ----------
+    opened_ns
+        When the cameras began to be opened (CLOCK_MONOTONIC): all counts are since then.
+    failure
+        What ends the daemon, in words; None: nothing has.
     cameras
         For each side that was tried, model and serial, or `GONE`.
     last_frame_ns, last_pair_ns
@@ -60,12 +78,18 @@ class Telemetry:
         How often the clock of a camera jumped.
     complaints
         What is wrong with the cameras at present, in words, by camera and kind.
+    clamped_decisions
+        Decisions that the bounds held back, by the bound: `darkest` or `brightest`.
     misfits
         For each side whose calibration does not fit, why, in words.
-    publishing
-        What became of the frames on their way out; None when they are not to be published.
+    applied, newest
+        The setting of the newest frame that control saw, and of each camera's newest.
+    publishing, recorder
+        What became of the frames on their way out, and to disk; None when there is no such way.
     """
 
+    opened_ns: int | None = None
+    failure: str | None = None
     pairs: int = 0
     lost: dict[LossReason, int] = field(default_factory=dict)
     surplus_frames: int = 0
@@ -78,6 +102,7 @@ class Telemetry:
     astray_frames: int = 0
     untold_frames: int = 0
     clock_jumps: int = 0
+    clamped_decisions: Counter[str] = field(default_factory=Counter)
     reconnects: int = 0
     cameras: dict[Side, str] = field(default_factory=dict)
     last_frame_ns: dict[Side, int] = field(default_factory=dict)
@@ -85,38 +110,36 @@ class Telemetry:
     complaints: dict[tuple[Side, str], str] = field(default_factory=dict)
     misfits: dict[Side, str] = field(default_factory=dict)
     applied: ExposureSetting | None = None
+    newest: dict[Side, ExposureSetting] = field(default_factory=dict)
     decision: Decision | None = None
     drift_grey: dict[Side, float] = field(default_factory=dict)
     decision_ms: Durations = field(default_factory=Durations)
     write_ms: Durations = field(default_factory=Durations)
     frame_to_node_ms: Durations = field(default_factory=Durations)
+    command_to_effect_ms: Durations = field(default_factory=Durations)
     publishing: PublishTally | None = None
+    recorder: RecorderCounts | None = None
     _recent_ns: deque[int] = field(default_factory=lambda: deque(maxlen=120))
+
+    def failed(self, error: BaseException) -> None:
+        """Note what ends the daemon."""
+        self.failure = str(error) or type(error).__name__
 
     def delivered(self, pair: StereoPair, complete: bool) -> None:
         """Note what control saw: a `complete` pair, or what one camera of two gave."""
         self.applied = pair.left.setting
+        self.newest.update({side: frame.setting for side, frame in pair.by_side.items()})
         if complete:
             self._recent_ns.append(pair.left.host_time_ns)
             self.last_pair_ns = max(frame.arrival_time_ns for frame in pair.frames)
 
-    @property
-    def oddities(self) -> dict[str, int]:
-        """What should not happen and did, in words, with its count."""
-        counts = {
-            "pairs without a decision": self.undecided_pairs,
-            "mismatched pairs": self.mismatched_pairs,
-            "mismatches without a late write": self.unexplained_mismatches,
-            "late writes": self.late_writes,
-            "refused writes": self.refused_writes,
-            "clipped writes": self.clipped_writes,
-            "frames not as written": self.astray_frames,
-            "frames that did not say how they were taken": self.untold_frames,
-            "jumps of a camera's clock": self.clock_jumps,
-            "reconnects": self.reconnects,
-            "surplus frames": self.surplus_frames,
-        }
-        return {name: count for name, count in counts.items() if count}
+    def decided(self, decision: Decision, limits: ExposureLimits) -> None:
+        """Note a decision made within limits."""
+        self.decision = decision
+        if decision.level <= limits.darkest.level:
+            self.clamped_decisions["darkest"] += 1
+        elif decision.level >= limits.brightest.level:
+            self.clamped_decisions["brightest"] += 1
 
     def rate_hz(self, now_ns: int) -> float:
         """Complete pairs per second over the last of them; 0 when none came for a second."""
@@ -129,20 +152,3 @@ class Telemetry:
         """Rate and exposure, in a few words."""
         rate = f"{self.rate_hz(now_ns):.1f} pairs/s"
         return rate if self.applied is None else f"{rate}, {self.applied}"
-
-    def line(self, now_ns: int) -> str:
-        """The state in one line."""
-        lost = ", ".join(f"{count} {reason}" for reason, count in self.lost.items() if count) or "none"
-        parts = [f"{self.rate_hz(now_ns):.1f} pairs/s", f"{self.pairs} pairs", f"lost: {lost}"]
-        if self.applied is not None:
-            parts.append(f"{self.applied} (E {self.applied.level:.2f})")
-        if self.decision is not None:
-            parts.append(f"metric {self.decision.metric:.4f}")
-        parts += [f"{side} response off by {grey:.1f} grey" for side, grey in list(self.drift_grey.items())]
-        parts += [f"{count} {name}" for name, count in self.oddities.items()]
-        if self.publishing is not None:
-            parts += [f"{title} {text}" for title, text in self.publishing.lines()]
-        latency = self.frame_to_node_ms.percentiles()
-        if latency["p99"] is not None:
-            parts.append(f"frame to node {latency['p50']:.1f}/{latency['p99']:.1f} ms")
-        return "; ".join(parts)

@@ -7,8 +7,9 @@ import time
 
 from autoexpose_daemon.config import Config
 from autoexpose_daemon.daemon import Daemon
+from autoexpose_daemon.describe import health_of
 from autoexpose_daemon.notify import Notifier
-from autoexpose_daemon.states import Expectation, Health, State, judge
+from autoexpose_daemon.states import Health, State
 
 log = logging.getLogger(__name__)
 
@@ -33,14 +34,13 @@ class Watch:
 
     def begin(self, daemon: Daemon, config: Config) -> None:
         """From now on this daemon."""
-        self._daemon = daemon
-        triggered = config.trigger.mode == "external"
-        period_s = 1.0 / config.trigger.rate_hz
-        self._expected = Expectation(tuple(config.sides), period_s, triggered, time.monotonic_ns())
+        self._daemon, self._config = daemon, config
 
     def look(self) -> None:
         """Judge the state and tell what is new; the first time that it is exposing or degraded, the start is over."""
-        health = judge(self._daemon.telemetry, self._expected, time.monotonic_ns())
+        health = health_of(self._daemon.telemetry, self._config)
+        if health.state is State.FAILED:  # the service looks into it, and may know a way on
+            health = self.health
         if health != self.health:
             self._tell(health)
         if not self._ready and health.state is not State.STARTING:
@@ -64,7 +64,8 @@ class Watch:
 
     def failed(self, error: BaseException) -> None:
         """The last word before the process ends."""
-        self._tell(Health(State.FAILED, (str(error) or type(error).__name__,)))
+        self._daemon.telemetry.failed(error)
+        self._tell(health_of(self._daemon.telemetry, self._config))
 
     def stopping(self) -> None:
         """The stop begins."""

@@ -21,7 +21,7 @@ from zenoh.handlers import Handler, RingChannel
 
 from autoexpose_daemon.client.pairs import PairAssembler, PairQueue, ReceivedPair
 from autoexpose_daemon.messages.read import DamagedMessageError
-from autoexpose_daemon.publish.keys import CONSUMER_NAME, LOOPBACK, RIG_NAME, all_of_rig, consumer_key, last_but
+from autoexpose_daemon.publish.keys import CONSUMER_NAME, LOOPBACK, all_of_rig, check_rig_name, consumer_key, last_but
 from autoexpose_daemon.publish.session import Endpoints, SessionError, open_as_consumer
 from autoexpose_daemon.publish.tally import ConsumerTally
 from drivers.errors import ConfigurationError
@@ -69,8 +69,7 @@ class StereoClient:
         zenoh_file: Path | None = None,
         name: str | None = None,
     ) -> None:
-        if not RIG_NAME.fullmatch(rig):
-            raise ConfigurationError(f"{rig} is no name for a rig: a letter, then letters, digits and _")
+        check_rig_name(rig)
         if name is not None and not CONSUMER_NAME.fullmatch(name):
             raise ConfigurationError(f"{name} is no name for a consumer: up to 64 letters, digits, and any of _ . -")
         self._rig = rig

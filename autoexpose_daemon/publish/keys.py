@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
+from typing import Literal
 
+from drivers.errors import ConfigurationError
 from drivers.frames import Side
 
 LOOPBACK = "tcp/127.0.0.1:7448"
@@ -12,8 +15,21 @@ LOOPBACK = "tcp/127.0.0.1:7448"
 RIG_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 """What zenoh takes in a key and ROS 2 in the name of a coordinate frame."""
 
-
 CONSUMER_NAME = re.compile(r"[A-Za-z0-9_.-]{1,64}")
+_ENDPOINT = re.compile(r"[a-z][a-z0-9_-]*/\S+")
+
+
+def check_rig_name(rig: str) -> None:
+    """Raise ConfigurationError for what cannot be the name of a rig."""
+    if not RIG_NAME.fullmatch(rig):
+        raise ConfigurationError(f"{rig} is no name for a rig: a letter, then letters, digits and _")
+
+
+def check_endpoints(endpoints: Iterable[str]) -> None:
+    """Raise ConfigurationError for what cannot be endpoints of zenoh."""
+    for endpoint in endpoints:
+        if not _ENDPOINT.fullmatch(endpoint):
+            raise ConfigurationError(f"{endpoint} is no endpoint: write protocol/address, such as {LOOPBACK}")
 
 
 def frame_key(rig: str, side: Side, topic: str) -> str:
@@ -29,6 +45,16 @@ def all_of_rig(rig: str) -> str:
 def consumer_key(rig: str, name: str) -> str:
     """Where a consumer reports its losses; `*` for all of them."""
     return f"autoexpose/{rig}/consumers/{name}"
+
+
+def status_key(rig: str) -> str:
+    """Where the daemon says how it is."""
+    return f"autoexpose/{rig}/status"
+
+
+def response_key(rig: str, side: Side | Literal["*"]) -> str:
+    """Where the response function of a camera goes; `*` for all of them."""
+    return f"autoexpose/{rig}/{side}/response"
 
 
 def last_but(key: str, parts: int) -> str:

@@ -7,6 +7,7 @@ import logging
 import threading
 import time
 from collections import deque
+from collections.abc import Callable, Mapping
 from types import TracebackType
 from typing import Self
 
@@ -26,12 +27,19 @@ MAILBOX_PAIRS = 12
 """0.2 s at 60 Hz: longer than consumers that get stuck, or a busy machine, hold the thread up; 9 MB of 720 x 540."""
 _AGAIN_S = 2.0
 _STOP_S = 5.0
+_TELL_S = 1.0
 _PRIORITIES: dict[Side, zenoh.Priority] = {"left": zenoh.Priority.DATA, "right": zenoh.Priority.DATA_LOW}
 """Each priority has a queue of its own, which makes room for twice as many images."""
 
 
+Tell = Callable[[bool], Mapping[str, str]]
+"""What there is to say once a second: texts by their keys. Asked on the publisher's thread, with True the last time."""
+
+
 class Publisher:
     """Publishes every pair while its context lasts; told of them on the control thread.
+
+    Once a second, pairs or none, and at the end it publishes what `tell` has to say.
 
     A session that cannot be opened is tried again and named in `tally.trouble`; it stops nothing else.
 
@@ -41,10 +49,13 @@ class Publisher:
         Name of the rig, endpoints.
     cameras
         How many cameras the rig has.
+    tell
+        What to say once a second.
     """
 
-    def __init__(self, config: PublishConfig, cameras: int) -> None:
+    def __init__(self, config: PublishConfig, cameras: int, tell: Tell) -> None:
         self.tally = PublishTally()
+        self._tell = tell
         self._config = config
         self._endpoints = Endpoints(config.listen, config.connect, config.zenoh)
         self._writer = MessageWriter(config.rig, cameras)
@@ -113,20 +124,41 @@ class Publisher:
         with session.declare_subscriber(consumer_key(self._config.rig, "*"), self._on_report):
             with self._news:
                 self._open = True
-            while (step := self._next()) is not None:
-                try:
-                    for message in self._writer.messages(*step, self._sequence, realtime_offset_ns()):
-                        publishers[message.side, message.topic].put(message.data)
-                    self.tally.sent += 1
-                except zenoh.ZError as error:
-                    self.tally.dropped[DropReason.REFUSED] += 1
-                    log.debug("zenoh refused a pair: %s", error)
-                self._sequence += 1
+            tell_s = time.monotonic()
+            while True:
+                step = self._next(tell_s)
+                if step is not None:
+                    self._send(step, publishers)
+                elif self._stopping:
+                    break
+                if time.monotonic() >= tell_s:
+                    tell_s = time.monotonic() + _TELL_S
+                    self._say(session, last=False)
+            self._say(session, last=True)
 
-    def _next(self) -> tuple[StereoPair, Decision | None] | None:
+    def _next(self, until_s: float) -> tuple[StereoPair, Decision | None] | None:
         with self._news:
-            self._news.wait_for(lambda: self._mailbox or self._stopping)
+            self._news.wait_for(lambda: self._mailbox or self._stopping, max(until_s - time.monotonic(), 0.0))
             return self._mailbox.popleft() if self._mailbox else None
+
+    def _send(
+        self, step: tuple[StereoPair, Decision | None], publishers: Mapping[tuple[Side, str], zenoh.Publisher]
+    ) -> None:
+        try:
+            for message in self._writer.messages(*step, self._sequence, realtime_offset_ns()):
+                publishers[message.side, message.topic].put(message.data)
+            self.tally.sent += 1
+        except zenoh.ZError as error:
+            self.tally.dropped[DropReason.REFUSED] += 1
+            log.debug("zenoh refused a pair: %s", error)
+        self._sequence += 1
+
+    def _say(self, session: zenoh.Session, last: bool) -> None:
+        for key, text in self._tell(last).items():
+            try:
+                session.put(key, text, priority=zenoh.Priority.DATA_HIGH, express=True)
+            except zenoh.ZError as error:
+                log.debug("zenoh refused %s: %s", key, error)
 
     def _on_report(self, sample: zenoh.Sample) -> None:
         """On a thread of zenoh's."""

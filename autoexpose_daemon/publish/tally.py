@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import time
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
@@ -96,11 +95,3 @@ class PublishTally:
     def consumers(self, now_ns: int) -> Mapping[str, ConsumerTally]:
         """Those that are there, and what they last reported."""
         return {name: tally for name, (heard_ns, tally) in self._consumers.items() if now_ns - heard_ns < GONE_NS}
-
-    def lines(self) -> list[tuple[str, str]]:
-        """What a person wants to know: titles and texts."""
-        dropped = ", ".join(f"{count} {reason}" for reason, count in list(self.dropped.items()))
-        lines = [("published", f"{self.sent}, dropped: {dropped or 'none'}")]
-        if self.trouble:
-            lines.append(("not published", self.trouble))
-        return lines + [(f"consumer {name}", str(tally)) for name, tally in self.consumers(time.monotonic_ns()).items()]

@@ -24,6 +24,7 @@ from autoexpose_daemon.control.snapshot import Plain
 from autoexpose_daemon.recording.file import RecordingFile
 from autoexpose_daemon.recording.step import RecordingError, Step
 from drivers.frames import StereoPair
+from drivers.seldom import Seldom
 
 log = logging.getLogger(__name__)
 
@@ -32,6 +33,7 @@ QUEUE_S = 2.0
 """Of steps may wait for the disk, 95 MB of 720x540 at 60 Hz: a disk that writes back its cache stalls for a second."""
 
 _LOOK_S = 0.1
+_SAID_S = 10.0  # a disk that is a little too slow drops a step here and there
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,7 +65,8 @@ class Recorder(ABC):
         self.failure: str | None = None
         self._room = room
         self._queue: queue.SimpleQueue[Entry | None] = queue.SimpleQueue()  # its `put` never waits; None: the end
-        self._dropped_now = 0
+        self._dropped_said = 0
+        self._seldom = Seldom(_SAID_S)
         self._setup: ControlSetup | None = None
         self._snapshot_ns = 0
         self._thread = threading.Thread(target=self._run, name="recorder")
@@ -84,13 +87,12 @@ class Recorder(ABC):
         self.steps += 1
         if self._queue.qsize() >= self._room:
             self.dropped += 1
-            self._dropped_now += 1
+            self._setup = None  # have a snapshot with the next step, so that a replay can go on from there
             return
-        if self._dropped_now:
-            log.warning("the recorder dropped %d steps: the disk did not keep up", self._dropped_now)
-            self._dropped_now = 0
-            self._setup = None  # have a snapshot at once, so that a replay can go on from here
         now_ns, state = time.monotonic_ns(), None
+        if self.dropped > self._dropped_said and self._seldom.due("dropped", now_ns):
+            log.warning("the recorder dropped %d steps: the disk did not keep up", self.dropped - self._dropped_said)
+            self._dropped_said = self.dropped
         if loop.setup is not self._setup or now_ns - self._snapshot_ns >= SNAPSHOT_NS:
             self._setup, self._snapshot_ns, state = loop.setup, now_ns, loop.state()
         step = Step(self.steps, cameras, pair, decision)

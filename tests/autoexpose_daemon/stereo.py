@@ -20,7 +20,9 @@ from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.daemon import Daemon
 from autoexpose_daemon.demo.fakes import read_pulses
 from autoexpose_daemon.demo.report import pulses_in_window
+from autoexpose_daemon.describe import describe
 from autoexpose_daemon.outlets import add_outlets
+from autoexpose_daemon.panel import line_of
 from drivers.frames import StereoPair
 from fake_camera.usb3.run import CAMERAS_VARIABLE
 from tests.fakes import FakeCamera, camera_on_this_bus, fake_camera, unique
@@ -54,7 +56,7 @@ class Run:
         while not condition():
             assert not self.failure, self.failure
             assert time.monotonic() < deadline, (
-                f"waited in vain for {what}: {self.daemon.telemetry.line(time.monotonic_ns())}"
+                f"waited in vain for {what}: {line_of(describe(self.daemon.telemetry, self.daemon.tuning.config))}"
             )
             threading.Event().wait(0.01)
 

@@ -18,7 +18,7 @@ from calibration.response import ResponseFunction
 from calibration.response_file import CameraIdentity, Origin, ResponseFile
 from tests.autoexpose_daemon.stereo import stereo_cameras
 from tests.fake_camera.gige_client import CCP, GvcpClient
-from tests.fakes import fake_camera, foreign_camera
+from tests.fakes import fake_camera, foreign_camera, loopback_address
 
 AUTOEXPOSE = [sys.executable, "-c", "from autoexpose_daemon.cli import main; main()"]
 
@@ -50,6 +50,15 @@ def test_a_policy_that_does_not_exist_is_named_with_a_near_one() -> None:
     result = autoexpose("demo", "--policy", "begin2021")
     assert result.returncode == 1
     assert result.stderr.startswith("autoexpose: there is no policy 'begin2021'; did you mean begin2022?")
+    assert result.stderr.count("\n") == 1
+
+
+def test_top_without_a_daemon_is_one_sentence_that_says_what_is_needed() -> None:
+    at = f"tcp/{loopback_address()}:7448"
+    result = autoexpose("top", "--once", "--connect", at)
+    assert result.returncode == 1
+    assert result.stderr.startswith(f"autoexpose: nobody answers at {at}")
+    assert "`publish: {}`" in result.stderr
     assert result.stderr.count("\n") == 1
 
 

@@ -19,6 +19,7 @@ import pytest
 
 from autoexpose_daemon.config import Config
 from autoexpose_daemon.demo.fakes import read_pulses
+from autoexpose_daemon.describe import describe
 from autoexpose_daemon.states import Expectation, judge
 from autoexpose_daemon.tuning import Tuning
 from calibration.response import ResponseFunction
@@ -86,8 +87,8 @@ def wait_for_state(run: Run, *words: str) -> None:
 
 
 def counts(run: Run) -> Counter[str]:
-    telemetry = run.daemon.telemetry
-    return Counter(telemetry.oddities) + Counter({str(reason): n for reason, n in telemetry.lost.items()})
+    status = describe(run.daemon.telemetry, run.daemon.tuning.config)
+    return Counter(status.oddities) + Counter(status.lost)
 
 
 @contextlib.contextmanager

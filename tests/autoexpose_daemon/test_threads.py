@@ -13,8 +13,8 @@ from autoexpose_daemon.config import Config
 from autoexpose_daemon.daemon import Daemon
 from autoexpose_daemon.notify import Notifier
 from autoexpose_daemon.service import Service
-from autoexpose_daemon.states import Health, State
-from autoexpose_daemon.telemetry import Telemetry
+from autoexpose_daemon.states import State
+from autoexpose_daemon.status import Status
 from autoexpose_daemon.watch import Watch
 from drivers.camera import Camera
 from drivers.exposure import ExposureSetting
@@ -55,7 +55,7 @@ def build(right: Callable[[], Camera]) -> Service:
     return Service(CONFIG, lambda config, start: Daemon(config, openers, start=start))
 
 
-def show_nothing(_telemetry: Telemetry, _health: Health) -> None:
+def show_nothing(_status: Callable[[], Status]) -> None:
     return
 
 
@@ -142,15 +142,15 @@ def test_the_state_is_told_once_and_readiness_with_the_first_that_is_not_startin
     watch.begin(daemon, CONFIG)
     watch.look()
     assert "READY=1" not in heard(manager)
-    watch.failed(RuntimeError("died"))
     daemon.telemetry.last_pair_ns = 0
     watch.look()
     watch.look()
     assert watch.health.state is State.DEGRADED
+    watch.failed(RuntimeError("died"))
     messages = heard(manager)
     assert messages.count("READY=1") == 1
-    assert messages[0] == "STATUS=failed: died"
+    assert messages[-1] == "STATUS=failed: died"
     assert [record.message for record in caplog.records] == [
-        "state failed: died",
         "state degraded: left camera gone; right camera gone",
+        "state failed: died",
     ]

@@ -7,11 +7,17 @@ import logging
 import pytest
 from rich.console import Console
 
-from autoexpose_daemon.states import Health, State
+from autoexpose_daemon.config import Config
+from autoexpose_daemon.describe import describe
+from autoexpose_daemon.status import Status
 from autoexpose_daemon.telemetry import Telemetry
 from autoexpose_daemon.view import display
 
-DEGRADED = Health(State.DEGRADED, ("no triggers",))
+CONFIG = Config.model_validate({"cameras": {"left": {"serial": "L"}}})
+
+
+def degraded() -> Status:
+    return describe(Telemetry(cameras={"left": "Camera L"}, opened_ns=0, last_pair_ns=0), CONFIG)
 
 
 def test_without_a_terminal_the_log_gets_a_line_ever_more_seldom(
@@ -23,7 +29,7 @@ def test_without_a_terminal_the_log_gets_a_line_ever_more_seldom(
     said_s: list[int] = []
     with display(Console(file=io.StringIO()), "") as show:
         for now_s in range(12 * 3600):
-            show(Telemetry(), DEGRADED)
+            show(degraded)
             if len(caplog.records) > len(said_s):
                 said_s.append(now_s)
     assert said_s[:3] == [5, 15, 35]
@@ -33,5 +39,5 @@ def test_without_a_terminal_the_log_gets_a_line_ever_more_seldom(
 def test_a_terminal_shows_the_state() -> None:
     screen = io.StringIO()
     with display(Console(file=screen, force_terminal=True, width=100), "autoexpose") as show:
-        show(Telemetry(), DEGRADED)
+        show(degraded)
     assert "degraded: no triggers" in screen.getvalue()

@@ -37,6 +37,10 @@ def pair(number: int, shape: tuple[int, int] = (540, 720)) -> StereoPair:
     return StereoPair(number, frame, frame)
 
 
+def nothing(_last: bool) -> dict[str, str]:
+    return {}
+
+
 def endpoint() -> str:
     """One of one's own, on this machine."""
     return f"tcp/{loopback_address()}:7448"
@@ -53,7 +57,7 @@ def publishing(config: PublishConfig, period_s: float = 1 / 60) -> Iterator[Publ
                 return
             publisher(pair(number), DECISION)
 
-    with Publisher(config, cameras=2) as publisher:
+    with Publisher(config, 2, nothing) as publisher:
         thread = threading.Thread(target=run)
         thread.start()
         try:

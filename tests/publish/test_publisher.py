@@ -21,7 +21,7 @@ from autoexpose_daemon.publish.tally import ConsumerTally, DropReason, PublishTa
 from drivers.errors import ConfigurationError
 from tests.fakes import unique
 from tests.publish.consumer import consumer
-from tests.publish.steps import DECISION, PATIENCE_S, SETTING, endpoint, pair, publishing, wait_until
+from tests.publish.steps import DECISION, PATIENCE_S, SETTING, endpoint, nothing, pair, publishing, wait_until
 
 pytestmark = pytest.mark.realtime
 
@@ -110,7 +110,7 @@ def cost_to_others(end: signal.Signals) -> int:
 
 
 def test_all_that_control_offers_is_accounted_for() -> None:
-    with Publisher(PublishConfig(listen=(endpoint(),)), cameras=2) as publisher:
+    with Publisher(PublishConfig(listen=(endpoint(),)), 2, nothing) as publisher:
         wait_until(lambda: offer(publisher).sent, "the session")
         for number in range(1000):  # much faster than zenoh takes them
             publisher(pair(number, (4, 4)), DECISION)
@@ -171,7 +171,7 @@ def listening_addresses() -> set[str]:
 
 
 def test_the_mailbox_is_bounded() -> None:
-    publisher = Publisher(PublishConfig(listen=(endpoint(),)), cameras=2)
+    publisher = Publisher(PublishConfig(listen=(endpoint(),)), 2, nothing)
     publisher._open = True  # as while its thread is held up
     for number in range(MAILBOX_PAIRS + 5):  # control comes back from each call, though nobody takes a pair out
         publisher(pair(number, (4, 4)), DECISION)

@@ -5,10 +5,14 @@ import time
 from hypothesis import given
 from hypothesis import strategies as st
 
+from autoexpose_daemon.config import Config
+from autoexpose_daemon.describe import describe
+from autoexpose_daemon.panel import line_of
 from autoexpose_daemon.publish.tally import GONE_NS, MOST_CONSUMERS, ConsumerTally, DropReason, PublishTally
 from autoexpose_daemon.states import Expectation, State, judge
 from autoexpose_daemon.telemetry import Telemetry
 
+CONFIG = Config.model_validate({"cameras": {"left": {"serial": "L"}}})
 COUNT = st.integers(0, 2**60)
 JSON = st.recursive(st.none() | st.booleans() | st.integers() | st.floats() | st.text(), st.lists)
 
@@ -45,7 +49,7 @@ def test_the_operator_reads_it_all_in_one_line() -> None:
     tally = PublishTally(sent=100, trouble="no such endpoint")
     tally.dropped[DropReason.BEHIND] = 2
     tally.heard("slam", ConsumerTally(pairs=90, missed=3, lost=2, too_slow=1), time.monotonic_ns())
-    line = Telemetry(publishing=tally).line(0)
+    line = line_of(describe(Telemetry(publishing=tally), CONFIG))
     assert "published 100, dropped: 2 behind" in line
     assert "not published no such endpoint" in line
     assert "consumer slam 90 pairs, 3 missed, 2 lost, 1 too slow" in line

@@ -196,7 +196,9 @@ class VirtualCamera:
         self._clock.latch()
 
     def close(self) -> None:
-        """Nothing is held."""
+        """Stop the stream; of a lost camera nothing is held."""
+        if self._device.session == self._session:
+            self._device.forget_stream()
 
     def execute(self, _command: str) -> None:
         """Latch the clock, somewhere within the round trip."""

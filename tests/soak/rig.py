@@ -6,6 +6,7 @@ import heapq
 import itertools
 import math
 from collections.abc import Callable
+from types import SimpleNamespace
 
 from autoexpose_daemon.config import Config
 from autoexpose_daemon.control.decision import Decision
@@ -46,7 +47,7 @@ class ScriptedLoop:
     shortfall = None
 
     def __init__(self, limits: ExposureLimits, clock: Clock) -> None:
-        self._limits = limits
+        self.setup = SimpleNamespace(limits=limits)
         self._clock = clock
         self._decision: dict[int, Decision] = {}
 
@@ -56,7 +57,7 @@ class ScriptedLoop:
         level = 10.0 + round(1.5 * math.sin(tenths * math.tau / 200), 1) + (0.5 if tenths // 70 % 2 else 0.0)
         decision = self._decision.get(round(10 * level))
         if decision is None:
-            setting = self._limits.realise(level, 2000.0)
+            setting = self.setup.limits.realise(level, 2000.0)
             decision = Decision(setting, level, "scripted", 0.5, 0.0, 0.0, 0.0)
             self._decision[round(10 * level)] = decision
         return decision

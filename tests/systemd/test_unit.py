@@ -7,6 +7,7 @@ import subprocess
 from pathlib import Path
 
 from autoexpose_daemon.config import load_config
+from autoexpose_daemon.config_publish import PublishConfig
 
 FOLDER = Path(__file__).parents[2] / "systemd"
 UNIT = FOLDER / "autoexpose.service"
@@ -55,4 +56,6 @@ def test_the_user_may_open_cameras() -> None:
 
 
 def test_the_configuration_it_comes_with_is_valid() -> None:
-    assert list(load_config(FOLDER / "config.yaml").sides) == ["left", "right"]
+    config = load_config(FOLDER / "config.yaml")
+    assert list(config.sides) == ["left", "right"]
+    assert config.publish == PublishConfig()  # to this machine only: without it nobody can see how the daemon is

@@ -1,0 +1,171 @@
+"""A daemon's status for Prometheus; every name, with alerts to begin with: docs/metrics.md."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+
+from prometheus_client import CollectorRegistry
+from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric, SummaryMetricFamily
+from prometheus_client.exposition import CONTENT_TYPE_PLAIN_0_0_4, generate_latest
+from prometheus_client.registry import Collector
+
+from autoexpose_daemon.publish.tally import DropReason
+from autoexpose_daemon.states import State
+from autoexpose_daemon.status import CameraStatus, Durations, PublishStatus, RecorderStatus, Status
+from drivers.account import LossReason
+from drivers.exposure import ExposureSetting
+
+CONTENT_TYPE = CONTENT_TYPE_PLAIN_0_0_4
+
+_US_PER_S = 1e6
+_MS_PER_S = 1e3
+
+
+def exposition(rig: str, status: Status | None) -> bytes:
+    """The metrics of a rig in Prometheus' text format, to be sent as `CONTENT_TYPE`; None: its daemon is silent."""
+    registry = CollectorRegistry()
+    registry.register(_Collector(rig, status))
+    return generate_latest(registry)
+
+
+class _Collector(Collector):
+    def __init__(self, rig: str, status: Status | None) -> None:
+        self._rig = rig
+        self._status = status
+
+    def collect(self) -> Iterator[Metric]:
+        status = self._status
+        running = status is not None and not status.ending
+        yield self._gauge("up", "Whether the daemon tells its status.", [((), float(running))])
+        if status is None:
+            return
+        yield from self._condition(status)
+        yield from self._cameras(status)
+        yield from self._counts(status)
+        yield from self._durations(status)
+        if status.publishing is not None:
+            yield from self._publishing(status.publishing)
+        if status.recorder is not None:
+            yield from self._recorder(status.recorder)
+
+    def _condition(self, status: Status) -> Iterator[Metric]:
+        states = [((state,), float(state is status.state)) for state in State]
+        yield self._gauge("state", "1 for the state that the daemon is in.", states, "state")
+        for name, help_text, value in (
+            ("status_timestamp_seconds", "When the daemon last told its status.", status.unix_time_s),
+            ("uptime_seconds", "Since the daemon started.", status.uptime_s),
+            ("open_seconds", "Since it opened its cameras: all counts begin there.", status.open_s),
+        ):
+            yield self._gauge(name, help_text, [((), value)])
+        if status.decision is not None:
+            for name, help_text, value in (
+                ("image_metric", "The metric of the newest left frame, per pixel.", status.decision.metric),
+                ("saturated_ratio", "Share of its pixels that are saturated.", status.decision.saturated_share),
+                ("black_ratio", "Share of its pixels that are black.", status.decision.black_share),
+            ):
+                yield self._gauge(name, help_text, [((), value)])
+
+    def _cameras(self, status: Status) -> Iterator[Metric]:
+        requested = None if status.decision is None else status.decision.setting
+        tables: list[tuple[str, str, Callable[[CameraStatus], float | None]]] = [
+            ("camera_up", "Whether the camera is open.", lambda camera: float(camera.camera is not None)),
+            ("requested_exposure_time_seconds", "Exposure time last decided on.", lambda _: _time_s(requested)),
+            ("applied_exposure_time_seconds", "Exposure time of the newest frame.", lambda it: _time_s(it.applied)),
+            ("requested_gain_decibels", "Gain last decided on.", lambda _: _gain_db(requested)),
+            ("applied_gain_decibels", "Gain of the newest frame.", lambda camera: _gain_db(camera.applied)),
+            ("response_drift_grey_levels", "By how much the camera's response misses.", lambda it: it.drift_grey),
+            ("calibration_misfit", "Whether its calibration does not fit.", lambda it: float(it.misfit is not None)),
+        ]
+        for name, help_text, value_of in tables:
+            values = {side: value_of(camera) for side, camera in status.cameras.items()}
+            known = [((side,), value) for side, value in values.items() if value is not None]
+            yield self._gauge(name, help_text, known, "side")
+
+    def _counts(self, status: Status) -> Iterator[Metric]:
+        for name, help_text, count in (
+            ("pairs", "Triggers that made a stereo pair.", status.pairs),
+            ("surplus_frames", "Frames that came between the triggers.", status.surplus_frames),
+            ("undecided_pairs", "Pairs that control had no time for.", status.undecided_pairs),
+            ("mismatched_pairs", "Pairs not taken with one and the same setting.", status.mismatched_pairs),
+            ("unexplained_mismatches", "Those of them without a late write.", status.unexplained_mismatches),
+            ("late_writes", "Settings that missed their exposure.", status.late_writes),
+            ("refused_writes", "Settings that a camera refused.", status.refused_writes),
+            ("clipped_writes", "Settings of which a camera took something else.", status.clipped_writes),
+            ("astray_frames", "Frames that did not follow what was written.", status.astray_frames),
+            ("untold_frames", "Frames that did not say how they were taken.", status.untold_frames),
+            ("clock_jumps", "Jumps of a camera's clock.", status.clock_jumps),
+            ("reconnects", "Cameras that were lost and came back.", status.reconnects),
+        ):
+            yield self._counter(name, help_text, [((), count)])
+        lost = _of_all(LossReason, status.lost)
+        yield self._counter("lost_triggers", "Triggers that made no pair.", lost, "reason")
+        clamped = _of_all(("darkest", "brightest"), status.clamped_decisions)
+        yield self._counter("clamped_decisions", "Decisions that a bound held back.", clamped, "limit")
+
+    def _durations(self, status: Status) -> Iterator[Metric]:
+        for name, help_text, durations in (
+            ("loop", "One step of the control loop.", status.decision_ms),
+            ("write", "Writing exposure time and gain to a camera.", status.write_ms),
+            ("frame_to_node", "From a frame in memory to the setting in a camera's nodes.", status.frame_to_node_ms),
+            (
+                "command_to_effect",
+                "From a decision to the first exposure that shows it.",
+                status.command_to_effect_ms,
+            ),
+        ):
+            yield self._summary(f"{name}_seconds", help_text, durations)
+
+    def _publishing(self, publishing: PublishStatus) -> Iterator[Metric]:
+        yield self._counter("published_pairs", "Pairs sent to other processes.", [((), publishing.sent)])
+        dropped = _of_all(DropReason, publishing.dropped)
+        yield self._counter("unpublished_pairs", "Pairs that were not sent.", dropped, "reason")
+        consumers = publishing.consumers.items()
+        pairs = [((name,), tally.pairs) for name, tally in consumers]
+        yield self._counter("consumer_pairs", "Pairs that a consumer got, by its own count.", pairs, "consumer")
+        missed = [((name,), tally.missed) for name, tally in consumers]
+        yield self._counter("consumer_missed_frames", "Gaps in the frame id between them.", missed, "consumer")
+        lost = [((name, "in_transit"), tally.lost) for name, tally in consumers]
+        lost += [((name, "too_slow"), tally.too_slow) for name, tally in consumers]
+        yield self._counter("consumer_lost_pairs", "Pairs sent that it did not get.", lost, "consumer", "reason")
+
+    def _recorder(self, recorder: RecorderStatus) -> Iterator[Metric]:
+        yield self._gauge("recorder_up", "Whether the recorder works.", [((), float(recorder.failure is None))])
+        yield self._counter("recorder_steps", "Steps of control it was given.", [((), recorder.steps)])
+        yield self._counter("recorder_dropped_steps", "Steps it had no room for.", [((), recorder.dropped)])
+
+    def _gauge(
+        self, name: str, help_text: str, values: Iterable[tuple[tuple[str, ...], float]], *labels: str
+    ) -> Metric:
+        metric = GaugeMetricFamily(f"autoexpose_{name}", help_text, labels=["rig", *labels])
+        for label_values, value in values:
+            metric.add_metric([self._rig, *label_values], value)
+        return metric
+
+    def _counter(
+        self, name: str, help_text: str, counts: Iterable[tuple[tuple[str, ...], int]], *labels: str
+    ) -> Metric:
+        metric = CounterMetricFamily(f"autoexpose_{name}", help_text, labels=["rig", *labels])
+        for label_values, count in counts:
+            metric.add_metric([self._rig, *label_values], count)
+        return metric
+
+    def _summary(self, name: str, help_text: str, durations: Durations) -> Metric:
+        metric = SummaryMetricFamily(f"autoexpose_{name}", help_text, labels=["rig"])
+        metric.add_metric([self._rig], durations.count, durations.sum_ms / _MS_PER_S)
+        for quantile, value_ms in (("0.5", durations.p50_ms), ("0.99", durations.p99_ms)):
+            if value_ms is not None:
+                metric.add_sample(f"autoexpose_{name}", {"rig": self._rig, "quantile": quantile}, value_ms / _MS_PER_S)
+        return metric
+
+
+def _of_all(reasons: Iterable[str], counts: Mapping[str, int]) -> list[tuple[tuple[str, ...], int]]:
+    """A count for each reason there can be: an alert must not wait for the first."""
+    return [((str(reason),), counts.get(str(reason), 0)) for reason in reasons]
+
+
+def _time_s(setting: ExposureSetting | None) -> float | None:
+    return None if setting is None else setting.exposure_time_us / _US_PER_S
+
+
+def _gain_db(setting: ExposureSetting | None) -> float | None:
+    return None if setting is None else setting.gain_db

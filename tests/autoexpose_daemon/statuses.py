@@ -1,0 +1,60 @@
+"""Statuses, made up."""
+
+from __future__ import annotations
+
+from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.publish.tally import ConsumerTally
+from autoexpose_daemon.states import State
+from autoexpose_daemon.status import (
+    VERSION,
+    CameraStatus,
+    Durations,
+    Fault,
+    PublishStatus,
+    RecorderStatus,
+    Status,
+)
+from drivers.exposure import ExposureSetting
+
+SETTING = ExposureSetting(1000.0, 6.0)
+DURATIONS = Durations(100, 250.0, 2.0, 8.0)
+
+EXPOSING = Status(
+    version=VERSION,
+    rig="rig",
+    policy="metric-map",
+    unix_time_s=1.7e9,
+    uptime_s=7300.0,
+    open_s=7200.0,
+    ending=False,
+    state=State.EXPOSING,
+    reasons=(),
+    cameras={
+        "left": CameraStatus("FakeCam L1", SETTING, 0.5, None),
+        "right": CameraStatus("FakeCam R2", SETTING, None, None),
+    },
+    rate_hz=60.0,
+    pairs=432_000,
+    lost={"left_missing": 3, "startup": 20},
+    surplus_frames=1,
+    undecided_pairs=2,
+    mismatched_pairs=4,
+    unexplained_mismatches=1,
+    late_writes=5,
+    refused_writes=6,
+    clipped_writes=7,
+    astray_frames=13,
+    untold_frames=14,
+    clock_jumps=15,
+    clamped_decisions={"brightest": 8},
+    reconnects=9,
+    decision=Decision(ExposureSetting(1100.0, 6.0), 11.1, "held", 0.25, 0.01, 0.02, 1.5),
+    decision_ms=DURATIONS,
+    write_ms=DURATIONS,
+    frame_to_node_ms=DURATIONS,
+    command_to_effect_ms=DURATIONS,
+    publishing=PublishStatus(432_000, 431_990, {"behind": 10}, "", {"slam": ConsumerTally(400_000, 12, 8, 4, 0)}),
+    recorder=RecorderStatus(1000, 11, None),
+    faults=(Fault(1.7e9, "WARNING", "right camera: no frames; asking whether it is there"),),
+)
+"""All is well, and every number is different."""

@@ -1,0 +1,103 @@
+"""What `autoexpose top` shows; the daemon is a publisher with a status made up."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import re
+import threading
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+
+import pytest
+from rich.console import Console
+
+from autoexpose_daemon.config_publish import PublishConfig
+from autoexpose_daemon.publish.keys import status_key
+from autoexpose_daemon.publish.publisher import Publisher
+from autoexpose_daemon.status import Fault, Status
+from autoexpose_daemon.top import follow, show_once, sparkline
+from drivers.errors import AutoexposeError
+from tests.autoexpose_daemon.statuses import EXPOSING
+from tests.fakes import loopback_address
+from tests.publish.steps import endpoint, wait_until
+
+CODES = re.compile(r"\x1b\[[0-9;?]*[a-zA-Z]")
+
+
+class Screen(io.StringIO):
+    @property
+    def text(self) -> str:
+        return CODES.sub("", self.getvalue())
+
+
+@contextlib.contextmanager
+def daemon(status: Status, at: str) -> Iterator[None]:
+    def tell(last: bool) -> dict[str, str]:
+        said = replace(status, unix_time_s=time.time(), ending=last)
+        return {status_key(status.rig): said.to_json()}
+
+    with Publisher(PublishConfig(rig=status.rig, listen=(at,)), 2, tell):
+        yield
+
+
+def screen_of(terminal: bool = True) -> tuple[Screen, Console]:
+    screen = Screen()
+    return screen, Console(file=screen, force_terminal=terminal, width=120, height=50, _environ={})
+
+
+@pytest.mark.realtime
+def test_the_moment_is_printed_once() -> None:
+    at = endpoint()
+    screen, console = screen_of(terminal=False)
+    hostile = Fault(0.0, "WARNING", "left camera: \x1b]0;gone\x07 [red]away[/red]")
+    with daemon(replace(EXPOSING, faults=(hostile,)), at):
+        show_once("rig", [at], console)
+    for text in (
+        "autoexpose rig, metric-map, up 2 h 1 min",
+        "exposing",
+        "FakeCam L1   1000 us, 6.0 dB",
+        "3 left_missing",
+    ):
+        assert text in screen.text
+    assert "left camera: ?]0;gone? [red]away[/red]" in screen.text
+
+
+@pytest.mark.realtime
+def test_it_follows_a_daemon_and_says_when_that_is_silent() -> None:
+    at = endpoint()
+    screen, console = screen_of()
+    stop = threading.Event()
+    thread = threading.Thread(target=follow, args=("rig", [at], console, stop))
+    thread.start()
+    try:
+        wait_until(lambda: f"nobody answers at {at}" in screen.text, "the complaint")
+        with daemon(EXPOSING, at):
+            wait_until(lambda: "exposure, us" in screen.text, "a history")
+        wait_until(lambda: "ended for 3 s" in screen.text, "the silence to be noticed")
+    finally:
+        stop.set()
+        thread.join()
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize("listens", [True, False])
+def test_nobody_there_is_said_in_a_sentence(listens: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("autoexpose_daemon.top._PATIENCE_S", 0.5)
+    at = endpoint()
+    with daemon(EXPOSING, at) if listens else contextlib.nullcontext(), pytest.raises(AutoexposeError) as told:
+        show_once("scout", [at], screen_of()[1])
+    assert at in str(told.value)
+    expected = "no daemon of a rig named scout" if listens else "with `publish: {rig: scout}` in its configuration?"
+    assert expected in str(told.value)
+
+
+def test_without_a_terminal_it_names_the_way() -> None:
+    with pytest.raises(AutoexposeError, match="add --once"):
+        follow("rig", [f"tcp/{loopback_address()}:1"], screen_of(terminal=False)[1], threading.Event())
+
+
+def test_a_curve_spans_its_range() -> None:
+    assert sparkline([0.0, 1.0, 7.0]) == "\u2581\u2582\u2588"
+    assert sparkline([3.0, 3.0]) == "\u2581\u2581"

@@ -1,0 +1,99 @@
+"""What other processes are told of a daemon: over zenoh, from a daemon on two fake cameras, in real time."""
+
+from __future__ import annotations
+
+import itertools
+import threading
+
+import pytest
+
+from autoexpose_daemon.client.status_client import StatusClient
+from autoexpose_daemon.config import Config
+from autoexpose_daemon.config_publish import PublishConfig
+from autoexpose_daemon.daemon import Daemon
+from autoexpose_daemon.describe import describe
+from autoexpose_daemon.outlets import add_outlets
+from autoexpose_daemon.publish.keys import status_key
+from autoexpose_daemon.publish.publisher import Publisher
+from autoexpose_daemon.service import Service
+from autoexpose_daemon.states import State
+from autoexpose_daemon.status import Status
+from autoexpose_daemon.telemetry import Telemetry
+from tests.autoexpose_daemon.stereo import running_daemon, stereo_cameras
+from tests.drivers.test_rig import ScriptedCamera
+from tests.publish.steps import PATIENCE_S, endpoint, wait_until
+
+CONFIG = Config.model_validate({"cameras": {"left": {"serial": "L"}, "right": {"serial": "R"}}})
+
+pytestmark = pytest.mark.realtime
+
+
+def test_the_status_is_told_once_a_second_and_at_the_end() -> None:
+    at = endpoint()
+    settings = {"control": {"policy": "neves2009"}, "publish": {"listen": [at], "rig": "scout"}}
+    with stereo_cameras() as cameras, StatusClient("scout", [at]) as client:
+        with running_daemon(cameras, settings) as run:
+            wait_until(lambda: latest(client).state is State.EXPOSING and latest(client).pairs > 30, "pairs")
+            status = latest(client)
+            assert (status.rig, status.policy, status.ending) == ("scout", "neves2009", False)
+            assert {side: camera.camera for side, camera in status.cameras.items()} == run.daemon.telemetry.cameras
+            assert 0 < status.rate_hz < 90
+            assert status.command_to_effect_ms.count > 0
+            assert set(client.responses) == {"left", "right"}
+        wait_until(lambda: latest(client).ending, "the last word")
+        assert latest(client).pairs == run.daemon.tally.pairs
+
+
+def latest(client: StatusClient) -> Status:
+    wait_until(lambda: client.status is not None, "a status")
+    assert client.status is not None
+    return client.status
+
+
+def test_it_is_told_without_a_single_pair_and_the_next_daemon_is_found() -> None:
+    at = endpoint()
+    said = describe(Telemetry(), CONFIG)
+    with StatusClient(connect=[at]) as client:
+        for _ in range(2):
+            with Publisher(PublishConfig(listen=(at,)), 2, lambda _last: {status_key("rig"): said.to_json()}):
+                assert [client.wait(PATIENCE_S), client.wait(PATIENCE_S)] == [said, said]
+
+
+def test_what_is_no_status_is_passed_over() -> None:
+    at = endpoint()
+    said = describe(Telemetry(), CONFIG)
+    texts = itertools.chain(["", "{}", "no JSON"], itertools.repeat(said.to_json()))
+    with (
+        Publisher(PublishConfig(listen=(at,)), 2, lambda _last: {status_key("rig"): next(texts)}),
+        StatusClient(connect=[at]) as client,
+    ):
+        assert client.wait(PATIENCE_S) == said
+
+
+def test_the_last_status_names_what_ended_the_daemon() -> None:
+    at = endpoint()
+    config = Config.model_validate(
+        {"cameras": {"left": {"serial": "L"}}, "control": {"policy": "fixed"}, "publish": {"listen": [at]}}
+    )
+    camera = ScriptedCamera((90, 120))
+
+    def die(*_: object) -> None:
+        raise ZeroDivisionError("died in an observer")
+
+    service = Service(
+        config, lambda config, start: add_outlets(Daemon(config, {"left": lambda: camera}, die, start), config)
+    )
+
+    def run() -> None:
+        with pytest.raises(ZeroDivisionError):
+            service.run(threading.Event(), lambda _tell: None)
+
+    thread = threading.Thread(target=run)
+    with StatusClient(connect=[at]) as client:
+        thread.start()
+        assert latest(client).state is State.STARTING
+        wait_until(lambda: latest(client).cameras["left"].camera == "scripted S", "the camera")
+        camera.expose()
+        wait_until(lambda: latest(client).ending, "the last word")
+        thread.join()
+    assert (latest(client).state, latest(client).reasons) == (State.FAILED, ("died in an observer",))
