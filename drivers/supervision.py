@@ -34,12 +34,14 @@ from drivers.rig_events import (
     WriteFailed,
     Written,
 )
+from drivers.seldom import Seldom
 
 log = logging.getLogger(__name__)
 
 _CLOCK_PERIOD_NS = 1_000_000_000  # a crystal off by 50 ppm drifts 50 us in it, far below a trigger period
 _SHORTEST_BACK_OFF_NS = 100_000_000
 _LONGEST_BACK_OFF_NS = 2_000_000_000
+_CLOCK_SAID_S = 600.0
 _FRAME_POLL_S = 0.05
 _BACKLOG = 24  # frames that may wait for the control thread before pixels are let go
 _NO_PIXELS = np.empty((0, 0), np.uint8)
@@ -86,6 +88,7 @@ class Supervisor:
         self._poll_s = min(_FRAME_POLL_S, silence_s)
         self._events = events
         self._now_ns = now_ns
+        self._seldom = Seldom(_CLOCK_SAID_S)
         self._wanted = start
         self._pending: tuple[ExposureSetting, int] | None = None
         self._camera: Camera | None = None  # while it is open and streams
@@ -94,7 +97,6 @@ class Supervisor:
         self._back_off_ns = _SHORTEST_BACK_OFF_NS
         self._open_due_ns: float = 0
         self._latch_due_ns = 0
-        self._latch_refused = False
         self._trouble = False  # whoever takes frames wants the camera looked at
         self._stuck = False
         self._taking = threading.Lock()
@@ -244,11 +246,8 @@ class Supervisor:
         except CameraLostError:
             raise
         except CameraError as error:
-            if not self._latch_refused:
+            if self._seldom.due("clock", self._now_ns()):
                 log.warning("%s camera: its clock was not read: %s", self._side, error)
-            self._latch_refused = True
-        else:
-            self._latch_refused = False
         self._latch_due_ns = self._now_ns() + _CLOCK_PERIOD_NS
 
     def _look(self) -> None:
