@@ -203,8 +203,8 @@ def test_the_quick_run_shows_how_the_policies_expose_and_registers(tmp_path: Pat
         {policy: float(rows[:, column].mean()) for policy, rows in looks.items()} for column in range(4)
     )
     assert abs(upper[STANDARD] - BRIGHTNESS) < 0.06 and abs(whole[FULL] - BRIGHTNESS) < 0.06
-    assert level[STANDARD] < level[FULL] - 0.4  # the sky is in the top half
-    assert whole[STANDARD] < whole[FULL] - 0.05
+    assert level[STANDARD] < level[FULL] - 0.2  # the sky is in the top half
+    assert whole[STANDARD] < whole[FULL] - 0.04
     assert np.ptp(looks[FIXED][:, 0]) == 0.0
     assert level["begin2022"] > level[FULL] + 0.4  # gradients are in what is darkest
     assert saturated["begin2022"] > saturated[FULL] + 0.1

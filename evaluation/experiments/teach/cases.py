@@ -16,7 +16,7 @@ from evaluation.experiments.teach.judge import Errors
 
 STANDARD, FULL, FIXED = POLICIES[:3]
 
-TILTS = {"sky in the upper half": 0.0, "sky beyond the upper half": 12.0, "hardly any sky": -14.0}
+TILTS = {"in the upper half": 0.0, "beyond it": 12.0, "hardly seen": -14.0}
 """Where the sky is, by how far the camera looks up (degrees): level; raised, so that the sky reaches into the lower
 half; and lowered, so that the view ends in the trees."""
 
@@ -98,7 +98,7 @@ def sweeps_of(results: Results) -> dict[Case, Sweep]:
 
 def name(case: Case) -> str:
     """A case as a person reads it."""
-    return f"{case[0]}, {case[1]}"
+    return f"{case[0]}, sky {case[1]}"
 
 
 def short(policy: str) -> str:

@@ -5,19 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from evaluation.experiments.experiment import Claim, Verdict
-from evaluation.experiments.teach.cases import FIXED, FULL, STANDARD, Case, Sweep, name, short
+from evaluation.experiments.teach.cases import FIXED, FULL, STANDARD, Case, Sweep, short
 from evaluation.experiments.teach.daylight import STEADY
 from evaluation.experiments.teach.judge import (
     FOLLOWS_PX,
     FOLLOWS_SHARE,
     SMALL_DIFFERENCE,
     WITHIN_PX,
-    Comparison,
     Errors,
     better_everywhere,
     compare,
     follows,
-    probability,
 )
 
 THEIRS = (STANDARD, FULL, FIXED)
@@ -39,42 +37,54 @@ def claims(cases: Mapping[Case, Mapping[str, Errors]], sweeps: Mapping[Case, Swe
 
 def _better_than(other: str, cases: Mapping[Case, Mapping[str, Errors]]) -> Claim:
     """`standard` against another: better where test and interval agree that it is."""
-    found = {name(case): compare(errors[STANDARD], errors[other]) for case, errors in cases.items()}
+    found = {case: compare(errors[STANDARD], errors[other]) for case, errors in cases.items()}
     verdict = better_everywhere([comparison.sign for comparison in found.values()])
     number = len(next(iter(cases.values()))[STANDARD].errors)
     return Claim(
         "MH 4.2, Fig. 7",
         f"Late in the afternoon `standard` has smaller errors than `{short(other)}` (paired t-test over 658 images)",
-        "; ".join(f"{case}: {_told(comparison)}" for case, comparison in found.items())
+        "difference of mean errors, px: "
+        + _by_light({case: comparison.difference.text("+.2f") for case, comparison in found.items()})
         + f"; {number} registrations each",
         verdict,
         _where({case: comparison.sign for case, comparison in found.items()}),
     )
 
 
-def _where(signs: Mapping[str, int]) -> str:
+def _where(signs: Mapping[Case, int]) -> str:
     """In which cases the first was better (-1), worse (1), or neither."""
     words = {-1: "holds", 0: "no difference", 1: "the other way round"}
-    return ". ".join(
-        f"{word}: {'; '.join(case for case in signs if signs[case] == sign)}"
-        for sign, word in words.items()
-        if sign in signs.values()
+    told = []
+    for sign, word in words.items():
+        cases = [case for case in signs if signs[case] == sign]
+        lights = dict.fromkeys(light for light, _ in cases)
+        places = (f"{light} ({', '.join(place for of, place in cases if of == light)})" for light in lights)
+        if cases:
+            told.append(f"{word}: {', '.join(places)}")
+    return "; ".join(told)
+
+
+def _by_light(told: Mapping[Case, str]) -> str:
+    """What there is to tell of each case."""
+    lights = dict.fromkeys(light for light, _ in told)
+    return "; ".join(
+        f"{light}: " + ", ".join(f"sky {place} {text}" for (of, place), text in told.items() if of == light)
+        for light in lights
     )
 
 
 def _small_difference(cases: Mapping[Case, Mapping[str, Errors]]) -> Claim:
     """All three curves close to each other at 5 pixels, wherever the sky is."""
     shares = {
-        name(case): [errors[policy].share_within(WITHIN_PX).value for policy in THEIRS]
-        for case, errors in cases.items()
+        case: [errors[policy].share_within(WITHIN_PX).value for policy in THEIRS] for case, errors in cases.items()
     }
     small = [max(values) - min(values) <= SMALL_DIFFERENCE for values in shares.values()]
     verdict = Verdict.REPRODUCED if all(small) else Verdict.CONDITIONALLY if any(small) else Verdict.NOT_REPRODUCED
-    told = "; ".join(f"{case}: " + ", ".join(f"{v:.3f}" for v in values) for case, values in shares.items())
+    told = _by_light({case: " / ".join(f"{value:.3f}" for value in values) for case, values in shares.items()})
     return Claim(
         "MH 4.2, Fig. 7",
         "The three curves p(error <= x) differ little",
-        f"p(error <= {WITHIN_PX:g} px) of `standard`, `full`, `fixed`: {told}",
+        f"p(error <= {WITHIN_PX:g} px) of `standard` / `full` / `fixed`: {told}",
         verdict,
         f'"little" is {SMALL_DIFFERENCE:g} at {WITHIN_PX:g} px',
     )
@@ -86,36 +96,32 @@ def _at_sunset(cases: Mapping[Case, Mapping[str, Errors]]) -> Claim:
     claimed = [standard and not full and not fixed for standard, full, fixed in good]
     partly = [standard and not (full and fixed) for standard, full, fixed in good]
     verdict = Verdict.REPRODUCED if all(claimed) else Verdict.CONDITIONALLY if any(partly) else Verdict.NOT_REPRODUCED
-    told = "; ".join(
-        f"{name(case)}: " + ", ".join(f"{errors[policy].share_within(FOLLOWS_PX).value:.3f}" for policy in THEIRS)
-        for case, errors in cases.items()
+    told = _by_light(
+        {
+            case: " / ".join(f"{errors[policy].share_within(FOLLOWS_PX).value:.3f}" for policy in THEIRS)
+            for case, errors in cases.items()
+        }
     )
     return Claim(
         "MH 4.2",
         "At sunset the robot could follow its path with `standard`, but neither with `full` nor with `fixed`",
-        f"p(error <= {FOLLOWS_PX:g} px) of `standard`, `full`, `fixed`: {told}",
+        f"p(error <= {FOLLOWS_PX:g} px) of `standard` / `full` / `fixed`: {told}",
         verdict,
         f"following takes {FOLLOWS_SHARE:.0%} within {FOLLOWS_PX:g} px",
     )
 
 
-def _told(comparison: Comparison) -> str:
-    return f"{comparison.difference.text('+.2f', 'px')}, t = {comparison.t:+.1f}, p {probability(comparison.p)}"
-
-
 def _darker_is_safer(sweeps: Mapping[Case, Sweep]) -> Claim:
     """One stop below the exposure that holds the top half at 0.5 against one stop above it."""
-    found, told = {}, []
+    found, told = {}, {}
     for case, sweep in sweeps.items():
         below, above = (sweep.errors[list(sweep.offsets).index(offset)] for offset in (-1.0, 1.0))
-        found[name(case)] = compare(below, above).sign
-        told.append(
-            f"{name(case)}: {below.share_within(WITHIN_PX).value:.2f}, {above.share_within(WITHIN_PX).value:.2f}"
-        )
+        found[case] = compare(below, above).sign
+        told[case] = f"{below.share_within(WITHIN_PX).value:.2f} / {above.share_within(WITHIN_PX).value:.2f}"
     return Claim(
         "MH 3.2 (after their [45])",
         "Slightly underexposed images are more likely to be registered rightly",
-        f"p(error <= {WITHIN_PX:g} px) one stop below and one stop above the exposure of `standard`: {'; '.join(told)}",
+        f"p(error <= {WITHIN_PX:g} px) one stop below / above the exposure of `standard`: {_by_light(told)}",
         better_everywhere(list(found.values())),
         _where(found),
     )

@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image
 
-from evaluation.experiments.teach.cases import Sweep
+from evaluation.experiments.teach.cases import Case, Sweep, name
 from evaluation.experiments.teach.judge import WITHIN_PX, Errors
 
 COLOURS = {
@@ -49,10 +49,10 @@ def plot_views(views: Mapping[str, Mapping[str, str]], file: Path) -> None:
             if axes in grid[0]:
                 axes.set_title(policy, fontsize=9)
         row[0].set_ylabel(light, fontsize=9)
-    _save(figure, file)
+    _save(figure, file, colours=16)
 
 
-def plot_curves(cases: Mapping[tuple[str, str], Mapping[str, Errors]], file: Path) -> None:
+def plot_curves(cases: Mapping[Case, Mapping[str, Errors]], file: Path) -> None:
     """p(error <= x) with 95 % bands by (light, placement): a row for each light, a column for each placement."""
     lights, placements = (list(dict.fromkeys(key[axis] for key in cases)) for axis in (0, 1))
     figure, grid = plt.subplots(
@@ -69,7 +69,7 @@ def plot_curves(cases: Mapping[tuple[str, str], Mapping[str, Errors]], file: Pat
         for policy, of_policy in errors.items():
             _draw_curve(axes, policy, of_policy)
         axes.axvline(WITHIN_PX, color="grey", linewidth=0.8, linestyle=":")
-        axes.set_title(f"{light}, {placement}", fontsize=9)
+        axes.set_title(name((light, placement)), fontsize=9)
         axes.grid(alpha=0.3)
     for axes in grid[-1]:
         axes.set_xlabel("registration error x (px)")
@@ -86,7 +86,7 @@ def _draw_curve(axes: Axes, policy: str, errors: Errors) -> None:
     axes.plot(PIXELS, middle, color=COLOURS[policy], linewidth=1.4, label=policy)
 
 
-def plot_sweeps(sweeps: Mapping[tuple[str, str], Sweep], file: Path) -> None:
+def plot_sweeps(sweeps: Mapping[Case, Sweep], file: Path) -> None:
     """Votes, and shares within 5 pixels, against exposure; a column for each light, a line for each placement."""
     lights, placements = (list(dict.fromkeys(key[axis] for key in sweeps)) for axis in (0, 1))
     figure, grid = plt.subplots(
@@ -95,7 +95,9 @@ def plot_sweeps(sweeps: Mapping[tuple[str, str], Sweep], file: Path) -> None:
     for (light, placement), sweep in sweeps.items():
         upper, lower = grid[:, lights.index(light)]
         colour = SWEEP_COLOURS[placements.index(placement)]
-        upper.plot(sweep.offsets, np.mean(sweep.votes, axis=0), color=colour, marker="o", ms=4, label=placement)
+        upper.plot(
+            sweep.offsets, np.mean(sweep.votes, axis=0), color=colour, marker="o", ms=4, label=f"sky {placement}"
+        )
         shares = [errors.share_within(WITHIN_PX) for errors in sweep.errors]
         middle = np.array([share.value for share in shares])
         reach = [middle - [share.low for share in shares], [share.high for share in shares] - middle]
@@ -103,7 +105,7 @@ def plot_sweeps(sweeps: Mapping[tuple[str, str], Sweep], file: Path) -> None:
         for axes in (upper, lower):
             axes.axvline(float(np.median(sweep.whole)), color=colour, linestyle=":", linewidth=1.2)
         upper.set_title(light, fontsize=10)
-        lower.set_xlabel("exposure against that of `standard` (stops)")
+        lower.set_xlabel("stops from the exposure of standard")
     for axes in grid.ravel():
         axes.grid(alpha=0.3)
     grid[0, 0].set(ylabel="votes", ylim=(0, None))
@@ -117,10 +119,10 @@ def _decoded(text: str) -> NDArray[np.uint8]:
     return np.asarray(cv2.imdecode(content, cv2.IMREAD_GRAYSCALE), np.uint8)
 
 
-def _save(figure: Figure, file: Path) -> None:
-    """In 256 colours: half of the size, and it cannot be seen."""
+def _save(figure: Figure, file: Path, colours: int = 256) -> None:
+    """In few colours: a half to a quarter of the size, and it can hardly be seen."""
     canvas = io.BytesIO()
     figure.savefig(canvas, dpi=110)
     plt.close(figure)
     with Image.open(canvas) as picture:
-        picture.convert("RGB").quantize(256).save(file, optimize=True)
+        picture.convert("RGB").quantize(colours, dither=Image.Dither.NONE).save(file, optimize=True)
