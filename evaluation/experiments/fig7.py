@@ -68,7 +68,7 @@ def jobs(quick: bool) -> list[Job]:
         Job(
             measure,
             {"room": room, "seed": seed, "repeat": repeat, "frames": round(seconds * RATE_HZ)},
-            cost_s=9.0 * seconds,
+            cost_s=11.0 * seconds,
         )
         for room in rooms
         for seed in seeds

@@ -57,7 +57,7 @@ def test_begin2022_sees_more_than_the_built_in_exposure_and_blurs_less(tmp_path:
         assert begin["metric"] > built_in["metric"] + 0.02
         assert ours["metric"] > built_in["metric"] + 0.02
         assert min(begin["gains_db"][4:]) > max(built_in["gains_db"]) > 0
-        assert np.median(begin["times_us"]) < np.median(built_in["times_us"])
+        assert min(begin["times_us"]) < 0.8 * min(built_in["times_us"])
         assert {run["name"] for run in results[0][1]} == set(runs.policies)
         assert sum(claim.source == "this project" for claim in section.claims) == 2
 
