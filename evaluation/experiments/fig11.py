@@ -86,8 +86,8 @@ def section(results: Results, folder: Path) -> Section:
             _table(found),
             f"With a linear response the bias of gamma curves (`shim2018`) is {_linear_bias(results, rooms=True)} "
             f"stops in rooms and {_linear_bias(results, rooms=False)} in painted stills. `begin2022` errs towards "
-            "bright: a saturated patch stays flat under every prediction, so going darker promises too little, and above the "
-            "best level it hardly wants to move; that is what its saturation feedback is for (fig10).",
+            "bright: a saturated patch stays flat under every prediction, so going darker promises too little, and "
+            "above the best level it hardly wants to move; that is what its saturation feedback is for (fig10).",
         ],
     )
 
