@@ -15,15 +15,16 @@ from scipy import stats
 from evaluation.experiments.cache import ResultCache
 from evaluation.experiments.experiment import Figure, Verdict
 from evaluation.experiments.run import run_jobs
+from evaluation.experiments.teach.camera import BRIGHTNESS, CAMERA, Camera, at_half
 from evaluation.experiments.teach.cases import FIXED, FULL, STANDARD, cases_of, errors_of
 from evaluation.experiments.teach.daylight import REPLAYS, TEACHING
-from evaluation.experiments.teach.drive import BRIGHTNESS, IMAGES_PER_MAP, MAPS, Camera, operators_setting
+from evaluation.experiments.teach.drive import IMAGES_PER_MAP
 from evaluation.experiments.teach.experiment import EXPERIMENT
 from evaluation.experiments.teach.judge import LOST_PX, Errors, better_everywhere, compare, paired_t
 from evaluation.experiments.teach.park import park
-from evaluation.experiments.teach.path import TaughtPath
-from evaluation.experiments.teach.registration import CAMERA, Detector, Part, Truth, register, vote
-from evaluation.experiments.teach.sweep import OFFSETS, at_half, sweep
+from evaluation.experiments.teach.path import MAPS, TaughtPath
+from evaluation.experiments.teach.registration import Detector, Part, Truth, register, vote
+from evaluation.experiments.teach.sweep import OFFSETS, sweep
 from evaluation.stills import leaves
 from fake_camera.render import Renderer, Surface
 
@@ -102,7 +103,7 @@ def _grey(radiance: NDArray[np.float32]) -> NDArray[np.uint8]:
 def test_the_operator_sets_the_mean_to_one_half() -> None:
     camera = Camera(5)
     radiance = leaves(np.random.default_rng(3), 720, 540) * np.float32(500.0)
-    image = camera.expose(radiance, operators_setting(camera, radiance), 7)
+    image = camera.expose(radiance, at_half(camera, radiance), 7)
     assert image.mean() / 255 == pytest.approx(BRIGHTNESS, abs=0.01)
 
 
@@ -110,7 +111,7 @@ def test_the_top_half_alone_can_be_held_at_one_half() -> None:
     camera, radiance = Camera(5), np.full((540, 720), 300.0, np.float32)
     radiance[270:] = 30.0
     top = camera.expose(radiance, at_half(camera, radiance, top_only=True), 7)
-    whole = camera.expose(radiance, at_half(camera, radiance, top_only=False), 7)
+    whole = camera.expose(radiance, at_half(camera, radiance), 7)
     assert top[:270].mean() / 255 == pytest.approx(0.5, abs=0.02)
     assert whole.mean() / 255 == pytest.approx(0.5, abs=0.02) and whole.mean() > top.mean()
 

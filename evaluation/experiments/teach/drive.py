@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
@@ -13,21 +12,18 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control.loop import ControlLoop
 from calibration.response import ResponseFunction
-from drivers.exposure import ExposureLimits, ExposureSetting
+from drivers.exposure import ExposureSetting
 from drivers.frames import Frame, StereoPair
 from evaluation.experiments.experiment import Plain
+from evaluation.experiments.teach.camera import CAMERA, LIMITS, Camera, Image, Radiance, at_half
 from evaluation.experiments.teach.daylight import REPLAYS, TEACHING
 from evaluation.experiments.teach.park import park
 from evaluation.experiments.teach.path import MAPS, TaughtPath
-from evaluation.experiments.teach.registration import CAMERA, Detector, Features, Part, Truth, register
-from fake_camera.imaging import ImageSettings
+from evaluation.experiments.teach.registration import Detector, Features, Part, Truth, register
 from fake_camera.render import Renderer
-from fake_camera.sensor import Sensor, SensorModel
 
 POLICIES = ("majer2018-standard", "majer2018-full", "majer2018-fixed", "begin2022", "metric-map")
 """The three of the paper, and two that it does not know."""
-
-LIMITS = ExposureLimits(min_time_us=20.0, max_time_us=7500.0, min_gain_db=0.0, max_gain_db=30.0)
 
 RATE_HZ = 30.0
 DELAY_FRAMES = 2
@@ -39,17 +35,12 @@ IMAGES_PER_MAP, FRAMES_PER_IMAGE = 8, 5
 STILL_FRAMES, FIRST_FRAMES = 10, 40
 """Frames at rest before a map is taught, and before a drive begins."""
 
-BRIGHTNESS = 0.5
-"""To which mean the operator sets the fixed exposure (MH 4.2)."""
-
 WAYS: dict[str, tuple[str | None, Part]] = {
     "as the paper": ("majer2018-standard", "top half"),
     "each its own map": (None, "top half"),
     "features everywhere": ("majer2018-standard", "whole image"),
 }
 """By whose exposure the map was taught (None: that of the replaying policy), and where features are looked for."""
-
-Image = NDArray[np.uint8]
 
 
 @dataclass(slots=True, eq=False)
@@ -61,38 +52,20 @@ class Driver:
     levels: list[float] = field(default_factory=list)
 
 
-class Camera:
-    """The robot's camera; the noise of a frame is the same whatever its exposure."""
-
-    def __init__(self, seed: int) -> None:
-        self._sensor = Sensor(SensorModel(), seed)
-        self._seed = seed
-
-    def expose(self, radiance: NDArray[np.float32], setting: ExposureSetting, frame: int) -> Image:
-        """The image of a radiance, uint8, (540, 720)."""
-        model = self._sensor.model
-        settings = ImageSettings(
-            setting.exposure_time_us, setting.gain_db, 0.0, 1.0, "Mono8", 0, 0, model.width, model.height, 1, 1
-        )
-        return self._sensor.expose(radiance, settings, self._seed * 100_000 + frame).astype(np.uint8, copy=False)
-
-
 class Drive:
-    """All policies on one drive. No exposure is longer than 7.5 ms, in which the slow robot's image moves half a pixel.
+    """All policies on one drive. The image is not blurred: the robot is slow, it moves less than a pixel in 7.5 ms.
 
     Parameters
     ----------
-    renderer
-        The park.
     camera
         The robot's.
     first
         Radiance of the first frame: what the operator sets the exposure by that all start with, and `fixed` keeps.
     """
 
-    def __init__(self, renderer: Renderer, camera: Camera, first: NDArray[np.float32]) -> None:
-        self._renderer, self._camera = renderer, camera
-        start = operators_setting(camera, first)
+    def __init__(self, camera: Camera, first: Radiance) -> None:
+        self._camera = camera
+        start = at_half(camera, first)
         self.drivers = {
             name: Driver(ControlLoop(name, ResponseFunction.linear(), LIMITS, start), [start] * DELAY_FRAMES)
             for name in POLICIES
@@ -101,7 +74,7 @@ class Drive:
         for _ in range(FIRST_FRAMES):
             self.step(first)
 
-    def step(self, radiance: NDArray[np.float32]) -> dict[str, Image]:
+    def step(self, radiance: Radiance) -> dict[str, Image]:
         """One frame: each policy takes it with its own exposure and decides; the images by policy."""
         images = {}
         time_ns = round(self.frame / RATE_HZ * 1e9)
@@ -113,19 +86,6 @@ class Drive:
             driver.levels.append(setting.level)
         self.frame += 1
         return images
-
-
-def operators_setting(camera: Camera, radiance: NDArray[np.float32]) -> ExposureSetting:
-    """The setting whose image has a mean of half scale, as far as the limits allow."""
-    low, high = LIMITS.darkest.level, LIMITS.brightest.level
-    for _ in range(12):
-        level = (low + high) / 2
-        setting = LIMITS.realise(level, math.exp2(level))
-        if camera.expose(radiance, setting, 0).mean() < BRIGHTNESS * 255:
-            low = level
-        else:
-            high = level
-    return setting
 
 
 def taught_maps(
@@ -140,7 +100,7 @@ def taught_maps(
     drive: Drive | None = None
     for index in range(maps):
         radiance = renderer.render(path.taught(index)[None], TEACHING.lux(0.0))
-        drive = drive or Drive(renderer, camera, radiance)
+        drive = drive or Drive(camera, radiance)
         for _ in range(STILL_FRAMES):
             images = drive.step(radiance)
         for part, features in taught.items():
@@ -160,7 +120,7 @@ def replayed(
         pose = path.repeated(number, distance)
         progress = frame / (MAPS * IMAGES_PER_MAP * FRAMES_PER_IMAGE)
         radiance = renderer.render(pose[None], daylight.lux(progress))
-        drive = drive or Drive(renderer, camera, radiance)
+        drive = drive or Drive(camera, radiance)
         images = drive.step(radiance)
         if frame % FRAMES_PER_IMAGE == FRAMES_PER_IMAGE - 1:
             yield frame // (IMAGES_PER_MAP * FRAMES_PER_IMAGE), pose, images, drive

@@ -11,7 +11,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from fake_camera.render import Pinhole, Surface
+from evaluation.experiments.teach.camera import CAMERA
+from fake_camera.render import Surface
 
 FEATURES = 500
 """f_d of the paper."""
@@ -33,8 +34,6 @@ LEAST_VOTES = 3
 
 GRID_PX = 18
 """Distance of the points of the image at which the true shift is looked up."""
-
-CAMERA = Pinhole()
 
 Part = Literal["top half", "whole image"]
 

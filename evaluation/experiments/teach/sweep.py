@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
-from drivers.exposure import ExposureSetting
 from evaluation.experiments.experiment import Plain
+from evaluation.experiments.teach.camera import CAMERA, Camera, at_half, setting_at
 from evaluation.experiments.teach.daylight import REPLAYS, TEACHING
-from evaluation.experiments.teach.drive import BRIGHTNESS, LIMITS, Camera
 from evaluation.experiments.teach.park import park
 from evaluation.experiments.teach.path import TaughtPath
-from evaluation.experiments.teach.registration import CAMERA, Detector, Truth, register
+from evaluation.experiments.teach.registration import Detector, Truth, register
 from fake_camera.render import Renderer
 
 OFFSETS = tuple(range(-4, 5))
@@ -19,8 +15,6 @@ OFFSETS = tuple(range(-4, 5))
 
 AHEAD = 0.2
 """Where a view is replayed: so much of the way from its map to the next one."""
-
-Radiance = NDArray[np.float32]
 
 
 def sweep(seed: int, tilt_deg: float, light: str, maps: int) -> Plain:
@@ -36,11 +30,7 @@ def sweep(seed: int, tilt_deg: float, light: str, maps: int) -> Plain:
     path, detector, camera = TaughtPath(seed, tilt_deg), Detector(), Camera(2 * seed)
     surfaces = park(seed, TEACHING)
     truth, before = Truth(surfaces), Renderer(surfaces, CAMERA)
-    after, daylight, number = (
-        Renderer(park(seed, REPLAYS[light]), CAMERA),
-        REPLAYS[light],
-        1 + list(REPLAYS).index(light),
-    )
+    after, number = Renderer(park(seed, REPLAYS[light]), CAMERA), 1 + list(REPLAYS).index(light)
     errors: list[list[float | None]] = []
     votes: list[list[int]] = []
     whole: list[float] = []
@@ -49,30 +39,13 @@ def sweep(seed: int, tilt_deg: float, light: str, maps: int) -> Plain:
         taught = detector.find(camera.expose(radiance, at_half(camera, radiance, top_only=True), 2 * index), "top half")
         pose = path.repeated(number, (index + AHEAD) * path.spacing_m)
         shift = truth.shift(path.taught(index), pose)
-        radiance = after.render(pose[None], daylight.lux(index / maps))
+        radiance = after.render(pose[None], REPLAYS[light].lux(index / maps))
         middle = at_half(camera, radiance, top_only=True).level
-        whole.append(at_half(camera, radiance, top_only=False).level - middle)
+        whole.append(at_half(camera, radiance).level - middle)
         won = []
         for offset in OFFSETS:
-            image = camera.expose(radiance, _setting(middle + offset), 2 * index + 1)
+            image = camera.expose(radiance, setting_at(middle + offset), 2 * index + 1)
             won.append(register(taught, detector.find(image, "top half")))
         errors.append([None if vote.shift is None else abs(vote.shift - shift) for vote in won])
         votes.append([vote.votes for vote in won])
     return {"offsets": list(OFFSETS), "errors": errors, "votes": votes, "whole": whole}
-
-
-def at_half(camera: Camera, radiance: Radiance, *, top_only: bool) -> ExposureSetting:
-    """The setting whose image, or the top half of it, has a mean of 0.5, as far as the limits allow."""
-    low, high = LIMITS.darkest.level, LIMITS.brightest.level
-    rows = CAMERA.height // 2 if top_only else CAMERA.height
-    for _ in range(10):
-        level = (low + high) / 2
-        if camera.expose(radiance, _setting(level), 0)[:rows].mean() < BRIGHTNESS * 255:
-            low = level
-        else:
-            high = level
-    return _setting((low + high) / 2)
-
-
-def _setting(level: float) -> ExposureSetting:
-    return LIMITS.realise(level, 2.0**level)
