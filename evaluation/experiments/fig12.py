@@ -46,9 +46,9 @@ TOLERANCE_MM = 0.05
 
 _SETTING = f"""\
 The paper sent its rig along one trajectory in two lights: (a) 1 to 217 lux in different parts of the room, (b) 2 to 4
-lux; exposures of at most 7.5 ms. Ours is the simulated rig's lap through a furnished room made
-0.6 times as large (things are 0.2 to 2 m away), from rest to 86 mm/s and 89 degrees a second, headings and rooms drawn
-at random, repeats with other noise. (a): the walls around one bearing have 217 lux, those away from it 1 lux, with 23
+lux; exposures of at most 7.5 ms. Ours is the simulated rig's lap through a furnished room made 0.6 times
+as large (things are 0.2 to 2 m away), from rest to 86 mm/s and 89 degrees a second, headings and rooms drawn at
+random, repeats with other noise. (a): the walls around one bearing have 217 lux, those away from it 1 lux, with 23
 degrees of fading in between; (b): 3 lux on the mean of the walls. Every policy runs in closed loop at 60 Hz with a
 delay of two frames, from the best exposure of the first frame: our default `metric-map`, `begin2022`, `shim2018` with
 the paper's balance of time and gain (as in its comparison), `neves2009` (mean of 20 %, exposure time first, as cameras

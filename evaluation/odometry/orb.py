@@ -50,7 +50,7 @@ class OrbOdometry:
 
     The motion so far, taken on at constant speed, tells where to look for features. Matches are then placed to a
     fraction of a pixel by their patches. A pair that shares too little with earlier ones is lost: its pose is the
-    guess, and it becomes a key pair, so that tracking goes on from there.
+    guess, and it becomes a key pair, so that tracking goes on from there; the next guess is rest.
 
     Parameters
     ----------
@@ -80,6 +80,8 @@ class OrbOdometry:
             self._most_shared = max(self._most_shared, shared)
         else:
             pose, shared = expected, 0
+            # A motion that led astray must not lead on: from here, features are looked for where they were.
+            self._motion = np.eye(4)
         first = self._before is None
         self._pose, self._before = pose, self._keep(pose, features)
         if shared < STALE_SHARE * self._most_shared or tied is None:
