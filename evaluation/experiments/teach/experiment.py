@@ -12,7 +12,7 @@ from evaluation.experiments.teach.drive import measure
 from evaluation.experiments.teach.figures import plot_curves, plot_sweeps, plot_views
 from evaluation.experiments.teach.path import MAPS
 from evaluation.experiments.teach.sweep import sweep
-from evaluation.experiments.teach.tables import comparisons_table, looks_table, shares_table, ways_table
+from evaluation.experiments.teach.tables import comparisons_table, looks_table, shares_table, sweeps_table, ways_table
 
 SEEDS = (2, 3)
 
@@ -49,14 +49,15 @@ def section(results: Results, folder: Path) -> Section:
     ]
     if sweeps:
         plot_sweeps(sweeps, folder / "teach_sweep.png")
-        parts.append(
+        parts += [
             Figure(
                 "teach_sweep.png",
                 "One view near each map at nine exposures, without any policy: 0 holds the top half at 0.5, as "
                 "`standard` does; dotted, the exposure that holds the whole image there, as `full` does (median). "
                 "Above: matches that agree. Below: share of registrations within 5 px, with 95 % intervals.",
-            )
-        )
+            ),
+            sweeps_table(sweeps),
+        ]
     return Section(_SETTING, claims(cases, sweeps), parts)
 
 

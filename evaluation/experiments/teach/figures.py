@@ -110,7 +110,7 @@ def plot_sweeps(sweeps: Mapping[Case, Sweep], file: Path) -> None:
         axes.grid(alpha=0.3)
     grid[0, 0].set(ylabel="votes", ylim=(0, None))
     grid[1, 0].set(ylabel=f"p(error ≤ {WITHIN_PX:g} px)", ylim=(0, 1.02))
-    grid[0, 0].legend(fontsize=8)
+    grid[0, -1].legend(fontsize=8, loc="upper right")
     _save(figure, file)
 
 
