@@ -76,7 +76,7 @@ def plot_curves(cases: Mapping[Case, Mapping[str, Errors]], file: Path) -> None:
     for axes in grid[:, 0]:
         axes.set_ylabel("p(error ≤ x)")
     grid[0, 0].set(xlim=(0, PIXELS[-1]), ylim=(0.3, 1.01))
-    grid[0, 0].legend(loc="lower right", fontsize=8)
+    _legend(figure, grid[0, 0])
     _save(figure, file)
 
 
@@ -110,8 +110,14 @@ def plot_sweeps(sweeps: Mapping[Case, Sweep], file: Path) -> None:
         axes.grid(alpha=0.3)
     grid[0, 0].set(ylabel="votes", ylim=(0, None))
     grid[1, 0].set(ylabel=f"p(error ≤ {WITHIN_PX:g} px)", ylim=(0, 1.02))
-    grid[0, -1].legend(fontsize=8, loc="upper right")
+    _legend(figure, grid[0, 0])
     _save(figure, file)
+
+
+def _legend(figure: Figure, axes: Axes) -> None:
+    """Above all panels, where it hides nothing."""
+    handles, labels = axes.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=len(labels), fontsize=8, frameon=False)
 
 
 def _decoded(text: str) -> NDArray[np.uint8]:
