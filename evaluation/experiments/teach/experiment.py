@@ -73,7 +73,7 @@ sun and shadow. The map is taught early in the afternoon by `{STANDARD}`, the pa
 is replayed on other days, when half of the leaves have moved. Late in the afternoon light is steady: under a `clear`
 sky, where shadows have moved and what faces the sun is almost as bright as the sky, or under an `overcast` one, 3 to 4
 stops brighter than the trees. After `sunset` only the sky gives light, 2 stops less at the end of the drive than at its
-beginning. Sky and surfaces have the radiance that physics gives them; nothing was fitted to the outcome.
+beginning. Sky and surfaces have the radiance that physics gives them, settled on parks that are not among these.
 The camera looks level (sky in the upper half of the view), 12 degrees up (sky beyond it, into the lower half), or 14
 degrees down (sky hardly seen).
 

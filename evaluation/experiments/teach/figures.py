@@ -75,7 +75,7 @@ def plot_curves(cases: Mapping[Case, Mapping[str, Errors]], file: Path) -> None:
         axes.set_xlabel("registration error x (px)")
     for axes in grid[:, 0]:
         axes.set_ylabel("p(error ≤ x)")
-    grid[0, 0].set(xlim=(0, PIXELS[-1]), ylim=(0.3, 1.01))
+    grid[0, 0].set(xlim=(0, PIXELS[-1]), ylim=(0, 1.01))
     _legend(figure, grid[0, 0])
     _save(figure, file)
 
@@ -125,7 +125,7 @@ def _decoded(text: str) -> NDArray[np.uint8]:
     return np.asarray(cv2.imdecode(content, cv2.IMREAD_GRAYSCALE), np.uint8)
 
 
-def _save(figure: Figure, file: Path, colours: int = 256) -> None:
+def _save(figure: Figure, file: Path, colours: int = 128) -> None:
     """In few colours: a half to a quarter of the size, and it can hardly be seen."""
     canvas = io.BytesIO()
     figure.savefig(canvas, dpi=110)
