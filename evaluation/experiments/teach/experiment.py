@@ -12,7 +12,7 @@ from evaluation.experiments.teach.drive import measure
 from evaluation.experiments.teach.figures import plot_curves, plot_sweeps, plot_views
 from evaluation.experiments.teach.path import MAPS
 from evaluation.experiments.teach.sweep import sweep
-from evaluation.experiments.teach.tables import comparisons_table, looks_table, shares_table, ways_table
+from evaluation.experiments.teach.tables import comparisons_table, looks_table, shares_table, sweeps_table, ways_table
 
 SEEDS = (2, 3)
 
@@ -49,14 +49,15 @@ def section(results: Results, folder: Path) -> Section:
     ]
     if sweeps:
         plot_sweeps(sweeps, folder / "teach_sweep.png")
-        parts.append(
+        parts += [
             Figure(
                 "teach_sweep.png",
                 "One view near each map at nine exposures, without any policy: 0 holds the top half at 0.5, as "
                 "`standard` does; dotted, the exposure that holds the whole image there, as `full` does (median). "
                 "Above: matches that agree. Below: share of registrations within 5 px, with 95 % intervals.",
-            )
-        )
+            ),
+            sweeps_table(sweeps),
+        ]
     return Section(_SETTING, claims(cases, sweeps), parts)
 
 
@@ -72,7 +73,7 @@ sun and shadow. The map is taught early in the afternoon by `{STANDARD}`, the pa
 is replayed on other days, when half of the leaves have moved. Late in the afternoon light is steady: under a `clear`
 sky, where shadows have moved and what faces the sun is almost as bright as the sky, or under an `overcast` one, 3 to 4
 stops brighter than the trees. After `sunset` only the sky gives light, 2 stops less at the end of the drive than at its
-beginning. Sky and surfaces have the radiance that physics gives them; nothing was fitted to the outcome.
+beginning. Sky and surfaces have the radiance that physics gives them, settled on parks that are not among these.
 The camera looks level (sky in the upper half of the view), 12 degrees up (sky beyond it, into the lower half), or 14
 degrees down (sky hardly seen).
 

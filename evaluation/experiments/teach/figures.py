@@ -75,8 +75,8 @@ def plot_curves(cases: Mapping[Case, Mapping[str, Errors]], file: Path) -> None:
         axes.set_xlabel("registration error x (px)")
     for axes in grid[:, 0]:
         axes.set_ylabel("p(error ≤ x)")
-    grid[0, 0].set(xlim=(0, PIXELS[-1]), ylim=(0.3, 1.01))
-    grid[0, 0].legend(loc="lower right", fontsize=8)
+    grid[0, 0].set(xlim=(0, PIXELS[-1]), ylim=(0, 1.01))
+    _legend(figure, grid[0, 0])
     _save(figure, file)
 
 
@@ -110,8 +110,14 @@ def plot_sweeps(sweeps: Mapping[Case, Sweep], file: Path) -> None:
         axes.grid(alpha=0.3)
     grid[0, 0].set(ylabel="votes", ylim=(0, None))
     grid[1, 0].set(ylabel=f"p(error ≤ {WITHIN_PX:g} px)", ylim=(0, 1.02))
-    grid[0, 0].legend(fontsize=8)
+    _legend(figure, grid[0, 0])
     _save(figure, file)
+
+
+def _legend(figure: Figure, axes: Axes) -> None:
+    """Above all panels, where it hides nothing."""
+    handles, labels = axes.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=len(labels), fontsize=8, frameon=False)
 
 
 def _decoded(text: str) -> NDArray[np.uint8]:
@@ -119,7 +125,7 @@ def _decoded(text: str) -> NDArray[np.uint8]:
     return np.asarray(cv2.imdecode(content, cv2.IMREAD_GRAYSCALE), np.uint8)
 
 
-def _save(figure: Figure, file: Path, colours: int = 256) -> None:
+def _save(figure: Figure, file: Path, colours: int = 128) -> None:
     """In few colours: a half to a quarter of the size, and it can hardly be seen."""
     canvas = io.BytesIO()
     figure.savefig(canvas, dpi=110)

@@ -7,7 +7,18 @@ from collections.abc import Mapping
 import numpy as np
 
 from evaluation.experiments.experiment import Results, Table
-from evaluation.experiments.teach.cases import AS_PAPER, FIXED, FULL, STANDARD, Case, cases_of, drives_of, name, short
+from evaluation.experiments.teach.cases import (
+    AS_PAPER,
+    FIXED,
+    FULL,
+    STANDARD,
+    Case,
+    Sweep,
+    cases_of,
+    drives_of,
+    name,
+    short,
+)
 from evaluation.experiments.teach.daylight import REPLAYS
 from evaluation.experiments.teach.drive import POLICIES, WAYS
 from evaluation.experiments.teach.judge import LOST_PX, WITHIN_PX, Errors, compare, probability
@@ -64,6 +75,25 @@ def looks_table(results: Results) -> Table:
         "Exposure, over all placements: mean exposure level, mean grey of the top half and of the image (1: "
         "saturated), share of saturated pixels, and how many matches agreed on the winning shift.",
         ["replay", "policy", "level, stops", "top half", "image", "saturated", "votes"],
+        rows,
+    )
+
+
+def sweeps_table(sweeps: Mapping[Case, Sweep]) -> Table:
+    """Where the best exposure lies, and where `standard` and `full` do."""
+    rows = []
+    for case, sweep in sweeps.items():
+        best = int(np.argmax(sweep.votes.mean(axis=0)))
+        standard = int(np.argmin(np.abs(sweep.offsets)))
+        low, middle, high = np.percentile(sweep.whole, [5, 50, 95])
+        rows.append(
+            [name(case), f"{sweep.offsets[best]:+.0f}", sweep.errors[best].share_within(WITHIN_PX).text(".2f"),
+             sweep.errors[standard].share_within(WITHIN_PX).text(".2f"), f"{middle:+.1f} ({low:+.1f} to {high:+.1f})"]
+        )  # fmt: skip
+    return Table(
+        f"The same in numbers: the exposure with most votes, in stops from that of `standard`; p(error <= "
+        f"{WITHIN_PX:g} px) there and at that of `standard`; and where `full` lies (median; 5 % to 95 % of the views).",
+        ["replay", "most votes at", "p there", "p at standard's", "full lies at"],
         rows,
     )
 
