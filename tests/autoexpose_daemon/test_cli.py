@@ -76,7 +76,7 @@ def test_a_scene_that_cannot_be_read_ends_the_demo_with_the_cameras_own_words() 
     assert "Traceback" not in result.stderr
 
 
-@pytest.mark.realtime
+@pytest.mark.wire
 def test_list_shows_a_camera_with_its_serial() -> None:
     with fake_camera() as camera:
         result = autoexpose("list")
@@ -84,7 +84,7 @@ def test_list_shows_a_camera_with_its_serial() -> None:
     assert any(camera.serial in line and camera.address in line for line in result.stdout.splitlines())
 
 
-@pytest.mark.realtime
+@pytest.mark.wire
 def test_run_stops_on_sigterm_and_leaves_the_cameras_free(tmp_path: Path) -> None:
     file = tmp_path / "rig.yaml"
     with stereo_cameras() as (left, right, _):
@@ -103,7 +103,7 @@ def test_run_stops_on_sigterm_and_leaves_the_cameras_free(tmp_path: Path) -> Non
                 assert client.read(CCP) == 0
 
 
-@pytest.mark.realtime
+@pytest.mark.wire
 def test_run_refuses_a_response_file_for_another_pixel_format(tmp_path: Path) -> None:
     file, response = tmp_path / "rig.yaml", tmp_path / "left.response.yaml"
     with fake_camera() as camera:
@@ -152,8 +152,7 @@ def test_run_drives_a_camera_that_we_did_not_write(tmp_path: Path) -> None:
 
 
 @pytest.mark.realtime
-@pytest.mark.parametrize(("policy", "settles"), [("neves2009", True), ("fixed", False)])
-def test_the_demo_reports_what_happened(tmp_path: Path, policy: str, settles: bool) -> None:
+def test_the_demo_reports_what_happened(tmp_path: Path) -> None:
     light = tmp_path / "light.yaml"
     light.write_text("repeat_s: 3\nlight: [{at_s: 0, lux: 150}, {at_s: 1.5, lux: 1}]")
     summary, plot = tmp_path / "out.json", tmp_path / "out.png"
@@ -163,7 +162,7 @@ def test_the_demo_reports_what_happened(tmp_path: Path, policy: str, settles: bo
         "--seconds",
         "5",
         "--policy",
-        policy,
+        "neves2009",
         "--light",
         str(light),
         "--summary",
@@ -175,7 +174,7 @@ def test_the_demo_reports_what_happened(tmp_path: Path, policy: str, settles: bo
     assert time.monotonic() - started_s < 60
     figures = json.loads(summary.read_text())
     assert figures["transport"] == "gige"
-    assert figures["policy"] == policy
+    assert figures["policy"] == "neves2009"
     assert figures["triggers"] == figures["pairs"] + sum(figures["lost"].values())
     assert figures["pairs"] > figures["triggers"] / 2
     assert figures["reference_step_ms"] > 0
@@ -184,4 +183,4 @@ def test_the_demo_reports_what_happened(tmp_path: Path, policy: str, settles: bo
     assert figures["steps"]
     assert plot.read_bytes().startswith(b"\x89PNG")
     settled = [step["frames_to_settle"] is not None for step in figures["steps"]]
-    assert any(settled) if settles else not all(settled)  # that each step settles takes the minute of `make accept`
+    assert any(settled)  # that each step settles takes the minute of `make accept`

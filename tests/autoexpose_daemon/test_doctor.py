@@ -274,7 +274,7 @@ def test_a_bad_configuration_is_one_sentence() -> None:
     assert "no-such.yaml" in result.stderr
 
 
-@pytest.mark.realtime
+@pytest.mark.wire
 def test_the_command_on_a_camera_on_the_wire(tmp_path: Path) -> None:
     named, wrong = tmp_path / "rig.yaml", tmp_path / "wrong.yaml"
     missing = unique("MISSING")

@@ -109,7 +109,7 @@ def test_the_session_closes_its_camera_whatever_happened() -> None:
     assert camera.closed
 
 
-@pytest.mark.realtime
+@pytest.mark.wire
 def test_a_session_over_the_wire_from_the_shortest_exposure_to_a_long_one(tmp_path: Path) -> None:
     light = tmp_path / "light.yaml"
     light.write_text("light: [{at_s: 0, lux: 20}]")

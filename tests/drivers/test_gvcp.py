@@ -69,7 +69,7 @@ def test_no_camera_is_silence() -> None:
     assert control_of(loopback_address(), answer_s=0.01) == "silent"
 
 
-@pytest.mark.realtime
+@pytest.mark.wire
 def test_aravis_finds_the_same_camera() -> None:
     serial = unique("T")
     with gige_camera(loopback_address(), serial):
@@ -79,7 +79,7 @@ def test_aravis_finds_the_same_camera() -> None:
     assert str(ours.address.ip) == theirs.address
 
 
-@pytest.mark.realtime
+@pytest.mark.wire
 def test_a_camera_that_we_did_not_write_answers() -> None:
     with foreign_camera() as serial:
         camera = find(serial, [LO])

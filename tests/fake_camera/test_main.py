@@ -16,7 +16,7 @@ PROGRAM = [sys.executable, "-m", "fake_camera", "--serial", "FAKE-M"]
 COMMAND = [*PROGRAM, "--address", "127.0.9.1"]
 
 
-@pytest.mark.realtime
+@pytest.mark.wire
 def test_says_when_it_is_ready_and_ends_cleanly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     truth, control = tmp_path / "truth.jsonl", tmp_path / "control"
@@ -32,7 +32,7 @@ def test_says_when_it_is_ready_and_ends_cleanly(tmp_path: Path, monkeypatch: pyt
     assert [path.name for path in tmp_path.iterdir()] == ["truth.jsonl"]
 
 
-@pytest.mark.realtime
+@pytest.mark.wire
 def test_a_mistake_is_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     wire = Line0.join("wire", 60.0)
@@ -52,7 +52,7 @@ def on_wire(wire: str, folder: Path) -> list[str]:
     return [*command, "--xml", str(folder / "camera.xml")]
 
 
-@pytest.mark.realtime
+@pytest.mark.wire
 @pytest.mark.parametrize(
     ("name_space", "wire", "where"),
     [("GEV", "gige", "at 127.0.9.1"), ("U3V", "usb3", "on USB"), ("None", "gige", "at 127.0.9.1"),
@@ -69,7 +69,7 @@ def test_a_camera_in_a_description_says_what_it_passes_for(
     assert ready == (f"fake camera FAKE-M (left) {where}, no Line0, scene room, as Nobody Tiny16, trigger line Line1\n")
 
 
-@pytest.mark.realtime
+@pytest.mark.wire
 @pytest.mark.parametrize(
     ("name_space", "wire", "sentence"),
     [
@@ -87,7 +87,7 @@ def test_a_description_of_the_other_transport_is_refused(
     assert camera.stderr.count("\n") == 1
 
 
-@pytest.mark.realtime
+@pytest.mark.wire
 @pytest.mark.parametrize(
     ("text", "words"),
     [(None, "camera.xml: No such file or directory"), ("<html/>", "camera.xml: a GenICam description begins with")],

@@ -18,7 +18,7 @@ from tests.publish.consumer import consumer
 from tests.publish.router import router
 from tests.publish.steps import PATIENCE_S, endpoint, publishing, wait_until
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.wire
 
 QUIET = {"multicast": {"enabled": False}}
 

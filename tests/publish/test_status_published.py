@@ -39,7 +39,7 @@ def test_the_status_is_told_once_a_second_and_at_the_end() -> None:
             assert {side: camera.camera for side, camera in status.cameras.items()} == run.daemon.telemetry.cameras
             assert 0 < status.rate_hz < 90
             assert status.command_to_effect_ms.count > 0
-            assert set(client.responses) == {"left", "right"}
+            wait_until(lambda: set(client.responses) == {"left", "right"}, "the responses")
         wait_until(lambda: latest(client).ending, "the last word")
         assert latest(client).pairs == run.daemon.tally.pairs
 

@@ -20,7 +20,8 @@ FILES = [
     "usr/share/doc/autoexpose-daemon/docs/service.md",
 ]
 
-pytestmark = pytest.mark.timeout(300)
+# To install takes half a minute, and once is enough.
+pytestmark = [pytest.mark.timeout(300), pytest.mark.xdist_group("install")]
 
 
 def output(*command: str | Path) -> str:
