@@ -58,14 +58,14 @@ bench: $(VENV)/dev.stamp ## where the time goes, as ratios
 	$(PY) benchmarks/bench_render.py
 	$(PY) benchmarks/bench_publish.py
 
-accept: $(VENV)/dev.stamp ## the longer checks in real time, about five minutes
+accept: $(VENV)/dev.stamp ## the longer checks in real time, about a quarter of an hour
 	$(VENV)/bin/pytest tests/accept -p no:cacheprovider --override-ini addopts=-ra --timeout 600 -s
 
 soak: $(VENV)/dev.stamp ## endurance: a day in virtual time, ten minutes of demo, cables pulled 50 times; accounts must balance
 	@mkdir -p out
 	$(PY) -m tests.soak --hours $${SOAK_HOURS:-24} $${SOAK_SEED:+--seed $$SOAK_SEED}
 	$(VENV)/bin/autoexpose demo --seconds 600 --policy neves2009 --summary out/soak.json
-	REPLUG_CYCLES=50 $(VENV)/bin/pytest tests/autoexpose_daemon/test_replug.py tests/autoexpose_daemon/test_replug_usb3.py
+	REPLUG_CYCLES=50 $(VENV)/bin/pytest tests/accept/test_replug.py tests/accept/test_replug_usb3.py
 
 $(VENV)/fuzz.stamp: $(VENV)/dev.stamp pyproject.toml
 	@echo "installing the fuzzer ..."

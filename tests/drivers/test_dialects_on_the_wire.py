@@ -34,7 +34,7 @@ from fake_camera.xml_camera import XmlCamera
 from tests.fakes import loopback_address, unique
 from tests.xml_cameras import COMBINATIONS, DATA, REAL, features, xml_camera
 
-pytestmark = pytest.mark.wire
+pytestmark = pytest.mark.realtime
 
 RATE_HZ = 60.0
 US_PER_GREY = 40.0

@@ -9,7 +9,7 @@ import pytest
 from tests.fakes import run_under_shim
 from tests.xml_cameras import COMBINATIONS, REAL
 
-pytestmark = pytest.mark.wire
+pytestmark = pytest.mark.realtime
 
 
 def test_the_dialects_over_usb3_vision(tmp_path: Path) -> None:

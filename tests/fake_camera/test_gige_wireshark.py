@@ -29,7 +29,7 @@ from tests.fake_camera.gige_client import (
 from tests.fakes import loopback_address, unique
 
 pytestmark = [
-    pytest.mark.wire,
+    pytest.mark.realtime,
     pytest.mark.skipif(shutil.which("tshark") is None, reason="tshark is not installed"),
 ]
 

@@ -17,7 +17,7 @@ import pytest
 from fake_camera.usb3.run import CAMERAS_VARIABLE, ShimError, client_environment
 from tests.fakes import FakeCamera, run_under_shim, usb3_camera, usb3_environment
 
-pytestmark = pytest.mark.wire
+pytestmark = pytest.mark.realtime
 
 SUITE = Path(__file__).parent / "shim_suite.py"
 SHIM_SOURCES = Path(__file__).parents[2] / "fake_camera/usb3/shim"

@@ -13,7 +13,7 @@ import pytest
 
 from tests.autoexpose_daemon.stereo import JOIN_WARNING, running_daemon, stereo_cameras
 
-CYCLES = int(os.environ.get("REPLUG_CYCLES", "1"))
+CYCLES = int(os.environ.get("REPLUG_CYCLES", "5"))
 WARM_UP_CYCLES = 2  # the first ones fill caches that stay
 TRIGGERS_OUT = 20
 GROWTH_BYTES = 2 << 20

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.autoexpose_daemon import test_signals
 from tests.fakes import run_under_shim
 
 pytestmark = [pytest.mark.realtime, pytest.mark.timeout(140)]
@@ -13,4 +14,4 @@ pytestmark = [pytest.mark.realtime, pytest.mark.timeout(140)]
 
 def test_it_goes_on_over_usb3_vision(tmp_path: Path) -> None:
     ports = [tmp_path / name for name in ("left", "right")]
-    run_under_shim(Path(__file__).with_name("test_signals.py"), *ports, timeout_s=120)
+    run_under_shim(Path(test_signals.__file__), *ports, timeout_s=120)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.autoexpose_daemon.test_replug import CYCLES
+from tests.accept.test_replug import CYCLES
 from tests.fakes import run_under_shim
 
 TIMEOUT_S = 100 + 20 * CYCLES
