@@ -50,7 +50,7 @@ lint: $(VENV)/dev.stamp
 	$(VENV)/bin/lint-imports
 
 test: lint ## everything that CI runs; what needs real time has the machine to itself
-	$(VENV)/bin/pytest -m "not realtime" -n 3 --dist loadgroup
+	$(VENV)/bin/pytest -m "not realtime" -n 2 --dist loadgroup
 	$(VENV)/bin/pytest -m realtime
 
 bench: $(VENV)/dev.stamp ## where the time goes, as ratios
