@@ -1,8 +1,8 @@
 """How rmw_zenoh, which carries ROS 2 over zenoh, names and marks what is published: keys, tokens, attachments.
 
-It differs between releases. This follows rmw_zenoh_cpp 0.2, the line of ROS 2 Jazzy, from 0.2.4 on, as github.com/
-ros2/rmw_zenoh tells it in docs/design.md (commit 99a6a2b), liveliness_utils.cpp (3411fde) and attachment_helpers.cpp
-(534747d). Not verified against a live ROS 2.
+It differs between releases. This follows rmw_zenoh_cpp 0.2, the line of ROS 2 Jazzy, from 0.2.4 on, where its change
+log has the present form of attachments. Read were, in github.com/ros2/rmw_zenoh, docs/design.md (commit 99a6a2b),
+liveliness_utils.cpp (3411fde) and attachment_helpers.cpp (534747d). Not verified against a live ROS 2.
 """
 
 from __future__ import annotations

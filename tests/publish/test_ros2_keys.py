@@ -9,13 +9,16 @@ SESSION = "8b20917502ee955ac4476e0266340d5c"
 STRING_HASH = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
 """Of std_msgs/msg/String, in rmw_zenoh's docs/design.md."""
 IMAGE_HASH = "RIHS01_d31d41a9a4c4bc8eae9be757b0beed306564f7526c88ea6a4588fb9582527d47"
-"""Of sensor_msgs/msg/Image, as `ros2 topic info --verbose` of Jazzy has been seen to print it."""
+"""As `ros2 topic info --verbose` of Jazzy has been seen to print it."""
+CAMERA_INFO_HASH = "RIHS01_b3dfd68ff46c9d56c80fd3bd4ed22c7a4ddce8c8348f2f59c299e73118e7e275"
+"""As in the tests of other programs that speak to ROS 2."""
 NODE = Ros2Node(2, "talker", SESSION)
 
 
 def test_type_hashes_are_those_of_ros2() -> None:
     assert TYPESTORE.hash_rihs01("std_msgs/msg/String") == STRING_HASH
     assert TYPESTORE.hash_rihs01(IMAGE) == IMAGE_HASH
+    assert TYPESTORE.hash_rihs01(CAMERA_INFO) == CAMERA_INFO_HASH
 
 
 def test_a_key_is_domain_topic_type_and_hash() -> None:
