@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Self
+from typing import Annotated, Self
 
-from pydantic import field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from autoexpose_daemon.config_section import Section
-from autoexpose_daemon.publish.keys import LOOPBACK, check_endpoints, check_rig_name
+from autoexpose_daemon.publish.keys import LAST_ROS2_DOMAIN, LOOPBACK, check_endpoints, check_rig_name
 from drivers.errors import ConfigurationError
 
 
@@ -20,6 +20,7 @@ class PublishConfig(Section):
     listen: tuple[str, ...] = (LOOPBACK,)
     connect: tuple[str, ...] = ()
     zenoh: Path | None = None
+    ros2_domain: Annotated[int, Field(ge=0, le=LAST_ROS2_DOMAIN, strict=True)] | None = None
 
     @field_validator("rig")
     @classmethod

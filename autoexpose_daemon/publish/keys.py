@@ -15,6 +15,9 @@ LOOPBACK = "tcp/127.0.0.1:7448"
 RIG_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 """What zenoh takes in a key and ROS 2 in the name of a coordinate frame."""
 
+LAST_ROS2_DOMAIN = 232
+"""The highest ROS_DOMAIN_ID that ROS 2 knows."""
+
 CONSUMER_NAME = re.compile(r"[A-Za-z0-9_.-]{1,64}")
 _ENDPOINT = re.compile(r"[a-z][a-z0-9_-]*/\S+")
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import logging
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from types import TracebackType
 from typing import Self
 
@@ -17,6 +18,7 @@ from autoexpose_daemon.config_publish import PublishConfig
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.messages.write import TOPICS, MessageWriter, realtime_offset_ns
 from autoexpose_daemon.publish.keys import CONSUMER_NAME, consumer_key, frame_key, last_but
+from autoexpose_daemon.publish.ros2_keys import Attachments, Ros2Node
 from autoexpose_daemon.publish.session import Endpoints, SessionError, open_as_publisher
 from autoexpose_daemon.publish.tally import ConsumerTally, DropReason, PublishTally
 from drivers.frames import Side, StereoPair
@@ -57,7 +59,10 @@ class Publisher:
         self.tally = PublishTally()
         self._tell = tell
         self._config = config
-        self._endpoints = Endpoints(config.listen, config.connect, config.zenoh)
+        self._cameras = cameras
+        # rmw_zenoh's routers hand nothing from peer to peer: ROS 2 nodes and we learn of each other by gossip.
+        gossip = config.ros2_domain is not None
+        self._endpoints = Endpoints(config.listen, config.connect, config.zenoh, gossip)
         self._writer = MessageWriter(config.rig, cameras)
         self._mailbox: deque[tuple[StereoPair, Decision | None]] = deque()
         self._news = threading.Condition()
@@ -110,25 +115,22 @@ class Publisher:
                 self._serve(session)
 
     def _serve(self, session: zenoh.Session) -> None:
-        # The default is to drop what does not fit; express: an image is not held back to be sent with the next one.
-        publishers = {
-            (side, topic): session.declare_publisher(
-                frame_key(self._config.rig, side, topic),
-                congestion_control=zenoh.CongestionControl.DROP,
-                express=True,
-                priority=priority,
-            )
-            for side, priority in _PRIORITIES.items()
+        outlets: _Outlets = {
+            (side, topic): [_Outlet(session, frame_key(self._config.rig, side, topic), side)]
+            for side in _PRIORITIES
             for topic in TOPICS
         }
-        with session.declare_subscriber(consumer_key(self._config.rig, "*"), self._on_report):
+        with (
+            self._in_ros2(session, outlets),
+            session.declare_subscriber(consumer_key(self._config.rig, "*"), self._on_report),
+        ):
             with self._news:
                 self._open = True
             tell_s = time.monotonic()
             while True:
                 step = self._next(tell_s)
                 if step is not None:
-                    self._send(step, publishers)
+                    self._send(step, outlets)
                 elif self._stopping:
                     break
                 if time.monotonic() >= tell_s:
@@ -141,13 +143,28 @@ class Publisher:
             self._news.wait_for(lambda: self._mailbox or self._stopping, max(until_s - time.monotonic(), 0.0))
             return self._mailbox.popleft() if self._mailbox else None
 
-    def _send(
-        self, step: tuple[StereoPair, Decision | None], publishers: Mapping[tuple[Side, str], zenoh.Publisher]
-    ) -> None:
-        listened_to = {key for key, publisher in publishers.items() if _has_listener(publisher)}
+    @contextlib.contextmanager
+    def _in_ros2(self, session: zenoh.Session, outlets: _Outlets) -> Iterator[None]:
+        """Offer the topics to ROS 2 as well until the context ends, where that is configured."""
+        with contextlib.ExitStack() as tokens:
+            if self._config.ros2_domain is not None:
+                declare_token = session.liveliness().declare_token
+                node = Ros2Node(self._config.ros2_domain, self._config.rig, str(session.info.zid()))
+                tokens.enter_context(declare_token(node.token))
+                sides = list(_PRIORITIES)[: self._cameras]
+                for number, (side, name) in enumerate(itertools.product(sides, TOPICS), 1):
+                    topic = node.topic(number, f"{side}/{name}", TOPICS[name])
+                    outlets[side, name].append(_Outlet(session, topic.key, side, Attachments(topic)))
+                    tokens.enter_context(declare_token(topic.token))
+            yield
+
+    def _send(self, step: tuple[StereoPair, Decision | None], outlets: _Outlets) -> None:
+        heard = {key: [outlet for outlet in those if outlet.is_heard()] for key, those in outlets.items()}
+        wanted = {key for key, those in heard.items() if those}
         try:
-            for message in self._writer.messages(*step, self._sequence, realtime_offset_ns(), listened_to):
-                publishers[message.side, message.topic].put(message.data)
+            for message in self._writer.messages(*step, self._sequence, realtime_offset_ns(), wanted):
+                for outlet in heard[message.side, message.topic]:
+                    outlet.put(message.data)
             self.tally.sent += 1
         except zenoh.ZError as error:
             self.tally.dropped[DropReason.REFUSED] += 1
@@ -169,6 +186,24 @@ class Publisher:
             log.info("consumer %s is there", name)
 
 
-def _has_listener(publisher: zenoh.Publisher) -> bool:
-    status: object = publisher.matching_status
-    return bool(getattr(status, "matching", status))  # a MatchingStatus, which zenoh's types call a bool
+class _Outlet:
+    """Where the messages of a camera leave under one key; with what ROS 2 wants attached, if it is for ROS 2."""
+
+    def __init__(self, session: zenoh.Session, key: str, side: Side, attachments: Attachments | None = None) -> None:
+        # The default is to drop what does not fit; express: an image is not held back to be sent with the next one.
+        self._publisher = session.declare_publisher(
+            key, congestion_control=zenoh.CongestionControl.DROP, express=True, priority=_PRIORITIES[side]
+        )
+        self._attachments = attachments
+
+    def is_heard(self) -> bool:
+        status: object = self._publisher.matching_status
+        return bool(getattr(status, "matching", status))  # a MatchingStatus, which zenoh's types call a bool
+
+    def put(self, data: bytearray) -> None:
+        attachment = None if self._attachments is None else self._attachments.next(time.time_ns())
+        self._publisher.put(data, attachment=attachment)
+
+
+_Outlets = Mapping[tuple[Side, str], list[_Outlet]]
+"""By side and topic: one for our own consumers, and one for ROS 2 where that is configured."""

@@ -22,7 +22,6 @@ _TUNING = {
     f"{_QUEUE}/congestion_control/drop/max_wait_before_drop_fragments": 5_000,
     # By default zenoh looks for others on all networks.
     "scouting/multicast/enabled": False,
-    "scouting/gossip/enabled": False,
 }
 
 
@@ -40,11 +39,14 @@ class Endpoints:
         Endpoints of zenoh, as in `LOOPBACK`.
     file
         A configuration file of zenoh instead, for TLS, access control and the rest; what it leaves open is as without.
+    gossip
+        Whether a router tells others about this session, and this session about them, so that peers find each other.
     """
 
     listen: Sequence[str] = ()
     connect: Sequence[str] = ()
     file: Path | None = None
+    gossip: bool = False
 
     def __str__(self) -> str:
         if self.file is not None:
@@ -75,6 +77,7 @@ def _configuration(mode: str, endpoints: Endpoints) -> zenoh.Config:
         "mode": mode,
         "listen/endpoints": list(endpoints.listen),
         "connect/endpoints": list(endpoints.connect),
+        "scouting/gossip/enabled": endpoints.gossip,
     }
     config = zenoh.Config() if endpoints.file is None else zenoh.Config.from_file(endpoints.file)
     default = zenoh.Config()

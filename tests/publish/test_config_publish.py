@@ -26,6 +26,7 @@ def test_nothing_is_published_unless_the_section_is_there(tmp_path: Path) -> Non
     publish = load(tmp_path, "publish: {}").publish
     assert publish is not None
     assert (publish.rig, publish.listen, publish.connect) == ("rig", (LOOPBACK,), ())
+    assert publish.ros2_domain is None
 
 
 @pytest.mark.parametrize(
@@ -35,6 +36,8 @@ def test_nothing_is_published_unless_the_section_is_there(tmp_path: Path) -> Non
         ("publish: {lisen: []}", ["publish.lisen", "did you mean publish.listen"]),
         ("publish: {connect: [router:7447]}", ["publish", "router:7447 is no endpoint", "tcp/127.0.0.1"]),
         ("publish: {zenoh: z.json5, connect: [tcp/r:7447]}", ["publish", "remove publish.listen"]),
+        ("publish: {ros2_domain: 233}", ["publish.ros2_domain", "232"]),
+        ("publish: {ros2_domain: yes}", ["publish.ros2_domain", "integer"]),
         ("publish: {zenoh: z.json5}", ["publish.zenoh", "z.json5 is not there"]),
     ],
 )

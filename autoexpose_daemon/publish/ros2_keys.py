@@ -1,0 +1,94 @@
+"""How rmw_zenoh, which carries ROS 2 over zenoh, names and marks what is published: keys, tokens, attachments.
+
+It differs between releases. This follows rmw_zenoh_cpp 0.2, the line of ROS 2 Jazzy, from 0.2.4 on, where its change
+log has the present form of attachments. Read were, in github.com/ros2/rmw_zenoh, docs/design.md (commit 99a6a2b),
+liveliness_utils.cpp (3411fde) and attachment_helpers.cpp (534747d). Not verified against a live ROS 2.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import struct
+from dataclasses import dataclass
+
+from autoexpose_daemon.messages.types import TYPESTORE
+
+_NODE_NAME = "autoexpose"
+_NODE_ID = 0
+_NO_ENCLAVE = "%"
+_QOS = "2::,5:,:,:,,"
+"""ROS 2's profile for sensor data: best effort (2), volatile, keep last, 5 deep; what is empty is rmw_zenoh's default.
+
+Reliability : durability : history, depth : deadline s, ns : lifespan s, ns : liveliness, lease s, ns.
+"""
+_ATTACHMENT = struct.Struct("<qqB16s")
+_GID_BYTES = 16
+
+
+@dataclass(frozen=True, slots=True)
+class Ros2Topic:
+    """One topic of a node: the key of its messages, and the liveliness token of its publisher."""
+
+    key: str
+    token: str
+
+
+@dataclass(frozen=True, slots=True)
+class Ros2Node:
+    """The node `/<rig>/autoexpose`, as which a rig is seen in ROS 2.
+
+    Attributes
+    ----------
+    domain
+        ROS_DOMAIN_ID.
+    rig
+        Name of the rig: the namespace of node and topics.
+    session
+        Id of the zenoh session, in hexadecimal digits.
+    """
+
+    domain: int
+    rig: str
+    session: str
+
+    @property
+    def token(self) -> str:
+        """The liveliness token of the node."""
+        return self._token("NN", _NODE_ID)
+
+    def topic(self, number: int, name: str, message_type: str) -> Ros2Topic:
+        """The topic `/<rig>/<name>`; `number` tells the publishers of a node apart, from 1."""
+        path = f"{self.rig}/{name}"
+        kind = f"{_dds_name(message_type)}/{TYPESTORE.hash_rihs01(message_type)}"
+        token = f"{self._token('MP', number)}/{_mangled(f'/{path}')}/{kind}/{_QOS}"
+        return Ros2Topic(f"{self.domain}/{path}/{kind}", token)
+
+    def _token(self, entity: str, number: int) -> str:
+        ids = f"{self.session}/{_NODE_ID}/{number}/{entity}"
+        return f"@ros2_lv/{self.domain}/{ids}/{_NO_ENCLAVE}/{_mangled(f'/{self.rig}')}/{_NODE_NAME}"
+
+
+class Attachments:
+    """What goes with each message of one publisher: its number from 1 on, when it was sent, and the publisher's gid.
+
+    The gid is one of our own: ROS 2 wants it to differ between publishers. rmw_zenoh makes it from the token by
+    another hash, so that `ros2 topic info --verbose` shows another one.
+    """
+
+    def __init__(self, topic: Ros2Topic) -> None:
+        self._gid = hashlib.blake2b(topic.token.encode(), digest_size=_GID_BYTES).digest()
+        self._sequence = 0
+
+    def next(self, time_ns: int) -> bytes:
+        """That of the next message, sent at a time of CLOCK_REALTIME: little-endian, the gid behind its length."""
+        self._sequence += 1
+        return _ATTACHMENT.pack(self._sequence, time_ns, _GID_BYTES, self._gid)
+
+
+def _mangled(name: str) -> str:
+    return name.replace("/", "%")
+
+
+def _dds_name(message_type: str) -> str:
+    package, folder, name = message_type.split("/")
+    return f"{package}::{folder}::dds_::{name}_"
