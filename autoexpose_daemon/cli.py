@@ -263,4 +263,6 @@ def _add_commands(asked: str | None) -> None:
             except ImportError as error:
                 if asked is not None:
                     needs = f"`autoexpose {asked}` needs {error.name}"
-                    raise AutoexposeError(f"{needs}: install autoexpose-daemon with its extra sim") from error
+                    raise AutoexposeError(
+                        f"{needs}: pip install 'autoexpose-daemon[sim,calibration,experiments]'"
+                    ) from error
