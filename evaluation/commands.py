@@ -12,13 +12,13 @@ from typing import Annotated
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
 from autoexpose_daemon.control.policies import DEFAULT_POLICY, POLICY_IDS, check_policy_id
 from drivers.errors import AutoexposeError, ConfigurationError
 from evaluation.arena import Run, run_plan
 from evaluation.plan import Task, full_plan, quick_plan
+from evaluation.progress import long_progress
 from evaluation.report import cells, mean_ratios, write_report
 from evaluation.results import document
 from evaluation.scenarios import SCENARIOS
@@ -73,18 +73,9 @@ def _pictures(folder: Path) -> list[str]:
 
 
 def _run(plan: Sequence[Task], policies: Sequence[str], jobs: int, console: Console) -> list[Run]:
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TextColumn("{task.percentage:3.0f} %"),
-        TimeElapsedColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(elapsed_when_finished=False),
-    )
     runs: list[Run] = []
     try:
-        # Tasks take minutes in the full arena, so the speed is estimated over all of the past.
-        with Progress(*columns, console=console, speed_estimate_period=3600.0) as progress:
+        with long_progress(console, 3600.0) as progress:
             bar = progress.add_task("arena", total=sum(task.frames * len(task.delays) for task in plan))
             with closing(run_plan(plan, policies, jobs)) as finished:
                 for task, done in finished:

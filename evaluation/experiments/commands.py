@@ -14,7 +14,6 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 from rich.padding import Padding
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from drivers.errors import AutoexposeError, ConfigurationError
 from evaluation.experiments.cache import ResultCache
@@ -22,6 +21,7 @@ from evaluation.experiments.experiment import Experiment, Job, Plain
 from evaluation.experiments.registry import EXPERIMENTS
 from evaluation.experiments.report import Chapter, count_of_verdicts, write_report
 from evaluation.experiments.run import run_jobs
+from evaluation.progress import long_progress
 
 experiments_app = typer.Typer(add_completion=False, no_args_is_help=True)
 
@@ -86,17 +86,8 @@ def _make_writable(out: Path) -> None:
 
 
 def _results(jobs: Sequence[Job], folder: Path, processes: int, console: Console) -> list[Plain]:
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TextColumn("{task.percentage:3.0f} %"),
-        TimeElapsedColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(elapsed_when_finished=False),
-    )
     try:
-        # Jobs take minutes, so the speed is estimated over all of the past.
-        with Progress(*columns, console=console, speed_estimate_period=7200.0) as progress:
+        with long_progress(console, 7200.0) as progress:
             bar = progress.add_task("experiments", total=sum(job.cost_s for job in jobs))
 
             def advance(job: Job, took_s: float) -> None:

@@ -113,15 +113,19 @@ def _linear_bias(results: Results, *, rooms: bool) -> str:
     return mean_interval([bias for bias in biases if np.isfinite(bias)]).text("+.1f")
 
 
+def _ruled(holding: Sequence[object], claimed: Sequence[object], where: str) -> tuple[Verdict, str]:
+    """Reproduced where a claim holds for all that it was made for, under conditions where it holds for some."""
+    if set(claimed) <= set(holding):
+        return Verdict.REPRODUCED, ""
+    if holding:
+        return Verdict.CONDITIONALLY, f"{where} {', '.join(map(str, holding))}"
+    return Verdict.NOT_REPRODUCED, ""
+
+
 def _underestimates(found: Summaries) -> Claim:
     biases = {camera: _bias(found, camera, "shim2018") for camera in CAMERAS}
     low = [camera for camera in CAMERAS if biases[camera].high < 0]
-    if set(THE_PAPERS) <= set(low):
-        verdict, condition = Verdict.REPRODUCED, ""
-    elif low:
-        verdict, condition = Verdict.CONDITIONALLY, f"for {', '.join(map(str, low))}"
-    else:
-        verdict, condition = Verdict.NOT_REPRODUCED, ""
+    verdict, condition = _ruled(low, THE_PAPERS, "for")
     return Claim(
         "B&H 3.2, Fig. 11",
         "Gamma curves systematically underestimate the best exposure level",
@@ -137,12 +141,7 @@ def _steady_optimum(found: Summaries, scenes: Sequence[str]) -> Claim:
     true = dict(zip(kinds, (_range(found, scenes, kind, "true") for kind in kinds), strict=True))
     gamma = {kind: _range(found, scenes, kind, "shim2018") for kind in kinds}
     steady = [kind for kind in kinds if true[kind].high < SLIGHT_STOPS and true[kind].high < gamma[kind].low]
-    if steady == kinds:
-        verdict, condition = Verdict.REPRODUCED, ""
-    elif steady:
-        verdict, condition = Verdict.CONDITIONALLY, f"before {', '.join(steady)}"
-    else:
-        verdict, condition = Verdict.NOT_REPRODUCED, ""
+    verdict, condition = _ruled(steady, kinds, "before")
     return Claim(
         "B&H 3.2, Fig. 11",
         "The true best level varies only slightly from response to response",
@@ -170,12 +169,7 @@ def _closer(found: Summaries) -> Claim:
         pairs = [(abs(scene["shim2018"]["bias"]), abs(scene["begin2022"]["bias"])) for scene in found[camera]]
         closer[camera] = mean_interval([gamma - prf for gamma, prf in pairs if np.isfinite(gamma - prf)])
     better = [camera for camera in CAMERAS if closer[camera].low > 0]
-    if set(THE_PAPERS) <= set(better):
-        verdict, condition = Verdict.REPRODUCED, ""
-    elif better:
-        verdict, condition = Verdict.CONDITIONALLY, f"for {', '.join(map(str, better))}"
-    else:
-        verdict, condition = Verdict.NOT_REPRODUCED, ""
+    verdict, condition = _ruled(better, THE_PAPERS, "for")
     biases = ", ".join(f"{camera} {_bias(found, camera, 'begin2022').text('+.1f')}" for camera in CAMERAS)
     return Claim(
         "B&H 3.2",
