@@ -39,7 +39,7 @@ FARNEBACK_POLICIES = ("begin2022", "mehta2020")
 _DEFAULT_PARAMETERS = ControlParameters()
 
 
-STATE_FORMAT = "autoexpose-control/1"
+STATE_FORMAT = "autoexpose-control/2"
 """Of `ControlSetup` and `ControlLoop.state` as plain data: another number when names, types or meaning change."""
 
 

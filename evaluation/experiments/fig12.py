@@ -3,17 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from autoexpose_daemon.control.loop import ControlLoop
-from autoexpose_daemon.control.parameters import ControlParameters
-from calibration.response import ResponseFunction
-from drivers.exposure import ExposureLimits, ExposureSetting
-from evaluation.closed_loop import Entrant
 from evaluation.drawing import COLOURS, panels, save
 from evaluation.experiments.boxes import boxes
 from evaluation.experiments.courses import by_course, over_courses
@@ -22,22 +16,18 @@ from evaluation.experiments.experiment import (
     Experiment,
     Figure,
     Job,
-    Plain,
     Results,
     Section,
     Table,
     Verdict,
 )
+from evaluation.experiments.policy_drives import FIXED, measure
 from evaluation.experiments.statistics import Interval
-from evaluation.odometry.course import Light, odometry_stage
-from evaluation.odometry.drive import EVERY, drive, outcome
-from evaluation.odometry.orb import in_house
+from evaluation.odometry.course import Light
+from evaluation.odometry.drive import EVERY
 from evaluation.scenarios import RATE_HZ
 
 POLICIES = ("metric-map", "begin2022", "shim2018", "neves2009", "fixed")
-
-FIXED = ExposureSetting(3000.0, 18.0)
-"""Chosen by hand: kept track in uneven light in room 1, which is not one of the report's."""
 
 LIGHTS: dict[Light, str] = {"uneven": "(a) 1 to 217 lux", "low": "(b) 2 to 4 lux"}
 
@@ -77,23 +67,6 @@ def jobs(quick: bool) -> list[Job]:
         for seed in seeds
         for repeat in range(1 if quick else 2)
     ]  # fmt: skip
-
-
-def measure(*, light: Light, room: int, seed: int, repeat: int, policies: list[str], frames: int) -> Plain:
-    """What `outcome` says of each policy."""
-    stage = odometry_stage(light, room, seed, repeat)
-    drives = drive(stage, [entrant(policy) for policy in policies], in_house, frames)
-    return [outcome(one) for one in drives]
-
-
-def entrant(policy: str) -> Entrant:
-    """A policy as it runs here."""
-    return Entrant(policy, 2, partial(_loop, policy))
-
-
-def _loop(policy: str, response: ResponseFunction, limits: ExposureLimits, start: ExposureSetting) -> ControlLoop:
-    balance = ControlParameters(balance="blur_noise" if policy == "shim2018" else "policy")
-    return ControlLoop(policy, response, limits, FIXED if policy == "fixed" else start, balance)
 
 
 def section(results: Results, folder: Path) -> Section:

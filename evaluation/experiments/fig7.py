@@ -2,19 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from autoexpose_daemon.control.loop import ControlLoop
-from calibration.response import ResponseFunction
-from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.frames import StereoPair
-from evaluation.closed_loop import Entrant
 from evaluation.drawing import COLOURS, panels, save
 from evaluation.experiments.boxes import boxes
 from evaluation.experiments.courses import by_course, over_courses
@@ -23,24 +17,15 @@ from evaluation.experiments.experiment import (
     Experiment,
     Figure,
     Job,
-    Plain,
     Results,
     Section,
     Table,
     Verdict,
 )
+from evaluation.experiments.fixed_drives import SETTINGS, measure
 from evaluation.experiments.statistics import Interval, pearson
-from evaluation.odometry.course import odometry_stage
-from evaluation.odometry.drive import drive, outcome
-from evaluation.odometry.orb import in_house
-from evaluation.odometry.proxies import PROXIES, Proxies
+from evaluation.odometry.proxies import PROXIES
 from evaluation.scenarios import RATE_HZ
-
-SETTINGS = ((940.0, 24.0), (1880.0, 18.0), (3750.0, 12.0), (7500.0, 6.0))
-"""Exposure time (us) and gain (dB), all of one exposure level, right for the light of 20 lux."""
-
-LOOK_EVERY = 8
-"""Pairs of odometry between two whose images are measured."""
 
 MARKERS = "osv^"
 
@@ -75,35 +60,6 @@ def jobs(quick: bool) -> list[Job]:
         for seed in seeds
         for repeat in range(repeats)
     ]
-
-
-def measure(room: int, seed: int, repeat: int, frames: int) -> Plain:
-    """For each setting: what `outcome` says, and the medians of the seven measures."""
-    entrants = [Entrant(f"{time_us:g} us", 2, partial(_fixed, time_us, gain_db)) for time_us, gain_db in SETTINGS]
-    looks: list[list[list[float]]] = [[] for _ in SETTINGS]
-    stage = odometry_stage("even", room, seed, repeat)
-    drives = drive(stage, entrants, in_house, frames, _looker(looks))
-    return [
-        {**outcome(one), "proxies": np.median(seen, axis=0).tolist()} for one, seen in zip(drives, looks, strict=True)
-    ]
-
-
-def _fixed(
-    time_us: float, gain_db: float, response: ResponseFunction, limits: ExposureLimits, _start: ExposureSetting
-) -> ControlLoop:
-    return ControlLoop("fixed", response, limits, ExposureSetting(time_us, gain_db))
-
-
-def _looker(looks: list[list[list[float]]]) -> Callable[[int, StereoPair], None]:
-    proxies = Proxies()
-    shown = [0] * len(looks)
-
-    def look(number: int, pair: StereoPair) -> None:
-        if shown[number] % LOOK_EVERY == 0:
-            looks[number].append(proxies.measure(pair))
-        shown[number] += 1
-
-    return look
 
 
 def section(results: Results, folder: Path) -> Section:

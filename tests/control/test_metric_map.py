@@ -16,7 +16,7 @@ from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.metric_map.memory import Sighting
 from autoexpose_daemon.control.metric_map.view import DELTAS, View, Viewer
 from autoexpose_daemon.control.metrics import GradientMetric
-from autoexpose_daemon.control.policies.metric_map import MetricMap
+from autoexpose_daemon.control.policies.metric_map import LONGEST_STEP, MetricMap
 from autoexpose_daemon.control.policy import Observation
 from calibration.response import ResponseFunction
 from drivers.exposure import ExposureSetting
@@ -99,6 +99,38 @@ def test_the_maximum_found_is_the_global_one() -> None:
     assert near < 0.8 * best
     levels = run(make(), [14.0] * 50, ExposureSetting(7500.0, 6.0), scene=scene)
     assert metric(levels[-1], 14.0, scene) > 0.95 * best
+
+
+def drive(lights: list[float], scene: NDArray[np.float64], motion_px: float) -> list[float]:
+    """Levels of frames that show each decision at once; the first is taken at 7500 us and 6 dB, the motion known."""
+    chosen, setting = policy(), ExposureSetting(7500.0, 6.0)
+    chosen.motion_px, targets = motion_px, [setting.level]
+    for light in lights:
+        image = ImagePreparation().prepare(expose(scene, setting, light).grey8())
+        targets.append(LIMITS.clamp_level(chosen.decide(observe(image, setting, motion_px)).level))
+        setting = LIMITS.realise(targets[-1], LIMITS.max_time_us)
+    return targets
+
+
+def test_a_moving_camera_goes_step_by_step_so_that_odometry_finds_its_points_again() -> None:
+    scene = radiance(2, 1.2)
+    scene[:, 60:] *= 2.0**2
+    still, moving = (drive([14.0] * 20, scene, motion_px) for motion_px in (0.0, 6.0))
+    assert np.abs(np.diff(still)).max() > 4.0
+    assert np.abs(np.diff(moving)).max() <= LONGEST_STEP + 1e-9
+    assert metric(moving[-1], 14.0, scene) > 0.8 * metric(still[-1], 14.0, scene)
+
+
+def test_a_moving_camera_that_sees_nothing_leaps() -> None:
+    """There is nothing to lose."""
+    targets = drive([12.0] * 20 + [4.0], SCENE, 6.0)
+    assert targets[-1] < targets[-2] - 1.0
+
+
+def test_a_moving_camera_follows_the_light_in_one_leap() -> None:
+    """That keeps frames alike."""
+    targets = drive([12.0] * 20 + [10.5], SCENE, 6.0)
+    assert targets[-1] < targets[-2] - 1.0
 
 
 def test_no_target_leaves_the_bounds_whatever_comes() -> None:

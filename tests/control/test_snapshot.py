@@ -115,7 +115,7 @@ def test_what_belongs_to_the_state_is_what_its_format_says() -> None:
     """A change here changes what a recording holds: give `STATE_FORMAT` another number."""
     states = {policy_id: ControlLoop(policy_id, ResponseFunction.linear(), LIMITS, START) for policy_id in POLICY_IDS}
     names = {policy_id: sorted(_policy_state(loop)) for policy_id, loop in states.items()}
-    assert STATE_FORMAT == "autoexpose-control/1"
+    assert STATE_FORMAT == "autoexpose-control/2"
     assert set(states["fixed"].state()) == {"past", "motion", "policy"}
     assert names == {
         "fixed": [],
@@ -130,7 +130,7 @@ def test_what_belongs_to_the_state_is_what_its_format_says() -> None:
         "majer2018-standard": ["frames", "level"],
         "majer2018-full": ["frames", "level"],
         "majer2018-fixed": [],
-        "metric-map": ["densities", "forecast", "latency", "memory", "motion_px", "registration", "target"],
+        "metric-map": ["ahead", "densities", "forecast", "latency", "memory", "motion_px", "registration", "target"],
     }
 
 

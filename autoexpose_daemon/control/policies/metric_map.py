@@ -53,6 +53,11 @@ SAME_JUMP_STOPS = 0.5
 NOTHING = 1e-9
 """A metric that is none."""
 
+LONGEST_STEP = 0.4
+WORTH_KEEPING = 0.7
+"""Stops by which frames of a moving camera may come to differ in brightness from one to the next, as long as the last
+target is worth this share of the best: odometry needs to find its points again."""
+
 LEAST_CAMERA = 0.1
 """A camera that sees less than this share of the other's metric does not get a full vote."""
 
@@ -65,9 +70,10 @@ class MetricMap:
     """
 
     STATE: ClassVar[tuple[str, ...]] = (
-        "registration", "forecast", "latency", "memory", "target", "densities", "motion_px",
+        "registration", "forecast", "latency", "memory", "target", "ahead", "densities", "motion_px",
     )  # fmt: skip
     target: float | None
+    ahead: float
     densities: list[float]
     motion_px: float
 
@@ -88,6 +94,7 @@ class MetricMap:
         self.latency = Latency()
         self.memory = MetricMemory()
         self.target = None
+        self.ahead = 0.0
         self.densities = []
         self.motion_px = 0.0
 
@@ -96,8 +103,8 @@ class MetricMap:
         level = observation.setting.level
         self.latency.see(level)
         views = self._views(observation)
-        self._remember(observation, views)
-        target = self._jump(level, views) or self._best(observation)
+        change = self._remember(observation, views)
+        target = self._jump(level, views) or self._best(observation, change)
         self.target = observation.limits.clamp_level(target.level)
         self.latency.decide(self.target)
         return target
@@ -108,23 +115,26 @@ class MetricMap:
             return (left,)
         return left, self._right.view(observation.right_image, observation.right_weights)
 
-    def _remember(self, observation: Observation, views: tuple[View, ...]) -> None:
+    def _remember(self, observation: Observation, views: tuple[View, ...]) -> float:
+        """Take the frame into the map; returns by how much the light has risen since the last one, stops."""
         level = observation.setting.level
         level_change = level - self.registration.previous_level
         light = self.registration.change(observation.image, level, observation.weights)
-        self.forecast.add(light.stops if light else 0.0)
+        change = light.stops if light else 0.0
+        self.forecast.add(change)
         # What was seen before an unmeasured change either still fits, or is contradicted and dropped.
-        change = light.stops if light and light.measured else 0.0
-        if light and light.measured and max(abs(change), abs(level_change)) < FLOW_STOPS:
+        measured = change if light and light.measured else 0.0
+        if light and light.measured and max(abs(measured), abs(level_change)) < FLOW_STOPS:
             self.motion_px = observation.motion_px
         motion = max(self.motion_px - MOVING_PX, 0.0)
-        self.memory.pass_frame(change, AGE_PER_PX * motion + AGE_PER_STOP * abs(change))
+        self.memory.pass_frame(measured, AGE_PER_PX * motion + AGE_PER_STOP * abs(measured))
         self.memory.add(Sighting(level, views))
         if len(self.densities) != len(views):
             self.densities = [LEAST_DENSITY] * len(views)
         for camera, view in enumerate(views):
             density = float(np.interp(0.0, DELTAS, view.curve)) / max(1.0 - view.saturated_share, 0.1)
             self.densities[camera] = max(DENSITY_DECAY * self.densities[camera], density, LEAST_DENSITY)
+        return change
 
     def _jump(self, level: float, views: tuple[View, ...]) -> Target | None:
         """Out of the dark, where nothing brighter has been seen yet; None when this is not so."""
@@ -136,20 +146,24 @@ class MetricMap:
             target = self.target
         return Target(target, "too dark to predict: jumps")
 
-    def _best(self, observation: Observation) -> Target:
+    def _best(self, observation: Observation, change: float) -> Target:
         level = observation.setting.level
         held = level if self.target is None else self.target
         levels = _bins(observation.limits)
         ahead = self.forecast.ahead(self.latency.frames, steady=self.motion_px < SLOW_PX)
         moving = self.motion_px >= MOVING_PX
+        risen, self.ahead = change + ahead - self.ahead, ahead
         worth, metric = self._worth(levels + ahead, moving)
         best = float(worth.max())
         if best <= 0:
             return Target(held, "held: no gradient at any exposure")
         gain = HOLD_GAIN_FOLLOWING if ahead != 0 else HOLD_GAIN_MOVING if moving else HOLD_GAIN
-        if float(np.interp(held, levels, worth)) * (1.0 + gain) >= best:
+        now = float(np.interp(held, levels, worth))
+        if now * (1.0 + gain) >= best:
             return Target(held, "held: metric at its maximum", float(np.interp(held, levels, metric)))
         target = plateau_centre(levels, worth)
+        if moving and now >= WORTH_KEEPING * best:
+            target = _step_towards(target, held, risen)
         if target + ahead < self.memory.lowest().level - 0.5:
             reason = "probes what is saturated"
         else:
@@ -175,6 +189,12 @@ class MetricMap:
             bonus = probe_bonus(levels, frontier.level, view.saturated_share, density, moving)
             worth += (metric + unknown * bonus) / norm
         return worth / len(metrics), metrics[0]
+
+
+def _step_towards(target: float, held: float, risen: float) -> float:
+    """From `held` at most a step towards `target` (stops), besides what the light has risen by since."""
+    low, high = sorted((held, held - risen))
+    return min(max(target, low - LONGEST_STEP), high + LONGEST_STEP)
 
 
 def _bins(limits: ExposureLimits) -> NDArray[np.float64]:
