@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from evaluation.experiments import fig1, fig3, fig7, fig10, fig11, fig12
+from evaluation.experiments import fig1, fig3, fig7, fig10, fig11, fig12, orb_slam3
 from evaluation.experiments.experiment import Experiment
 from evaluation.experiments.teach.experiment import EXPERIMENT as TEACH
 
@@ -13,6 +13,7 @@ EXPERIMENTS: tuple[Experiment, ...] = (
     fig10.EXPERIMENT,
     fig11.EXPERIMENT,
     fig12.EXPERIMENT,
+    orb_slam3.EXPERIMENT,
     TEACH,
 )
 """In the order of the papers."""

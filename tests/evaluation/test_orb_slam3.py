@@ -1,0 +1,62 @@
+"""ORB-SLAM3's vocabulary, and what is said where it is not installed; it itself where it is."""
+
+from __future__ import annotations
+
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.exposure import ExposureSetting
+from evaluation.closed_loop import take_pair
+from evaluation.experiments import orb_slam3
+from evaluation.odometry.course import odometry_stage
+from evaluation.odometry.errors import relative_errors_mm
+from evaluation.odometry.orb_slam3 import OrbSlam3
+from evaluation.odometry.stereo import StereoCamera, images
+from evaluation.odometry.vocabulary import BRANCHES, LEVELS, write_vocabulary
+from fake_camera.simulation import RoomView
+
+
+def test_a_vocabulary_is_a_tree_whose_words_lie_near_what_it_was_made_from(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    kinds = rng.integers(0, 256, (50, 32), dtype=np.uint8)
+    seen = kinds[rng.integers(0, 50, 3000)] ^ (1 << rng.integers(0, 64, (3000, 32))).astype(np.uint8)
+    file = tmp_path / "vocabulary.txt"
+    nodes = write_vocabulary(seen, file)
+    first, *lines = file.read_text(encoding="ascii").split("\n")
+    assert first == f"{BRANCHES} {LEVELS} 0 0"
+    assert len(lines) == nodes
+    parents = [int(line.split()[0]) for line in lines]
+    is_word = [line.split()[1] == "1" for line in lines]
+    assert all(parent <= number for number, parent in enumerate(parents))
+    assert max(np.bincount(parents)) <= BRANCHES
+    assert not any(is_word[parent - 1] for parent in parents if parent)
+    words = np.array([line.split()[2:34] for line, word in zip(lines, is_word, strict=True) if word], np.uint8)
+    away = np.bitwise_count(words[:, None] ^ kinds[None]).sum(axis=2).min(axis=0)
+    assert away.max() < 32  # of 256 bits; random ones are 128 apart
+
+
+def test_without_it_the_report_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(orb_slam3, "installed", lambda: False)
+    assert orb_slam3.jobs(quick=False) == []
+    section = orb_slam3.section([], tmp_path)
+    assert "not installed" in section.setting
+    assert not section.parts
+
+
+def test_it_follows_a_camera(tmp_path: Path) -> None:
+    pytest.importorskip("orbslam3", reason="orbslam3-python is not installed")
+    stage = odometry_stage("even", 1, 0, 0)
+    view = stage.views["left"]
+    assert isinstance(view, RoomView)
+    write_vocabulary(np.random.default_rng(0).integers(0, 256, (500, 32), dtype=np.uint8), tmp_path / "vocabulary.txt")
+    truth, found = [], []
+    with closing(OrbSlam3(StereoCamera.simulated(), tmp_path / "vocabulary.txt", tmp_path)) as slam:
+        for frame in range(0, 90, 2):
+            stage.go_to(frame)
+            found.append(slam.track(*images(take_pair(stage, ExposureSetting(1880.0, 18.0)))))
+            truth.append(view.pose(stage.start_s(frame) + 0.94e-3))
+    assert not any(one.lost for one in found)
+    assert np.median(relative_errors_mm(truth, [one.pose for one in found])) < 10.0
