@@ -114,11 +114,12 @@ def _arguments(results: Results) -> list[Mapping[str, Any]]:
 
 def _best_proxy(correlations: Mapping[str, Interval]) -> Claim:
     """Reproduced when gradient information and Lowe ratio are surely related to the error, and none is more so."""
-    best = max(abs(one.value) for one in correlations.values())
+    theirs = {name: one for name, one in correlations.items() if PROXIES[name] is not None}
+    best = max(abs(one.value) for one in theirs.values())
     named = [correlations["gradient information"], correlations["Lowe ratio"]]
     related = named[0].high < 0 and not named[1].low <= 0 <= named[1].high
     first = all(abs(one.value) >= best - EQUALLY_GOOD for one in named)
-    leaders = sorted(correlations, key=lambda name: -abs(correlations[name].value))[:3]
+    leaders = sorted(theirs, key=lambda name: -abs(theirs[name].value))[:3]
     return Claim(
         "B&H Fig. 9",
         "Gradient information and Lowe ratio foretell the error best, r = -0.73 each",
@@ -168,7 +169,10 @@ def _proxy_table(correlations: Mapping[str, Interval]) -> Table:
     return Table(
         "Correlation with the error. Our Lowe ratio is small for distinct matches.",
         ["measure", "the paper", "ours"],
-        [[name, f"{PROXIES[name]:+.2f}", one.text("+.2f")] for name, one in correlations.items()],
+        [
+            [name, "-" if (paper := PROXIES[name]) is None else f"{paper:+.2f}", one.text("+.2f")]
+            for name, one in correlations.items()
+        ],
     )
 
 
@@ -199,7 +203,8 @@ def _draw_proxies(
 ) -> None:
     figure, grid = panels(2, 4, 4.8, sharey=True)
     error = errors - errors.mean(axis=1, keepdims=True)
-    for place, (axes, (name, one)) in enumerate(zip(grid.flat, correlations.items(), strict=False)):
+    shown = [(name, one) for name, one in correlations.items() if PROXIES[name] is not None]
+    for place, (axes, (name, one)) in enumerate(zip(grid.flat, shown, strict=False)):
         deviation = values[:, :, place] - values[:, :, place].mean(axis=1, keepdims=True)
         for setting, (time_us, _) in enumerate(SETTINGS):
             label = f"{time_us / 1e3:.2g} ms"

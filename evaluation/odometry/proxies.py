@@ -12,7 +12,7 @@ from autoexpose_daemon.control.stereo_matching import StereoMatcher
 from drivers.frames import StereoPair
 from evaluation.odometry.stereo import images
 
-PROXIES = {
+PROXIES: dict[str, float | None] = {
     "gradient information": -0.73,
     "median gradient": -0.37,
     "entropy": 0.26,
@@ -20,12 +20,16 @@ PROXIES = {
     "combined quality": -0.26,
     "good stereo matches": 0.02,
     "Lowe ratio": -0.73,
+    "gradient information, no gamma": None,
 }
-"""In the order of Fig. 9, with the paper's correlation with the error."""
+"""In the order of Fig. 9, with the paper's correlation with the error; and one that is not the paper's."""
 
 
 class Proxies:
-    """Measures pairs: five of the left image as control sees it, two of both images as odometry does."""
+    """Measures pairs as odometry gets them, median and gamma of 0.3 first, as the paper did.
+
+    Five measures are of the left image in control's size, and the last one as control sees it.
+    """
 
     def __init__(self) -> None:
         self._preparation = ImagePreparation()
@@ -34,8 +38,9 @@ class Proxies:
 
     def measure(self, pair: StereoPair) -> list[float]:
         """One value for each of `PROXIES`; a Lowe ratio of 1 stands for no match at all."""
-        image = self._preparation.prepare(pair.left.grey8())
-        matches = self._matcher.match(*images(pair))
+        left, right = images(pair)
+        image = self._preparation.prepare(left)
+        matches = self._matcher.match(left, right)
         lowe = matches.median_lowe_ratio
         return [
             self._gradient.measure(image),
@@ -45,4 +50,5 @@ class Proxies:
             self._quality.measure(image),
             float(matches.count),
             1.0 if lowe is None else lowe,
+            self._gradient.measure(self._preparation.prepare(pair.left.grey8())),
         ]
