@@ -58,11 +58,12 @@ how its law leaves a white frame. Ours looks below what is saturated (docs/polic
 
 _WHY_ALIKE = """\
 Why laws hardly differ in (b), as the full run shows: the error hangs little on exposure there. `fixed` exposes 4 stops
-less than the others, with next to no gradient information by M_g, and has no greater error than they, for the median
-and the gamma of 0.3 that odometry begins with lift what is dark. `neves2009` blurs most, 7.5 ms all along, and costs
-0.1 mm more. Exposure that leaps is what costs most: `shim2018` swings by half a stop from pair to pair. Laws that
-balance blur and noise alike and are steady then differ by less than courses do: half the width of the interval is
-0.15 mm with nine courses, and would be as small as the bound of 0.05 mm with some eighty."""
+less than the others, with next to no gradient information by M_g, and has the least error, for the median and the
+gamma of 0.3 that odometry begins with lift what is dark. `neves2009` blurs most, 7.5 ms all along, and has but 0.2 mm
+more. Exposure that leaps costs most: `shim2018` swings by half a stop from pair to pair. Our default and `begin2022`
+balance blur and noise alike, are steady, and do not differ. Why that is not enough to be surely within 0.05 mm: the
+interval reaches 0.15 mm to either side with nine courses, so a law would have to be 0.1 mm better than `begin2022`,
+which is as good as the best of the table; or some eighty courses would have to show it."""
 
 
 def jobs(quick: bool) -> list[Job]:
