@@ -9,6 +9,9 @@ from numpy.typing import NDArray
 
 from evaluation.experiments.statistics import Interval, mean_interval
 
+ROOMS = (11, 12, 13)
+"""Of full runs; nothing was tuned on them."""
+
 FEWEST_COURSES = 3
 """Fewer differ by chance, and nobody can tell how much."""
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from evaluation.drawing import COLOURS, panels, save
 from evaluation.experiments.boxes import boxes
-from evaluation.experiments.courses import by_course, over_courses
+from evaluation.experiments.courses import ROOMS, by_course, over_courses
 from evaluation.experiments.experiment import (
     Claim,
     Experiment,
@@ -57,7 +57,7 @@ it for; how to split a level into time and gain is better decided by a rule of i
 
 def jobs(quick: bool) -> list[Job]:
     """One for each room and heading; its four settings run side by side."""
-    rooms, seeds, seconds = ((1,), (0,), 2.0) if quick else ((11, 12, 13), (0, 1, 2), 8.0)
+    rooms, seeds, seconds = ((1,), (0,), 2.0) if quick else (ROOMS, (0, 1, 2), 8.0)
     repeats = 1 if quick else 2
     return [
         Job(
@@ -122,9 +122,13 @@ def _arguments(results: Results) -> list[Mapping[str, Any]]:
     return [arguments for arguments, _ in results]
 
 
+def _of_the_paper(correlations: Mapping[str, Interval]) -> dict[str, Interval]:
+    return {name: one for name, one in correlations.items() if PROXIES[name] is not None}
+
+
 def _best_proxy(correlations: Mapping[str, Interval]) -> Claim:
     """Reproduced when gradient information and Lowe ratio are surely related to the error, and none is more so."""
-    theirs = {name: one for name, one in correlations.items() if PROXIES[name] is not None}
+    theirs = _of_the_paper(correlations)
     best = max(abs(one.value) for one in theirs.values())
     named = [correlations["gradient information"], correlations["Lowe ratio"]]
     related = named[0].high < 0 and not named[1].low <= 0 <= named[1].high
@@ -213,8 +217,7 @@ def _draw_proxies(
 ) -> None:
     figure, grid = panels(2, 4, 4.8, sharey=True)
     error = errors - errors.mean(axis=1, keepdims=True)
-    shown = [(name, one) for name, one in correlations.items() if PROXIES[name] is not None]
-    for place, (axes, (name, one)) in enumerate(zip(grid.flat, shown, strict=False)):
+    for place, (axes, (name, one)) in enumerate(zip(grid.flat, _of_the_paper(correlations).items(), strict=False)):
         deviation = values[:, :, place] - values[:, :, place].mean(axis=1, keepdims=True)
         for setting, (time_us, _) in enumerate(SETTINGS):
             label = f"{time_us / 1e3:.2g} ms"

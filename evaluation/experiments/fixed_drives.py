@@ -26,7 +26,7 @@ LOOK_EVERY = 8
 
 
 def measure(room: int, seed: int, repeat: int, frames: int) -> Plain:
-    """For each setting: what `outcome` says, and the medians of the seven measures."""
+    """For each setting: what `outcome` says, and the medians of the measures of images."""
     entrants = [Entrant(f"{time_us:g} us", 2, partial(_fixed, time_us, gain_db)) for time_us, gain_db in SETTINGS]
     looks: list[list[list[float]]] = [[] for _ in SETTINGS]
     stage = odometry_stage("even", room, seed, repeat)
