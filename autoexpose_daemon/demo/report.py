@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -25,16 +25,26 @@ _LONGEST_DELAY_FRAMES = 30
 
 @dataclass(frozen=True, slots=True)
 class LightStep:
-    """A step of the light, and after how many frames the exposure had settled (None: not before the next step).
+    """A step of the light, and after how many frames the exposure was steady and had settled.
 
-    `mostly` is the reason that the policy gave most often until the next step.
+    None: not before the next step. `mostly` is the reason that the policy gave most often until then.
     """
 
     time_s: float
     from_lux: float
     to_lux: float
+    frames_to_steady: int | None
     frames_to_settle: int | None
     mostly: str
+
+    @property
+    def in_words(self) -> str:
+        """How the exposure took it. Steady and settled differ where the view moves on meanwhile."""
+        steady, settled = self.frames_to_steady, self.frames_to_settle
+        before = "" if steady in {None, settled} else f"steady after {steady} frames, "
+        if settled is None:
+            return f"{before}not settled before the next step (mostly: {self.mostly})"
+        return f"{before}near its last level after {settled}" if before else f"settled after {settled} frames"
 
 
 def pulses_in_window(pulses: Sequence[Pulse], tally: Tally) -> list[Pulse]:
@@ -60,26 +70,41 @@ def light_steps(pulses: Sequence[Pulse], records: Sequence[StepRecord]) -> list[
         if len(following) >= _REFERENCE_FRAMES + _SETTLED_FRAMES:
             time_s = (after.host_time_ns - pulses[0].host_time_ns) * 1e-9
             mostly = Counter(record.reason for record in following).most_common(1)[0][0]
-            steps.append(LightStep(round(time_s, 3), before.lux, after.lux, frames_to_settle(following), mostly))
+            frames = frames_to_steady(following), frames_to_settle(following)
+            steps.append(LightStep(round(time_s, 3), before.lux, after.lux, *frames, mostly))
     return steps
 
 
 def frames_to_settle(following: Sequence[StepRecord]) -> int | None:
     """Frames until the first of 10 in a row whose level is within 0.25 stops of where it ends, most of them unclipped.
 
-    Where it ends is the median level of the last 20 frames. Frames are counted by their triggers, lost ones included.
+    Where it ends is the median level of the last 20 frames: a view that moves on meanwhile counts as not settled yet.
+    Frames are counted by their triggers, lost ones included.
     """
-    end = np.median([record.applied.level for record in following[-_REFERENCE_FRAMES:]])
-    run = 0
-    for index, record in enumerate(following):
-        clipped = record.saturated_share + record.black_share >= _LARGEST_CLIPPED_SHARE
-        missed = index > 0 and record.trigger != following[index - 1].trigger + 1
-        if missed:
-            run = 0
-        run = 0 if clipped or abs(record.applied.level - end) > _SETTLED_STOPS else run + 1
-        if run == _SETTLED_FRAMES:
-            return following[index + 1 - _SETTLED_FRAMES].trigger - following[0].trigger
+    end = float(np.median([record.applied.level for record in following[-_REFERENCE_FRAMES:]]))
+    return _first_of_ten_near(following, lambda _: end)
+
+
+def frames_to_steady(following: Sequence[StepRecord]) -> int | None:
+    """Frames until the first of 10 in a row whose levels are within 0.25 stops of the first one's, mostly unclipped."""
+    return _first_of_ten_near(following, lambda first: first.applied.level)
+
+
+def _first_of_ten_near(following: Sequence[StepRecord], level: Callable[[StepRecord], float]) -> int | None:
+    for index in range(len(following) - _SETTLED_FRAMES + 1):
+        ten = following[index : index + _SETTLED_FRAMES]
+        complete = ten[-1].trigger - ten[0].trigger == _SETTLED_FRAMES - 1
+        if complete and all(_shows(record) and _is_near(record, level(ten[0])) for record in ten):
+            return ten[0].trigger - following[0].trigger
     return None
+
+
+def _shows(record: StepRecord) -> bool:
+    return record.saturated_share + record.black_share < _LARGEST_CLIPPED_SHARE
+
+
+def _is_near(record: StepRecord, level: float) -> bool:
+    return abs(record.applied.level - level) <= _SETTLED_STOPS
 
 
 def delay_frames(records: Sequence[StepRecord]) -> int | None:

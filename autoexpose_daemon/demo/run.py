@@ -184,7 +184,8 @@ def _figures(options: DemoOptions, daemon: Daemon, pulses: list[Pulse], steps: l
 
 
 def _step_as_json(step: LightStep) -> dict[str, float | int | None]:
-    return {key: getattr(step, key) for key in ("time_s", "from_lux", "to_lux", "frames_to_settle")}
+    keys = ("time_s", "from_lux", "to_lux", "frames_to_steady", "frames_to_settle")
+    return {key: getattr(step, key) for key in keys}
 
 
 def _print_figures(console: Console, figures: Mapping[str, Any], steps: list[LightStep]) -> None:
@@ -206,8 +207,7 @@ def _print_figures(console: Console, figures: Mapping[str, Any], steps: list[Lig
     table.add_row("daemon CPU", f"{figures['daemon_cpu_percent']} % of one core")
     table.add_row("literal step here", f"{figures['reference_step_ms']} ms (yardstick of this machine's speed)")
     for step in steps:
-        settled = f"not settled before the next step (mostly: {step.mostly})"
-        if step.frames_to_settle is not None:
-            settled = f"settled after {step.frames_to_settle} frames"
-        table.add_row(f"light step at {step.time_s:.1f} s", f"{step.from_lux:g} to {step.to_lux:g} lux: {settled}")
+        table.add_row(
+            f"light step at {step.time_s:.1f} s", f"{step.from_lux:g} to {step.to_lux:g} lux: {step.in_words}"
+        )
     console.print(table)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +29,12 @@ from evaluation.scenarios import RATE_HZ
 
 POLICIES = ("metric-map", "begin2022", "shim2018", "neves2009", "fixed")
 
+FURTHER_ROOMS = range(14, 38)
+"""For our default and `begin2022` in low light: they differ so little there that nine courses cannot tell."""
+
 LIGHTS: dict[Light, str] = {"uneven": "(a) 1 to 217 lux", "low": "(b) 2 to 4 lux"}
+
+SEEDS = (0, 1, 2)
 
 TOLERANCE_MM = 0.05
 """By which our default's error may exceed that of `begin2022`, at the upper end of the interval."""
@@ -46,7 +51,9 @@ have it built in), and `fixed`, {FIXED}, in both lights.
 
 Odometry as in fig7. Error: mean translation RPE over sub-trajectories of 20 mm, by evo; a pair that cannot be tracked
 gets a guess, which counts. Five such in a row are tracking lost, a failed run: told beside the error, never dropped.
-Differences are paired by course (room and heading, the mean over its repeats)."""
+Differences are paired by course (room and heading, the mean over its repeats). In (b) our default and `begin2022` also
+drive through {len(FURTHER_ROOMS)} further rooms, for nine courses cannot tell a difference of {TOLERANCE_MM} mm; only
+the claim about these two counts them in."""
 
 
 _WHY_IT_FAILS = """\
@@ -68,28 +75,32 @@ which is as good as the best of the table; or some eighty courses would have to 
 
 def jobs(quick: bool) -> list[Job]:
     """One for each light, room, heading and repeat; its policies run side by side."""
-    rooms, seeds, seconds = ((1,), (0,), 1.7) if quick else (ROOMS, (0, 1, 2), 8.0)
-    policies = [policy for policy in POLICIES if not quick or policy in {"metric-map", "begin2022", "neves2009"}]
-    return [
-        Job(
-            measure,
-            {
-                "light": light, "room": room, "seed": seed, "repeat": repeat, "policies": policies,
-                "frames": round(seconds * RATE_HZ),
-            },
-            cost_s=2.6 * seconds * len(policies),
-        )
-        for light in LIGHTS
-        for room in rooms
-        for seed in seeds
-        for repeat in range(1 if quick else 2)
-    ]  # fmt: skip
+    if quick:
+        return [_job(light, (1, 0, 0), ("metric-map", "begin2022", "neves2009"), 1.7) for light in LIGHTS]
+    runs = [(room, seed, repeat) for room in ROOMS for seed in SEEDS for repeat in range(2)]
+    further = [(room, seed, 0) for room in FURTHER_ROOMS for seed in SEEDS]
+    return [_job(light, run, POLICIES) for light in LIGHTS for run in runs] + [
+        _job("low", run, POLICIES[:2]) for run in further
+    ]
+
+
+def _job(light: Light, run: tuple[int, int, int], policies: Sequence[str], seconds: float = 8.0) -> Job:
+    room, seed, repeat = run
+    return Job(
+        measure,
+        {
+            "light": light, "room": room, "seed": seed, "repeat": repeat, "policies": list(policies),
+            "frames": round(seconds * RATE_HZ),
+        },
+        cost_s=2.6 * seconds * len(policies),
+    )  # fmt: skip
 
 
 def section(results: Results, folder: Path) -> Section:
     """Judge Fig. 12 to 14, and our default against `begin2022`."""
-    runs = Runs(results)
-    claims = [_ours(runs, light) for light in LIGHTS]
+    everything = Runs(results)
+    runs = Runs([(arguments, run) for arguments, run in results if arguments["policies"] == everything.policies])
+    claims = [_ours(everything, light) for light in LIGHTS]
     claims.append(_metric_is_higher(runs))
     claims += [_error_is_lower(runs, light) for light in LIGHTS]
     if "fixed" in runs.policies:
@@ -115,7 +126,7 @@ def section(results: Results, folder: Path) -> Section:
 
 
 class Runs:
-    """Results by light and policy."""
+    """Results by light and policy; every run has the policies of the first one, or those that it begins with."""
 
     def __init__(self, results: Results) -> None:
         self._results = results

@@ -5,9 +5,18 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import pytest
+
 from autoexpose_daemon.demo.fakes import Pulse
 from autoexpose_daemon.demo.record import StepRecord
-from autoexpose_daemon.demo.report import delay_frames, frames_to_settle, light_steps, pulses_in_window
+from autoexpose_daemon.demo.report import (
+    LightStep,
+    delay_frames,
+    frames_to_settle,
+    frames_to_steady,
+    light_steps,
+    pulses_in_window,
+)
 from drivers.account import Tally
 from drivers.exposure import ExposureSetting
 
@@ -45,6 +54,18 @@ def test_a_saturated_image_is_not_settled_however_steady() -> None:
     assert frames_to_settle([record(n, 12.0, clipped=0.6 if n < 7 else 0.1) for n in range(80)]) == 7
 
 
+def test_an_exposure_that_follows_a_moving_view_is_steady_long_before_it_is_where_it_ends() -> None:
+    levels = [10.0, 11.0, 11.5, *[12.0 + 0.01 * n for n in range(100)]]
+    records = [record(n, level) for n, level in enumerate(levels)]
+    assert frames_to_steady(records) == 3
+    assert frames_to_settle(records) == 68  # at 12.65: 0.25 below 12.895, the median of the last 20
+
+
+def test_an_oscillation_and_a_white_image_are_never_steady() -> None:
+    assert frames_to_steady([record(n, 11.0 + n % 2) for n in range(80)]) is None
+    assert frames_to_steady([record(n, 12.0, clipped=0.6) for n in range(80)]) is None
+
+
 def test_steps_are_found_in_the_light_and_judged_until_the_next() -> None:
     pulses = [Pulse(n, n * PERIOD_NS, 150.0 if (n // 60) % 2 == 0 else 1.0) for n in range(200)]
     target = [6.0 if (n // 60) % 2 == 0 else 13.0 for n in range(200)]
@@ -58,7 +79,20 @@ def test_a_step_that_does_not_settle_tells_what_the_policy_said() -> None:
     pulses = [Pulse(n, n * PERIOD_NS, 150.0 if n < 60 else 1.0) for n in range(160)]
     (step,) = light_steps(pulses, [record(n, 11.0 + n % 2) for n in range(160)])
     assert step.frames_to_settle is None
-    assert step.mostly == "held"
+    assert step.in_words == "not settled before the next step (mostly: held)"
+
+
+@pytest.mark.parametrize(
+    ("steady", "settled", "words"),
+    [
+        (4, 4, "settled after 4 frames"),
+        (4, 157, "steady after 4 frames, near its last level after 157"),
+        (4, None, "steady after 4 frames, not settled before the next step (mostly: held)"),
+        (None, 9, "settled after 9 frames"),
+    ],
+)
+def test_a_step_is_told_in_words(steady: int | None, settled: int | None, words: str) -> None:
+    assert LightStep(3.8, 1.0, 150.0, steady, settled, "held").in_words == words
 
 
 def test_a_ramp_is_not_a_step() -> None:
