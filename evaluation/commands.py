@@ -18,7 +18,7 @@ from autoexpose_daemon.control.policies import DEFAULT_POLICY, POLICY_IDS, check
 from drivers.errors import AutoexposeError, ConfigurationError
 from evaluation.arena import Run, run_plan
 from evaluation.plan import Task, full_plan, quick_plan
-from evaluation.progress import long_progress
+from evaluation.progress import LongProgress
 from evaluation.report import cells, mean_ratios, write_report
 from evaluation.results import document
 from evaluation.scenarios import SCENARIOS
@@ -75,7 +75,7 @@ def _pictures(folder: Path) -> list[str]:
 def _run(plan: Sequence[Task], policies: Sequence[str], jobs: int, console: Console) -> list[Run]:
     runs: list[Run] = []
     try:
-        with long_progress(console, 3600.0) as progress:
+        with LongProgress(console, 3600.0) as progress:
             bar = progress.add_task("arena", total=sum(task.frames * len(task.delays) for task in plan))
             with closing(run_plan(plan, policies, jobs)) as finished:
                 for task, done in finished:

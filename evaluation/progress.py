@@ -1,20 +1,54 @@
-"""A bar for work that takes minutes to hours, with the time that is left."""
+"""How far work is that takes minutes to hours: a bar with the time that is left, or lines without a terminal."""
 
 from __future__ import annotations
 
+import math
+import time
+from collections.abc import Callable
+from datetime import timedelta
+from typing import Any
+
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+LINE_S = 60.0
+"""Between two lines."""
 
 
-def long_progress(console: Console, past_s: float) -> Progress:
-    """A bar for pieces of work that take minutes each: the speed is estimated over all of the last `past_s` seconds."""
-    return Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TextColumn("{task.percentage:3.0f} %"),
-        TimeElapsedColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(elapsed_when_finished=False),
-        console=console,
-        speed_estimate_period=past_s,
-    )
+class LongProgress(Progress):
+    """A bar for pieces of work that take minutes each; a line a minute where output goes to a file or a log.
+
+    Parameters
+    ----------
+    console
+        Where it shows.
+    past_s
+        The speed is estimated over so many of the last seconds.
+    clock
+        Tells seconds.
+    """
+
+    def __init__(self, console: Console, past_s: float, clock: Callable[[], float] = time.monotonic) -> None:
+        super().__init__(
+            TextColumn("{task.description}"),
+            BarColumn(),
+            TextColumn("{task.percentage:3.0f} %"),
+            TimeElapsedColumn(),
+            TextColumn("left"),
+            TimeRemainingColumn(elapsed_when_finished=False),
+            console=console,
+            speed_estimate_period=past_s,
+            get_time=clock,
+        )
+        self._next_line_s = clock() + LINE_S
+
+    def update(self, task_id: TaskID, **changes: Any) -> None:
+        """As rich's."""
+        super().update(task_id, **changes)
+        if self.console.is_terminal or self.get_time() < self._next_line_s:
+            return
+        self._next_line_s = self.get_time() + LINE_S
+        task = next(task for task in self.tasks if task.id == task_id)
+        left = "" if task.time_remaining is None else f", {timedelta(seconds=math.ceil(task.time_remaining))} left"
+        gone = timedelta(seconds=round(task.elapsed or 0.0))
+        self.console.print(f"{task.description}: {task.percentage:.0f} % after {gone}{left}")

@@ -21,7 +21,7 @@ from evaluation.experiments.experiment import Experiment, Job, Plain
 from evaluation.experiments.registry import EXPERIMENTS
 from evaluation.experiments.report import Chapter, count_of_verdicts, write_report
 from evaluation.experiments.run import run_jobs
-from evaluation.progress import long_progress
+from evaluation.progress import LongProgress
 
 experiments_app = typer.Typer(add_completion=False, no_args_is_help=True)
 
@@ -87,7 +87,7 @@ def _make_writable(out: Path) -> None:
 
 def _results(jobs: Sequence[Job], folder: Path, processes: int, console: Console) -> list[Plain]:
     try:
-        with long_progress(console, 7200.0) as progress:
+        with LongProgress(console, 7200.0) as progress:
             bar = progress.add_task("experiments", total=sum(job.cost_s for job in jobs))
 
             def advance(job: Job, took_s: float) -> None:
