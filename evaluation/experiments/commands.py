@@ -116,9 +116,8 @@ def _results(jobs: Sequence[Job], folder: Path, processes: int, console: Console
 def _preface(names: Sequence[str], quick: bool) -> str:
     command = " ".join(["autoexpose experiments run", *names, *(["--quick"] if quick else [])])
     return f"""\
-Made by `{command}`, in virtual time, from fixed seeds: the same code makes the same numbers, but for
-ORB-SLAM3's. Cameras, room and light
-are the fake cameras' (docs/fake-camera.md), control is the daemon's own.
+Made by `{command}`, in virtual time, from fixed seeds: the same code makes the same numbers, but for ORB-SLAM3's.
+Cameras, room and light are the fake cameras' (docs/fake-camera.md), control is the daemon's own.
 
 B&H is Bégin and Hunter, "Auto-Exposure Algorithm for Enhanced Mobile Robot Localization in Challenging Light
 Conditions" (2022); MH is Majer et al., "Adaptive image processing methods for outdoor autonomous vehicles" (2018).
