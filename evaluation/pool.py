@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
 import signal
+import threading
 from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from typing import TypeVar
@@ -20,7 +22,7 @@ def over_processes(
     """Do `work`, which pickles, on every item; yields each as it is done.
 
     The processes are spawned, not forked, so that they share no state of OpenCV's; whoever stops iterating, by Ctrl-C
-    for one, ends them. OpenCV has one thread in each.
+    for one, ends them, and so does the end of this process, however it comes. OpenCV has one thread in each.
     """
     if processes == 1:
         threads = cv2.getNumThreads()
@@ -50,4 +52,13 @@ def over_processes(
 def _start_worker() -> None:
     # Ctrl-C reaches the whole group of processes: the parent alone decides.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, name="end with parent", daemon=True).start()
     cv2.setNumThreads(1)
+
+
+def _end_with_parent() -> None:
+    """Else a worker would wait for ever for what a killed parent cannot send any more."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    parent.join()
+    os._exit(1)
