@@ -14,7 +14,7 @@ from tests.accept.test_demo import demo
 
 @pytest.mark.parametrize("policy", ["metric-map", "neves2009"])
 def test_virtual_and_real_time_settle_alike(tmp_path: Path, policy: str) -> None:
-    real = demo(tmp_path, policy)
+    real = demo(tmp_path, 60, "--policy", policy)
     lost_at_start = real["lost"].get("startup", 0)
     first = real["first_trigger"] + lost_at_start
     virtual = replay_demo(
@@ -31,5 +31,5 @@ def test_virtual_and_real_time_settle_alike(tmp_path: Path, policy: str) -> None
     ]
     print(settled)
     assert len(settled) >= 10
-    real_median, virtual_median = np.median(settled, axis=0)
-    assert abs(real_median - virtual_median) <= 2
+    # Of the differences: steps settle after some 60 or some 160 frames, and a median of such is a leap.
+    assert abs(np.median(np.diff(settled))) <= 2

@@ -70,7 +70,7 @@ def test_half_a_minute_at_200_hz_loses_one_pair_in_a_thousand_at_most(tmp_path: 
     light = tmp_path / "light.yaml"
     light.write_text(STEADY)
     options = ["--transport", transport, "--rate-hz", "200", "--still", "--light", str(light), "--policy", "neves2009"]
-    shares = []
+    shares: list[float] = []
     while len(shares) < 3 and min(shares, default=1.0) > 1 / 1000:
         figures = demo(tmp_path, 30, *options)
         shares.append(lost_on_the_way(figures) / figures["triggers"])

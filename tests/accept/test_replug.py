@@ -6,12 +6,13 @@ import gc
 import os
 import threading
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Self
 
 import pytest
 
-from tests.autoexpose_daemon.stereo import JOIN_WARNING, running_daemon, stereo_cameras
+from tests.autoexpose_daemon.stereo import JOIN_WARNING, Run, running_daemon, stereo_cameras
 
 CYCLES = int(os.environ.get("REPLUG_CYCLES", "5"))
 WARM_UP_CYCLES = 2  # the first ones fill caches that stay
@@ -42,13 +43,17 @@ class Resources:
         )
 
 
+def _has_reconnected(run: Run, times: int) -> bool:
+    return run.daemon.telemetry.reconnects >= times
+
+
 def test_unplugged_cameras_come_back_and_leave_nothing_behind() -> None:
     with stereo_cameras() as cameras, running_daemon(cameras, {"control": {"policy": "fixed"}}) as run:
         run.wait_for_pairs(60)
         before = Resources.now()
         for cycle in range(WARM_UP_CYCLES + CYCLES):
             (run.left, run.right)[cycle % 2].inject("vanish", count=TRIGGERS_OUT)
-            run.wait_until(lambda back=cycle: run.daemon.telemetry.reconnects > back, f"return {cycle}")
+            run.wait_until(partial(_has_reconnected, run, cycle + 1), f"return {cycle}")
             run.wait_for_pairs(20)
             run.seen.clear()  # it holds on to the frames
             if cycle == WARM_UP_CYCLES - 1:

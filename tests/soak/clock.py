@@ -46,6 +46,6 @@ _DUE = attrgetter("due_ns")
 def run(actors: list[Actor], clock: Clock, until_ns: int) -> None:
     """Let actors take their turns until a time."""
     while (actor := min(actors, key=_DUE)).due_ns <= until_ns:
-        clock.now_ns = actor.due_ns
+        clock.now_ns = int(actor.due_ns)
         actor.turn()
     clock.now_ns = until_ns

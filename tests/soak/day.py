@@ -12,6 +12,7 @@ from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.states import Health, State
 from drivers.account import LossReason
 from drivers.frames import StereoPair
+from tests.soak.camera import VirtualFrame
 from tests.soak.clock import SECOND
 from tests.soak.faults import FAULTS, Expected, Script
 from tests.soak.rig import VirtualRig
@@ -111,7 +112,7 @@ class Day:
     def _run_to(self, time_ns: int) -> None:
         """Up to the pulse next to a time, when all frames of the one before have been decided on."""
         self.rig.run(self._actors, time_ns)
-        self.rig.run(self._actors, self.wire.actors[0].due_ns - 1)
+        self.rig.run(self._actors, int(self.wire.actors[0].due_ns) - 1)
 
     def _wrong_counts(self, counts: Counter[str], expected: Expected) -> Iterator[str]:
         triggers = self.wire.triggers - self._triggers
@@ -139,7 +140,7 @@ class Day:
 
     def _counts(self) -> dict[str, int]:
         telemetry = self.rig.control.telemetry
-        losses = {reason: telemetry.lost.get(reason, 0) for reason in LOSSES}
+        losses = {reason: telemetry.lost.get(LossReason(reason), 0) for reason in LOSSES}
         return {
             **losses,
             "pairs": telemetry.pairs,
@@ -159,6 +160,7 @@ class Day:
     def _see_pair(self, pair: StereoPair, _decision: Decision | None) -> None:
         if pair.right is None:
             return
+        assert isinstance(pair.left, VirtualFrame) and isinstance(pair.right, VirtualFrame)
         left, right = pair.left.pulse, pair.right.pulse
         if left != right:
             self._mispaired.append(f"a pair of the pulses {left} and {right}")
