@@ -45,10 +45,11 @@ class LongProgress(Progress):
     def update(self, task_id: TaskID, **changes: Any) -> None:
         """As rich's."""
         super().update(task_id, **changes)
-        if self.console.is_terminal or self.get_time() < self._next_line_s:
+        now_s = self.get_time()
+        if self.console.is_terminal or now_s < self._next_line_s:
             return
-        self._next_line_s = self.get_time() + LINE_S
-        task = next(task for task in self.tasks if task.id == task_id)
+        self._next_line_s = now_s + LINE_S
+        task = self.tasks[task_id]
         left = "" if task.time_remaining is None else f", {timedelta(seconds=math.ceil(task.time_remaining))} left"
         gone = timedelta(seconds=round(task.elapsed or 0.0))
         self.console.print(f"{task.description}: {task.percentage:.0f} % after {gone}{left}")

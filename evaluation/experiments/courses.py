@@ -12,6 +12,9 @@ from evaluation.experiments.statistics import Interval, mean_interval
 ROOMS = (11, 12, 13)
 """Of full runs; nothing was tuned on them."""
 
+SEEDS = (0, 1, 2)
+"""Headings in each room."""
+
 FEWEST_COURSES = 3
 """Fewer differ by chance, and nobody can tell how much."""
 

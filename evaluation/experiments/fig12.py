@@ -10,7 +10,7 @@ import numpy as np
 
 from evaluation.drawing import COLOURS, panels, save
 from evaluation.experiments.boxes import boxes
-from evaluation.experiments.courses import ROOMS, by_course, over_courses
+from evaluation.experiments.courses import ROOMS, SEEDS, by_course, over_courses
 from evaluation.experiments.experiment import (
     Claim,
     Experiment,
@@ -33,8 +33,6 @@ FURTHER_ROOMS = range(14, 62)
 """For our default and `begin2022` in low light: they differ so little there that nine courses cannot tell."""
 
 LIGHTS: dict[Light, str] = {"uneven": "(a) 1 to 217 lux", "low": "(b) 2 to 4 lux"}
-
-SEEDS = (0, 1, 2)
 
 TOLERANCE_MM = 0.05
 """By which our default's error may exceed that of `begin2022`, at the upper end of the interval."""
