@@ -142,8 +142,8 @@ def _nearest(matrices, found, spans, x, y, right):  # type: ignore[no-untyped-de
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
-def _fill(matrix, shape, scale, texels, x, y, until, margin, at, fu, fv, radiance):  # type: ignore[no-untyped-def]
-    """Add one surface to the pixels of a row from x to `until`. First where, then what: the first loop vectorises."""
+def _fill(matrix, shape, scale, texels, x, y, until, margin, at, fu, fv, radiance, add):  # type: ignore[no-untyped-def]
+    """Write, or add, one surface in a row from x to `until`. First where, then what: the first loop vectorises."""
     offset, stride = np.uint32(shape[0]), np.uint32(shape[2] + 1)
     rows, columns = np.float32(shape[1]), np.float32(shape[2])
     half, zero = np.float32(0.5), np.float32(0.0)
@@ -168,7 +168,8 @@ def _fill(matrix, shape, scale, texels, x, y, until, margin, at, fu, fv, radianc
         p10, p11 = np.float32(texels[below]), np.float32(texels[below + np.uint64(1)])
         upper = p00 + (p01 - p00) * fu[i]
         lower = p10 + (p11 - p10) * fu[i]
-        radiance[line_at, left + i] += scale * (upper + (lower - upper) * fv[i])
+        texel = scale * (upper + (lower - upper) * fv[i])
+        radiance[line_at, left + i] = texel + (radiance[line_at, left + i] if add else zero)
 
 
 @njit(cache=True, nogil=True)
@@ -195,8 +196,8 @@ def _in_tile(matrices, visible, left, top, right, bottom, found, nearer):  # typ
 
 
 @njit(cache=True, nogil=True)
-def rasterise(matrices, scales, texels, levels, counts, margin, radiance, nearness):  # type: ignore[no-untyped-def]
-    """Add scale times texel for one pose, tile by tile; also note 1 / z in the middle of each block, if there are any.
+def rasterise(matrices, scales, texels, levels, counts, margin, radiance, add, nearness):  # type: ignore[no-untyped-def]
+    """Write, or add, scale times texel for one pose, tile by tile; note 1 / z in the middle of each block there is.
 
     Pixel (0, 0) of the camera is at [margin, margin] of `radiance`.
     """
@@ -205,7 +206,7 @@ def rasterise(matrices, scales, texels, levels, counts, margin, radiance, nearne
     found, nearer = np.empty(surfaces, np.int64), np.empty(surfaces)
     shapes, spans = np.empty((surfaces, 3), np.int64), np.empty((surfaces, 2), np.int64)
     at, fu, fv = np.empty(TILE_WIDTH, np.uint32), np.empty(TILE_WIDTH, np.float32), np.empty(TILE_WIDTH, np.float32)
-    everything = np.arange(surfaces)
+    everything, nowhere = np.arange(surfaces), np.zeros((3, 3))
     seen, _ = _in_tile(matrices, everything, -margin, -margin, across, down, found, nearer)
     visible = found[:seen].copy()
     for top in range(-margin, down, TILE_HEIGHT):
@@ -223,11 +224,14 @@ def rasterise(matrices, scales, texels, levels, counts, margin, radiance, nearne
                 x = left
                 while x < right:
                     i, until = (0, right) if covered else _nearest(matrices, found[:kept], spans, x, y, right)
+                    matrix = nowhere if i < 0 else matrices[found[i]]
                     if i >= 0:
-                        s = found[i]
-                        _fill(matrices[s], shapes[i], scales[s], texels, x, y, until, margin, at, fu, fv, radiance)
-                        if 0 <= y < len(nearness):
-                            _note(matrices[s], x, y, until, nearness)
+                        scale = scales[found[i]]
+                        _fill(matrix, shapes[i], scale, texels, x, y, until, margin, at, fu, fv, radiance, add)
+                    elif not add:
+                        radiance[y + margin, x + margin : until + margin] = 0.0
+                    if 0 <= y < len(nearness):
+                        _note(matrix, x, y, until, nearness)
                     x = until
 
 

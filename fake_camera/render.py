@@ -51,6 +51,7 @@ class Renderer:
 
     def __init__(self, surfaces: Sequence[Surface], camera: Pinhole) -> None:
         self.camera = camera
+        self._lens = camera.focal_px, (camera.width - 1) / 2, (camera.height - 1) / 2
         self._corners = np.array([[s.corner, s.edge_u, s.edge_v] for s in surfaces])
         self._follows_light = np.array([s.follows_light for s in surfaces])
         self._texels, self._levels, self._counts, self._scales = _pack([s.pattern for s in surfaces])
@@ -73,9 +74,8 @@ class Renderer:
         -------
         Shape (height, width), float32.
         """
-        self._radiance[:] = 0.0
-        for pose in poses:
-            self._add(pose, self._radiance, lux=lux, share=1.0 / len(poses))
+        for index, pose in enumerate(poses):
+            self._instant(pose, self._radiance, lux=lux, share=1.0 / len(poses), add=index > 0)
         return self._radiance
 
     def render_motion(self, poses: NDArray[np.float64], lux: float) -> NDArray[np.float32]:
@@ -93,35 +93,29 @@ class Renderer:
         -------
         Shape (height, width), float32.
         """
-        camera = self.camera
-        self._radiance[:] = 0.0
-        for begin, middle, end in poses:
-            self._wide[:] = 0.0
-            self._nearness[:] = 0.0
-            self._add(middle, self._wide, lux=lux, margin=MARGIN, nearness=self._nearness)
-            before, after = (
-                projection(middle, pose, camera.focal_px, camera.width, camera.height) for pose in (begin, end)
-            )
-            brightest = np.float32(65535 * self._scales_at(lux).max())
-            share = np.float32(1.0 / len(poses))
-            smear(self._wide, self._nearness, before, after, brightest, share, self._sums, self._radiance)
+        share = np.float32(1.0 / len(poses))
+        brightest = np.float32(65535 * self._scales_at(lux).max())
+        for index, (begin, middle, end) in enumerate(poses):
+            self._instant(middle, self._wide, lux=lux, margin=MARGIN, nearness=self._nearness)
+            ends = projection(middle, begin, *self._lens), projection(middle, end, *self._lens)
+            smear(self._wide, self._nearness, ends, brightest, share, self._sums, self._radiance, index > 0)
         return self._radiance
 
-    def _add(
+    def _instant(
         self,
         pose: NDArray[np.float64],
         radiance: NDArray[np.float32],
         *,
         lux: float,
         share: float = 1.0,
+        add: bool = False,
         margin: int = 0,
         nearness: NDArray[np.float64] = _NO_BLOCKS,
     ) -> None:
-        """Add a share of one instant to `radiance`, which has a margin, and note how near things are."""
-        camera = self.camera
-        matrices = pixel_matrices(self._corners, pose, camera.focal_px, (camera.width - 1) / 2, (camera.height - 1) / 2)
+        """Write, or add, a share of one instant to `radiance`, which has a margin, and note how near things are."""
+        matrices = pixel_matrices(self._corners, pose, *self._lens)
         scales = (share * self._scales_at(lux)).astype(np.float32)
-        rasterise(matrices, scales, self._texels, self._levels, self._counts, margin, radiance, nearness)
+        rasterise(matrices, scales, self._texels, self._levels, self._counts, margin, radiance, add, nearness)
 
     def _scales_at(self, lux: float) -> NDArray[np.float64]:
         """Radiance of one texel step by surface."""

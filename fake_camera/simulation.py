@@ -60,8 +60,9 @@ class RoomView:
         """Mean radiance over an exposure, see `Scene`; its cost hardly depends on the motion."""
         shift_px = self.image_shift_px(start_s, start_s + exposure_s)
         parts = max(math.ceil(shift_px / _LONGEST_PART_PX), 1)
-        times_s = start_s + exposure_s * (np.arange(parts)[:, None] + (0.0, 0.5, 1.0)) / parts
-        return self._renderer.render_motion(np.array([[self.pose(t) for t in part] for part in times_s]), lux)
+        times_s = start_s + exposure_s * np.linspace(0.0, 1.0, 2 * parts + 1)
+        poses = [self.pose(float(time_s)) for time_s in times_s]
+        return self._renderer.render_motion(np.array([poses[i : i + 3] for i in range(0, 2 * parts, 2)]), lux)
 
 
 class SimulatedCamera:

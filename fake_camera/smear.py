@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 BLOCK = 32
 """Pixels of a row that share one motion."""
@@ -31,26 +30,35 @@ _LARGEST_SUM = 2.0**30
 """Of the brightest pixels over the longest motion: running sums may wrap, their differences may not."""
 
 
-def projection(
-    middle: NDArray[np.float64], pose: NDArray[np.float64], focal_px: float, width: int, height: int
-) -> NDArray[np.float64]:
+@njit(cache=True, nogil=True)
+def projection(middle, pose, focal, centre_x, centre_y):  # type: ignore[no-untyped-def]
     """Where a camera at `pose` sees what one at `middle` sees at pixel (x, y) and depth z.
 
     Returns the 3x4 matrix that takes (x, y, 1, 1 / z) to homogeneous pixels; poses are camera to world, 4x4.
     """
-    camera = np.array([[focal_px, 0.0, (width - 1) / 2], [0.0, focal_px, (height - 1) / 2], [0.0, 0.0, 1.0]])
-    rotation = pose[:3, :3].T @ middle[:3, :3]
-    shift = pose[:3, :3].T @ (middle[:3, 3] - pose[:3, 3])
-    return np.column_stack((camera @ rotation @ np.linalg.inv(camera), camera @ shift))
+    result = np.zeros((3, 4))
+    for i in range(3):
+        for j in range(4):
+            for axis in range(3):
+                apart = middle[axis, j] - (pose[axis, 3] if j == 3 else 0.0)
+                result[i, j] += pose[axis, i] * apart
+    # From rays and points of a camera to pixels, on both sides.
+    result[0] = focal * result[0] + centre_x * result[2]
+    result[1] = focal * result[1] + centre_y * result[2]
+    for i in range(3):
+        result[i, 0] /= focal
+        result[i, 1] /= focal
+        result[i, 2] -= centre_x * result[i, 0] + centre_y * result[i, 1]
+    return result
 
 
 @njit(cache=True, nogil=True)
-def smear(rendered, nearness, begin, end, brightest, share, sums, radiance):  # type: ignore[no-untyped-def]
-    """Add `share` of an image to `radiance`, blurred by a motion.
+def smear(rendered, nearness, ends, brightest, share, sums, radiance, add):  # type: ignore[no-untyped-def]
+    """Write `share` of an image to `radiance`, or add it when `add`, blurred by a motion.
 
-    `rendered` is the image with `MARGIN`, nowhere above `brightest`; `nearness` is 1 / z by row and block; `begin` and
-    `end` are the projections at either end of the motion. Images are float32, `share` and `brightest` too; `sums` is
-    room for as many int32 as `rendered` has pixels.
+    `rendered` is the image with `MARGIN`, nowhere above `brightest`; `nearness` is 1 / z by row and block; `ends` are
+    the projections at either end of the motion. Images are float32, `share` and `brightest` too; `sums` is room for as
+    many int32 as `rendered` has pixels.
     """
     height, width = radiance.shape
     blocks, stride = nearness.shape[1], rendered.shape[1]
@@ -60,19 +68,19 @@ def smear(rendered, nearness, begin, end, brightest, share, sums, radiance):  # 
     _running_sums(rendered, step, sums)
     flat = rendered.reshape(-1)
     for y in range(height):
-        _motion(begin, end, y, nearness, motion_x, motion_y)
+        _motion(ends[0], ends[1], y, nearness, motion_x, motion_y)
         for block in range(blocks):
             x = block * BLOCK
             used = min(BLOCK, width - x)
             at = (y + MARGIN) * stride + x + MARGIN
             if max(abs(motion_x[block]), abs(motion_y[block])) <= 1.0:
                 for i in range(used):
-                    radiance[y, x + i] += share * flat[np.uint64(at + i)]
+                    total[i] = flat[np.uint64(at + i)]
             else:
                 total[:] = 0.0
                 _average(flat, sums, step, at, stride, motion_x[block], motion_y[block], total)
-                for i in range(used):
-                    radiance[y, x + i] += share * total[i]
+            for i in range(used):
+                radiance[y, x + i] = share * total[i] + (radiance[y, x + i] if add else np.float32(0.0))
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
