@@ -39,7 +39,7 @@ from drivers.rig_events import (
 from drivers.seldom import Seldom
 from drivers.start_check import StartCheck
 from drivers.write_ledger import WriteLedger
-from drivers.write_window import when_to_write_ns
+from drivers.write_window import WriteWindow
 
 log = logging.getLogger(__name__)
 
@@ -111,6 +111,7 @@ class RigControl:
         self._ledger = WriteLedger()
         self._effects = CommandToEffect(tuple(config.sides))
         self._way = WayToNodes(self.telemetry)
+        self._window = WriteWindow()
         self._last_trigger = -1
         self._write_again = False
         self._seldom = Seldom(_SILENCE_SAID_S)
@@ -251,7 +252,8 @@ class RigControl:
     def _on_written(self, event: Written) -> None:
         self._ledger.written(event, self._account.grid)
         self.telemetry.late_writes = self._ledger.late
-        self._way.written(event)
+        if (command := self._way.written(event)) is not None:
+            self._window.took(event.finished_ns - command.due_ns)
         self._frame_watch.written(event.side, event.read_back, event.finished_ns)
         self._complaints.end(event.side, "refused")
         if event.read_back.agrees_with(event.asked):
@@ -297,7 +299,7 @@ class RigControl:
 
     def _when_to_write_ns(self) -> int:
         now_ns, grid = self._now_ns(), self._account.grid
-        return now_ns if grid is None else when_to_write_ns(grid, now_ns)
+        return now_ns if grid is None else self._window.next_ns(grid, now_ns)
 
     def _publish_tally(self) -> None:
         tally = self._account.tally
