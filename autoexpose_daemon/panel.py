@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from rich.table import Table
 from rich.text import Text
 
+from autoexpose_daemon.durations import DURATIONS
 from autoexpose_daemon.states import State
 from autoexpose_daemon.status import CameraStatus, Durations, PublishStatus, Status
 from drivers.exposure import ExposureSetting
@@ -70,13 +71,8 @@ def _rows(status: Status) -> Iterator[tuple[str, str]]:
         yield "decision", f"{status.decision.setting}: {status.decision.reason}"
     yield from _responses(status)
     yield from _outlets(status)
-    for name, durations in (
-        ("decision time", status.decision_ms),
-        ("write time", status.write_ms),
-        ("frame to node", status.frame_to_node_ms),
-        ("command to effect", status.command_to_effect_ms),
-    ):
-        yield from ((name, text) for text in _percentiles(durations))
+    for duration in DURATIONS:
+        yield from ((duration.label, text) for text in _percentiles(getattr(status, duration.field)))
 
 
 def _camera(camera: CameraStatus) -> str:

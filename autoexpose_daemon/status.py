@@ -143,15 +143,9 @@ class Status:
         Cameras that were lost and came back.
     decision
         The newest; its `setting` is what was last asked for. None before the first.
-    decision_ms
-        One step of control.
-    write_ms
-        Writing exposure time and gain to a camera.
-    frame_to_node_ms
-        From a frame in memory to the setting decided on it in a camera's nodes.
-    command_to_effect_ms
-        From the decision on a new setting to the start of the first exposure that shows it, of each camera with chunk
-        data.
+    pairing_ms, decision_ms, held_ms, write_ms, frame_to_node_ms, command_to_effect_ms
+        See `DURATIONS`. Those of writes are of each camera that a decision was written to; `command_to_effect_ms` is of
+        each camera with chunk data.
     publishing, recorder
         None where frames are not published, or not recorded.
     faults
@@ -184,7 +178,9 @@ class Status:
     clamped_decisions: dict[str, int]
     reconnects: int
     decision: Annotated[Decision, AfterValidator(lambda decision: _takes_time(decision.setting) and decision)] | None
+    pairing_ms: Durations
     decision_ms: Durations
+    held_ms: Durations
     write_ms: Durations
     frame_to_node_ms: Durations
     command_to_effect_ms: Durations

@@ -176,7 +176,9 @@ def _figures(options: DemoOptions, daemon: Daemon, pulses: list[Pulse], steps: l
         "unexplained_mismatches": telemetry.unexplained_mismatches,
         "late_writes": telemetry.late_writes,
         "steps": [_step_as_json(step) for step in steps],
+        "pairing_ms": telemetry.pairing_ms.percentiles(),
         "decision_ms": telemetry.decision_ms.percentiles(),
+        "held_ms": telemetry.held_ms.percentiles(),
         "write_ms": telemetry.write_ms.percentiles(),
         "frame_to_node_ms": telemetry.frame_to_node_ms.percentiles(),
         "published": None if telemetry.publishing is None else telemetry.publishing.sent,
@@ -198,7 +200,9 @@ def _print_figures(console: Console, figures: Mapping[str, Any], steps: list[Lig
     if figures["published"] is not None:
         table.add_row("published", str(figures["published"]))
     for name, key in (
+        ("pairing", "pairing_ms"),
         ("decision", "decision_ms"),
+        ("held", "held_ms"),
         ("writing nodes", "write_ms"),
         ("frame to node", "frame_to_node_ms"),
     ):

@@ -108,7 +108,8 @@ class AravisCamera:
         """Write what differs from the last setting read back, and return what the nodes read back now."""
         self._check_present()
         present, self._setting = self._setting, None  # unknown, should a node refuse half-way
-        self._setting = self._dialect.write(self._nodes, setting, present)
+        with self._nodes.unchecked():
+            self._setting = self._dialect.write(self._nodes, setting, present)
         self._ledger.record(time.monotonic_ns(), self._setting)
         return self._setting
 

@@ -200,6 +200,21 @@ def test_the_driver_exposes_by_it_and_each_frame_tells_how(worn: Worn) -> None:
         check_words(worn, camera)
 
 
+@pytest.mark.parametrize("worn", range(1, len(COMBINATIONS)), ids=str, indirect=True)
+def test_a_write_asks_little_of_the_camera(worn: Worn, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A node is written and read back; bounds are looked at besides where time is not a float in microseconds."""
+    with contextlib.closing(open_camera(worn.serial, set_up(worn))) as camera:
+        camera.write(ExposureSetting(2000.0, 0.0))
+        asked: list[int] = []
+        read, write = XmlCamera.read, XmlCamera.write
+        monkeypatch.setattr(XmlCamera, "read", lambda it, *range_: (asked.append(0), read(it, *range_))[1])
+        monkeypatch.setattr(XmlCamera, "write", lambda it, *data: (asked.append(0), write(it, *data))[1])
+        camera.write(ExposureSetting(3000.0, 3.0 if worn.gain_in_db else 0.0))
+        requests = len(asked)
+    plain = worn.us_per_unit == 1.0 and worn.description.nodes[worn.exposure_time].kind == "Float"
+    assert requests == (4 if worn.gain_in_db else 2) + (0 if plain else 2)
+
+
 @pytest.mark.parametrize("worn", [10, 11, 12, *REAL[TRANSPORT][-2:]], ids=str, indirect=True)
 def test_the_driver_runs_it_freely_at_a_rate(worn: Worn) -> None:
     """Number 10 and Basler's older ones hold a period in the register of the rate."""

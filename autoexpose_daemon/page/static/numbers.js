@@ -106,7 +106,9 @@ function showWrites(status) {
 
 function showLatency(status) {
   const rows = [
+    ["pairing", status.pairing_ms],
     ["one decision", status.decision_ms],
+    ["held for the write window", status.held_ms],
     ["writing a camera", status.write_ms],
     ["frame to node", status.frame_to_node_ms],
     ["command to effect", status.command_to_effect_ms],
