@@ -13,12 +13,16 @@ from pydantic import Field
 from autoexpose_daemon.config_section import Section
 from autoexpose_daemon.control.region import Rectangle, Region
 from drivers.errors import ConfigurationError
+from drivers.files import read_regular
 from drivers.frames import Side
 from drivers.png import is_whole_png
 
 Weight = Annotated[float, Field(ge=0, le=1)]
 Pixel = Annotated[int, Field(ge=0)]
 Extent = Annotated[int, Field(gt=0)]
+
+MOST_MASK_BYTES = 1 << 26
+"""More than the PNG file of any sensor's mask has, which is mostly black and white."""
 
 
 class RectangleConfig(Section):
@@ -81,7 +85,7 @@ def _region(side: Side, config: RegionConfig) -> Region:
 def _read_mask(key: str, path: Path) -> NDArray[np.uint8]:
     """The grey levels of a mask file: uint8, shape (height, width)."""
     try:
-        content = path.read_bytes()
+        content = read_regular(path, MOST_MASK_BYTES)
     except OSError as error:
         raise ConfigurationError(f"{key}: {path}: cannot be read: {error.strerror}") from error
     except ValueError as error:  # a NUL in its name

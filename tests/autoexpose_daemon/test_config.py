@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import cv2
@@ -111,6 +112,27 @@ def test_a_mask_that_cannot_be_used_is_named_with_file_and_key(
 def test_a_text_file_is_no_mask(tmp_path: Path) -> None:
     (tmp_path / "mask.png").write_text("mask")
     assert "not a PNG" in complaint(tmp_path, LEFT + "control: {roi: {left: {mask: mask.png}}}")
+
+
+@pytest.mark.parametrize("odd", ["pipe", "/dev/zero", "/dev/kmsg", "."])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "cameras: {left: {serial: A, response: FILE}}",
+        LEFT + "control: {roi: {left: {mask: FILE}}}",
+        LEFT + "publish: {zenoh: FILE}",
+    ],
+)
+def test_pipes_devices_and_folders_are_refused_wherever_a_file_is_named(tmp_path: Path, text: str, odd: str) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    file = tmp_path / "rig.yaml"
+    if text:
+        file.write_text(text.replace("FILE", odd))
+    else:
+        file.symlink_to(tmp_path / odd)
+    with pytest.raises(ConfigurationError, match=r"rig\.yaml: .*cannot be read.*a (named pipe|device|directory), no "):
+        load_config(file)
 
 
 def test_regions_are_read_relative_to_the_configuration(tmp_path: Path) -> None:
