@@ -301,7 +301,7 @@ def test_replaced_by_another_serial(run: Run) -> None:
     with START_CAMERA(line0=run.left.line0, options=["--truth", str(truth)]) as other:
         run.truths.append(truth)
         wait_for_state(
-            run, f"degraded: left camera gone: no camera with serial {run.left.serial} answers; cameras that do: "
+            run, f'degraded: left camera gone: no camera with serial "{run.left.serial}" answers; cameras that do: "'
         )
         wait_for_state(run, other.serial)
         alone = len(run.seen)
