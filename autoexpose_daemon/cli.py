@@ -70,7 +70,7 @@ def record(
         with recorder:
             run_daemon(config, notifier, recorder)
     typer.echo(recorder.summary)
-    if recorder.failure is not None:
+    if recorder.incomplete:
         raise typer.Exit(1)
 
 
