@@ -20,6 +20,7 @@ from autoexpose_daemon.control.policies import DEFAULT_POLICY, POLICY_IDS, check
 from autoexpose_daemon.logs import complain
 from autoexpose_daemon.notify import Notifier
 from autoexpose_daemon.publish.keys import LOOPBACK, check_endpoints
+from autoexpose_daemon.readable import readable
 from autoexpose_daemon.recording import check_recording_extra
 from drivers.errors import AutoexposeError, ConfigurationError
 from drivers.exposure import ExposureSetting
@@ -69,7 +70,7 @@ def record(
         with recorder:
             run_daemon(config, notifier, recorder)
     typer.echo(recorder.summary)
-    if recorder.failure is not None:
+    if recorder.incomplete:
         raise typer.Exit(1)
 
 
@@ -208,7 +209,8 @@ def list_cameras() -> None:
 
     cameras = find_cameras()
     for camera in cameras:
-        typer.echo(f"{camera.serial}  {camera.vendor} {camera.model}  {camera.transport}  {camera.address}")
+        line = f"{camera.serial}  {camera.vendor} {camera.model}  {camera.transport}  {camera.address}"
+        typer.echo(readable(line))  # as the camera has it
     if not cameras:
         raise AutoexposeError("no camera found: check power, cable and network, and that the camera is in your subnet")
 

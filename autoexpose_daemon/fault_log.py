@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections import deque
 
+from autoexpose_daemon.readable import readable
 from autoexpose_daemon.status import Fault
 
 KEPT_FAULTS = 50
@@ -26,7 +27,7 @@ class FaultLog(logging.Handler):
     def emit(self, record: logging.LogRecord) -> None:
         """Keep an event."""
         try:
-            text = " ".join(record.getMessage().split())
+            text = readable(" ".join(record.getMessage().split()))
         except Exception:  # a message that does not fit its arguments; the log goes on
             self.handleError(record)
             return

@@ -6,6 +6,7 @@ import argparse
 import contextlib
 import dataclasses
 import gc
+import ipaddress
 import signal
 import sys
 import tempfile
@@ -37,10 +38,10 @@ def _parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
         description="A GigE Vision or USB3 Vision camera in software, which stock Aravis opens as a real one.",
     )
     add = parser.add_argument
-    add("--address", help=f"loopback address of a GigE Vision camera ({_ADDRESS})")
+    add("--address", type=_address, help=f"loopback address of a GigE Vision camera ({_ADDRESS})")
     add("--usb3", action="store_true", help="be a USB3 Vision camera: needs --socket, --tcp or --exec")
     add("--socket", type=Path, metavar="PATH", help="Unix socket to serve USB/IP on")
-    add("--tcp", type=int, nargs="?", const=TCP_PORT, metavar="PORT", help="TCP port of 127.0.0.1 for it (%(const)d)")
+    add("--tcp", type=_port, nargs="?", const=TCP_PORT, metavar="PORT", help="TCP port of 127.0.0.1 for it (%(const)d)")
     add("--exec", nargs=argparse.REMAINDER, metavar="COMMAND", help="run a command that sees the camera on its USB bus")
     add("--serial", default="FAKE-LEFT", help="its serial number (%(default)s)")
     add("--side", choices=["left", "right"], default="left", help="its place in the stereo rig (%(default)s)")
@@ -52,7 +53,7 @@ def _parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     add("--still", action="store_true", help="it stands still, as on a tripod")
     add("--light", type=Path, metavar="FILE", help="light script (one with steps is built in)")
     add("--response", choices=["linear", "gamma", "s_shaped"], default="linear", help="of the sensor (%(default)s)")
-    add("--seed", type=int, default=0, help="fixes room, noise and clock (%(default)s)")
+    add("--seed", type=_seed, default=0, help="fixes room, noise and clock (%(default)s)")
     add("--xml", type=Path, metavar="FILE", help="wear this GenICam description of a real camera (none: its own)")
     add("--truth", type=Path, metavar="FILE", help="write the light at each pulse of the wire as JSON lines")
     add("--control", type=Path, metavar="SOCKET", help="Unix socket that takes faults as JSON lines")
@@ -75,6 +76,31 @@ def _serial(text: str) -> str:
     if not 1 <= len(text.encode()) <= 15 or not text.isascii():
         raise argparse.ArgumentTypeError(f"{text!r} does not fit: GigE Vision has room for 15 ASCII characters")
     return text
+
+
+def _address(text: str) -> str:
+    try:
+        return str(ipaddress.IPv4Address(text))
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"{text!r} is no IPv4 address: give one such as 127.0.0.2") from error
+
+
+def _port(text: str) -> int:
+    return _integer(text, 1, 0xFFFF)
+
+
+def _seed(text: str) -> int:
+    return _integer(text, 0, 2**64 - 1)
+
+
+def _integer(text: str, low: int, high: int) -> int:
+    try:
+        number = int(text)
+    except ValueError:
+        number = low - 1
+    if not low <= number <= high:
+        raise argparse.ArgumentTypeError(f"{text!r} is no whole number from {low} to {high}")
+    return number
 
 
 def _rate(text: str) -> float:

@@ -14,11 +14,13 @@ from starlette.responses import PlainTextResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from drivers.errors import ConfigurationError
+from drivers.files import read_regular
 
 COOKIE = "autoexpose_page"
 LEAST_TOKEN = 16
 """Characters. A token is never typed, so it can be long enough not to be guessed."""
 
+_MOST_TOKEN_BYTES = 1 << 12
 _COOKIE_AGE_S = 30 * 24 * 3600
 _LONGEST_FORM = 4096
 _HEADERS = {
@@ -47,7 +49,7 @@ def read_token(file: Path) -> str:
     """
     make_one = f"make one: openssl rand -hex 32 > {file}"
     try:
-        token = file.read_text(encoding="utf-8").strip()
+        token = read_regular(file, _MOST_TOKEN_BYTES).decode("utf-8").strip()
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is no text"
         raise ConfigurationError(f"--token-file {file} cannot be read: {reason}; {make_one}") from error

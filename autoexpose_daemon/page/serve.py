@@ -89,6 +89,6 @@ def _listening(host: str, port: int) -> socket.socket:
     try:
         return socket.create_server((host, port), family=family)
     except OSError as error:
-        # Of a name that is not known the number is none of the system's.
-        reason = error.strerror if isinstance(error, socket.gaierror) else os.strerror(error.errno or 0)
+        number = error.errno or 0  # below 0 it is the resolver's, as of a name that nobody knows
+        reason = os.strerror(number) if number > 0 else "there is no address of that name"
         raise AutoexposeError(f"the page cannot listen on {host} port {port}: {reason}") from error

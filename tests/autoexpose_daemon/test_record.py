@@ -87,6 +87,15 @@ def test_a_policy_to_replay_that_does_not_exist_is_named_with_a_near_one(tmp_pat
     assert result.stderr.startswith("autoexpose: there is no policy 'metricmap'; did you mean metric-map?")
 
 
+@pytest.mark.parametrize("last", [(), ("--last", "5")])
+def test_a_file_that_is_not_named_as_a_recording_is_refused_at_once(tmp_path: Path, last: tuple[str, ...]) -> None:
+    config, path = tmp_path / "rig.yaml", tmp_path / "x.txt"
+    config.write_text("cameras: {left: {serial: A}}")
+    result = autoexpose("record", str(path), "-c", str(config), *last)
+    assert result.returncode == 1
+    assert result.stderr == f"autoexpose: {path}: is no name for a recording: let it end in .mcap\n"
+
+
 def test_a_recording_is_never_overwritten(tmp_path: Path) -> None:
     config, path = tmp_path / "rig.yaml", tmp_path / "run.mcap"
     config.write_text("cameras: {left: {serial: A}}")

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from fake_camera.__main__ import main
 from fake_camera.line0 import Line0
 from tests.xml_cameras import xml_camera
 
@@ -44,6 +45,22 @@ def test_a_mistake_is_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert camera.stderr == (
         "fake camera FAKE-M at 127.0.9.1: Line0 wire runs at 60 Hz, so this camera cannot join it at 50 Hz\n"
     )
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ("--address localhost", "argument --address: 'localhost' is no IPv4 address"),
+        ("--usb3 --tcp 99999", "argument --tcp: '99999' is no whole number from 1 to 65535"),
+        ("--seed 18446744073709551616", "argument --seed: '18446744073709551616' is no whole number from 0 to"),
+        ("--seed -1", "argument --seed: '-1' is no whole number from 0 to 18446744073709551615"),
+        ("--seed many", "argument --seed: 'many' is no whole number"),
+    ],
+)
+def test_an_option_out_of_bounds_is_named(options: str, words: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(options.split())
+    assert words in capsys.readouterr().err
 
 
 def on_wire(wire: str, folder: Path) -> list[str]:
