@@ -140,7 +140,7 @@ def test_a_hidden_tab_takes_no_pictures(tab: Tab, page: PageProcess, at: str) ->
 
 def consumers(publisher: Publisher) -> list[str]:
     """Pages among them."""
-    return [name for name in publisher.tally.consumers(time.monotonic_ns()) if name.startswith("page-")]
+    return [name for name in publisher.tally.consumers.listed(time.monotonic_ns()) if name.startswith("page-")]
 
 
 def hiding(hidden: bool) -> str:
