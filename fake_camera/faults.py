@@ -204,6 +204,8 @@ class Faults:
 
     def lose_packet(self) -> bool:
         """Whether the stream packet about to be sent is to be lost; asked once for each packet."""
+        if not self._orders:  # as a rule: a frame has dozens of packets
+            return False
         return self.spoils_frame("lose_packets") or (self._coin.random() < 0.5 and self.spoils_frame("lose_half"))
 
     def spoils_frame(self, name: str) -> bool:

@@ -48,20 +48,21 @@ def test_hdr_scene_is_a_camera_like_any_other(tmp_path: Path) -> None:
 def test_pan_starts_from_rest_stays_inside_and_repeats() -> None:
     ramp = np.tile(np.arange(2000, dtype=np.float32), (900, 1))
     pan = Panorama(ramp, "right", 720, 540)
-    assert pan.image_shift_px(0.0, 1 / 60) < 0.2
-    assert pan.image_shift_px(6.0, 6.0 + 1 / 60) > 1.0
-    views = [pan.radiance(np.array([t]), 1.0) for t in np.arange(0.0, 24.0, 1.0)]
+    views = [pan.exposed(t, 0.0, 1.0) for t in np.arange(0.0, 24.0, 1.0)]
     for view in views:
         np.testing.assert_allclose(np.diff(view, axis=1)[:, :-1], 1.0, atol=1e-2)
-    np.testing.assert_allclose(pan.radiance(np.array([25.0]), 1.0), views[1], atol=1e-2)
+    np.testing.assert_allclose(pan.exposed(25.0, 0.0, 1.0), views[1], atol=1e-2)
+    for start_s, least, most in ((0.0, 0.0, 0.2), (6.0, 1.0, 4.0)):
+        moved = pan.exposed(start_s + 1 / 60, 0.0, 1.0) - pan.exposed(start_s, 0.0, 1.0)
+        assert least <= moved.mean() < most
 
 
-def test_instants_average_and_follow_the_light() -> None:
-    still = np.random.default_rng(2).random((800, 1100)).astype(np.float32)
+def test_an_exposure_is_the_mean_of_its_instants_and_follows_the_light() -> None:
+    still = np.random.default_rng(2).random((800, 2100)).astype(np.float32)
     pan = Panorama(still, "left", 720, 540)
-    times = np.array([6.0, 6.01])
-    singles = [pan.radiance(times[i : i + 1], 10.0) for i in (0, 1)]
-    np.testing.assert_allclose(pan.radiance(times, 10.0), (singles[0] + singles[1]) / 2, rtol=1e-5)
+    singles = [pan.exposed(6.0 + 0.02 * (part + 0.5) / 3, 0.0, 10.0) for part in range(3)]
+    np.testing.assert_allclose(pan.exposed(6.0, 0.02, 10.0), np.mean(singles, axis=0), rtol=1e-4)
+    np.testing.assert_allclose(pan.exposed(6.0, 0.02, 20.0), 2.0 * pan.exposed(6.0, 0.02, 10.0), rtol=1e-5)
 
 
 def test_bad_files_are_refused_in_one_sentence(tmp_path: Path) -> None:
