@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from fake_camera.__main__ import main
 from fake_camera.line0 import Line0
 from tests.xml_cameras import xml_camera
 
@@ -44,6 +45,30 @@ def test_a_mistake_is_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert camera.stderr == (
         "fake camera FAKE-M at 127.0.9.1: Line0 wire runs at 60 Hz, so this camera cannot join it at 50 Hz\n"
     )
+
+
+@pytest.mark.parametrize(
+    ("serial", "transport", "words"),
+    [
+        ("", "gige", "cannot be a serial number"),
+        (" ", "gige", "cannot be a serial number"),
+        ("L ", "usb3", "cannot be a serial number"),
+        ("L\n", "gige", "cannot be a serial number"),
+        ("\x1b[31mL", "usb3", "cannot be a serial number"),
+        ("\u00e9", "gige", "cannot be a serial number"),
+        ("\u00e9", "usb3", "cannot be a serial number"),
+        ("1" * 16, "gige", "is too long: GigE Vision has room for 15 characters"),
+        ("1" * 64, "usb3", "is too long: USB3 Vision has room for 63 characters"),
+    ],
+)
+def test_a_serial_number_that_cannot_be_sent_is_refused(
+    capsys: pytest.CaptureFixture[str], serial: str, transport: str, words: str
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["--serial", serial, *(["--usb3", "--socket", "x"] if transport == "usb3" else [])])
+    assert ended.value.code == 2
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert f"--serial {serial!r} {words}" in said
 
 
 def on_wire(wire: str, folder: Path) -> list[str]:
