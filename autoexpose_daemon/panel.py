@@ -104,6 +104,8 @@ def _publishing(publishing: PublishStatus) -> Iterator[tuple[str, str]]:
     if publishing.trouble:
         yield "not published", publishing.trouble
     yield from ((f"consumer {name}", str(tally)) for name, tally in publishing.consumers.items())
+    if publishing.unlisted_consumers:
+        yield "consumers", f"{publishing.unlisted_consumers} more, not listed"
 
 
 def _counts(counts: Mapping[str, int]) -> str:

@@ -17,6 +17,7 @@ from fake_camera.control_socket import ControlSocket
 from fake_camera.device import Device
 from fake_camera.exposure_wire import ExposureInput, ExposureOutput
 from fake_camera.features import ENUM_ENTRIES, Features
+from fake_camera.files import read_regular
 from fake_camera.genapi.description import Description
 from fake_camera.gige import AddressTakenError, GigeServer
 from fake_camera.imaging import ImageSource
@@ -30,6 +31,8 @@ from fake_camera.usb3.usbip import TCP_PORT
 from fake_camera.xml_camera import XmlCamera
 
 _ADDRESS = "127.0.0.1"
+_LONGEST_DESCRIPTION_BYTES = 1 << 24
+_SERIAL_CHARACTERS = {"GigE Vision": 15, "USB3 Vision": 63}  # of registers of 16 and 64 bytes, which end with a zero
 
 
 def _parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
@@ -65,17 +68,23 @@ def _parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
         parser.error("--usb3 needs a way to reach the camera: --socket PATH, --tcp or --exec COMMAND")
     if not options.usb3 and usb3_options:
         parser.error(f"{usb3_options[0]} is of USB3 Vision cameras: add --usb3")
-    if options.exec == []:
+    if options.exec in ([], [""]):
         parser.error("--exec needs a command")
+    if (wrong := _wrong_with_serial(options.serial, options.usb3)) is not None:
+        parser.error(f"--serial {options.serial!r} {wrong}")
     if not options.usb3:
         options.address = options.address or _ADDRESS
     return options
 
 
-def _serial(text: str) -> str:
-    if not 1 <= len(text.encode()) <= 15 or not text.isascii():
-        raise argparse.ArgumentTypeError(f"{text!r} does not fit: GigE Vision has room for 15 ASCII characters")
-    return text
+def _wrong_with_serial(serial: str, usb3: bool) -> str | None:
+    """Why a serial number cannot be sent as it is; None: it can."""
+    standard = "USB3 Vision" if usb3 else "GigE Vision"
+    if not (serial.isascii() and serial.isprintable() and serial.strip() == serial != ""):
+        return "cannot be a serial number: give ASCII characters, and no blank before or behind them"
+    if len(serial) > _SERIAL_CHARACTERS[standard]:
+        return f"is too long: {standard} has room for {_SERIAL_CHARACTERS[standard]} characters"
+    return None
 
 
 def _address(text: str) -> str:
@@ -158,7 +167,7 @@ def _run(options: argparse.Namespace, resources: contextlib.ExitStack) -> tuple[
 
 def _description(path: Path, usb3: bool) -> Description:
     """The description in a file; raises ValueError when it is none, or one of a camera on the other transport."""
-    description = Description.from_bytes(path.read_bytes(), str(path))
+    description = Description.from_bytes(read_regular(path, _LONGEST_DESCRIPTION_BYTES), str(path))
     if description.standard == "U3V" and not usb3:
         raise ValueError(f"{path} describes a USB3 Vision camera: add --usb3 and --exec, --socket or --tcp")
     if description.standard == "GEV" and usb3:

@@ -120,8 +120,11 @@ class Device:
         self._show_exposure = rise
 
     def line3_pulse(self, time_ns: int) -> None:
-        """Line3 rises at `time_ns`, CLOCK_MONOTONIC."""
+        """Line3 rises at `time_ns`, CLOCK_MONOTONIC; one that is far from now makes no exposure."""
         with self._lock:
+            if abs(time.monotonic_ns() - time_ns) > _TOO_LATE_NS:
+                self._acquisition.counters.missed += 1
+                return
             self._start(self._acquisition.line3_pulse(time_ns))
 
     def on_power_on(self, callback: Callable[[], None]) -> None:

@@ -9,6 +9,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from fake_camera.files import read_regular
+
+_MOST_BYTES = 1 << 28
+
 GREY = 0.18
 """Reflectance that the still's log-mean radiance stands for: the photographers' grey card."""
 
@@ -34,7 +38,7 @@ def load_radiance(path: Path) -> NDArray[np.float32]:
         When the file is missing, unreadable, not an image, or black.
     """
     try:
-        content = np.frombuffer(path.read_bytes(), np.uint8)
+        content = np.frombuffer(read_regular(path, _MOST_BYTES), np.uint8)
     except OSError as error:
         raise ValueError(f"scene {path} cannot be read: {error.strerror}") from error
     if not content[:2].tobytes() == b"#?":

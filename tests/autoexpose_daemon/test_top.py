@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import math
 import re
 import threading
 import time
@@ -12,12 +13,13 @@ from dataclasses import replace
 
 import pytest
 from rich.console import Console
+from rich.table import Table
 
 from autoexpose_daemon.config_publish import PublishConfig
 from autoexpose_daemon.publish.keys import status_key
 from autoexpose_daemon.publish.publisher import Publisher
 from autoexpose_daemon.status import Fault, Status
-from autoexpose_daemon.top import follow, show_once, sparkline
+from autoexpose_daemon.top import History, follow, show_once, sparkline
 from drivers.errors import AutoexposeError
 from tests.autoexpose_daemon.statuses import EXPOSING
 from tests.fakes import loopback_address
@@ -40,6 +42,17 @@ def daemon(status: Status, at: str) -> Iterator[None]:
 
     with Publisher(PublishConfig(rig=status.rig, listen=(at,)), 2, tell):
         yield
+
+
+@pytest.mark.parametrize("metric", [math.nan, math.inf, 1e308])
+def test_a_metric_that_is_no_number_is_left_out_of_the_curves(metric: float) -> None:
+    assert EXPOSING.decision is not None
+    history, table = History(), Table()
+    for at_s, value in enumerate((metric, 0.5, -metric)):
+        odd = replace(EXPOSING.decision, metric=value)
+        history.add(replace(EXPOSING, unix_time_s=float(at_s), decision=odd))
+    history.add_rows(table)
+    assert table.row_count == 3
 
 
 def screen_of(terminal: bool = True) -> tuple[Screen, Console]:

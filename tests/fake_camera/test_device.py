@@ -15,6 +15,7 @@ from fake_camera.faults import JUMP_NS, Fault
 from fake_camera.features import Features
 from fake_camera.imaging import ExposedFrame, ImageSettings, Pixels
 from fake_camera.line0 import Line0
+from tests.fake_camera.gige_client import Ramp
 
 MS = 1_000_000
 NO_FAULTS: frozenset[str] = frozenset()
@@ -403,3 +404,18 @@ def test_the_clock_drifts_by_a_few_ppm_and_differs_between_cameras(source: FlatS
 def test_an_unknown_command_is_a_key_error(device: Device) -> None:
     with pytest.raises(KeyError):
         device.execute("FileOpen")
+
+
+def test_a_pulse_of_line3_that_is_far_from_now_makes_no_exposure() -> None:
+    device = Device(Ramp(), "S1")
+    device.features.set("TriggerMode", "On")
+    device.features.set("TriggerSource", "Line3")
+    device.execute("AcquisitionStart")
+    try:
+        for far_ns in (2**63 - 1, -(2**63), 0, time.monotonic_ns() + 10**12):
+            device.line3_pulse(far_ns)
+        assert (device.counters.missed, device.counters.exposures) == (4, 0)
+        device.line3_pulse(time.monotonic_ns())
+        assert device.counters.exposures == 1
+    finally:
+        device.close()

@@ -63,6 +63,30 @@ def test_an_option_out_of_bounds_is_named(options: str, words: str, capsys: pyte
     assert words in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("serial", "transport", "words"),
+    [
+        ("", "gige", "cannot be a serial number"),
+        (" ", "gige", "cannot be a serial number"),
+        ("L ", "usb3", "cannot be a serial number"),
+        ("L\n", "gige", "cannot be a serial number"),
+        ("\x1b[31mL", "usb3", "cannot be a serial number"),
+        ("\u00e9", "gige", "cannot be a serial number"),
+        ("\u00e9", "usb3", "cannot be a serial number"),
+        ("1" * 16, "gige", "is too long: GigE Vision has room for 15 characters"),
+        ("1" * 64, "usb3", "is too long: USB3 Vision has room for 63 characters"),
+    ],
+)
+def test_a_serial_number_that_cannot_be_sent_is_refused(
+    capsys: pytest.CaptureFixture[str], serial: str, transport: str, words: str
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["--serial", serial, *(["--usb3", "--socket", "x"] if transport == "usb3" else [])])
+    assert ended.value.code == 2
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert f"--serial {serial!r} {words}" in said
+
+
 def on_wire(wire: str, folder: Path) -> list[str]:
     """The command of a camera on a wire, in the description in a folder."""
     command = COMMAND if wire == "gige" else [*PROGRAM, "--usb3", "--socket", str(folder / "socket")]

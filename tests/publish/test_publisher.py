@@ -30,7 +30,7 @@ ATTEMPTS = 3
 
 
 def reported(publisher: Publisher, name: str) -> ConsumerTally:
-    return publisher.tally.consumers(time.monotonic_ns()).get(name, ConsumerTally())
+    return publisher.tally.consumers.listed(time.monotonic_ns()).get(name, ConsumerTally())
 
 
 def test_a_client_gets_pairs_as_they_were_taken_and_the_daemon_hears_of_it() -> None:

@@ -37,7 +37,7 @@ def test_a_process_takes_part_through_a_router(tmp_path: Path) -> None:
         consumer("far", at) as far,
     ):
         far.wait_for_first()
-        wait_until(lambda: "far" in publisher.tally.consumers(time.monotonic_ns()), "its report")
+        wait_until(lambda: "far" in publisher.tally.consumers.listed(time.monotonic_ns()), "its report")
         assert far.result()["tally"]["pairs"] > 0
 
 
