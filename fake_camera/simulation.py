@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Literal, Protocol
 
@@ -13,7 +14,7 @@ from fake_camera.imaging import ImageSettings, ImageSource, Pixels
 from fake_camera.lighting import LightScript
 from fake_camera.panorama import Panorama, load_radiance
 from fake_camera.path import CameraPath, right_of
-from fake_camera.render import Pinhole, Renderer
+from fake_camera.render import Pinhole, Renderer, Surface
 from fake_camera.room import furnished_room
 from fake_camera.sensor import Sensor, SensorModel
 
@@ -98,7 +99,14 @@ class SimulatedCamera:
 
 
 def build_image_source(
-    scene: str, side: Side, light: LightScript, seed: int, response: str = "linear", *, still: bool = False
+    scene: str,
+    side: Side,
+    light: LightScript,
+    seed: int,
+    response: str = "linear",
+    *,
+    still: bool = False,
+    paint: Callable[[int], Sequence[Surface]] = furnished_room,
 ) -> ImageSource:
     """Build the world of one camera. Its first image of each pixel format is slow where kernels are not compiled yet.
 
@@ -116,6 +124,8 @@ def build_image_source(
         Name of the sensor's response function.
     still
         Whether the camera stands still, as on a tripod.
+    paint
+        Makes the room of a seed.
 
     Raises
     ------
@@ -126,7 +136,7 @@ def build_image_source(
     sensor = Sensor(model, 2 * seed + (side == "right"), response)
     view: Scene
     if scene == "room":
-        renderer = Renderer(furnished_room(seed), Pinhole(model.width, model.height))
+        renderer = Renderer(paint(seed), Pinhole(model.width, model.height))
         view = RoomView(renderer, CameraPath(), side)
     else:
         view = Panorama(load_radiance(Path(scene)), side, model.width, model.height)

@@ -10,10 +10,12 @@ import pytest
 from autoexpose_daemon.demo.fakes import Pulse
 from autoexpose_daemon.demo.record import StepRecord
 from autoexpose_daemon.demo.report import (
+    LightSetting,
     LightStep,
     delay_frames,
     frames_to_settle,
     frames_to_steady,
+    light_settings,
     light_steps,
     pulses_in_window,
 )
@@ -79,20 +81,36 @@ def test_a_step_that_does_not_settle_tells_what_the_policy_said() -> None:
     pulses = [Pulse(n, n * PERIOD_NS, 150.0 if n < 60 else 1.0) for n in range(160)]
     (step,) = light_steps(pulses, [record(n, 11.0 + n % 2) for n in range(160)])
     assert step.frames_to_settle is None
-    assert step.in_words == "not settled before the next step (mostly: held)"
+    assert step.in_words(60.0) == "not steady before the next step (mostly: held)"
 
 
 @pytest.mark.parametrize(
     ("steady", "settled", "words"),
     [
-        (4, 4, "settled after 4 frames"),
-        (4, 157, "steady after 4 frames, near its last level after 157"),
-        (4, None, "steady after 4 frames, not settled before the next step (mostly: held)"),
-        (None, 9, "settled after 9 frames"),
+        (4, 4, "well exposed and steady after 4 frames (67 ms)"),
+        (4, 157, "well exposed and steady after 4 frames (67 ms), then following the view, final after 157"),
+        (4, None, "well exposed and steady after 4 frames (67 ms), then changing with the view"),
+        (None, 9, "well exposed and steady after 9 frames (150 ms)"),
     ],
 )
 def test_a_step_is_told_in_words(steady: int | None, settled: int | None, words: str) -> None:
-    assert LightStep(3.8, 1.0, 150.0, steady, settled, "held").in_words == words
+    assert LightStep(3.8, 1.0, 150.0, steady, settled, "held").in_words(60.0) == words
+
+
+def test_the_settings_under_each_light_are_medians_of_the_frames_taken_under_it() -> None:
+    pulses = [Pulse(n, n * PERIOD_NS, 150.0 if (n // 60) % 2 == 0 else 1.0) for n in range(240)]
+    dark, bright = ExposureSetting(7500.0, 30.0), ExposureSetting(100.0, 6.0)
+    records = [replace(record(n, 0.0), applied=bright if (n // 60) % 2 == 0 else dark) for n in range(240)]
+    records[60:65] = [replace(late, applied=bright) for late in records[60:65]]
+    # a clock that is a few us off does not move frames to other pulses
+    off = [replace(each, host_time_ns=each.host_time_ns + (-1) ** each.trigger * 5000) for each in records]
+    assert light_settings(pulses, off) == [LightSetting(150.0, 100.0, 6.0), LightSetting(1.0, 7500.0, 30.0)]
+
+
+def test_light_on_a_ramp_has_no_settings() -> None:
+    pulses = [Pulse(n, n * PERIOD_NS, 150.0 if n < 60 else 150.0 - n) for n in range(120)]
+    assert [it.lux for it in light_settings(pulses, [record(n, 10.0) for n in range(120)])] == [150.0]
+    assert light_settings([], [record(0, 10.0)]) == []
 
 
 def test_a_ramp_is_not_a_step() -> None:

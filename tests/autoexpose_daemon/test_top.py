@@ -71,7 +71,7 @@ def test_the_moment_is_printed_once() -> None:
         "autoexpose rig, metric-map, up 2 h 1 min",
         "exposing",
         "FakeCam L1   1000 us, 6.0 dB",
-        "3 left_missing",
+        "3 without the left frame; 20 before every camera was open",
     ):
         assert text in screen.text
     assert "left camera: ?]0;gone? [red]away[/red]" in screen.text
