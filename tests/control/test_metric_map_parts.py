@@ -205,3 +205,12 @@ def test_the_second_camera_is_predicted_coarsely_but_alike() -> None:
     coarse = Viewer(LINEAR, GradientMetric(), list(FEWER_DELTAS)).view(image)
     assert coarse.curve == pytest.approx(fine.curve, abs=0.08 * fine.curve.max())
     assert coarse.signal == fine.signal
+
+
+@pytest.mark.parametrize(("share", "remembered"), [(0.85, 2), (0.5, 1), (2.0, 1)])
+def test_a_scene_half_as_rich_as_expected_is_another_one(share: float, remembered: int) -> None:
+    """What was promised elsewhere is then worth nothing; a little less than expected is an error of prediction."""
+    memory = MetricMemory()
+    memory.add(Sighting(10.0, (view(2.0),)))
+    memory.add(Sighting(11.0, (view(1.0, height=share),)))
+    assert len(memory.sightings) == remembered
