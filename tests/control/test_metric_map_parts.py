@@ -241,3 +241,12 @@ def test_a_view_tells_the_metric_of_the_image_as_it_is(deltas: np.ndarray) -> No
     metric, image = GradientMetric(), frame(11.0, 11.5)
     curved = ResponseFunction(np.linspace(0.0, 4.0, 256) ** 1.5, 0, 255)
     assert Viewer(curved, metric, list(deltas)).view(image).curve[DELTAS == 0.0] == metric.measure(image)
+
+
+@pytest.mark.parametrize(("share", "remembered"), [(0.85, 2), (0.5, 1), (2.0, 1)])
+def test_a_scene_half_as_rich_as_expected_is_another_one(share: float, remembered: int) -> None:
+    """What was promised elsewhere is then worth nothing; a little less than expected is an error of prediction."""
+    memory = MetricMemory()
+    memory.add(Sighting(10.0, (view(2.0),)))
+    memory.add(Sighting(11.0, (view(1.0, height=share),)))
+    assert len(memory.sightings) == remembered
