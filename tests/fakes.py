@@ -128,12 +128,12 @@ def usb3_environment(*sockets: Path | None) -> dict[str, str]:
         pytest.skip(str(error))
 
 
-def run_under_shim(suite: Path, *sockets: Path, timeout_s: float = 100.0, only: str = "") -> None:
+def run_under_shim(suite: Path, *sockets: Path, timeout_s: float = 100.0, only: str = "", marked: str = "") -> None:
     """Run the tests of a file in a process whose USB bus has ports at these sockets; all must pass.
 
-    `only` chooses among them, as pytest's option -k does.
+    `only` and `marked` choose among them, as pytest's options -k and -m do.
     """
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-k", only, str(suite)]
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-k", only, "-m", marked, str(suite)]
     environment = usb3_environment(*sockets)
     inner = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=timeout_s, check=False)
     assert inner.returncode == 0, inner.stdout + inner.stderr
