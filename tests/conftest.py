@@ -6,6 +6,7 @@ Left out are the longer checks of `make accept` and `make test-kernel`, and test
 from __future__ import annotations
 
 import os
+import shutil
 from pathlib import Path
 
 import pytest
@@ -34,6 +35,14 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     kept = [item for item in items if not left_out(item)]
     config.hook.pytest_deselected(items=[item for item in items if item not in kept])
     items[:] = kept
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Fail in a sentence where a program is missing that `make test` has installed."""
+    for mark in item.iter_markers("needs"):
+        missing = [program for program in mark.args if shutil.which(program) is None]
+        if missing:
+            pytest.fail(f"{', '.join(missing)}: not installed; `make setup` installs it", pytrace=False)
 
 
 @pytest.fixture

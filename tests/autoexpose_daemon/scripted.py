@@ -18,22 +18,26 @@ from autoexpose_daemon.outlets import add_outlets
 from drivers.camera import Camera
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame, Side, StereoPair
+from tests.control.scene import expose, radiance
 from tests.drivers.test_rig import ScriptedCamera
 
-SHAPE = (90, 120)
+SHAPE = (136, 180)
+MID_LEVEL = 10.0
+"""Exposure level at which the picture is half of full scale."""
 RATE_HZ = 60.0
 LONG_S = 30.0
 Seen = list[tuple[StereoPair, Decision | None]]
 
 
 class TriggeredCamera(ScriptedCamera):
-    """Takes each trigger with what was last written; the picture is another one each time."""
+    """Takes each trigger with what was last written; a picture of patches and of noise."""
 
     def __init__(self, serial: str) -> None:
         super().__init__(SHAPE)
         self.description = type(self.description)("ours", "scripted", serial, pixel_format="Mono8")
         self.starts = 0
-        self._noise = np.random.default_rng(len(serial))
+        self._scene = radiance(ord(serial))
+        self._noise = np.random.default_rng(ord(serial))
 
     def start(self) -> None:
         self.starts += 1
@@ -42,7 +46,8 @@ class TriggeredCamera(ScriptedCamera):
 
     def trigger(self, time_ns: int) -> None:
         setting = self.written[-1] if self.written else ExposureSetting(1000.0, 0.0)
-        pixels = self._noise.integers(0, 256, SHAPE, np.uint8)
+        pixels = expose(self._scene, setting, MID_LEVEL).pixels.astype(np.uint8)
+        pixels ^= self._noise.integers(0, 4, pixels.shape, np.uint8)
         frame_id = next(self._ids)
         self.frames.put(Frame(pixels, 8, frame_id, time_ns, time_ns, time.monotonic_ns(), setting))
 
