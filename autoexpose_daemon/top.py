@@ -32,7 +32,7 @@ def show_once(rig: str, connect: Sequence[str], console: Console) -> None:
     with StatusClient(rig, connect) as client:
         status = client.wait(_PATIENCE_S)
         if status is None:
-            raise AutoexposeError(_nobody(client, rig, connect))
+            raise AutoexposeError(nobody(client, rig, connect))
         console.print(panel_of(status, History(), client.silent_s, _TALL))
 
 
@@ -45,7 +45,7 @@ def follow(rig: str, connect: Sequence[str], console: Console, stop: threading.E
         while not stop.wait(_TURN_S):
             status = client.status
             if status is None:
-                live.update(plain(_nobody(client, rig, connect)), refresh=True)
+                live.update(plain(nobody(client, rig, connect)), refresh=True)
             else:
                 history.add(status)
                 live.update(panel_of(status, history, client.silent_s, console.height), refresh=True)
@@ -107,7 +107,8 @@ def _faults(faults: Sequence[Fault]) -> Table:
     return table
 
 
-def _nobody(client: StatusClient, rig: str, connect: Sequence[str]) -> str:
+def nobody(client: StatusClient, rig: str, connect: Sequence[str]) -> str:
+    """Why there is no status to show, in words."""
     where, since = ", ".join(connect), f"for {client.silent_s:.0f} s"
     if client.trouble:
         section = "{}" if rig == "rig" else f"{{rig: {rig}}}"

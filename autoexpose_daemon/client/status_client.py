@@ -60,7 +60,7 @@ class StatusClient:
         check_rig_name(rig)
         self.status: Status | None = None
         self.responses: dict[Side, ResponseFunction] = {}
-        self.trouble = ""
+        self.trouble = "not connected yet"
         self._rig = rig
         self._endpoints = Endpoints(connect=() if zenoh_file is not None else connect, file=zenoh_file)
         self._heard_s = time.monotonic()

@@ -18,9 +18,10 @@ from calibration.response import ResponseFunction
 from calibration.response_file import CameraIdentity, Origin, ResponseFile
 from tests.autoexpose_daemon.stereo import stereo_cameras
 from tests.fake_camera.gige_client import CCP, GvcpClient
-from tests.fakes import fake_camera, foreign_camera, loopback_address
+from tests.fakes import FOREIGN_ADDRESS, fake_camera, foreign_camera, loopback_address
 
 AUTOEXPOSE = [sys.executable, "-c", "from autoexpose_daemon.cli import main; main()"]
+PATIENCE_S = 30.0
 
 
 def autoexpose(*arguments: str, timeout_s: float = 60.0) -> subprocess.CompletedProcess[str]:
@@ -117,7 +118,16 @@ def test_run_refuses_a_response_file_for_another_pixel_format(tmp_path: Path) ->
     assert "Traceback" not in result.stderr
 
 
+def exposure_of_foreign_camera() -> int:
+    command = ["arv-tool-0.8", "-a", FOREIGN_ADDRESS, "control", "ExposureTimeAbs"]
+    shown = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    written = re.search(r"ExposureTimeAbs = (\d+)", shown)
+    assert written is not None
+    return int(written[1])
+
+
 @pytest.mark.realtime
+@pytest.mark.needs("arv-fake-gv-camera-0.8", "arv-tool-0.8")
 def test_run_drives_a_camera_that_we_did_not_write(tmp_path: Path) -> None:
     file = tmp_path / "rig.yaml"
     with foreign_camera() as serial:
@@ -128,27 +138,19 @@ def test_run_drives_a_camera_that_we_did_not_write(tmp_path: Path) -> None:
         )
         with subprocess.Popen([*AUTOEXPOSE, "run", "-c", str(file)], stderr=subprocess.PIPE, text=True) as process:
             assert process.stderr is not None
-            told = list(itertools.takewhile(lambda line: "pairs/s" not in line, iter(process.stderr.readline, "")))
+            told = list(itertools.takewhile(lambda line: "exposing" not in line, iter(process.stderr.readline, "")))
+            deadline_s = time.monotonic() + PATIENCE_S
+            while exposure_of_foreign_camera() == 300:
+                assert time.monotonic() < deadline_s
             process.send_signal(signal.SIGTERM)
             _, rest = process.communicate(timeout=30)
-        exposure = subprocess.run(
-            ["arv-tool-0.8", "-a", "127.0.0.1", "control", "ExposureTimeAbs"],
-            capture_output=True,
-            text=True,
-            check=True,
-        ).stdout
     assert process.returncode == 0, [*told, rest]
     lacks = " ".join(told)
     assert "gain has no dB scale: left at its present value" in lacks
     assert "no chunk data" in lacks
-    figures = re.search(r"stopped: .*?; (\d+) pairs; lost: (.*?);", rest)
+    figures = re.search(r"stopped: .*?; (\d+) pairs; lost: ", rest)
     assert figures is not None, rest
-    pairs = int(figures[1])
-    lost = sum(int(n) for n, why in re.findall(r"(\d+) (\w+)", figures[2]) if why not in ("startup", "shutdown"))
-    assert pairs > 0.9 * (pairs + lost)
-    written = re.search(r"ExposureTimeAbs = (\d+)", exposure)
-    assert written is not None
-    assert int(written[1]) != 300
+    assert int(figures[1]) > 0
 
 
 @pytest.mark.realtime

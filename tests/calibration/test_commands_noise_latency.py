@@ -174,9 +174,9 @@ def fake(light: list[str]) -> Iterator[FakeCamera]:
         yield camera
 
 
-@pytest.mark.realtime
-@pytest.mark.parametrize("gain_db", [0.0, 24.0])
-def test_noise_over_the_wire_is_that_of_the_sensor(fake: FakeCamera, gain_db: float, tmp_path: Path) -> None:
+@pytest.mark.wire
+def test_noise_over_the_wire_is_that_of_the_sensor(fake: FakeCamera, tmp_path: Path) -> None:
+    gain_db = 24.0
     file = response_file(tmp_path / "left.response.yaml", fake.serial)
     code, output = calibrate("noise", "--camera", fake.serial, "--gain-db", str(gain_db), "-o", str(file))
     assert code == 0, output
@@ -195,7 +195,7 @@ def test_noise_over_the_wire_is_that_of_the_sensor(fake: FakeCamera, gain_db: fl
         assert camera.description.pixel_format == "Mono8"  # as before
 
 
-@pytest.mark.realtime
+@pytest.mark.wire
 def test_noise_of_a_camera_with_a_curve_is_refused(light: list[str]) -> None:
     with fake_camera(options=[*light, "--response", "gamma"]) as fake:
         code, output = calibrate("noise", "--camera", fake.serial, "--gain-db", "30", "--pixel-format", "Mono8")
@@ -216,7 +216,7 @@ def test_latency_over_the_wire_is_the_next_exposure(fake: FakeCamera, tmp_path: 
     assert [latency[quantity]["mode_frames"] for quantity in ("exposure", "gain")] == [1, 1]
 
 
-@pytest.mark.realtime
+@pytest.mark.wire
 def test_a_camera_lost_while_it_is_measured_is_told_as_such(fake: FakeCamera, monkeypatch: pytest.MonkeyPatch) -> None:
     def measure(*arguments: object) -> None:
         def lost(*arguments: object) -> None:
@@ -229,7 +229,7 @@ def test_a_camera_lost_while_it_is_measured_is_told_as_such(fake: FakeCamera, mo
     assert calibrate("noise", "--camera", fake.serial) == (1, "autoexpose: no whole frame arrived")
 
 
-@pytest.mark.realtime
+@pytest.mark.wire
 def test_a_scene_too_dark_is_told_once_and_without_a_table(fake: FakeCamera, monkeypatch: pytest.MonkeyPatch) -> None:
     dark = Finding("refused", "too_dark", "the scene is too dark")
     effects = [WriteEffect(quantity, {}, 0, None, None, (dark,)) for quantity in ("exposure", "gain")]
@@ -237,7 +237,7 @@ def test_a_scene_too_dark_is_told_once_and_without_a_table(fake: FakeCamera, mon
     assert calibrate("latency", "--camera", fake.serial) == (1, "refused: the scene is too dark\n")
 
 
-@pytest.mark.realtime
+@pytest.mark.wire
 def test_a_gain_that_the_camera_lacks_is_refused(fake: FakeCamera) -> None:
     code, output = calibrate("noise", "--camera", fake.serial, "--gain-db", "60")
     assert code == 1

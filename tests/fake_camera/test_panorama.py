@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import cv2
@@ -11,10 +10,10 @@ from fake_camera.imaging import ImageSettings
 from fake_camera.lighting import Change, LightScript
 from fake_camera.panorama import DISPARITY_PX, GREY, Panorama, load_radiance
 from fake_camera.simulation import build_image_source
+from tests.data import data
 
 FULL = ImageSettings(2000.0, 0.0, 0.0, 1.0, "Mono8", 0, 0, 720, 540, 1, 1)
 LIGHT = LightScript((Change(0.0, 150.0),))
-DATA = Path(os.environ.get("AUTOEXPOSE_DATA", Path(__file__).parents[3] / "shared" / "data"))
 
 
 def write_hdr(path: Path, rows: int = 40, columns: int = 80) -> Path:
@@ -84,12 +83,10 @@ def test_bad_files_are_refused_in_one_sentence(tmp_path: Path) -> None:
         assert "\n" not in str(caught.value)
 
 
+@pytest.mark.data
 @pytest.mark.parametrize("name", ["hdri_1k_cc0/lobby.hdr", "hdr_stills_bsd/Desk.hdr"])
 def test_real_radiance_files(name: str) -> None:
-    path = DATA / name
-    if not path.exists():
-        pytest.skip(f"test data {name} is not here (set AUTOEXPOSE_DATA)")
-    source = build_image_source(str(path), "left", LIGHT, 1)
+    source = build_image_source(str(data(name)), "left", LIGHT, 1)
     images = [source.take(t, FULL, 1) for t in (0.0, 6.0, 12.0)]
     assert all(10 < image.mean() < 200 for image in images)
     assert np.abs(images[0].astype(float) - images[2]).mean() > 3.0

@@ -54,7 +54,7 @@ from tests.fake_camera.usb3_client import (
     usb3_camera,
 )
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.wire
 
 SLOTS = slots(Features("TEST", 720, 540, lambda: 0))
 FRAME_BYTES = 720 * 540

@@ -172,8 +172,8 @@ def frame_late(script: Script) -> Expected:
 
 def writes_refused(script: Script) -> Expected:
     device, duration_ns = script.device(), script.duration_ns(0.2, 5.0)
-    device.refuses = True
-    script.after(duration_ns, lambda: setattr(device, "refuses", False))
+    device.refuses = "ExposureTime refused"
+    script.after(duration_ns, lambda: setattr(device, "refuses", ""))
     most = frames_in(duration_ns)
     return Expected(
         duration_ns,
