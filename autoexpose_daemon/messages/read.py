@@ -30,6 +30,8 @@ def read_image(data: bytes) -> tuple[int, Pixels]:
     dtype = {"mono8": np.uint8, "mono16": np.uint16}.get(message.encoding)
     if dtype is None or message.data.size != message.height * message.step:
         raise DamagedMessageError(f"an Image of {message.data.size} bytes, {message.height} rows, {message.encoding}")
+    if message.data.size == 0:
+        raise DamagedMessageError(f"an Image of {message.width}x{message.height} pixels")
     if message.step != message.width * np.dtype(dtype).itemsize or message.is_bigendian:
         raise DamagedMessageError(f"an Image of {message.width} pixels in rows of {message.step} bytes")
     return stamp_ns(message), message.data.view(dtype).reshape(message.height, message.width)

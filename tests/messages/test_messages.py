@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import time
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -123,6 +124,14 @@ def test_a_truncated_message_is_refused(length: int) -> None:
     whole = bytes(messages["left", "image"].data)
     with pytest.raises(DamagedMessageError):
         read_image(whole[: min(length, len(whole) - 1)])
+
+
+@pytest.mark.parametrize("shape", [(0, 5), (5, 0), (0, 0)])
+def test_an_image_without_pixels_is_refused(shape: tuple[int, int]) -> None:
+    empty = replace(frame(), pixels=np.zeros(shape, np.uint8))
+    messages = written(StereoPair(1, empty, frame()))
+    with pytest.raises(DamagedMessageError, match="an Image of "):
+        read_image(bytes(messages["left", "image"].data))
 
 
 def test_only_what_is_wanted_is_made() -> None:
