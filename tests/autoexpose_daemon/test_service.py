@@ -21,8 +21,11 @@ pytestmark = pytest.mark.realtime
 IMPOSSIBLE: list[tuple[dict[str, Any], str]] = [
     ({"exposure": {"max_time": 1}}, "exposure.max_time: unknown key"),
     (
-        {"exposure": {"min_time_us": 1e-3, "max_time_us": 2e-3}, "control": {"start": {"exposure_time_us": 1e-3}}},
-        "0.002",
+        {
+            "exposure": {"min_gain_db": 90, "max_gain_db": 95},
+            "control": {"start": {"exposure_time_us": 99, "gain_db": 90}},
+        },
+        "gain limits 90 to ",
     ),
     ({"control": {"roi": {"left": {"rectangles": [{"box": [0, 0, 9999, 10]}]}}}}, "9999"),
     ({"trigger": {"line": "Line9"}}, "Line9"),
@@ -86,6 +89,12 @@ def test_sighup_takes_what_can_be_and_says_why_not(rig: Rig, file: Path) -> None
             service.wait_until(lambda _, n=count: service.log.count("is not taken") == n, f"a refusal for {why}")
             assert why in next(line for line in reversed(service.log.splitlines()) if "is not taken" in line)
             wait_for_exposing(service)
+        file.unlink()
+        os.mkfifo(file)  # whoever opens it waits for somebody to write
+        service.reload()
+        service.wait_until(lambda _: "a named pipe, no regular file" in service.log, "a refusal of the pipe")
+        wait_for_exposing(service)
+        file.unlink()
         response = file.with_name("left.response.yaml")
         ResponseFile(ResponseFunction.linear()).save(response)
         cameras = {"left": {"serial": rig[0].serial, "response": response.name}, "right": {"serial": rig[1].serial}}
