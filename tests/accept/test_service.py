@@ -21,8 +21,11 @@ pytestmark = pytest.mark.realtime
 IMPOSSIBLE: list[tuple[dict[str, Any], str]] = [
     ({"exposure": {"max_time": 1}}, "exposure.max_time: unknown key"),
     (
-        {"exposure": {"min_time_us": 1e-3, "max_time_us": 2e-3}, "control": {"start": {"exposure_time_us": 1e-3}}},
-        "0.002",
+        {
+            "exposure": {"min_gain_db": 90, "max_gain_db": 95},
+            "control": {"start": {"exposure_time_us": 99, "gain_db": 90}},
+        },
+        "gain limits 90 to ",
     ),
     ({"control": {"roi": {"left": {"rectangles": [{"box": [0, 0, 9999, 10]}]}}}}, "9999"),
     ({"trigger": {"line": "Line9"}}, "Line9"),

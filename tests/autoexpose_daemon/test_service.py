@@ -35,8 +35,11 @@ from tests.autoexpose_daemon.stereo import stereo_cameras
 
 IMPOSSIBLE: list[tuple[dict[str, Any], str]] = [
     (
-        {"exposure": {"min_time_us": 1e-3, "max_time_us": 2e-3}, "control": {"start": {"exposure_time_us": 1e-3}}},
-        "0.002",
+        {
+            "exposure": {"min_gain_db": 90, "max_gain_db": 95},
+            "control": {"start": {"exposure_time_us": 99, "gain_db": 90}},
+        },
+        "gain limits 90 to ",
     ),
     ({"control": {"roi": {"left": {"rectangles": [{"box": [0, 0, 9999, 10]}]}}}}, "9999"),
     ({"trigger": {"line": "Line9"}}, "Line9"),
@@ -180,6 +183,11 @@ def test_a_process_is_ready_reloads_and_stops(tmp_path: Path) -> None:
         service.reload()
         service.wait_until(lambda _: "is not taken" in service.log, "a refusal")
         assert "exposure.max_time: unknown key" in service.log
+        file.unlink()
+        os.mkfifo(file)  # whoever opens it waits for somebody to write
+        service.reload()
+        service.wait_until(lambda _: "a named pipe, no regular file" in service.log, "a refusal of the pipe")
+        file.unlink()
         file.write_text(yaml.safe_dump({**rig, "control": {"policy": "fixed", "start": {"exposure_time_us": 777}}}))
         service.reload()
         service.wait_for("RELOADING=1")
