@@ -76,7 +76,7 @@ def report(run: Run, console: Console) -> None:
     if options.plot is not None:
         from autoexpose_daemon.demo.plot import draw  # noqa: PLC0415  matplotlib takes a second to load
 
-        draw(options.plot, run.pulses, run.recorder, f"autoexpose demo: policy {options.policy}, scene {options.scene}")
+        draw(options.plot, run, steps)
         console.print(f"picture of the run: {options.plot}")
     accounted = result["pairs"] + sum(result["lost"].values())
     if result["triggers"] != accounted:
