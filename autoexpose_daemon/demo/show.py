@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import json
+import signal
 import threading
 import time
 from contextlib import ExitStack
@@ -93,12 +94,12 @@ def _start(cameras: FakeCameras, asked_hz: float | None, console: Console) -> fl
     for the second that a search takes.
     """
     cameras.wait_until_found()
-    find_cameras()
+    _search()
     searches = 1
     while not cameras.are_timed() and not cameras.stop.is_set():
         if searches == _PATIENT_SEARCHES:
-            console.print("getting the simulation ready; the first start compiles it, for some 20 seconds ...")
-        find_cameras()
+            console.print("getting the simulation ready (the first start compiles it, for some 20 s) ...")
+        _search()
         searches += 1
     possible_hz = pairs_per_s(cameras.frame_s(), cores())
     rate_hz = held_rate_hz(possible_hz) if asked_hz is None else asked_hz
@@ -107,6 +108,14 @@ def _start(cameras: FakeCameras, asked_hz: float | None, console: Console) -> fl
         console.print(words)
     cameras.run_at(rate_hz)
     return rate_hz
+
+
+def _search() -> None:
+    """Search for cameras; Ctrl-C waits for the end of it, for Aravis complains when its search is interrupted."""
+    signals = {signal.SIGINT, signal.SIGTERM}
+    signal.pthread_sigmask(signal.SIG_BLOCK, signals)
+    find_cameras()
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, signals)
 
 
 def _configuration(options: DemoOptions, rate_hz: float) -> Config:
