@@ -265,6 +265,8 @@ def main() -> None:
 
         complain(str(error))
         raise SystemExit(1) from None
+    except KeyboardInterrupt:  # before the command had set up how it ends
+        raise SystemExit(128 + signal.SIGINT) from None
 
 
 def _add_commands(asked: str | None) -> None:

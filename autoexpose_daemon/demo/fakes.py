@@ -74,6 +74,7 @@ class FakeCamera:
                 stderr=complaints,
                 text=True,
                 env=without_fake_bus(),
+                process_group=0,  # Ctrl-C is for the demo, which ends them when the daemon has stopped
             )
         self._lines: deque[str] = deque()
         self._news = threading.Condition()

@@ -45,7 +45,8 @@ class LightStep:
         if steady is None and settled is None:
             return f"not steady before the next step (mostly: {self.mostly})"
         first = next(frames for frames in (steady, settled) if frames is not None)
-        words = f"well exposed and steady after {first} frames ({1e3 * first / rate_hz:.0f} ms)"
+        noun = "frame" if first == 1 else "frames"
+        words = f"well exposed and steady after {first} {noun} ({1e3 * first / rate_hz:.0f} ms)"
         if settled is None:
             return f"{words}, then changing with the view"
         return words if settled <= first else f"{words}, then following the view, final after {settled}"
@@ -65,6 +66,21 @@ def pulses_in_window(pulses: Sequence[Pulse], tally: Tally) -> list[Pulse]:
     if tally.window_start_ns is None or tally.window_end_ns is None:
         return []
     return [pulse for pulse in pulses if tally.window_start_ns <= pulse.host_time_ns < tally.window_end_ns]
+
+
+def lost_pulses(pulses: Sequence[Pulse], pairs_ns: Sequence[int]) -> list[int]:
+    """Times of the pulses, from the first pair to the last, that made no pair."""
+    if len(pulses) < 2 or not pairs_ns:
+        return []
+    half_ns = (pulses[1].host_time_ns - pulses[0].host_time_ns) // 2
+    taken_ns = sorted(pairs_ns)
+    lost = []
+    for pulse in pulses:
+        before = bisect_left(taken_ns, pulse.host_time_ns - half_ns)
+        made = before < len(taken_ns) and taken_ns[before] <= pulse.host_time_ns + half_ns
+        if not made and taken_ns[0] < pulse.host_time_ns < taken_ns[-1]:
+            lost.append(pulse.host_time_ns)
+    return lost
 
 
 def light_steps(pulses: Sequence[Pulse], records: Sequence[StepRecord]) -> list[LightStep]:

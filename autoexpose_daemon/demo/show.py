@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import json
+import signal
 import threading
 import time
 from contextlib import ExitStack
@@ -76,7 +77,7 @@ def report(run: Run, console: Console) -> None:
     if options.plot is not None:
         from autoexpose_daemon.demo.plot import draw  # noqa: PLC0415  matplotlib takes a second to load
 
-        draw(options.plot, run.pulses, run.recorder, f"autoexpose demo: policy {options.policy}, scene {options.scene}")
+        draw(options.plot, run, steps)
         console.print(f"picture of the run: {options.plot}")
     accounted = result["pairs"] + sum(result["lost"].values())
     if result["triggers"] != accounted:
@@ -93,12 +94,12 @@ def _start(cameras: FakeCameras, asked_hz: float | None, console: Console) -> fl
     for the second that a search takes.
     """
     cameras.wait_until_found()
-    find_cameras()
+    _search()
     searches = 1
     while not cameras.are_timed() and not cameras.stop.is_set():
         if searches == _PATIENT_SEARCHES:
-            console.print("getting the simulation ready; the first start compiles it, for some 20 seconds ...")
-        find_cameras()
+            console.print("getting the simulation ready (the first start compiles it, for some 20 s) ...")
+        _search()
         searches += 1
     possible_hz = pairs_per_s(cameras.frame_s(), cores())
     rate_hz = held_rate_hz(possible_hz) if asked_hz is None else asked_hz
@@ -107,6 +108,14 @@ def _start(cameras: FakeCameras, asked_hz: float | None, console: Console) -> fl
         console.print(words)
     cameras.run_at(rate_hz)
     return rate_hz
+
+
+def _search() -> None:
+    """Search for cameras; Ctrl-C waits for the end of it, for Aravis complains when its search is interrupted."""
+    signals = {signal.SIGINT, signal.SIGTERM}
+    signal.pthread_sigmask(signal.SIG_BLOCK, signals)
+    find_cameras()
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, signals)
 
 
 def _configuration(options: DemoOptions, rate_hz: float) -> Config:

@@ -19,11 +19,11 @@ from autoexpose_daemon.panel import lost_in_words
 
 _TRANSPORTS = {"gige": "GigE Vision", "usb3": "USB3 Vision"}
 _DURATIONS = (
-    ("pairing_ms", "pairing", "ms from a pair's arrival until it is looked at"),
-    ("decision_ms", "deciding", "ms to choose the next exposure for it"),
-    ("held_ms", "holding", "ms until the exposure under way has begun and both cameras may be written"),
-    ("write_ms", "writing", "ms to write it into a camera and read it back"),
-    ("frame_to_node_ms", "in all", "ms from a frame's arrival until what it led to is in a camera"),
+    ("pairing_ms", "pairing", "from a pair's arrival until it is looked at"),
+    ("decision_ms", "decision", "choosing an exposure"),
+    ("held_ms", "held", "waiting until both cameras may be written"),
+    ("write_ms", "writing", "putting it into a camera, and reading it back"),
+    ("frame_to_node_ms", "frame to camera", "from a frame's arrival until that is done"),
 )
 
 
@@ -106,19 +106,23 @@ def _rows(figures: Mapping[str, Any], steps: Sequence[LightStep]) -> Iterator[tu
     for key, name, meaning in _DURATIONS:
         p50, p99 = figures[key]["p50"], figures[key]["p99"]
         if p50 is not None:
-            yield name, f"{p50:.1f} {meaning} (median; 99 of 100 within {p99:.1f} ms)"
+            yield name, f"{p50:.1f} ms, 99 of 100 within {p99:.1f} ms: {meaning}"
     left, right = figures["fakes"]["cpu_percent"]
     yield "processor", f"daemon {figures['daemon_cpu_percent']:.0f} % of a core, fakes {left:.0f} % and {right:.0f} %"
     made = "ours is compiled" if figures["native"] else "ours is slow here: its C part was not compiled"
-    yield "this machine", f"{figures['reference_step_ms']:.1f} ms for the published algorithm's step; {made}"
+    yield "this machine", f"{figures['reference_step_ms']:.1f} ms for a step of the published algorithm; {made}"
 
 
 def _oddities(figures: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     if figures["mismatched_pairs"]:
-        late = f"{figures['late_writes']} writes came too late for their frame"
-        yield "mixed", f"{figures['mismatched_pairs']} pairs with different settings left and right: {late}"
+        late = f"{_count(figures['late_writes'], 'write')} came too late for their frame"
+        yield "mixed", f"{_count(figures['mismatched_pairs'], 'pair')} with different settings left and right: {late}"
     if figures["undecided_pairs"]:
-        yield "skipped", f"{figures['undecided_pairs']} pairs without a decision: a newer one was there already"
+        yield "skipped", f"{_count(figures['undecided_pairs'], 'pair')} without a decision, for a newer one was there"
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
 def _lost(figures: Mapping[str, Any]) -> str:

@@ -23,6 +23,7 @@ def test_virtual_and_real_time_settle_alike(tmp_path: Path, policy: str) -> None
         delay_frames=real["delay_frames"],
         light=LightScript.default(),
         seed=0,
+        rate_hz=real["rate_hz"],
     )
     settled = [
         (in_reality["frames_to_settle"], simulated.frames_to_settle)

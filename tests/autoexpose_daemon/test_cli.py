@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 
+from autoexpose_daemon.control.metrics import GradientMetric
 from calibration.response import ResponseFunction
 from calibration.response_file import CameraIdentity, Origin, ResponseFile
 from tests.autoexpose_daemon.stereo import stereo_cameras
@@ -52,6 +53,12 @@ def test_a_policy_that_does_not_exist_is_named_with_a_near_one() -> None:
     assert result.returncode == 1
     assert result.stderr.startswith("autoexpose: there is no policy 'begin2021'; did you mean begin2022?")
     assert result.stderr.count("\n") == 1
+
+
+def test_a_demo_without_end_is_refused() -> None:
+    result = autoexpose("demo", "--seconds", "inf")
+    assert result.returncode == 1
+    assert result.stderr == "autoexpose: --seconds inf is not within 2 to 3600 s\n"
 
 
 def test_top_without_a_daemon_is_one_sentence_that_says_what_is_needed() -> None:
@@ -179,6 +186,13 @@ def test_the_demo_reports_what_happened(tmp_path: Path) -> None:
     assert figures["policy"] == "neves2009"
     assert figures["triggers"] == figures["pairs"] + sum(figures["lost"].values())
     assert figures["pairs"] > figures["triggers"] / 2
+    assert figures["rate_hz"] in (60, 30, 20)
+    assert figures["native"] is GradientMetric().native
+    assert figures["fakes"]["overruns"] >= 0
+    assert len(figures["fakes"]["cpu_percent"]) == 2
+    assert all(percent > 0 for percent in figures["fakes"]["cpu_percent"])
+    assert {setting["lux"] for setting in figures["settings"]} == {150, 1}
+    assert figures["lost"].get("startup", 0) <= 120
     assert figures["reference_step_ms"] > 0
     assert figures["daemon_cpu_percent"] > 0
     assert figures["decision_ms"]["p50"] <= figures["decision_ms"]["p99"]

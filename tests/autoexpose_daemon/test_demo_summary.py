@@ -51,17 +51,17 @@ def test_every_figure_has_a_unit_and_a_meaning() -> None:
         "under 150 lux": "0.10 ms of exposure, 26.1 dB of gain (medians)",
         "seen": "1186 stereo pairs in 20.0 s, 59.3 per second, from two fake GigE Vision cameras",
         "lost": "none; 13 before every camera was open, 1 at the end; of 1200 triggers on the cameras' wire",
-        "deciding": "3.1 ms to choose the next exposure for a pair (median; 99 of 100 within 7.4 ms)",
-        "writing": "1.2 ms to write it into a camera and read it back (median; 99 of 100 within 3.0 ms)",
+        "decision": "3.1 ms, 99 of 100 within 7.4 ms: choosing an exposure",
+        "writing": "1.2 ms, 99 of 100 within 3.0 ms: putting it into a camera, and reading it back",
         "processor": "daemon 31 % of a core, fakes 12 % and 14 %",
-        "this machine": "3.3 ms for the published algorithm's step; ours is compiled",
+        "this machine": "3.3 ms for a step of the published algorithm; ours is compiled",
     }
 
 
 def test_what_should_not_happen_is_said_when_it_did() -> None:
-    rows = said(mismatched_pairs=2, late_writes=3, undecided_pairs=5, native=False, published=7)
+    rows = said(mismatched_pairs=2, late_writes=3, undecided_pairs=1, native=False, published=7)
     assert rows["mixed"] == "2 pairs with different settings left and right: 3 writes came too late for their frame"
-    assert rows["skipped"] == "5 pairs without a decision: a newer one was there already"
+    assert rows["skipped"] == "1 pair without a decision, for a newer one was there"
     assert rows["published"] == "7 stereo pairs, for other processes"
     assert "its C part was not compiled" in rows["this machine"]
 
