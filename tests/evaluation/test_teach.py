@@ -31,7 +31,6 @@ from evaluation.experiments.teach.sweep import OFFSETS, sweep
 from evaluation.stills import leaves
 from fake_camera.render import Renderer, Surface
 
-
 in_parks = pytest.mark.xdist_group("parks")
 """To grow a park takes seconds: those that need one share it."""
 
