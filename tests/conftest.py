@@ -26,7 +26,10 @@ OTHER_TRANSPORT = "gige_only" if CAMERAS_VARIABLE in os.environ else "usb3_only"
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leave out folders unless they are asked for by name, marks unless by -m, and what is of the other transport."""
+    """Leave out folders unless they are asked for by name, marks unless by -m, and what is of the other transport.
+
+    First comes what belongs together on one worker: it takes longest.
+    """
     asked = [Path(argument.split("::")[0]).resolve() for argument in config.args]
     closed = [folder for folder in LEFT_OUT if not any(path.is_relative_to(folder) for path in asked)]
     marks = {OTHER_TRANSPORT, *(mark for mark in MARKED_OUT if mark not in config.option.markexpr)}
@@ -37,7 +40,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
     kept = [item for item in items if not left_out(item)]
     config.hook.pytest_deselected(items=[item for item in items if item not in kept])
-    items[:] = kept
+    items[:] = sorted(kept, key=lambda item: item.get_closest_marker("xdist_group") is None)
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
