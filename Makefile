@@ -8,7 +8,7 @@ SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 # What the daemon and the demo stand on, the compiler of their C parts among it, and what only the tests need.
 COMPILER := gcc libc6-dev python3-dev
 DEMO_PACKAGES := gir1.2-aravis-0.8 python3-gi python3-venv libusb-1.0-0 $(COMPILER)
-TEST_PACKAGES := $(DEMO_PACKAGES) aravis-tools-cli aravis-tools tshark usbutils chromium systemd
+TEST_PACKAGES := $(DEMO_PACKAGES) aravis-tools-cli aravis-tools tshark usbutils chromium systemd openssl
 KERNEL_PACKAGES := qemu-system-x86 kmod udev usbip
 ROBOT_PACKAGES := $(DEMO_PACKAGES) udev
 
@@ -18,7 +18,7 @@ EXTRAS := sim,calibration,publish,record,page
 NATIVE_SOURCES := setup.py $(wildcard autoexpose_daemon/control/native/* fake_camera/usb3/shim/*)
 UNBUILT := $(if $(and $(wildcard autoexpose_daemon/control/_native.*.so),$(wildcard fake_camera/usb3/_shim.*.so)),,unbuilt)
 
-.PHONY: unbuilt setup demo test lint bench accept soak fuzz test-kernel install uninstall deb clean
+.PHONY: unbuilt setup demo test suite test-again test-data lint bench accept soak fuzz test-kernel install uninstall deb clean
 .DEFAULT_GOAL := demo
 
 # Stamps make second runs start at once; they are remade when what is installed changes.
@@ -47,16 +47,24 @@ lint: $(VENV)/dev.stamp
 	$(VENV)/bin/mypy
 	$(VENV)/bin/lint-imports
 
-test: lint ## everything that CI runs; what needs real time has the machine to itself
-	$(VENV)/bin/pytest -m "not realtime" -n 2 --dist loadgroup
+test: lint suite ## everything that CI runs
+
+suite: $(VENV)/dev.stamp ## the tests of it; what needs real time has the machine to itself
+	$(VENV)/bin/pytest -m "not realtime" -n 3 --dist loadgroup
 	$(VENV)/bin/pytest -m realtime
+
+test-again: $(VENV)/dev.stamp ## the tests N times, 20 unless given, and their sum; BUSY=1: one core kept busy meanwhile
+	$(PY) -m tools.test_again --runs $(or $(N),20) $(if $(BUSY),--busy)
+
+test-data: $(VENV)/dev.stamp ## the tests that need data from outside the repository, in AUTOEXPOSE_DATA
+	$(VENV)/bin/pytest -m data
 
 bench: $(VENV)/dev.stamp ## where the time goes, as ratios
 	$(PY) benchmarks/bench_step.py
 	$(PY) benchmarks/bench_render.py
 	$(PY) benchmarks/bench_publish.py
 
-accept: $(VENV)/dev.stamp ## the longer checks in real time, about a quarter of an hour
+accept: $(VENV)/dev.stamp ## the longer checks in real time, about 25 minutes
 	$(VENV)/bin/pytest tests/accept -p no:cacheprovider --override-ini addopts=-ra --timeout 600 -s
 
 soak: $(VENV)/dev.stamp ## endurance: a day in virtual time, ten minutes of demo, cables pulled 50 times; accounts must balance

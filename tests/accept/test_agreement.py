@@ -9,7 +9,9 @@ import pytest
 
 from fake_camera.lighting import LightScript
 from tests.accept.replay import replay_demo
-from tests.accept.test_demo import demo
+from tests.accept.test_demo import FULL, demo
+
+pytestmark = pytest.mark.quiet(FULL)
 
 
 @pytest.mark.parametrize("policy", ["metric-map", "neves2009"])

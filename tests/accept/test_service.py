@@ -1,4 +1,7 @@
-"""The daemon as a service, in real time on fake cameras: states, reloads, restarts."""
+"""The daemon as a service, in real time on fake cameras: states, reloads, restarts.
+
+tests/autoexpose_daemon/test_service.py shows the same on cameras that do as they are told.
+"""
 
 from __future__ import annotations
 
@@ -61,6 +64,10 @@ def wait_for_signs_of_life(service: ServiceProcess) -> None:
         service.wait_for("WATCHDOG=1")
 
 
+def wait_for_refusals(service: ServiceProcess, count: int) -> None:
+    service.wait_until(lambda _: service.log.count("is not taken") == count, f"{count} refusals")
+
+
 def test_a_stopped_trigger_and_a_lost_camera_degrade_and_feed_the_watchdog(rig: Rig, file: Path) -> None:
     with running_service(file) as service:
         service.wait_for("READY=1")
@@ -86,7 +93,7 @@ def test_sighup_takes_what_can_be_and_says_why_not(rig: Rig, file: Path) -> None
         for count, (sections, why) in enumerate(IMPOSSIBLE, 1):
             configure(file, rig, **sections)
             service.reload()
-            service.wait_until(lambda _, n=count: service.log.count("is not taken") == n, f"a refusal for {why}")
+            wait_for_refusals(service, count)
             assert why in next(line for line in reversed(service.log.splitlines()) if "is not taken" in line)
             wait_for_exposing(service)
         response = file.with_name("left.response.yaml")

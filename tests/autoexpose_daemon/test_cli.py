@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 
+from autoexpose_daemon.cli import main
 from autoexpose_daemon.control.metrics import GradientMetric
 from calibration.response import ResponseFunction
 from calibration.response_file import CameraIdentity, Origin, ResponseFile
@@ -61,13 +62,18 @@ def test_a_demo_without_end_is_refused() -> None:
     assert result.stderr == "autoexpose: --seconds inf is not within 2 to 3600 s\n"
 
 
-def test_top_without_a_daemon_is_one_sentence_that_says_what_is_needed() -> None:
+def test_top_without_a_daemon_is_one_sentence_that_says_what_is_needed(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     at = f"tcp/{loopback_address()}:7448"
-    result = autoexpose("top", "--once", "--connect", at)
-    assert result.returncode == 1
-    assert result.stderr.startswith(f"autoexpose: nobody answers at {at}")
-    assert "`publish: {}`" in result.stderr
-    assert result.stderr.count("\n") == 1
+    monkeypatch.setattr("autoexpose_daemon.top._PATIENCE_S", 0.1)
+    monkeypatch.setattr("sys.argv", ["autoexpose", "top", "--once", "--connect", at])
+    with pytest.raises(SystemExit, match="1"):
+        main()
+    told = capsys.readouterr().err
+    assert told.startswith(f"autoexpose: nobody answers at {at}")
+    assert "`publish: {}`" in told
+    assert told.count("\n") == 1
 
 
 def test_a_summary_that_cannot_be_written_is_refused_before_the_run(tmp_path: Path) -> None:

@@ -48,6 +48,7 @@ def browse(page: Path, tmp_path: Path) -> tuple[str, str]:
     return shown.stdout, "\n".join(line for line in shown.stderr.splitlines() if "CONSOLE" in line)
 
 
+@pytest.mark.needs("chromium")
 def test_the_page_opens_in_a_browser_and_needs_nothing_else(solved: Result, tmp_path: Path) -> None:
     page = write_report(tmp_path / "left.response.yaml", solved)
     assert page == tmp_path / "left.response.html"
@@ -62,6 +63,7 @@ def test_the_page_opens_in_a_browser_and_needs_nothing_else(solved: Result, tmp_
         assert words in text
 
 
+@pytest.mark.needs("chromium")
 def test_the_browser_would_tell_a_broken_page(tmp_path: Path) -> None:
     page = tmp_path / "broken.html"
     page.write_text('<img src="missing.png"><script>nothing()</script>')

@@ -33,6 +33,8 @@ from tests.page.browser import SHRUNK, Tab, browser
 from tests.page.server import PageProcess, running_page
 from tests.publish.steps import DECISION, endpoint, publishing, wait_until
 
+pytestmark = [pytest.mark.wire, pytest.mark.needs("chromium"), pytest.mark.xdist_group("page")]
+
 HOSTILE = "<img src=x onerror=alert(1)>"
 REASONS = "document.getElementById('reasons').innerText"
 STATE = "document.getElementById('state-word')?.innerText"
