@@ -16,7 +16,7 @@ ROBOT_PACKAGES := $(DEMO_PACKAGES) $(SHIM_PACKAGES) udev
 # Of the optional C libraries: built where there are a compiler and python3-dev, as after `make setup`.
 NATIVE_SOURCES := setup.py $(wildcard autoexpose_daemon/control/native/* fake_camera/usb3/shim/*)
 
-.PHONY: setup shim demo test lint bench accept soak fuzz test-kernel install uninstall deb clean
+.PHONY: setup shim demo test lint bench accept soak fuzz mutate test-kernel install uninstall deb clean
 .DEFAULT_GOAL := demo
 
 # Stamps make second runs start at once; they are remade when what is installed changes.
@@ -74,6 +74,14 @@ $(VENV)/fuzz.stamp: $(VENV)/dev.stamp pyproject.toml
 
 fuzz: $(VENV)/fuzz.stamp ## a million damaged messages and files to our parsers, about 12 minutes on two cores
 	nice -n 5 $(PY) -m tests.fuzz $(TARGETS)
+
+$(VENV)/mutate.stamp: $(VENV)/dev.stamp pyproject.toml
+	@echo "installing coverage ..."
+	@$(PY) -m pip install --quiet --disable-pip-version-check --editable '.[mutate]'
+	@touch $@
+
+mutate: $(VENV)/mutate.stamp ## 200 changes of the code, one at a time, that a test should notice: half an hour on two cores
+	nice -n 5 $(PY) -m tests.mutation
 
 # Fetched anew when the scripts that unpack or start it change, or after `make clean`.
 build/kernel/initramfs.gz: tests/kernel/build tests/kernel/init

@@ -20,7 +20,6 @@ from evaluation.scenarios import Course
 from evaluation.stage import Stage
 from fake_camera.simulation import RoomView
 
-
 START = ExposureSetting(500.0, 20.0)
 FIRST_S = 3.0
 """At full speed; the lap begins at rest."""
