@@ -252,3 +252,13 @@ def test_levels_that_were_never_seen_are_named() -> None:
     plain = np.where(np.arange(WIDTH) < WIDTH // 2, 100.0, 140.0)[None, :].repeat(176, axis=0).astype(np.float32)
     sweep = Bench(view=lambda _: plain).sweep((20.0, 200.0, 400.0, 2000.0))
     assert found(sweep) == ["few_levels"]
+
+
+def test_what_moves_in_half_the_picture_is_not_blamed_on_a_lamp_that_drifts() -> None:
+    def view(time_s: float) -> Radiance:
+        seen, left = scene()[:, :WIDTH].copy(), WIDTH // 2 + int(4.0 * time_s) % (WIDTH // 2)
+        seen[:, WIDTH // 2 :] = scene()[:, left : left + WIDTH // 2]
+        return seen
+
+    drift = LightScript((Change(0.0, 1.0), Change(1e-3, 1.5, DURATION_S)))
+    assert [finding.reason for finding in judge_sweep(Bench(view=view, light=drift).sweep())] == ["moving_scene"]
