@@ -126,7 +126,7 @@ def test_cameras_are_found_by_serial(backend: Backend, fake: FakeCamera, idle: F
 
 
 def test_an_unknown_serial_is_told_with_those_that_answer(fake: FakeCamera) -> None:
-    with pytest.raises(CameraNotFoundError, match=rf"NOBODY answers.*{fake.serial}"):
+    with pytest.raises(CameraNotFoundError, match=rf'"NOBODY" answers.*"{fake.serial}"'):
         open_camera("NOBODY", CameraSetup(EXTERNAL))
 
 
