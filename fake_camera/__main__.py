@@ -63,6 +63,7 @@ def _parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     add("--light", type=Path, metavar="FILE", help="light script (one with steps is built in)")
     add("--response", choices=["linear", "gamma", "s_shaped"], default="linear", help="of the sensor (%(default)s)")
     add("--seed", type=_seed, default=0, help="fixes room, noise and clock (%(default)s)")
+    add("--nice", type=_niceness, default=0, metavar="N", help="how far rendering gives way to others (%(default)s)")
     add("--keep-room", type=Path, metavar="FOLDER", help="keep the painted room there (47 MB), for a quicker start")
     add("--xml", type=Path, metavar="FILE", help="wear this GenICam description of a real camera (none: its own)")
     add("--truth", type=Path, metavar="FILE", help="write the light at each pulse of the wire as JSON lines")
@@ -109,6 +110,10 @@ def _port(text: str) -> int:
 
 def _seed(text: str) -> int:
     return _integer(text, 0, 2**64 - 1)
+
+
+def _niceness(text: str) -> int:
+    return _integer(text, 0, 19)
 
 
 def _integer(text: str, low: int, high: int) -> int:
@@ -174,7 +179,7 @@ def _device(
     options: argparse.Namespace, source: ImageSource, line0: Line0 | None = None, truth: TruthFile | None = None
 ) -> Device:
     model = "FakeU3V287M" if options.usb3 else "FakeGV287M"
-    return Device(source, options.serial, options.seed, line0, truth, model=model)
+    return Device(source, options.serial, options.seed, line0, truth, model=model, niceness=options.nice)
 
 
 def _serve(options: argparse.Namespace, device: Device, xml: XmlCamera | None, resources: contextlib.ExitStack) -> None:

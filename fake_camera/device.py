@@ -21,7 +21,6 @@ from fake_camera.truth import TruthFile
 
 _TOO_LATE_NS = 500_000_000  # a pulse this old (the process was stopped) makes no exposure
 _OVERRUN_NS = 100_000_000  # a frame that would be sent this late is dropped, so that a slow machine stays in time
-_RENDERING_NICENESS = 10  # a real sensor takes no time of the host's, nor of the camera's answers
 _UNWIRED_RATE_HZ = 60.0  # what faults and truth are counted by when no wire is plugged in
 
 
@@ -29,7 +28,8 @@ class Device:
     """One camera: one thread follows Line0 and starts exposures, one renders them, one sends them when they are due.
 
     `line0` is the wire plugged in; without one the camera can only run free or be triggered by software. `seed` and
-    `serial` fix its clock's offset and drift and the noise of its images.
+    `serial` fix its clock's offset and drift and the noise of its images. Rendering gives way to other threads by
+    `niceness`: a real sensor takes no time of the host's. But neither does a busy host keep it from taking images.
 
     Attributes
     ----------
@@ -48,8 +48,10 @@ class Device:
         truth: TruthFile | None = None,
         *,
         model: str = "FakeGV287M",
+        niceness: int = 0,
     ) -> None:
         self._source = source
+        self._niceness = niceness
         self._identity = f"{seed} {serial}"
         self._wired = line0 is not None
         self._echo_ns: int | None = None  # when a pulse rises between two of the wire's
@@ -215,7 +217,7 @@ class Device:
     def _take(self) -> None:
         """Render each exposure while it is exposed and read out, so that it is there when it is due."""
         thread = threading.get_native_id()  # of this thread alone
-        os.setpriority(os.PRIO_PROCESS, thread, os.getpriority(os.PRIO_PROCESS, thread) + _RENDERING_NICENESS)
+        os.setpriority(os.PRIO_PROCESS, thread, os.getpriority(os.PRIO_PROCESS, thread) + self._niceness)
         due_ns = 0
         while (exposure := self._exposures.get()) is not None:
             # A frame that is delayed delays those behind it: frames stay in order.

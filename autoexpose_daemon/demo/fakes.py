@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 SERIALS: dict[Side, str] = {"left": "FAKE-LEFT", "right": "FAKE-RIGHT"}
 _ADDRESSES: dict[Side, str] = {"left": "127.0.0.2", "right": "127.0.0.3"}
+_NICENESS = "10"  # sensors of real cameras take no time of the daemon's
 _READY_S = 180.0  # the first start compiles the renderer
 _LONGEST_PULSE_BYTES = 200
 
@@ -65,7 +66,8 @@ class FakeCamera:
         self._complaints = folder / f"{side}.stderr"
         # setpriv: should this process be killed, its cameras must not stay behind and hold their addresses
         command = ["setpriv", "--pdeathsig", "TERM", sys.executable, "-m", "fake_camera"]
-        command += ["--serial", SERIALS[side], "--side", side, "--truth", str(self.truth), *arguments]
+        command += ["--serial", SERIALS[side], "--side", side, "--nice", _NICENESS, "--truth", str(self.truth)]
+        command += arguments
         with self._complaints.open("w") as complaints:
             self._process = subprocess.Popen(
                 [*command, "--line0-rate-hz", "ask"],

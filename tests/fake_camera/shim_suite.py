@@ -22,6 +22,7 @@ from fake_camera.line0 import Line0
 from fake_camera.usb3.run import CAMERAS_VARIABLE
 from fake_camera.usb3.server import Usb3Server
 from tests.fake_camera.gige_client import Ramp, ramp
+from tests.fake_camera.libusb_client import LibusbCamera
 from tests.fakes import unique
 
 with warnings.catch_warnings():
@@ -228,6 +229,22 @@ def test_two_cameras_follow_the_trigger_wire_at_once(fake: Device, other: Device
     for frames in seen:  # of which a busy machine may lose some
         ids, times_ns = np.diff(frames, axis=0).T
         assert np.allclose(times_ns / ids * RATE_HZ / 1e9, 1.0, atol=1e-3)
+
+
+@pytest.mark.parametrize("ahead", [1, 16])
+def test_transfers_of_many_frames_at_once_come_in_order_and_whole(fake: Device, ahead: int) -> None:
+    """As asynchronous clients have them; what is late is counted by the camera, and nothing is lost on the way."""
+    fake.features.set("AcquisitionFrameRate", 100.0)
+    camera = LibusbCamera()
+    with camera.streaming(ahead, 64 << 10) as arriving:
+        fake.execute("AcquisitionStart")
+        frames = [next(arriving) for _ in range(60)]
+    camera.close()
+    image = ramp(720, 540).tobytes()
+    assert all(payload == image for _, payload in frames)
+    ids = np.array([frame_id for frame_id, _ in frames])
+    assert np.diff(ids).min() == 1
+    assert ids[-1] - (len(ids) - 1) <= fake.counters.overruns + fake.counters.discarded
 
 
 def test_a_stream_is_stopped_and_started_again(fake: Device) -> None:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import threading
 import time
 from collections.abc import Callable, Iterator
+from queue import Queue
 
 import numpy as np
 import pytest
@@ -418,5 +420,23 @@ def test_a_pulse_of_line3_that_is_far_from_now_makes_no_exposure() -> None:
         assert (device.counters.missed, device.counters.exposures) == (4, 0)
         device.line3_pulse(time.monotonic_ns())
         assert device.counters.exposures == 1
+    finally:
+        device.close()
+
+
+@pytest.mark.parametrize("niceness", [0, 7])
+def test_rendering_gives_way_as_far_as_it_is_told(niceness: int) -> None:
+    """By default not at all: a client that spins, as Aravis' asynchronous USB mode does, would leave it no time."""
+    rendered = Queue[int]()
+
+    class Source(Ramp):
+        def take(self, start_s: float, settings: ImageSettings, noise_seed: int) -> Pixels:
+            rendered.put(os.getpriority(os.PRIO_PROCESS, threading.get_native_id()))
+            return super().take(start_s, settings, noise_seed)
+
+    device = Device(Source(), "S1", niceness=niceness)
+    device.execute("AcquisitionStart")
+    try:
+        assert rendered.get(timeout=10) == min(os.getpriority(os.PRIO_PROCESS, 0) + niceness, 19)
     finally:
         device.close()
