@@ -46,24 +46,31 @@ class ControlSocket:
 
     def _serve(self, connection: socket.socket) -> None:
         with connection, connection.makefile("rb") as stream, contextlib.suppress(OSError):  # the client has gone
-            for line in _lines(stream):
-                connection.sendall(json.dumps(self._answer(line)).encode() + b"\n")
+            for answer in answers(stream, self._faults):
+                connection.sendall(answer)
 
-    def _answer(self, line: bytes) -> dict[str, object]:
-        if len(line) > _LONGEST_ORDER_BYTES:
-            return {"ok": False, "error": f"the line is longer than {_LONGEST_ORDER_BYTES} bytes: no order is"}
-        try:
-            fault = Fault.from_json(line.decode(errors="replace"))
-            last_trigger = self._faults.add(fault)
-        except FaultError as error:
-            return {"ok": False, "error": str(error)}
-        return {
-            "ok": True,
-            "fault": fault.name,
-            "after_trigger": fault.after_trigger,
-            "count": fault.count,
-            "last_trigger": last_trigger,
-        }
+
+def answers(stream: BinaryIO, faults: Faults) -> Iterator[bytes]:
+    """A line for each line of a stream, which is handed to `faults` when it is an order."""
+    for line in _lines(stream):
+        yield json.dumps(_answer(line, faults)).encode() + b"\n"
+
+
+def _answer(line: bytes, faults: Faults) -> dict[str, object]:
+    if len(line) > _LONGEST_ORDER_BYTES:
+        return {"ok": False, "error": f"the line is longer than {_LONGEST_ORDER_BYTES} bytes: no order is"}
+    try:
+        fault = Fault.from_json(line.decode(errors="replace"))
+        last_trigger = faults.add(fault)
+    except FaultError as error:
+        return {"ok": False, "error": str(error)}
+    return {
+        "ok": True,
+        "fault": fault.name,
+        "after_trigger": fault.after_trigger,
+        "count": fault.count,
+        "last_trigger": last_trigger,
+    }
 
 
 def _lines(stream: BinaryIO) -> Iterator[bytes]:

@@ -78,6 +78,11 @@ def _decided(frame_id: int, sequence: int, decided_us: float, shape: tuple[int, 
 FOUND: dict[str, Iterable[bytes]] = {
     "usb3": (ATTACH + submit(1, CONTROL_IN, 64) * 2 + submit(2, CONTROL_OUT, len(_READ), _READ) * 2,),
     "fault-orders": (b"[" * 100_000, b'{"fault": {}}', b'{"fault": "freeze", "count": 1e999}'),
+    "control-socket": (
+        b"[" * 100_000,
+        b"x" * 4096 + b"\n\n" + b"x" * 4097,
+        b'{"fault": "freeze", "count": 1' + b"0" * 4000 + b"}",
+    ),
     "light-script": (*_YAML, b"light: [{at_s: 0, lux: 1" + b"0" * 400 + b"}]"),
     "line0": (b"", b"no wire", b"AELINE0\x01"),
     "radiance": (_HDR + b"-Y 999999 +X 999999\n", _HDR + b"-Y 1 +X 8\n" + b"9999" * 6 + b"\1\1\1\1\xff\xff\xff\xff"),

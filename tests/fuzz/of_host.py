@@ -17,6 +17,7 @@ import yaml
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 from PIL import Image
+from prometheus_client.parser import text_string_to_metric_families
 from pydantic_core import to_json as to_bytes
 from rich.table import Table
 from starlette.requests import HTTPConnection
@@ -262,7 +263,7 @@ def show(status: Status) -> None:
     history.add_rows(table)
     panel_of(status, history, 0.0, 50)
     line_of(status)
-    exposition("rig", status)
+    list(text_string_to_metric_families(exposition("rig", status).decode()))
     to_bytes(status, inf_nan_mode="null")
 
 
