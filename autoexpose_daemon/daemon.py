@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import queue
+import sys
 import threading
 import time
 from collections.abc import Callable, Mapping
@@ -32,6 +33,9 @@ log = logging.getLogger(__name__)
 
 _STOP_S = 9.0  # a camera that does not answer holds up its teardown for 5 to 10 s
 _BEAT_S = 0.1
+_TURN_S = 0.0005
+"""So long one thread may keep the others from running Python. With Python's own 5 ms, whatever draws a terminal's view
+held up a decision, or its write, for as long as the decision itself takes."""
 _SILENCE_S = 0.2
 _SILENCE_PERIODS = 3.0
 
@@ -97,6 +101,7 @@ class Daemon:
             When a camera can never be driven as configured.
         """
         share_one_heap()
+        sys.setswitchinterval(_TURN_S)
         self.telemetry.opened_ns = time.monotonic_ns()
         with ExitStack() as outlets:
             for outlet in self.outlets:

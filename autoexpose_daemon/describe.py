@@ -6,6 +6,7 @@ import time
 
 from autoexpose_daemon.config import Config
 from autoexpose_daemon.config_publish import PublishConfig
+from autoexpose_daemon.durations import DURATIONS
 from autoexpose_daemon.fault_log import fault_log
 from autoexpose_daemon.publish.tally import PublishTally
 from autoexpose_daemon.states import Expectation, Health, judge
@@ -57,10 +58,7 @@ def describe(telemetry: Telemetry, config: Config, ending: bool = False) -> Stat
         clamped_decisions=dict(list(telemetry.clamped_decisions.items())),
         reconnects=telemetry.reconnects,
         decision=telemetry.decision,
-        decision_ms=_durations(telemetry.decision_ms),
-        write_ms=_durations(telemetry.write_ms),
-        frame_to_node_ms=_durations(telemetry.frame_to_node_ms),
-        command_to_effect_ms=_durations(telemetry.command_to_effect_ms),
+        **{duration.field: _durations(getattr(telemetry, duration.field)) for duration in DURATIONS},
         publishing=None if telemetry.publishing is None else _publishing(telemetry.publishing, now_ns),
         recorder=_recorder(telemetry),
         faults=fault_log().faults,
@@ -88,7 +86,8 @@ def _durations(measured: Measured) -> Durations:
 
 def _publishing(tally: PublishTally, now_ns: int) -> PublishStatus:
     dropped = {str(reason): count for reason, count in list(tally.dropped.items())}
-    return PublishStatus(tally.offered, tally.sent, dropped, tally.trouble, dict(tally.consumers(now_ns)))
+    listed, unlisted = dict(tally.consumers.listed(now_ns)), tally.consumers.unlisted(now_ns)
+    return PublishStatus(tally.offered, tally.sent, dropped, tally.trouble, listed, unlisted)
 
 
 def _recorder(telemetry: Telemetry) -> RecorderStatus | None:

@@ -21,6 +21,7 @@ from autoexpose_daemon.response_drift import ResponseDrift
 from autoexpose_daemon.stuck import StuckStreams
 from autoexpose_daemon.telemetry import GONE, Telemetry
 from autoexpose_daemon.tuning import Tuning
+from autoexpose_daemon.way_to_nodes import Command, WayToNodes
 from drivers.account import Tally, TriggerAccount
 from drivers.camera import IncompleteFrame
 from drivers.errors import AutoexposeError
@@ -38,7 +39,7 @@ from drivers.rig_events import (
 from drivers.seldom import Seldom
 from drivers.start_check import StartCheck
 from drivers.write_ledger import WriteLedger
-from drivers.write_window import when_to_write_ns
+from drivers.write_window import WriteWindow
 
 log = logging.getLogger(__name__)
 
@@ -107,9 +108,10 @@ class RigControl:
         self._pixel_formats: dict[Side, str | None] = {}
         self._shared_limits: ExposureLimits | None = None
         self._loop: ControlLoop | None = None
-        self._asked_arrival_ns: int | None = None
         self._ledger = WriteLedger()
         self._effects = CommandToEffect(tuple(config.sides))
+        self._way = WayToNodes(self.telemetry)
+        self._window = WriteWindow()
         self._last_trigger = -1
         self._write_again = False
         self._seldom = Seldom(_SILENCE_SAID_S)
@@ -242,6 +244,7 @@ class RigControl:
         self._ledger.gone(side)
         self._frame_watch.gone(side)
         self._effects.gone(side)
+        self._way.gone(side)
         if final:
             raise error
         self._complaints.change(side, GONE, f"{error}; trying again")
@@ -249,9 +252,8 @@ class RigControl:
     def _on_written(self, event: Written) -> None:
         self._ledger.written(event, self._account.grid)
         self.telemetry.late_writes = self._ledger.late
-        self.telemetry.write_ms.add_ns(event.finished_ns - event.started_ns)
-        if event.asked is self._asked and self._asked_arrival_ns is not None:
-            self.telemetry.frame_to_node_ms.add_ns(event.finished_ns - self._asked_arrival_ns)
+        if (command := self._way.written(event)) is not None:
+            self._window.took(event.finished_ns - command.due_ns)
         self._frame_watch.written(event.side, event.read_back, event.finished_ns)
         self._complaints.end(event.side, "refused")
         if event.read_back.agrees_with(event.asked):
@@ -264,17 +266,19 @@ class RigControl:
     def _step(self, pair: StereoPair) -> None:
         if self._loop is None:
             return
-        started_ns = self._now_ns()
+        arrival_ns, started_ns = max(frame.arrival_time_ns for frame in pair.frames), self._now_ns()
         decision = self._loop.step(pair)
         self._newest = pair
         decided_ns = self._now_ns()
+        self.telemetry.pairing_ms.add_ns(started_ns - arrival_ns)
         self.telemetry.decision_ms.add_ns(decided_ns - started_ns)
         self.telemetry.decided(decision, self._loop.setup.limits)
         if decision.setting != self._asked or self._write_again:
             self._effects.commanded(decision.setting, decided_ns)
             self._asked, self._write_again = decision.setting, False
-            self._asked_arrival_ns = max(frame.arrival_time_ns for frame in pair.frames)
-            self._cameras.write(decision.setting, self._when_to_write_ns())
+            due_ns = self._when_to_write_ns()
+            self._way.decided(Command(decision.setting, arrival_ns, decided_ns, due_ns), self.telemetry.present)
+            self._cameras.write(decision.setting, due_ns)
         self._deliver(pair, decision)
 
     def _deliver(self, pair: StereoPair, decision: Decision | None) -> None:
@@ -295,7 +299,7 @@ class RigControl:
 
     def _when_to_write_ns(self) -> int:
         now_ns, grid = self._now_ns(), self._account.grid
-        return now_ns if grid is None else when_to_write_ns(grid, now_ns)
+        return now_ns if grid is None else self._window.next_ns(grid, now_ns)
 
     def _publish_tally(self) -> None:
         tally = self._account.tally

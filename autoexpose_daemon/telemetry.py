@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.publish.tally import PublishTally
@@ -36,11 +37,16 @@ class Durations:
         self.sum_ms += duration_ms
         self.count += 1
 
+    @property
+    def latest_ms(self) -> NDArray[np.float32]:
+        """The latest of them, in no order."""
+        return self._latest_ms[: self.count]
+
     def percentiles(self) -> dict[str, float | None]:
         """Median and 99th percentile of the latest, in ms; None before the first."""
         if not self.count:
             return {"p50": None, "p99": None}
-        p50, p99 = np.percentile(self._latest_ms[: self.count], [50, 99])
+        p50, p99 = np.percentile(self.latest_ms, [50, 99])
         return {"p50": round(float(p50), 3), "p99": round(float(p99), 3)}
 
 
@@ -84,6 +90,8 @@ class Telemetry:
         For each side whose calibration does not fit, why, in words.
     applied, newest
         The setting of the newest frame that control saw, and of each camera's newest.
+    pairing_ms, decision_ms, held_ms, write_ms, frame_to_node_ms, command_to_effect_ms
+        See `DURATIONS`.
     publishing, recorder
         What became of the frames on their way out, and to disk; None when there is no such way.
     """
@@ -113,13 +121,20 @@ class Telemetry:
     newest: dict[Side, ExposureSetting] = field(default_factory=dict)
     decision: Decision | None = None
     drift_grey: dict[Side, float] = field(default_factory=dict)
+    pairing_ms: Durations = field(default_factory=Durations)
     decision_ms: Durations = field(default_factory=Durations)
+    held_ms: Durations = field(default_factory=Durations)
     write_ms: Durations = field(default_factory=Durations)
     frame_to_node_ms: Durations = field(default_factory=Durations)
     command_to_effect_ms: Durations = field(default_factory=Durations)
     publishing: PublishTally | None = None
     recorder: RecorderCounts | None = None
     _recent_ns: deque[int] = field(default_factory=lambda: deque(maxlen=120))
+
+    @property
+    def present(self) -> list[Side]:
+        """The cameras that are open."""
+        return [side for side, camera in self.cameras.items() if camera != GONE]
 
     def failed(self, error: BaseException) -> None:
         """Note what ends the daemon."""

@@ -1,4 +1,6 @@
-"""What a step of `begin2022` costs, whole and by stage, beside the literal step: interleaved medians of thread time.
+"""What a step of `begin2022` costs, whole and by stage, and one of `metric-map`, beside the literal step.
+
+Interleaved medians of thread time.
 
 Run with `.venv/bin/python benchmarks/bench_step.py [--repeats N] [--json OUT.json]`.
 """
@@ -51,6 +53,19 @@ def step_of(frames: tuple[np.ndarray, ...], native: bool, motion: MotionId) -> C
     return step
 
 
+def step_of_default(frames: tuple[np.ndarray, ...]) -> Callable[[int], object]:
+    """The step of the default policy, on both frames of a pair."""
+    loop = ControlLoop("metric-map", RESPONSE, LIMITS, SETTING)
+
+    def step(turn: int) -> None:
+        left, right = (
+            Frame(frames[side], 8, turn, turn * FRAME_NS, 0, 0, SETTING) for side in (turn % 2, 1 - turn % 2)
+        )
+        loop.step(StereoPair(turn, left, right))
+
+    return step
+
+
 def whole_steps(frames: tuple[np.ndarray, ...], paths: dict[str, bool]) -> Stages:
     """The literal step and ours, by path and flow."""
     literal = ReferenceStep()
@@ -58,6 +73,7 @@ def whole_steps(frames: tuple[np.ndarray, ...], paths: dict[str, bool]) -> Stage
     for path, native in paths.items():
         stages[f"step, {path}"] = step_of(frames, native, "dis")
         stages[f"step, {path}, same flow"] = step_of(frames, native, "farneback")
+    stages["metric-map, a pair"] = step_of_default(frames)
     return stages
 
 

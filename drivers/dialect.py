@@ -71,16 +71,17 @@ class ExposureDialect:
         return taken
 
     def _check_rounding(self, nodes: NodeMap, asked: ExposureSetting, taken: ExposureSetting) -> None:
-        allowed_us = max(TIME_ROUNDING * asked.exposure_time_us, self.time.increment(nodes))
-        if abs(taken.exposure_time_us - asked.exposure_time_us) > allowed_us:
+        # Increments are looked at last, as some cameras must be asked for them.
+        off_us = abs(taken.exposure_time_us - asked.exposure_time_us)
+        if off_us > TIME_ROUNDING * asked.exposure_time_us and off_us > self.time.increment(nodes):
             raise NodeError(
                 f"camera {nodes.serial}: node {self.time.node} was set to {asked.exposure_time_us:g} us "
                 f"and reads back {taken.exposure_time_us:g} us"
             )
         if self.gain is None:
             return
-        allowed_db = max(GAIN_ROUNDING_DB, self.gain.increment(nodes))
-        if abs(taken.gain_db - asked.gain_db) > allowed_db:
+        off_db = abs(taken.gain_db - asked.gain_db)
+        if off_db > GAIN_ROUNDING_DB and off_db > self.gain.increment(nodes):
             raise NodeError(
                 f"camera {nodes.serial}: node {self.gain.node} was set to {asked.gain_db:g} dB "
                 f"and reads back {taken.gain_db:g} dB"

@@ -193,8 +193,10 @@ class Supervisor:
             self._report_gone(error, final)
             return
         self._ever_opened, self._opened_ns = True, self._now_ns()
+        with self.news:
+            wanted, self._pending = self._wanted, None
         try:
-            self._write(camera, self._wanted)
+            self._write(camera, wanted)
             camera.start()
         except CameraError as error:
             self._lose(camera, error)

@@ -2,20 +2,40 @@
 
 from __future__ import annotations
 
+from collections import deque
+
 from drivers.grid import TriggerGrid
 
-GUARD_NS = 5e6
-"""Writing and reading back both nodes takes 0.6 ms as a rule, 4 ms once in a hundred."""
-GUARD_PERIODS = 0.3
-MARGIN_NS = 5e5
-"""Behind the expected start of an exposure: clock latches are good to 0.1 ms."""
+LONGEST_GUARD_NS = 5_000_000
+LONGEST_GUARD_PERIODS = 0.3
+"""The guard before an exposure grows no longer: there must be time left to write in."""
+MARGIN_NS = 500_000
+"""Kept on either side of the expected start of an exposure: clock latches are good to 0.1 ms, the grid to as much."""
+LEAST_WRITES = 512
+"""Fewer say too little of the slowest one in a hundred, which the guard is for."""
+REMEMBERED_WRITES = 2048
+"""Of both cameras: 17 s when every frame is followed by a write."""
 
 
-def when_to_write_ns(grid: TriggerGrid, now_ns: int) -> int:
-    """The time (host clock) to begin a write that is ready now: at once, or just after the exposure that is due.
+class WriteWindow:
+    """Finds the moment for each write.
 
-    So close before the start of an exposure that one camera, or one node, might miss it nothing is written.
+    Nothing is written so close before the start of an exposure that one camera, or one node, might miss it. How close
+    that is follows from the slowest of the recent writes; nobody having written much yet, it is `LONGEST_GUARD_NS`.
     """
-    next_ns = grid.time_of(grid.last_before(now_ns) + 1)
-    guard_ns = min(GUARD_NS, GUARD_PERIODS * grid.period_ns)
-    return now_ns if next_ns - now_ns > guard_ns else round(next_ns + MARGIN_NS)
+
+    def __init__(self) -> None:
+        self._recent_ns: deque[int] = deque(maxlen=REMEMBERED_WRITES)
+        self._guard_ns = LONGEST_GUARD_NS
+
+    def took(self, duration_ns: int) -> None:
+        """A write to a camera took so long, from the moment on at which it might begin until it was read back."""
+        self._recent_ns.append(duration_ns)
+        if len(self._recent_ns) >= LEAST_WRITES:
+            self._guard_ns = min(max(self._recent_ns) + MARGIN_NS, LONGEST_GUARD_NS)
+
+    def next_ns(self, grid: TriggerGrid, now_ns: int) -> int:
+        """When (host clock) to begin a write that is ready now: at once, or just after the exposure that is due."""
+        exposure_ns = grid.time_of(grid.last_before(now_ns) + 1)
+        guard_ns = min(self._guard_ns, LONGEST_GUARD_PERIODS * grid.period_ns)
+        return now_ns if exposure_ns - now_ns > guard_ns else round(exposure_ns + MARGIN_NS)

@@ -9,6 +9,7 @@ from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metri
 from prometheus_client.exposition import CONTENT_TYPE_PLAIN_0_0_4, generate_latest
 from prometheus_client.registry import Collector
 
+from autoexpose_daemon.durations import DURATIONS
 from autoexpose_daemon.publish.tally import DropReason
 from autoexpose_daemon.states import State
 from autoexpose_daemon.status import CameraStatus, Durations, PublishStatus, RecorderStatus, Status
@@ -103,23 +104,16 @@ class _Collector(Collector):
         yield self._counter("clamped_decisions", "Decisions that a bound held back.", clamped, "limit")
 
     def _durations(self, status: Status) -> Iterator[Metric]:
-        for name, help_text, durations in (
-            ("loop", "One step of the control loop.", status.decision_ms),
-            ("write", "Writing exposure time and gain to a camera.", status.write_ms),
-            ("frame_to_node", "From a frame in memory to the setting in a camera's nodes.", status.frame_to_node_ms),
-            (
-                "command_to_effect",
-                "From a decision to the first exposure that shows it.",
-                status.command_to_effect_ms,
-            ),
-        ):
-            yield self._summary(f"{name}_seconds", help_text, durations)
+        for duration in DURATIONS:
+            yield self._summary(f"{duration.metric}_seconds", duration.meaning, getattr(status, duration.field))
 
     def _publishing(self, publishing: PublishStatus) -> Iterator[Metric]:
         yield self._counter("published_pairs", "Pairs sent to other processes.", [((), publishing.sent)])
         dropped = _of_all(DropReason, publishing.dropped)
         yield self._counter("unpublished_pairs", "Pairs that were not sent.", dropped, "reason")
         consumers = publishing.consumers.items()
+        there = len(consumers) + publishing.unlisted_consumers
+        yield self._gauge("consumers", "Consumers that report, those not listed among them.", [((), there)])
         pairs = [((name,), tally.pairs) for name, tally in consumers]
         yield self._counter("consumer_pairs", "Pairs that a consumer got, by its own count.", pairs, "consumer")
         missed = [((name,), tally.missed) for name, tally in consumers]

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any, TypeVar
 
 from drivers.aravis.introspection import Aravis, GLib
@@ -27,9 +28,26 @@ class AravisNodes:
         self.serial = serial
         self.silent = threading.Event()
         """Set once a request was left without an answer: the camera is lost."""
-        device.set_range_check_policy(Aravis.RangeCheckPolicy.ENABLE)
-        device.set_access_check_policy(Aravis.AccessCheckPolicy.ENABLE)
         device.set_register_cache_policy(Aravis.RegisterCachePolicy.DISABLE)
+        self._check_writes(True)
+
+    @contextlib.contextmanager
+    def unchecked(self) -> Iterator[None]:
+        """Write without a look at bounds and locks first, which costs a round trip each; for what is read back after.
+
+        Aravis then leaves it to the camera to refuse a value.
+        """
+        self._check_writes(False)
+        try:
+            yield
+        finally:
+            self._check_writes(True)
+
+    def _check_writes(self, on: bool) -> None:
+        """By itself Aravis checks nothing: even a write to a read-only node then passes in silence."""
+        ranges, access = Aravis.RangeCheckPolicy, Aravis.AccessCheckPolicy
+        self._device.set_range_check_policy(ranges.ENABLE if on else ranges.DISABLE)
+        self._device.set_access_check_policy(access.ENABLE if on else access.DISABLE)
 
     def release(self) -> None:
         """Let go of the device, so that what still refers to these nodes (a traceback) does not keep it open."""

@@ -151,6 +151,11 @@ GIGE_TROUBLES: list[tuple[GigeFacts, *Trouble]] = [
     ),
     (gige_facts(GIGE, buffer=None), need(), "socket-buffer", "warning", "cannot be read", "net.core.rmem_max=4194304"),
     (
+        replace(gige_facts(GIGE), no_filter="Function not implemented"),
+        need(), "stream-filter", "warning", "streams on eth0 take packets from anyone.*: Function not implemented",
+        r'iifname "eth0" .* ip saddr != \{ 192.168.7.5 \} drop',
+    ),
+    (
         replace(gige_facts(GIGE), failures={"eth1": "Operation not permitted"}),
         need(), "gige-search", "warning", "eth1 could not be searched .*: Operation not permitted", "show dev eth1",
     ),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import socket
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -72,6 +73,14 @@ def test_a_dead_thread_of_the_rig_ends_the_service(right: Callable[[], Camera], 
     with pytest.raises(RuntimeError, match=message):
         service.run(threading.Event(), show_nothing)
     assert not [thread for thread in threading.enumerate() if thread.name.startswith(("control", "nodes", "frames"))]
+
+
+def test_no_thread_keeps_the_others_waiting_for_the_time_of_a_decision() -> None:
+    sys.setswitchinterval(0.005)
+    stop = threading.Event()
+    stop.set()
+    Daemon(CONFIG, {"left": ScriptedCamera, "right": ScriptedCamera}).run(stop)
+    assert sys.getswitchinterval() < 0.001
 
 
 def test_a_dead_camera_whose_closing_fails_ends_the_service() -> None:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from autoexpose_daemon.control.metric_map.forecast import Forecast
+from autoexpose_daemon.control.metric_map.forecast import LEAST_CHANGE, LEAST_FRAMES, RESIDUE, Forecast
 from autoexpose_daemon.control.metric_map.latency import Latency
 from autoexpose_daemon.control.metric_map.memory import FORGOTTEN, LEAST_GAP, MetricMemory, Sighting
 from autoexpose_daemon.control.metric_map.registration import Registration
@@ -164,6 +166,33 @@ def test_chance_has_no_period() -> None:
     assert forecast.period() is None
 
 
+def slow_period(changes: list[float]) -> int | None:
+    """The shortest lag, of at least two periods, by which the newest changes are large and come again."""
+    for lag in range(2, len(changes) // 2 + 1):
+        seen = np.array(changes)[-max(2 * lag, LEAST_FRAMES + lag) :]
+        large = len(seen) >= LEAST_FRAMES + 2 and np.var(seen) >= LEAST_CHANGE**2
+        if large and np.mean((seen[lag:] - seen[:-lag]) ** 2) < 2 * RESIDUE * np.var(seen):
+            return lag
+    return None
+
+
+@given(
+    length=st.integers(0, 96),
+    cycle=st.lists(st.sampled_from([0.0, 0.0, 0.1, 0.2, 1.0, -1.0, -0.2]), min_size=1, max_size=50),
+    noise=st.sampled_from([0.0, 0.02, 0.05, 0.1, 0.3]),
+    still_frames=st.integers(0, 96),
+    seed=st.integers(0, 99),
+)
+def test_looking_at_all_lags_at_once_misses_no_period(
+    length: int, cycle: list[float], noise: float, still_frames: int, seed: int
+) -> None:
+    changes = (np.resize(cycle, length) + np.random.default_rng(seed).normal(0.0, noise, length)).tolist()
+    forecast = Forecast()
+    for change in [0.0] * still_frames + changes:
+        forecast.add(change)
+    assert forecast.period() == slow_period(list(forecast.changes))
+
+
 @pytest.mark.parametrize("delay", [1, 2, 3, 6])
 def test_the_delay_is_found_in_the_settings_of_frames(delay: int) -> None:
     latency, asked = Latency(), [10.0] * delay
@@ -205,6 +234,13 @@ def test_the_second_camera_is_predicted_coarsely_but_alike() -> None:
     coarse = Viewer(LINEAR, GradientMetric(), list(FEWER_DELTAS)).view(image)
     assert coarse.curve == pytest.approx(fine.curve, abs=0.08 * fine.curve.max())
     assert coarse.signal == fine.signal
+
+
+@pytest.mark.parametrize("deltas", [DELTAS, FEWER_DELTAS])
+def test_a_view_tells_the_metric_of_the_image_as_it_is(deltas: np.ndarray) -> None:
+    metric, image = GradientMetric(), frame(11.0, 11.5)
+    curved = ResponseFunction(np.linspace(0.0, 4.0, 256) ** 1.5, 0, 255)
+    assert Viewer(curved, metric, list(deltas)).view(image).curve[DELTAS == 0.0] == metric.measure(image)
 
 
 @pytest.mark.parametrize(("share", "remembered"), [(0.85, 2), (0.5, 1), (2.0, 1)])

@@ -88,6 +88,16 @@ def test_a_camera_that_ran_for_long_is_tried_soon_again() -> None:
     assert camera.closed.wait(10.0)
 
 
+def test_a_camera_that_is_opened_takes_the_newest_setting_once() -> None:
+    camera = InstantCamera()
+    bench = Bench(CameraNotFoundError("no camera S"))
+    bench.run(0.5)
+    bench.supervisor.request(ExposureSetting(2000.0, 0.0), 0)
+    bench.camera = camera
+    bench.run(2.0)
+    assert camera.written == [ExposureSetting(2000.0, 0.0)]
+
+
 def test_a_clock_that_cannot_be_read_is_said_but_not_every_second(caplog: pytest.LogCaptureFixture) -> None:
     camera = InstantCamera()
     camera.refuses_latches = True

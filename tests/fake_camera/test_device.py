@@ -15,8 +15,10 @@ from fake_camera.faults import JUMP_NS, Fault
 from fake_camera.features import Features
 from fake_camera.imaging import ExposedFrame, ImageSettings, Pixels
 from fake_camera.line0 import Line0
+from tests.fake_camera.gige_client import Ramp
 
 MS = 1_000_000
+PATIENCE_S = 20.0
 NO_FAULTS: frozenset[str] = frozenset()
 
 
@@ -212,7 +214,7 @@ class FlatSource:
 
     def take(self, start_s: float, settings: ImageSettings, noise_seed: int) -> Pixels:
         assert start_s >= 0
-        self.hold.wait(5)
+        self.hold.wait(PATIENCE_S)
         self.seeds.append(noise_seed)
         return np.full((settings.height, settings.width), 100, np.uint8)
 
@@ -235,12 +237,12 @@ class Client:
 
     def wait(self, condition: Callable[[list[ExposedFrame]], bool]) -> list[ExposedFrame]:
         with self._more:
-            assert self._more.wait_for(lambda: condition(self.frames), timeout=4), "no such frames came"
+            assert self._more.wait_for(lambda: condition(self.frames), timeout=PATIENCE_S), "no such frames came"
             return list(self.frames)
 
 
 def wait_until(condition: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + 4
+    deadline = time.monotonic() + PATIENCE_S
     while not condition():
         assert time.monotonic() < deadline, "it did not happen in time"
         time.sleep(0.001)
@@ -379,7 +381,7 @@ def test_a_camera_that_comes_back_is_in_its_power_on_state(device: Device) -> No
     trigger_by_line0(device)
     first = client.wait(lambda frames: len(frames) >= 1)[0]
     device.faults.add(Fault("vanish", after_trigger=(first.trigger or 0) + 3, count=5))
-    assert restarted.wait(4)
+    assert restarted.wait(PATIENCE_S)
     wait_until(lambda: not device.faults.vanished)
     assert device.features.get("TriggerMode") == "Off"
     assert device.features.get("ExposureAuto") == "Continuous"
@@ -403,3 +405,18 @@ def test_the_clock_drifts_by_a_few_ppm_and_differs_between_cameras(source: FlatS
 def test_an_unknown_command_is_a_key_error(device: Device) -> None:
     with pytest.raises(KeyError):
         device.execute("FileOpen")
+
+
+def test_a_pulse_of_line3_that_is_far_from_now_makes_no_exposure() -> None:
+    device = Device(Ramp(), "S1")
+    device.features.set("TriggerMode", "On")
+    device.features.set("TriggerSource", "Line3")
+    device.execute("AcquisitionStart")
+    try:
+        for far_ns in (2**63 - 1, -(2**63), 0, time.monotonic_ns() + 10**12):
+            device.line3_pulse(far_ns)
+        assert (device.counters.missed, device.counters.exposures) == (4, 0)
+        device.line3_pulse(time.monotonic_ns())
+        assert device.counters.exposures == 1
+    finally:
+        device.close()

@@ -155,7 +155,8 @@ class MetricMemory:
             beyond = np.maximum(delta - TRUSTED_RISE, 0.0)
             up = NEARER_UP * np.clip(delta, 0.0, TRUSTED_RISE) + FARTHER_BEYOND * beyond + sighting.age
             down = np.maximum(-delta, 0.0)
+            sureness = np.exp(-doubt * beyond)
             for camera, view in enumerate(sighting.views):
-                values[row, camera] = np.interp(delta, DELTAS, view.curve) * np.exp(-doubt * beyond)
+                values[row, camera] = np.interp(delta, DELTAS, view.curve) * sureness
                 distances[row, camera] = up + down * (1.0 + BLINDNESS * view.saturated_share)
         return values, distances

@@ -68,13 +68,11 @@ class Viewer:
         self._metric = metric
         self._shares = ExtremeShares(response)
         self._deltas = deltas
-        self._here = list(deltas).index(0.0)
-        self._tables = PackedTables(prediction_tables(response, [delta for delta in deltas if delta != 0]))
+        self._tables = PackedTables(prediction_tables(response, deltas))
 
     def view(self, image: NDArray[np.uint8], weights: NDArray[np.uint8] | None = None) -> View:
         """The view of an image, uint8, (height, width), whose pixels count as `weights` (same shape) say."""
-        predicted = self._metric.measure_predictions(image, self._tables, weights)
-        curve = np.insert(predicted, self._here, self._metric.measure(image, weights))
+        curve = self._metric.measure_predictions(image, self._tables, weights)
         saturated, _ = self._shares.measure(image, weights)
         return View(np.interp(DELTAS, self._deltas, curve), saturated, self._signal(image, weights))
 

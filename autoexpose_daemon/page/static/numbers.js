@@ -106,7 +106,9 @@ function showWrites(status) {
 
 function showLatency(status) {
   const rows = [
+    ["pairing", status.pairing_ms],
     ["one decision", status.decision_ms],
+    ["held for the write window", status.held_ms],
     ["writing a camera", status.write_ms],
     ["frame to node", status.frame_to_node_ms],
     ["command to effect", status.command_to_effect_ms],
@@ -132,15 +134,13 @@ function responseWords({ drift_grey: drift, misfit }) {
 }
 
 function showConsumers(publishing) {
-  const consumers = Object.entries(publishing?.consumers ?? {});
-  fill(
-    byId("consumers"),
-    consumers.map(([name, tally]) => [
-      [name, format.count(tally.pairs), format.count(tally.lost), format.count(tally.too_slow)],
-      tally.lost + tally.too_slow > 0 && "bad",
-    ]),
-    ["", "pairs", "lost", "too slow"],
-  );
+  const rows = Object.entries(publishing?.consumers ?? {}).map(([name, tally]) => [
+    [name, format.count(tally.pairs), format.count(tally.lost), format.count(tally.too_slow)],
+    tally.lost + tally.too_slow > 0 && "bad",
+  ]);
+  const unlisted = publishing?.unlisted_consumers ?? 0;
+  if (unlisted > 0) rows.push([[`${format.count(unlisted)} more`]]);
+  fill(byId("consumers"), rows, ["", "pairs", "lost", "too slow"]);
   if (!publishing) return;
   const dropped = byReason(publishing.dropped).map(([reason, number]) => `${format.count(number)} ${words(reason)}`);
   byId("published").textContent =
