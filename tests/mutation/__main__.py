@@ -18,9 +18,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TypeVar
 
+from tests.mutation.accepted import ACCEPTED
 from tests.mutation.relevance import CHUNK, Relevance, related
 from tests.mutation.report import Outcomes, complaint, row, summary, table
-from tests.mutation.scope import Mutant, sample, sources
+from tests.mutation.scope import Mutant, generated, sample, sources
 from tests.mutation.trial import Fate, Log, judge
 from tests.mutation.workplace import Workplace
 
@@ -79,6 +80,8 @@ def main() -> int:
         outcomes = try_all(bench, relevance, sample(texts, count, seed))
     (BUILD / "table.md").write_text(table(outcomes))
     print(f"{summary(outcomes)}\n\nAll of them: {BUILD / 'table.md'}")
+    for name in ACCEPTED.keys() - {mutant.name for mutant in generated(texts)}:
+        print(f"explained in tests/mutation/accepted.py, but gone from the code: {name}")
     wrong = complaint(outcomes)
     if wrong:
         print(wrong, file=sys.stderr)

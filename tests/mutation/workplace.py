@@ -52,13 +52,13 @@ class Workplace:
         finally:
             self._write(file, original)
 
-    def pytest(self, arguments: Sequence[str], timeout_s: float, variables: Mapping[str, str] = {}) -> Ended:
+    def pytest(self, arguments: Sequence[str], timeout_s: float, variables: Mapping[str, str] | None = None) -> Ended:
         """Run pytest on tests of the copy, which import the copy."""
         options = ["-p", "no:cacheprovider", "--override-ini", "addopts=", "-q", "-rfE", "--tb=no", "--no-header"]
         process = subprocess.Popen(
             ["prlimit", f"--as={MEMORY}", sys.executable, "-m", "pytest", *options, *arguments],
             cwd=self.root,
-            env=os.environ | {"PYTHONPATH": str(self.root), "OPENBLAS_NUM_THREADS": "1"} | dict(variables),
+            env=os.environ | {"PYTHONPATH": str(self.root), "OPENBLAS_NUM_THREADS": "1"} | dict(variables or {}),
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
