@@ -24,7 +24,7 @@ from drivers.network import SOCKET_BUFFER_BYTES, NetworkInterface
 from drivers.usb import DeviceNode, Process, UsbCamera, UsbFacts, find_usb
 from tests.autoexpose_daemon.test_cli import autoexpose
 from tests.drivers.usb_tree import UsbDevice, UsbTree
-from tests.fake_camera.gige_client import CCP, GvcpClient
+from tests.fake_camera.gige_client import CCP, HEARTBEAT_TIMEOUT, GvcpClient
 from tests.fakes import fake_camera, unique
 
 FOLDER = Path(__file__).parents[2]
@@ -310,6 +310,7 @@ def test_the_command_on_a_camera_on_the_wire(tmp_path: Path) -> None:
 
         with GvcpClient(camera.address) as client:
             client.write(CCP, 2)
+            client.write(HEARTBEAT_TIMEOUT, 60_000)  # a busy machine may take longer to ask the doctor than the usual 3 s
             result = autoexpose("doctor", "--json", "-c", str(named))
         assert result.returncode == 1
         (stop,) = (finding for finding in json.loads(result.stdout)["findings"] if finding["severity"] == "stops")

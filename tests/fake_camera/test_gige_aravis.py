@@ -187,7 +187,7 @@ def test_a_second_opener_gets_no_control_and_the_features_stay_locked_while_stre
 def test_a_silent_client_loses_control_and_the_stream_stops(fake: Device) -> None:
     with GvcpClient(ADDRESS) as silent, GvcpClient(ADDRESS) as other:
         assert silent.write(CCP, CONTROL) == 0
-        assert silent.write(0x0938, 500) == 0
+        assert silent.write(HEARTBEAT_TIMEOUT, 500) == 0
         fake.execute("AcquisitionStart")
         assert other.write(CCP, CONTROL) == ACCESS_DENIED
         wait_for(lambda: other.read(CCP) == 0)
