@@ -22,6 +22,7 @@ from tests.fake_camera.gige_client import (
     CCP,
     DISCOVERY,
     FORCEIP,
+    HEARTBEAT_TIMEOUT,
     GvcpClient,
     device,
     gige_camera,
