@@ -18,7 +18,7 @@ EXTRAS := sim,calibration,publish,record,page
 NATIVE_SOURCES := setup.py $(wildcard autoexpose_daemon/control/native/* fake_camera/usb3/shim/*)
 UNBUILT := $(if $(and $(wildcard autoexpose_daemon/control/_native.*.so),$(wildcard fake_camera/usb3/_shim.*.so)),,unbuilt)
 
-.PHONY: unbuilt setup demo test suite test-again test-data lint bench accept soak fuzz test-kernel install uninstall deb clean
+.PHONY: unbuilt setup demo test suite test-again test-data lint bench accept soak fuzz mutate test-kernel install uninstall deb clean
 .DEFAULT_GOAL := demo
 
 # Stamps make second runs start at once; they are remade when what is installed changes.
@@ -79,6 +79,13 @@ $(VENV)/fuzz.stamp: $(VENV)/dev.stamp pyproject.toml
 
 fuzz: $(VENV)/fuzz.stamp ## a million damaged messages and files to our parsers, about 12 minutes on two cores
 	nice -n 5 $(PY) -m tests.fuzz $(TARGETS)
+
+$(VENV)/mutate.stamp: $(VENV)/dev.stamp pyproject.toml
+	@./tools/install-python $(PY) mutate
+	@touch $@
+
+mutate: $(VENV)/mutate.stamp ## 200 changes of the code, one at a time, that a test should notice: half an hour on two cores
+	nice -n 5 $(PY) -m tests.mutation
 
 # Fetched anew when the scripts that unpack or start it change, or after `make clean`.
 build/kernel/initramfs.gz: tests/kernel/build tests/kernel/init

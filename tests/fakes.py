@@ -142,7 +142,7 @@ def run_camera(*arguments: str) -> subprocess.CompletedProcess[str]:
     """What ``python -m fake_camera`` ends with: for mistakes, and commands that it runs."""
     with tempfile.TemporaryDirectory() as directory:
         files = [Path(directory) / name for name in ("stdout", "stderr")]
-        process = NURSERY.Process(target=_end_as_a_camera, args=(list(arguments), files))
+        process = NURSERY.Process(target=_end_as_a_camera, args=(list(arguments), files, dict(os.environ)))
         process.start()
         process.join(START_TIMEOUT_S)
         ended = process.exitcode is not None
@@ -183,7 +183,8 @@ def _be_a_camera(arguments: list[str], output: Connection) -> None:
     sys.exit(main(arguments))
 
 
-def _end_as_a_camera(arguments: list[str], outputs: list[Path]) -> None:
+def _end_as_a_camera(arguments: list[str], outputs: list[Path], environment: dict[str, str]) -> None:
+    os.environ |= environment  # the nursery has that of its own start
     for number, output in enumerate(outputs, 1):
         os.dup2(os.open(output, os.O_WRONLY | os.O_CREAT), number)
     sys.exit(main(arguments))

@@ -150,9 +150,10 @@ class FakeCameras:
         for camera in self.both:
             camera.line(self.stop)
 
-    def are_timed(self) -> bool:
-        """Whether both know how long a frame takes, or have ended."""
-        return all(camera.has_spoken(0.0) for camera in self.both)
+    def are_timed(self, timeout_s: float) -> bool:
+        """Wait a while until both know how long a frame takes, or have ended."""
+        deadline_s = time.monotonic() + timeout_s
+        return all(camera.has_spoken(deadline_s - time.monotonic()) for camera in self.both)
 
     def frame_s(self) -> float:
         """Processor time that the slower one takes for a frame."""

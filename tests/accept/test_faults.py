@@ -207,7 +207,7 @@ def test_node_sticks(run: Run) -> None:
     with only(run, "refused writes", "late writes", "mismatched pairs") as new:
         run.left.inject("stick", count=40)
         ask(run, 3000)
-        wait_for_state(run, "node ExposureTime was set to 3000 us and reads back 1000 us")
+        wait_for_state(run, "node ExposureTime was set to 3000 us and reads back 2000 us")
         wait_for_taken(run, 3000)
     assert 1 <= new["refused writes"] <= 40
 

@@ -11,8 +11,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from calibration.noise.photon_transfer import PhotonTransfer, photon_transfer
-from calibration.noise.variance_curve import quantised, variance_curve, without_quantisation
+from calibration.noise.photon_transfer import PhotonTransfer, _weighted_line, photon_transfer
+from calibration.noise.variance_curve import VarianceCurve, quantised, variance_curve, without_quantisation
 from calibration.sweep import Shot, Sweep
 from drivers.exposure import ExposureSetting
 from fake_camera.imaging import MAX_GREY
@@ -200,3 +200,20 @@ def test_a_real_ccd_measured_after_emva_1288() -> None:
     assert min(full) == pytest.approx(11_000.0, rel=0.03)
     dark = [cv2.imread(str(path), cv2.IMREAD_UNCHANGED).astype(np.float64) for path in sorted(basler.glob("d_000_*"))]
     assert model.read_noise_dn.value == pytest.approx(np.sqrt(np.var(dark[0] - dark[1]) / 2.0 - 1.0 / 12.0), rel=0.10)
+
+
+@pytest.mark.parametrize("gain_db", [0.0, 24.0])
+def test_the_full_well_is_known_no_better_than_the_gain_it_is_counted_with(gain_db: float) -> None:
+    model = photon_transfer(noisy_sweep("Mono12", gain_db)).model
+    assert model is not None and model.full_well_e is not None
+    relative = model.system_gain.error / model.system_gain.value
+    assert relative <= model.full_well_e.error / model.full_well_e.value < 3.0 * relative
+
+
+def test_bins_that_scatter_more_than_chance_make_the_line_less_sure() -> None:
+    mean = np.linspace(100.0, 2000.0, 20)
+    straight = VarianceCurve(mean, 10.0 + 0.4 * mean, np.full(20, 1e5), 4.0, 1)
+    scattered = replace(straight, variance=straight.variance * (1.0 + 0.1 * (-1.0) ** np.arange(20)))
+    sure, unsure = (_weighted_line(curve, np.ones(20, bool)) for curve in (straight, scattered))
+    assert sure is not None and unsure is not None
+    assert unsure.error_at(1000.0) > 5.0 * sure.error_at(1000.0)

@@ -224,3 +224,15 @@ def test_images_that_do_not_cover_each_other_are_warned_of() -> None:
     sweep = read_images(data("bracket_stlouis_ccbysa"))
     solution = solve_response(sweep)
     assert [(f.severity, f.reason) for f in judge_solution(sweep, solution)] == [("warned", "moving_scene")]
+
+
+def test_exposures_in_other_units_give_the_same_curve() -> None:
+    sweep = Bench("gamma").sweep(TIMES_US)
+    in_ns = Sweep(
+        tuple(
+            replace(shot, setting=replace(shot.setting, exposure_time_us=1e3 * shot.setting.exposure_time_us))
+            for shot in sweep.shots
+        )
+    )
+    here, there = solve_response(sweep).response, solve_response(in_ns).response
+    assert np.array_equal(here.log2_exposure, there.log2_exposure)

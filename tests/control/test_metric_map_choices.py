@@ -46,7 +46,7 @@ def test_dusk_is_followed_before_the_picture_suffers() -> None:
     """It gets dark by a stop in 1.3 s: too slowly to be led as a ramp, and never enough in a frame to be a change."""
     lights = [11.0] * 20 + list(np.linspace(11, 14, 240))
     levels = run(make(), lights, START, scene=SCENE)
-    assert ratios(levels, lights)[25:].min() > 0.95
+    assert ratios(levels, lights)[25:].min() > 0.93
 
 
 def test_frames_of_a_moving_camera_differ_by_at_most_0_4_stop() -> None:

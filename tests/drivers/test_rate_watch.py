@@ -10,7 +10,7 @@ import pytest
 
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame
-from drivers.rate_watch import JUDGED_FRAMES, RateWatch, mean_period_ns
+from drivers.rate_watch import JUDGED_FRAMES, RateWatch, mean_period_ns, wrong_rate
 
 MS = 1_000_000
 PERIOD_NS = 20 * MS
@@ -102,3 +102,8 @@ def test_lost_frames_a_pause_and_a_camera_that_begins_again_are_no_other_rate() 
     assert {watch.frame("left", frame(number, number * PERIOD_NS)) for number in times} == {None}
     watch.gone("left")
     assert feed(watch) is None
+
+
+@pytest.mark.parametrize(("rate_hz", "told"), [(59.0, True), (59.7, False), (60.3, False), (61.0, True)])
+def test_a_frame_a_second_too_few_or_too_many_is_another_rate(rate_hz: float, told: bool) -> None:
+    assert (wrong_rate(1e9 / rate_hz, 60.0) is not None) == told

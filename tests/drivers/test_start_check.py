@@ -92,3 +92,10 @@ def test_pulses_that_begin_late_are_no_finding_before_both_cameras_had_time_to_s
     assert "no trigger pulse" in judge.findings(PATIENCE_NS + 1)[0]
     judge.frame("left", PATIENCE_NS)
     assert judge.findings(PATIENCE_NS + 2) == []
+
+
+def test_it_is_the_difference_that_counts_not_when_both_began() -> None:
+    judge = check()
+    for side in SIDES:
+        feed(judge, side, offset_ns=6 * MS)
+    assert judge.findings(0) == []

@@ -20,6 +20,7 @@ from fake_camera.line0 import Line0
 from tests.fake_camera.gige_client import Ramp
 
 MS = 1_000_000
+PATIENCE_S = 20.0
 NO_FAULTS: frozenset[str] = frozenset()
 
 
@@ -215,7 +216,7 @@ class FlatSource:
 
     def take(self, start_s: float, settings: ImageSettings, noise_seed: int) -> Pixels:
         assert start_s >= 0
-        self.hold.wait(5)
+        self.hold.wait(PATIENCE_S)
         self.seeds.append(noise_seed)
         return np.full((settings.height, settings.width), 100, np.uint8)
 
@@ -238,12 +239,12 @@ class Client:
 
     def wait(self, condition: Callable[[list[ExposedFrame]], bool]) -> list[ExposedFrame]:
         with self._more:
-            assert self._more.wait_for(lambda: condition(self.frames), timeout=4), "no such frames came"
+            assert self._more.wait_for(lambda: condition(self.frames), timeout=PATIENCE_S), "no such frames came"
             return list(self.frames)
 
 
 def wait_until(condition: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + 4
+    deadline = time.monotonic() + PATIENCE_S
     while not condition():
         assert time.monotonic() < deadline, "it did not happen in time"
         time.sleep(0.001)
@@ -382,7 +383,7 @@ def test_a_camera_that_comes_back_is_in_its_power_on_state(device: Device) -> No
     trigger_by_line0(device)
     first = client.wait(lambda frames: len(frames) >= 1)[0]
     device.faults.add(Fault("vanish", after_trigger=(first.trigger or 0) + 3, count=5))
-    assert restarted.wait(4)
+    assert restarted.wait(PATIENCE_S)
     wait_until(lambda: not device.faults.vanished)
     assert device.features.get("TriggerMode") == "Off"
     assert device.features.get("ExposureAuto") == "Continuous"

