@@ -28,7 +28,7 @@ def test_a_regular_file_is_read_up_to_a_length(tmp_path: Path) -> None:
         read_regular(path, 4095)
 
 
-@pytest.fixture(params=["pipe", "/dev/zero", "/dev/urandom", "/dev/null"])
+@pytest.fixture(params=["pipe", ".", "/dev/zero", "/dev/urandom", "/dev/null"])
 def odd(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
     if request.param == "pipe":
         os.mkfifo(tmp_path / "pipe")
@@ -37,7 +37,7 @@ def odd(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
 
 @pytest.mark.timeout(20)
 @pytest.mark.parametrize("read", READERS)
-def test_pipes_and_devices_are_refused_at_once(read: Callable[[Path], object], odd: Path) -> None:
+def test_pipes_devices_and_folders_are_refused_at_once(read: Callable[[Path], object], odd: Path) -> None:
     with pytest.raises((OSError, ValueError), match="it is no regular file") as refused:
         read(odd)
     assert str(odd) in str(refused.value)
