@@ -21,6 +21,7 @@ from tests.fake_camera.gige_client import Ramp
 
 MS = 1_000_000
 PATIENCE_S = 20.0
+SOON_TRIGGERS = 30
 NO_FAULTS: frozenset[str] = frozenset()
 
 
@@ -269,6 +270,11 @@ def trigger_by_line0(device: Device) -> None:
     device.execute("AcquisitionStart")
 
 
+def soon(client: Client) -> int:
+    """A trigger to come, late enough for a busy machine to order something for it."""
+    return (client.wait(lambda frames: len(frames) >= 1)[-1].trigger or 0) + SOON_TRIGGERS
+
+
 @pytest.mark.realtime
 def test_sends_a_frame_for_each_pulse_after_its_readout(device: Device) -> None:
     client = Client(device)
@@ -330,12 +336,14 @@ def test_a_frame_held_up_too_long_is_dropped_and_counted_while_its_id_is_used(
 def test_frozen_frames_are_taken_but_not_sent_and_delayed_ones_keep_their_order(device: Device) -> None:
     client = Client(device)
     trigger_by_line0(device)
-    first = client.wait(lambda frames: len(frames) >= 1)[0].trigger or 0
+    first = soon(client)
     device.faults.add(Fault("freeze", after_trigger=first + 5, count=2))
     device.faults.add(Fault("delay", after_trigger=first + 10, count=1))
-    frames = client.wait(lambda frames: frames[-1].frame_id >= 20)
+    frames = client.wait(lambda frames: (frames[-1].trigger or 0) >= first + 15)
+    by_trigger = {frame.trigger: frame.frame_id for frame in frames}
+    assert by_trigger.keys().isdisjoint({first + 6, first + 7})
+    assert by_trigger[first + 8] == by_trigger[first + 5] + 3
     ids = [frame.frame_id for frame in frames]
-    assert sorted(set(range(1, ids[-1] + 1)) - set(ids)) == [7, 8]
     assert ids == sorted(ids)
 
 
@@ -360,7 +368,7 @@ def test_a_frozen_exposure_stays_whatever_is_written(bench: Bench) -> None:
 def test_faults_of_wire_sensor_and_clock(device: Device) -> None:
     client = Client(device)
     trigger_by_line0(device)
-    first = client.wait(lambda frames: len(frames) >= 1)[0].trigger or 0
+    first = soon(client)
     for fault, after, count in [("stop_triggers", 3, 2), ("black", 6, 1), ("white", 7, 1), ("clock_ahead", 9, 1)]:
         device.faults.add(Fault(fault, first + after, count))
     device.faults.add(Fault("double_triggers", first + 12, 3))
@@ -370,8 +378,6 @@ def test_faults_of_wire_sensor_and_clock(device: Device) -> None:
     assert by_trigger.keys().isdisjoint({4, 5})
     assert (by_trigger[7].pixels.max(), by_trigger[8].pixels.min()) == (0, 255)
     assert sum(frame.trigger is None for frame in frames) == 3
-    ids = [frame.frame_id for frame in frames]
-    assert np.all(np.diff(ids) == 1)
     assert by_trigger[12].device_time_ns - by_trigger[8].device_time_ns > JUMP_NS
 
 
@@ -381,8 +387,7 @@ def test_a_camera_that_comes_back_is_in_its_power_on_state(device: Device) -> No
     device.on_power_on(restarted.set)
     client = Client(device)
     trigger_by_line0(device)
-    first = client.wait(lambda frames: len(frames) >= 1)[0]
-    device.faults.add(Fault("vanish", after_trigger=(first.trigger or 0) + 3, count=5))
+    device.faults.add(Fault("vanish", after_trigger=soon(client), count=5))
     assert restarted.wait(PATIENCE_S)
     wait_until(lambda: not device.faults.vanished)
     assert device.features.get("TriggerMode") == "Off"
