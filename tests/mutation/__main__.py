@@ -70,7 +70,7 @@ class Bench:
 
 def main() -> int:
     """Draw the mutants, try them, say what became of them."""
-    count, seed = int(os.environ.get("MUTANTS", "200")), int(os.environ.get("SEED", "1"))
+    count, seed = whole_number("MUTANTS", 200), whole_number("SEED", 1)
     BUILD.mkdir(parents=True, exist_ok=True)
     texts = sources(PROJECT)
     relevance = Relevance(PROJECT, texts, BUILD / "tests.json")
@@ -88,6 +88,14 @@ def main() -> int:
     return 1 if wrong else 0
 
 
+def whole_number(variable: str, usual: int) -> int:
+    """What a variable of the environment says."""
+    text = os.environ.get(variable, "")
+    if text and not text.isdecimal():
+        sys.exit(f"{variable} is {text!r}: give a whole number, or leave it out for {usual}")
+    return int(text) if text else usual
+
+
 def trace(bench: Bench, relevance: Relevance) -> None:
     """Learn what the tests run, where this is not known."""
     files = relevance.untraced
@@ -96,9 +104,11 @@ def trace(bench: Bench, relevance: Relevance) -> None:
     print(f"which test runs what: {len(files)} files of tests under coverage", flush=True)
     parts = -(-len(files) // CHUNK)
     chunks = [tuple(files[part::parts]) for part in range(parts)]
-    for number, (chunk, _) in enumerate(bench.do(chunks, relevance.trace), 1):
+    for number, (chunk, failed) in enumerate(bench.do(chunks, relevance.trace), 1):
         relevance.keep()
         print(f"  part {number} of {parts}: {len(chunk)} files", flush=True)
+        for test in failed:
+            print(f"  fails without any change, and is left out: {test}", flush=True)
 
 
 def try_all(bench: Bench, relevance: Relevance, mutants: list[Mutant]) -> Outcomes:

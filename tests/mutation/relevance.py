@@ -76,8 +76,8 @@ class Relevance:
         """Test files of which it is not known what they run."""
         return [path for path in self.test_files if path not in self._known]
 
-    def trace(self, workplace: Workplace, chunk: Sequence[str]) -> None:
-        """Run some test files and keep what they run."""
+    def trace(self, workplace: Workplace, chunk: Sequence[str]) -> list[str]:
+        """Run some test files and keep what they run; returns the tests that fail as things are."""
         out = workplace.root / "trace.json"
         out.unlink(missing_ok=True)
         options = ["-p", "tests.mutation.tracing", "-m", MARKS]
@@ -88,6 +88,7 @@ class Relevance:
         for path in chunk:
             own = {name: test for name, test in tests.items() if name.split("::")[0] == path}
             self._known[path] = {"digest": self._digest(path), "tests": own}
+        return ended.all_failed
 
     def keep(self) -> None:
         """Write down what is known."""

@@ -27,10 +27,14 @@ class Ended:
     output: str
 
     @property
+    def all_failed(self) -> list[str]:
+        """The tests that failed, and what could not be imported."""
+        return re.findall(r"^(?:FAILED|ERROR) (.+?)(?: - .*)?$", self.output, re.MULTILINE)
+
+    @property
     def failed(self) -> str | None:
-        """The first test that failed, or what could not be imported."""
-        found = re.search(r"^(?:FAILED|ERROR) (.+?)(?: - .*)?$", self.output, re.MULTILINE)
-        return found[1] if found else None
+        """The first of them."""
+        return next(iter(self.all_failed), None)
 
 
 class Workplace:
