@@ -201,7 +201,8 @@ def test_the_demo_reports_what_happened(tmp_path: Path) -> None:
     assert figures["lost"].get("startup", 0) <= 120
     assert figures["reference_step_ms"] > 0
     assert figures["daemon_cpu_percent"] > 0
-    assert figures["decision_ms"]["p50"] <= figures["decision_ms"]["p99"]
+    for part in ("pairing_ms", "decision_ms", "held_ms", "write_ms", "frame_to_node_ms"):
+        assert figures[part]["p50"] <= figures[part]["p99"]
     assert figures["steps"]
     assert plot.read_bytes().startswith(b"\x89PNG")
     settled = [step["frames_to_settle"] is not None for step in figures["steps"]]
