@@ -127,12 +127,13 @@ def usb3_environment(*sockets: Path | None) -> dict[str, str]:
     return client_environment([socket for socket in sockets if socket is not None])
 
 
-def run_under_shim(suite: Path, *sockets: Path, timeout_s: float = 100.0, only: str = "", marked: str = "") -> None:
-    """Run the tests of a file in a process whose USB bus has ports at these sockets; all must pass.
+def run_under_shim(suites: Path | Sequence[Path], *sockets: Path, timeout_s: float = 100.0, marked: str = "") -> None:
+    """Run the tests of a file, or of some, in a process whose USB bus has ports at these sockets; all must pass.
 
-    `only` and `marked` choose among them, as pytest's options -k and -m do.
+    `marked` chooses among them, as pytest's option -m does.
     """
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-k", only, "-m", marked, str(suite)]
+    files = [str(file) for file in ([suites] if isinstance(suites, Path) else suites)]
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", marked, *files]
     environment = usb3_environment(*sockets)
     inner = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=timeout_s, check=False)
     assert inner.returncode == 0, inner.stdout + inner.stderr

@@ -1,6 +1,6 @@
 """What every opened camera must do, whatever it hangs on.
 
-Run as it is, over GigE Vision; test_camera_contract_usb3.py runs it again in a process with fakes on its USB bus.
+Run as it is, over GigE Vision; test_on_usb3.py runs it again in a process with fakes on its USB bus.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Every dialect over the wire: cameras that wear a description each, met by stock Aravis and by our driver.
 
-Run as it is, over GigE Vision; test_dialects_usb3.py runs it again in a process with the cameras on its USB bus.
+Run as it is, over GigE Vision; test_on_usb3.py runs it again in a process with the cameras on its USB bus.
 """
 
 from __future__ import annotations

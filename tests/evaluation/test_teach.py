@@ -13,7 +13,6 @@ import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy import stats
 
 from evaluation.experiments.cache import ResultCache
 from evaluation.experiments.experiment import Figure, Verdict
@@ -168,6 +167,8 @@ def test_leaves_move_between_days_and_nothing_else_does(
 
 
 def test_the_paired_test_is_students() -> None:
+    from scipy import stats  # noqa: PLC0415  it takes a second to load, in every process that collects tests
+
     rng = np.random.default_rng(4)
     first = rng.exponential(2.0, 640)
     second = first + rng.normal(0.1, 1.5, 640)
