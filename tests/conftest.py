@@ -19,6 +19,14 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 from fake_camera.usb3.run import CAMERAS_VARIABLE
 
 LEFT_OUT = [Path(__file__).with_name(name) for name in ("accept", "kernel")]
+LONGEST = (
+    "page/test_page.py", "systemd/test_install.py", "evaluation/test_teach.py", "evaluation/test_fig7_fig12.py",
+    "evaluation/test_prediction_experiments.py", "calibration/test_commands.py", "calibration/test_solve.py",
+    "calibration/test_judge_sweep.py", "evaluation/test_oracle.py", "calibration/test_report.py",
+    "control/test_snapshot.py", "calibration/test_drift.py", "evaluation/test_arena.py",
+)  # fmt: skip
+"""More than eight seconds of processor each."""
+
 MARKED_OUT = ("data", "orbslam3")
 QUIET_CORES = 0.25
 LOOK_S = 1.0
@@ -28,11 +36,13 @@ OTHER_TRANSPORT = "gige_only" if CAMERAS_VARIABLE in os.environ else "usb3_only"
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Leave out folders unless they are asked for by name, marks unless by -m, and what is of the other transport.
 
-    First comes what belongs together on one worker: it takes longest.
+    The longest files come first, for each is one worker's, and none should be left over at the end.
     """
     asked = [Path(argument.split("::")[0]).resolve() for argument in config.args]
     closed = [folder for folder in LEFT_OUT if not any(path.is_relative_to(folder) for path in asked)]
     marks = {OTHER_TRANSPORT, *(mark for mark in MARKED_OUT if mark not in config.option.markexpr)}
+
+    order = {Path(__file__).parent / file: index for index, file in enumerate(LONGEST)}
 
     def left_out(item: pytest.Item) -> bool:
         in_closed = any(item.path.is_relative_to(folder) for folder in closed)
@@ -40,7 +50,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
     kept = [item for item in items if not left_out(item)]
     config.hook.pytest_deselected(items=[item for item in items if item not in kept])
-    items[:] = sorted(kept, key=lambda item: item.get_closest_marker("xdist_group") is None)
+    items[:] = sorted(kept, key=lambda item: order.get(item.path, len(order)))
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:

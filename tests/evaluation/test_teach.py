@@ -30,9 +30,6 @@ from evaluation.experiments.teach.sweep import OFFSETS, sweep
 from evaluation.stills import leaves
 from fake_camera.render import Renderer, Surface
 
-in_parks = pytest.mark.xdist_group("parks")
-"""To grow a park takes seconds: those that need one share it."""
-
 
 @pytest.fixture(scope="module", autouse=True)
 def parks() -> Iterator[Callable[[int, Daylight], list[Surface]]]:
@@ -84,7 +81,6 @@ def test_a_black_image_has_no_features_and_no_shift() -> None:
     assert len(black.columns) == 0 and register(black, black).shift is None
 
 
-@in_parks
 def test_the_true_shift_is_that_of_the_heading(surfaces: list[Surface]) -> None:
     truth, pose = Truth(surfaces), TaughtPath(0, 0.0).taught(9)
     assert truth.shift(pose, pose) == pytest.approx(0.0, abs=1e-6)
@@ -97,7 +93,6 @@ def test_the_true_shift_is_that_of_the_heading(surfaces: list[Surface]) -> None:
         assert 1.0 <= truth.shift(pose, turned) / at_centre < 1.18
 
 
-@in_parks
 def test_images_without_noise_are_registered_by_the_true_shift(surfaces: list[Surface]) -> None:
     truth, path, detector = Truth(surfaces), TaughtPath(0, 0.0), Detector()
     renderer = Renderer(surfaces, CAMERA)
@@ -133,7 +128,6 @@ def test_the_top_half_alone_can_be_held_at_one_half() -> None:
     assert whole.mean() / 255 == pytest.approx(0.5, abs=0.02) and whole.mean() > top.mean()
 
 
-@in_parks
 def test_what_is_far_too_bright_is_not_registered() -> None:
     """The sign of the sweep: from the exposure of `standard` on, votes fall to both sides."""
     result: Any = sweep(0, 0.0, "clear", 3)
@@ -154,7 +148,6 @@ def test_what_faces_the_sun_is_lighter_and_so_is_the_sky_around_it() -> None:
     assert REPLAYS["sunset"].lux(1.0) == pytest.approx(REPLAYS["sunset"].lux(0.0) / 4)
 
 
-@in_parks
 def test_leaves_move_between_days_and_nothing_else_does(
     surfaces: list[Surface], parks: Callable[[int, Daylight], list[Surface]]
 ) -> None:
@@ -216,7 +209,6 @@ def test_the_full_run_has_as_many_views_and_registrations_as_the_paper() -> None
     assert sum(job.cost_s for job in full) <= 2 * 30 * 60
 
 
-@in_parks
 @pytest.mark.timeout(300)
 def test_the_quick_run_shows_how_the_policies_expose_and_registers(tmp_path: Path) -> None:
     """Effects far beyond noise: where each holds its brightness, and that all find their way in even less of it."""

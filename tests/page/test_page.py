@@ -33,7 +33,7 @@ from tests.page.browser import SHRUNK, Tab, browser
 from tests.page.server import PageProcess, running_page
 from tests.publish.steps import DECISION, endpoint, publishing, wait_until
 
-pytestmark = [pytest.mark.wire, pytest.mark.needs("chromium"), pytest.mark.xdist_group("page")]
+pytestmark = [pytest.mark.wire, pytest.mark.needs("chromium")]
 
 HOSTILE = "<img src=x onerror=alert(1)>"
 REASONS = "document.getElementById('reasons').innerText"

@@ -20,8 +20,7 @@ FILES = [
     "usr/share/doc/autoexpose-daemon/docs/service.md",
 ]
 
-# To install takes half a minute, and once is enough.
-pytestmark = [pytest.mark.timeout(300), pytest.mark.xdist_group("install")]
+pytestmark = pytest.mark.timeout(300)
 
 
 def output(*command: str | Path) -> str:
