@@ -7,15 +7,15 @@ from pathlib import Path
 import pytest
 
 from tests.fakes import run_under_shim
-from tests.xml_cameras import REAL
+from tests.xml_cameras import COMBINATIONS, REAL
 
 pytestmark = pytest.mark.realtime
 
 HERE = Path(__file__).parent
 DIALECTS = HERE / "test_dialects_on_the_wire.py"
 SUITES = [HERE / "test_camera_contract.py", DIALECTS, HERE.parent / "autoexpose_daemon" / "test_daemon.py"]
-PORTS = 8
-"""As many cameras as one of them has at a time."""
+PORTS = len(COMBINATIONS)
+"""As many cameras as the dialects have at a time."""
 
 
 def test_over_usb3_vision_all_is_as_over_gige(tmp_path: Path) -> None:
