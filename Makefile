@@ -4,40 +4,38 @@ SHELL := /bin/bash
 VENV := .venv
 PY := $(VENV)/bin/python
 SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
-APT := $(SUDO) env DEBIAN_FRONTEND=noninteractive apt-get -y --no-install-recommends
 
-# What the daemon and the demo stand on, and what only the tests need.
-DEMO_PACKAGES := gir1.2-aravis-0.8 python3-gi python3-venv libusb-1.0-0
-TEST_PACKAGES := $(DEMO_PACKAGES) aravis-tools-cli aravis-tools tshark gcc libc6-dev python3-dev usbutils chromium systemd
-SHIM_PACKAGES := gcc libc6-dev python3-dev
+# What the daemon and the demo stand on, the compiler of their C parts among it, and what only the tests need.
+COMPILER := gcc libc6-dev python3-dev
+DEMO_PACKAGES := gir1.2-aravis-0.8 python3-gi python3-venv libusb-1.0-0 $(COMPILER)
+TEST_PACKAGES := $(DEMO_PACKAGES) aravis-tools-cli aravis-tools tshark usbutils chromium systemd openssl
 KERNEL_PACKAGES := qemu-system-x86 kmod udev usbip
-ROBOT_PACKAGES := $(DEMO_PACKAGES) $(SHIM_PACKAGES) udev
+ROBOT_PACKAGES := $(DEMO_PACKAGES) udev
 
-# Of the optional C libraries: built where there are a compiler and python3-dev, as after `make setup`.
+EXTRAS := sim,calibration,publish,record,page
+
+# The C parts are optional to pip: a set-up from before there was a compiler, without them, is made again.
 NATIVE_SOURCES := setup.py $(wildcard autoexpose_daemon/control/native/* fake_camera/usb3/shim/*)
+UNBUILT := $(if $(and $(wildcard autoexpose_daemon/control/_native.*.so),$(wildcard fake_camera/usb3/_shim.*.so)),,unbuilt)
 
-.PHONY: setup shim demo test lint bench accept soak fuzz test-kernel install uninstall deb clean
+.PHONY: unbuilt setup demo test suite test-again test-data lint bench accept soak fuzz mutate test-kernel install uninstall deb clean
 .DEFAULT_GOAL := demo
 
 # Stamps make second runs start at once; they are remade when what is installed changes.
-$(VENV)/demo.stamp: pyproject.toml $(NATIVE_SOURCES)
-	@./tools/apt-missing $(DEMO_PACKAGES) | xargs -r sh -c '$(APT) update && $(APT) install "$$@"' --
-	@[ -x $(PY) ] || /usr/bin/python3 -m venv --system-site-packages $(VENV)
-	@echo "installing Python packages into $(VENV) ..."
-	@$(PY) -m pip install --quiet --disable-pip-version-check --editable '.[sim,calibration,publish,record,page]'
+$(VENV)/demo.stamp: pyproject.toml $(NATIVE_SOURCES) $(UNBUILT)
+	@echo "setting up, once; what the tools say is in build/setup.log"
+	@./tools/install-debian $(DEMO_PACKAGES)
+	@[ -x $(PY) ] || ./tools/timed "making $(VENV)" /usr/bin/python3 -m venv --system-site-packages $(VENV)
+	@./tools/install-python $(PY) $(EXTRAS)
 	@touch $@
 
 $(VENV)/dev.stamp: $(VENV)/demo.stamp pyproject.toml
-	@./tools/apt-missing $(TEST_PACKAGES) | xargs -r sh -c '$(APT) update && $(APT) install "$$@"' --
-	@echo "installing the tools of the tests ..."
-	@$(PY) -m pip install --quiet --disable-pip-version-check --editable '.[sim,calibration,publish,record,page,experiments,dev]'
+	@echo "setting up what the tests need, once"
+	@./tools/install-debian $(TEST_PACKAGES)
+	@./tools/install-python $(PY) $(EXTRAS),experiments,dev
 	@touch $@
 
 setup: $(VENV)/dev.stamp ## make .venv with everything
-
-shim: $(VENV)/demo.stamp ## build the shim by which libusb finds fake USB3 Vision cameras
-	@./tools/apt-missing $(SHIM_PACKAGES) | xargs -r sh -c '$(APT) update && $(APT) install "$$@"' --
-	$(PY) setup.py --quiet build_ext --inplace
 
 demo: $(VENV)/demo.stamp ## watch two fake cameras being exposed well through lights going on and off
 	@mkdir -p out
@@ -49,16 +47,24 @@ lint: $(VENV)/dev.stamp
 	$(VENV)/bin/mypy
 	$(VENV)/bin/lint-imports
 
-test: lint ## everything that CI runs; what needs real time has the machine to itself
-	$(VENV)/bin/pytest -m "not realtime" -n 2 --dist loadgroup
+test: lint suite ## everything that CI runs
+
+suite: $(VENV)/dev.stamp ## the tests of it; what needs real time has the machine to itself
+	$(VENV)/bin/pytest -m "not realtime" -n 3 --dist loadgroup
 	$(VENV)/bin/pytest -m realtime
+
+test-again: $(VENV)/dev.stamp ## the tests N times, 20 unless given, and their sum; BUSY=1: one core kept busy meanwhile
+	$(PY) -m tools.test_again --runs $(or $(N),20) $(if $(BUSY),--busy)
+
+test-data: $(VENV)/dev.stamp ## the tests that need data from outside the repository, in AUTOEXPOSE_DATA
+	$(VENV)/bin/pytest -m data
 
 bench: $(VENV)/dev.stamp ## where the time goes, as ratios
 	$(PY) benchmarks/bench_step.py
 	$(PY) benchmarks/bench_render.py
 	$(PY) benchmarks/bench_publish.py
 
-accept: $(VENV)/dev.stamp ## the longer checks in real time, about a quarter of an hour
+accept: $(VENV)/dev.stamp ## the longer checks in real time, about 25 minutes
 	$(VENV)/bin/pytest tests/accept -p no:cacheprovider --override-ini addopts=-ra --timeout 600 -s
 
 soak: $(VENV)/dev.stamp ## endurance: a day in virtual time, ten minutes of demo, cables pulled 50 times; accounts must balance
@@ -68,17 +74,23 @@ soak: $(VENV)/dev.stamp ## endurance: a day in virtual time, ten minutes of demo
 	REPLUG_CYCLES=50 $(VENV)/bin/pytest tests/accept/test_replug.py tests/accept/test_replug_usb3.py
 
 $(VENV)/fuzz.stamp: $(VENV)/dev.stamp pyproject.toml
-	@echo "installing the fuzzer ..."
-	@$(PY) -m pip install --quiet --disable-pip-version-check --editable '.[fuzz]'
+	@./tools/install-python $(PY) fuzz
 	@touch $@
 
 fuzz: $(VENV)/fuzz.stamp ## a million damaged messages and files to our parsers, about 12 minutes on two cores
 	nice -n 5 $(PY) -m tests.fuzz $(TARGETS)
 
+$(VENV)/mutate.stamp: $(VENV)/dev.stamp pyproject.toml
+	@./tools/install-python $(PY) mutate
+	@touch $@
+
+mutate: $(VENV)/mutate.stamp ## 200 changes of the code, one at a time, that a test should notice: half an hour on two cores
+	nice -n 5 $(PY) -m tests.mutation
+
 # Fetched anew when the scripts that unpack or start it change, or after `make clean`.
 build/kernel/initramfs.gz: tests/kernel/build tests/kernel/init
-	@$(APT) update
-	@./tools/apt-missing $(KERNEL_PACKAGES) | xargs -r $(APT) install
+	@$(SUDO) apt-get -qq update
+	@./tools/install-debian $(KERNEL_PACKAGES)
 	@./tests/kernel/build
 
 test-kernel: $(VENV)/dev.stamp build/kernel/initramfs.gz ## a stock kernel in QEMU attaches the USB3 Vision fake
@@ -87,7 +99,7 @@ test-kernel: $(VENV)/dev.stamp build/kernel/initramfs.gz ## a stock kernel in QE
 install: ## to /opt/autoexpose, with its unit; a configuration that is there stays. DESTDIR: only the files, below it
 ifeq ($(DESTDIR),)
 	@[ "$$(id -u)" = 0 ] || { echo "this changes the system: sudo make install"; exit 1; }
-	@./tools/apt-missing $(ROBOT_PACKAGES) | xargs -r sh -c '$(APT) update && $(APT) install "$$@"' --
+	@./tools/install-debian $(ROBOT_PACKAGES)
 endif
 	@./tools/install-tree "$(DESTDIR)"
 ifeq ($(DESTDIR),)
@@ -106,7 +118,7 @@ ifeq ($(DESTDIR),)
 endif
 
 deb: ## a Debian package with all its Python packages, in build/deb
-	@./tools/apt-missing python3-venv $(SHIM_PACKAGES) | xargs -r sh -c '$(APT) update && $(APT) install "$$@"' --
+	@./tools/install-debian python3-venv $(COMPILER)
 	@rm -rf build/deb
 	@./tools/install-tree "$$PWD/build/deb/tree"
 	@./tools/make-deb build/deb/tree build/deb

@@ -1,4 +1,4 @@
-"""The command line: `autoexpose COMMAND`."""
+"""The command line: `autoexpose COMMAND`. Each command loads what it needs: numpy and its kin take half a second."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 from rich.console import Console
 
-from autoexpose_daemon.config import Config, load_config
-from autoexpose_daemon.control.policies import DEFAULT_POLICY, POLICY_IDS, check_policy_id
-from autoexpose_daemon.logs import complain
+from autoexpose_daemon.control.policy_ids import DEFAULT_POLICY, POLICY_IDS, check_policy_id
 from autoexpose_daemon.notify import Notifier
 from autoexpose_daemon.publish.keys import LOOPBACK, check_endpoints
+from autoexpose_daemon.readable import readable
 from autoexpose_daemon.recording import check_recording_extra
 from drivers.errors import AutoexposeError, ConfigurationError
 from drivers.exposure import ExposureSetting
 
 if TYPE_CHECKING:
+    from autoexpose_daemon.config import Config
     from autoexpose_daemon.daemon import Daemon
     from autoexpose_daemon.recording.recorder import Recorder
 
@@ -60,6 +60,7 @@ def record(
 ) -> None:
     """Run the daemon and record what it sees and decides, until SIGTERM or Ctrl-C."""
     check_recording_extra()
+    from autoexpose_daemon.config import load_config  # noqa: PLC0415
     from autoexpose_daemon.recording.recorder import new_recorder  # noqa: PLC0415
 
     notifier = Notifier.from_environment()
@@ -69,7 +70,7 @@ def record(
         with recorder:
             run_daemon(config, notifier, recorder)
     typer.echo(recorder.summary)
-    if recorder.failure is not None:
+    if recorder.incomplete:
         raise typer.Exit(1)
 
 
@@ -94,6 +95,8 @@ def _explaining(notifier: Notifier) -> Iterator[None]:
     try:
         yield
     except ConfigurationError as error:
+        from autoexpose_daemon.logs import complain  # noqa: PLC0415
+
         notifier.status(f"failed: {error}")
         complain(str(error))
         raise typer.Exit(os.EX_CONFIG) from None
@@ -101,7 +104,8 @@ def _explaining(notifier: Notifier) -> Iterator[None]:
 
 def run_daemon(file: Path, notifier: Notifier, recorder: Recorder | None = None) -> None:
     """Run the daemon with the live view, until SIGTERM or SIGINT."""
-    from autoexpose_daemon.cameras import openers  # noqa: PLC0415  Aravis loads only where cameras are opened
+    from autoexpose_daemon.cameras import openers  # noqa: PLC0415
+    from autoexpose_daemon.config import load_config  # noqa: PLC0415
     from autoexpose_daemon.daemon import Daemon  # noqa: PLC0415
     from autoexpose_daemon.last_exposure import LastExposure  # noqa: PLC0415
     from autoexpose_daemon.outlets import add_outlets  # noqa: PLC0415
@@ -134,7 +138,7 @@ def stop_on_signals(stop: threading.Event) -> None:
 @app.command()
 def demo(
     *,
-    seconds: Annotated[float, typer.Option(min=2.0, help="How long to run.")] = 20.0,
+    seconds: Annotated[float, typer.Option(help="How long to run, 2 to 3600 s.")] = 20.0,
     policy: Annotated[str, typer.Option(help=f"Who decides: {', '.join(POLICY_IDS)}.")] = DEFAULT_POLICY,
     summary: Annotated[Path | None, typer.Option(help="Write the figures of the run to this JSON file.")] = None,
     plot: Annotated[Path | None, typer.Option(help="Draw the run into this PNG file.")] = None,
@@ -142,19 +146,23 @@ def demo(
     light: Annotated[Path | None, typer.Option(help="A light script for the fake cameras (YAML).")] = None,
     seed: Annotated[int, typer.Option(help="Room, textures and noise.")] = 0,
     transport: Annotated[Literal["gige", "usb3"], typer.Option(help="GigE Vision or USB3 Vision.")] = "gige",
-    rate_hz: Annotated[float, typer.Option(min=10.0, max=200.0, help="Stereo pairs per second.")] = 60.0,
+    rate_hz: Annotated[
+        float | None,
+        typer.Option(help="Stereo pairs per second, 10 to 200; 60, or 30 or 20 on a slow machine, unless given."),
+    ] = None,
     still: Annotated[bool, typer.Option("--still", help="The cameras stand still, as on tripods.")] = False,
     publish: Annotated[bool, typer.Option("--publish", help="Let other processes have the frames, as `rig`.")] = False,
     record: Annotated[Path | None, typer.Option(help="Record the run to this new .mcap file.")] = None,
 ) -> None:
     """Expose two fake cameras through lights going on and off: no hardware needed."""
-    from autoexpose_daemon.demo.run import DemoOptions, run_demo  # noqa: PLC0415
+    from autoexpose_daemon.demo.options import DemoOptions  # noqa: PLC0415
+    from autoexpose_daemon.demo.run import run_demo  # noqa: PLC0415
 
-    stop = threading.Event()
-    stop_on_signals(stop)
     options = DemoOptions(
         seconds, policy, summary, plot, scene, light, seed, transport, rate_hz, still, publish, record
     )
+    stop = threading.Event()
+    stop_on_signals(stop)
     run_demo(options, stop, Console())
 
 
@@ -208,7 +216,8 @@ def list_cameras() -> None:
 
     cameras = find_cameras()
     for camera in cameras:
-        typer.echo(f"{camera.serial}  {camera.vendor} {camera.model}  {camera.transport}  {camera.address}")
+        line = f"{camera.serial}  {camera.vendor} {camera.model}  {camera.transport}  {camera.address}"
+        typer.echo(readable(line))  # as the camera has it
     if not cameras:
         raise AutoexposeError("no camera found: check power, cable and network, and that the camera is in your subnet")
 
@@ -239,6 +248,8 @@ def fake_camera(context: typer.Context) -> None:
 @config_app.command("check")
 def check_config(file: Path) -> None:
     """Check a configuration file, and the response files it names."""
+    from autoexpose_daemon.config import load_config  # noqa: PLC0415
+
     config = load_config(file)
     cameras = ", ".join(f"{side} {camera.serial}" for side, camera in config.sides.items())
     typer.echo(f"{file}: valid: {cameras}; policy {config.control.policy}")
@@ -250,8 +261,12 @@ def main() -> None:
         _add_commands(next((word for word in sys.argv[1:] if not word.startswith("-")), None))
         app()
     except AutoexposeError as error:
+        from autoexpose_daemon.logs import complain  # noqa: PLC0415
+
         complain(str(error))
         raise SystemExit(1) from None
+    except KeyboardInterrupt:  # before the command had set up how it ends
+        raise SystemExit(128 + signal.SIGINT) from None
 
 
 def _add_commands(asked: str | None) -> None:

@@ -7,14 +7,30 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, BeforeValidator, Field, ValidationError, model_validator
+from pydantic import BaseModel, BeforeValidator, ValidationError, model_validator
 from pydantic_core import ErrorDetails
 
 from autoexpose_daemon.config_publish import PublishConfig
 from autoexpose_daemon.config_roi import RoiConfig
-from autoexpose_daemon.config_section import Finite, Positive, Section
+from autoexpose_daemon.config_section import (
+    BalanceOffset,
+    BalanceWeight,
+    Binning,
+    ExposureTimeUs,
+    FlickerHz,
+    FocalLengthPx,
+    GainDb,
+    MeanTarget,
+    MetricDelta,
+    MetricLambda,
+    Name,
+    PacketBytes,
+    RateHz,
+    Section,
+)
 from autoexpose_daemon.control.parameters import BalanceId, ControlParameters, MotionId
 from autoexpose_daemon.control.policies import DEFAULT_POLICY, check_policy_id
+from autoexpose_daemon.readable import readable
 from calibration.response import ResponseFunction
 from calibration.response_file import ResponseFile
 from calibration.strict_yaml import load_mapping
@@ -35,7 +51,7 @@ def _refuse_number(serial: object) -> object:
 class CameraConfig(Section):
     """One camera: its serial, and the file with its response function (none: a linear response)."""
 
-    serial: Annotated[str, Field(min_length=1), BeforeValidator(_refuse_number)]
+    serial: Annotated[Name, BeforeValidator(_refuse_number)]
     response: Path | None = None
 
 
@@ -47,27 +63,32 @@ class CamerasConfig(Section):
 
     @model_validator(mode="after")
     def _two_cameras_are_two(self) -> Self:
-        if self.right is not None and self.right.serial == self.left.serial:
+        if self.right is None or self.right.serial.casefold() != self.left.serial.casefold():
+            return self
+        if self.right.serial == self.left.serial:
             raise ValueError(f"left and right are the same camera, {self.left.serial}")
-        return self
+        raise ValueError(
+            f"left and right are the same but for case, {self.left.serial} and {self.right.serial}: give each serial "
+            "as `autoexpose list` shows it"
+        )
 
 
 class TriggerConfig(Section):
     """How frames are started: by pulses on an input line, by the left camera for both, or by a camera for itself."""
 
     mode: Literal["external", "primary", "free_run"] = "external"
-    line: str = "Line0"
-    output_line: str = "Line1"
-    rate_hz: Positive = 60.0
+    line: Name = "Line0"
+    output_line: Name = "Line1"
+    rate_hz: RateHz = 60.0
 
 
 class ExposureConfig(Section):
     """Bounds of the exposure; each is cut to the camera's own."""
 
-    min_time_us: Positive = 20.0
-    max_time_us: Positive = 7500.0
-    min_gain_db: Finite = 0.0
-    max_gain_db: Finite = 30.0
+    min_time_us: ExposureTimeUs = 20.0
+    max_time_us: ExposureTimeUs = 7500.0
+    min_gain_db: GainDb = 0.0
+    max_gain_db: GainDb = 30.0
 
     @model_validator(mode="after")
     def _leaves_a_choice(self) -> Self:
@@ -82,8 +103,8 @@ class ExposureConfig(Section):
 class StartConfig(Section):
     """The exposure before the first frame; the policy `fixed` stays there."""
 
-    exposure_time_us: Positive
-    gain_db: Finite = 0.0
+    exposure_time_us: ExposureTimeUs
+    gain_db: GainDb = 0.0
 
 
 _TUNING = ControlParameters()
@@ -96,23 +117,18 @@ class ControlConfig(Section):
     start: StartConfig | None = None
     roi: RoiConfig = RoiConfig()
     balance: BalanceId = _TUNING.balance
-    flicker_hz: float = _TUNING.flicker_hz
+    flicker_hz: FlickerHz = _TUNING.flicker_hz
     motion: MotionId = _TUNING.motion
-    focal_length_px: float | None = _TUNING.focal_length_px
-    metric_delta: float = _TUNING.metric_delta
-    metric_lambda: float = _TUNING.metric_lambda
-    balance_weight: float = _TUNING.balance_weight
-    balance_offset: float = _TUNING.balance_offset
-    mean_target: float = _TUNING.mean_target
+    focal_length_px: FocalLengthPx | None = _TUNING.focal_length_px
+    metric_delta: MetricDelta = _TUNING.metric_delta
+    metric_lambda: MetricLambda = _TUNING.metric_lambda
+    balance_weight: BalanceWeight = _TUNING.balance_weight
+    balance_offset: BalanceOffset = _TUNING.balance_offset
+    mean_target: MeanTarget = _TUNING.mean_target
 
     def parameters(self) -> ControlParameters:
         """What the control loop is tuned with."""
         return ControlParameters(**{field.name: getattr(self, field.name) for field in fields(ControlParameters)})
-
-    @model_validator(mode="after")
-    def _tuning_makes_sense(self) -> Self:
-        self.parameters()
-        return self
 
     @model_validator(mode="after")
     def _policy_exists(self) -> Self:
@@ -135,14 +151,14 @@ class TransportConfig(Section):
     `packet_size_bytes` None lets camera and host agree on the largest that passes.
     """
 
-    packet_size_bytes: Annotated[int, Field(ge=576, le=16000)] | None = None
+    packet_size_bytes: PacketBytes | None = None
 
 
 class ImageConfig(Section):
     """What the cameras send; None leaves a camera as it is."""
 
     pixel_format: Literal["Mono8", "Mono12", "Mono16"] | None = None
-    binning: Annotated[int, Field(ge=1, le=8)] | None = None
+    binning: Binning | None = None
 
 
 class Config(Section):
@@ -269,8 +285,7 @@ def _with_absolute_paths(config: Config, folder: Path) -> Config:
 
 def _sentence(path: Path, error: ErrorDetails) -> str:
     """What is wrong, on one line whatever stands in the file."""
-    sentence = f"{path}: {_complaint(error)}"
-    return "".join(char if char.isprintable() else ascii(char)[1:-1] for char in sentence)
+    return readable(f"{path}: {_complaint(error)}")
 
 
 def _complaint(error: ErrorDetails) -> str:

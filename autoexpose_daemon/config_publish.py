@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Annotated, Self
 
@@ -11,6 +10,9 @@ from pydantic import Field, field_validator, model_validator
 from autoexpose_daemon.config_section import Section
 from autoexpose_daemon.publish.keys import LAST_ROS2_DOMAIN, LOOPBACK, check_endpoints, check_rig_name
 from drivers.errors import ConfigurationError
+from drivers.files import read_regular
+
+_MOST_ZENOH_BYTES = 1 << 20
 
 
 class PublishConfig(Section):
@@ -40,10 +42,15 @@ class PublishConfig(Section):
         return self
 
     def relative_to(self, folder: Path) -> Self:
-        """With its file named from `folder`; raises ConfigurationError when it is not there."""
+        """With its file named from `folder`; raises ConfigurationError when it cannot be read."""
         if self.zenoh is None:
             return self
         file = folder / self.zenoh
-        if not os.path.isfile(file):  # noqa: PTH113 - Path.is_file raises for names that are too long
-            raise ConfigurationError(f"publish.zenoh: {file} is not there; name a configuration file of zenoh")
+        try:
+            read_regular(file, _MOST_ZENOH_BYTES)  # zenoh itself would wait for a pipe to speak
+        except (OSError, ValueError) as error:
+            reason = error.strerror if isinstance(error, OSError) else error
+            raise ConfigurationError(
+                f"publish.zenoh: {file} cannot be read ({reason}): name a configuration file of zenoh"
+            ) from error
         return self.model_copy(update={"zenoh": file})

@@ -10,15 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from autoexpose_daemon.config_section import Section
+from autoexpose_daemon.config_section import Extent, Pixel, Section, Weight
 from autoexpose_daemon.control.region import Rectangle, Region
 from drivers.errors import ConfigurationError
+from drivers.files import read_regular
 from drivers.frames import Side
 from drivers.png import is_whole_png
 
-Weight = Annotated[float, Field(ge=0, le=1)]
-Pixel = Annotated[int, Field(ge=0)]
-Extent = Annotated[int, Field(gt=0)]
+MOST_RECTANGLES = 256
+MOST_MASK_BYTES = 1 << 26
+"""More than the PNG file of any sensor's mask has, which is mostly black and white."""
 
 
 class RectangleConfig(Section):
@@ -31,7 +32,7 @@ class RectangleConfig(Section):
 class RegionConfig(Section):
     """What counts in the picture of one camera: rectangles, the rest, and a mask file."""
 
-    rectangles: tuple[RectangleConfig, ...] = ()
+    rectangles: Annotated[tuple[RectangleConfig, ...], Field(max_length=MOST_RECTANGLES)] = ()
     background_weight: Weight = 0.0
     mask: Path | None = None
 
@@ -71,7 +72,9 @@ def _region(side: Side, config: RegionConfig) -> Region:
     key = f"control.roi.{side}"
     rectangles = tuple(Rectangle(*rectangle.box, rectangle.weight) for rectangle in config.rectangles)
     if config.mask is None:
-        return Region(key, rectangles, config.background_weight)
+        region = Region(key, rectangles, config.background_weight)
+        region.check_something_counts()
+        return region
     mask = _read_mask(f"{key}.mask", config.mask)
     region = Region(f"{key} ({config.mask})", rectangles, config.background_weight, mask)
     region.weights(mask.shape)  # that the mask has the size of the frames, the frames alone can tell
@@ -81,7 +84,7 @@ def _region(side: Side, config: RegionConfig) -> Region:
 def _read_mask(key: str, path: Path) -> NDArray[np.uint8]:
     """The grey levels of a mask file: uint8, shape (height, width)."""
     try:
-        content = path.read_bytes()
+        content = read_regular(path, MOST_MASK_BYTES)
     except OSError as error:
         raise ConfigurationError(f"{key}: {path}: cannot be read: {error.strerror}") from error
     except ValueError as error:  # a NUL in its name

@@ -86,7 +86,8 @@ def _durations(measured: Measured) -> Durations:
 
 def _publishing(tally: PublishTally, now_ns: int) -> PublishStatus:
     dropped = {str(reason): count for reason, count in list(tally.dropped.items())}
-    return PublishStatus(tally.offered, tally.sent, dropped, tally.trouble, dict(tally.consumers(now_ns)))
+    listed, unlisted = dict(tally.consumers.listed(now_ns)), tally.consumers.unlisted(now_ns)
+    return PublishStatus(tally.offered, tally.sent, dropped, tally.trouble, listed, unlisted)
 
 
 def _recorder(telemetry: Telemetry) -> RecorderStatus | None:

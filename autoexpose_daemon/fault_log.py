@@ -5,10 +5,12 @@ from __future__ import annotations
 import logging
 from collections import deque
 
+from autoexpose_daemon.readable import readable
 from autoexpose_daemon.status import Fault
 
 KEPT_FAULTS = 50
-_LONGEST_TEXT = 500
+LONGEST_TEXT = 500
+"""Characters of a fault."""
 
 
 class FaultLog(logging.Handler):
@@ -26,11 +28,11 @@ class FaultLog(logging.Handler):
     def emit(self, record: logging.LogRecord) -> None:
         """Keep an event."""
         try:
-            text = " ".join(record.getMessage().split())
+            text = readable(" ".join(record.getMessage().split()))
         except Exception:  # a message that does not fit its arguments; the log goes on
             self.handleError(record)
             return
-        self._faults.append(Fault(round(record.created, 3), record.levelname, text[:_LONGEST_TEXT]))
+        self._faults.append(Fault(round(record.created, 3), record.levelname, text[:LONGEST_TEXT]))
 
 
 def fault_log() -> FaultLog:

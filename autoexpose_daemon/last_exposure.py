@@ -11,12 +11,14 @@ from pathlib import Path
 
 from autoexpose_daemon.telemetry import Telemetry
 from drivers.exposure import ExposureLimits, ExposureSetting
+from drivers.files import read_regular
 
 log = logging.getLogger(__name__)
 
 FORMAT = "autoexpose-last-exposure/1"
 LONGEST_AGE_S = 3600.0
 """After an hour the light is another, and the configured start as good a guess."""
+_MOST_BYTES = 1 << 12  # it has a hundred
 _WRITE_PERIOD_S = 5.0
 _REFRESH_PERIOD_S = 600.0
 _CLOCK_STEP_S = 5.0  # by which the wall clock may have been set back meanwhile
@@ -92,7 +94,7 @@ class LastExposure:
 
 def _read(file: Path, now_s: float) -> ExposureSetting | None:
     try:
-        content = json.loads(file.read_text())
+        content = json.loads(read_regular(file, _MOST_BYTES))
         if content["format"] != FORMAT:
             raise ValueError(f"format is {content['format']!r}")
         age_s = now_s - float(content["unix_time_s"])

@@ -11,8 +11,11 @@ from rich.console import Console
 from rich.logging import RichHandler
 
 from autoexpose_daemon.fault_log import fault_log
+from autoexpose_daemon.readable import readable
 
 log = logging.getLogger(__name__)
+
+_LAYOUT = "\n\t"
 
 _PRIORITIES = ((logging.CRITICAL, 2), (logging.ERROR, 3), (logging.WARNING, 4), (logging.INFO, 6))
 """Of syslog, by the least level; what is below is 7."""
@@ -22,11 +25,11 @@ def set_up_logging(console: Console) -> None:
     """Log INFO and above of ours, WARNING and above of others; what ends the program with a traceback, too."""
     if console.is_terminal:
         handler: logging.Handler = RichHandler(console=console, show_path=False, log_time_format="%H:%M:%S")
-        handler.setFormatter(logging.Formatter("%(message)s"))
+        handler.setFormatter(ReadableFormatter("%(message)s"))
     else:
         handler = logging.StreamHandler()
         handler.setFormatter(
-            JournalFormatter("%(message)s") if _journal_reads() else logging.Formatter("%(levelname)s %(message)s")
+            JournalFormatter("%(message)s") if _journal_reads() else ReadableFormatter("%(levelname)s %(message)s")
         )
         sys.excepthook = _log_last_words
     logging.basicConfig(level=logging.WARNING, handlers=[handler, fault_log()], force=True)
@@ -36,11 +39,19 @@ def set_up_logging(console: Console) -> None:
 
 def complain(sentence: str) -> None:
     """Tell on standard error why the program ends."""
-    text = f"autoexpose: {sentence}"
+    text = readable(f"autoexpose: {sentence}", _LAYOUT)
     print(_with_priority(logging.ERROR, text) if _journal_reads() else text, file=sys.stderr)
 
 
-class JournalFormatter(logging.Formatter):
+class ReadableFormatter(logging.Formatter):
+    """Lets no escape sequence through: names of cameras, consumers and files come from outside."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        """The lines of an event."""
+        return readable(super().format(record), _LAYOUT)
+
+
+class JournalFormatter(ReadableFormatter):
     """Puts the priority before each line."""
 
     def format(self, record: logging.LogRecord) -> str:

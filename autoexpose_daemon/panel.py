@@ -10,11 +10,25 @@ from rich.text import Text
 from autoexpose_daemon.durations import DURATIONS
 from autoexpose_daemon.states import State
 from autoexpose_daemon.status import CameraStatus, Durations, PublishStatus, Status
+from drivers.account import LossReason
 from drivers.exposure import ExposureSetting
 
 COLOURS = {State.STARTING: "cyan", State.EXPOSING: "green", State.DEGRADED: "yellow", State.FAILED: "red"}
 _LEVELS = (4.0, 18.0)  # stops: 16 us without gain, 8 ms with 30 dB
 _BAR_WIDTH = 28
+_EDGES: dict[str, str] = {
+    LossReason.STARTUP: "before every camera was open",
+    LossReason.SHUTDOWN: "at the end",
+}
+_LOSSES: dict[str, str] = {
+    LossReason.LEFT_MISSING: "without the left frame",
+    LossReason.RIGHT_MISSING: "without the right frame",
+    LossReason.BOTH_MISSING: "without either frame",
+    LossReason.INCOMPLETE: "with an incomplete frame",
+    LossReason.TRIGGER_IGNORED: "not taken by a camera",
+    LossReason.CAMERA_GONE: "while a camera was gone",
+    LossReason.STALE: "seen too late",
+}
 
 
 def table_of(status: Status) -> Table:
@@ -58,9 +72,10 @@ def line_of(status: Status) -> str:
 
 
 def _rows(status: Status) -> Iterator[tuple[str, str]]:
-    yield from ((f"{side} camera", _camera(camera)) for side, camera in status.cameras.items())
+    absent = "not open yet" if status.state is State.STARTING else "gone"
+    yield from ((f"{side} camera", _camera(camera, absent)) for side, camera in status.cameras.items())
     yield "pairs", f"{status.pairs}   {status.rate_hz:.1f} per second   for {duration_text(status.open_s)}"
-    yield "lost", _counts(status.lost)
+    yield "lost", lost_in_words(status.lost)
     yield from ((name, str(count)) for name, count in status.oddities.items())
     applied = _applied(status)
     if applied is not None:
@@ -75,9 +90,16 @@ def _rows(status: Status) -> Iterator[tuple[str, str]]:
         yield from ((duration.label, text) for text in _percentiles(getattr(status, duration.field)))
 
 
-def _camera(camera: CameraStatus) -> str:
+def lost_in_words(lost: Mapping[str, int], note: str = "") -> str:
+    """Losses by reason; apart from them the triggers that a start and an end cost, which are nothing to look into."""
+    while_running = [f"{count} {_LOSSES.get(reason, reason)}" for reason, count in lost.items() if reason not in _EDGES]
+    edges = [f"{lost[reason]} {words}" for reason, words in _EDGES.items() if lost.get(reason)]
+    return "; ".join([(", ".join(while_running) or "none") + note, *([", ".join(edges)] if edges else [])])
+
+
+def _camera(camera: CameraStatus, absent: str) -> str:
     applied = "" if camera.applied is None else f"   {camera.applied}"
-    return "gone" if camera.camera is None else camera.camera + applied
+    return absent if camera.camera is None else camera.camera + applied
 
 
 def _applied(status: Status) -> ExposureSetting | None:
@@ -104,6 +126,8 @@ def _publishing(publishing: PublishStatus) -> Iterator[tuple[str, str]]:
     if publishing.trouble:
         yield "not published", publishing.trouble
     yield from ((f"consumer {name}", str(tally)) for name, tally in publishing.consumers.items())
+    if publishing.unlisted_consumers:
+        yield "consumers", f"{publishing.unlisted_consumers} more, not listed"
 
 
 def _counts(counts: Mapping[str, int]) -> str:

@@ -47,7 +47,7 @@ def run_until_stopped(
 ) -> None:
     """Run a service with the live view, or log lines where there is no terminal; raises what `Service.run` raises."""
     set_up_logging(console)
-    with display(console, title) as show:
+    with display(console, lambda: title) as show:
         service.run(stop, show, new_config)
     log.info("stopped: %s", line_of(service.status()))
 

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import json
-import math
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import AfterValidator, TypeAdapter, ValidationError
+from pydantic import AfterValidator, Field, TypeAdapter, ValidationError
 
 from autoexpose_daemon.control.decision import Decision
-from autoexpose_daemon.publish.tally import ConsumerTally
+from autoexpose_daemon.publish.tally import ConsumerTally, Count
 from autoexpose_daemon.states import Health, State
 from calibration.response import ResponseFunction
 from drivers.errors import ConfigurationError
@@ -21,9 +20,21 @@ from drivers.frames import Side
 VERSION = 1
 """Grows when a field changes its meaning; a field that is new does not change it."""
 
+LARGEST_STATUS_BYTES = 1 << 20
+"""Of a status: three times what the longest faults take."""
+
+LARGEST_RESPONSE_BYTES = 1 << 16
+"""Of a response function, whose 256 numbers take 6 KB."""
+
+_Few = Field(max_length=100)
+_Counts = Annotated[dict[str, Count], _Few]
+_Seconds = Annotated[float, Field(ge=0, le=1e11)]
+_Milliseconds = Annotated[float, Field(ge=-1e14, le=1e14)]  # below 0 where a clock jumped
+_Hertz = Annotated[float, Field(ge=0, le=1e6)]
+
 
 def _takes_time(setting: ExposureSetting) -> ExposureSetting:
-    if not (0 < setting.exposure_time_us < math.inf and math.isfinite(setting.gain_db)):
+    if not setting.is_physical:
         raise ValueError(f"{setting} is no exposure")
     return setting
 
@@ -35,10 +46,10 @@ class Durations:
     The percentiles are None before the first.
     """
 
-    count: int
-    sum_ms: float
-    p50_ms: float | None
-    p99_ms: float | None
+    count: Count
+    sum_ms: _Milliseconds
+    p50_ms: _Milliseconds | None
+    p99_ms: _Milliseconds | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,21 +86,24 @@ class PublishStatus:
         Why there is no session, in words; empty when there is one.
     consumers
         Those that are there, with their own counts since each of them started.
+    unlisted_consumers
+        How many there are besides.
     """
 
-    offered: int
-    sent: int
-    dropped: dict[str, int]
+    offered: Count
+    sent: Count
+    dropped: _Counts
     trouble: str
-    consumers: dict[str, ConsumerTally]
+    consumers: Annotated[dict[str, ConsumerTally], _Few]
+    unlisted_consumers: Count = 0
 
 
 @dataclass(frozen=True, slots=True)
 class RecorderStatus:
     """The recorder: steps of control it was given since the process started, those it dropped, and what ended it."""
 
-    steps: int
-    dropped: int
+    steps: Count
+    dropped: Count
     failure: str | None
 
 
@@ -97,7 +111,7 @@ class RecorderStatus:
 class Fault:
     """A line of the log at WARNING or above: when (seconds since 1970), its level, its text without line breaks."""
 
-    unix_time_s: float
+    unix_time_s: _Seconds
     level: str
     message: str
 
@@ -155,28 +169,28 @@ class Status:
     version: int
     rig: str
     policy: str
-    unix_time_s: float
-    uptime_s: float
-    open_s: float
+    unix_time_s: _Seconds
+    uptime_s: _Seconds
+    open_s: _Seconds
     ending: bool
     state: State
-    reasons: tuple[str, ...]
+    reasons: Annotated[tuple[str, ...], _Few]
     cameras: dict[Side, CameraStatus]
-    rate_hz: float
-    pairs: int
-    lost: dict[str, int]
-    surplus_frames: int
-    undecided_pairs: int
-    mismatched_pairs: int
-    unexplained_mismatches: int
-    late_writes: int
-    refused_writes: int
-    clipped_writes: int
-    astray_frames: int
-    untold_frames: int
-    clock_jumps: int
-    clamped_decisions: dict[str, int]
-    reconnects: int
+    rate_hz: _Hertz
+    pairs: Count
+    lost: _Counts
+    surplus_frames: Count
+    undecided_pairs: Count
+    mismatched_pairs: Count
+    unexplained_mismatches: Count
+    late_writes: Count
+    refused_writes: Count
+    clipped_writes: Count
+    astray_frames: Count
+    untold_frames: Count
+    clock_jumps: Count
+    clamped_decisions: _Counts
+    reconnects: Count
     decision: Annotated[Decision, AfterValidator(lambda decision: _takes_time(decision.setting) and decision)] | None
     pairing_ms: Durations
     decision_ms: Durations
@@ -186,7 +200,7 @@ class Status:
     command_to_effect_ms: Durations
     publishing: PublishStatus | None
     recorder: RecorderStatus | None
-    faults: tuple[Fault, ...]
+    faults: Annotated[tuple[Fault, ...], _Few]
 
     @property
     def health(self) -> Health:
@@ -218,6 +232,8 @@ class Status:
     @classmethod
     def from_json(cls, text: str | bytes) -> Status | None:
         """What a daemon sent, or None when it is nothing of the kind, or of a version that means something else."""
+        if len(text) > LARGEST_STATUS_BYTES:
+            return None
         try:
             status = _ADAPTER.validate_json(text)
         except ValidationError:
@@ -236,6 +252,8 @@ def response_to_json(response: ResponseFunction) -> str:
 
 def response_from_json(text: str | bytes) -> ResponseFunction | None:
     """What a daemon sent, or None when it is nothing of the kind."""
+    if len(text) > LARGEST_RESPONSE_BYTES:
+        return None
     try:
         return ResponseFunction.from_document(json.loads(text), Path("response"))
     except (ConfigurationError, ValueError, TypeError, LookupError, RecursionError):

@@ -23,6 +23,7 @@ _TURN_S = 0.25
 _SHOWN_FAULTS = 8
 _HISTORY = 60
 _TALL = 1000
+_LARGEST = 1e15
 _BLOCKS = "\u2581\u2582\u2583\u2584\u2585\u2586\u2587\u2588"
 
 
@@ -31,8 +32,8 @@ def show_once(rig: str, connect: Sequence[str], console: Console) -> None:
     with StatusClient(rig, connect) as client:
         status = client.wait(_PATIENCE_S)
         if status is None:
-            raise AutoexposeError(_nobody(client, rig, connect))
-        console.print(_panel(status, History(), client.silent_s, _TALL))
+            raise AutoexposeError(nobody(client, rig, connect))
+        console.print(panel_of(status, History(), client.silent_s, _TALL))
 
 
 def follow(rig: str, connect: Sequence[str], console: Console, stop: threading.Event) -> None:
@@ -44,10 +45,10 @@ def follow(rig: str, connect: Sequence[str], console: Console, stop: threading.E
         while not stop.wait(_TURN_S):
             status = client.status
             if status is None:
-                live.update(plain(_nobody(client, rig, connect)), refresh=True)
+                live.update(plain(nobody(client, rig, connect)), refresh=True)
             else:
                 history.add(status)
-                live.update(_panel(status, history, client.silent_s, console.height), refresh=True)
+                live.update(panel_of(status, history, client.silent_s, console.height), refresh=True)
 
 
 class History:
@@ -66,7 +67,8 @@ class History:
         values = {} if applied is None else {"exposure, us": applied.exposure_time_us, "gain, dB": applied.gain_db}
         values |= {} if status.decision is None else {"metric": status.decision.metric}
         for name, value in values.items():
-            self._rows.setdefault(name, deque(maxlen=_HISTORY)).append(value)
+            if abs(value) < _LARGEST:  # and a number
+                self._rows.setdefault(name, deque(maxlen=_HISTORY)).append(value)
 
     def add_rows(self, table: Table) -> None:
         """A row for each: name, curve and range."""
@@ -81,7 +83,8 @@ def sparkline(values: Sequence[float]) -> str:
     return "".join(_BLOCKS[round((value - low) * scale)] for value in values)
 
 
-def _panel(status: Status, history: History, silent_s: float, height: int) -> Panel:
+def panel_of(status: Status, history: History, silent_s: float, height: int) -> Panel:
+    """All there is to say of a status that came some seconds ago, in so many lines at most."""
     title = f"autoexpose {status.rig}, {status.policy}, up {duration_text(status.uptime_s)}"
     colour = COLOURS[status.state]
     if silent_s > _SILENT_S:
@@ -104,7 +107,8 @@ def _faults(faults: Sequence[Fault]) -> Table:
     return table
 
 
-def _nobody(client: StatusClient, rig: str, connect: Sequence[str]) -> str:
+def nobody(client: StatusClient, rig: str, connect: Sequence[str]) -> str:
+    """Why there is no status to show, in words."""
     where, since = ", ".join(connect), f"for {client.silent_s:.0f} s"
     if client.trouble:
         section = "{}" if rig == "rig" else f"{{rig: {rig}}}"

@@ -25,15 +25,18 @@ Show = Callable[[Callable[[], Status]], None]
 
 
 @contextmanager
-def display(console: Console, title: str) -> Iterator[Show]:
-    """What shows the status of a moment: a panel in a terminal, else a line of the log, more and more seldom."""
+def display(console: Console, title: Callable[[], str]) -> Iterator[Show]:
+    """What shows the status of a moment: a panel in a terminal, else a line of the log, more and more seldom.
+
+    `title` is asked for each time that the panel is drawn.
+    """
     started_s = time.monotonic()
     if console.is_terminal:
         with Live(console=console, auto_refresh=False, transient=False) as live:
 
             def show(tell: Callable[[], Status]) -> None:
                 status = tell()
-                heading = f"{title}, {time.monotonic() - started_s:.0f} s"
+                heading = f"{title()}, {time.monotonic() - started_s:.0f} s"
                 colour = COLOURS[status.state]
                 live.update(Panel(table_of(status), title=heading, expand=False, border_style=colour), refresh=True)
 

@@ -10,6 +10,7 @@ from typing import Any
 import yaml
 
 from drivers.errors import ConfigurationError
+from drivers.files import read_regular
 
 MOST_BYTES = 1 << 18
 """A response file has 8000; a file given by mistake is to be refused before minutes of parsing."""
@@ -53,18 +54,15 @@ def load_mapping(path: Path, hint: str) -> dict[Any, Any]:
     Raises
     ------
     ConfigurationError
-        When the file cannot be read, is too long, is not YAML, has a key twice, or holds no keys (then `hint` says what
-        to write).
+        When the file cannot be read, is too long or no regular file, is not YAML, has a key twice, or holds no keys
+        (then `hint` says what to write).
     """
     try:
-        with path.open("rb") as file:
-            content = file.read(MOST_BYTES + 1)
+        content = read_regular(path, MOST_BYTES)
     except OSError as error:
         raise ConfigurationError(f"{path}: cannot be read ({error.strerror}): check its name and access") from error
     except ValueError as error:  # a NUL in its name
         raise ConfigurationError(f"{str(path)!r}: is no name of a file: {error}") from error
-    if len(content) > MOST_BYTES:
-        raise ConfigurationError(f"{path}: longer than {MOST_BYTES >> 10} KiB: name another file")
     try:
         document = yaml.load(content.decode("utf-8"), _StrictLoader)
     except Exception as error:  # PyYAML checks little of what tags such as !!int or a date announce

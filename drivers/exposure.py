@@ -11,6 +11,10 @@ DB_PER_STOP = 20.0 * math.log10(2.0)
 """A factor of two in linear gain, 6.02 dB: machine-vision gain is an amplitude ratio, hence 20 and not 10."""
 
 
+_LONGEST_TIME_US = 3.6e9
+_HIGHEST_GAIN_DB = 200.0
+
+
 def linear_gain(gain_db: float) -> float:
     """Linear gain of a gain in dB, ``10 ** (dB / 20)``."""
     return math.exp2(gain_db / DB_PER_STOP)
@@ -32,6 +36,11 @@ class ExposureSetting:
     def level(self) -> float:
         """Exposure level E = log2(t * g) in stops, t in microseconds (Begin & Hunter 2022, eq. 1)."""
         return math.log2(self.exposure_time_us) + self.gain_db / DB_PER_STOP
+
+    @property
+    def is_physical(self) -> bool:
+        """Whether a frame can be taken so: within an hour, and 200 dB. What other processes send may be anything."""
+        return 0 < self.exposure_time_us <= _LONGEST_TIME_US and abs(self.gain_db) <= _HIGHEST_GAIN_DB
 
     def agrees_with(self, other: ExposureSetting) -> bool:
         """Whether the two are the same but for the rounding of cameras (1 % of time, 0.1 dB)."""

@@ -85,8 +85,10 @@ def decode_pixels(data: bytes, pfnc_code: int, width: int, height: int) -> tuple
     Raises
     ------
     ValueError
-        When the bytes are fewer than the image needs, or the format is none of the known ones.
+        When the image has no pixels, the bytes are fewer than it needs, or the format is none of the known ones.
     """
+    if width < 1 or height < 1:
+        raise ValueError(f"an image of {width}x{height} pixels")
     if pfnc_code not in PFNC_CODES:
         raise ValueError(f"unknown pixel format code {pfnc_code:#010x}")
     bit_depth = BIT_DEPTHS[PFNC_CODES[pfnc_code]]

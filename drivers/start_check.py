@@ -8,13 +8,13 @@ from collections.abc import Iterator, Mapping
 from itertools import pairwise
 
 from drivers.frames import Side
-from drivers.rate_watch import wrong_rate
+from drivers.rate_watch import mean_period_ns, wrong_rate
 
 PATIENCE_NS = 3_000_000_000
 """Cameras that wait for triggers this long, and get none, have no trigger."""
 
 JUDGED_FRAMES = 20
-"""Of each camera: their medians do not mind a lost frame or two."""
+"""Of each camera: what is made of them does not mind a lost frame or two."""
 
 SKEW_TOLERANCE = 0.1
 """Part of a period by which left and right may start apart; one trigger wire makes a few microseconds."""
@@ -84,7 +84,7 @@ class StartCheck:
             yield f"the {side} camera gets no trigger pulse, the other one does: check the wire to its {line}"
 
     def _at_rate(self, times_ns: list[int]) -> bool:
-        period_ns = statistics.median(later - earlier for earlier, later in pairwise(times_ns))
+        period_ns = mean_period_ns([later - earlier for earlier, later in pairwise(times_ns)])
         return wrong_rate(period_ns, self._rate_hz) is None
 
     def _skew(self, left_ns: list[int], right_ns: list[int]) -> Iterator[str]:

@@ -17,11 +17,14 @@ from rich.table import Table
 from autoexpose_daemon.control.policies import DEFAULT_POLICY, POLICY_IDS, check_policy_id
 from drivers.errors import AutoexposeError, ConfigurationError
 from evaluation.arena import Run, run_plan
+from evaluation.effort import check_chosen
 from evaluation.plan import Task, full_plan, quick_plan
 from evaluation.progress import LongProgress
 from evaluation.report import cells, mean_ratios, write_report
 from evaluation.results import document
 from evaluation.scenarios import SCENARIOS
+
+_FRAME_S = 0.005  # of one core, for a frame of one policy: from full arenas of 14 policies
 
 arena_app = typer.Typer(add_completion=False)
 
@@ -30,6 +33,7 @@ arena_app = typer.Typer(add_completion=False)
 def arena(
     *,
     quick: Annotated[bool, typer.Option("--quick", help="Every scenario once: about a minute.")] = False,
+    full: Annotated[bool, typer.Option("--full", help="Every scenario in many scenes: most of an hour.")] = False,
     json_file: Annotated[Path | None, typer.Option("--json", help="Write all figures to this JSON file.")] = None,
     report: Annotated[Path | None, typer.Option(help="Write a report with plots into this folder.")] = None,
     policies: Annotated[str, typer.Option(help="Ids, separated by commas.")] = ",".join(POLICY_IDS),
@@ -42,7 +46,12 @@ def arena(
     if json_file is not None and not json_file.parent.is_dir():
         raise ConfigurationError(f"{json_file}: there is no folder {json_file.parent}: make it, or choose another file")
     stills = _pictures(pictures) if pictures else []
-    plan = quick_plan(chosen[1], stills) if quick else full_plan(chosen[1], stills)
+
+    def plan_of(quick: bool) -> list[Task]:
+        return (quick_plan if quick else full_plan)(chosen[1], stills)
+
+    check_chosen(quick, full, lambda quick: _duration_s(plan_of(quick), chosen[0], jobs))
+    plan = plan_of(quick)
     console = Console()
     runs = _run(plan, chosen[0], jobs, console)
     figures = document(runs, DEFAULT_POLICY)
@@ -70,6 +79,10 @@ def _pictures(folder: Path) -> list[str]:
     if not stills:
         raise ConfigurationError(f"{folder}: no .hdr file in it: give a folder of Radiance pictures")
     return stills
+
+
+def _duration_s(plan: Sequence[Task], policies: Sequence[str], jobs: int) -> float:
+    return sum(task.frames * len(task.delays) for task in plan) * len(policies) * _FRAME_S / jobs
 
 
 def _run(plan: Sequence[Task], policies: Sequence[str], jobs: int, console: Console) -> list[Run]:

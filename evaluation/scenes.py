@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 import cv2
 import numpy as np
@@ -16,7 +17,7 @@ from fake_camera.panorama import load_radiance
 from fake_camera.path import CameraPath
 from fake_camera.render import Pinhole, Renderer
 from fake_camera.room import furnished_room
-from fake_camera.simulation import RoomView, Scene, Side
+from fake_camera.simulation import RoomView, Side
 
 CAMERA = Pinhole()
 
@@ -64,6 +65,16 @@ class GazePath(CameraPath):
         return np.array(
             [[sin, 0.0, cos, x + sway], [-cos, 0.0, sin, y], [0.0, -1.0, 0.0, self.height_m], [0.0, 0.0, 0.0, 1.0]]
         )
+
+
+class Scene(Protocol):
+    """Linear radiance at chosen instants, before any sensor."""
+
+    def image_shift_px(self, start_s: float, end_s: float) -> float:
+        """About how far the image moves between two instants, in pixels."""
+
+    def radiance(self, times_s: NDArray[np.float64], lux: float) -> NDArray[np.float32]:
+        """Mean radiance over the instants in lux times reflectance, shape (height, width); affine in `lux`."""
 
 
 class StillView:

@@ -10,15 +10,19 @@ from numpy.typing import NDArray
 
 from drivers.exposure import ExposureLimits, ExposureSetting
 from evaluation.scenarios import RATE_HZ, Course
+from evaluation.scenes import Scene
 from fake_camera.imaging import ImageSettings
 from fake_camera.lighting import LightScript
 from fake_camera.sensor import Sensor, SensorModel
-from fake_camera.simulation import BLUR_STEP_PX, Scene, Side
+from fake_camera.simulation import Side
 
 LIMITS = ExposureLimits(min_time_us=20.0, max_time_us=7500.0, min_gain_db=0.0, max_gain_db=30.0)
 
 LAMP_RADIANCE = 2500.0
 """In lux times reflectance: 8 to 10 stops over a wall under the light of `lamp_right`."""
+
+BLUR_STEP_PX = 1.5
+"""A moving camera's exposure is rendered as one instant for every so many pixels that the image moves."""
 
 Radiance = NDArray[np.float32]
 
@@ -27,9 +31,9 @@ class Stage:
     """Exposes frames of one course; the noise of a frame is the same whatever its exposure.
 
     A still camera's radiance is affine in the light, so it is rendered twice and then combined. A moving one's is
-    rendered at instants spread over the longest exposure, one for every 1.5 pixels of motion, each under the light of
-    its own moment; an exposure is the mean over its part of them. Both are rendered only when asked for, once for all
-    runs and oracles.
+    rendered at instants spread over the longest exposure, one for every `BLUR_STEP_PX` of motion, each under the light
+    of its own moment; an exposure is the mean over its part of them. Both are rendered only when asked for, once for
+    all runs and oracles.
 
     Parameters
     ----------

@@ -6,29 +6,39 @@ import argparse
 import contextlib
 import dataclasses
 import gc
+import ipaddress
+import json
 import signal
 import sys
 import tempfile
 import threading
+import time
+from functools import partial
 from pathlib import Path
 
 from fake_camera.control_socket import ControlSocket
 from fake_camera.device import Device
 from fake_camera.exposure_wire import ExposureInput, ExposureOutput
-from fake_camera.features import ENUM_ENTRIES, Features
+from fake_camera.files import read_regular
 from fake_camera.genapi.description import Description
 from fake_camera.gige import AddressTakenError, GigeServer
 from fake_camera.imaging import ImageSource
+from fake_camera.kept_room import kept_room
 from fake_camera.lighting import LightScript
 from fake_camera.line0 import Line0, WireError
+from fake_camera.room import furnished_room
 from fake_camera.simulation import build_image_source
 from fake_camera.truth import TruthFile
 from fake_camera.usb3.run import ShimError, run, shim_path
 from fake_camera.usb3.server import Usb3Server
 from fake_camera.usb3.usbip import TCP_PORT
+from fake_camera.warm_up import Unpainted, frame_s, warm_up
 from fake_camera.xml_camera import XmlCamera
 
 _ADDRESS = "127.0.0.1"
+_LONGEST_DESCRIPTION_BYTES = 1 << 24
+_SERIAL_CHARACTERS = {"GigE Vision": 15, "USB3 Vision": 63}  # of registers of 16 and 64 bytes, which end with a zero
+_ASK = "60; ask: write how long a frame takes, and read the rate on standard input"
 
 
 def _parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
@@ -37,22 +47,24 @@ def _parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
         description="A GigE Vision or USB3 Vision camera in software, which stock Aravis opens as a real one.",
     )
     add = parser.add_argument
-    add("--address", help=f"loopback address of a GigE Vision camera ({_ADDRESS})")
+    add("--address", type=_address, help=f"loopback address of a GigE Vision camera ({_ADDRESS})")
     add("--usb3", action="store_true", help="be a USB3 Vision camera: needs --socket, --tcp or --exec")
     add("--socket", type=Path, metavar="PATH", help="Unix socket to serve USB/IP on")
-    add("--tcp", type=int, nargs="?", const=TCP_PORT, metavar="PORT", help="TCP port of 127.0.0.1 for it (%(const)d)")
+    add("--tcp", type=_port, nargs="?", const=TCP_PORT, metavar="PORT", help="TCP port of 127.0.0.1 for it (%(const)d)")
     add("--exec", nargs=argparse.REMAINDER, metavar="COMMAND", help="run a command that sees the camera on its USB bus")
     add("--serial", default="FAKE-LEFT", help="its serial number (%(default)s)")
     add("--side", choices=["left", "right"], default="left", help="its place in the stereo rig (%(default)s)")
     add("--line0", metavar="NAME", help="trigger wire, shared with the cameras that name the same (none)")
-    add("--line0-rate-hz", type=_rate, default=60.0, metavar="HZ", help="pulses per second of the wire (%(default)g)")
+    add("--line0-rate-hz", type=_rate, default=60.0, metavar="HZ|ask", help=f"pulses per second of the wire ({_ASK})")
     add("--line1", type=Path, metavar="SOCKET", help="wire from the exposure output to another camera's Line3")
     add("--line3", type=Path, metavar="SOCKET", help="wire from another camera's Line1")
     add("--scene", default="room", metavar="room|FILE.hdr", help="what it sees (%(default)s)")
     add("--still", action="store_true", help="it stands still, as on a tripod")
     add("--light", type=Path, metavar="FILE", help="light script (one with steps is built in)")
     add("--response", choices=["linear", "gamma", "s_shaped"], default="linear", help="of the sensor (%(default)s)")
-    add("--seed", type=int, default=0, help="fixes room, noise and clock (%(default)s)")
+    add("--seed", type=_seed, default=0, help="fixes room, noise and clock (%(default)s)")
+    add("--nice", type=_niceness, default=0, metavar="N", help="how far rendering gives way to others (%(default)s)")
+    add("--keep-room", type=Path, metavar="FOLDER", help="keep the painted room there (47 MB), for a quicker start")
     add("--xml", type=Path, metavar="FILE", help="wear this GenICam description of a real camera (none: its own)")
     add("--truth", type=Path, metavar="FILE", help="write the light at each pulse of the wire as JSON lines")
     add("--control", type=Path, metavar="SOCKET", help="Unix socket that takes faults as JSON lines")
@@ -62,42 +74,81 @@ def _parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
         parser.error("--address is of GigE Vision cameras: leave it out, or leave out --usb3")
     if options.usb3 and not usb3_options:
         parser.error("--usb3 needs a way to reach the camera: --socket PATH, --tcp or --exec COMMAND")
+    if options.line0_rate_hz is None and (options.line0 is None or options.xml is not None):
+        parser.error("--line0-rate-hz ask needs --line0 NAME, and goes without --xml")
     if not options.usb3 and usb3_options:
         parser.error(f"{usb3_options[0]} is of USB3 Vision cameras: add --usb3")
-    if options.exec == []:
+    if options.exec in ([], [""]):
         parser.error("--exec needs a command")
+    if (wrong := _wrong_with_serial(options.serial, options.usb3)) is not None:
+        parser.error(f"--serial {options.serial!r} {wrong}")
     if not options.usb3:
         options.address = options.address or _ADDRESS
     return options
 
 
-def _serial(text: str) -> str:
-    if not 1 <= len(text.encode()) <= 15 or not text.isascii():
-        raise argparse.ArgumentTypeError(f"{text!r} does not fit: GigE Vision has room for 15 ASCII characters")
-    return text
+def _wrong_with_serial(serial: str, usb3: bool) -> str | None:
+    """Why a serial number cannot be sent as it is; None: it can."""
+    standard = "USB3 Vision" if usb3 else "GigE Vision"
+    if not (serial.isascii() and serial.isprintable() and serial.strip() == serial != ""):
+        return "cannot be a serial number: give ASCII characters, and no blank before or behind them"
+    if len(serial) > _SERIAL_CHARACTERS[standard]:
+        return f"is too long: {standard} has room for {_SERIAL_CHARACTERS[standard]} characters"
+    return None
 
 
-def _rate(text: str) -> float:
+def _address(text: str) -> str:
+    try:
+        return str(ipaddress.IPv4Address(text))
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"{text!r} is no IPv4 address: give one such as 127.0.0.2") from error
+
+
+def _port(text: str) -> int:
+    return _integer(text, 1, 0xFFFF)
+
+
+def _seed(text: str) -> int:
+    return _integer(text, 0, 2**64 - 1)
+
+
+def _niceness(text: str) -> int:
+    return _integer(text, 0, 19)
+
+
+def _integer(text: str, low: int, high: int) -> int:
+    try:
+        number = int(text)
+    except ValueError:
+        number = low - 1
+    if not low <= number <= high:
+        raise argparse.ArgumentTypeError(f"{text!r} is no whole number from {low} to {high}")
+    return number
+
+
+def _rate(text: str) -> float | None:
+    """A rate in Hz, or None for one that is asked for later."""
+    if text == "ask":
+        return None
     rate_hz = float(text)
     if not 1 <= rate_hz <= 1000:
         raise argparse.ArgumentTypeError(f"{text} Hz is not within 1 to 1000 Hz")
     return rate_hz
 
 
-def _warm_up(source: ImageSource) -> None:
-    """Render once in each pixel format: compilation and caches are not to delay the first frames."""
-    features = Features("", source.sensor_width, source.sensor_height, lambda: 0)
-    settings = features.image_settings(0)
-    for pixel_format in ENUM_ENTRIES["PixelFormat"]:
-        source.take(0.0, dataclasses.replace(settings, pixel_format=pixel_format), 0)
-    source.lux(0.0)
-
-
 def _run(options: argparse.Namespace, resources: contextlib.ExitStack) -> tuple[Device, XmlCamera | None]:
     """Start the camera; what `resources` holds must be closed to stop it."""
     light = LightScript.from_file(options.light) if options.light else LightScript.default()
-    source = build_image_source(options.scene, options.side, light, options.seed, options.response, still=options.still)
-    _warm_up(source)
+    with contextlib.ExitStack() as meanwhile:
+        if options.line0_rate_hz is None:
+            _be_found(options, meanwhile)
+        paint = partial(kept_room, folder=options.keep_room) if options.keep_room else furnished_room
+        source = build_image_source(
+            options.scene, options.side, light, options.seed, options.response, still=options.still, paint=paint
+        )
+        warm_up(source)
+        if options.line0_rate_hz is None:
+            options.line0_rate_hz = _ask_for_rate(source)
     line0 = truth = None
     if options.line0 is not None:
         line0 = Line0.join(options.line0, options.line0_rate_hz)
@@ -107,8 +158,7 @@ def _run(options: argparse.Namespace, resources: contextlib.ExitStack) -> tuple[
             raise WireError("--truth writes a line for each pulse of Line0: name the wire with --line0 NAME")
         truth = TruthFile(options.truth, source.lux, line0)
         resources.callback(truth.close)
-    model = "FakeU3V287M" if options.usb3 else "FakeGV287M"
-    device = Device(source, options.serial, options.seed, line0, truth, model=model)
+    device = _device(options, source, line0, truth)
     resources.callback(device.close)
     if options.line1 is not None:
         output = ExposureOutput(options.line1)
@@ -121,18 +171,51 @@ def _run(options: argparse.Namespace, resources: contextlib.ExitStack) -> tuple[
     xml = None
     if options.xml is not None:
         xml = XmlCamera(_description(options.xml, options.usb3), device)
+    _serve(options, device, xml, resources)
+    return device, xml
+
+
+def _device(
+    options: argparse.Namespace, source: ImageSource, line0: Line0 | None = None, truth: TruthFile | None = None
+) -> Device:
+    model = "FakeU3V287M" if options.usb3 else "FakeGV287M"
+    return Device(source, options.serial, options.seed, line0, truth, model=model, niceness=options.nice)
+
+
+def _serve(options: argparse.Namespace, device: Device, xml: XmlCamera | None, resources: contextlib.ExitStack) -> None:
+    """Answer on the wire until `resources` are closed."""
     if options.usb3:
         resources.callback(Usb3Server(device, options.socket, options.tcp, xml).close)
     else:
         server = GigeServer(device, options.address, xml)
         server.start()
         resources.callback(server.close)
-    return device, xml
+
+
+def _be_found(options: argparse.Namespace, meanwhile: contextlib.ExitStack) -> None:
+    """Answer a search already, which takes a second, while the room is painted; whoever asks for the rate waits."""
+    device = _device(options, Unpainted())
+    meanwhile.callback(device.close)
+    _serve(options, device, None, meanwhile)
+    print(json.dumps({"can_be_found": True}), flush=True)
+
+
+def _ask_for_rate(source: ImageSource) -> float:
+    """Say how long a frame takes, and wait for the rate of the wire; raises ValueError when none comes."""
+    print(json.dumps({"frame_s": round(frame_s(source), 6)}), flush=True)
+    answer = sys.stdin.readline().strip()
+    try:
+        rate_hz = _rate(answer)
+    except (ValueError, argparse.ArgumentTypeError):
+        rate_hz = None
+    if rate_hz is None:
+        raise ValueError(f"standard input gave no rate for the wire, but {answer!r}: write a number of Hz")
+    return rate_hz
 
 
 def _description(path: Path, usb3: bool) -> Description:
     """The description in a file; raises ValueError when it is none, or one of a camera on the other transport."""
-    description = Description.from_bytes(path.read_bytes(), str(path))
+    description = Description.from_bytes(read_regular(path, _LONGEST_DESCRIPTION_BYTES), str(path))
     if description.standard == "U3V" and not usb3:
         raise ValueError(f"{path} describes a USB3 Vision camera: add --usb3 and --exec, --socket or --tcp")
     if description.standard == "GEV" and usb3:
@@ -180,14 +263,15 @@ def main(arguments: list[str] | None = None) -> int:
             wire = f"Line0 {options.line0} at {options.line0_rate_hz:g} Hz" if options.line0 else "no Line0"
             name = f"fake camera {options.serial} ({options.side})"
             print(f"{name} {where}, {wire}, scene {options.scene}{_worn(xml)}", file=notes, flush=True)
-            status = 0
+            status, begun_s = 0, time.process_time()
             if options.exec:
                 status = run(options.exec, [options.socket], stop)
             stop.wait()
         except (AddressTakenError, OSError, ShimError, ValueError, WireError) as error:
             print(f"fake camera {options.serial} {where}: {_sentence(error)}", file=sys.stderr)
             return 2
-        print(device.counters, file=notes, flush=True)
+        end = dataclasses.asdict(device.counters) | {"cpu_s": round(time.process_time() - begun_s, 6)}
+        print(json.dumps(end), file=notes, flush=True)
     return status
 
 

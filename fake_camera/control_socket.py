@@ -6,13 +6,15 @@ import contextlib
 import json
 import socket
 import threading
+from collections.abc import Iterator
 from pathlib import Path
+from typing import BinaryIO
 
 from fake_camera.faults import Fault, FaultError, Faults
 from fake_camera.unix_socket import listen
 
-_LONGEST_ORDER_BYTES = 1 << 16
-"""A line without an end is answered in pieces, and not collected."""
+_LONGEST_ORDER_BYTES = 1 << 12
+"""What is longer is not collected; the longest order takes 80."""
 
 
 class ControlSocket:
@@ -43,20 +45,38 @@ class ControlSocket:
                 threading.Thread(target=self._serve, args=(connection,), name="control", daemon=True).start()
 
     def _serve(self, connection: socket.socket) -> None:
-        with connection, connection.makefile("rb") as lines, contextlib.suppress(OSError):  # the client has gone
-            for line in iter(lambda: lines.readline(_LONGEST_ORDER_BYTES), b""):
-                connection.sendall(json.dumps(self._answer(line)).encode() + b"\n")
+        with connection, connection.makefile("rb") as stream, contextlib.suppress(OSError):  # the client has gone
+            for answer in answers(stream, self._faults):
+                connection.sendall(answer)
 
-    def _answer(self, line: bytes) -> dict[str, object]:
-        try:
-            fault = Fault.from_json(line.decode(errors="replace"))
-            last_trigger = self._faults.add(fault)
-        except FaultError as error:
-            return {"ok": False, "error": str(error)}
-        return {
-            "ok": True,
-            "fault": fault.name,
-            "after_trigger": fault.after_trigger,
-            "count": fault.count,
-            "last_trigger": last_trigger,
-        }
+
+def answers(stream: BinaryIO, faults: Faults) -> Iterator[bytes]:
+    """A line for each line of a stream, which is handed to `faults` when it is an order."""
+    for line in _lines(stream):
+        yield json.dumps(_answer(line, faults)).encode() + b"\n"
+
+
+def _answer(line: bytes, faults: Faults) -> dict[str, object]:
+    if len(line) > _LONGEST_ORDER_BYTES:
+        return {"ok": False, "error": f"the line is longer than {_LONGEST_ORDER_BYTES} bytes: no order is"}
+    try:
+        fault = Fault.from_json(line.decode(errors="replace"))
+        last_trigger = faults.add(fault)
+    except FaultError as error:
+        return {"ok": False, "error": str(error)}
+    return {
+        "ok": True,
+        "fault": fault.name,
+        "after_trigger": fault.after_trigger,
+        "count": fault.count,
+        "last_trigger": last_trigger,
+    }
+
+
+def _lines(stream: BinaryIO) -> Iterator[bytes]:
+    """Lines, of those that are too long the beginning."""
+    while line := stream.readline(_LONGEST_ORDER_BYTES + 1):
+        rest = line
+        while len(rest) > _LONGEST_ORDER_BYTES and not rest.endswith(b"\n"):
+            rest = stream.readline(_LONGEST_ORDER_BYTES + 1)
+        yield line

@@ -21,15 +21,15 @@ from fake_camera.truth import TruthFile
 
 _TOO_LATE_NS = 500_000_000  # a pulse this old (the process was stopped) makes no exposure
 _OVERRUN_NS = 100_000_000  # a frame that would be sent this late is dropped, so that a slow machine stays in time
-_RENDERING_NICENESS = 10  # a real sensor takes no time of the host's, nor of the camera's answers
 _UNWIRED_RATE_HZ = 60.0  # what faults and truth are counted by when no wire is plugged in
 
 
 class Device:
-    """One camera. Its latching thread follows Line0 and starts exposures; its sending thread renders and sends them.
+    """One camera: one thread follows Line0 and starts exposures, one renders them, one sends them when they are due.
 
     `line0` is the wire plugged in; without one the camera can only run free or be triggered by software. `seed` and
-    `serial` fix its clock's offset and drift and the noise of its images.
+    `serial` fix its clock's offset and drift and the noise of its images. Rendering gives way to other threads by
+    `niceness`: a real sensor takes no time of the host's. But neither does a busy host keep it from taking images.
 
     Attributes
     ----------
@@ -48,8 +48,10 @@ class Device:
         truth: TruthFile | None = None,
         *,
         model: str = "FakeGV287M",
+        niceness: int = 0,
     ) -> None:
         self._source = source
+        self._niceness = niceness
         self._identity = f"{seed} {serial}"
         self._wired = line0 is not None
         self._echo_ns: int | None = None  # when a pulse rises between two of the wire's
@@ -68,10 +70,12 @@ class Device:
         self._on_power_off: list[Callable[[], None]] = []
         self._show_exposure: Callable[[int], None] = lambda start_ns: None
         self._exposures: SimpleQueue[Exposure | None] = SimpleQueue()
+        self._frames: SimpleQueue[tuple[int, Exposure, ExposedFrame] | None] = SimpleQueue()
         self._wake = threading.Event()
         self._closed = threading.Event()
         self._threads = [
             threading.Thread(target=self._latch, name="latch", daemon=True),
+            threading.Thread(target=self._take, name="take", daemon=True),
             threading.Thread(target=self._send, name="send", daemon=True),
         ]
         for thread in self._threads:
@@ -118,8 +122,11 @@ class Device:
         self._show_exposure = rise
 
     def line3_pulse(self, time_ns: int) -> None:
-        """Line3 rises at `time_ns`, CLOCK_MONOTONIC."""
+        """Line3 rises at `time_ns`, CLOCK_MONOTONIC; one that is far from now makes no exposure."""
         with self._lock:
+            if abs(time.monotonic_ns() - time_ns) > _TOO_LATE_NS:
+                self._acquisition.counters.missed += 1
+                return
             self._start(self._acquisition.line3_pulse(time_ns))
 
     def on_power_on(self, callback: Callable[[], None]) -> None:
@@ -207,24 +214,34 @@ class Device:
                 in_time = now_ns - start_ns <= _TOO_LATE_NS
                 self._start(self._acquisition.free_run(start_ns if in_time else now_ns))
 
-    def _send(self) -> None:
-        """Render each exposure while it is exposed and read out, and send it when it is due; frames stay in order."""
+    def _take(self) -> None:
+        """Render each exposure while it is exposed and read out, so that it is there when it is due."""
         thread = threading.get_native_id()  # of this thread alone
-        os.setpriority(os.PRIO_PROCESS, thread, os.getpriority(os.PRIO_PROCESS, thread) + _RENDERING_NICENESS)
+        os.setpriority(os.PRIO_PROCESS, thread, os.getpriority(os.PRIO_PROCESS, thread) + self._niceness)
         due_ns = 0
         while (exposure := self._exposures.get()) is not None:
+            # A frame that is delayed delays those behind it: frames stay in order.
             due_ns = max(due_ns, exposure.ready_ns + (DELAY_NS if "delay" in exposure.faults else 0))
-            if "freeze" in exposure.faults or not self._wanted(exposure):
-                continue
-            if time.monotonic_ns() - due_ns > _OVERRUN_NS:
-                self._acquisition.counters.overruns += 1
-                continue
-            frame = self._render(exposure)
+            if "freeze" not in exposure.faults and self._wanted(exposure) and self._in_time(due_ns):
+                self._frames.put((due_ns, exposure, self._render(exposure)))
+        self._frames.put(None)
+
+    def _send(self) -> None:
+        """Send each frame when it is due, which takes as long as its transport asks."""
+        while (rendered := self._frames.get()) is not None:
+            due_ns, exposure, frame = rendered
             if self._closed.wait(max(0, due_ns - time.monotonic_ns()) * 1e-9):
                 return
-            if self._wanted(exposure):
+            if self._wanted(exposure) and self._in_time(due_ns):
                 self.faults.on_send(exposure.pulse)
                 self._sink(frame)
+
+    def _in_time(self, due_ns: int) -> bool:
+        """Whether a frame that was due then is worth sending; counts it where it is not."""
+        if time.monotonic_ns() - due_ns <= _OVERRUN_NS:
+            return True
+        self._acquisition.counters.overruns += 1
+        return False
 
     def _wanted(self, exposure: Exposure) -> bool:
         return exposure.run == self._acquisition.run and not self.faults.vanished

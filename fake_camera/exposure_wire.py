@@ -12,6 +12,8 @@ import threading
 from collections.abc import Callable
 from pathlib import Path
 
+from fake_camera.unix_socket import bind
+
 _PULSE = struct.Struct("=q")  # CLOCK_MONOTONIC, ns
 
 
@@ -36,20 +38,20 @@ class ExposureOutput:
 class ExposureInput:
     """The end at which pulses arrive: `on_pulse` is called with the time of each, on a thread of its own.
 
-    OSError when `path` cannot be used.
+    A socket file that nobody listens to is replaced. OSError when `path` cannot be used, or somebody listens there.
     """
 
     def __init__(self, path: Path, on_pulse: Callable[[int], None]) -> None:
         self._path = path
         self._on_pulse = on_pulse
-        path.unlink(missing_ok=True)
-        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-        self._socket.bind(str(path))
+        self._closed = False
+        self._socket = bind(path, "wire", socket.SOCK_DGRAM)
         self._thread = threading.Thread(target=self._receive, name="line3", daemon=True)
         self._thread.start()
 
     def close(self) -> None:
         """Unplug the wire."""
+        self._closed = True
         with contextlib.suppress(OSError):
             self._socket.shutdown(socket.SHUT_RDWR)
         self._thread.join()
@@ -57,6 +59,9 @@ class ExposureInput:
         self._path.unlink(missing_ok=True)
 
     def _receive(self) -> None:
-        while pulse := self._socket.recv(_PULSE.size):
+        while True:
+            pulse = self._socket.recv(_PULSE.size + 1)
+            if self._closed:
+                return
             if len(pulse) == _PULSE.size:
                 self._on_pulse(*_PULSE.unpack(pulse))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import random
+import reprlib
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -31,6 +32,9 @@ NOT_DESCRIBED = frozenset({"nan_chunks", "shrink"})
 NAMES = GIGE | USB3
 """All faults there are."""
 
+MOST_ORDERS = 1000
+"""Orders that may wait or be in force at once: each trigger looks at all of them."""
+
 DELAY_NS = 200_000_000
 """How late the frames of the fault ``delay`` are sent."""
 
@@ -39,6 +43,9 @@ JUMP_NS = 10_000_000_000
 
 SHRUNK = 0.95
 """The part of a number that is taken of a write that meets ``shrink``."""
+
+
+_LAST_NUMBER = 10**15  # triggers: half a million years
 
 
 class FaultError(Exception):
@@ -102,10 +109,10 @@ class Fault:
         if not isinstance(order, dict):
             raise FaultError('the line must be a JSON object such as {"fault": "freeze", "count": 3}')
         for key in order.keys() - {"fault", "after_trigger", "count"}:
-            raise FaultError(f"unknown key {key!r}: the keys are fault, after_trigger and count")
+            raise FaultError(f"unknown key {reprlib.repr(key)}: the keys are fault, after_trigger and count")
         name = order.get("fault")
         if not isinstance(name, str) or name not in NAMES:
-            raise FaultError(f"unknown fault {name!r}: the faults are {', '.join(sorted(NAMES))}")
+            raise FaultError(f"unknown fault {reprlib.repr(name)}: the faults are {', '.join(sorted(NAMES))}")
         count = _whole_number(order, "count", 1)
         if count is not None and name == "come_back":
             raise FaultError("come_back has no count: leave it out")
@@ -118,8 +125,9 @@ def _whole_number(order: dict[str, object], key: str, minimum: int) -> int | Non
     value = order.get(key)
     if value is None:
         return None
-    if not isinstance(value, int) or isinstance(value, bool) or value < minimum:
-        raise FaultError(f"{key} must be a whole number from {minimum} or null, not {value!r}")
+    if not isinstance(value, int) or isinstance(value, bool) or not minimum <= value <= _LAST_NUMBER:
+        told = reprlib.repr(value)
+        raise FaultError(f"{key} must be a whole number from {minimum} to {_LAST_NUMBER} or null, not {told}")
     return value
 
 
@@ -166,12 +174,15 @@ class Faults:
         Raises
         ------
         FaultError
-            The camera's transport has no such fault.
+            The camera's transport has no such fault, or too many orders wait.
         """
         if fault.name not in self._names:
             names = ", ".join(sorted(self._names))
             raise FaultError(f"{fault.name} is no fault of this camera's transport: its faults are {names}")
         with self._lock:
+            at_once = fault.name == "come_back" and fault.after_trigger is None
+            if len(self._orders) >= MOST_ORDERS and not at_once:
+                raise FaultError(f"{MOST_ORDERS} orders wait or are in force: let some be over first")
             self._orders.append(_Order(fault, fault.count))
             trigger = self._trigger
         self._come_back(trigger)
@@ -204,6 +215,8 @@ class Faults:
 
     def lose_packet(self) -> bool:
         """Whether the stream packet about to be sent is to be lost; asked once for each packet."""
+        if not self._orders:  # as a rule: a frame has dozens of packets
+            return False
         return self.spoils_frame("lose_packets") or (self._coin.random() < 0.5 and self.spoils_frame("lose_half"))
 
     def spoils_frame(self, name: str) -> bool:

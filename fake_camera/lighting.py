@@ -12,6 +12,10 @@ from typing import Any
 
 import yaml
 
+from fake_camera.files import read_regular
+
+_MOST_BYTES = 1 << 18
+
 
 class _PlainLoader(yaml.SafeLoader):
     """YAML without aliases: aliases of aliases may stand for more than any memory holds."""
@@ -108,9 +112,10 @@ class LightScript:
     def from_file(cls, path: Path) -> LightScript:
         """Read a script; raises ValueError with one sentence that names the file and the key."""
         try:
-            content = yaml.load(path.read_text(encoding="utf-8"), _PlainLoader)
+            content = yaml.load(read_regular(path, _MOST_BYTES).decode(), _PlainLoader)
         except (OSError, UnicodeDecodeError) as error:
-            raise ValueError(f"light script {path} cannot be read: {error}") from error
+            reason = error.strerror if isinstance(error, OSError) else "it is no text"
+            raise ValueError(f"light script {path} cannot be read: {reason}") from error
         except Exception as error:  # PyYAML checks little of what tags such as !!int or a date announce
             raise ValueError(f"light script {path} is not YAML: {' '.join(str(error).split())}") from error
         try:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import fcntl
 import os
 import re
+import stat
 import struct
 import time
 from collections.abc import Callable
@@ -17,6 +18,7 @@ from typing import Self
 
 _GRID = struct.Struct("=8sqd")  # magic, epoch (ns), rate (Hz)
 _MAGIC = b"AELINE0\x01"
+_NAME = re.compile(r"[A-Za-z0-9_.-]{1,64}")
 _NS_PER_S = 1_000_000_000
 
 
@@ -51,8 +53,8 @@ class Line0:
         WireError
             The name is no plain word, the wire runs at another rate, or its file is held by something else.
         """
-        if not re.fullmatch(r"[\w.-]{1,64}", name):
-            raise WireError(f"the wire's name {name!r} must be a word of letters, digits, dots and dashes")
+        if not _NAME.fullmatch(name):
+            raise WireError(f"the wire's name {name!r} must be up to 64 letters, digits, and any of _ . -")
         path = (directory or _shared_directory()) / f"fake-camera-line0-{name}"
         lock = _open_locked(path, rate_hz, clock_ns)
         epoch_ns, running_hz = _read_grid(lock)
@@ -89,7 +91,11 @@ def _shared_directory() -> Path:
 def _open_locked(path: Path, rate_hz: float, clock_ns: Callable[[], int]) -> int:
     """The wire's file, open, holding a grid, under a shared lock."""
     while True:
-        lock = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+        # The folder may be everybody's: what lies there under this name is not followed, nor waited for.
+        lock = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK, 0o666)
+        if not stat.S_ISREG(os.fstat(lock).st_mode):
+            os.close(lock)
+            raise WireError(f"{path} is no file of a wire: remove it, or name another wire")
         if _try_exclusive(lock):
             os.pwrite(lock, _GRID.pack(_MAGIC, clock_ns(), rate_hz), 0)
         # Passing from one lock to the other is not atomic: between them another process may find the file unlocked

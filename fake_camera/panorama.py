@@ -9,11 +9,21 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from fake_camera.files import read_regular
+
+_MOST_BYTES = 1 << 28
+
 GREY = 0.18
 """Reflectance that the still's log-mean radiance stands for: the photographers' grey card."""
 
 ROOM_TO_PAN = 1.4
 """Least size of the still in views, across and down: a smaller one is enlarged."""
+
+_BLUR_STEP_PX = 1.5
+"""An exposure is the mean of one instant for every so many pixels that the image moves ..."""
+
+_MOST_INSTANTS = 4
+"""... but of no more: a pan of long exposures is blurred in steps."""
 
 DISPARITY_PX = 24.0
 """What the right camera sees lies this much farther left: all of the still is at one distance."""
@@ -28,7 +38,7 @@ def load_radiance(path: Path) -> NDArray[np.float32]:
         When the file is missing, unreadable, not an image, or black.
     """
     try:
-        content = np.frombuffer(path.read_bytes(), np.uint8)
+        content = np.frombuffer(read_regular(path, _MOST_BYTES), np.uint8)
     except OSError as error:
         raise ValueError(f"scene {path} cannot be read: {error.strerror}") from error
     if not content[:2].tobytes() == b"#?":
@@ -74,17 +84,15 @@ class Panorama:
         self._shift_px = DISPARITY_PX if side == "right" else 0.0
         self._period_s = period_s
 
-    def image_shift_px(self, start_s: float, end_s: float) -> float:
-        """How far the image moves between two instants."""
-        return math.dist(self._centre(start_s), self._centre(end_s))
-
-    def radiance(self, times_s: NDArray[np.float64], lux: float) -> NDArray[np.float32]:
-        """Mean radiance over the instants, in lux times reflectance, shape (height, width), float32."""
+    def exposed(self, start_s: float, exposure_s: float, lux: float) -> NDArray[np.float32]:
+        """Mean radiance over an exposure, in lux times reflectance, shape (height, width), float32."""
+        shift_px = math.dist(self._centre(start_s), self._centre(start_s + exposure_s))
+        instants = min(max(math.ceil(shift_px / _BLUR_STEP_PX), 1), _MOST_INSTANTS)
         total = np.zeros(self._size[::-1], np.float32)
-        for time_s in times_s:
-            x, y = self._centre(float(time_s))
+        for part in range(instants):
+            x, y = self._centre(start_s + exposure_s * (part + 0.5) / instants)
             total += cv2.getRectSubPix(self._still, self._size, (x + self._shift_px, y))
-        total *= np.float32(lux / len(times_s))
+        total *= np.float32(lux / instants)
         return total
 
     def _centre(self, time_s: float) -> tuple[float, float]:

@@ -155,12 +155,28 @@ def _dot(a, b):  # type: ignore[no-untyped-def]
 def _blocked(point, ray, occluders):  # type: ignore[no-untyped-def]
     """Whether a rectangle lies between `point` and `point + ray`; occluders hold corner, edges and normal."""
     for i in range(len(occluders)):
-        corner, u, v, normal = occluders[i, 0], occluders[i, 1], occluders[i, 2], occluders[i, 3]
-        approach = _dot(ray, normal)
-        at = (_dot(corner, normal) - _dot(point, normal)) / approach if abs(approach) > 1e-9 else -1.0
+        approach = _dot_row(ray, occluders, i, 3)
+        if abs(approach) <= 1e-9:
+            continue
+        at = (_dot_rows(occluders, i, 0, 3) - _dot_row(point, occluders, i, 3)) / approach
         if 1e-4 < at < 1.0:
-            a = _dot(point, u) + at * _dot(ray, u) - _dot(corner, u)
-            b = _dot(point, v) + at * _dot(ray, v) - _dot(corner, v)
-            if 0 <= a <= _dot(u, u) and 0 <= b <= _dot(v, v):
+            a = _dot_row(point, occluders, i, 1) + at * _dot_row(ray, occluders, i, 1) - _dot_rows(occluders, i, 0, 1)
+            b = _dot_row(point, occluders, i, 2) + at * _dot_row(ray, occluders, i, 2) - _dot_rows(occluders, i, 0, 2)
+            if 0 <= a <= _dot_rows(occluders, i, 1, 1) and 0 <= b <= _dot_rows(occluders, i, 2, 2):
                 return True
     return False
+
+
+# By index, not on slices: making those was nine tenths of the work.
+@njit(cache=True, nogil=True, inline="always")
+def _dot_row(a, occluders, i, j):  # type: ignore[no-untyped-def]
+    return a[0] * occluders[i, j, 0] + a[1] * occluders[i, j, 1] + a[2] * occluders[i, j, 2]
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _dot_rows(occluders, i, j, k):  # type: ignore[no-untyped-def]
+    return (
+        occluders[i, j, 0] * occluders[i, k, 0]
+        + occluders[i, j, 1] * occluders[i, k, 1]
+        + occluders[i, j, 2] * occluders[i, k, 2]
+    )

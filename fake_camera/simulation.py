@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Literal, Protocol
 
@@ -13,27 +14,24 @@ from fake_camera.imaging import ImageSettings, ImageSource, Pixels
 from fake_camera.lighting import LightScript
 from fake_camera.panorama import Panorama, load_radiance
 from fake_camera.path import CameraPath, right_of
-from fake_camera.render import Pinhole, Renderer
+from fake_camera.render import Pinhole, Renderer, Surface
 from fake_camera.room import furnished_room
 from fake_camera.sensor import Sensor, SensorModel
 
 Side = Literal["left", "right"]
 
-BLUR_STEP_PX = 1.5
-"""An exposure is rendered as one instant for every so many pixels that the image moves ..."""
-
-MAX_INSTANTS = 4
-"""... but never as more: two cameras at 60 Hz have to share two cores with the daemon."""
+_LONGEST_PART_PX = 16.0
+"""A longer motion is rendered in parts. The corners of the image, and near things, move by up to a third more."""
 
 
 class Scene(Protocol):
     """Linear radiance, before any sensor."""
 
-    def image_shift_px(self, start_s: float, end_s: float) -> float:
-        """About how far the image moves between two instants, in pixels."""
+    def exposed(self, start_s: float, exposure_s: float, lux: float) -> NDArray[np.float32]:
+        """Mean radiance over an exposure, in lux times reflectance, shape (height, width); affine in `lux`.
 
-    def radiance(self, times_s: NDArray[np.float64], lux: float) -> NDArray[np.float32]:
-        """Mean radiance over the instants in lux times reflectance, shape (height, width); affine in `lux`."""
+        What is returned is overwritten by the next call.
+        """
 
 
 class RoomView:
@@ -59,6 +57,14 @@ class RoomView:
         """Mean radiance over the instants in lux times reflectance, shape (height, width); overwritten by the next."""
         return self._renderer.render(np.array([self.pose(float(time_s)) for time_s in times_s]), lux)
 
+    def exposed(self, start_s: float, exposure_s: float, lux: float) -> NDArray[np.float32]:
+        """Mean radiance over an exposure, see `Scene`; its cost hardly depends on the motion."""
+        shift_px = self.image_shift_px(start_s, start_s + exposure_s)
+        parts = max(math.ceil(shift_px / _LONGEST_PART_PX), 1)
+        times_s = start_s + exposure_s * np.linspace(0.0, 1.0, 2 * parts + 1)
+        poses = [self.pose(float(time_s)) for time_s in times_s]
+        return self._renderer.render_motion(np.array([poses[i : i + 3] for i in range(0, 2 * parts, 2)]), lux)
+
 
 class SimulatedCamera:
     """An `ImageSource`: a scene under a light script, exposed by a sensor. It reads no clock; not for two threads.
@@ -79,7 +85,7 @@ class SimulatedCamera:
         """The image of one exposure, see `ImageSource.take`; motion and light are those of this very exposure."""
         exposure_s = settings.exposure_time_us * 1e-6
         lux = self._light.mean_lux(start_s, exposure_s)
-        radiance = self._at_rest(lux) if self._still else self._moving(start_s, exposure_s, lux, noise_seed)
+        radiance = self._at_rest(lux) if self._still else self._scene.exposed(start_s, exposure_s, lux)
         return self._sensor.expose(radiance, settings, noise_seed)
 
     def lux(self, time_s: float) -> float:
@@ -88,20 +94,19 @@ class SimulatedCamera:
 
     def _at_rest(self, lux: float) -> NDArray[np.float32]:
         if self._rendered is None or self._rendered[0] != lux:
-            self._rendered = lux, self._scene.radiance(np.zeros(1), lux)
+            self._rendered = lux, self._scene.exposed(0.0, 0.0, lux)
         return self._rendered[1]
-
-    def _moving(self, start_s: float, exposure_s: float, lux: float, noise_seed: int) -> NDArray[np.float32]:
-        shift_px = self._scene.image_shift_px(start_s, start_s + exposure_s)
-        instants = min(max(math.ceil(shift_px / BLUR_STEP_PX), 1), MAX_INSTANTS)
-        # Jittered within equal parts of the exposure: blur of few instants then has no constant gaps.
-        jitter = np.random.default_rng(noise_seed).random(instants)
-        times_s = start_s + exposure_s * (np.arange(instants) + jitter) / instants
-        return self._scene.radiance(times_s, lux)
 
 
 def build_image_source(
-    scene: str, side: Side, light: LightScript, seed: int, response: str = "linear", *, still: bool = False
+    scene: str,
+    side: Side,
+    light: LightScript,
+    seed: int,
+    response: str = "linear",
+    *,
+    still: bool = False,
+    paint: Callable[[int], Sequence[Surface]] = furnished_room,
 ) -> ImageSource:
     """Build the world of one camera. Its first image of each pixel format is slow where kernels are not compiled yet.
 
@@ -119,6 +124,8 @@ def build_image_source(
         Name of the sensor's response function.
     still
         Whether the camera stands still, as on a tripod.
+    paint
+        Makes the room of a seed.
 
     Raises
     ------
@@ -129,7 +136,7 @@ def build_image_source(
     sensor = Sensor(model, 2 * seed + (side == "right"), response)
     view: Scene
     if scene == "room":
-        renderer = Renderer(furnished_room(seed), Pinhole(model.width, model.height))
+        renderer = Renderer(paint(seed), Pinhole(model.width, model.height))
         view = RoomView(renderer, CameraPath(), side)
     else:
         view = Panorama(load_radiance(Path(scene)), side, model.width, model.height)

@@ -39,8 +39,6 @@ class StreamChannel:
     ----------
     source_port
         The UDP port that packets come from.
-    destination
-        The client's IPv4 address as a number.
     """
 
     def __init__(self, address: str, faults: Faults) -> None:
@@ -70,6 +68,16 @@ class StreamChannel:
     def close(self) -> None:
         """Free the socket."""
         self._socket.close()
+
+    @property
+    def destination(self) -> int:
+        """The client's IPv4 address as a number."""
+        return self._destination
+
+    @destination.setter
+    def destination(self, value: int) -> None:
+        self._destination = value
+        self._client = socket.inet_ntoa(struct.pack(">I", value))
 
     @property
     def host_port(self) -> int:
@@ -135,12 +143,11 @@ class StreamChannel:
 
     def _send(self, buffers: list[bytes | memoryview]) -> int:
         """Send one packet and return its bytes, whether a fault or the network loses it or not."""
-        size = sum(len(buffer) for buffer in buffers)
+        size = sum(map(len, buffers))
         if not self._host_port or self._faults.vanished or self._faults.lose_packet():
             return size
-        client = socket.inet_ntoa(struct.pack(">I", self.destination))
         with contextlib.suppress(OSError):  # UDP promises nothing: too big to go unfragmented, no route, no room
-            self._socket.sendmsg(buffers, (), 0, (client, self._host_port))
+            self._socket.sendmsg(buffers, (), 0, (self._client, self._host_port))
         return size
 
     def _set_do_not_fragment(self, do_not_fragment: bool) -> None:

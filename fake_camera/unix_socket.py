@@ -11,22 +11,28 @@ def listen(path: Path, purpose: str) -> socket.socket:
 
     OSError, which names the `purpose`, when the path cannot be used or another process listens there.
     """
-    _remove_stale(path)
-    listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-    try:
-        listener.bind(str(path))
-        listener.listen()
-    except OSError as error:
-        listener.close()
-        raise OSError(f"the {purpose} {path} cannot be opened: {error.strerror or error}") from error
+    listener = bind(path, purpose, socket.SOCK_STREAM)
+    listener.listen()
     return listener
 
 
-def _remove_stale(path: Path) -> None:
+def bind(path: Path, purpose: str, kind: socket.SocketKind) -> socket.socket:
+    """A Unix socket of this kind at `path`, as with `listen`."""
+    bound = socket.socket(socket.AF_UNIX, kind)
+    try:
+        _remove_stale(path, kind)
+        bound.bind(str(path))
+    except OSError as error:
+        bound.close()
+        raise OSError(f"the {purpose} {path} cannot be opened: {error.strerror or error}") from error
+    return bound
+
+
+def _remove_stale(path: Path, kind: socket.SocketKind) -> None:
     """Remove the socket file of a process that no longer listens."""
     if not path.is_socket():
         return  # nothing there, or something that bind() will refuse to replace
-    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
+    with socket.socket(socket.AF_UNIX, kind) as probe:
         try:
             probe.connect(str(path))
         except ConnectionRefusedError:

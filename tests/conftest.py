@@ -1,8 +1,13 @@
-"""What `make test` leaves out: the longer checks in real time of `make accept`, and what `make test-kernel` does."""
+"""What `make test` leaves out, and a fixture for all.
+
+Left out are the longer checks of `make accept` and `make test-kernel`, and tests that need more than a newcomer has.
+"""
 
 from __future__ import annotations
 
 import os
+import shutil
+import time
 from pathlib import Path
 
 import pytest
@@ -11,13 +16,64 @@ import pytest
 # several times as long.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+from fake_camera.usb3.run import CAMERAS_VARIABLE
+
 LEFT_OUT = [Path(__file__).with_name(name) for name in ("accept", "kernel")]
+MARKED_OUT = ("data", "orbslam3")
+QUIET_CORES = 0.25
+LOOK_S = 1.0
+OTHER_TRANSPORT = "gige_only" if CAMERAS_VARIABLE in os.environ else "usb3_only"
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leave the tests of these folders out unless they are asked for by name."""
+    """Leave out folders unless they are asked for by name, marks unless by -m, and what is of the other transport.
+
+    First comes what belongs together on one worker: it takes longest.
+    """
     asked = [Path(argument.split("::")[0]).resolve() for argument in config.args]
     closed = [folder for folder in LEFT_OUT if not any(path.is_relative_to(folder) for path in asked)]
-    kept = [item for item in items if not any(item.path.is_relative_to(folder) for folder in closed)]
+    marks = {OTHER_TRANSPORT, *(mark for mark in MARKED_OUT if mark not in config.option.markexpr)}
+
+    def left_out(item: pytest.Item) -> bool:
+        in_closed = any(item.path.is_relative_to(folder) for folder in closed)
+        return in_closed or any(mark.name in marks for mark in item.iter_markers())
+
+    kept = [item for item in items if not left_out(item)]
     config.hook.pytest_deselected(items=[item for item in items if item not in kept])
-    items[:] = kept
+    items[:] = sorted(kept, key=lambda item: item.get_closest_marker("xdist_group") is None)
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Fail in a sentence where a program is missing that `make test` has installed; skip what needs a quiet machine."""
+    for mark in item.iter_markers("needs"):
+        missing = [program for program in mark.args if shutil.which(program) is None]
+        if missing:
+            pytest.fail(f"{', '.join(missing)}: not installed; `make setup` installs it", pytrace=False)
+    for mark in item.iter_markers("quiet"):
+        busy = busy_cores()
+        if busy > QUIET_CORES:
+            pytest.skip(f"THIS MACHINE IS LOADED: {busy:.1f} of {os.cpu_count()} cores are busy. {mark.args[0]}")
+
+
+def busy_cores() -> float:
+    """How many processors the machine keeps busy at present, beside this process, which sleeps meanwhile."""
+    before, began_s = _processor_s(), time.monotonic()
+    time.sleep(LOOK_S)
+    return (_processor_s() - before) / (time.monotonic() - began_s)
+
+
+def _processor_s() -> float:
+    """Seconds that all processors have worked so far, and that others had of them (steal)."""
+    fields = Path("/proc/stat").read_text().split(maxsplit=9)[1:9]
+    user, nice, system, _idle, _iowait, irq, softirq, steal = map(int, fields)
+    return (user + nice + system + irq + softirq + steal) / os.sysconf("SC_CLK_TCK")
+
+
+@pytest.fixture
+def brisk(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In this process, what publishing does once a second, or tries again after seconds, comes at once."""
+    monkeypatch.setattr("autoexpose_daemon.publish.publisher._TELL_S", 0.05)
+    monkeypatch.setattr("autoexpose_daemon.publish.publisher._AGAIN_S", 0.1)
+    monkeypatch.setattr("autoexpose_daemon.client.status_client._AGAIN_S", 0.1)
+    monkeypatch.setattr("autoexpose_daemon.client.stereo_client._AGAIN_S", 0.1)
+    monkeypatch.setattr("autoexpose_daemon.client.stereo_client._REPORT_S", 0.1)

@@ -7,7 +7,6 @@ import json
 import multiprocessing
 import os
 import random
-import shutil
 import socket
 import subprocess
 import sys
@@ -20,15 +19,14 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
 
-import pytest
-
 from fake_camera.__main__ import main
-from fake_camera.usb3.run import CAMERAS_VARIABLE, ShimError, client_environment
+from fake_camera.usb3.run import CAMERAS_VARIABLE, client_environment
 
 # Each fake camera is forked from a process in which the second of imports and of painting a room is already over.
 NURSERY = multiprocessing.get_context("forkserver")
 NURSERY.set_forkserver_preload(["pytest", "tests.nursery"])
 
+START_TIMEOUT_S = 60.0
 STOP_TIMEOUT_S = 10.0
 CONTROL_TIMEOUT_S = 5.0
 FOREIGN_COMMAND = "arv-fake-gv-camera-0.8"
@@ -49,8 +47,12 @@ def loopback_address() -> str:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FakeCamera:
-    """A running fake camera; `address` is empty on USB, where `socket` is what the client's bus hangs on."""
+    """A running fake camera, and its words when it was ready.
 
+    `address` is empty on USB, where `socket` is what the client's bus hangs on.
+    """
+
+    ready: str
     serial: str
     address: str
     line0: str
@@ -122,21 +124,33 @@ def camera_on_this_bus(serial: str | None = None, **options: Any) -> Iterator[Fa
 
 def usb3_environment(*sockets: Path | None) -> dict[str, str]:
     """The environment of programs that are to see the cameras at these sockets, now or later, on their USB bus."""
-    try:
-        return client_environment([socket for socket in sockets if socket is not None])
-    except ShimError as error:
-        pytest.skip(str(error))
+    return client_environment([socket for socket in sockets if socket is not None])
 
 
-def run_under_shim(suite: Path, *sockets: Path, timeout_s: float = 100.0, only: str = "") -> None:
-    """Run the tests of a file in a process whose USB bus has ports at these sockets; all must pass.
+def run_under_shim(suites: Path | Sequence[Path], *sockets: Path, timeout_s: float = 100.0, marked: str = "") -> None:
+    """Run the tests of a file, or of some, in a process whose USB bus has ports at these sockets; all must pass.
 
-    `only` chooses among them, as pytest's option -k does.
+    `marked` chooses among them, as pytest's option -m does.
     """
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-k", only, str(suite)]
+    files = [str(file) for file in ([suites] if isinstance(suites, Path) else suites)]
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", marked, *files]
     environment = usb3_environment(*sockets)
     inner = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=timeout_s, check=False)
     assert inner.returncode == 0, inner.stdout + inner.stderr
+
+
+def run_camera(*arguments: str) -> subprocess.CompletedProcess[str]:
+    """What ``python -m fake_camera`` ends with: for mistakes, and commands that it runs."""
+    with tempfile.TemporaryDirectory() as directory:
+        files = [Path(directory) / name for name in ("stdout", "stderr")]
+        process = NURSERY.Process(target=_end_as_a_camera, args=(list(arguments), files, dict(os.environ)))
+        process.start()
+        process.join(START_TIMEOUT_S)
+        ended = process.exitcode is not None
+        process.kill()
+        process.join()
+        assert ended, f"a fake camera with {' '.join(arguments)} goes on"
+        return subprocess.CompletedProcess(arguments, process.exitcode or 0, *(file.read_text() for file in files))
 
 
 @contextlib.contextmanager
@@ -154,7 +168,7 @@ def _running(serial: str | None, side: str, line0: str | None, options: Sequence
             try:
                 ready = output.readline()
                 assert serial in ready, f"no ready line from a fake camera with {' '.join(arguments)}: {ready!r}"
-                yield FakeCamera(serial, "", line0, control, process)
+                yield FakeCamera(ready, serial, "", line0, control, process)
             finally:
                 process.terminate()
                 process.join(STOP_TIMEOUT_S)
@@ -170,16 +184,21 @@ def _be_a_camera(arguments: list[str], output: Connection) -> None:
     sys.exit(main(arguments))
 
 
+def _end_as_a_camera(arguments: list[str], outputs: list[Path], environment: dict[str, str]) -> None:
+    os.environ |= environment  # the nursery has that of its own start
+    for number, output in enumerate(outputs, 1):
+        os.dup2(os.open(output, os.O_WRONLY | os.O_CREAT), number)
+    sys.exit(main(arguments))
+
+
 @contextlib.contextmanager
 def foreign_camera(*options: str) -> Iterator[str]:
     """Run Aravis' own fake camera until the block ends; yields its serial."""
-    if shutil.which(FOREIGN_COMMAND) is None:
-        pytest.skip(f"{FOREIGN_COMMAND} (Debian package aravis-tools) is missing")
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
             probe.bind((FOREIGN_ADDRESS, 3956))
-        except OSError:
-            pytest.skip(f"another camera answers at {FOREIGN_ADDRESS}")
+        except OSError as error:
+            raise AssertionError(f"another camera answers at {FOREIGN_ADDRESS}: stop it, and test again") from error
     name = unique("ARV")
     with subprocess.Popen([FOREIGN_COMMAND, "-i", FOREIGN_ADDRESS, "-s", name, *options]) as process:
         try:

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
-from pathlib import Path
 
-DATA = Path(os.environ.get("AUTOEXPOSE_DATA", Path(__file__).parents[2] / "shared" / "data"))
 REAL = {
     "gige": ("AVT_Mako_G125B", "Basler-a2A2600-20gmBAS", "Basler-acA1300-60gm", "FLIR_BFS_PGE_88S6M"),
     "usb3": ("Allied_Vision_1800_U-811m", "PGR_BlackflyS_16S2M"),
 }
-"""Descriptions of real cameras by their transport, in `DATA` where they are."""
+"""Descriptions of real cameras by their transport; they are not ours to ship, see tests/data.py."""
 
 COMBINATIONS = (
     "",

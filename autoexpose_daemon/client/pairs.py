@@ -16,6 +16,12 @@ _SIDES: tuple[Side, ...] = ("left", "right")
 _KEPT_STAMPS = 64
 """Triggers whose messages wait for the rest, about a second: images of the two cameras queue by themselves."""
 
+_KEPT_BYTES = 256 << 20
+"""Of images that wait: more than a second of 720 x 540 takes by far, and three pairs of the largest there are."""
+
+_LONGEST_GAP = 1_000_000
+"""Four hours at 60 Hz: what jumps by more is another count."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReceivedPair:
@@ -97,8 +103,14 @@ class _Sequence:
 
     def _advance(self, sequence: int) -> None:
         if self._last is not None:
-            self._tally.lost += sequence - self._last - 1
+            self._tally.lost += _gap(self._last, sequence)
         self._last = sequence
+
+
+def _gap(last: int, number: int) -> int:
+    """How many are missing between two numbers of one count."""
+    gap = number - last - 1
+    return gap if gap <= _LONGEST_GAP else 0
 
 
 class PairAssembler:
@@ -107,6 +119,7 @@ class PairAssembler:
     def __init__(self, tally: ConsumerTally) -> None:
         self._tally = tally
         self._parts: dict[int, _Parts] = {}
+        self._kept_bytes = 0
         self._sequence = _Sequence(tally)
 
     def exposure(self, side: Side, data: bytes, now_ns: int) -> ReceivedPair | None:
@@ -123,21 +136,29 @@ class PairAssembler:
     def image(self, side: Side, data: bytes, now_ns: int) -> ReceivedPair | None:
         """Take an Image; returns the pair that it completes. Raises `DamagedMessageError`."""
         stamp, pixels = read_image(data)
-        self._of(stamp).pixels[side] = pixels
-        return self._completed(stamp, now_ns)
+        waiting = self._of(stamp).pixels
+        self._kept_bytes += pixels.nbytes - (waiting[side].nbytes if side in waiting else 0)
+        waiting[side] = pixels
+        pair = self._completed(stamp, now_ns)
+        while self._kept_bytes > _KEPT_BYTES:
+            self._forget(next(iter(self._parts)))
+        return pair
 
     def _of(self, stamp: int) -> _Parts:
         parts = self._parts.setdefault(stamp, _Parts())
         while len(self._parts) > _KEPT_STAMPS:
-            del self._parts[next(iter(self._parts))]
+            self._forget(next(iter(self._parts)))
         return parts
+
+    def _forget(self, stamp: int) -> None:
+        self._kept_bytes -= sum(pixels.nbytes for pixels in self._parts.pop(stamp).pixels.values())
 
     def _completed(self, stamp: int, now_ns: int) -> ReceivedPair | None:
         parts = self._parts[stamp]
         if not parts.whole():
             return None
         for older in [other for other in self._parts if other <= stamp]:
-            del self._parts[older]
+            self._forget(older)
         info = parts.infos["left"]
         self._sequence.pair(info.sequence)
         frames = [frame_of(parts.infos[side], parts.pixels[side]) for side in _SIDES[: info.cameras]]
@@ -171,8 +192,8 @@ class PairQueue:
         """The oldest pair that is there; raises IndexError when there is none."""
         pair = self._pairs.popleft()
         frame_id = pair.left.frame_id
-        if self._frame_id is not None and frame_id > self._frame_id:  # else the camera was opened anew
-            self._tally.missed += frame_id - self._frame_id - 1
+        if self._frame_id is not None and frame_id > self._frame_id:  # else the camera was opened again
+            self._tally.missed += _gap(self._frame_id, frame_id)
         self._frame_id = frame_id
         self._tally.pairs += 1
         return pair

@@ -14,7 +14,7 @@ from zenoh.handlers import Handler, RingChannel
 
 from autoexpose_daemon.publish.keys import LOOPBACK, check_rig_name, last_but, response_key, status_key
 from autoexpose_daemon.publish.session import Endpoints, SessionError, open_as_consumer
-from autoexpose_daemon.status import Status, response_from_json
+from autoexpose_daemon.status import LARGEST_RESPONSE_BYTES, LARGEST_STATUS_BYTES, Status, response_from_json
 from calibration.response import ResponseFunction
 from drivers.frames import Side
 
@@ -22,6 +22,7 @@ _AGAIN_S = 0.5
 _JOIN_S = 2.0
 _RING_MESSAGES = 4
 _LOOK_S = 0.1
+_SIDES: dict[str, Side] = {"left": "left", "right": "right"}
 
 _Subscriber = zenoh.Subscriber[Handler[zenoh.Sample]]
 
@@ -59,7 +60,7 @@ class StatusClient:
         check_rig_name(rig)
         self.status: Status | None = None
         self.responses: dict[Side, ResponseFunction] = {}
-        self.trouble = ""
+        self.trouble = "not connected yet"
         self._rig = rig
         self._endpoints = Endpoints(connect=() if zenoh_file is not None else connect, file=zenoh_file)
         self._heard_s = time.monotonic()
@@ -109,13 +110,19 @@ class StatusClient:
     def _follow(self, statuses: _Subscriber, responses: _Subscriber) -> None:
         while not self._closed.wait(_LOOK_S):
             while (sample := responses.try_recv()) is not None:
-                response = response_from_json(sample.payload.to_bytes())
-                if response is not None:
-                    self.responses["left" if last_but(str(sample.key_expr), 1) == "left" else "right"] = response
+                self._take_response(sample)
             while (sample := statuses.try_recv()) is not None:
-                status = Status.from_json(sample.payload.to_bytes())
-                if status is not None:
-                    self._take(status)
+                if len(sample.payload) <= LARGEST_STATUS_BYTES:
+                    status = Status.from_json(sample.payload.to_bytes())
+                    if status is not None:
+                        self._take(status)
+
+    def _take_response(self, sample: zenoh.Sample) -> None:
+        side = _SIDES.get(last_but(str(sample.key_expr), 1))
+        if side is not None and len(sample.payload) <= LARGEST_RESPONSE_BYTES:
+            response = response_from_json(sample.payload.to_bytes())
+            if response is not None:
+                self.responses[side] = response
 
     def _take(self, status: Status) -> None:
         with self._news:

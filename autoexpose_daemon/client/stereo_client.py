@@ -22,7 +22,7 @@ from zenoh.handlers import Handler, RingChannel
 from autoexpose_daemon.client.pairs import PairAssembler, PairQueue, ReceivedPair
 from autoexpose_daemon.messages.read import DamagedMessageError
 from autoexpose_daemon.publish.keys import CONSUMER_NAME, LOOPBACK, all_of_rig, check_rig_name, consumer_key, last_but
-from autoexpose_daemon.publish.session import Endpoints, SessionError, open_as_consumer
+from autoexpose_daemon.publish.session import LARGEST_MESSAGE_BYTES, Endpoints, SessionError, open_as_consumer
 from autoexpose_daemon.publish.tally import ConsumerTally
 from drivers.errors import ConfigurationError
 from drivers.frames import Side
@@ -36,6 +36,7 @@ _QUEUE_PAIRS = 8
 _RING_MESSAGES = 96
 """Of 16 pairs; zenoh drops the oldest when this process has no time to look at them."""
 
+_SIDES: dict[str, Side] = {"left": "left", "right": "right"}
 _Take = Callable[[Side, bytes, int], ReceivedPair | None]
 
 
@@ -150,9 +151,9 @@ class StereoClient:
             except zenoh.ZError:  # closed
                 return
             key = str(sample.key_expr)
-            take = takes.get(last_but(key, 0))
-            if take is not None:
-                self._take(take, "left" if last_but(key, 1) == "left" else "right", sample.payload.to_bytes())
+            take, side = takes.get(last_but(key, 0)), _SIDES.get(last_but(key, 1))
+            if take is not None and side is not None and len(sample.payload) <= LARGEST_MESSAGE_BYTES:
+                self._take(take, side, sample.payload.to_bytes())
 
     def _take(self, take: _Take, side: Side, data: bytes) -> None:
         with self._news:

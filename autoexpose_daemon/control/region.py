@@ -70,6 +70,21 @@ class Region:
             )
         return weights
 
+    def check_something_counts(self) -> None:
+        """Raise ConfigurationError when rectangles and background let no pixel count, however large frames are."""
+        if not self.rectangles or round(255 * self.background_weight):
+            return
+        # All pixels between two neighbouring edges are alike, so one of each will do.
+        columns = sorted({edge for one in self.rectangles for edge in (one.x, one.x + one.width)})
+        rows = sorted({edge for one in self.rectangles for edge in (one.y, one.y + one.height)})
+        weights = np.zeros((len(rows), len(columns)), np.float32)
+        for one in self.rectangles:
+            top, bottom = rows.index(one.y), rows.index(one.y + one.height)
+            left, right = columns.index(one.x), columns.index(one.x + one.width)
+            weights[top:bottom, left:right] = one.weight
+        if not np.rint(255 * weights).any():
+            raise ConfigurationError(f"{self.name}: no pixel counts: give a rectangle, or the background, more weight")
+
     def _full_weights(self, shape: tuple[int, int]) -> NDArray[np.uint8]:
         height, width = shape
         weights = np.full(shape, 1.0 if not self.rectangles else self.background_weight, np.float32)

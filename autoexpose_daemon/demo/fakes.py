@@ -2,25 +2,32 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
+import itertools
 import json
-import select
 import subprocess
 import sys
 import threading
 import time
+from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from autoexpose_daemon.demo.usb_bus import without_fake_bus
 from drivers.errors import AutoexposeError, ConfigurationError
-from drivers.frames import Side
+
+if TYPE_CHECKING:
+    from drivers.frames import Side
 
 SERIALS: dict[Side, str] = {"left": "FAKE-LEFT", "right": "FAKE-RIGHT"}
 _ADDRESSES: dict[Side, str] = {"left": "127.0.0.2", "right": "127.0.0.3"}
+_NICENESS = "10"  # sensors of real cameras take no time of the daemon's
 _READY_S = 180.0  # the first start compiles the renderer
+_LONGEST_PULSE_BYTES = 200
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,64 +45,162 @@ def check_simulator() -> None:
         raise ConfigurationError("the fake cameras need the extra `sim`: pip install 'autoexpose-daemon[sim]'")
 
 
+class FakeCamera:
+    """A fake camera that is starting, then waits for its rate, then runs until it is ended.
+
+    Attributes
+    ----------
+    truth
+        Where it writes the light at each pulse of the wire.
+    overruns
+        Known at its end: exposures that were not made or not sent because it was late.
+    cpu_s
+        Known at its end: its processor time since it was ready.
+    """
+
+    def __init__(self, side: Side, folder: Path, arguments: Sequence[str]) -> None:
+        self.truth = folder / f"{side}.truth.jsonl"
+        self.overruns = 0
+        self.cpu_s = 0.0
+        self._side = side
+        self._complaints = folder / f"{side}.stderr"
+        # setpriv: should this process be killed, its cameras must not stay behind and hold their addresses
+        command = ["setpriv", "--pdeathsig", "TERM", sys.executable, "-m", "fake_camera"]
+        command += ["--serial", SERIALS[side], "--side", side, "--nice", _NICENESS, "--truth", str(self.truth)]
+        command += arguments
+        with self._complaints.open("w") as complaints:
+            self._process = subprocess.Popen(
+                [*command, "--line0-rate-hz", "ask"],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=complaints,
+                text=True,
+                env=without_fake_bus(),
+                process_group=0,  # Ctrl-C is for the demo, which ends them when the daemon has stopped
+            )
+        self._lines: deque[str] = deque()
+        self._news = threading.Condition()
+        self._reader = threading.Thread(target=self._read, name=f"fake-{side}", daemon=True)
+        self._reader.start()
+
+    def has_spoken(self, timeout_s: float) -> bool:
+        """Wait a while for its next line."""
+        with self._news:
+            return self._news.wait_for(lambda: bool(self._lines), timeout_s)
+
+    def line(self, stop: threading.Event) -> str:
+        """Its next line; raises AutoexposeError when it ends instead, in its own words, or when `stop` is set."""
+        deadline_s = time.monotonic() + _READY_S
+        while not self.has_spoken(0.1):
+            if stop.is_set() or time.monotonic() > deadline_s:
+                raise AutoexposeError(f"stopped before the {self._side} fake camera was ready")
+        line = self._lines.popleft()
+        if not line:
+            said = self._complaints.read_text(errors="replace").strip().splitlines() or ["it said nothing"]
+            raise AutoexposeError(f"the {self._side} fake camera did not start: {said[-1]}")
+        return line
+
+    def say(self, line: str) -> None:
+        """Answer it."""
+        assert self._process.stdin is not None
+        with contextlib.suppress(BrokenPipeError):  # it has ended, and its next line says why
+            self._process.stdin.write(line + "\n")
+            self._process.stdin.flush()
+
+    def end(self) -> None:
+        """End it, should it run, and read its last line."""
+        self._process.terminate()
+        assert self._process.stdin is not None
+        with contextlib.suppress(BrokenPipeError):
+            self._process.stdin.close()
+        try:
+            self._process.wait(timeout=5)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        self._reader.join()
+        counts = _document(next((line for line in reversed(self._lines) if line), ""))
+        self.overruns = int(counts.get("overruns", 0)) + int(counts.get("missed", 0))
+        self.cpu_s = float(counts.get("cpu_s", 0.0))
+
+    def _read(self) -> None:
+        """Put each line into the queue, and an empty one at the end."""
+        assert self._process.stdout is not None
+        with self._process.stdout as lines:
+            for line in itertools.chain(lines, [""]):
+                with self._news:
+                    self._lines.append(line)
+                    self._news.notify_all()
+
+
+@dataclass(frozen=True, slots=True)
+class FakeCameras:
+    """The two of them, left first."""
+
+    both: tuple[FakeCamera, ...]
+    stop: threading.Event
+
+    @property
+    def truths(self) -> list[Path]:
+        """The files in which they write down the light."""
+        return [camera.truth for camera in self.both]
+
+    def wait_until_found(self) -> None:
+        """Until a search finds them; they do not send frames yet."""
+        for camera in self.both:
+            camera.line(self.stop)
+
+    def are_timed(self, timeout_s: float) -> bool:
+        """Wait a while until both know how long a frame takes, or have ended."""
+        deadline_s = time.monotonic() + timeout_s
+        return all(camera.has_spoken(deadline_s - time.monotonic()) for camera in self.both)
+
+    def frame_s(self) -> float:
+        """Processor time that the slower one takes for a frame."""
+        return max(float(_document(camera.line(self.stop))["frame_s"]) for camera in self.both)
+
+    def run_at(self, rate_hz: float) -> None:
+        """Have both follow a trigger wire of that rate; returns when they are ready."""
+        for camera in self.both:
+            camera.say(f"{rate_hz}")
+        for camera in self.both:
+            camera.line(self.stop)
+
+    def end(self) -> None:
+        """End both; their counts are known then."""
+        for camera in self.both:
+            camera.end()
+
+
 @contextmanager
 def fake_cameras(
-    folder: Path, arguments: Sequence[str], wire: str, sockets: Mapping[Side, Path], stop: threading.Event
-) -> Iterator[list[Path]]:
-    """Run a left and a right fake camera on one trigger wire; yields their truth files.
+    folder: Path, arguments: Sequence[str], sockets: Mapping[Side, Path], stop: threading.Event
+) -> Iterator[FakeCameras]:
+    """Run a left and a right fake camera, which wait for the rate of the trigger wire that `arguments` name.
 
-    They are USB3 Vision cameras at `sockets`, or without any GigE Vision cameras.
-
-    Raises
-    ------
-    AutoexposeError
-        When a camera does not start, or `stop` is set before both have.
+    They are USB3 Vision cameras at `sockets`, or without any GigE Vision cameras. `AutoexposeError` when one does not
+    start, or `stop` is set before both have.
     """
-    truths = [folder / f"{side}.truth.jsonl" for side in SERIALS]
     with ExitStack() as stack:
-        starting = [
-            stack.enter_context(_fake_camera(side, truth, [*_place(side, sockets), "--line0", wire, *arguments]))
-            for side, truth in zip(SERIALS, truths, strict=True)
-        ]
-        for side, process in zip(SERIALS, starting, strict=True):
-            _wait_ready(side, process, stop)
-        yield truths
+        cameras = []
+        for side in SERIALS:
+            camera = FakeCamera(side, folder, [*_place(side, sockets), *arguments])
+            stack.callback(camera.end)
+            cameras.append(camera)
+        yield FakeCameras(tuple(cameras), stop)
 
 
 def _place(side: Side, sockets: Mapping[Side, Path]) -> list[str]:
     return ["--usb3", "--socket", str(sockets[side])] if sockets else ["--address", _ADDRESSES[side]]
 
 
-@contextmanager
-def _fake_camera(side: Side, truth: Path, arguments: Sequence[str]) -> Iterator[subprocess.Popen[str]]:
-    # setpriv: should this process be killed, its cameras must not stay behind and hold their addresses
-    command = ["setpriv", "--pdeathsig", "TERM", sys.executable, "-m", "fake_camera"]
-    command += ["--serial", SERIALS[side], "--side", side, "--truth", str(truth), *arguments]
-    process = subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=without_fake_bus()
-    )
+def _document(line: str) -> dict[str, Any]:
+    """A line of JSON from a fake; nothing for what is none."""
     try:
-        yield process
-    finally:
-        process.terminate()
-        try:
-            process.communicate(timeout=5)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.communicate()
-
-
-def _wait_ready(side: Side, process: subprocess.Popen[str], stop: threading.Event) -> None:
-    """Until the camera prints its first line."""
-    assert process.stdout is not None
-    deadline_s = time.monotonic() + _READY_S
-    while not select.select([process.stdout], [], [], 0.1)[0]:
-        if stop.is_set() or time.monotonic() > deadline_s:
-            raise AutoexposeError(f"stopped before the {side} fake camera was ready")
-    if not process.stdout.readline():
-        _, complaint = process.communicate()
-        lines = complaint.strip().splitlines() or ["it said nothing"]
-        raise AutoexposeError(f"the {side} fake camera did not start: {lines[-1]}")
+        document = json.loads(line)
+    except ValueError:
+        return {}
+    return document if isinstance(document, dict) else {}
 
 
 def read_pulses(truths: Sequence[Path]) -> list[Pulse]:
@@ -110,3 +215,12 @@ def read_pulses(truths: Sequence[Path]) -> list[Pulse]:
                 raise AutoexposeError(f"{truth}: line {number} is no pulse of the wire ({error})") from error
             pulses[pulse.trigger] = pulse
     return [pulses[trigger] for trigger in sorted(pulses)]
+
+
+def newest_lux(truth: Path) -> float | None:
+    """The light at the newest pulse that a fake has written down; None before the first."""
+    with truth.open("rb") as file:
+        file.seek(max(truth.stat().st_size - 2 * _LONGEST_PULSE_BYTES, 0))
+        lines = file.read().split(b"\n")
+    lux = _document(lines[-2].decode(errors="replace")).get("lux") if len(lines) > 1 else None
+    return float(lux) if isinstance(lux, int | float) else None

@@ -30,18 +30,31 @@ class StepRecord:
 
 
 class Recorder:
-    """Observes the daemon's steps."""
+    """Observes the daemon's steps.
+
+    Attributes
+    ----------
+    steps
+        One for each decision.
+    pairs_ns
+        When the left frames of all complete pairs were taken, decided on or not (CLOCK_MONOTONIC).
+    pictures
+        Small ones of the left camera, each with its time.
+    """
 
     def __init__(self, picture_period_s: float) -> None:
         self.steps: list[StepRecord] = []
+        self.pairs_ns: list[int] = []
         self.pictures: list[tuple[int, NDArray[np.uint8]]] = []
         self._picture_period_ns = picture_period_s * 1e9
 
     def __call__(self, pair: StereoPair, decision: Decision | None) -> None:
         """Keep one step, if it is one."""
+        frame = pair.left
+        if pair.right is not None:
+            self.pairs_ns.append(frame.host_time_ns)
         if decision is None:
             return
-        frame = pair.left
         self.steps.append(
             StepRecord(
                 pair.trigger,

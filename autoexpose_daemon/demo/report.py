@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -12,6 +13,7 @@ import numpy as np
 from autoexpose_daemon.demo.fakes import Pulse
 from autoexpose_daemon.demo.record import StepRecord
 from drivers.account import Tally
+from drivers.exposure import ExposureSetting
 
 _STEP_STOPS = 0.5  # light that changes by this much between two pulses is a step, not a ramp or flicker's beat
 _SETTLED_STOPS = 0.25
@@ -37,14 +39,26 @@ class LightStep:
     frames_to_settle: int | None
     mostly: str
 
-    @property
-    def in_words(self) -> str:
+    def in_words(self, rate_hz: float) -> str:
         """How the exposure took it. Steady and settled differ where the view moves on meanwhile."""
         steady, settled = self.frames_to_steady, self.frames_to_settle
-        before = "" if steady in {None, settled} else f"steady after {steady} frames, "
+        if steady is None and settled is None:
+            return f"not steady before the next step (mostly: {self.mostly})"
+        first = next(frames for frames in (steady, settled) if frames is not None)
+        noun = "frame" if first == 1 else "frames"
+        words = f"well exposed and steady after {first} {noun} ({1e3 * first / rate_hz:.0f} ms)"
         if settled is None:
-            return f"{before}not settled before the next step (mostly: {self.mostly})"
-        return f"{before}near its last level after {settled}" if before else f"settled after {settled} frames"
+            return f"{words}, then changing with the view"
+        return words if settled <= first else f"{words}, then following the view, final after {settled}"
+
+
+@dataclass(frozen=True, slots=True)
+class LightSetting:
+    """A level of the light, and the medians of the settings that the frames under it were taken with."""
+
+    lux: float
+    exposure_time_us: float
+    gain_db: float
 
 
 def pulses_in_window(pulses: Sequence[Pulse], tally: Tally) -> list[Pulse]:
@@ -52,6 +66,21 @@ def pulses_in_window(pulses: Sequence[Pulse], tally: Tally) -> list[Pulse]:
     if tally.window_start_ns is None or tally.window_end_ns is None:
         return []
     return [pulse for pulse in pulses if tally.window_start_ns <= pulse.host_time_ns < tally.window_end_ns]
+
+
+def lost_pulses(pulses: Sequence[Pulse], pairs_ns: Sequence[int]) -> list[int]:
+    """Times of the pulses, from the first pair to the last, that made no pair."""
+    if len(pulses) < 2 or not pairs_ns:
+        return []
+    half_ns = (pulses[1].host_time_ns - pulses[0].host_time_ns) // 2
+    taken_ns = sorted(pairs_ns)
+    lost = []
+    for pulse in pulses:
+        before = bisect_left(taken_ns, pulse.host_time_ns - half_ns)
+        made = before < len(taken_ns) and taken_ns[before] <= pulse.host_time_ns + half_ns
+        if not made and taken_ns[0] < pulse.host_time_ns < taken_ns[-1]:
+            lost.append(pulse.host_time_ns)
+    return lost
 
 
 def light_steps(pulses: Sequence[Pulse], records: Sequence[StepRecord]) -> list[LightStep]:
@@ -73,6 +102,27 @@ def light_steps(pulses: Sequence[Pulse], records: Sequence[StepRecord]) -> list[
             frames = frames_to_steady(following), frames_to_settle(following)
             steps.append(LightStep(round(time_s, 3), before.lux, after.lux, *frames, mostly))
     return steps
+
+
+def light_settings(pulses: Sequence[Pulse], records: Sequence[StepRecord]) -> list[LightSetting]:
+    """The settings under each level that the light stays at, in the order of the light; not those on its ramps."""
+    times_ns = [pulse.host_time_ns for pulse in pulses]
+    taken: dict[float, list[ExposureSetting]] = {pulse.lux: [] for pulse in pulses}
+    for record in records:
+        after = bisect_left(times_ns, record.host_time_ns)
+        near = pulses[max(after - 1, 0) : after + 1]  # the pulse before and the one after
+        if near:
+            pulse = min(near, key=lambda pulse: abs(pulse.host_time_ns - record.host_time_ns))
+            taken[pulse.lux].append(record.applied)
+    return [
+        LightSetting(
+            lux,
+            round(float(np.median([setting.exposure_time_us for setting in settings])), 1),
+            round(float(np.median([setting.gain_db for setting in settings])), 2),
+        )
+        for lux, settings in taken.items()
+        if len(settings) >= _REFERENCE_FRAMES
+    ]
 
 
 def frames_to_settle(following: Sequence[StepRecord]) -> int | None:

@@ -6,8 +6,11 @@ import os
 import sys
 import tempfile
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from drivers.frames import Side
+if TYPE_CHECKING:
+    from drivers.frames import Side
+
 
 SOCKETS_VARIABLE = "FAKE_CAMERA_USB3"
 """Where the fake cameras' shim reads which sockets stand for cameras."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from ipaddress import IPv4Interface
 from pathlib import Path
 
+from drivers import stream_filter
 from drivers.gvcp import Control, GigeCamera, control_of, search
 from drivers.network import find_interfaces, largest_socket_buffer_bytes
 from drivers.usb import UsbFacts, find_usb
@@ -16,13 +17,15 @@ from drivers.usb import UsbFacts, find_usb
 class GigeFacts:
     """GigE Vision cameras and what the host's network offers them.
 
-    `control` is known for reachable cameras; `failures` tells why an interface could not be searched.
+    `control` is known for reachable cameras; `failures` tells why an interface could not be searched, `no_filter` why
+    strangers' packets cannot be kept from a stream.
     """
 
     cameras: tuple[GigeCamera, ...] = ()
     control: Mapping[IPv4Interface, Control] = field(default_factory=dict)
     failures: Mapping[str, str] = field(default_factory=dict)
     largest_socket_buffer_bytes: int | None = None
+    no_filter: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,5 +53,6 @@ def gather(root: Path = Path("/")) -> Facts:
             control={address: control_of(str(address.ip)) for address in reachable},
             failures=found.failures,
             largest_socket_buffer_bytes=largest_socket_buffer_bytes(root),
+            no_filter=stream_filter.why_not(),
         ),
     )

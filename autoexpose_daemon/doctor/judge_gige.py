@@ -42,6 +42,8 @@ def judge_gige(gige: GigeFacts, need: Need) -> Iterator[Finding]:
         sharing = list(group)
         yield _judge_packets(interface, need)
         yield _judge_bandwidth(interface, sharing, need)
+        if gige.no_filter is not None:
+            yield _unfiltered(interface, sharing, gige.no_filter)
     yield _judge_socket_buffer(gige.largest_socket_buffer_bytes, bool(wanted))
 
 
@@ -127,6 +129,20 @@ def _judge_bandwidth(interface: NetworkInterface, cameras: Sequence[GigeCamera],
         "warning",
         f"{sentence}: frames will be lost",
         f"ethtool {interface.name}   # shows the link's speed; give each camera an interface, or lower trigger.rate_hz",
+    )
+
+
+def _unfiltered(interface: NetworkInterface, cameras: Sequence[GigeCamera], reason: str) -> Finding:
+    addresses = ", ".join(str(camera.address.ip) for camera in cameras)
+    stranger = f'iifname "{interface.name}" meta l4proto udp ip saddr != {{ {addresses} }}'
+    return Finding(
+        "stream-filter",
+        "warning",
+        f"the streams on {interface.name} take packets from anyone, some of which end the daemon: a socket's filter is "
+        f"refused: {reason}",
+        "sudo nft 'add table inet autoexpose; "
+        "add chain inet autoexpose input { type filter hook input priority 0 ; }; "
+        f"add rule inet autoexpose input {stranger} drop'   # docs/hostile-packets.md",
     )
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
@@ -30,6 +29,8 @@ def read_image(data: bytes) -> tuple[int, Pixels]:
     dtype = {"mono8": np.uint8, "mono16": np.uint16}.get(message.encoding)
     if dtype is None or message.data.size != message.height * message.step:
         raise DamagedMessageError(f"an Image of {message.data.size} bytes, {message.height} rows, {message.encoding}")
+    if message.data.size == 0:
+        raise DamagedMessageError(f"an Image of {message.width}x{message.height} pixels")
     if message.step != message.width * np.dtype(dtype).itemsize or message.is_bigendian:
         raise DamagedMessageError(f"an Image of {message.width} pixels in rows of {message.step} bytes")
     return stamp_ns(message), message.data.view(dtype).reshape(message.height, message.width)
@@ -55,8 +56,6 @@ def frame_of(info: Any, pixels: Pixels) -> Frame:
     """
     if info.bit_depth not in BIT_DEPTHS.values() or (info.bit_depth == 8) != (pixels.dtype == np.uint8):
         raise DamagedMessageError(f"{info.bit_depth} significant bits in pixels of {8 * pixels.itemsize}")
-    if not (0 < info.exposure_time_us < math.inf and math.isfinite(info.gain_db)):
-        raise DamagedMessageError(f"an exposure of {info.exposure_time_us} us and {info.gain_db} dB")
     return Frame(
         pixels,
         info.bit_depth,
@@ -64,17 +63,17 @@ def frame_of(info: Any, pixels: Pixels) -> Frame:
         info.device_time_ns,
         info.host_time_ns,
         info.arrival_time_ns,
-        ExposureSetting(info.exposure_time_us, info.gain_db),
+        _setting(info.exposure_time_us, info.gain_db),
         "chunk" if info.setting_source == "chunk" else "ledger",
     )
 
 
 def decision_of(info: Any) -> Decision | None:
-    """The decision that an ExposureInfo tells of, if there was one."""
+    """The decision that an ExposureInfo tells of, if there was one; raises `DamagedMessageError`."""
     if not info.reason:
         return None
     return Decision(
-        ExposureSetting(info.next_exposure_time_us, info.next_gain_db),
+        _setting(info.next_exposure_time_us, info.next_gain_db),
         info.next_exposure_level,
         info.reason,
         info.metric,
@@ -82,6 +81,13 @@ def decision_of(info: Any) -> Decision | None:
         info.black_share,
         info.motion_px,
     )
+
+
+def _setting(exposure_time_us: float, gain_db: float) -> ExposureSetting:
+    setting = ExposureSetting(exposure_time_us, gain_db)
+    if not setting.is_physical:
+        raise DamagedMessageError(f"an exposure of {exposure_time_us} us and {gain_db} dB")
+    return setting
 
 
 def _deserialise(data: bytes, message_type: str) -> Any:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import hashlib
 import hmac
 import ipaddress
+import re
 from pathlib import Path
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import parse_qs
 
 from starlette.datastructures import MutableHeaders
 from starlette.requests import HTTPConnection, Request
@@ -14,13 +15,16 @@ from starlette.responses import PlainTextResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from drivers.errors import ConfigurationError
+from drivers.files import read_regular
 
 COOKIE = "autoexpose_page"
 LEAST_TOKEN = 16
 """Characters. A token is never typed, so it can be long enough not to be guessed."""
 
+_MOST_TOKEN_BYTES = 1 << 12
 _COOKIE_AGE_S = 30 * 24 * 3600
 _LONGEST_FORM = 4096
+_HOST = re.compile(r"(?:(?P<name>[A-Za-z0-9._-]+)|\[(?P<address>[0-9A-Fa-f:.]+)\])(?::[0-9]{1,5})?")
 _HEADERS = {
     "Content-Security-Policy": "default-src 'self'; base-uri 'none'; frame-ancestors 'none'",
     "X-Content-Type-Options": "nosniff",
@@ -47,7 +51,7 @@ def read_token(file: Path) -> str:
     """
     make_one = f"make one: openssl rand -hex 32 > {file}"
     try:
-        token = file.read_text(encoding="utf-8").strip()
+        token = read_regular(file, _MOST_TOKEN_BYTES).decode("utf-8").strip()
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is no text"
         raise ConfigurationError(f"--token-file {file} cannot be read: {reason}; {make_one}") from error
@@ -85,7 +89,7 @@ class Key:
         if not self.fits(token.strip()):
             return RedirectResponse("/login?wrong", 303)
         response = RedirectResponse("/", 303)
-        secure = request.url.scheme == "https"
+        secure = request.scope["scheme"] == "https"
         response.set_cookie(COOKIE, self._cookie, _COOKIE_AGE_S, httponly=True, samesite="strict", secure=secure)
         return response
 
@@ -105,20 +109,21 @@ class Access:
         """As ASGI has it."""
         if scope["type"] == "lifespan":
             return await self._app(scope, receive, send)
-        refusal = self._refusal(HTTPConnection(scope))
+        answer = self.refusal(HTTPConnection(scope))
 
         async def send_with_headers(message: Message) -> None:
             if message["type"] == "http.response.start":
                 MutableHeaders(scope=message).update(_HEADERS)
             await send(message)
 
-        if refusal is None:
+        if answer is None:
             return await self._app(scope, receive, send_with_headers)
         if scope["type"] == "websocket":
             return await send({"type": "websocket.close", "code": 1008, "reason": "refused"})
-        return await refusal(scope, receive, send_with_headers)
+        return await answer(scope, receive, send_with_headers)
 
-    def _refusal(self, connection: HTTPConnection) -> Response | None:
+    def refusal(self, connection: HTTPConnection) -> Response | None:
+        """The answer to a request that is not let through; None to one that is."""
         host = connection.headers.get("host", "")
         origin = connection.headers.get("origin")
         changes = connection.scope["type"] == "websocket" or connection.scope["method"] != "GET"
@@ -128,7 +133,7 @@ class Access:
             if not is_loopback(_name_of(host)):
                 return PlainTextResponse("refused: without a token this page is 127.0.0.1 or localhost only\n", 403)
             return None
-        if self._key.opens(connection) or connection.url.path.startswith(("/static/", "/login")):
+        if self._key.opens(connection) or connection.scope["path"].startswith(("/static/", "/login")):
             return None
         if "text/html" in connection.headers.get("accept", ""):
             return RedirectResponse("/login", 303)
@@ -140,7 +145,6 @@ def _after_scheme(origin: str) -> str:
 
 
 def _name_of(host: str) -> str | None:
-    try:
-        return urlsplit(f"//{host}").hostname
-    except ValueError:
-        return None
+    """The name or address in a Host header; None in what is no such header: what a URL may hold besides is refused."""
+    found = _HOST.fullmatch(host)
+    return None if found is None else (found["name"] or found["address"]).lower()

@@ -22,6 +22,8 @@ async def watch(socket: WebSocket, client: StatusClient, views: PairViews, histo
     Text messages to the browser hold the numbers, binary ones a pair. Each message from the browser asks for the next
     pair: one that is slow, or far away, gets fewer of them, and no queue of old ones.
     """
+    if views.crowded:
+        return await socket.close()
     await socket.accept()
     asked = asyncio.Event()
     with views.watched():
@@ -31,7 +33,7 @@ async def watch(socket: WebSocket, client: StatusClient, views: PairViews, histo
                     tasks.create_task(_send_numbers(socket, client, views, history)),
                     tasks.create_task(_send_pairs(socket, views, asked)),
                 ]
-                async for _ in socket.iter_text():
+                while (await socket.receive())["type"] != "websocket.disconnect":
                     asked.set()
                 for sender in senders:
                     sender.cancel()

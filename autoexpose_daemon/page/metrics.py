@@ -112,6 +112,8 @@ class _Collector(Collector):
         dropped = _of_all(DropReason, publishing.dropped)
         yield self._counter("unpublished_pairs", "Pairs that were not sent.", dropped, "reason")
         consumers = publishing.consumers.items()
+        there = len(consumers) + publishing.unlisted_consumers
+        yield self._gauge("consumers", "Consumers that report, those not listed among them.", [((), there)])
         pairs = [((name,), tally.pairs) for name, tally in consumers]
         yield self._counter("consumer_pairs", "Pairs that a consumer got, by its own count.", pairs, "consumer")
         missed = [((name,), tally.missed) for name, tally in consumers]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import os
 import threading
 from collections.abc import Iterator, Sequence
@@ -19,8 +20,12 @@ from autoexpose_daemon.page.history import History
 from autoexpose_daemon.page.pair_message import pair_message
 from autoexpose_daemon.page.picture import DELTA_LEVELS, PictureMaker
 from calibration.response import ResponseFunction
+from drivers.errors import ConfigurationError
 from drivers.frames import Side
 
+log = logging.getLogger(__name__)
+
+MOST_VIEWERS = 32
 PICTURE_PERIOD_NS = 250_000_000
 CURVE_PERIOD_NS = 1_000_000_000
 _PATIENCE_S = 0.25
@@ -74,6 +79,7 @@ class PairViews:
         self._loop = asyncio.get_running_loop()
         self._rung = asyncio.Event()
         self._newest = (0, b"")
+        self._complaint = ""
         self._watched = threading.Condition()
         self._watching = 0
         self._closed = False
@@ -93,6 +99,11 @@ class PairViews:
         if self._client is not None:
             self._client.close()
         self._thread.join(_JOIN_S)
+
+    @property
+    def crowded(self) -> bool:
+        """Whether there are viewers enough."""
+        return self._watching >= MOST_VIEWERS
 
     @contextmanager
     def watched(self) -> Iterator[None]:
@@ -129,12 +140,17 @@ class PairViews:
             if pair is None:
                 continue
             self._history.add(pair.received_ns * 1e-9, pair.left.setting, pair.decision)
-            if pair.received_ns >= picture_ns:
-                picture_ns = pair.received_ns + PICTURE_PERIOD_NS
-                self._show(pair)
-            if pair.received_ns >= curve_ns:
-                curve_ns = pair.received_ns + CURVE_PERIOD_NS
-                self.curve = self._curve(pair)
+            try:
+                if pair.received_ns >= picture_ns:
+                    picture_ns = pair.received_ns + PICTURE_PERIOD_NS
+                    self._show(pair)
+                if pair.received_ns >= curve_ns:
+                    curve_ns = pair.received_ns + CURVE_PERIOD_NS
+                    self.curve = self._curve(pair)
+            except ConfigurationError as error:  # too small
+                if str(error) != self._complaint:
+                    self._complaint = str(error)
+                    log.warning("no pictures: %s", error)
 
     def _maker(self, side: Side) -> PictureMaker:
         response = self._status.responses.get(side, _LINEAR)

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import ipaddress
 import logging
+import math
 import os
 import signal
 import socket
 import threading
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import uvicorn
@@ -24,6 +26,28 @@ log = logging.getLogger(__name__)
 _PING_S = 5.0
 """A browser that does not answer for so long is gone."""
 _STOP_S = 2
+_SAID_AGAIN_S = 60.0
+
+
+class OnceAMinute(logging.Filter):
+    """Says what is wrong with a request once a minute, in one line: whoever sends nonsense is not to fill the log."""
+
+    def __init__(self, now_s: Callable[[], float] = time.monotonic) -> None:
+        super().__init__()
+        self._now_s = now_s
+        self._said_s: dict[str, float] = {}
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Whether a line of uvicorn's goes to the log; one about bytes that are no text goes without its traceback."""
+        if record.exc_info and isinstance(record.exc_info[1], UnicodeDecodeError):
+            record.exc_info, record.levelno, record.levelname = None, logging.WARNING, "WARNING"
+        if record.exc_info or record.levelno != logging.WARNING:
+            return True
+        now_s, message = self._now_s(), str(record.msg)
+        if now_s - self._said_s.get(message, -math.inf) < _SAID_AGAIN_S:
+            return False
+        self._said_s[message] = now_s
+        return True
 
 
 def serve(rig: str, connect: Sequence[str], host: str, port: int, token_file: Path | None) -> None:
@@ -42,6 +66,7 @@ def serve(rig: str, connect: Sequence[str], host: str, port: int, token_file: Pa
     app = page_app(rig, connect, key)
     with _listening(host, port) as listener:
         set_up_logging(Console())
+        logging.getLogger("uvicorn.error").addFilter(OnceAMinute())
         server = uvicorn.Server(
             uvicorn.Config(
                 app,
@@ -89,6 +114,6 @@ def _listening(host: str, port: int) -> socket.socket:
     try:
         return socket.create_server((host, port), family=family)
     except OSError as error:
-        # Of a name that is not known the number is none of the system's.
-        reason = error.strerror if isinstance(error, socket.gaierror) else os.strerror(error.errno or 0)
+        number = error.errno or 0  # below 0 it is the resolver's, as of a name that nobody knows
+        reason = os.strerror(number) if number > 0 else "there is no address of that name"
         raise AutoexposeError(f"the page cannot listen on {host} port {port}: {reason}") from error

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from drivers.errors import ConfigurationError
-from drivers.frames import Side
+
+if TYPE_CHECKING:
+    from drivers.frames import Side
 
 LOOPBACK = "tcp/127.0.0.1:7448"
 """Where a daemon listens unless configured otherwise; next to 7447, which is that of zenoh routers."""

@@ -20,7 +20,7 @@ from autoexpose_daemon.messages.write import TOPICS, MessageWriter, realtime_off
 from autoexpose_daemon.publish.keys import CONSUMER_NAME, consumer_key, frame_key, last_but
 from autoexpose_daemon.publish.ros2_keys import Attachments, Ros2Node
 from autoexpose_daemon.publish.session import Endpoints, SessionError, open_as_publisher
-from autoexpose_daemon.publish.tally import ConsumerTally, DropReason, PublishTally
+from autoexpose_daemon.publish.tally import LARGEST_REPORT_BYTES, ConsumerTally, DropReason, PublishTally
 from drivers.frames import Side, StereoPair
 
 log = logging.getLogger(__name__)
@@ -181,9 +181,11 @@ class Publisher:
     def _on_report(self, sample: zenoh.Sample) -> None:
         """On a thread of zenoh's."""
         name = last_but(str(sample.key_expr), 0)
+        if len(sample.payload) > LARGEST_REPORT_BYTES or not CONSUMER_NAME.fullmatch(name):
+            return
         tally = ConsumerTally.from_json(sample.payload.to_bytes())
-        if tally is not None and CONSUMER_NAME.fullmatch(name) and self.tally.heard(name, tally, time.monotonic_ns()):
-            log.info("consumer %s is there", name)
+        if tally is not None and self.tally.consumers.heard(name, tally, time.monotonic_ns()):
+            log.info("consumer %s takes pairs", name)
 
 
 class _Outlet:

@@ -12,6 +12,9 @@ import zenoh
 
 from drivers.errors import AutoexposeError
 
+LARGEST_MESSAGE_BYTES = 64 << 20
+"""Of an image with its header. What is larger is dropped; zenoh's own limit, 1 GB, fills a small computer's memory."""
+
 _QUEUE = "transport/link/tx/queue"
 _TUNING = {
     # The most there can be, 1 MB for each camera: two images of 720 x 540. The default holds a third of one.
@@ -20,6 +23,7 @@ _TUNING = {
     # How long pieces of an image wait for room before the image is dropped, us: well below a frame period, because
     # other consumers wait meanwhile. The default is 50 ms.
     f"{_QUEUE}/congestion_control/drop/max_wait_before_drop_fragments": 5_000,
+    "transport/link/rx/max_message_size": LARGEST_MESSAGE_BYTES,
     # By default zenoh looks for others on all networks.
     "scouting/multicast/enabled": False,
 }

@@ -3,15 +3,30 @@
 from __future__ import annotations
 
 import json
+import threading
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
+from typing import Annotated
+
+from pydantic import Field
 
 GONE_NS = 5_000_000_000
 """A consumer that has said nothing for so long has left; it speaks once a second."""
-MOST_CONSUMERS = 32
-"""More are not remembered: names come from outside."""
+
+MOST_LISTED = 32
+MOST_KNOWN = 1024
+"""Consumers that are listed, and remembered: their names come from outside, and anybody can invent some."""
+
+LAST_COUNT = (1 << 63) - 1
+"""The highest count that is believed when it comes from another process."""
+
+Count = Annotated[int, Field(ge=0, le=LAST_COUNT)]
+"""A count that may come from another process."""
+
+LARGEST_REPORT_BYTES = 1024
+"""Of what a consumer reports; its five counts take 170 at most."""
 
 
 class DropReason(StrEnum):
@@ -43,11 +58,11 @@ class ConsumerTally:
         Triggers of which the daemon had one camera's frame only.
     """
 
-    pairs: int = 0
-    missed: int = 0
-    lost: int = 0
-    too_slow: int = 0
-    alone: int = 0
+    pairs: Count = 0
+    missed: Count = 0
+    lost: Count = 0
+    too_slow: Count = 0
+    alone: Count = 0
 
     def to_json(self) -> str:
         """As it is sent to the daemon."""
@@ -56,15 +71,75 @@ class ConsumerTally:
     @classmethod
     def from_json(cls, text: str | bytes) -> ConsumerTally | None:
         """What a consumer sent, or None when it is nothing of the kind."""
-        try:
-            counts = json.loads(text)
-            return cls(**{name: int(counts[name]) for name in cls.__slots__})
-        except (ValueError, TypeError, KeyError, OverflowError, RecursionError):
+        if len(text) > LARGEST_REPORT_BYTES:
             return None
+        try:
+            report = json.loads(text)
+            counts = {name: report[name] for name in cls.__slots__}
+        except (ValueError, TypeError, KeyError, RecursionError):
+            return None
+        believed = all(type(count) is int and 0 <= count <= LAST_COUNT for count in counts.values())
+        return cls(**counts) if believed else None
 
     def __str__(self) -> str:
         oddities = {"missed": self.missed, "lost": self.lost, "too slow": self.too_slow, "lone frames": self.alone}
         return ", ".join([f"{self.pairs} pairs", *(f"{count} {name}" for name, count in oddities.items() if count)])
+
+
+@dataclass(slots=True)
+class _Consumer:
+    since_ns: int
+    heard_ns: int
+    tally: ConsumerTally
+    takes_pairs: bool = False
+
+
+class Consumers:
+    """Those that report what they got, while they do. Any thread may add, and any may read; times: CLOCK_MONOTONIC.
+
+    A name says nothing of who sent it, and zenoh does not either. So those whose count of pairs has grown come first,
+    then those that were known first; names that are made up and do not report again make place for others.
+    """
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._known: dict[str, _Consumer] = {}  # that which was heard longest ago is the first
+
+    def heard(self, name: str, tally: ConsumerTally, now_ns: int) -> bool:
+        """Note a report; whether it is the first that shows that a consumer takes pairs, and all of them are listed."""
+        with self._lock:
+            self._forget(now_ns)
+            consumer = self._known.pop(name, None)
+            if consumer is None:
+                self._make_place()
+                consumer = _Consumer(now_ns, now_ns, tally)
+            begins = not consumer.takes_pairs and tally.pairs > consumer.tally.pairs
+            self._known[name] = consumer
+            consumer.heard_ns, consumer.tally = now_ns, tally
+            consumer.takes_pairs |= begins
+            return begins and len(self._known) <= MOST_LISTED
+
+    def listed(self, now_ns: int) -> Mapping[str, ConsumerTally]:
+        """Those that are there, at most `MOST_LISTED` of them, and what they last reported."""
+        with self._lock:
+            self._forget(now_ns)
+            order = sorted(self._known.items(), key=lambda item: (not item[1].takes_pairs, item[1].since_ns))
+            return {name: consumer.tally for name, consumer in order[:MOST_LISTED]}
+
+    def unlisted(self, now_ns: int) -> int:
+        """How many there are besides."""
+        with self._lock:
+            self._forget(now_ns)
+            return max(0, len(self._known) - MOST_LISTED)
+
+    def _forget(self, now_ns: int) -> None:
+        while self._known and now_ns - self._known[first := next(iter(self._known))].heard_ns >= GONE_NS:
+            del self._known[first]
+
+    def _make_place(self) -> None:
+        if len(self._known) == MOST_KNOWN:
+            idle = (name for name, consumer in self._known.items() if not consumer.takes_pairs)
+            del self._known[next(idle, next(iter(self._known)))]
 
 
 @dataclass(slots=True)
@@ -75,23 +150,12 @@ class PublishTally:
     ----------
     trouble
         Why there is no session, in words; empty when there is one.
+    consumers
+        Those that report what they got.
     """
 
     offered: int = 0
     sent: int = 0
     dropped: Counter[DropReason] = field(default_factory=Counter)
     trouble: str = ""
-    _consumers: dict[str, tuple[int, ConsumerTally]] = field(default_factory=dict)
-
-    def heard(self, name: str, tally: ConsumerTally, now_ns: int) -> bool:
-        """Note what a consumer reports, and whether it is a new one; times are CLOCK_MONOTONIC."""
-        known = {other: last for other, last in self._consumers.items() if now_ns - last[0] < GONE_NS}
-        new = name not in known and len(known) < MOST_CONSUMERS
-        if new or name in known:
-            known[name] = now_ns, tally
-        self._consumers = known  # replaced, not changed: other threads read it
-        return new
-
-    def consumers(self, now_ns: int) -> Mapping[str, ConsumerTally]:
-        """Those that are there, and what they last reported."""
-        return {name: tally for name, (heard_ns, tally) in self._consumers.items() if now_ns - heard_ns < GONE_NS}
+    consumers: Consumers = field(default_factory=Consumers)

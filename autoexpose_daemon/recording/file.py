@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import platform
+import sys
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -36,7 +37,7 @@ _String = TYPESTORE.types[STRING]
 
 
 class RecordingFile:
-    """A new file, written step by step.
+    """A new file, written step by step, in chunks of whole steps.
 
     Parameters
     ----------
@@ -49,6 +50,11 @@ class RecordingFile:
     ------
     RecordingError
         By every method: when the file cannot be written, or its disk is all but full.
+
+    Attributes
+    ----------
+    steps
+        Steps that can be read back whatever happens next: those of the chunks that are written.
     """
 
     def __init__(self, path: Path, rig: str) -> None:
@@ -58,6 +64,8 @@ class RecordingFile:
         self._time_ns = 0
         self._setup: ControlSetup | None = None
         self._broken = False
+        self.steps = 0
+        self._chunk_steps = self._chunk_bytes = 0
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
         try:
@@ -66,7 +74,7 @@ class RecordingFile:
             raise RecordingError(f"{path}: is there already: name a new file") from None
         except OSError as error:
             raise self._error(error) from error
-        self._writer = Writer(self._stream, chunk_size=_CHUNK_BYTES, compression=COMPRESSION)
+        self._writer = Writer(self._stream, chunk_size=sys.maxsize, compression=COMPRESSION)
         self._writer.start(profile="ros2", library=f"autoexpose-daemon {version('autoexpose-daemon')}")
 
     def write(self, step: Step, setup: ControlSetup, state: Plain) -> None:
@@ -84,6 +92,9 @@ class RecordingFile:
                 self._add(message.side, message.topic, TOPICS[message.topic], message.data, step.sequence)
             if state is not None:
                 self._say(STATE, {"state": state})
+            self._chunk_steps += 1
+            if self._chunk_bytes >= _CHUNK_BYTES:
+                self._end_chunk()
         except OSError as error:
             raise self._error(error) from error
 
@@ -93,12 +104,18 @@ class RecordingFile:
         After an error of writing there is no index, but all that was written before can be read.
         """
         try:
-            if not self._broken:
-                self._writer.add_metadata(METADATA, {"steps": str(steps), "dropped": str(dropped)})
-                self._writer.finish()  # type: ignore[no-untyped-call]
-            self._stream.close()
+            with self._stream:
+                if not self._broken:
+                    self._end_chunk()
+                    self._writer.add_metadata(METADATA, {"steps": str(steps), "dropped": str(dropped)})
+                    self._writer.finish()  # type: ignore[no-untyped-call]
         except OSError as error:
             raise self._error(error) from error
+
+    def _end_chunk(self) -> None:
+        self._writer.flush()  # type: ignore[no-untyped-call]
+        self.steps += self._chunk_steps
+        self._chunk_steps = self._chunk_bytes = 0
 
     def _say(self, what: str, content: dict[str, Plain]) -> None:
         text = to_json({"format": STATE_FORMAT, **content})
@@ -112,6 +129,7 @@ class RecordingFile:
         if topic not in self._channels:
             self._channels[topic] = self._writer.register_channel(topic, "cdr", self._schemas[message_type])
         self._writer.add_message(self._channels[topic], self._time_ns, data, self._time_ns, sequence & 0xFFFFFFFF)
+        self._chunk_bytes += len(data)
 
     def _error(self, error: OSError) -> RecordingError:
         self._broken = True

@@ -17,6 +17,7 @@ from autoexpose_daemon.messages.types import EXPOSURE_INFO, TYPESTORE, definitio
 from autoexpose_daemon.recording.file import METADATA, STATE, STRING
 from autoexpose_daemon.recording.plain_json import from_json
 from autoexpose_daemon.recording.step import Item, RecordingError, Setup, State, Step
+from drivers.files import open_regular
 from drivers.frames import Pixels, Side, StereoPair
 
 _SIDES: tuple[Side, ...] = ("left", "right")
@@ -50,7 +51,7 @@ class Recording:
     def __iter__(self) -> Iterator[Item]:
         """Read on from the start of the file."""
         try:
-            with self._path.open("rb") as stream:
+            with open_regular(self._path) as stream:
                 yield from self._items(stream)
         except OSError as error:
             raise RecordingError(f"{self._path}: cannot be read: {error.strerror}") from error

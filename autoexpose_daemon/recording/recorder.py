@@ -28,6 +28,7 @@ from drivers.seldom import Seldom
 
 log = logging.getLogger(__name__)
 
+SUFFIX = ".mcap"
 SNAPSHOT_NS = 1_000_000_000
 QUEUE_S = 2.0
 """Of steps may wait for the disk, 95 MB of 720x540 at 60 Hz: a disk that writes back its cache stalls for a second."""
@@ -56,13 +57,17 @@ class Recorder(ABC):
     dropped
         Steps among them for which there was no room.
     failure
-        What has ended the recording before its time, in a sentence; None: nothing.
+        What is wrong with the recording, in a sentence; None: nothing.
+    incomplete
+        Whether something that was to be recorded is not: for the exit code.
     """
 
     def __init__(self, room: int) -> None:
         self.steps = 0
         self.dropped = 0
         self.failure: str | None = None
+        self.incomplete = False
+        self._ended = False
         self._room = room
         self._queue: queue.SimpleQueue[Entry | None] = queue.SimpleQueue()  # its `put` never waits; None: the end
         self._dropped_said = 0
@@ -82,7 +87,7 @@ class Recorder(ABC):
 
     def take(self, pair: StereoPair, decision: Decision, loop: ControlLoop, cameras: int) -> None:
         """Take a step of a rig of so many cameras; on the control thread, right after `loop` has made it."""
-        if self.failure is not None:
+        if self._ended:
             return
         self.steps += 1
         if self._queue.qsize() >= self._room:
@@ -134,26 +139,37 @@ class ContinuousRecorder(Recorder):
         super().__init__(math.ceil(QUEUE_S * rate_hz))
         self._path = file
         self._file = RecordingFile(file, rig)
-        self._written = 0
 
     def save(self) -> None:
         """Nothing: all is written anyway."""
 
     @property
     def summary(self) -> str:
-        """Steps and drops."""
-        return f"{self._path}: {self._written} steps recorded, {self.dropped} dropped by the recorder"
+        """Steps that can be read back, drops, and what went down with a failure."""
+        lost = self.steps - self.dropped - self._file.steps
+        return (
+            f"{self._path}: {self._file.steps} steps recorded, {self.dropped} dropped by the recorder"
+            f"{f', {lost} lost when it stopped' if lost else ''}"
+        )
 
     def _run(self) -> None:
         try:
             while (entry := self._queue.get()) is not None:
                 self._file.write(entry.step, entry.setup, entry.state)
-                self._written += 1
         except RecordingError as error:
-            self.failure = str(error)
-            log.warning("recording stops, control goes on: %s", error)
-            self._queue = queue.SimpleQueue()
-        _close(self._file, self.steps, self.dropped)
+            self._end(error)
+        try:
+            self._file.close(self.steps, self.dropped)
+        except RecordingError as error:
+            self._end(error)
+
+    def _end(self, error: RecordingError) -> None:
+        if self._ended:
+            return
+        self._ended = self.incomplete = True
+        self.failure = str(error)
+        log.warning("recording stops, control goes on: %s", error)
+        self._queue = queue.SimpleQueue()
 
 
 class LastSecondsRecorder(Recorder):
@@ -193,7 +209,7 @@ class LastSecondsRecorder(Recorder):
 
     @property
     def summary(self) -> str:
-        """The files."""
+        """The files, each with the steps that can be read back."""
         return f"recordings written: {', '.join(self._written) or 'none'}"
 
     def _run(self) -> None:
@@ -215,16 +231,27 @@ class LastSecondsRecorder(Recorder):
         try:
             file = RecordingFile(path, self._rig)
         except RecordingError as error:
-            log.warning("nothing is saved, control goes on: %s", error)
+            self._fell_short("nothing is saved", error)
             return
-        self._written.append(str(path))
+        self.failure = None
         try:
             for entry in entries:
                 file.write(entry.step, entry.setup, entry.state)
-            log.info("%s: the last %d steps saved", path, len(entries))
         except RecordingError as error:
-            log.warning("not all is saved, control goes on: %s", error)
-        _close(file, len(entries), 0)
+            self._fell_short("not all is saved", error)
+        try:
+            file.close(len(entries), 0)
+        except RecordingError as error:
+            if self.failure is None:
+                self._fell_short("not all is saved", error)
+        saved = f"{file.steps} steps" if file.steps == len(entries) else f"{file.steps} of {len(entries)} steps"
+        self._written.append(f"{path} ({saved})")
+        log.info("%s: the last %s saved", path, saved)
+
+    def _fell_short(self, how: str, error: RecordingError) -> None:
+        self.incomplete = True
+        self.failure = str(error)
+        log.warning("%s, control goes on: %s", how, error)
 
     def _free_path(self) -> Path:
         number = 1
@@ -234,7 +261,15 @@ class LastSecondsRecorder(Recorder):
 
 
 def new_recorder(file: Path, config: Config, last_s: float | None) -> Recorder:
-    """What records to a file: the last seconds on demand, or everything when `last_s` is None."""
+    """What records to a file: the last seconds on demand, or everything when `last_s` is None.
+
+    Raises
+    ------
+    RecordingError
+        When the file cannot be written, or has no name for a recording.
+    """
+    if file.suffix != SUFFIX:
+        raise RecordingError(f"{file}: is no name for a recording: let it end in {SUFFIX}")
     rate_hz, rig = config.trigger.rate_hz, (config.publish or PublishConfig()).rig
     if last_s is None:
         return ContinuousRecorder(file, rate_hz, rig)
@@ -249,8 +284,3 @@ def last_seconds(entries: Sequence[Entry], last_s: float) -> Sequence[Entry]:
     snapshots = [index for index, entry in enumerate(entries) if entry.state is not None]
     before = [index for index in snapshots if entries[index].taken_ns <= begin_ns]
     return entries[max(before) if before else min(snapshots, default=0) :]
-
-
-def _close(file: RecordingFile, steps: int, dropped: int) -> None:
-    with suppress(RecordingError):  # of a full disk, which was said before
-        file.close(steps, dropped)

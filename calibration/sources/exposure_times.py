@@ -19,11 +19,13 @@ from pathlib import Path
 from PIL import Image
 
 from drivers.errors import ConfigurationError
+from drivers.files import open_regular, read_regular
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm", ".ppm")
 
 _EXIF_IFD, _EXPOSURE_TIME, _F_NUMBER, _SENSITIVITY = 0x8769, 0x829A, 0x829D, 0x8827
 _TIME_IN_NAME = re.compile(r"(?<![\d.])(\d+(?:\.\d+)?)(us|ms|s)(?![0-9A-Za-z])")
+_MOST_LIST_BYTES = 1 << 20
 _SECONDS_PER_UNIT = {"us": 1e-6, "ms": 1e-3, "s": 1.0}
 
 
@@ -92,7 +94,7 @@ def seconds_in_name(path: Path) -> float | None:
 
 def _in_list(path: Path) -> list[TimedFile]:
     try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
+        lines = read_regular(path, _MOST_LIST_BYTES).decode("utf-8-sig").splitlines()
     except OSError as error:
         raise ConfigurationError(f"{path}: cannot be read ({error.strerror}): check its name and access") from error
     except UnicodeDecodeError as error:
@@ -142,7 +144,7 @@ def _seconds(word: str, where: str) -> float:
 
 def _exif_number(path: Path, tag: int) -> float | None:
     try:
-        with Image.open(path) as image:
+        with open_regular(path) as file, Image.open(file) as image:
             value = image.getexif().get_ifd(_EXIF_IFD).get(tag)
     except Exception as error:  # Pillow checks little of what a damaged file announces
         raise ConfigurationError(f"{path}: is not an image that can be read: remove or replace it") from error

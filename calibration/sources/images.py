@@ -13,11 +13,14 @@ from calibration.sources.exposure_times import timed_files
 from calibration.sweep import Shot, Sweep
 from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureSetting
+from drivers.files import read_regular
 from drivers.frames import Pixels
 from drivers.png import SIGNATURE, is_whole_png
 
 GREEN = 1
 """Of OpenCV's blue, green, red."""
+MOST_IMAGE_BYTES = 1 << 30
+"""More than the raw pixels of any sensor take."""
 
 
 def read_images(source: Path) -> Sweep:
@@ -55,7 +58,7 @@ def _described(image: NDArray[Any]) -> str:
 
 def _grey(path: Path) -> Pixels:
     try:
-        content = path.read_bytes()
+        content = read_regular(path, MOST_IMAGE_BYTES)
         damaged = content.startswith(SIGNATURE) and not is_whole_png(content)
         flags = cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION
         image = None if damaged else cv2.imdecode(np.frombuffer(content, np.uint8), flags)

@@ -12,6 +12,7 @@ from typing import Any
 from drivers.aravis.discovery import FoundCamera
 from drivers.aravis.introspection import Aravis, GLib
 from drivers.aravis.nodes import AravisNodes
+from drivers.aravis.stream import create_stream
 from drivers.camera import CameraDescription, IncompleteFrame
 from drivers.clock import find_clock
 from drivers.dialect import find_dialect, switch_auto_off
@@ -21,18 +22,10 @@ from drivers.frames import Frame, Pixels, SettingSource
 from drivers.gamma import switch_gamma_off
 from drivers.image_format import choose_pixel_format, decode_pixels, set_binning
 from drivers.metadata import FrameIdUnwrapper, SettingLedger, enable_chunks
-from drivers.network import SOCKET_BUFFER_BYTES
 from drivers.setup import CameraSetup
 from drivers.timing import timing_lacks
 from drivers.trigger import arm_trigger
 
-BUFFERS = 16
-"""A quarter of a second at 60 Hz: longer than any pause of the reading thread worth surviving."""
-PACKET_TIMEOUT_US = 2_000
-"""A packet so late is asked for again. With Aravis' own 20 ms one lost packet holds up its frame, and those behind it,
-for two periods at 60 Hz."""
-FRAME_RETENTION_US = 50_000
-"""A GigE Vision frame still incomplete so long after its last packet is given up; frames behind it wait until then."""
 SPARSE = 8
 """Every so many rows and columns are enough to see the brightness change."""
 _HOLES = (
@@ -69,7 +62,7 @@ class AravisCamera:
         self._ledger = SettingLedger(self._setting)
         self._frame_ids = FrameIdUnwrapper()
         self._unreadable = False
-        self._stream = _create_stream(camera, nodes, setup)
+        self._stream = create_stream(camera, nodes, setup)
         self._chunks = camera.create_chunk_parser()
         # The handler runs on a thread of Aravis and must never be the last to hold the camera: it knows the event only.
         lost = nodes.silent
@@ -196,24 +189,3 @@ class AravisCamera:
         if not (math.isfinite(exposure_time_us) and exposure_time_us > 0 and math.isfinite(gain_db)):
             return None
         return ExposureSetting(exposure_time_us, gain_db)
-
-
-def _create_stream(camera: Any, nodes: AravisNodes, setup: CameraSetup) -> Any:
-    """The stream with its pool of buffers, made once chunks and format are set, as they decide the payload's size."""
-    if camera.is_gv_device():
-        # The kernel hands packet sockets over in 5 ms blocks; a plain socket is quicker.
-        camera.gv_set_stream_options(Aravis.GvStreamOption.PACKET_SOCKET_DISABLED)
-        if setup.packet_size_bytes is None:
-            nodes.call("find the packet size", camera.gv_auto_packet_size)
-        else:
-            nodes.call("set the packet size", camera.gv_set_packet_size, setup.packet_size_bytes)
-    stream = nodes.call("open the stream", camera.create_stream, None, None)
-    if camera.is_gv_device():
-        stream.set_property("socket-buffer", Aravis.GvStreamSocketBuffer.FIXED)
-        stream.set_property("socket-buffer-size", SOCKET_BUFFER_BYTES)
-        stream.set_property("packet-timeout", PACKET_TIMEOUT_US)
-        stream.set_property("frame-retention", FRAME_RETENTION_US)
-    payload_bytes = nodes.call("read the payload size", camera.get_payload)
-    for _ in range(BUFFERS):
-        stream.push_buffer(Aravis.Buffer.new_allocate(payload_bytes))
-    return stream

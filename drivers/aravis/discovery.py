@@ -69,8 +69,8 @@ def find_camera(serial: str) -> FoundCamera:
         for camera in itertools.chain(recent, _searched()):
             if camera.serial == serial:
                 return camera
-        others = ", ".join(sorted(camera.serial for camera in _found)) or "none"
-    raise CameraNotFoundError(f"no camera with serial {serial} answers; cameras that do: {others}")
+        others = ", ".join(sorted(f'"{camera.serial}"' for camera in _found)) or "none"
+    raise CameraNotFoundError(f'no camera with serial "{serial}" answers; cameras that do: {others}')
 
 
 def _searched() -> Iterator[FoundCamera]:

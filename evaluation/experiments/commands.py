@@ -16,6 +16,7 @@ from rich.markup import escape
 from rich.padding import Padding
 
 from drivers.errors import AutoexposeError, ConfigurationError
+from evaluation.effort import check_chosen
 from evaluation.experiments.cache import ResultCache
 from evaluation.experiments.experiment import Experiment, Job, Plain
 from evaluation.experiments.registry import EXPERIMENTS
@@ -46,11 +47,13 @@ def run(
     names: Annotated[list[str], typer.Argument(help="`all`, or names that `autoexpose experiments list` shows.")],
     *,
     quick: Annotated[bool, typer.Option("--quick", help="Few scenes and seeds: minutes.")] = False,
+    full: Annotated[bool, typer.Option("--full", help="What the verdicts rest on: up to hours.")] = False,
     out: _Folder = Path("out/experiments"),
     jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = len(os.sched_getaffinity(0)),
 ) -> None:
     """Run experiments and write `experiments.md` and `experiments.html`; what was finished before is not done again."""
     chosen = _chosen(names)
+    check_chosen(quick, full, lambda quick: _duration_s(chosen, quick, jobs))
     _make_writable(out)
     console = Console()
     begun_s = time.monotonic()
@@ -73,6 +76,10 @@ def _chosen(names: Sequence[str]) -> list[Experiment]:
         if name != "all" and name not in known:
             raise ConfigurationError(f"there is no experiment {name!r}: choose all, or from {', '.join(known)}")
     return [experiment for experiment in EXPERIMENTS if "all" in names or experiment.name in names]
+
+
+def _duration_s(chosen: Sequence[Experiment], quick: bool, processes: int) -> float:
+    return sum(job.cost_s for experiment in chosen for job in experiment.jobs(quick)) / processes
 
 
 def _make_writable(out: Path) -> None:
@@ -114,7 +121,7 @@ def _results(jobs: Sequence[Job], folder: Path, processes: int, console: Console
 
 
 def _preface(names: Sequence[str], quick: bool) -> str:
-    command = " ".join(["autoexpose experiments run", *names, *(["--quick"] if quick else [])])
+    command = " ".join(["autoexpose experiments run", *names, "--quick" if quick else "--full"])
     return f"""\
 Made by `{command}`, in virtual time, from fixed seeds: the same code makes the same numbers, but for ORB-SLAM3's.
 Cameras, room and light are the fake cameras' (docs/fake-camera.md), control is the daemon's own.

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from evo.core.metrics import RPE, PoseRelation, Unit
-from evo.core.trajectory import PosePath3D
 from numpy.typing import NDArray
 
 SUB_TRAJECTORY_M = 0.02
@@ -26,6 +24,9 @@ def relative_errors_mm(truth: Sequence[NDArray[np.float64]], estimate: Sequence[
     truth, estimate
         Poses (4, 4) in metres at the same instants; each in a frame of its own.
     """
+    from evo.core.metrics import RPE, PoseRelation, Unit  # noqa: PLC0415  it takes half a second to load
+    from evo.core.trajectory import PosePath3D  # noqa: PLC0415
+
     errors = RPE(
         PoseRelation.translation_part,
         SUB_TRAJECTORY_M,

@@ -23,7 +23,7 @@ def shim_path() -> Path:
     """The shared library to preload; raises ShimError when it has not been built."""
     found = importlib.util.find_spec(_SHIM)
     if found is None or found.origin is None:
-        raise ShimError("the shim for libusb is not built: run `make shim`, or install gcc and then this package again")
+        raise ShimError("the shim for libusb is not built: `make demo` builds it, and so does pip where gcc is")
     return Path(found.origin)
 
 

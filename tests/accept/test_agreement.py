@@ -9,7 +9,9 @@ import pytest
 
 from fake_camera.lighting import LightScript
 from tests.accept.replay import replay_demo
-from tests.accept.test_demo import demo
+from tests.accept.test_demo import FULL, demo
+
+pytestmark = pytest.mark.quiet(FULL)
 
 
 @pytest.mark.parametrize("policy", ["metric-map", "neves2009"])
@@ -23,6 +25,7 @@ def test_virtual_and_real_time_settle_alike(tmp_path: Path, policy: str) -> None
         delay_frames=real["delay_frames"],
         light=LightScript.default(),
         seed=0,
+        rate_hz=real["rate_hz"],
     )
     settled = [
         (in_reality["frames_to_settle"], simulated.frames_to_settle)

@@ -10,6 +10,12 @@ from typing import Any
 
 import pytest
 
+FULL = (
+    "A fake camera takes up to 45 % of a core while it renders, and the daemon 27 %: on two cores of which another "
+    "process has one, frames come late and pairs are lost."
+)
+pytestmark = pytest.mark.quiet(FULL)
+
 STEPS = """
 repeat_s: 4
 light:

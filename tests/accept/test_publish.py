@@ -5,9 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from autoexpose_daemon.publish.keys import LOOPBACK
-from tests.accept.test_demo import demo
+from tests.accept.test_demo import FULL, demo
 from tests.publish.consumer import consumer
+
+pytestmark = pytest.mark.quiet(FULL)
 
 RUNS = 3
 NAMES = ("odometry", "logger")

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.autoexpose_daemon import test_signals
+from tests.accept import test_signals
 from tests.fakes import run_under_shim
 
 pytestmark = [pytest.mark.realtime, pytest.mark.timeout(140)]

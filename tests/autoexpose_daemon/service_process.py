@@ -19,17 +19,12 @@ PATIENCE_S = 30.0
 
 
 @dataclass
-class ServiceProcess:
-    """A running daemon; `heard` are its notifications so far."""
+class Notifications:
+    """What a service manager hears at its end of a socket; `heard` is all so far."""
 
-    process: subprocess.Popen[bytes]
-    notifications: socket.socket
-    log_file: Path
+    socket: socket.socket
+    log: Callable[[], str]
     heard: list[str] = field(default_factory=list)
-
-    @property
-    def log(self) -> str:
-        return self.log_file.read_text()
 
     def wait_for(self, prefix: str) -> str:
         """The next notification that begins so."""
@@ -38,12 +33,44 @@ class ServiceProcess:
     def wait_until(self, matches: Callable[[str], bool], what: str) -> str:
         deadline_s = time.monotonic() + PATIENCE_S
         while time.monotonic() < deadline_s:
-            self.notifications.settimeout(max(deadline_s - time.monotonic(), 0.01))
+            self.socket.settimeout(max(deadline_s - time.monotonic(), 0.01))
             with contextlib.suppress(TimeoutError):
-                self.heard.append(self.notifications.recv(4096).decode())
+                self.heard.append(self.socket.recv(4096).decode())
                 if matches(self.heard[-1]):
                     return self.heard[-1]
-        raise AssertionError(f"waited in vain for {what}: {self.heard[-3:]}\n{self.log}")
+        raise AssertionError(f"waited in vain for {what}: {self.heard[-3:]}\n{self.log()}")
+
+
+@contextlib.contextmanager
+def service_manager(log: Callable[[], str]) -> Iterator[tuple[Notifications, str]]:
+    """Somebody who listens, and the address; `log` is shown when waiting was in vain."""
+    with tempfile.TemporaryDirectory() as folder, socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as end:
+        address = str(Path(folder) / "notify")
+        end.bind(address)
+        yield Notifications(end, log), address
+
+
+@dataclass
+class ServiceProcess:
+    """A running daemon, and what it tells its service manager."""
+
+    process: subprocess.Popen[bytes]
+    notifications: Notifications
+    log_file: Path
+
+    @property
+    def log(self) -> str:
+        return self.log_file.read_text()
+
+    @property
+    def heard(self) -> list[str]:
+        return self.notifications.heard
+
+    def wait_for(self, prefix: str) -> str:
+        return self.notifications.wait_for(prefix)
+
+    def wait_until(self, matches: Callable[[str], bool], what: str) -> str:
+        return self.notifications.wait_until(matches, what)
 
     def reload(self) -> None:
         self.process.send_signal(signal.SIGHUP)
@@ -62,20 +89,16 @@ def running_service(
     config: Path, state: Path | None = None, command: Sequence[str] = ("run",)
 ) -> Iterator[ServiceProcess]:
     """Run the daemon on a configuration file, by `command`, until the block ends."""
-    with (
-        tempfile.TemporaryDirectory() as folder,
-        socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as notifications,
-        (Path(folder) / "log").open("wb") as log,
-    ):
-        notifications.bind(str(Path(folder) / "notify"))
-        environment = os.environ | {"NOTIFY_SOCKET": str(Path(folder) / "notify")}
-        environment |= {} if state is None else {"STATE_DIRECTORY": str(state)}
-        with subprocess.Popen(
-            [*AUTOEXPOSE, *command, "-c", str(config)], stdin=subprocess.DEVNULL, stderr=log, env=environment
-        ) as process:
-            service = ServiceProcess(process, notifications, Path(log.name))
-            try:
-                yield service
-            finally:
-                if process.poll() is None and service.stop() != 0:
-                    raise AssertionError(service.log)
+    with tempfile.TemporaryDirectory() as folder, (Path(folder) / "log").open("wb") as log:
+        log_file = Path(log.name)
+        with service_manager(log_file.read_text) as (notifications, address):
+            environment = os.environ | {"NOTIFY_SOCKET": address}
+            environment |= {} if state is None else {"STATE_DIRECTORY": str(state)}
+            arguments = [*AUTOEXPOSE, *command, "-c", str(config)]
+            with subprocess.Popen(arguments, stdin=subprocess.DEVNULL, stderr=log, env=environment) as process:
+                service = ServiceProcess(process, notifications, log_file)
+                try:
+                    yield service
+                finally:
+                    if process.poll() is None and service.stop() != 0:
+                        raise AssertionError(service.log)

@@ -1,6 +1,9 @@
 from __future__ import annotations
 
+import os
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Annotated, Any, get_args
 
 import cv2
 import numpy as np
@@ -9,12 +12,14 @@ import yaml
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from autoexpose_daemon.config import Config, load_config
 from autoexpose_daemon.control.parameters import ControlParameters
 from autoexpose_daemon.control.region import Rectangle
 from calibration.response import ResponseFunction
 from calibration.response_file import CameraIdentity, Origin, ResponseFile
+from drivers import bounds
 from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureSetting
 
@@ -63,9 +68,9 @@ def test_a_short_file_has_the_documented_defaults(tmp_path: Path) -> None:
         ("exposure: {max_time_us: 100}\ncameras: {left: {serial: A}}\nexposure: {}", ["'exposure'", "twice", "line 3"]),
         (LEFT + "control: {balance: blurnoise}", ["control.balance", "blur_noise"]),
         (LEFT + "control: {motion: lucas}", ["control.motion", "farneback"]),
-        (LEFT + "control: {metric_delta: 2}", ["control: metric_delta is 2"]),
-        (LEFT + "control: {flicker_hz: 0}", ["control: flicker_hz is 0"]),
-        (LEFT + "control: {focal_length_px: -1}", ["control: focal_length_px is -1"]),
+        (LEFT + "control: {metric_delta: 2}", ["control.metric_delta: 2.0 is out of bounds: give 0 to 0.99"]),
+        (LEFT + "control: {flicker_hz: 0}", ["control.flicker_hz: 0.0 is out of bounds: give 10 to 1000 Hz"]),
+        (LEFT + "control: {focal_length_px: -1}", ["control.focal_length_px: -1.0 is out of bounds"]),
         (
             LEFT + "control: {roi: {left: {rectangle: []}}}",
             ["control.roi.left.rectangle", "control.roi.left.rectangles"],
@@ -76,6 +81,38 @@ def test_a_short_file_has_the_documented_defaults(tmp_path: Path) -> None:
         (LEFT + "control: {roi: {left: {background_weight: 2}}}", ["control.roi.left.background_weight"]),
         (LEFT + "control: {roi: {left: {mask: none.png}}}", ["control.roi.left.mask", "none.png", "cannot be read"]),
         (LEFT + "control: {roi: {right: {}}}", ["control.roi.right", "cameras.right"]),
+        *(
+            (LEFT + f"trigger: {{rate_hz: {rate}}}", ["trigger.rate_hz: ", "is out of bounds: give 0.1 to 1000 Hz"])
+            for rate in ("1.0e-300", "1.0e-9", "1.0e+6", ".nan", ".inf")
+        ),
+        (LEFT + "trigger: {rate_hz: yes}", ["trigger.rate_hz: true is no number"]),
+        (LEFT + "exposure: {max_gain_db: 7000}", ["exposure.max_gain_db: 7000.0 is out of bounds: give -60 to 100 dB"]),
+        (LEFT + "exposure: {min_time_us: 1.0e-9}", ["exposure.min_time_us", "give 0.1 to 10000000 us"]),
+        (LEFT + "control: {start: {exposure_time_us: 1.0e+9}}", ["control.start.exposure_time_us"]),
+        (LEFT + "control: {metric_lambda: 1.0e+300}", ["control.metric_lambda", "give 0.001 to 1000000"]),
+        (LEFT + "control: {metric_lambda: 1.0e-300}", ["control.metric_lambda"]),
+        (LEFT + "control: {balance_weight: 1.0e+300}", ["control.balance_weight", "give 1e-06 to 1000"]),
+        (LEFT + "image: {binning: 9}", ["image.binning: 9 is out of bounds: give 1 to 8 pixels"]),
+        (LEFT + "transport: {packet_size_bytes: 99999}", ["transport.packet_size_bytes", "give 576 to 16000 bytes"]),
+        (LEFT + "trigger: {line: ''}", ["trigger.line: '' is no name"]),
+        (LEFT + 'trigger: {output_line: "Line1\\e[2J"}', ["trigger.output_line: 'Line1\\x1b[2J' is no name"]),
+        ('cameras: {left: {serial: "A\\nB"}}', ["cameras.left.serial: 'A\\nB' is no name"]),
+        ('cameras: {left: {serial: "\\e[31mA"}}', ["cameras.left.serial: '\\x1b[31mA' is no name"]),
+        ("cameras: {left: {serial: '  '}}", ["cameras.left.serial: '  ' is no name", "without blanks around"]),
+        ("cameras: {left: {serial: 'A '}}", ["cameras.left.serial: 'A ' is no name"]),
+        (
+            "cameras: {left: {serial: left-1a}, right: {serial: LEFT-1A}}",
+            ["cameras: left and right are the same but for case, left-1a and LEFT-1A", "autoexpose list"],
+        ),
+        (
+            LEFT + "control: {roi: {left: {rectangles: [{box: [0, 0, 9, 9]}, {box: [0, 0, 99, 99], weight: 0}]}}}",
+            ["control.roi.left: no pixel counts"],
+        ),
+        (
+            LEFT + "control: {roi: {left: {background_weight: 0.001, rectangles: [{box: [0, 0, 9, 9], weight: 0}]}}}",
+            ["control.roi.left: no pixel counts"],
+        ),
+        (LEFT + "control: {roi: {left: {rectangles: [{box: [0, 0, 9, 70000]}]}}}", ["box.3: 70000 is out of bounds"]),
         ("[1, 2", ["YAML"]),
         ("just words", ["cameras"]),
     ],
@@ -113,6 +150,27 @@ def test_a_text_file_is_no_mask(tmp_path: Path) -> None:
     assert "not a PNG" in complaint(tmp_path, LEFT + "control: {roi: {left: {mask: mask.png}}}")
 
 
+@pytest.mark.parametrize("odd", ["pipe", "/dev/zero", "/dev/kmsg", "."])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "cameras: {left: {serial: A, response: FILE}}",
+        LEFT + "control: {roi: {left: {mask: FILE}}}",
+        LEFT + "publish: {zenoh: FILE}",
+    ],
+)
+def test_pipes_devices_and_folders_are_refused_wherever_a_file_is_named(tmp_path: Path, text: str, odd: str) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    file = tmp_path / "rig.yaml"
+    if text:
+        file.write_text(text.replace("FILE", odd))
+    else:
+        file.symlink_to(tmp_path / odd)
+    with pytest.raises(ConfigurationError, match=r"rig\.yaml: .*cannot be read.*a (named pipe|device|directory), no "):
+        load_config(file)
+
+
 def test_regions_are_read_relative_to_the_configuration(tmp_path: Path) -> None:
     assert cv2.imwrite(str(tmp_path / "left.png"), WHITE)
     file = tmp_path / "rig.yaml"
@@ -140,6 +198,42 @@ def test_tuning_reaches_the_loop(tmp_path: Path) -> None:
         balance="flicker", flicker_hz=120, motion="dis", focal_length_px=860,
     )  # fmt: skip
     assert Config.model_validate(STEREO).control.parameters() == ControlParameters()
+
+
+RANGES = {name: value for name, value in vars(bounds).items() if isinstance(value, bounds.Range)}
+
+
+@pytest.mark.parametrize("name", RANGES)
+def test_the_page_of_the_configuration_says_what_numbers_may_be(name: str) -> None:
+    page = (Path(__file__).parents[2] / "docs" / "configuration.md").read_text()
+    assert str(RANGES[name]) in page
+
+
+def parts(kind: Any) -> Iterator[Any]:
+    yield kind
+    for part in get_args(kind):
+        yield from parts(part)
+
+
+def numbers(model: type[BaseModel], parent: str = "") -> Iterator[tuple[str, Any]]:
+    """The keys of a model and those below it that hold one number, with what they take."""
+    for name, field in model.model_fields.items():
+        kinds = [*parts(field.annotation)]
+        for kind in kinds:
+            if isinstance(kind, type) and issubclass(kind, BaseModel):
+                yield from numbers(kind, f"{parent}{name}.")
+        if (float in kinds or int in kinds) and name != "box":
+            yield parent + name, Annotated[field.annotation, field, *field.metadata]
+
+
+NUMBERS = dict(numbers(Config))
+
+
+@pytest.mark.parametrize("key", NUMBERS)
+def test_no_number_of_the_configuration_is_without_bounds(key: str) -> None:
+    for beyond in (-(10**30), 10**30):
+        with pytest.raises(ValidationError, match=r"out of bounds|less than|greater than"):
+            TypeAdapter(NUMBERS[key]).validate_python(beyond)
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:

@@ -2,19 +2,27 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from autoexpose_daemon.demo.fakes import Pulse
-from autoexpose_daemon.demo.record import StepRecord
+from autoexpose_daemon.demo.plot import draw
+from autoexpose_daemon.demo.record import Recorder, StepRecord
 from autoexpose_daemon.demo.report import (
+    LightSetting,
     LightStep,
     delay_frames,
     frames_to_settle,
     frames_to_steady,
+    light_settings,
     light_steps,
+    lost_pulses,
     pulses_in_window,
 )
 from drivers.account import Tally
@@ -79,20 +87,37 @@ def test_a_step_that_does_not_settle_tells_what_the_policy_said() -> None:
     pulses = [Pulse(n, n * PERIOD_NS, 150.0 if n < 60 else 1.0) for n in range(160)]
     (step,) = light_steps(pulses, [record(n, 11.0 + n % 2) for n in range(160)])
     assert step.frames_to_settle is None
-    assert step.in_words == "not settled before the next step (mostly: held)"
+    assert step.in_words(60.0) == "not steady before the next step (mostly: held)"
 
 
 @pytest.mark.parametrize(
     ("steady", "settled", "words"),
     [
-        (4, 4, "settled after 4 frames"),
-        (4, 157, "steady after 4 frames, near its last level after 157"),
-        (4, None, "steady after 4 frames, not settled before the next step (mostly: held)"),
-        (None, 9, "settled after 9 frames"),
+        (4, 4, "well exposed and steady after 4 frames (67 ms)"),
+        (4, 157, "well exposed and steady after 4 frames (67 ms), then following the view, final after 157"),
+        (4, None, "well exposed and steady after 4 frames (67 ms), then changing with the view"),
+        (1, 1, "well exposed and steady after 1 frame (17 ms)"),
+        (None, 9, "well exposed and steady after 9 frames (150 ms)"),
     ],
 )
 def test_a_step_is_told_in_words(steady: int | None, settled: int | None, words: str) -> None:
-    assert LightStep(3.8, 1.0, 150.0, steady, settled, "held").in_words == words
+    assert LightStep(3.8, 1.0, 150.0, steady, settled, "held").in_words(60.0) == words
+
+
+def test_the_settings_under_each_light_are_medians_of_the_frames_taken_under_it() -> None:
+    pulses = [Pulse(n, n * PERIOD_NS, 150.0 if (n // 60) % 2 == 0 else 1.0) for n in range(240)]
+    dark, bright = ExposureSetting(7500.0, 30.0), ExposureSetting(100.0, 6.0)
+    records = [replace(record(n, 0.0), applied=bright if (n // 60) % 2 == 0 else dark) for n in range(240)]
+    records[60:65] = [replace(late, applied=bright) for late in records[60:65]]
+    # a clock that is a few us off does not move frames to other pulses
+    off = [replace(each, host_time_ns=each.host_time_ns + (-1) ** each.trigger * 5000) for each in records]
+    assert light_settings(pulses, off) == [LightSetting(150.0, 100.0, 6.0), LightSetting(1.0, 7500.0, 30.0)]
+
+
+def test_light_on_a_ramp_has_no_settings() -> None:
+    pulses = [Pulse(n, n * PERIOD_NS, 150.0 if n < 60 else 150.0 - n) for n in range(120)]
+    assert [it.lux for it in light_settings(pulses, [record(n, 10.0) for n in range(120)])] == [150.0]
+    assert light_settings([], [record(0, 10.0)]) == []
 
 
 def test_a_ramp_is_not_a_step() -> None:
@@ -104,6 +129,37 @@ def test_only_pulses_in_the_window_count() -> None:
     pulses = [Pulse(n, n * 100, 1.0) for n in range(10)]
     assert len(pulses_in_window(pulses, Tally(window_start_ns=250, window_end_ns=650))) == 4
     assert pulses_in_window(pulses, Tally()) == []
+
+
+def test_pulses_without_a_pair_between_the_first_and_the_last_are_lost() -> None:
+    pulses = [Pulse(n, n * PERIOD_NS, 1.0) for n in range(10)]
+    pairs_ns = [n * PERIOD_NS + (-1) ** n * 3000 for n in (2, 3, 5, 8)]
+    assert lost_pulses(pulses, pairs_ns) == [n * PERIOD_NS for n in (4, 6, 7)]
+    assert lost_pulses(pulses, []) == []
+    assert lost_pulses(pulses[:1], pairs_ns) == []
+
+
+@pytest.mark.parametrize(("pulses", "steps"), [(0, 0), (1, 0), (400, 6), (400, 50)])
+def test_a_picture_of_any_run_can_be_drawn(tmp_path: Path, pulses: int, steps: int) -> None:
+    recorder = Recorder(1.0)
+    recorder.steps = [record(n, 10.0) for n in range(5, pulses)]
+    recorder.pairs_ns = [step.host_time_ns for step in recorder.steps if step.trigger % 7]
+    recorder.pictures = [(step.host_time_ns, np.zeros((3, 4), np.uint8)) for step in recorder.steps[:3]]
+    seen = [Pulse(n, n * PERIOD_NS, 150.0 if n % 60 < 30 else 0.0) for n in range(pulses)]
+    run = SimpleNamespace(
+        options=SimpleNamespace(policy="fixed", scene="room"),
+        rate_hz=60.0,
+        pulses=seen,
+        recorder=recorder,
+        cameras=[SimpleNamespace(overruns=steps)],
+    )
+    frames = itertools.cycle([1, 4, None])
+    draw(
+        tmp_path / "run.png",
+        run,  # type: ignore[arg-type]
+        [LightStep(0.1 * n, 1.0, 150.0, next(frames), None, "held") for n in range(steps)],
+    )
+    assert (tmp_path / "run.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_the_delay_is_read_off_large_changes() -> None:

@@ -24,7 +24,7 @@ from drivers.network import SOCKET_BUFFER_BYTES, NetworkInterface
 from drivers.usb import DeviceNode, Process, UsbCamera, UsbFacts, find_usb
 from tests.autoexpose_daemon.test_cli import autoexpose
 from tests.drivers.usb_tree import UsbDevice, UsbTree
-from tests.fake_camera.gige_client import CCP, GvcpClient
+from tests.fake_camera.gige_client import CCP, HEARTBEAT_TIMEOUT, GvcpClient
 from tests.fakes import fake_camera, unique
 
 FOLDER = Path(__file__).parents[2]
@@ -150,6 +150,11 @@ GIGE_TROUBLES: list[tuple[GigeFacts, *Trouble]] = [
         "net.core.rmem_max=4194304",
     ),
     (gige_facts(GIGE, buffer=None), need(), "socket-buffer", "warning", "cannot be read", "net.core.rmem_max=4194304"),
+    (
+        replace(gige_facts(GIGE), no_filter="Function not implemented"),
+        need(), "stream-filter", "warning", "streams on eth0 take packets from anyone.*: Function not implemented",
+        r'iifname "eth0" .* ip saddr != \{ 192.168.7.5 \} drop',
+    ),
     (
         replace(gige_facts(GIGE), failures={"eth1": "Operation not permitted"}),
         need(), "gige-search", "warning", "eth1 could not be searched .*: Operation not permitted", "show dev eth1",
@@ -305,6 +310,7 @@ def test_the_command_on_a_camera_on_the_wire(tmp_path: Path) -> None:
 
         with GvcpClient(camera.address) as client:
             client.write(CCP, 2)
+            client.write(HEARTBEAT_TIMEOUT, 60_000)  # asking the doctor may take longer than 3 s
             result = autoexpose("doctor", "--json", "-c", str(named))
         assert result.returncode == 1
         (stop,) = (finding for finding in json.loads(result.stdout)["findings"] if finding["severity"] == "stops")

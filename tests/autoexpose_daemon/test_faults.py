@@ -1,309 +1,240 @@
-"""The rows of docs/faults.md that show on the wire: one rig for all of them, one fault after the other.
+"""The rows of docs/faults.md that show at the cameras, in virtual time: what is said, what is counted, and recovery.
 
-Each row says what the user reads and what is counted; nothing else may have been counted, but frames that a busy
-machine loses, and all is well again at its end. The account is held against the trigger wire at the end of all.
+Each has a rig of its own. Nothing but what is named is counted, all is well again at the end, and every trigger of the
+wire is accounted for. That real cameras show these faults so is for tests/accept/test_faults.py.
 """
 
 from __future__ import annotations
 
-import contextlib
-import math
-import time
-from collections import Counter
-from collections.abc import Iterator
+import re
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 import pytest
 
-from autoexpose_daemon.config import Config
-from autoexpose_daemon.demo.fakes import read_pulses
-from autoexpose_daemon.describe import describe
-from autoexpose_daemon.states import Expectation, judge
-from autoexpose_daemon.tuning import Tuning
+from autoexpose_daemon.stuck import FIRST_PAUSE_NS
 from calibration.response import ResponseFunction
 from calibration.response_file import ResponseFile
+from drivers.clock import SURE_FRAMES
 from drivers.errors import ConfigurationError
-from tests.autoexpose_daemon.stereo import JOIN_WARNING, ON_USB, START_CAMERA, Run, running_daemon, stereo_cameras
-from tests.fakes import FakeCamera
-
-pytestmark = [pytest.mark.realtime, JOIN_WARNING]
-
-RATE_HZ = 60.0
-SOON_TRIGGERS = 12
-"""Until both cameras have got an order."""
-NOISE = 10
-BUSY_SHARE = 0.5
-"""What a busy machine spoils: some frames, writes or pairs, and fewer of them than go well."""
-BUSY = {
-    *("pairs without a decision", "late writes", "mismatched pairs"),
-    *("left_missing", "right_missing", "both_missing", "incomplete", "stale"),
-}
+from tests.autoexpose_daemon.virtual import VirtualRun
+from tests.soak.clock import MS, SECOND
+from tests.soak.rig import CONFIG, RATE_HZ
 
 
-def settings(
-    left: FakeCamera, right: FakeCamera, response: Path, exposure_time_us: float, policy: str = "fixed"
-) -> dict[str, Any]:
-    return {
-        "cameras": {"left": {"serial": left.serial, "response": response}, "right": {"serial": right.serial}},
-        "control": {"policy": policy, "start": {"exposure_time_us": exposure_time_us}},
-    }
+@pytest.fixture
+def run() -> VirtualRun:
+    return VirtualRun()
 
 
-def response_file(truths: list[Path]) -> Path:
-    return truths[0].with_name("left.response.yaml")
+def test_camera_lost_and_back(run: VirtualRun) -> None:
+    """It begins with the exposure that the other one has by then."""
+    run.left.vanish()
+    run.wait_for_state("degraded: left camera gone: camera left does not answer any more; trying again")
+    alone = len(run.pairs)
+    run.let_pass(120)
+    assert len(run.pairs) >= alone + 100
+    assert {pair.lone_side for pair in run.pairs[alone:]} == {"right"}
+    run.ask(1000)
+    run.left.present = True
+    counted = run.counted()
+    taken = {pair.left.setting.exposure_time_us for pair in run.pairs[alone:] if pair.right is not None}
+    assert taken == {1000}
+    assert counted.pop("camera_gone") > 120
+    assert counted.pop("reconnects") == 1
+    assert counted.keys() <= {"late_writes"}  # while the dead camera was asked for the last time
 
 
-@pytest.fixture(scope="module")
-def run() -> Iterator[Run]:
-    with stereo_cameras("--still") as (left, right, truths):
-        response = response_file(truths)
-        ResponseFile(ResponseFunction.linear()).save(response)
-        with running_daemon((left, right, truths), settings(left, right, response, 2000)) as running:
-            running.wait_for_pairs(30)
-            yield running
+def test_both_cameras_gone_and_back_is_counted_by_the_clock(run: VirtualRun) -> None:
+    for device in (run.left, run.right):
+        device.vanish()
+    run.let_pass(300)
+    for device in (run.left, run.right):
+        device.present = True
+    counted = run.counted()
+    assert counted.pop("camera_gone") > 300
+    assert counted == {"reconnects": 2}
 
 
-def ask(run: Run, exposure_time_us: float, policy: str = "fixed") -> None:
-    """Have both cameras written."""
-    wanted = settings(run.left, run.right, response_file(run.truths), exposure_time_us, policy)
-    run.daemon.tune(Tuning(Config.model_validate(wanted))).result(5)
+def test_a_camera_that_stays_away_is_named_and_the_other_one_goes_on(run: VirtualRun) -> None:
+    run.left.vanish()
+    run.wait_for_state("degraded: left camera gone: no camera left; trying again")
+    alone = len(run.pairs)
+    run.let_pass(60 * RATE_HZ)
+    assert len(run.pairs) > alone + 59 * RATE_HZ
+    assert run.telemetry.reconnects == 0
 
 
-def order(run: Run, fault: str, count: int) -> None:
-    """Order a fault of the trigger wire of both cameras, from the same pulse on."""
-    after = read_pulses(run.truths)[-1].trigger + SOON_TRIGGERS
-    for camera in (run.left, run.right):
-        camera.inject(fault, after, count)
+def test_trigger_stopped(run: VirtualRun) -> None:
+    """Triggers that were not there do not count."""
+    run.wire.stop_periods = 110
+    run.wait_for_state("degraded: no triggers")
+    assert run.counted() == {}
 
 
-def state(run: Run) -> str:
-    return str(judge(run.daemon.telemetry, Expectation(("left", "right"), 1 / RATE_HZ, True, 0), time.monotonic_ns()))
+def test_a_short_pause_of_the_trigger_cannot_be_told_from_triggers_ignored(run: VirtualRun) -> None:
+    run.wire.stop_periods = 20
+    run.let_pass(30)
+    assert run.counted() == {"trigger_ignored": 19}
+    assert run.said == []
 
 
-def wait_for_state(run: Run, *words: str) -> None:
-    run.wait_until(lambda: all(word in state(run) for word in words), " ".join(words))
+def test_trigger_doubled(run: VirtualRun) -> None:
+    run.wire.doubled = 70
+    for side in ("left", "right"):
+        run.wait_for_state(f"{side} camera: starts 120.0 frames a second where trigger.rate_hz is 60: check")
+    assert run.counted() == {"surplus_frames": 140}
 
 
-def counts(run: Run) -> Counter[str]:
-    status = describe(run.daemon.telemetry, run.daemon.tuning.config)
-    return Counter(status.oddities) + Counter(status.lost)
+def test_trigger_halved(run: VirtualRun) -> None:
+    run.wire.halved = 60
+    run.wait_for_state("right camera: starts 30.0 frames a second", "exposure and readout fit into one period")
+    assert run.counted() == {"trigger_ignored": 60}
 
 
-@contextlib.contextmanager
-def only(run: Run, *counted: str) -> Iterator[Counter[str]]:
-    """What is counted meanwhile; nothing but what is named, and all is well at the end."""
-    before, new, pairs = counts(run), Counter[str](), run.daemon.telemetry.pairs
-    yield new
-    wait_for_state(run, "exposing")
-    run.wait_for_pairs(20)
-    new.update(counts(run) - before)
-    busy = NOISE + BUSY_SHARE * (run.daemon.telemetry.pairs - pairs)
-    disturbed = {name: n for name, n in new.items() if name not in counted and n > busy * (name in BUSY)}
-    assert not disturbed, f"{disturbed} beside {counted}"
+def test_a_trigger_at_another_rate_is_said_at_the_start(caplog: pytest.LogCaptureFixture) -> None:
+    run = VirtualRun(trigger={**CONFIG.trigger.model_dump(exclude_unset=True), "rate_hz": 50})
+    run.let_pass(60)
+    assert "left camera: starts 60.0 frames a second where trigger.rate_hz is 50" in caplog.text
 
 
-def skews(run: Run, since: int) -> float:
-    """The largest time between the frames of a pair, in periods."""
-    pairs = [pair for pair, _ in run.seen[since:] if pair.right is not None]
-    assert pairs
-    return max(abs(p.left.host_time_ns - p.right.host_time_ns) for p in pairs if p.right) * 1e-9 * RATE_HZ
+def test_frames_lost(run: VirtualRun) -> None:
+    run.left.lose, run.right.ignore = 3, 2
+    run.let_pass(10)
+    run.right.lose = 1
+    run.let_pass(10)
+    assert run.counted() == {"left_missing": 1, "trigger_ignored": 2, "right_missing": 1}
 
 
-def test_trigger_stopped(run: Run) -> None:
-    """That the triggers that were not there are none is for the account at the end to show."""
-    with only(run, *BUSY):
-        order(run, "stop_triggers", 110)
-        wait_for_state(run, "degraded: no triggers")
+def test_frames_of_both_lost(run: VirtualRun) -> None:
+    run.left.lose = run.right.lose = 3
+    run.let_pass(10)
+    assert run.counted() == {"both_missing": 3}
 
 
-def test_trigger_doubled(run: Run) -> None:
-    since = len(run.seen)
-    with only(run, "surplus frames") as new:
-        order(run, "double_triggers", 70)
-        for side in ("left", "right"):
-            wait_for_state(run, f"{side} camera: starts 120.0 frames a second where trigger.rate_hz is 60: check")
-    assert 100 <= new["surplus frames"] <= 140
-    assert skews(run, since) < 0.1
-
-
-def test_trigger_halved(run: Run) -> None:
-    with only(run, "trigger_ignored") as new:
-        order(run, "halve_triggers", 120)
-        wait_for_state(run, "right camera: starts 30.0 frames a second", "exposure and readout fit into one period")
-    assert new["trigger_ignored"] == pytest.approx(60, abs=NOISE)
-
-
-@pytest.mark.parametrize(("fault", "reason"), [("ignore_triggers", "trigger_ignored"), ("freeze", "left_missing")])
-def test_frames_lost(run: Run, fault: str, reason: str) -> None:
-    with only(run, reason) as new:
-        run.left.inject(fault, count=3)
-        run.wait_for_pairs(20)
-    assert 3 <= new[reason] <= 3 + NOISE
-
-
-def test_frames_late(run: Run) -> None:
+def test_frames_late(run: VirtualRun) -> None:
     """They are whole if their partners have not been used alone."""
-    with only(run):
-        run.left.inject("delay", count=3)
-        run.wait_for_pairs(20)
+    run.left.delay_ns = 100 * MS
+    run.let_pass(20)
+    assert run.counted().keys() <= {"undecided_pairs"}
 
 
-@pytest.mark.skipif(ON_USB, reason="USB sends again by itself, below what a camera knows")
-def test_half_the_packets_lost(run: Run) -> None:
-    with only(run, "incomplete", "left_missing") as new:
-        run.left.inject("lose_half", count=1500)
-        run.wait_for_pairs(30)
-    assert new["incomplete"] + new["left_missing"] <= 30
+def test_frame_truncated(run: VirtualRun) -> None:
+    run.left.truncate = 40
+    run.wait_for_state(
+        "degraded: left camera: all its frames arrive incomplete: "
+        "check its cable, and network or USB for what they can carry"
+    )
+    assert run.counted() == {"incomplete": 40}
 
 
-def test_frame_truncated(run: Run) -> None:
-    with only(run, "incomplete") as new:
-        run.left.inject("truncate", count=40)
-        wait_for_state(run, "degraded: left camera: all its frames arrive incomplete: check its cable")
-    assert new["incomplete"] == pytest.approx(40, abs=NOISE)
+def test_transfer_stalled(run: VirtualRun) -> None:
+    began_ns = run.rig.clock.now_ns
+    run.left.halted = True
+    run.wait_for_state("degraded: no frames of the left camera")
+    run.wait_for_state(
+        "left camera gone: camera left sends no frames while the other one does; it is opened anew; trying again"
+    )
+    assert run.rig.clock.now_ns - began_ns > FIRST_PAUSE_NS
+    counted = run.counted()
+    assert counted.pop("camera_gone") > FIRST_PAUSE_NS / SECOND * RATE_HZ
+    assert counted.pop("reconnects") == 1
+    assert counted.keys() <= {"late_writes"}
 
 
-@pytest.mark.skipif(not ON_USB, reason="of USB endpoints")
-def test_transfer_stalled(run: Run, caplog: pytest.LogCaptureFixture) -> None:
-    """Aravis 0.8.26 never clears the halt, and needs half a processor not to: what a busy rig loses does not matter."""
-    with only(run, "camera_gone", "trigger_ignored", "reconnects", *BUSY) as new:
-        run.left.inject("stall")
-        wait_for_state(run, "degraded: no frames of the left camera")
-        wait_for_state(run, "degraded: left camera gone")
-        told = f"left camera: camera {run.left.serial} sends no frames while the other one does; it is opened anew"
-        assert told in caplog.text
-    assert new["reconnects"] == 1
+def test_chunk_missing(run: VirtualRun) -> None:
+    """As over GigE Vision, and as chunks that are no numbers; USB3 Vision sends whole payloads: as if truncated."""
+    run.left.untell = 40
+    run.wait_for_state(
+        "degraded: left camera: its frames do not say any more how they were taken: "
+        "their exposure is inferred from when it was written"
+    )
+    assert run.counted() == {"untold_frames": 40}
 
 
-def test_chunk_missing(run: Run) -> None:
-    with only(run, "frames that did not say how they were taken", "incomplete") as new:
-        run.left.inject("no_chunks", count=40)
-        told = "all its frames arrive incomplete" if ON_USB else "its frames do not say any more how they were taken"
-        wait_for_state(run, f"degraded: left camera: {told}")
-    lost = "incomplete" if ON_USB else "frames that did not say how they were taken"  # USB sends whole payloads
-    assert new[lost] == pytest.approx(40, abs=NOISE)
+@pytest.mark.parametrize(
+    "why", ["could not set ExposureTime to 1000", "node ExposureTime was set to 1000 us and reads back 2000 us"]
+)
+def test_node_refuses_or_sticks(run: VirtualRun, why: str) -> None:
+    run.left.refuses = why
+    run.ask(1000)
+    run.wait_for_state(f"degraded: left camera: 1000 us, 0.0 dB was refused: camera left: {why}")
+    run.left.refuses = ""
+    run.wait_for_taken(1000)
+    counted = run.counted()
+    assert counted.pop("refused_writes") >= 1
+    assert counted.keys() <= {"late_writes", "mismatched_pairs"}
 
 
-def test_chunks_that_are_no_numbers(run: Run) -> None:
-    with only(run, "frames that did not say how they were taken") as new:
-        run.left.inject("nan_chunks", count=40)
-        wait_for_state(run, "degraded: left camera: its frames do not say any more how they were taken")
-    assert new["frames that did not say how they were taken"] == pytest.approx(40, abs=NOISE)
+def test_node_clips(run: VirtualRun, caplog: pytest.LogCaptureFixture) -> None:
+    run.left.clips_us = 3800
+    run.ask(4000)
+    run.let_pass(60)
+    assert "left camera: 4000 us, 0.0 dB was asked for, the camera took 3800 us, 0.0 dB" in caplog.text
+    run.ask(2000)
+    run.wait_for_taken(2000)
+    counted = run.counted()
+    assert counted.pop("mismatched_pairs") > 50
+    assert counted == {"clipped_writes": 1}
 
 
-def test_node_refuses(run: Run) -> None:
-    with only(run, "refused writes", "late writes", "mismatched pairs") as new:
-        run.left.inject("refuse_writes", count=20)
-        ask(run, 1000)
-        wait_for_state(run, "degraded: left camera: 1000 us, 0.0 dB was refused: camera ", "could not set ExposureTime")
-        wait_for_taken(run, 1000)
-    assert 1 <= new["refused writes"] <= 20
+def test_exposure_frozen(run: VirtualRun) -> None:
+    run.left.frozen = True
+    run.ask(500)
+    run.wait_for_state(
+        "degraded: left camera: its frames do not follow what is written: 500 us, 0.0 dB stands in its nodes, "
+        "frames are taken with 2000 us, 0.0 dB; switch the camera off and on"
+    )
+    run.left.frozen = False
+    run.ask(600)
+    run.wait_for_taken(600)
+    counted = run.counted()
+    assert counted.pop("astray_frames") >= 20
+    assert counted.pop("unexplained_mismatches") >= 20
+    assert counted.keys() == {"mismatched_pairs"}
 
 
-def test_node_sticks(run: Run) -> None:
-    with only(run, "refused writes", "late writes", "mismatched pairs") as new:
-        run.left.inject("stick", count=40)
-        ask(run, 3000)
-        wait_for_state(run, "node ExposureTime was set to 3000 us and reads back 1000 us")
-        wait_for_taken(run, 3000)
-    assert 1 <= new["refused writes"] <= 40
+@pytest.mark.parametrize("jump_s", [10, -10])
+def test_clock_jumps(run: VirtualRun, caplog: pytest.LogCaptureFixture, jump_s: int) -> None:
+    run.left.clock_offset_ns += jump_s * SECOND
+    run.let_pass(90)
+    assert f"left camera: its clock jumped by {jump_s:+.1f} s; its frames keep their place" in caplog.text
+    assert run.counted() == {"clock_jumps": 1, "incomplete": SURE_FRAMES - 1}
 
 
-def test_node_clips(run: Run, caplog: pytest.LogCaptureFixture) -> None:
-    with only(run, "clipped writes", "mismatched pairs", "mismatches without a late write") as new:
-        run.left.inject("shrink", count=1)
-        ask(run, 4000)
-        run.wait_until(
-            lambda: "left camera: 4000 us, 0.0 dB was asked for, the camera took 3800 us" in caplog.text, "it"
-        )
-        ask(run, 2000)
-        wait_for_taken(run, 2000)
-    assert new["clipped writes"] == 1
+def test_response_file_edited_while_running(run: VirtualRun, tmp_path: Path) -> None:
+    file = tmp_path / "left.response.yaml"
+    ResponseFile(ResponseFunction.linear()).save(file)
+    cameras = {"left": {"serial": "left", "response": file}, "right": {"serial": "right"}}
+    run.ask(2000, cameras=cameras)
+    file.write_text("log2_exposure: [0, 1,")
+    with pytest.raises(ConfigurationError, match=f"{re.escape(str(file))}: not a YAML file"):
+        run.ask(2000, cameras=cameras)
+    file.unlink()
+    with pytest.raises(ConfigurationError, match=f"{re.escape(str(file))}: cannot be read"):
+        run.ask(2000, cameras=cameras)
+    run.left.vanish()
+    run.left.present = True
+    run.wait_until(lambda: run.telemetry.reconnects == 1, "the camera back")
+    counted = run.counted()
+    assert counted.pop("camera_gone") > 0
+    assert counted.pop("reconnects") == 1
+    assert counted.keys() <= {"late_writes"}
 
 
-def test_exposure_frozen(run: Run) -> None:
-    with only(run, "frames not as written", "mismatched pairs", "mismatches without a late write") as new:
-        run.left.inject("freeze_exposure", count=90)
-        ask(run, 500)
-        wait_for_state(
-            run,
-            "degraded: left camera: its frames do not follow what is written: 500 us, 0.0 dB stands in its nodes, "
-            "frames are taken with 2000 us, 0.0 dB",
-        )
-        wait_for_taken(run, 500)
-    assert new["frames not as written"] >= 20
-    assert new["mismatches without a late write"] >= 20
-
-
-def wait_for_taken(run: Run, exposure_time_us: float) -> None:
-    """Until both cameras' frames are taken with this exposure time."""
-
-    def taken() -> bool:
-        frames = run.seen[-1][0].frames
-        return len(frames) == 2 and all(frame.setting.exposure_time_us == exposure_time_us for frame in frames)
-
-    run.wait_until(taken, f"frames of {exposure_time_us:g} us")
-
-
-@pytest.mark.parametrize(("fault", "jump"), [("clock_ahead", "+10.0 s"), ("clock_back", "-10.0 s")])
-def test_clock_jumps(run: Run, caplog: pytest.LogCaptureFixture, fault: str, jump: str) -> None:
-    since = len(run.seen)
-    with only(run, "jumps of a camera's clock", "surplus frames", "trigger_ignored") as new:
-        run.left.inject(fault)
-        run.wait_until(
-            lambda: f"left camera: its clock jumped by {jump}; its frames keep their place" in caplog.text, jump
-        )
-    assert new["jumps of a camera's clock"] == 1
-    assert new["surplus frames"] + new["trigger_ignored"] <= 2 * NOISE  # a busy machine has no quick frame
-    assert skews(run, since) < 0.5
-
-
-@pytest.mark.parametrize("fault", ["black", "white"])
-def test_images_without_anything_in_them(run: Run, fault: str) -> None:
-    ask(run, 2000, "metric-map")
-    since = len(run.seen)
-    with only(run):
-        for camera in (run.left, run.right):
-            camera.inject(fault, count=30)
-        run.wait_for_pairs(40)
-    decisions = [decision for _, decision in run.seen[since:]]
-    shares = {decision.black_share if fault == "black" else decision.saturated_share for decision in decisions}
-    assert 1.0 in shares
-    assert all(math.isfinite(value) for d in decisions for value in (d.level, d.metric, d.motion_px))
-    assert np.ptp([decision.level for decision in decisions]) < 20
-    ask(run, 2000)
-
-
-def test_response_file_edited_while_running(run: Run) -> None:
-    file = response_file(run.truths)
-    whole = file.read_text()
-    with only(run, "camera_gone", "trigger_ignored", "reconnects", "refused writes") as new:
-        file.write_text("log2_exposure: [0, 1,")
-        with pytest.raises(ConfigurationError, match=f"{file}: not a YAML file"):
-            ask(run, 2000)
-        file.unlink()
-        with pytest.raises(ConfigurationError, match=f"{file}: cannot be read"):
-            ask(run, 2000)
-        run.left.inject("vanish", count=40)
-        wait_for_state(run, "degraded: left camera gone")
-    assert new["reconnects"] == 1
-    file.write_text(whole)
-    ask(run, 2000)
-
-
-def test_replaced_by_another_serial(run: Run) -> None:
-    """The last one: the configured camera stays away."""
-    run.left.kill()
-    reconnects = run.daemon.telemetry.reconnects
-    truth = run.truths[0].with_name("other.jsonl")
-    with START_CAMERA(line0=run.left.line0, options=["--truth", str(truth)]) as other:
-        run.truths.append(truth)
-        wait_for_state(
-            run, f"degraded: left camera gone: no camera with serial {run.left.serial} answers; cameras that do: "
-        )
-        wait_for_state(run, other.serial)
-        alone = len(run.seen)
-        run.wait_until(lambda: len(run.seen) > alone + 30, "the other camera's frames going on")
-        assert run.daemon.telemetry.reconnects == reconnects
+@pytest.mark.parametrize("forgotten", [False, True], ids=["usb3", "gige"])
+def test_a_pause_of_5_s_heals(run: VirtualRun, forgotten: bool) -> None:
+    """GigE Vision cameras forget after 3 s who controls them; USB3 Vision cameras go on."""
+    run.rig.stop_process(5 * SECOND)
+    run.let_pass(3 * RATE_HZ)
+    for device in (run.left, run.right) if forgotten else ():
+        device.vanish()
+        device.present = True
+    run.let_pass(2 * RATE_HZ)
+    run.wait_until(lambda: run.telemetry.reconnects == 2 * forgotten, "the cameras")
+    counted = run.counted()
+    if forgotten:
+        assert counted.pop("camera_gone") > 3 * RATE_HZ
+        assert counted.pop("reconnects") == 2
+    else:
+        assert counted.pop("both_missing") > 4 * RATE_HZ
+    assert counted.keys() <= {"both_missing", "late_writes", "stale", "undecided_pairs"}

@@ -16,7 +16,7 @@ COLUMNS = ["fault", "what happens", "what the user reads", "counted", "test"]
 FAULTS = [
     *("camera lost", "camera back", "replaced by another serial"),
     *("trigger stopped", "trigger doubled", "trigger halved"),
-    *("half the packets lost", "frame truncated", "chunk missing"),
+    *("half the packets lost", "frame truncated", "chunk missing", "hostile packets"),
     *("node refuses a write", "node clips", "node sticks", "exposure frozen", "one camera's clock jumps"),
     *("images all black, all white", "NaN-making inputs"),
     *("response file missing", "response file wrong", "response file edited while running", "configuration garbage"),

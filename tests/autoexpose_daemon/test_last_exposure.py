@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import logging
+import os
 import tempfile
 import time
 from pathlib import Path
@@ -51,6 +52,12 @@ def test_without_a_file_it_is_remembered_within_the_process() -> None:
 def test_a_picture_that_shows_little_is_no_reason_to_remember(file: Path, bad: dict[str, float]) -> None:
     LastExposure(file).keep(seen(**bad), 0.0)
     assert not file.exists()
+
+
+def test_a_pipe_in_its_place_is_no_exposure(file: Path, caplog: pytest.LogCaptureFixture) -> None:
+    os.mkfifo(file)
+    assert LastExposure(file).recall(LIMITS) is None
+    assert "a named pipe, no regular file" in caplog.text
 
 
 def test_it_is_written_seldom(file: Path) -> None:

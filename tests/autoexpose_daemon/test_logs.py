@@ -26,6 +26,7 @@ set_up_logging(Console(file=io.StringIO()))
 log = logging.getLogger("autoexpose_daemon.test")
 log.info("state exposing")
 log.warning("left camera: gone")
+log.info("consumer \\x1b[2Jslam")
 logging.getLogger("another").info("not ours")
 raise ZeroDivisionError("died")
 """
@@ -44,8 +45,8 @@ def stderr_of(command: Sequence[str], journal: bool) -> list[str]:
 
 
 def test_the_journal_gets_a_priority_with_every_line() -> None:
-    first, second, *last_words = stderr_of([sys.executable, "-c", PROGRAM], journal=True)
-    assert (first, second) == ("<6>state exposing", "<4>left camera: gone")
+    first, second, third, *last_words = stderr_of([sys.executable, "-c", PROGRAM], journal=True)
+    assert (first, second, third) == ("<6>state exposing", "<4>left camera: gone", r"<6>consumer \x1b[2Jslam")
     assert last_words[0] == "<2>ended by ZeroDivisionError"
     assert last_words[-1] == "<2>ZeroDivisionError: died"
     assert all(re.match("<2>.", line) for line in last_words)
@@ -58,8 +59,15 @@ def test_the_sentence_that_ends_the_program_has_one_too() -> None:
 
 def test_others_get_plain_lines() -> None:
     lines = stderr_of([sys.executable, "-c", PROGRAM], journal=False)
-    assert lines[:3] == ["INFO state exposing", "WARNING left camera: gone", "CRITICAL ended by ZeroDivisionError"]
+    assert lines[:3] == ["INFO state exposing", "WARNING left camera: gone", r"INFO consumer \x1b[2Jslam"]
+    assert lines[3] == "CRITICAL ended by ZeroDivisionError"
     assert lines[-1] == "ZeroDivisionError: died"
+
+
+def test_an_escape_sequence_reaches_neither_log_nor_terminal() -> None:
+    command = [*ENDING[:3], "run", "-c", "/\x1b[2Jnone.yaml"]
+    (sentence,) = stderr_of(command, journal=False)
+    assert sentence.startswith(r"autoexpose: /\x1b[2Jnone.yaml: ")
 
 
 def test_what_comes_again_and_again_is_said_seldom() -> None:

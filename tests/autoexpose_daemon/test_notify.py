@@ -56,9 +56,9 @@ def test_what_this_process_starts_does_not_speak_for_it(monkeypatch: pytest.Monk
 def test_a_manager_that_does_not_read_holds_nothing_up(
     manager: tuple[socket.socket, str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("autoexpose_daemon.notify._PATIENCE_S", 0.01)
+    monkeypatch.setattr("autoexpose_daemon.notify._PATIENCE_S", 0.001)
     listener, address = manager
     notifier = Notifier(address)
-    for _ in range(200):  # far more than a socket's queue holds
+    for _ in range(100):  # far more than a socket's queue holds
         notifier.alive()
     assert listener.recv(99) == b"WATCHDOG=1"

@@ -1,126 +1,198 @@
-"""The daemon as a service, in real time on fake cameras: states, reloads, restarts."""
+"""The daemon as a service: what it tells systemd, and reloads.
+
+As a process on fake cameras once; states and reloads on cameras that do as they are told. tests/accept/test_service.py
+has all of it on fake cameras, in real time.
+"""
 
 from __future__ import annotations
 
+import contextlib
 import os
+import queue
+import threading
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
 
+from autoexpose_daemon.config import Config
+from autoexpose_daemon.daemon import Daemon
+from autoexpose_daemon.notify import Notifier
+from autoexpose_daemon.service import Service
+from autoexpose_daemon.states import State
 from calibration.response import ResponseFunction
 from calibration.response_file import CameraIdentity, Origin, ResponseFile
-from tests.autoexpose_daemon.service_process import PATIENCE_S, ServiceProcess, running_service
+from drivers.camera import Camera
+from drivers.errors import ConfigurationError
+from drivers.exposure import ExposureSetting
+from drivers.frames import Side
+from tests.autoexpose_daemon.scripted import LONG_S, ScriptedRig, TriggeredCamera, config
+from tests.autoexpose_daemon.service_process import PATIENCE_S, Notifications, running_service, service_manager
 from tests.autoexpose_daemon.stereo import stereo_cameras
-from tests.fakes import FakeCamera
-
-pytestmark = pytest.mark.realtime
 
 IMPOSSIBLE: list[tuple[dict[str, Any], str]] = [
-    ({"exposure": {"max_time": 1}}, "exposure.max_time: unknown key"),
     (
-        {"exposure": {"min_time_us": 1e-3, "max_time_us": 2e-3}, "control": {"start": {"exposure_time_us": 1e-3}}},
-        "0.002",
+        {
+            "exposure": {"min_gain_db": 90, "max_gain_db": 95},
+            "control": {"start": {"exposure_time_us": 99, "gain_db": 90}},
+        },
+        "gain limits 90 to ",
     ),
     ({"control": {"roi": {"left": {"rectangles": [{"box": [0, 0, 9999, 10]}]}}}}, "9999"),
     ({"trigger": {"line": "Line9"}}, "Line9"),
 ]
-"""What the file itself shows, what the cameras' limits, their frames, and what only an opened camera says."""
-
-Rig = tuple[FakeCamera, FakeCamera]
+"""What the cameras' limits, their frames, and what only an opened camera shows."""
 
 
-@pytest.fixture(scope="module")
-def rig() -> Iterator[Rig]:
-    with stereo_cameras() as (left, right, _):
-        yield left, right
+class RunningService:
+    """A service on scripted cameras; `reload` hands it what its configuration file would hold at a SIGHUP."""
+
+    def __init__(self, rig: ScriptedRig, manager: Notifications, address: str) -> None:
+        self.rig = rig
+        self.manager = manager
+        self.stop = threading.Event()
+        self._files: queue.SimpleQueue[Config | ConfigurationError] = queue.SimpleQueue()
+        self.service = Service(config(control={"policy": "fixed"}), self._build, Notifier(address))
+
+    def run(self) -> None:
+        self.service.run(self.stop, lambda _status: None, self._new_config)
+
+    def reload(self, file: Config | ConfigurationError) -> None:
+        self._files.put(file)
+
+    def _build(self, wanted: Config, start: ExposureSetting | None) -> Daemon:
+        cameras: dict[Side, TriggeredCamera] = {"left": self.rig.left, "right": self.rig.right}
+        return Daemon(wanted, {side: partial(_open, it, wanted) for side, it in cameras.items()}, start=start)
+
+    def _new_config(self) -> Config | None:
+        if self._files.empty():
+            return None
+        file = self._files.get()
+        if isinstance(file, ConfigurationError):
+            raise file
+        return file
+
+
+def _open(camera: TriggeredCamera, wanted: Config) -> Camera:
+    if wanted.trigger.line == "Line9":
+        raise ConfigurationError("camera L: there is no Line9")
+    return camera
 
 
 @pytest.fixture
-def file(tmp_path: Path, rig: Rig) -> Path:
-    return configure(tmp_path / "rig.yaml", rig)
+def running(caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch) -> Iterator[RunningService]:
+    monkeypatch.setattr("autoexpose_daemon.watch._NEWS_PERIOD_S", 0.1)
+    monkeypatch.setattr("autoexpose_daemon.service._TURN_S", 0.05)
+    caplog.set_level("INFO")
+    with service_manager(lambda: caplog.text) as (manager, address), ScriptedRig() as rig:
+        running = RunningService(rig, manager, address)
+        thread = threading.Thread(target=running.run)
+        thread.start()
+        try:
+            manager.wait_for("STATUS=exposing")
+            yield running
+        finally:
+            running.stop.set()
+            thread.join(LONG_S)
 
 
-def configure(file: Path, rig: Rig, **sections: Any) -> Path:
-    cameras = {side: {"serial": camera.serial} for side, camera in zip(("left", "right"), rig, strict=True)}
-    file.write_text(yaml.safe_dump({"cameras": cameras, **sections}))
-    return file
+def wait_for_words(running: RunningService, log: pytest.LogCaptureFixture, words: str) -> None:
+    """Until the log has them; the watchdog is fed meanwhile."""
+    running.manager.wait_until(lambda _: words in log.text, words)
 
 
-def wait_for_exposing(service: ServiceProcess) -> None:
-    service.wait_for("STATUS=exposing")
+def test_a_stopped_trigger_and_a_lost_camera_degrade_and_feed_the_watchdog(running: RunningService) -> None:
+    manager = running.manager
+    running.rig.pauses = True
+    manager.wait_for("STATUS=degraded: no triggers")
+    manager.wait_for("WATCHDOG=1")
+    running.rig.pauses = False
+    manager.wait_for("STATUS=exposing")
+    running.rig.right.lost = True
+    manager.wait_until(lambda message: "right camera gone" in message, "the right camera being gone")
+    manager.wait_for("WATCHDOG=1")
+    running.rig.right.lost = False
+    manager.wait_for("STATUS=exposing")
+    running.stop.set()
+    manager.wait_for("STOPPING=1")
+    manager.wait_for("STATUS=stopping")
+    assert manager.heard.count("READY=1") == 1
 
 
-def wait_for_signs_of_life(service: ServiceProcess) -> None:
-    for _ in range(3):
-        service.wait_for("WATCHDOG=1")
+@pytest.mark.parametrize(("sections", "why"), IMPOSSIBLE)
+def test_a_reload_that_cannot_be_leaves_all_as_it_was(
+    running: RunningService, caplog: pytest.LogCaptureFixture, sections: dict[str, Any], why: str
+) -> None:
+    running.reload(config(**sections))
+    wait_for_words(running, caplog, "is not taken")
+    assert why in next(line for line in caplog.text.splitlines() if "is not taken" in line)
+    running.manager.wait_until(lambda _: running.service.status().state is State.EXPOSING, "exposing again")
 
 
-def test_a_stopped_trigger_and_a_lost_camera_degrade_and_feed_the_watchdog(rig: Rig, file: Path) -> None:
+def test_a_response_file_of_another_pixel_format_is_not_taken(
+    running: RunningService, caplog: pytest.LogCaptureFixture, tmp_path: Path
+) -> None:
+    file = tmp_path / "left.response.yaml"
+    ResponseFile(ResponseFunction.linear()).save(file)
+    wanted = config(cameras={"left": {"serial": "L", "response": file}, "right": {"serial": "R"}})
+    running.reload(wanted)
+    running.manager.wait_for("RELOADING=1")
+    running.manager.wait_for("READY=1")
+    ResponseFile(ResponseFunction.linear(), Origin(CameraIdentity("ours", "scripted", "L"), "Mono12")).save(file)
+    running.reload(wanted)
+    wait_for_words(running, caplog, "pixel_format is Mono12")
+
+
+def test_a_reload_of_control_leaves_the_cameras_open(running: RunningService) -> None:
+    running.reload(config(control={"policy": "fixed", "start": {"exposure_time_us": 777}}))
+    running.manager.wait_for("RELOADING=1")
+    running.manager.wait_for("READY=1")
+    running.manager.wait_until(lambda message: "777 us" in message, "the new exposure")
+    assert (running.rig.left.starts, running.rig.right.starts) == (1, 1)
+
+
+def test_a_reload_of_the_trigger_opens_the_cameras_again(running: RunningService) -> None:
+    running.reload(config(trigger={"rate_hz": 60.001}))
+    running.manager.wait_for("RELOADING=1")
+    running.manager.wait_for("READY=1")
+    assert (running.rig.left.starts, running.rig.right.starts) == (2, 2)
+
+
+def test_a_start_that_cannot_be_is_told_and_is_not_worth_another(tmp_path: Path) -> None:
+    file = tmp_path / "rig.yaml"
+    file.write_text("cameras: {left: {serial: A}}\nexposure: {max_time: 1}")
     with running_service(file) as service:
-        service.wait_for("READY=1")
-        assert not any(message.startswith("STATUS=degraded") for message in service.heard)
-        for camera in rig:
-            camera.inject("ignore_triggers", count=240)
-        service.wait_for("STATUS=degraded: no triggers")
-        wait_for_signs_of_life(service)
-        wait_for_exposing(service)
-        rig[1].inject("vanish", count=300)
-        service.wait_until(lambda message: "right camera gone" in message, "the right camera being gone")
-        wait_for_signs_of_life(service)
-        wait_for_exposing(service)
-        assert service.stop() == 0
-        service.wait_for("STOPPING=1")
-        service.wait_for("STATUS=stopping")
-        assert service.heard.count("READY=1") == 1
+        assert "exposure.max_time: unknown key" in service.wait_for("STATUS=failed: ")
+        assert service.process.wait(PATIENCE_S) == os.EX_CONFIG
+        assert service.log.splitlines()[-1].startswith("autoexpose: ")
+        assert "Traceback" not in service.log
 
 
-def test_sighup_takes_what_can_be_and_says_why_not(rig: Rig, file: Path) -> None:
-    with running_service(file) as service:
-        wait_for_exposing(service)
-        for count, (sections, why) in enumerate(IMPOSSIBLE, 1):
-            configure(file, rig, **sections)
-            service.reload()
-            service.wait_until(lambda _, n=count: service.log.count("is not taken") == n, f"a refusal for {why}")
-            assert why in next(line for line in reversed(service.log.splitlines()) if "is not taken" in line)
-            wait_for_exposing(service)
-        response = file.with_name("left.response.yaml")
-        ResponseFile(ResponseFunction.linear()).save(response)
-        cameras = {"left": {"serial": rig[0].serial, "response": response.name}, "right": {"serial": rig[1].serial}}
-        configure(file, rig, cameras=cameras)
-        service.reload()
-        service.wait_for("RELOADING=1")
+@pytest.mark.realtime
+def test_a_process_is_ready_reloads_and_stops(tmp_path: Path) -> None:
+    file = tmp_path / "rig.yaml"
+    with stereo_cameras("--still") as (left, right, _), contextlib.ExitStack() as stack:
+        rig = {"cameras": {"left": {"serial": left.serial}, "right": {"serial": right.serial}}}
+        file.write_text(yaml.safe_dump(rig))
+        service = stack.enter_context(running_service(file))
         service.wait_for("READY=1")
-        identity = CameraIdentity("Autoexpose", "FakeGV287M", rig[0].serial)
-        ResponseFile(ResponseFunction.linear(), Origin(identity, "Mono12")).save(response)
+        file.write_text(yaml.safe_dump({**rig, "exposure": {"max_time": 1}}))
         service.reload()
-        service.wait_until(lambda _: "pixel_format is Mono12" in service.log, "a refusal of the response file")
-        wait_for_exposing(service)
-        ResponseFile(ResponseFunction.linear()).save(response)
-        opened = service.log.count(", ready")
-        configure(file, rig, cameras=cameras, control={"policy": "fixed", "start": {"exposure_time_us": 777}})
+        service.wait_until(lambda _: "is not taken" in service.log, "a refusal")
+        assert "exposure.max_time: unknown key" in service.log
+        file.unlink()
+        os.mkfifo(file)  # whoever opens it waits for somebody to write
+        service.reload()
+        service.wait_until(lambda _: "a named pipe, no regular file" in service.log, "a refusal of the pipe")
+        file.unlink()
+        file.write_text(yaml.safe_dump({**rig, "control": {"policy": "fixed", "start": {"exposure_time_us": 777}}}))
         service.reload()
         service.wait_for("RELOADING=1")
         service.wait_for("READY=1")
         service.wait_until(lambda message: "777 us" in message, "the new exposure")
-        assert service.log.count(", ready") == opened
-        configure(file, rig, trigger={"rate_hz": 60.001})
-        service.reload()
-        service.wait_for("RELOADING=1")
-        service.wait_for("READY=1")
-        wait_for_exposing(service)
-        assert service.log.count(", ready") == opened + 2
-
-
-@pytest.mark.parametrize(("sections", "why"), [IMPOSSIBLE[0], IMPOSSIBLE[-1]])
-def test_a_start_that_cannot_be_is_told_and_is_not_worth_another(
-    rig: Rig, file: Path, sections: dict[str, Any], why: str
-) -> None:
-    configure(file, rig, **sections)
-    with running_service(file) as service:
-        assert why in service.wait_for("STATUS=failed: ")
-        assert service.process.wait(PATIENCE_S) == os.EX_CONFIG
-        assert service.log.splitlines()[-1].startswith("autoexpose: ")
-        assert "Traceback" not in service.log
+        assert service.log.count(", ready") == 2
+        assert service.stop() == 0
+        service.wait_for("STOPPING=1")

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import logging
-from dataclasses import replace
+import re
+from collections.abc import Iterator
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -14,10 +16,22 @@ from hypothesis import strategies as st
 from autoexpose_daemon.config import Config
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.describe import describe
-from autoexpose_daemon.fault_log import KEPT_FAULTS, FaultLog
+from autoexpose_daemon.fault_log import KEPT_FAULTS, LONGEST_TEXT, FaultLog
 from autoexpose_daemon.panel import duration_text
+from autoexpose_daemon.publish.tally import LAST_COUNT, MOST_LISTED, ConsumerTally
 from autoexpose_daemon.states import State
-from autoexpose_daemon.status import VERSION, Status, response_from_json, response_to_json
+from autoexpose_daemon.status import (
+    LARGEST_RESPONSE_BYTES,
+    LARGEST_STATUS_BYTES,
+    VERSION,
+    Fault,
+    PublishStatus,
+    RecorderStatus,
+    Status,
+    response_from_json,
+    response_to_json,
+)
+from autoexpose_daemon.status import Durations as Measured
 from autoexpose_daemon.telemetry import Durations, Telemetry
 from calibration.response import ResponseFunction
 from drivers.exposure import ExposureLimits, ExposureSetting
@@ -46,10 +60,58 @@ def test_a_damaged_field_does_no_harm(field: str, value: object) -> None:
     assert status is None or Status.from_json(status.to_json()) is not None
 
 
+def fields_of(kind: type) -> Iterator[tuple[type, str]]:
+    """Counts and other numbers of a status, and of what it is made of."""
+    return ((kind, field.name) for field in fields(kind) if re.match("Count|_Seconds|_Milliseconds|_Hertz", field.type))
+
+
+BOUNDED = [*fields_of(Status), *fields_of(Measured), *fields_of(PublishStatus), *fields_of(RecorderStatus)]
+
+
+@pytest.mark.parametrize("value", [-(10**20), 10**400, "1e999", "NaN"])
+@pytest.mark.parametrize(("kind", "field"), BOUNDED)
+def test_a_number_without_bounds_is_no_status(kind: type, field: str, value: object) -> None:
+    """Such numbers would fail where they are shown, far from the door they came in by."""
+    said = json.loads(EXPOSING.to_json())
+    parts = {Measured: "write_ms", PublishStatus: "publishing", RecorderStatus: "recorder"}
+    (said[parts[kind]] if kind in parts else said)[field] = value
+    assert Status.from_json(json.dumps(said)) is None
+
+
+def test_what_is_longer_than_any_daemon_says_is_not_even_read() -> None:
+    text = EXPOSING.to_json()
+    assert Status.from_json(text.ljust(LARGEST_STATUS_BYTES)) == EXPOSING
+    assert Status.from_json(text.ljust(LARGEST_STATUS_BYTES + 1)) is None
+    response = response_to_json(ResponseFunction.linear())
+    assert response_from_json(response.ljust(LARGEST_RESPONSE_BYTES)) is not None
+    assert response_from_json(response.ljust(LARGEST_RESPONSE_BYTES + 1)) is None
+
+
+def test_the_longest_status_that_a_daemon_can_say_is_read() -> None:
+    fault = Fault(2e9, "WARNING", LONGEST_TEXT * "\U0001f4f7")
+    consumers = {f"{number:064}": ConsumerTally(*[LAST_COUNT] * 5) for number in range(MOST_LISTED)}
+    publishing = PublishStatus(1, 1, {}, "no such endpoint", consumers, 1000)
+    status = replace(EXPOSING, faults=(fault,) * KEPT_FAULTS, publishing=publishing)
+    assert Status.from_json(status.to_json()) == status
+
+
+@pytest.mark.parametrize("table", ["lost", "clamped_decisions"])
+def test_a_table_of_a_thousand_rows_is_no_status(table: str) -> None:
+    rows = {f"reason{number}": 1 for number in range(1000)}
+    assert Status.from_json(json.dumps(json.loads(EXPOSING.to_json()) | {table: rows})) is None
+
+
+def test_a_daemon_of_before_says_nothing_of_consumers_that_are_not_listed() -> None:
+    said = json.loads(EXPOSING.to_json())
+    del said["publishing"]["unlisted_consumers"]
+    assert Status.from_json(json.dumps(said)) == EXPOSING
+
+
 def test_other_versions_and_impossible_exposures_are_refused() -> None:
     assert Status.from_json(replace(EXPOSING, version=VERSION + 1).to_json()) is None
-    left = replace(EXPOSING.cameras["left"], applied=ExposureSetting(0.0, 0.0))
-    assert Status.from_json(replace(EXPOSING, cameras={"left": left}).to_json()) is None
+    for setting in (ExposureSetting(0.0, 0.0), ExposureSetting(1e300, 0.0), ExposureSetting(100.0, -1e9)):
+        left = replace(EXPOSING.cameras["left"], applied=setting)
+        assert Status.from_json(replace(EXPOSING, cameras={"left": left}).to_json()) is None
 
 
 def test_a_field_of_a_newer_daemon_is_passed_over() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import math
 import re
 import threading
 import time
@@ -12,16 +13,20 @@ from dataclasses import replace
 
 import pytest
 from rich.console import Console
+from rich.table import Table
 
+from autoexpose_daemon.client.status_client import StatusClient
 from autoexpose_daemon.config_publish import PublishConfig
 from autoexpose_daemon.publish.keys import status_key
 from autoexpose_daemon.publish.publisher import Publisher
 from autoexpose_daemon.status import Fault, Status
-from autoexpose_daemon.top import follow, show_once, sparkline
+from autoexpose_daemon.top import History, follow, nobody, show_once, sparkline
 from drivers.errors import AutoexposeError
 from tests.autoexpose_daemon.statuses import EXPOSING
 from tests.fakes import loopback_address
 from tests.publish.steps import endpoint, wait_until
+
+pytestmark = pytest.mark.usefixtures("brisk")
 
 CODES = re.compile(r"\x1b\[[0-9;?]*[a-zA-Z]")
 
@@ -42,12 +47,23 @@ def daemon(status: Status, at: str) -> Iterator[None]:
         yield
 
 
+@pytest.mark.parametrize("metric", [math.nan, math.inf, 1e308])
+def test_a_metric_that_is_no_number_is_left_out_of_the_curves(metric: float) -> None:
+    assert EXPOSING.decision is not None
+    history, table = History(), Table()
+    for at_s, value in enumerate((metric, 0.5, -metric)):
+        odd = replace(EXPOSING.decision, metric=value)
+        history.add(replace(EXPOSING, unix_time_s=float(at_s), decision=odd))
+    history.add_rows(table)
+    assert table.row_count == 3
+
+
 def screen_of(terminal: bool = True) -> tuple[Screen, Console]:
     screen = Screen()
     return screen, Console(file=screen, force_terminal=terminal, width=120, height=50, _environ={})
 
 
-@pytest.mark.realtime
+@pytest.mark.wire
 def test_the_moment_is_printed_once() -> None:
     at = endpoint()
     screen, console = screen_of(terminal=False)
@@ -58,14 +74,15 @@ def test_the_moment_is_printed_once() -> None:
         "autoexpose rig, metric-map, up 2 h 1 min",
         "exposing",
         "FakeCam L1   1000 us, 6.0 dB",
-        "3 left_missing",
+        "3 without the left frame; 20 before every camera was open",
     ):
         assert text in screen.text
     assert "left camera: ?]0;gone? [red]away[/red]" in screen.text
 
 
-@pytest.mark.realtime
-def test_it_follows_a_daemon_and_says_when_that_is_silent() -> None:
+@pytest.mark.wire
+def test_it_follows_a_daemon_and_says_when_that_is_silent(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("autoexpose_daemon.top._SILENT_S", 1.0)
     at = endpoint()
     screen, console = screen_of()
     stop = threading.Event()
@@ -75,23 +92,26 @@ def test_it_follows_a_daemon_and_says_when_that_is_silent() -> None:
         wait_until(lambda: f"nobody answers at {at}" in screen.text, "the complaint")
         with daemon(EXPOSING, at):
             wait_until(lambda: "exposure, us" in screen.text, "a history")
-        wait_until(lambda: "ended for 3 s" in screen.text, "the silence to be noticed")
+        wait_until(lambda: "ended for 1 s" in screen.text, "the silence to be noticed")
     finally:
         stop.set()
         thread.join()
 
 
-@pytest.mark.realtime
-@pytest.mark.parametrize("listens", [True, False])
-def test_nobody_there_is_said_in_a_sentence(listens: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    # To connect may take a second on a busy machine; where nobody listens there is nothing to wait for.
-    monkeypatch.setattr("autoexpose_daemon.top._PATIENCE_S", 3.0 if listens else 0.5)
+def test_nobody_there_is_said_in_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    """However little time a busy machine has left for the attempt to connect."""
+    monkeypatch.setattr("autoexpose_daemon.top._PATIENCE_S", 0.1)
     at = endpoint()
-    with daemon(EXPOSING, at) if listens else contextlib.nullcontext(), pytest.raises(AutoexposeError) as told:
+    with pytest.raises(AutoexposeError, match=f"nobody answers at {at}.*`publish: {{rig: scout}}` in its config"):
         show_once("scout", [at], screen_of()[1])
-    assert at in str(told.value)
-    expected = "no daemon of a rig named scout" if listens else "with `publish: {rig: scout}` in its configuration?"
-    assert expected in str(told.value)
+
+
+@pytest.mark.wire
+def test_a_daemon_of_another_rig_is_not_the_one_asked_for() -> None:
+    at = endpoint()
+    with daemon(EXPOSING, at), StatusClient("scout", [at]) as client:
+        wait_until(lambda: not client.trouble, "a connection")
+        assert f"no daemon of a rig named scout says anything at {at}" in nobody(client, "scout", [at])
 
 
 def test_without_a_terminal_it_names_the_way() -> None:

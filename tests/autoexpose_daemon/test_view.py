@@ -27,7 +27,7 @@ def test_without_a_terminal_the_log_gets_a_line_ever_more_seldom(
     now_s = 0
     monkeypatch.setattr("autoexpose_daemon.view.time.monotonic", lambda: now_s)
     said_s: list[int] = []
-    with display(Console(file=io.StringIO()), "") as show:
+    with display(Console(file=io.StringIO()), str) as show:
         for now_s in range(12 * 3600):
             show(degraded)
             if len(caplog.records) > len(said_s):
@@ -38,6 +38,6 @@ def test_without_a_terminal_the_log_gets_a_line_ever_more_seldom(
 
 def test_a_terminal_shows_the_state() -> None:
     screen = io.StringIO()
-    with display(Console(file=screen, force_terminal=True, width=100), "autoexpose") as show:
+    with display(Console(file=screen, force_terminal=True, width=100), lambda: "autoexpose") as show:
         show(degraded)
     assert "degraded: no triggers" in screen.getvalue()

@@ -150,3 +150,17 @@ def test_a_scene_that_tells_nothing_is_refused(measure: Measure, light: float, r
     for effect in measure(VirtualCamera(lambda: 1, light=light)):
         assert [(finding.severity, finding.reason) for finding in effect.findings] == [("refused", reason)]
         assert effect.mode is None
+
+
+@pytest.mark.parametrize(("most_db", "told"), [(2.0, ["exposure"]), (4.0, ["exposure", "gain"])])
+def test_a_gain_is_measured_where_it_has_half_a_stop_to_show(measure: Measure, most_db: float, told: list[str]) -> None:
+    effects = measure(VirtualCamera(lambda: 1, ExposureLimits(10.0, 1e5, 0.0, most_db), light=4.0))
+    assert [effect.quantity for effect in effects] == told
+
+
+def test_a_computer_that_spoils_every_write_is_given_up_after_twice_as_many(measure: Measure) -> None:
+    camera = VirtualCamera(lambda: 1)
+    camera.write_ns = lambda: 2 * PERIOD_NS
+    for effect in measure(camera):
+        assert (effect.mode, effect.untold) == (None, 40)
+        assert [finding.reason for finding in effect.findings] == ["too_few_writes"]

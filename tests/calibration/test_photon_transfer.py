@@ -11,15 +11,13 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from calibration.noise.photon_transfer import PhotonTransfer, photon_transfer
-from calibration.noise.variance_curve import quantised, variance_curve, without_quantisation
+from calibration.noise.photon_transfer import PhotonTransfer, _weighted_line, photon_transfer
+from calibration.noise.variance_curve import VarianceCurve, quantised, variance_curve, without_quantisation
 from calibration.sweep import Shot, Sweep
 from drivers.exposure import ExposureSetting
 from fake_camera.imaging import MAX_GREY
 from tests.calibration.noisy_shots import MODEL, Scene, noisy_sweep
-from tests.xml_cameras import DATA
-
-BASLER = DATA / "emva_basler_ccd12_ccbysa"
+from tests.data import data
 
 
 def reasons(result: PhotonTransfer) -> list[tuple[str, str]]:
@@ -180,11 +178,12 @@ def test_the_curve_finds_the_variance_of_any_noise_over_any_texture(seed: int, s
     assert np.abs(deviation.mean()) < 1.0
 
 
-@pytest.mark.skipif(not BASLER.exists(), reason="the EMVA 1288 images are not here (set AUTOEXPOSE_DATA)")
+@pytest.mark.data
 def test_a_real_ccd_measured_after_emva_1288() -> None:
-    with (BASLER / "index.csv").open() as table:
+    basler = data("emva_basler_ccd12_ccbysa")
+    with (basler / "index.csv").open() as table:
         rows = [row for row in csv.DictReader(table) if row["kind"] == "b"]
-    images = [cv2.imread(str(BASLER / row["file"]), cv2.IMREAD_UNCHANGED) for row in rows]
+    images = [cv2.imread(str(basler / row["file"]), cv2.IMREAD_UNCHANGED) for row in rows]
     times_us = [float(row["exposure"]) * 1e-3 for row in rows]
     shots = [Shot(image, 12, ExposureSetting(t, 0.0)) for image, t in zip(images, times_us, strict=True)]
     result = photon_transfer(Sweep(tuple(shots)))
@@ -199,5 +198,22 @@ def test_a_real_ccd_measured_after_emva_1288() -> None:
     assert model.saturation_dn == pytest.approx(4095, rel=0.005)
     full = [t for image, t in zip(images, times_us, strict=True) if np.median(image) >= model.saturation_dn]
     assert min(full) == pytest.approx(11_000.0, rel=0.03)
-    dark = [cv2.imread(str(path), cv2.IMREAD_UNCHANGED).astype(np.float64) for path in sorted(BASLER.glob("d_000_*"))]
+    dark = [cv2.imread(str(path), cv2.IMREAD_UNCHANGED).astype(np.float64) for path in sorted(basler.glob("d_000_*"))]
     assert model.read_noise_dn.value == pytest.approx(np.sqrt(np.var(dark[0] - dark[1]) / 2.0 - 1.0 / 12.0), rel=0.10)
+
+
+@pytest.mark.parametrize("gain_db", [0.0, 24.0])
+def test_the_full_well_is_known_no_better_than_the_gain_it_is_counted_with(gain_db: float) -> None:
+    model = photon_transfer(noisy_sweep("Mono12", gain_db)).model
+    assert model is not None and model.full_well_e is not None
+    relative = model.system_gain.error / model.system_gain.value
+    assert relative <= model.full_well_e.error / model.full_well_e.value < 3.0 * relative
+
+
+def test_bins_that_scatter_more_than_chance_make_the_line_less_sure() -> None:
+    mean = np.linspace(100.0, 2000.0, 20)
+    straight = VarianceCurve(mean, 10.0 + 0.4 * mean, np.full(20, 1e5), 4.0, 1)
+    scattered = replace(straight, variance=straight.variance * (1.0 + 0.1 * (-1.0) ** np.arange(20)))
+    sure, unsure = (_weighted_line(curve, np.ones(20, bool)) for curve in (straight, scattered))
+    assert sure is not None and unsure is not None
+    assert unsure.error_at(1000.0) > 5.0 * sure.error_at(1000.0)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shutil
 import subprocess
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -41,17 +40,15 @@ def solved() -> Result:
 
 def browse(page: Path, tmp_path: Path) -> tuple[str, str]:
     """The page's content after it was loaded, with its images counted, and what the browser complained of."""
-    browser = shutil.which("chromium")
-    if browser is None:
-        pytest.skip("chromium (Debian package) is missing")
     counted = tmp_path / "counted.html"
     counted.write_text(page.read_text(encoding="utf-8") + COUNT, encoding="utf-8")
-    command = [browser, "--headless", "--no-sandbox", "--disable-gpu", "--enable-logging=stderr"]
+    command = ["chromium", "--headless", "--no-sandbox", "--disable-gpu", "--enable-logging=stderr"]
     command += [f"--user-data-dir={tmp_path / 'profile'}", "--dump-dom", counted.as_uri()]
     shown = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
     return shown.stdout, "\n".join(line for line in shown.stderr.splitlines() if "CONSOLE" in line)
 
 
+@pytest.mark.needs("chromium")
 def test_the_page_opens_in_a_browser_and_needs_nothing_else(solved: Result, tmp_path: Path) -> None:
     page = write_report(tmp_path / "left.response.yaml", solved)
     assert page == tmp_path / "left.response.html"
@@ -66,6 +63,7 @@ def test_the_page_opens_in_a_browser_and_needs_nothing_else(solved: Result, tmp_
         assert words in text
 
 
+@pytest.mark.needs("chromium")
 def test_the_browser_would_tell_a_broken_page(tmp_path: Path) -> None:
     page = tmp_path / "broken.html"
     page.write_text('<img src="missing.png"><script>nothing()</script>')

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import csv
-import os
 from dataclasses import replace
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -25,15 +23,9 @@ from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureSetting
 from tests.calibration.sweeps import TIMES_US, Bench
 from tests.calibration.true_response import true_response
+from tests.data import data
 
-DATA = Path(os.environ.get("AUTOEXPOSE_DATA", Path(__file__).parents[3] / "shared" / "data"))
 CHANGES_STOPS = [float(change) for change in np.linspace(-2, 2, 17)]
-
-
-def data(name: str) -> Path:
-    if not (DATA / name).exists():
-        pytest.skip(f"test data {name} is not here (set AUTOEXPOSE_DATA)")
-    return DATA / name
 
 
 def prediction_errors(found: ResponseFunction, true: ResponseFunction, lowest: int) -> NDArray[np.int64]:
@@ -184,6 +176,7 @@ def basler_flat_fields() -> Sweep:
     return Sweep(tuple(shots))
 
 
+@pytest.mark.data
 def test_a_real_sensor_is_recognised_as_linear_and_saturates_near_11_ms() -> None:
     sweep = basler_flat_fields()
     solution = solve_response(sweep)
@@ -211,6 +204,7 @@ def registered(sweep: Sweep) -> Sweep:
     return Sweep(tuple(replace(shot, pixels=shot.pixels[40:-40, 40:-40]) for shot in shots))
 
 
+@pytest.mark.data
 def test_a_real_bracket_gives_a_monotone_curve_and_consistent_radiance() -> None:
     folder = data("bracket_stlouis_ccbysa")
     sweep = registered(read_images(folder))
@@ -225,7 +219,20 @@ def test_a_real_bracket_gives_a_monotone_curve_and_consistent_radiance() -> None
         assert abs(np.median(radiances[1] - radiances[0])) < 0.15
 
 
+@pytest.mark.data
 def test_images_that_do_not_cover_each_other_are_warned_of() -> None:
     sweep = read_images(data("bracket_stlouis_ccbysa"))
     solution = solve_response(sweep)
     assert [(f.severity, f.reason) for f in judge_solution(sweep, solution)] == [("warned", "moving_scene")]
+
+
+def test_exposures_in_other_units_give_the_same_curve() -> None:
+    sweep = Bench("gamma").sweep(TIMES_US)
+    in_ns = Sweep(
+        tuple(
+            replace(shot, setting=replace(shot.setting, exposure_time_us=1e3 * shot.setting.exposure_time_us))
+            for shot in sweep.shots
+        )
+    )
+    here, there = solve_response(sweep).response, solve_response(in_ns).response
+    assert np.array_equal(here.log2_exposure, there.log2_exposure)

@@ -106,3 +106,12 @@ def test_frames_that_claim_a_setting_too_early_are_told() -> None:
     (finding,) = write_effect("exposure", [trial(2, told=1)] * 10).findings
     assert finding.reason == "metadata_off"
     assert "claim a new exposure 1 frames after its write, but show it after 2" in finding.text
+
+
+def test_a_write_whose_effect_goes_away_again_is_not_told() -> None:
+    """A lamp flickered, or something else wrote."""
+    gone = trial(2)
+    blinking = replace(
+        gone, frames=tuple(replace(frame, grey=OLD) if frame.frame_id == 16 else frame for frame in gone.frames)
+    )
+    assert write_effect("exposure", [trial(2)] * 10 + [blinking] * 3).untold == 3

@@ -125,3 +125,11 @@ def test_slopes_are_the_responses() -> None:
     assert slopes[0] == slopes[255] == 0
     kinked = ResponseFunction(np.arange(256) / 32, black_level=10, saturation=240)
     assert response_slopes(kinked)[[10, 11, 100, 239, 240]].tolist() == [0, 32, 32, 32, 0]
+
+
+@pytest.mark.parametrize("black_level", [0, 30])
+def test_what_is_overexposed_loses_gradient_whatever_the_black_level(black_level: int) -> None:
+    percentile = SoftPercentile(ResponseFunction.linear(black_level=black_level))
+    white, grey = (np.full((24, 24), level, np.uint8) for level in (254, 240))
+    assert percentile.derivative(white)[1] == pytest.approx(-1.5)
+    assert percentile.derivative(grey)[1] == 0

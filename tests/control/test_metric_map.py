@@ -16,7 +16,7 @@ from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.metric_map.memory import Sighting
 from autoexpose_daemon.control.metric_map.view import DELTAS, View, Viewer
 from autoexpose_daemon.control.metrics import GradientMetric
-from autoexpose_daemon.control.policies.metric_map import LONGEST_STEP, MetricMap
+from autoexpose_daemon.control.policies.metric_map import MetricMap
 from autoexpose_daemon.control.policy import Observation
 from calibration.response import ResponseFunction
 from drivers.exposure import ExposureSetting
@@ -117,7 +117,7 @@ def test_a_moving_camera_goes_step_by_step_so_that_odometry_finds_its_points_aga
     scene[:, 60:] *= 2.0**2
     still, moving = (drive([14.0] * 20, scene, motion_px) for motion_px in (0.0, 6.0))
     assert np.abs(np.diff(still)).max() > 4.0
-    assert np.abs(np.diff(moving)).max() <= LONGEST_STEP + 0.01  # registration errs by less
+    assert np.abs(np.diff(moving)).max() <= 0.41  # registration errs by less
     assert metric(moving[-1], 14.0, scene) > 0.8 * metric(still[-1], 14.0, scene)
 
 

@@ -12,7 +12,7 @@ from autoexpose_daemon.control.metric_map.latency import Latency
 from autoexpose_daemon.control.metric_map.memory import FORGOTTEN, LEAST_GAP, MetricMemory, Sighting
 from autoexpose_daemon.control.metric_map.registration import Registration
 from autoexpose_daemon.control.metric_map.search import dark_jump, plateau_centre, probe_bonus
-from autoexpose_daemon.control.metric_map.view import DELTAS, FEWER_DELTAS, View, Viewer
+from autoexpose_daemon.control.metric_map.view import DELTAS, FEWER_DELTAS, FEWEST_DELTAS, View, Viewer
 from autoexpose_daemon.control.metrics import GradientMetric
 from calibration.response import ResponseFunction
 from drivers.exposure import ExposureSetting
@@ -241,3 +241,41 @@ def test_a_view_tells_the_metric_of_the_image_as_it_is(deltas: np.ndarray) -> No
     metric, image = GradientMetric(), frame(11.0, 11.5)
     curved = ResponseFunction(np.linspace(0.0, 4.0, 256) ** 1.5, 0, 255)
     assert Viewer(curved, metric, list(deltas)).view(image).curve[DELTAS == 0.0] == metric.measure(image)
+
+
+@pytest.mark.parametrize(("share", "remembered"), [(0.85, 2), (0.5, 1), (2.0, 1)])
+def test_a_scene_half_as_rich_as_expected_is_another_one(share: float, remembered: int) -> None:
+    """What was promised elsewhere is then worth nothing; a little less than expected is an error of prediction."""
+    memory = MetricMemory()
+    memory.add(Sighting(10.0, (view(2.0),)))
+    memory.add(Sighting(11.0, (view(1.0, height=share),)))
+    assert len(memory.sightings) == remembered
+
+
+def test_a_still_camera_takes_a_sure_peak_before_a_promise_a_stop_beyond_trust() -> None:
+    """Beyond 3 stops up prediction takes noise for gradient: each further stop is worth 0.6 of what it promises."""
+    sure, beyond = np.array([10.0, 12.0]), Sighting(8.0, (View(np.interp(DELTAS, [2.0, 4.0], [0.65, 1.0]), 0.0, 0.5),))
+    now, later = MetricMemory([beyond]).fuse(sure, moving=False)[0]
+    assert now == pytest.approx(0.65)
+    assert 0.55 < later < 0.65
+
+
+def test_what_was_seen_on_the_way_into_a_tunnel_is_kept() -> None:
+    """8 stops in a second are 0.13 a frame."""
+    memory = MetricMemory()
+    for _ in range(10):
+        memory.pass_frame(-0.13, 0.0)
+        memory.add(Sighting(12.0, (view(0.0, height=1.0),)))
+    assert len(memory.sightings) > 8
+
+
+@pytest.mark.parametrize("deltas", [DELTAS, FEWER_DELTAS, FEWEST_DELTAS])
+def test_predicted_changes_rise_from_6_stops_down_to_6_up(deltas: np.ndarray) -> None:
+    assert (np.diff(deltas) > 0).all()
+    assert (deltas[0], deltas[-1]) == (-6.0, 6.0)
+    assert 0.0 in deltas
+
+
+@pytest.mark.parametrize("deltas", [FEWER_DELTAS, FEWEST_DELTAS])
+def test_few_predictions_favour_neither_direction(deltas: np.ndarray) -> None:
+    assert deltas.tolist() == (-deltas[::-1]).tolist()

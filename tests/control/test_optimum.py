@@ -56,3 +56,8 @@ def test_never_leaves_the_range_nor_falls_below_the_best_sample(values: list[flo
     maximum = FIT.maximum(np.array(values))
     assert -2 <= maximum.position <= 2
     assert maximum.value >= max(values)
+
+
+@pytest.mark.parametrize("peak", [-1.7, -1.2, 1.2, 1.7])
+def test_a_peak_between_the_last_two_samples_is_found_as_well(peak: float) -> None:
+    assert FIT.maximum(1 - 0.1 * (X - peak) ** 2).position == pytest.approx(peak, abs=1e-3)

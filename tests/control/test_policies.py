@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,10 +12,14 @@ from numpy.typing import NDArray
 from autoexpose_daemon.control.balance import ExposurePriority
 from autoexpose_daemon.control.metrics import GradientMetric
 from autoexpose_daemon.control.policies.begin2022 import EPSILON, Begin2022, gain_ratio
+from autoexpose_daemon.control.policies.lu2010 import Lu2010
 from autoexpose_daemon.control.policies.majer2018 import Majer2018
+from autoexpose_daemon.control.policies.mehta2020 import GAMMAS, Mehta2020
+from autoexpose_daemon.control.policies.mehta2020 import next_level as mehta_level
 from autoexpose_daemon.control.policies.neves2009 import Neves2009
 from autoexpose_daemon.control.policies.shim2018 import Shim2018, gamma_table, next_level
 from autoexpose_daemon.control.policy import Observation, PastStep, Target
+from autoexpose_daemon.control.query import way_out
 from calibration.response import ResponseFunction
 from drivers.exposure import ExposureSetting
 
@@ -132,3 +137,29 @@ def test_majer_standard_looks_at_the_top_half() -> None:
     assert Majer2018("top_half", LINEAR, ExposurePriority()).decide(observe(image)).level > SETTING.level
     image = image[::-1].copy()
     assert Majer2018("top_half", LINEAR, ExposurePriority()).decide(observe(image)).level < SETTING.level
+
+
+@pytest.mark.parametrize("stops", [-1.5, 0.25, 2.75])
+def test_mehta_takes_the_highest_point_of_the_polynomial_between_the_outer_anchors(stops: float) -> None:
+    image = view(stops)
+    brightened = [GradientMetric().measure(gamma_table(1 / gamma)[image]) for gamma in GAMMAS]
+    grid = np.linspace(GAMMAS[0], GAMMAS[-1], 20_001)
+    best = grid[np.polyval(np.polyfit(GAMMAS, brightened, 5), grid).argmax()]
+    target = Mehta2020(GradientMetric(), ExposurePriority()).decide(observe(image))
+    assert not min(abs(best - gamma) for gamma in GAMMAS) < 0.01
+    assert target.level == pytest.approx(mehta_level(SETTING.level, best), abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("black", "saturated", "stops"), [(0.9, 0.0, 0), (0.0, 0.9, 0), (0.97, 0.0, 2), (0.0, 0.97, -2)]
+)
+def test_a_search_gives_up_only_on_frames_that_show_nothing(black: float, saturated: float, stops: int) -> None:
+    way = way_out(replace(observe(view(0)), black_share=black, saturated_share=saturated))
+    assert (0 if way is None else way.level - SETTING.level) == stops
+
+
+@pytest.mark.parametrize(("stops", "brighter"), [(-1.5, True), (1.5, False)])
+def test_lu_looks_first_where_the_middle_of_the_scale_lies(stops: float, brighter: bool) -> None:
+    image = view(stops)
+    assert (image.mean() < 127) == brighter
+    assert (Lu2010(ExposurePriority()).decide(observe(image)).level > SETTING.level) == brighter

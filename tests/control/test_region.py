@@ -96,3 +96,10 @@ def test_a_region_that_does_not_fit_is_named(region: Region, words: list[str]) -
         loop.step(StereoPair(0, frame(False), None))
     for word in words:
         assert word in str(caught.value)
+
+
+def test_a_mask_reaches_two_prepared_pixels_and_no_further() -> None:
+    mask = np.full(SHAPE, 255, np.uint8)
+    mask[200:202, 400:402] = 0  # one prepared pixel, (100, 200)
+    rows, columns = np.nonzero(Region("roi", mask=mask).weights(SHAPE) == 0)
+    assert (rows.min(), rows.max(), columns.min(), columns.max()) == (98, 102, 198, 202)

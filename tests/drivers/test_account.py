@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import weakref
 from collections import Counter
 from dataclasses import dataclass, field
 
@@ -345,3 +346,28 @@ def test_whatever_happens_the_account_balances(
     assert len(alone) == len(set(alone))
     assert len(complete) == rig.account.tally.pairs
     assert all(p.left.host_time_ns == p.right.host_time_ns for p in complete if p.right is not None)
+
+
+def test_triggers_that_no_camera_had_time_to_show_are_lost_at_startup() -> None:
+    """Cameras that were ready for a tenth of a second say nothing of whether there were triggers."""
+    rig = FakeRig()
+    for side in rig.sides:
+        rig.account.ready(side, OPENED_NS + 4 * PERIOD_NS)
+    rig.account.close(OPENED_NS + 10 * PERIOD_NS + PERIOD_NS // 3)
+    tally = rig.account.tally
+    assert dict(tally.lost) == {LossReason.STARTUP: 10}
+    assert tally.window_start_ns is not None and tally.window_end_ns is not None
+    assert tally.window_start_ns == pytest.approx(OPENED_NS, abs=2)
+    assert tally.window_end_ns - tally.window_start_ns == pytest.approx(10 * PERIOD_NS, abs=2)
+
+
+def test_frames_handed_out_alone_are_not_kept_for_a_partner_that_stays_away() -> None:
+    rig = FakeRig()
+    rig.pulses(3)
+    alive: list[weakref.ref[np.ndarray]] = []
+    for _ in range(100):
+        rig.pulse(right="silent")
+        alive += [weakref.ref(pair.left.pixels) for pair in rig.released]
+        rig.released.clear()
+    assert len(alive) >= 100
+    assert sum(pixels() is not None for pixels in alive) < 12

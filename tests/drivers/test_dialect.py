@@ -174,3 +174,25 @@ def test_automatics_are_switched_off_where_there_are_any() -> None:
     switch_auto_off(nodes)
     assert nodes.writes == [("ExposureMode", "Timed"), ("ExposureAuto", "Off"), ("GainSelector", "All")]
     switch_auto_off(sfnc1())
+
+
+def test_a_gain_in_another_unit_is_named_with_it() -> None:
+    assert "(Gain is in %)" in find_dialect(sfnc2(Gain=FloatNode(1.0, unit="%"))).lacks[0]
+    assert "(Gain is in numbers without a unit)" in find_dialect(sfnc2(Gain=EnumerationNode("Low", ("Low",)))).lacks[0]
+
+
+@pytest.mark.parametrize(
+    ("name", "error", "told"),
+    [("ExposureTime", 0.08, False), ("ExposureTime", 0.12, True), ("Gain", 0.4, False), ("Gain", 0.6, True)],
+)
+def test_a_tenth_of_the_time_and_half_a_db_are_rounding(name: str, error: float, told: bool) -> None:
+    nodes = sfnc2()
+    node = nodes.nodes[name]
+    assert isinstance(node, FloatNode)
+    node.take = lambda value: value - error * (value if name == "ExposureTime" else 1.0)
+    asked = ExposureSetting(2000.0, 6.0)
+    if told:
+        with pytest.raises(NodeError, match=f"node {name} was set to"):
+            find_dialect(nodes).write(nodes, asked, None)
+    else:
+        assert find_dialect(nodes).write(nodes, asked, None) != asked

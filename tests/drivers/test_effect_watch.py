@@ -59,3 +59,14 @@ def test_of_a_camera_whose_frames_do_not_tell_or_whose_nodes_are_unknown_nothing
     assert {watch.frame("left", each) for each in inferred} == {None}
     watch.gone("left")
     assert {watch.frame("left", frame(number, OLD)) for number in range(100)} == {None}
+
+
+def test_a_camera_that_ignores_one_write_after_another_is_told() -> None:
+    watch = EffectWatch()
+    watch.written("left", OLD, -1)
+    told = []
+    for number in range(PATIENCE + 2 * ASTRAY_FRAMES):
+        watch.written("left", NEW, number * PERIOD_NS)
+        told.append(watch.frame("left", frame(number, OLD)))
+    assert told[PATIENCE - 2] is None
+    assert "do not follow what is written" in str(told[-1])

@@ -78,6 +78,12 @@ def test_decoding_gives_back_what_was_encoded(name: str, width: int, height: int
     assert np.array_equal(decoded, pixels)
 
 
+@pytest.mark.parametrize(("width", "height"), [(0, 2), (3, 0), (0, 0), (-3, -2), (-3, 2)])
+def test_an_image_without_pixels_is_refused(width: int, height: int) -> None:
+    with pytest.raises(ValueError, match=f"an image of {width}x{height} pixels"):
+        decode_pixels(bytes(6), CODES["Mono8"], width, height)
+
+
 def test_short_data_and_unknown_formats_are_refused() -> None:
     with pytest.raises(ValueError, match="5 bytes for an image of 6"):
         decode_pixels(bytes(5), CODES["Mono8"], 3, 2)

@@ -227,3 +227,9 @@ def test_stopping_a_camera_that_is_being_waited_for_is_quick(side: Side) -> None
 
     with running({side: opener}) as rig:
         wait_for(rig, CameraGone)
+
+
+def test_no_thread_keeps_a_process_alive_whose_camera_hangs() -> None:
+    with running({"left": ScriptedCamera, "right": ScriptedCamera}):
+        threads = {thread.name: thread.daemon for thread in threading.enumerate()}
+        assert [threads[f"{work}-{side}"] for work in ("nodes", "frames") for side in ("left", "right")] == [True] * 4

@@ -71,6 +71,15 @@ def test_cameras_that_start_apart_are_told(offset_ms: int) -> None:
     assert f"{min(abs(offset_ms), 20 - abs(offset_ms)):.1f} ms apart" in finding
 
 
+def test_cameras_on_a_grid_of_milliseconds_are_judged() -> None:
+    judge = check(60.0)
+    for number in range(JUDGED_FRAMES):
+        judge.frame("left", -(-number * 50 // 3) * MS)
+        judge.frame("right", (-(-number * 50 // 3) + 5) * MS)
+    (finding,) = judge.findings(0)
+    assert "5.0 ms apart" in finding
+
+
 def test_cameras_that_wait_for_no_pulses_are_not_judged() -> None:
     judge = StartCheck({}, 50.0)
     judge.ready("left", 0)
@@ -83,3 +92,10 @@ def test_pulses_that_begin_late_are_no_finding_before_both_cameras_had_time_to_s
     assert "no trigger pulse" in judge.findings(PATIENCE_NS + 1)[0]
     judge.frame("left", PATIENCE_NS)
     assert judge.findings(PATIENCE_NS + 2) == []
+
+
+def test_it_is_the_difference_that_counts_not_when_both_began() -> None:
+    judge = check()
+    for side in SIDES:
+        feed(judge, side, offset_ns=6 * MS)
+    assert judge.findings(0) == []

@@ -102,6 +102,18 @@ def test_bad_options_are_one_sentence(options: list[str], message: str) -> None:
         arena_app([*options, "--quick"], standalone_mode=False)
 
 
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--jobs", "2"], "say how much: --full takes about 41 minutes with these --jobs, --quick about a minute"),
+        (["--quick", "--full"], "--quick and --full exclude each other: leave one out"),
+    ],
+)
+def test_most_of_an_hour_is_not_begun_unasked(options: list[str], message: str) -> None:
+    with pytest.raises(ConfigurationError, match=message):
+        arena_app(options, standalone_mode=False)
+
+
 def test_median_of_settling_counts_stuck_runs_as_latest() -> None:
     def row(*settle: int | None) -> dict[str, object]:
         return results([made_up("a", "pan", frames, 0.5, seed=1000 + i) for i, frames in enumerate(settle)])[0]

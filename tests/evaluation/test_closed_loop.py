@@ -8,11 +8,10 @@ from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.metrics import GradientMetric
 from evaluation.closed_loop import Entrant, course_of, run, run_one
 from evaluation.scenarios import SCENARIOS, WARM_UP_FRAMES
-from evaluation.stage import LIMITS
+from evaluation.stage import BLUR_STEP_PX, LIMITS
 from fake_camera.imaging import ImageSettings
 from fake_camera.lighting import LightScript
 from fake_camera.sensor import Sensor, SensorModel
-from fake_camera.simulation import BLUR_STEP_PX, SimulatedCamera
 
 
 def test_the_same_course_twice_is_the_same_to_the_bit() -> None:
@@ -77,9 +76,11 @@ def test_a_frame_at_rest_is_that_of_the_fake_camera() -> None:
     stage.go_to(11)
     setting = LIMITS.realise(12.0, 2000.0)
     twin, _ = course_of("flicker", "shelves", 2)
-    camera = SimulatedCamera(twin.views["left"], twin.light, Sensor(SensorModel(), 4))
+    radiance = twin.views["left"].radiance(
+        np.array([11 / 60]), twin.light.mean_lux(11 / 60, setting.exposure_time_us * 1e-6)
+    )
     settings = ImageSettings(setting.exposure_time_us, setting.gain_db, 0.0, 1.0, "Mono8", 0, 0, 720, 540, 1, 1)
-    expected = camera.take(11 / 60, settings, 2 * 100_000 + 11)
+    expected = Sensor(SensorModel(), 4).expose(radiance, settings, 2 * 100_000 + 11)
 
     difference = np.abs(stage.expose("left", setting).astype(int) - expected)
     assert difference.max() <= 1

@@ -141,8 +141,11 @@ def test_the_report_says_the_verdicts_first_in_both_forms(tmp_path: Path) -> Non
 
 def test_the_command_refuses_what_it_cannot_do_before_it_works(tmp_path: Path) -> None:
     for arguments, said in (
+        (["run", "fig1"], "say how much: --full takes about a minute with these --jobs, --quick about a minute"),
+        (["run", "all", "--jobs", "1"], " hours with these --jobs, --quick about 2 minutes"),
+        (["run", "fig1", "--quick", "--full"], "--quick and --full exclude each other"),
         (["run", "fig99"], "there is no experiment 'fig99': choose all, or from fig1"),
-        (["run", "fig1", "--out", str(tmp_path / "file" / "out")], "cannot be written to"),
+        (["run", "fig1", "--quick", "--out", str(tmp_path / "file" / "out")], "cannot be written to"),
     ):
         (tmp_path / "file").write_text("")
         outcome = CliRunner().invoke(experiments_app, arguments)
@@ -160,7 +163,7 @@ def test_the_command_makes_the_report_and_a_second_time_from_what_was_kept(
     monkeypatch.setattr(commands, "EXPERIMENTS", (made,))
     CALLS.clear()
     for _ in range(2):
-        outcome = CliRunner().invoke(experiments_app, ["run", "all", "--jobs", "1", "--out", str(tmp_path)])
+        outcome = CliRunner().invoke(experiments_app, ["run", "all", "--full", "--jobs", "1", "--out", str(tmp_path)])
         assert outcome.exit_code == 0 and "we saw: 4, 9" in outcome.output and "100 %" in outcome.output
         assert "4, 9" in (tmp_path / "experiments.md").read_text()
     assert "all kept from earlier" in outcome.output and sorted(CALLS) == [2, 3]

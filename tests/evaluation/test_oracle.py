@@ -63,7 +63,7 @@ def test_interpolating_the_oracle_changes_ratios_little() -> None:
     for exact in (False, True):
         stage, first_scored = course_of("pan", "shelves", 4)
         oracle = Oracle(stage, exhaustive=exact)
-        runs = race(stage, entrants, oracle, frames=62, first_scored=first_scored, every=1 if exact else every)
+        runs = race(stage, entrants, oracle, frames=48, first_scored=first_scored, every=1 if exact else every)
         means.append([series.ratios[30:].mean() for series in runs])
 
     assert np.allclose(means[0], means[1], atol=0.005)

@@ -46,8 +46,9 @@ def test_without_it_the_report_says_so(tmp_path: Path, monkeypatch: pytest.Monke
     assert not section.parts
 
 
+@pytest.mark.orbslam3
 def test_it_follows_a_camera(tmp_path: Path) -> None:
-    pytest.importorskip("orbslam3", reason="orbslam3-python is not installed")
+    assert orb_slam3.installed(), "orbslam3-python is not installed"
     stage = odometry_stage("even", 1, 0, 0)
     view = stage.views["left"]
     assert isinstance(view, RoomView)

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import functools
 import math
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,14 +13,13 @@ import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy import stats
 
 from evaluation.experiments.cache import ResultCache
 from evaluation.experiments.experiment import Figure, Verdict
 from evaluation.experiments.run import run_jobs
 from evaluation.experiments.teach.camera import BRIGHTNESS, CAMERA, Camera, at_half
 from evaluation.experiments.teach.cases import FIXED, FULL, STANDARD, cases_of, errors_of
-from evaluation.experiments.teach.daylight import REPLAYS, TEACHING
+from evaluation.experiments.teach.daylight import REPLAYS, TEACHING, Daylight
 from evaluation.experiments.teach.drive import IMAGES_PER_MAP
 from evaluation.experiments.teach.experiment import EXPERIMENT
 from evaluation.experiments.teach.judge import LOST_PX, Errors, better_everywhere, compare, paired_t
@@ -28,10 +30,23 @@ from evaluation.experiments.teach.sweep import OFFSETS, sweep
 from evaluation.stills import leaves
 from fake_camera.render import Renderer, Surface
 
+in_parks = pytest.mark.xdist_group("parks")
+"""To grow a park takes seconds: those that need one share it."""
 
-@pytest.fixture(scope="module")
-def surfaces() -> list[Surface]:
-    return park(0, TEACHING)
+
+@pytest.fixture(scope="module", autouse=True)
+def parks() -> Iterator[Callable[[int, Daylight], list[Surface]]]:
+    """Each park is grown once."""
+    kept = functools.cache(park)
+    with pytest.MonkeyPatch.context() as patch:
+        for module in ("drive", "sweep"):
+            patch.setattr(f"evaluation.experiments.teach.{module}.park", kept)
+        yield kept
+
+
+@pytest.fixture
+def surfaces(parks: Callable[[int, Daylight], list[Surface]]) -> list[Surface]:
+    return parks(0, TEACHING)
 
 
 def test_the_vote_goes_to_the_shift_that_most_agree_on() -> None:
@@ -69,6 +84,7 @@ def test_a_black_image_has_no_features_and_no_shift() -> None:
     assert len(black.columns) == 0 and register(black, black).shift is None
 
 
+@in_parks
 def test_the_true_shift_is_that_of_the_heading(surfaces: list[Surface]) -> None:
     truth, pose = Truth(surfaces), TaughtPath(0, 0.0).taught(9)
     assert truth.shift(pose, pose) == pytest.approx(0.0, abs=1e-6)
@@ -81,6 +97,7 @@ def test_the_true_shift_is_that_of_the_heading(surfaces: list[Surface]) -> None:
         assert 1.0 <= truth.shift(pose, turned) / at_centre < 1.18
 
 
+@in_parks
 def test_images_without_noise_are_registered_by_the_true_shift(surfaces: list[Surface]) -> None:
     truth, path, detector = Truth(surfaces), TaughtPath(0, 0.0), Detector()
     renderer = Renderer(surfaces, CAMERA)
@@ -116,6 +133,7 @@ def test_the_top_half_alone_can_be_held_at_one_half() -> None:
     assert whole.mean() / 255 == pytest.approx(0.5, abs=0.02) and whole.mean() > top.mean()
 
 
+@in_parks
 def test_what_is_far_too_bright_is_not_registered() -> None:
     """The sign of the sweep: from the exposure of `standard` on, votes fall to both sides."""
     result: Any = sweep(0, 0.0, "clear", 3)
@@ -136,8 +154,11 @@ def test_what_faces_the_sun_is_lighter_and_so_is_the_sky_around_it() -> None:
     assert REPLAYS["sunset"].lux(1.0) == pytest.approx(REPLAYS["sunset"].lux(0.0) / 4)
 
 
-def test_leaves_move_between_days_and_nothing_else_does(surfaces: list[Surface]) -> None:
-    later = park(0, REPLAYS["sunset"])
+@in_parks
+def test_leaves_move_between_days_and_nothing_else_does(
+    surfaces: list[Surface], parks: Callable[[int, Daylight], list[Surface]]
+) -> None:
+    later = parks(0, REPLAYS["sunset"])
     stays = [cv2.minMaxLoc(after.pattern / before.pattern)[:2] for before, after in zip(surfaces, later, strict=True)]
     same = [low == pytest.approx(high, rel=1e-3) for low, high in stays]
     trunks_and_house = 4 * 40 + 4
@@ -146,6 +167,8 @@ def test_leaves_move_between_days_and_nothing_else_does(surfaces: list[Surface])
 
 
 def test_the_paired_test_is_students() -> None:
+    from scipy import stats  # noqa: PLC0415  it takes a second to load, in every process that collects tests
+
     rng = np.random.default_rng(4)
     first = rng.exponential(2.0, 640)
     second = first + rng.normal(0.1, 1.5, 640)
@@ -193,10 +216,11 @@ def test_the_full_run_has_as_many_views_and_registrations_as_the_paper() -> None
     assert sum(job.cost_s for job in full) <= 2 * 30 * 60
 
 
+@in_parks
 @pytest.mark.timeout(300)
 def test_the_quick_run_shows_how_the_policies_expose_and_registers(tmp_path: Path) -> None:
-    """Effects far beyond noise: where each holds its brightness, and that all find their way in this little of it."""
-    jobs = EXPERIMENT.jobs(True)
+    """Effects far beyond noise: where each holds its brightness, and that all find their way in even less of it."""
+    jobs = [replace(job, arguments={**job.arguments, "maps": 3}) for job in EXPERIMENT.jobs(True)]
     measured: list[Any] = run_jobs(jobs, ResultCache(tmp_path / "jobs"), 1, lambda _job, _took: None)
     (result,) = measured
     looks = {policy: np.array(rows) for policy, rows in result["looks"].items()}

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from fake_camera.control_socket import ControlSocket
-from fake_camera.faults import PER_TRIGGER, USB3, Fault, FaultError, Faults
+from fake_camera.faults import MOST_ORDERS, PER_TRIGGER, USB3, Fault, FaultError, Faults
 
 
 def met(faults: Faults, name: str, triggers: range) -> list[int]:
@@ -43,6 +43,13 @@ def test_reads_an_order(line: str, fault: Fault) -> None:
         ('{"fault": "freeze", "after": 1}', "unknown key 'after'"),
         ('{"fault": "freeze", "count": 0}', "count must be"),
         ('{"fault": "freeze", "count": true}', "count must be"),
+        ('{"fault": "freeze", "count": 1e3}', "count must be"),
+        ('{"fault": "freeze", "count": NaN}', "count must be"),
+        ('{"fault": "freeze", "count": 1%s}' % ("0" * 4000), r"count must be .*, not 1000.*\.\.\..*000$"),
+        ('{"fault": "freeze", "count": 1%s}' % ("0" * 9000), "not JSON"),
+        ('{"fault": "%s"}' % ("x" * 3000), r"unknown fault 'xxx.*\.\.\..*xxx'"),
+        ('{"%s": 1}' % ("x" * 3000), r"unknown key 'xxx.*\.\.\..*xxx'"),
+        ("[" * 4000, "not JSON"),
         ('{"fault": "freeze", "after_trigger": 1.5}', "after_trigger must be"),
         ('{"fault": "come_back", "count": 2}', "no count"),
     ],
@@ -229,6 +236,24 @@ def test_bytes_that_are_no_text_are_answered(control: tuple[Path, Faults]) -> No
         client.connect(str(path))
         client.sendall(b"\xff\xfe\n")
         assert json.loads(client.recv(4096))["ok"] is False
+
+
+def test_a_huge_line_is_answered_once_and_the_next_as_ever(control: tuple[Path, Faults]) -> None:
+    path, _ = control
+    answers = ask(path, "[" * 3_000_000, '{"fault": "delay"}', "x" * 4095, '{"fault": "delay"}' + " " * 4096)
+    assert [answer["ok"] for answer in answers] == [False, True, False, False]
+    assert "longer than 4096 bytes" in str(answers[0]["error"])
+    assert "not JSON" in str(answers[2]["error"])
+    assert max(len(str(answer)) for answer in answers) < 300
+
+
+def test_orders_do_not_pile_up_without_end(control: tuple[Path, Faults]) -> None:
+    path, faults = control
+    late = '{"fault": "freeze", "after_trigger": 1000}'
+    answers = ask(path, '{"fault": "vanish"}', *[late] * MOST_ORDERS, '{"fault": "come_back"}', late)
+    assert [answer["ok"] for answer in answers] == [True] * MOST_ORDERS + [False, True, True]
+    assert f"{MOST_ORDERS} orders" in str(answers[MOST_ORDERS]["error"])
+    assert not faults.vanished
 
 
 def test_the_socket_file_goes_with_the_server(tmp_path: Path) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 import socket
 import struct
 import subprocess
@@ -29,8 +28,8 @@ from tests.fake_camera.gige_client import (
 from tests.fakes import loopback_address, unique
 
 pytestmark = [
-    pytest.mark.realtime,
-    pytest.mark.skipif(shutil.which("tshark") is None, reason="tshark is not installed"),
+    pytest.mark.wire,
+    pytest.mark.needs("tshark", "dumpcap"),
 ]
 
 ADDRESS, CLIENT = loopback_address(), "127.0.0.1"
@@ -157,10 +156,9 @@ def test_a_packet_broken_on_purpose_is_reported(session: list[Datagram], tmp_pat
         assert len(decoded(tmp_path / "broken.pcap", "_ws.malformed")) == 1
 
 
-@pytest.mark.skipif(
-    shutil.which("arv-camera-test-0.8") is None, reason="arv-camera-test-0.8 (aravis-tools) is not installed"
-)
-@pytest.mark.skipif(shutil.which("dumpcap") is None or os.geteuid() != 0, reason="only root may capture packets")
+@pytest.mark.realtime
+@pytest.mark.needs("arv-camera-test-0.8")
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root may capture packets")
 def test_a_capture_of_stock_aravis(tmp_path: Path) -> None:
     capture = tmp_path / "aravis.pcapng"
     with gige_camera(ADDRESS, SERIAL):

@@ -9,11 +9,13 @@ from pathlib import Path
 
 import pytest
 
+from fake_camera.__main__ import main
 from fake_camera.line0 import Line0
+from tests.fakes import fake_camera, run_camera, usb3_camera
 from tests.xml_cameras import xml_camera
 
-PROGRAM = [sys.executable, "-m", "fake_camera", "--serial", "FAKE-M"]
-COMMAND = [*PROGRAM, "--address", "127.0.9.1"]
+OPTIONS = ["--serial", "FAKE-M", "--address", "127.0.9.1"]
+COMMAND = [sys.executable, "-m", "fake_camera", *OPTIONS]
 
 
 @pytest.mark.wire
@@ -37,7 +39,7 @@ def test_a_mistake_is_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     wire = Line0.join("wire", 60.0)
     options = ["--line0", "wire", "--line0-rate-hz", "50"]
-    camera = subprocess.run([*COMMAND, *options], capture_output=True, text=True, timeout=60, check=False)
+    camera = run_camera(*OPTIONS, *options)
     wire.close()
     assert camera.returncode == 2
     assert camera.stdout == ""
@@ -46,42 +48,74 @@ def test_a_mistake_is_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     )
 
 
-def on_wire(wire: str, folder: Path) -> list[str]:
-    """The command of a camera on a wire, in the description in a folder."""
-    command = COMMAND if wire == "gige" else [*PROGRAM, "--usb3", "--socket", str(folder / "socket")]
-    return [*command, "--xml", str(folder / "camera.xml")]
-
-
-@pytest.mark.wire
 @pytest.mark.parametrize(
-    ("name_space", "wire", "where"),
-    [("GEV", "gige", "at 127.0.9.1"), ("U3V", "usb3", "on USB"), ("None", "gige", "at 127.0.9.1"),
-     ("None", "usb3", "on USB")],
-)  # fmt: skip
-def test_a_camera_in_a_description_says_what_it_passes_for(
-    tmp_path: Path, name_space: str, wire: str, where: str
-) -> None:
-    (tmp_path / "camera.xml").write_bytes(b"Nobody\n" + xml_camera(16, name_space))
-    with subprocess.Popen(on_wire(wire, tmp_path), stdout=subprocess.PIPE, text=True) as camera:
-        assert camera.stdout is not None
-        ready = camera.stdout.readline()
-        camera.terminate()
-    assert ready == (f"fake camera FAKE-M (left) {where}, no Line0, scene room, as Nobody Tiny16, trigger line Line1\n")
-
-
-@pytest.mark.wire
-@pytest.mark.parametrize(
-    ("name_space", "wire", "sentence"),
+    ("options", "words"),
     [
-        ("U3V", "gige", "camera.xml describes a USB3 Vision camera: add --usb3 and --exec, --socket or --tcp\n"),
-        ("GEV", "usb3", "camera.xml describes a GigE Vision camera: leave out --usb3 and what belongs to it\n"),
+        ("--address localhost", "argument --address: 'localhost' is no IPv4 address"),
+        ("--usb3 --tcp 99999", "argument --tcp: '99999' is no whole number from 1 to 65535"),
+        ("--seed 18446744073709551616", "argument --seed: '18446744073709551616' is no whole number from 0 to"),
+        ("--seed -1", "argument --seed: '-1' is no whole number from 0 to 18446744073709551615"),
+        ("--seed many", "argument --seed: 'many' is no whole number"),
+    ],
+)
+def test_an_option_out_of_bounds_is_named(options: str, words: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(options.split())
+    assert words in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("serial", "transport", "words"),
+    [
+        ("", "gige", "cannot be a serial number"),
+        (" ", "gige", "cannot be a serial number"),
+        ("L ", "usb3", "cannot be a serial number"),
+        ("L\n", "gige", "cannot be a serial number"),
+        ("\x1b[31mL", "usb3", "cannot be a serial number"),
+        ("\u00e9", "gige", "cannot be a serial number"),
+        ("\u00e9", "usb3", "cannot be a serial number"),
+        ("1" * 16, "gige", "is too long: GigE Vision has room for 15 characters"),
+        ("1" * 64, "usb3", "is too long: USB3 Vision has room for 63 characters"),
+    ],
+)
+def test_a_serial_number_that_cannot_be_sent_is_refused(
+    capsys: pytest.CaptureFixture[str], serial: str, transport: str, words: str
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["--serial", serial, *(["--usb3", "--socket", "x"] if transport == "usb3" else [])])
+    assert ended.value.code == 2
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert f"--serial {serial!r} {words}" in said
+
+
+@pytest.mark.wire
+@pytest.mark.parametrize(("name_space", "wire"), [("GEV", "gige"), ("U3V", "usb3"), ("None", "gige"), ("None", "usb3")])
+def test_a_camera_in_a_description_says_what_it_passes_for(tmp_path: Path, name_space: str, wire: str) -> None:
+    description = tmp_path / "camera.xml"
+    description.write_bytes(b"Nobody\n" + xml_camera(16, name_space))
+    with (fake_camera if wire == "gige" else usb3_camera)(options=["--xml", str(description)]) as camera:
+        where = f"at {camera.address}" if wire == "gige" else "on USB"
+        passes_for = f"Line0 {camera.line0} at 60 Hz, scene room, as Nobody Tiny16, trigger line Line1"
+        assert camera.ready == f"fake camera {camera.serial} (left) {where}, {passes_for}\n"
+
+
+@pytest.mark.wire
+@pytest.mark.parametrize(
+    ("name_space", "options", "sentence"),
+    [
+        ("U3V", [], "camera.xml describes a USB3 Vision camera: add --usb3 and --exec, --socket or --tcp\n"),
+        (
+            "GEV",
+            ["--usb3", "--socket", "unused"],
+            "camera.xml describes a GigE Vision camera: leave out --usb3 and what belongs to it\n",
+        ),
     ],
 )
 def test_a_description_of_the_other_transport_is_refused(
-    tmp_path: Path, name_space: str, wire: str, sentence: str
+    tmp_path: Path, name_space: str, options: list[str], sentence: str
 ) -> None:
     (tmp_path / "camera.xml").write_bytes(xml_camera(16, name_space))
-    camera = subprocess.run(on_wire(wire, tmp_path), capture_output=True, text=True, timeout=60, check=False)
+    camera = run_camera("--xml", str(tmp_path / "camera.xml"), *options)
     assert (camera.returncode, camera.stdout) == (2, "")
     assert camera.stderr.endswith(sentence)
     assert camera.stderr.count("\n") == 1
@@ -96,8 +130,7 @@ def test_a_bad_description_is_one_sentence(tmp_path: Path, text: str | None, wor
     description = tmp_path / "camera.xml"
     if text is not None:
         description.write_text(text)
-    command = [*COMMAND, "--xml", str(description)]
-    camera = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    camera = run_camera(*OPTIONS, "--xml", str(description))
     assert camera.returncode == 2
     assert words in camera.stderr
     assert camera.stderr.count("\n") == 1

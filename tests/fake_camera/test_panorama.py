@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import cv2
@@ -11,10 +10,10 @@ from fake_camera.imaging import ImageSettings
 from fake_camera.lighting import Change, LightScript
 from fake_camera.panorama import DISPARITY_PX, GREY, Panorama, load_radiance
 from fake_camera.simulation import build_image_source
+from tests.data import data
 
 FULL = ImageSettings(2000.0, 0.0, 0.0, 1.0, "Mono8", 0, 0, 720, 540, 1, 1)
 LIGHT = LightScript((Change(0.0, 150.0),))
-DATA = Path(os.environ.get("AUTOEXPOSE_DATA", Path(__file__).parents[3] / "shared" / "data"))
 
 
 def write_hdr(path: Path, rows: int = 40, columns: int = 80) -> Path:
@@ -48,20 +47,21 @@ def test_hdr_scene_is_a_camera_like_any_other(tmp_path: Path) -> None:
 def test_pan_starts_from_rest_stays_inside_and_repeats() -> None:
     ramp = np.tile(np.arange(2000, dtype=np.float32), (900, 1))
     pan = Panorama(ramp, "right", 720, 540)
-    assert pan.image_shift_px(0.0, 1 / 60) < 0.2
-    assert pan.image_shift_px(6.0, 6.0 + 1 / 60) > 1.0
-    views = [pan.radiance(np.array([t]), 1.0) for t in np.arange(0.0, 24.0, 1.0)]
+    views = [pan.exposed(t, 0.0, 1.0) for t in np.arange(0.0, 24.0, 1.0)]
     for view in views:
         np.testing.assert_allclose(np.diff(view, axis=1)[:, :-1], 1.0, atol=1e-2)
-    np.testing.assert_allclose(pan.radiance(np.array([25.0]), 1.0), views[1], atol=1e-2)
+    np.testing.assert_allclose(pan.exposed(25.0, 0.0, 1.0), views[1], atol=1e-2)
+    for start_s, least, most in ((0.0, 0.0, 0.2), (6.0, 1.0, 4.0)):
+        moved = pan.exposed(start_s + 1 / 60, 0.0, 1.0) - pan.exposed(start_s, 0.0, 1.0)
+        assert least <= moved.mean() < most
 
 
-def test_instants_average_and_follow_the_light() -> None:
-    still = np.random.default_rng(2).random((800, 1100)).astype(np.float32)
+def test_an_exposure_is_the_mean_of_its_instants_and_follows_the_light() -> None:
+    still = np.random.default_rng(2).random((800, 2100)).astype(np.float32)
     pan = Panorama(still, "left", 720, 540)
-    times = np.array([6.0, 6.01])
-    singles = [pan.radiance(times[i : i + 1], 10.0) for i in (0, 1)]
-    np.testing.assert_allclose(pan.radiance(times, 10.0), (singles[0] + singles[1]) / 2, rtol=1e-5)
+    singles = [pan.exposed(6.0 + 0.02 * (part + 0.5) / 3, 0.0, 10.0) for part in range(3)]
+    np.testing.assert_allclose(pan.exposed(6.0, 0.02, 10.0), np.mean(singles, axis=0), rtol=1e-4)
+    np.testing.assert_allclose(pan.exposed(6.0, 0.02, 20.0), 2.0 * pan.exposed(6.0, 0.02, 10.0), rtol=1e-5)
 
 
 def test_bad_files_are_refused_in_one_sentence(tmp_path: Path) -> None:
@@ -83,12 +83,10 @@ def test_bad_files_are_refused_in_one_sentence(tmp_path: Path) -> None:
         assert "\n" not in str(caught.value)
 
 
+@pytest.mark.data
 @pytest.mark.parametrize("name", ["hdri_1k_cc0/lobby.hdr", "hdr_stills_bsd/Desk.hdr"])
 def test_real_radiance_files(name: str) -> None:
-    path = DATA / name
-    if not path.exists():
-        pytest.skip(f"test data {name} is not here (set AUTOEXPOSE_DATA)")
-    source = build_image_source(str(path), "left", LIGHT, 1)
+    source = build_image_source(str(data(name)), "left", LIGHT, 1)
     images = [source.take(t, FULL, 1) for t in (0.0, 6.0, 12.0)]
     assert all(10 < image.mean() < 200 for image in images)
     assert np.abs(images[0].astype(float) - images[2]).mean() > 3.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import threading
 from pathlib import Path
 
@@ -57,6 +58,21 @@ def test_recording_does_not_wait_for_the_light(tmp_path: Path) -> None:
     go.set()
     truth.close()
     assert len((tmp_path / "truth.jsonl").read_text().splitlines()) == 100
+
+
+@pytest.mark.timeout(20)
+def test_a_pipe_that_nobody_reads_is_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "truth")
+    with pytest.raises(OSError, match="truth"):
+        TruthFile(tmp_path / "truth", lambda _: 1.0, Line0(EPOCH_NS, 100.0))
+
+
+def test_a_full_disk_is_said_once_and_ends_the_file_only(capfd: pytest.CaptureFixture[str]) -> None:
+    truth = TruthFile(Path("/dev/full"), lambda _: 1.0, Line0(EPOCH_NS, 100.0))
+    for pulse in range(7, 20):
+        truth.record(pulse)
+    truth.close()
+    assert capfd.readouterr().err == "truth file /dev/full: No space left on device; it ends before pulse 7\n"
 
 
 def test_a_file_that_cannot_be_created_is_an_error(tmp_path: Path) -> None:

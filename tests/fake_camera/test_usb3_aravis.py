@@ -5,7 +5,6 @@ from __future__ import annotations
 import ctypes.util
 import os
 import re
-import shutil
 import signal
 import subprocess
 import sys
@@ -15,19 +14,17 @@ from pathlib import Path
 import pytest
 
 from fake_camera.usb3.run import CAMERAS_VARIABLE, ShimError, client_environment
-from tests.fakes import FakeCamera, run_under_shim, usb3_camera, usb3_environment
+from tests.fakes import FakeCamera, run_camera, run_under_shim, usb3_camera, usb3_environment
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.wire
 
 SUITE = Path(__file__).parent / "shim_suite.py"
 SHIM_SOURCES = Path(__file__).parents[2] / "fake_camera/usb3/shim"
 LEFT_TO_LIBUDEV = {"udev_new", "udev_unref"}
 
-needs_arv_tool = pytest.mark.skipif(
-    shutil.which("arv-tool-0.8") is None, reason="arv-tool-0.8 (aravis-tools-cli) is not installed"
-)
-needs_lsusb = pytest.mark.skipif(shutil.which("lsusb") is None, reason="lsusb (usbutils) is not installed")
-needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
+needs_arv_tool = pytest.mark.needs("arv-tool-0.8")
+needs_lsusb = pytest.mark.needs("lsusb")
+needs_gcc = pytest.mark.needs("gcc", "nm")
 
 
 @pytest.fixture(scope="module")
@@ -43,8 +40,8 @@ def output(environment: Mapping[str, str], *command: str) -> str:
     return process.stdout
 
 
+@pytest.mark.realtime
 def test_aravis_under_the_shim(tmp_path: Path) -> None:
-    pytest.importorskip("gi", reason="PyGObject is not installed")
     run_under_shim(SUITE, tmp_path / "left", tmp_path / "right")
 
 
@@ -89,7 +86,6 @@ sys.stdin.read()
 
 @needs_arv_tool
 def test_a_camera_is_one_processs_until_that_ends_in_whatever_way(fake: FakeCamera) -> None:
-    pytest.importorskip("gi", reason="PyGObject is not installed")
     environment, name = usb3_environment(fake.socket), f"Autoexpose-{fake.serial}"
     read = ["arv-tool-0.8", "-n", name, "control", "Width"]
     command = [sys.executable, "-c", HOLD, name]
@@ -112,24 +108,18 @@ def test_lsusb_lists_the_camera(fake: FakeCamera) -> None:
         assert text in details
 
 
-def run_exec(*arguments: str) -> subprocess.CompletedProcess[str]:
-    usb3_environment()  # skips when there is no shim
-    command = [sys.executable, "-m", "fake_camera", *arguments]
-    return subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
-
-
 @needs_arv_tool
 def test_exec_runs_a_command_that_sees_the_cameras() -> None:
     inner = [sys.executable, "-m", "fake_camera", "--usb3", "--serial", "INNER", "--exec", "arv-tool-0.8"]
-    process = run_exec("--usb3", "--serial", "OUTER", "--exec", *inner)
+    process = run_camera("--usb3", "--serial", "OUTER", "--exec", *inner)
     assert process.returncode == 0
     assert re.search(r"^Autoexpose-[0-9A-F]{12}-OUTER \(USB3\)$", process.stdout, re.MULTILINE)
     assert re.search(r"^Autoexpose-[0-9A-F]{12}-INNER \(USB3\)$", process.stdout, re.MULTILINE)
 
 
 def test_exec_ends_as_the_command_does() -> None:
-    assert run_exec("--usb3", "--exec", "sh", "-c", "exit 3").returncode == 3
-    process = run_exec("--usb3", "--exec", "no-such-command")
+    assert run_camera("--usb3", "--exec", "sh", "-c", "exit 3").returncode == 3
+    process = run_camera("--usb3", "--exec", "no-such-command")
     assert process.returncode == 2
     assert process.stderr.endswith("fake camera FAKE-LEFT on USB: no-such-command: No such file or directory\n")
 
@@ -144,20 +134,15 @@ def test_exec_ends_as_the_command_does() -> None:
     ],
 )
 def test_a_mistake_is_one_sentence(arguments: list[str], sentence: str) -> None:
-    process = subprocess.run(
-        [sys.executable, "-m", "fake_camera", *arguments], capture_output=True, text=True, timeout=60, check=False
-    )
+    process = run_camera(*arguments)
     assert process.returncode == 2
     assert sentence in process.stderr.splitlines()[-1]
 
 
 def test_the_environment_keeps_what_was_preloaded_and_the_cameras_there_were() -> None:
     before = {"LD_PRELOAD": "libother.so", CAMERAS_VARIABLE: "/tmp/a"}
-    try:
-        after = client_environment([Path("/tmp/b")], before)
-        again = client_environment([], after)
-    except ShimError as error:
-        pytest.skip(str(error))
+    after = client_environment([Path("/tmp/b")], before)
+    again = client_environment([], after)
     assert after[CAMERAS_VARIABLE] == "/tmp/a:/tmp/b"
     assert after["LD_PRELOAD"].endswith(":libother.so")
     assert again == after
@@ -165,11 +150,10 @@ def test_the_environment_keeps_what_was_preloaded_and_the_cameras_there_were() -
         client_environment([Path("/tmp/a:b")], before)
 
 
-@pytest.mark.skipif(shutil.which("nm") is None, reason="nm (binutils) is not installed")
+@needs_gcc
 def test_the_shim_has_what_the_installed_libusb_asks_of_udev() -> None:
     library = ctypes.util.find_library("usb-1.0")
-    if library is None:
-        pytest.skip("libusb is not installed")
+    assert library is not None, "libusb is not installed; `make setup` installs it"
     path = next(Path(folder) / library for folder in library_folders() if (Path(folder) / library).exists())
     needed = udev_symbols("--undefined-only", path)
     preloaded = Path(usb3_environment()["LD_PRELOAD"].split(":", maxsplit=1)[0])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from autoexpose_daemon.messages.write import MessageWriter
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame, StereoPair
 from fake_camera.usb3.descriptors import CONTROL_IN, CONTROL_OUT
+from tests.autoexpose_daemon.statuses import EXPOSING
 from tests.fuzz.of_fake_camera import ATTACH, submit
 from tests.fuzz.of_host import received
 from tests.fuzz.target import framed
@@ -62,9 +64,25 @@ def _published(bits: int, exposure_time_us: float) -> bytes:
     return received(MessageWriter("rig", 1).messages(StereoPair(1, frame, None), DECISION, 0, 0))
 
 
+def _report(pairs: bytes) -> bytes:
+    return b'{"pairs": %s, "missed": 0, "lost": 0, "too_slow": 0, "alone": 0}' % pairs
+
+
+def _decided(frame_id: int, sequence: int, decided_us: float, shape: tuple[int, int] = (2, 3)) -> bytes:
+    """One frame with numbers that no daemon sends."""
+    frame = Frame(np.ones(shape, np.uint8), 8, frame_id, 1, 1, 0, ExposureSetting(100.0, 0.0))
+    decision = replace(DECISION, setting=ExposureSetting(decided_us, 0.0))
+    return received(MessageWriter("rig", 1).messages(StereoPair(1, frame, None), decision, sequence, 0))
+
+
 FOUND: dict[str, Iterable[bytes]] = {
     "usb3": (ATTACH + submit(1, CONTROL_IN, 64) * 2 + submit(2, CONTROL_OUT, len(_READ), _READ) * 2,),
     "fault-orders": (b"[" * 100_000, b'{"fault": {}}', b'{"fault": "freeze", "count": 1e999}'),
+    "control-socket": (
+        b"[" * 100_000,
+        b"x" * 4096 + b"\n\n" + b"x" * 4097,
+        b'{"fault": "freeze", "count": 1' + b"0" * 4000 + b"}",
+    ),
     "light-script": (*_YAML, b"light: [{at_s: 0, lux: 1" + b"0" * 400 + b"}]"),
     "line0": (b"", b"no wire", b"AELINE0\x01"),
     "radiance": (_HDR + b"-Y 999999 +X 999999\n", _HDR + b"-Y 1 +X 8\n" + b"9999" * 6 + b"\1\1\1\1\xff\xff\xff\xff"),
@@ -95,9 +113,26 @@ FOUND: dict[str, Iterable[bytes]] = {
     "exposure-list": (b"a" * 300 + b" 0.1", b"\0 0.1", b"a.png 1/0"),
     "image-file": (b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\0\xff\xff\0\0\xff\xff\x08\0\0\0\0\0\0\0\0",),
     "last-exposure": (b"[" * 100_000, b"{}", b"null"),
-    "published": (_published(3, 100.0), _published(12, math.nan), _published(12, 0.5)),
+    "published": (
+        _published(3, 100.0),
+        _published(12, math.nan),
+        _published(12, 0.5),
+        *(_decided(1, 1, decided_us) for decided_us in (-5.0, 0.0, math.inf)),
+        _decided(1, 1, 100.0, (0, 3)),
+        _decided(1, 1, 100.0) + _decided(2**63, 2**63, 100.0),
+    ),
     "truth": (b"{}", b"[" * 100_000, b'{"trigger": 1, "host_time_ns": 1e999, "lux": 1}', b'{"trigger": 1, "host'),
-    "tally": (b"[" * 100_000, b'{"pairs": 1e999, "missed": 0, "lost": 0, "too_slow": 0, "alone": 0}'),
+    "tally": (
+        b"[" * 100_000,
+        *(_report(pairs) for pairs in (b"1e999", b"-1", b"1" + b"0" * 400, b"true", b'"1"')),
+    ),
+    "status": (
+        *(EXPOSING.to_json().replace("432000", number).encode() for number in ("-1", "1" + "0" * 400, "1e999")),
+        *(EXPOSING.to_json().replace("1700000000.0", number).encode() for number in ("1e300", "NaN", "-1e12")),
+        *(EXPOSING.to_json().replace("0.25", number).encode() for number in ("NaN", "Infinity", "1e308", "-1e308")),
+        *(EXPOSING.to_json().replace("7200.0", number).encode() for number in ("NaN", "Infinity")),
+    ),
+    "page-request": (b"host: evil.com@127.0.0.1", b"host: [", b"cookie: \xff", b"authorization: Bearer \xff"),
     "control-setup": (b'{"dtype": "uint8", "shape": [99999999999999999999], "base64": ""}', b"[" * 100_000),
     "control-state": (b'{"dtype": [], "shape": [1.5], "base64": "AA=="}',),
 }  # fmt: skip

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fcntl
+import io
 import json
 import socket
 import struct
@@ -16,6 +17,7 @@ import numpy as np
 from fake_camera.acquisition import Counters
 from fake_camera.bootstrap import CONTROL_PRIVILEGE, GIGE_VISION, bootstrap_registers
 from fake_camera.control_channel import ControlChannel
+from fake_camera.control_socket import answers
 from fake_camera.faults import NAMES, Fault, Faults
 from fake_camera.features import Features
 from fake_camera.genapi.description import Description
@@ -197,6 +199,15 @@ def fault_orders(data: bytes) -> None:
     faults = Faults()
     for line in data.splitlines():
         faults.add(Fault.from_json(line.decode(errors="replace")))
+    faults.on_trigger(1)
+
+
+def control_socket(data: bytes) -> None:
+    """Lines of any length: each is answered by one, and none by more than a screen of words."""
+    faults = Faults()
+    said = [json.loads(answer) for answer in answers(io.BytesIO(data), faults)]
+    assert len(said) == len(io.BytesIO(data).readlines())
+    assert all(len(str(answer.get("error"))) < 1000 for answer in said)
     faults.on_trigger(1)
 
 

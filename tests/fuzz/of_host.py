@@ -7,6 +7,7 @@ import json
 import struct
 import time
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from functools import cache
 from ipaddress import IPv4Interface
 
@@ -16,6 +17,11 @@ import yaml
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 from PIL import Image
+from prometheus_client.parser import text_string_to_metric_families
+from pydantic_core import to_json as to_bytes
+from rich.table import Table
+from starlette.requests import HTTPConnection
+from starlette.responses import PlainTextResponse
 
 from autoexpose_daemon.client.pairs import PairAssembler, PairQueue
 from autoexpose_daemon.config import load_config
@@ -24,10 +30,18 @@ from autoexpose_daemon.control.snapshot import parse, plain
 from autoexpose_daemon.demo.fakes import read_pulses
 from autoexpose_daemon.last_exposure import FORMAT, LastExposure
 from autoexpose_daemon.messages.write import Message
-from autoexpose_daemon.publish.tally import ConsumerTally
+from autoexpose_daemon.page.access import Access, Key
+from autoexpose_daemon.page.history import History
+from autoexpose_daemon.page.metrics import exposition
+from autoexpose_daemon.page.picture import PictureMaker
+from autoexpose_daemon.panel import line_of
+from autoexpose_daemon.publish.tally import Consumers, ConsumerTally
 from autoexpose_daemon.recording.plain_json import from_json, to_json
 from autoexpose_daemon.recording.read import Recording
 from autoexpose_daemon.recording.replay import Replay
+from autoexpose_daemon.status import Status, response_from_json, response_to_json
+from autoexpose_daemon.top import History as SeenInTerminal
+from autoexpose_daemon.top import panel_of
 from calibration.findings import Finding
 from calibration.response import ResponseFunction
 from calibration.response_file import CameraIdentity, Origin, ResponseFile
@@ -39,6 +53,7 @@ from drivers.network import NetworkInterface, find_interfaces, largest_socket_bu
 from drivers.sysfs import read_number
 from fake_camera.line0 import Line0
 from fake_camera.truth import TruthFile
+from tests.autoexpose_daemon.statuses import EXPOSING
 from tests.fuzz.of_fake_camera import gvcp_answer
 from tests.fuzz.target import framed, in_file, unframed
 from tests.publish.test_pairs import messages
@@ -194,9 +209,12 @@ def published(data: bytes) -> None:
         pair = take("right" if kind & 2 else "left", message[1:], 0)
         if pair is not None:
             queue.put(pair)
-            for frame in queue.take().stereo.frames:
-                frame.grey8()
+            taken = queue.take()
+            for frame in taken.stereo.frames:
+                frame.grey8().mean()
                 str(frame.setting)
+            History().add(0.0, taken.left.setting, taken.decision)
+    assert ConsumerTally.from_json(tally.to_json()) == tally  # what this consumer reports is a report
 
 
 def received(sent: Iterable[Message]) -> bytes:
@@ -228,7 +246,63 @@ def truth_seeds() -> Iterator[bytes]:
 
 
 def tally(data: bytes) -> None:
-    str(ConsumerTally.from_json(data))
+    """A consumer's report, as far as the operator reads it."""
+    counts = ConsumerTally.from_json(data)
+    if counts is not None:
+        consumers = Consumers()
+        consumers.heard("slam", counts, 0)
+        assert EXPOSING.publishing is not None
+        show(replace(EXPOSING, publishing=replace(EXPOSING.publishing, consumers=dict(consumers.listed(0)))))
+
+
+def show(status: Status) -> None:
+    """A status wherever it is shown: terminal, log, metrics, page."""
+    history, table = SeenInTerminal(), Table()
+    for _ in range(2):
+        history.add(status)
+    history.add_rows(table)
+    panel_of(status, history, 0.0, 50)
+    line_of(status)
+    list(text_string_to_metric_families(exposition("rig", status).decode()))
+    to_bytes(status, inf_nan_mode="null")
+
+
+def status(data: bytes) -> None:
+    """What a daemon says of itself."""
+    said = Status.from_json(data)
+    if said is not None:
+        assert Status.from_json(said.to_json()) is not None
+        show(said)
+
+
+def status_seeds() -> Iterator[bytes]:
+    yield EXPOSING.to_json().encode()
+
+
+def published_response(data: bytes) -> None:
+    """A camera's response function, as the page uses it."""
+    response = response_from_json(data)
+    if response is not None:
+        maker, grey = PictureMaker(response), np.arange(72 * 96, dtype=np.uint8).reshape(72, 96)
+        maker.picture(grey)
+        maker.curve(grey)
+
+
+def published_response_seeds() -> Iterator[bytes]:
+    yield response_to_json(ResponseFunction.linear()).encode()
+
+
+def page_request(data: bytes) -> None:
+    """A request's headers, a line each, to a page with a token and to one without."""
+    headers = [(name.lower(), value.strip()) for name, _, value in (line.partition(b":") for line in data.splitlines())]
+    for kind, key in (("http", None), ("http", Key("0123456789abcdef")), ("websocket", None)):
+        scope = {"type": kind, "method": "GET", "path": "/", "query_string": data, "headers": headers}
+        Access(PlainTextResponse("seen"), key).refusal(HTTPConnection(scope))
+
+
+def page_request_seeds() -> Iterator[bytes]:
+    yield b"host: 127.0.0.1:8420\norigin: http://127.0.0.1:8420\naccept: text/html\ncookie: autoexpose_page=00"
+    yield b"host: [::1]:8420\nauthorization: Bearer 0123456789abcdef"
 
 
 def tally_seeds() -> Iterator[bytes]:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import time
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -123,6 +125,26 @@ def test_a_truncated_message_is_refused(length: int) -> None:
     whole = bytes(messages["left", "image"].data)
     with pytest.raises(DamagedMessageError):
         read_image(whole[: min(length, len(whole) - 1)])
+
+
+@pytest.mark.parametrize("shape", [(0, 0), (0, 5), (3, 0)])
+def test_a_frame_without_a_pixel_is_refused(shape: tuple[int, int]) -> None:
+    empty = replace(frame(), pixels=np.empty(shape, np.uint8))
+    with pytest.raises(DamagedMessageError, match="pixels"):
+        read_image(bytes(written(StereoPair(1, empty, None), cameras=1)["left", "image"].data))
+
+
+@pytest.mark.parametrize("exposure", [(0.0, 0.0), (-1.0, 0.0), (1e300, 0.0), (math.nan, 0.0), (1.0, math.inf)])
+def test_an_exposure_that_no_camera_takes_is_refused_applied_or_decided(exposure: tuple[float, float]) -> None:
+    impossible = ExposureSetting(*exposure)
+    taken = written(StereoPair(1, replace(frame(), setting=ExposureSetting(1.0, 0.0)), None), cameras=1)
+    info = read_exposure_info(bytes(taken["left", "exposure"].data))
+    info.exposure_time_us, info.gain_db = exposure
+    with pytest.raises(DamagedMessageError, match="an exposure of"):
+        frame_of(info, frame().pixels)
+    decided = written(StereoPair(1, frame(), None), replace(DECISION, setting=impossible), cameras=1)
+    with pytest.raises(DamagedMessageError, match="an exposure of"):
+        decision_of(read_exposure_info(bytes(decided["left", "exposure"].data)))
 
 
 def test_only_what_is_wanted_is_made() -> None:

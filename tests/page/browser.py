@@ -6,7 +6,6 @@ import base64
 import contextlib
 import itertools
 import json
-import shutil
 import subprocess
 import tempfile
 import time
@@ -15,7 +14,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import pytest
 from websockets.sync.client import ClientConnection, connect
 
 PATIENCE_S = 20.0
@@ -102,11 +100,8 @@ class Tab:
 @contextlib.contextmanager
 def browser() -> Iterator[Tab]:
     """A browser with an empty tab."""
-    program = shutil.which("chromium")
-    if program is None:
-        pytest.skip("chromium (Debian package) is missing")
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
-        command = [program, "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"]
+        command = ["chromium", "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"]
         command += ["--hide-scrollbars", "--no-first-run", "--disable-extensions", "--disable-background-networking"]
         command += [f"--user-data-dir={profile}", "--remote-debugging-port=0", "about:blank"]
         with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+import contextlib
+import logging
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from websockets.exceptions import InvalidStatus
-from websockets.sync.client import connect
+from websockets.exceptions import ConnectionClosedError, InvalidStatus
+from websockets.sync.client import ClientConnection, connect
 
 from autoexpose_daemon.page.access import COOKIE
-from autoexpose_daemon.page.serve import serve
+from autoexpose_daemon.page.pair_views import MOST_VIEWERS
+from autoexpose_daemon.page.serve import OnceAMinute, serve
 from drivers.errors import AutoexposeError
 from tests.autoexpose_daemon.service_process import AUTOEXPOSE
 from tests.page.server import PageProcess, running_page
-from tests.publish.steps import endpoint
+from tests.publish.steps import endpoint, wait_until
 
 TOKEN = "0123456789abcdef-token"
 HTML = {"Accept": "text/html"}
@@ -55,10 +58,67 @@ def test_this_machine_may_look(open_page: PageProcess) -> None:
     assert live(open_page) == 101
 
 
+NOT_THIS_MACHINE = (
+    "evil.example", "evil.example:8420", "", "localhost.evil.example", "[", "[::1]evil.example", "10.0.0.1",
+    "evil.example@127.0.0.1", "127.0.0.1@evil.example", "127.0.0.1#.evil.example", "127.0.0.1?evil.example",
+    "127.0.0.1/evil.example", "127.0.0.1:evil.example", "127.0.0.1 evil.example", "127.0.0.1:842000",
+)  # fmt: skip
+
+
 def test_a_name_that_suddenly_means_this_machine_is_refused(open_page: PageProcess) -> None:
-    for host in ("evil.example", f"evil.example:{open_page.port}", "", "localhost.evil.example", "[", "10.0.0.1"):
+    for host in NOT_THIS_MACHINE:
         status, body, _ = open_page.get("/", {"Host": host})
         assert (status, "127.0.0.1 or localhost only" in body) == (403, True), host
+
+
+def test_whatever_comes_over_the_web_socket_leaves_no_traceback() -> None:
+    with running_page("--connect", endpoint()) as page:
+        for nonsense in (b"\xff\xfe", b"\xe2\x82"):
+            for _ in range(2):
+                with opened(page) as socket, pytest.raises(ConnectionClosedError, match="invalid frame payload data"):
+                    socket.send(nonsense, text=True)
+                    while True:
+                        socket.recv(10)
+        with opened(page) as socket, pytest.raises(ConnectionClosedError, match="message too big"):
+            socket.send("n" * 2000)
+            while True:
+                socket.recv(10)
+        with opened(page) as socket:
+            for message in (b"\x00\xff", b"", "", "next"):
+                socket.send(message)
+            for _ in range(3):
+                assert '"status"' in socket.recv(10)
+        assert page.get("/")[0] == 200
+        assert page.stop() == 0
+        assert "Traceback" not in page.log
+        assert page.log.count("Invalid UTF-8") == 1
+
+
+def test_viewers_beyond_a_number_are_refused(open_page: PageProcess) -> None:
+    with contextlib.ExitStack() as viewers:
+        for _ in range(MOST_VIEWERS):
+            viewers.enter_context(opened(open_page))
+        assert live(open_page) == 403
+    wait_until(lambda: live(open_page) == 101, "a place to be free")
+
+
+def opened(page: PageProcess) -> ClientConnection:
+    return connect(f"ws://{page.host}:{page.port}/live", proxy=None)
+
+
+def test_the_same_nonsense_is_said_once_a_minute() -> None:
+    now_s = 0.0
+    passes = OnceAMinute(lambda: now_s).filter
+    invalid, crash = record("Invalid HTTP request received."), record("Exception in ASGI application", KeyError("text"))
+    assert [passes(invalid), passes(invalid), passes(record("something else"))] == [True, False, True]
+    now_s = 61.0
+    assert [passes(invalid), passes(crash), passes(crash)] == [True, True, True]
+    assert crash.exc_info is not None
+
+
+def record(message: str, error: Exception | None = None) -> logging.LogRecord:
+    info = None if error is None else (type(error), error, None)
+    return logging.LogRecord("uvicorn.error", logging.ERROR if error else logging.WARNING, "", 1, message, (), info)
 
 
 def test_another_sites_script_gets_no_pictures(open_page: PageProcess) -> None:
@@ -106,6 +166,7 @@ def test_a_browser_logs_in(locked_page: PageProcess) -> None:
         ("rig", "0.0.0.0", "missing", ["missing cannot be read", "openssl rand -hex 32 > "]),
         ("rig", "0.0.0.0", "short", ["short holds less than 16 characters"]),
         ("rig", "203.0.113.1", "good", ["cannot listen on 203.0.113.1 port 8420"]),
+        ("rig", "no.such.host.invalid", "good", ["cannot listen on no.such.host.invalid", "no address of that name"]),
         ("a/b", "127.0.0.1", None, ["a/b is no name for a rig"]),
     ],
 )

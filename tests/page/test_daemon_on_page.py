@@ -1,70 +1,51 @@
-"""A real daemon on two fake cameras, as its page shows it; and the screenshots of the docs.
-
-With PAGE_SCREENSHOTS=FOLDER the test writes them there, after `HISTORY_S` of history.
-"""
+"""A daemon as its page shows it; the cameras do as they are told. tests/accept has it on fake cameras."""
 
 from __future__ import annotations
 
-import os
-from pathlib import Path
+from collections.abc import Sequence
 from typing import Any
 
 import cv2
 import numpy as np
 import pytest
-from PIL import Image
 
-from tests.autoexpose_daemon.stereo import Run, running_daemon, stereo_cameras
+from autoexpose_daemon.control.decision import Decision
+from drivers.frames import StereoPair
+from tests.autoexpose_daemon.scripted import scripted_daemon
 from tests.page.browser import SHRUNK, Tab, browser
 from tests.page.server import running_page
 from tests.publish.steps import endpoint
 
-SCREENSHOTS = os.environ.get("PAGE_SCREENSHOTS")
-HISTORY_S = 55.0
-SCREENSHOT_RATE_HZ = 20.0
-"""A browser without a graphics card takes its share of the machine."""
-
 SHAPE = (27, 36)
 STATE = "document.getElementById('state-word').innerText"
 
-pytestmark = pytest.mark.realtime
+pytestmark = [pytest.mark.wire, pytest.mark.needs("chromium")]
 
 
-@pytest.mark.timeout(300)
-def test_what_is_shown_is_what_was_published(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_shown_is_what_was_published() -> None:
     at = endpoint()
-    settings: dict[str, Any] = {"publish": {"listen": [at]}}
-    options: list[str] = []
-    if SCREENSHOTS is None:
-        settings["control"] = {"policy": "neves2009"}
-    else:
-        settings["trigger"] = {"rate_hz": SCREENSHOT_RATE_HZ}
-        options = ["--line0-rate-hz", str(SCREENSHOT_RATE_HZ)]
     with (
         running_page("--connect", at) as page,
         browser() as tab,
-        stereo_cameras(*options) as cameras,
-        running_daemon(cameras, settings) as run,
+        scripted_daemon(control={"policy": "neves2009"}, publish={"listen": [at]}) as (_, _, seen),
     ):
-        tab.screen(1280, 900)
         tab.open(page.url)
         tab.wait_for(f"{STATE} === 'exposing' && !document.querySelector('.stale')", "pictures")
         tab.wait_for("document.getElementById('curve-words').innerText !== ''", "a prediction curve")
-        compare(tab, run)
+        compare(tab, seen)
         for canvas in ("#curve", ".lane canvas"):
             assert len(set(tab.value(f"{SHRUNK}('{canvas}', 40, 20)"))) > 5
-        if SCREENSHOTS is not None:
-            take_screenshots(tab, Path(SCREENSHOTS))
         assert tab.complaints == []
         assert page.stop() == 0
         assert "Traceback" not in page.log
 
 
-def compare(tab: Tab, run: Run) -> None:
+def compare(tab: Tab, run: Sequence[tuple[StereoPair, Decision | None]]) -> None:
     """A pair on the page, picture and numbers, with that of control; one that was decided on, while there is light."""
     seen: dict[int, Any] = {}
     while (shown := look(tab))["trigger"] not in seen:
-        seen = {pair.trigger: (pair, decision) for pair, decision in list(run.seen) if pair.left.pixels.std() > 10}
+        decided = [(pair, decision) for pair, decision in list(run) if decision is not None]
+        seen = {pair.trigger: (pair, decision) for pair, decision in decided if pair.left.pixels.std() > 10}
     pair, decision = seen[shown["trigger"]]
     for words in (f"metric {decision.metric:.4f}", f"level {decision.level:.2f} stops"):
         assert words in shown["decision"]
@@ -91,21 +72,3 @@ def look(tab: Tab) -> dict[str, Any]:
     }})()"""
     shown: dict[str, Any] = tab.value(expression)
     return shown
-
-
-def take_screenshots(tab: Tab, folder: Path) -> None:
-    """After a minute of the fakes' lights, at moments when there is something to see; the machine must keep up."""
-    tab.wait_for(f"performance.now() > {1000 * HISTORY_S}", "some history", 2 * HISTORY_S)
-    shares = ("saturated", "black")
-    steady = (
-        f"parseFloat(document.getElementById('headline').innerText.split('pairs/s')[1]) > {0.9 * SCREENSHOT_RATE_HZ}"
-    )
-    saturated, black = (f"parseFloat(document.querySelector('#left dd.{share}').innerText)" for share in shares)
-    for name, width, height, dark in (("page", 1280, 900, False), ("page-phone", 390, 844, True)):
-        tab.screen(width, height, dark, scale=1.0 if width > 1000 else 1.5)
-        worth_showing = f"{steady} && {saturated} > 1 && {saturated} < 12 && {black} < 12"
-        tab.wait_for(f"{STATE} === 'exposing' && {worth_showing}", "a picture worth showing", HISTORY_S)
-        file = folder / f"{name}.png"
-        tab.screenshot(file, whole=width > 1000)
-        with Image.open(file) as picture:
-            picture.convert("RGB").quantize(256, dither=Image.Dither.NONE).save(file, optimize=True)

@@ -15,6 +15,7 @@ from prometheus_client.parser import text_string_to_metric_families
 from autoexpose_daemon.config import Config
 from autoexpose_daemon.describe import describe
 from autoexpose_daemon.page.metrics import exposition
+from autoexpose_daemon.publish.tally import LAST_COUNT, ConsumerTally
 from autoexpose_daemon.states import State
 from autoexpose_daemon.status import Status
 from autoexpose_daemon.telemetry import Telemetry
@@ -78,6 +79,14 @@ def test_numbers_arrive_in_base_units() -> None:
     }
     assert {key: seen[key[0], frozenset(key[1])] for key in expected} == expected
     assert ("autoexpose_response_drift_grey_levels", frozenset({"right"})) not in seen
+
+
+def test_consumers_that_are_not_listed_are_counted_and_the_highest_count_is_served() -> None:
+    assert EXPOSING.publishing is not None
+    crowd = replace(EXPOSING.publishing, consumers={"slam": ConsumerTally(*[LAST_COUNT] * 5)}, unlisted_consumers=7)
+    seen = samples(replace(EXPOSING, publishing=crowd))
+    assert seen["autoexpose_consumers", frozenset()] == 8
+    assert seen["autoexpose_consumer_pairs_total", frozenset({"slam"})] == float(LAST_COUNT)
 
 
 @pytest.mark.parametrize("status", [None, replace(EXPOSING, ending=True, state=State.FAILED)])

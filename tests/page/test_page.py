@@ -16,13 +16,24 @@ from autoexpose_daemon.config_publish import PublishConfig
 from autoexpose_daemon.page.metrics import CONTENT_TYPE
 from autoexpose_daemon.publish.keys import response_key, status_key
 from autoexpose_daemon.publish.publisher import Publisher
+from autoexpose_daemon.publish.tally import ConsumerTally
 from autoexpose_daemon.states import State
-from autoexpose_daemon.status import CameraStatus, Durations, Fault, RecorderStatus, Status, response_to_json
+from autoexpose_daemon.status import (
+    CameraStatus,
+    Durations,
+    Fault,
+    PublishStatus,
+    RecorderStatus,
+    Status,
+    response_to_json,
+)
 from calibration.response import ResponseFunction
 from tests.autoexpose_daemon.statuses import EXPOSING
 from tests.page.browser import SHRUNK, Tab, browser
 from tests.page.server import PageProcess, running_page
 from tests.publish.steps import DECISION, endpoint, publishing, wait_until
+
+pytestmark = [pytest.mark.wire, pytest.mark.needs("chromium"), pytest.mark.xdist_group("page")]
 
 HOSTILE = "<img src=x onerror=alert(1)>"
 REASONS = "document.getElementById('reasons').innerText"
@@ -57,6 +68,7 @@ TROUBLED = replace(
     mismatched_pairs=0,
     decision=replace(DECISION, motion_px=math.nan),
     command_to_effect_ms=Durations(0, 0.0, None, None),
+    publishing=PublishStatus(432_000, 431_990, {"behind": 10}, "", {"slam": ConsumerTally(400_000, 12, 8, 4, 0)}, 1234),
     recorder=RecorderStatus(600, 4, "the disk is full"),
     faults=(*EXPOSING.faults, *EXPOSING.faults, Fault(1.7e9, "ERROR", HOSTILE)),
 )
@@ -72,7 +84,7 @@ SHOWN = {
     "writes": ["late\t5", "refused\t6", "clipped by the camera\t7", "decisions held at the brightest bound\t8"],
     "latency": ["median\t99 %", "one decision\t2.00 ms\t8.00 ms", "command to effect\t\u2013"],
     "cameras": ["left\tgone", "right\tFakeCam R2", "not tested yet"],
-    "consumers": ["slam\t400\u202f000\t8\t4"],
+    "consumers": ["slam\t400\u202f000\t8\t4", "1\u202f234 more"],
     "published": ["431\u202f990 pairs sent; dropped: 10 behind"],
     "recorder": ["steps\t600", "dropped\t4", "ended\tthe disk is full"],
     "faults": ["asking whether it is there 2 times", HOSTILE],
@@ -140,7 +152,7 @@ def test_a_hidden_tab_takes_no_pictures(tab: Tab, page: PageProcess, at: str) ->
 
 def consumers(publisher: Publisher) -> list[str]:
     """Pages among them."""
-    return [name for name in publisher.tally.consumers(time.monotonic_ns()) if name.startswith("page-")]
+    return [name for name in publisher.tally.consumers.listed(time.monotonic_ns()) if name.startswith("page-")]
 
 
 def hiding(hidden: bool) -> str:

@@ -38,7 +38,7 @@ def test_nothing_is_published_unless_the_section_is_there(tmp_path: Path) -> Non
         ("publish: {zenoh: z.json5, connect: [tcp/r:7447]}", ["publish", "remove publish.listen"]),
         ("publish: {ros2_domain: 233}", ["publish.ros2_domain", "232"]),
         ("publish: {ros2_domain: yes}", ["publish.ros2_domain", "integer"]),
-        ("publish: {zenoh: z.json5}", ["publish.zenoh", "z.json5 is not there"]),
+        ("publish: {zenoh: z.json5}", ["publish.zenoh", "z.json5 cannot be read (No such file"]),
     ],
 )
 def test_what_cannot_be_is_named(tmp_path: Path, publish: str, words: list[str]) -> None:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import random
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from autoexpose_daemon.client import pairs
 from autoexpose_daemon.client.pairs import PairAssembler, PairQueue, ReceivedPair
 from autoexpose_daemon.messages.read import DamagedMessageError
 from autoexpose_daemon.messages.write import Message, MessageWriter
@@ -128,6 +130,33 @@ def test_a_new_daemon_or_camera_that_counts_from_the_beginning_is_no_loss() -> N
             receiver.receive(message)
     assert len(receiver.drain()) == 4
     assert receiver.tally == ConsumerTally(pairs=4)
+
+
+@pytest.mark.parametrize("jump", [10**7, 2**63 - 1])
+def test_a_count_that_jumps_out_of_sight_is_another_count(jump: int) -> None:
+    """Anybody who can publish can send such a number; losses that nobody had would stand there for ever."""
+    receiver = Receiver()
+    for number in (1, 2, jump, 3, 4, 6):
+        step = StereoPair(number, *[replace(frame(2), frame_id=number, host_time_ns=number % 10**15) for _ in range(2)])
+        for message in MessageWriter("rig", 2).messages(step, DECISION, number, 0):
+            if message.topic != "camera_info":
+                receiver.receive(message)
+        receiver.drain()
+    assert receiver.tally == ConsumerTally(pairs=6, missed=1, lost=1)
+
+
+def test_images_that_wait_for_the_rest_do_not_fill_the_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pairs, "_KEPT_BYTES", 100)
+    receiver = Receiver()
+    for number in range(1, 30):
+        for _ in range(2):  # the second takes the place of the first
+            receiver.receive(messages(number)[-1])
+        waiting = sum(part.pixels["right"].nbytes for part in receiver.assembler._parts.values())
+        assert waiting == min(6 * number, 96)
+    for message in messages(99):
+        receiver.receive(message)
+    assert len(receiver.drain()) == 1
+    assert receiver.assembler._kept_bytes == 0
 
 
 def test_parts_that_never_become_whole_do_not_pile_up() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
+import re
 import resource
 import threading
 from pathlib import Path
@@ -18,9 +19,10 @@ from mcap.writer import Writer
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from autoexpose_daemon.config import Config
 from autoexpose_daemon.recording.file import RESERVE_BYTES, RecordingFile
 from autoexpose_daemon.recording.read import Recording
-from autoexpose_daemon.recording.recorder import ContinuousRecorder, LastSecondsRecorder
+from autoexpose_daemon.recording.recorder import ContinuousRecorder, LastSecondsRecorder, new_recorder
 from autoexpose_daemon.recording.replay import Replay
 from autoexpose_daemon.recording.report import report
 from autoexpose_daemon.recording.step import Item, RecordingError, Step
@@ -201,6 +203,11 @@ def test_a_disk_that_fills_up_ends_the_recording_and_nothing_else(
     steps = [item for item in recording if isinstance(item, Step)]
     assert recording.cut_off
     assert steps
+    assert recorder.incomplete
+    lost = recorder.steps - len(steps)
+    assert recorder.summary == (
+        f"{path}: {len(steps)} steps recorded, 0 dropped by the recorder, {lost} lost when it stopped"
+    )
     assert all(each.same for each in replayed(path)[1:])
 
 
@@ -218,6 +225,7 @@ def test_some_of_the_disk_is_left_free_and_the_file_is_whole(
     recording = Recording(path)
     assert len([item for item in recording if isinstance(item, Step)]) == 30
     assert not recording.cut_off
+    assert recorder.summary.startswith(f"{path}: 30 steps recorded, 0 dropped by the recorder, ")
     with Reader(path) as reader:
         assert reader.topics["/autoexpose/rig/left/image"].msgcount == 30
 
@@ -238,3 +246,40 @@ def test_last_seconds_that_do_not_fit_on_the_disk_are_said_and_kept_for_the_next
     ]
     assert len(replayed(tmp_path / "run-1.mcap")) == 10
     assert len(replayed(tmp_path / "run-2.mcap")) == 40
+    assert recorder.incomplete
+    assert recorder.failure is None
+    assert re.fullmatch(
+        rf"recordings written: {tmp_path}/run-1\.mcap \(10 of \d+ steps\), {tmp_path}/run-2\.mcap \(40 steps\)",
+        recorder.summary,
+    )
+
+
+def test_a_disk_that_fills_up_at_the_last_moment_is_no_success(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    run = VirtualRun("fixed")
+    everything = ContinuousRecorder(tmp_path / "run.mcap", 60, "rig")
+    last = LastSecondsRecorder(tmp_path / "last.mcap", 60, "rig", 1.0)
+    with caplog.at_level(logging.WARNING):
+        for recorder in (everything, last):
+            with recorder:
+                run.feed(recorder, 20)  # less than a chunk: all of it is written at the end
+                resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, hard))
+            resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert everything.incomplete
+    assert last.incomplete
+    assert everything.summary.endswith("run.mcap: 0 steps recorded, 0 dropped by the recorder, 20 lost when it stopped")
+    assert last.summary.endswith("last-1.mcap (0 of 20 steps)")
+    assert [each.message.partition(":")[0] for each in caplog.records] == [
+        "recording stops, control goes on", "not all is saved, control goes on"
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ["run", "run.txt", "run.MCAP", ".mcap", "run.mcap.gz"])
+@pytest.mark.parametrize("last_s", [None, 5.0])
+def test_a_recording_is_named_for_what_it_is(tmp_path: Path, name: str, last_s: float | None) -> None:
+    config = Config.model_validate({"cameras": {"left": {"serial": "A"}}})
+    with pytest.raises(RecordingError, match=r"is no name for a recording: let it end in \.mcap"):
+        new_recorder(tmp_path / name, config, last_s)
+    assert list(tmp_path.iterdir()) == []

@@ -13,7 +13,7 @@ from drivers.camera import CameraDescription, IncompleteFrame
 from drivers.clock import LatchedClock
 from drivers.errors import CameraLostError, CameraNotFoundError, NodeError
 from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.frames import Frame, Side
+from drivers.frames import Frame, SettingSource, Side
 from tests.soak.clock import MS, Clock
 
 LIMITS = ExposureLimits(20.0, 7500.0, 0.0, 30.0, 1.0, 0.1)
@@ -39,6 +39,7 @@ class Exposed(NamedTuple):
     device_ns: int
     setting: ExposureSetting
     whole: bool
+    told: bool
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,13 +54,16 @@ class Device:
 
     Attributes
     ----------
-    lose, truncate, ignore
-        How many of the next frames get lost or arrive with holes, and how many triggers are ignored.
+    lose, truncate, untell, ignore
+        How many of the next frames get lost, arrive with holes, or do not say how they were taken, and how many
+        triggers are ignored.
+    halted
+        Nothing that is taken arrives, until the camera is opened again.
     delay_ns
         How late the next frame is; those after it wait behind it.
     refuses, clips_us, write_ns, frozen
-        Whether writes are refused, the longest exposure time that is taken, how long a write takes (0: as usual), and
-        whether exposures stay as they are whatever the nodes read.
+        Why writes are refused (empty: they are not), the longest exposure time that is taken, how long a write takes
+        (0: as usual), and whether exposures stay as they are whatever the nodes read.
     fates
         What became of pulses that make no frame, until somebody takes note.
     """
@@ -70,9 +74,10 @@ class Device:
         self.in_flight: deque[Exposed] = deque()
         self.present = True
         self.session = 0
-        self.lose = self.truncate = self.ignore = 0
+        self.lose = self.truncate = self.untell = self.ignore = 0
+        self.halted = False
         self.delay_ns = 0
-        self.refuses = False
+        self.refuses = ""
         self.clips_us = LIMITS.max_time_us
         self.write_ns = 0
         self.frozen = False
@@ -120,7 +125,7 @@ class Device:
             _, setting = self._writes.popleft()
             self._setting = self._setting if self.frozen else setting
         self._frame_id += 1
-        if self.lose or len(self.in_flight) >= BUFFERS:
+        if self.lose or self.halted or len(self.in_flight) >= BUFFERS:
             self.lose = max(self.lose - 1, 0)
             self.fates.append((number, "missing"))
             return
@@ -132,8 +137,10 @@ class Device:
         if not whole:
             self.truncate -= 1
             self.fates.append((number, "incomplete"))
+        told = not self.untell
+        self.untell = max(self.untell - 1, 0)
         device_ns = now_ns + self.clock_offset_ns + jitter_ns // 100
-        self.in_flight.append(Exposed(number, arrival_ns, self._frame_id, device_ns, self._setting, whole))
+        self.in_flight.append(Exposed(number, arrival_ns, self._frame_id, device_ns, self._setting, whole, told))
 
     def write(self, setting: ExposureSetting) -> ExposureSetting:
         """Write both nodes, one after the other; returns what they hold then."""
@@ -144,7 +151,7 @@ class Device:
         started_ns = self.clock.now_ns
         self.clock.now_ns += duration_ns
         if self.refuses:
-            raise NodeError(f"camera {self.side}: ExposureTime refused")
+            raise NodeError(f"camera {self.side}: {self.refuses}")
         self._writes.append((started_ns + duration_ns // 2, ExposureSetting(taken.exposure_time_us, before.gain_db)))
         self._writes.append((self.clock.now_ns, taken))
         return taken
@@ -155,6 +162,7 @@ class Device:
         if not self.present:
             raise CameraNotFoundError(f"no camera {self.side}")
         self.forget_stream()
+        self.halted = False
         self.session += 1
         return VirtualCamera(self)
 
@@ -182,11 +190,12 @@ class VirtualCamera:
         in_flight, now_ns = self._device.in_flight, self._device.clock.now_ns
         if not in_flight or in_flight[0].arrival_ns > now_ns:
             return None
-        pulse, _, frame_id, device_ns, setting, whole = in_flight.popleft()
+        pulse, _, frame_id, device_ns, setting, whole, told = in_flight.popleft()
         host_ns = self._clock.host_time_ns(device_ns, now_ns)
         if not whole or host_ns is None:
             return IncompleteFrame(frame_id, host_ns)
-        return VirtualFrame(PIXELS, 8, frame_id, device_ns, host_ns, now_ns, setting, "chunk", pulse)
+        source: SettingSource = "chunk" if told else "ledger"
+        return VirtualFrame(PIXELS, 8, frame_id, device_ns, host_ns, now_ns, setting, source, pulse)
 
     def write(self, setting: ExposureSetting) -> ExposureSetting:
         self._reach()

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from functools import partial
 
 from drivers.clock import SURE_FRAMES
+from drivers.rate_watch import JUDGED_FRAMES
 from tests.soak.camera import BUFFERS, LIMITS, Device
 from tests.soak.clock import MS, SECOND, Actor
 from tests.soak.rig import LONGEST_REST_NS, RATE_HZ, VirtualRig
@@ -22,6 +23,8 @@ NO_PAIRS = "frames make no stereo pairs"
 """Also said for a moment when frames come again, between the first one and its partner."""
 
 WRONG_RATE = "frames a second where"
+SURELY_JUDGED = 3 * JUDGED_FRAMES + 5
+"""Two whole windows, wherever the first of them begins."""
 
 OVERTAKEN = {"late": (0, 10), "mismatched": (0, 3)}
 """A dead camera takes its time until it is known to be, and what is asked for meanwhile does not reach it."""
@@ -122,13 +125,13 @@ def trigger_stops(script: Script) -> Expected:
 
 def trigger_halved(script: Script) -> Expected:
     script.wire.halved = script.numbers.randint(1, 200)
-    says = WRONG_RATE if script.wire.halved > 40 else None
+    says = WRONG_RATE if script.wire.halved > SURELY_JUDGED else None
     return Expected(periods_ns(2 * script.wire.halved), says, (WRONG_RATE,))
 
 
 def trigger_doubled(script: Script) -> Expected:
     script.wire.doubled = pulses = script.numbers.randint(1, 300)
-    says = WRONG_RATE if pulses > 40 else None
+    says = WRONG_RATE if pulses > SURELY_JUDGED else None
     return Expected(periods_ns(pulses), says, (WRONG_RATE,), {"surplus": (2 * pulses, 2 * pulses)})
 
 
@@ -169,8 +172,8 @@ def frame_late(script: Script) -> Expected:
 
 def writes_refused(script: Script) -> Expected:
     device, duration_ns = script.device(), script.duration_ns(0.2, 5.0)
-    device.refuses = True
-    script.after(duration_ns, lambda: setattr(device, "refuses", False))
+    device.refuses = "ExposureTime refused"
+    script.after(duration_ns, lambda: setattr(device, "refuses", ""))
     most = frames_in(duration_ns)
     return Expected(
         duration_ns,

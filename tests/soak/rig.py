@@ -148,6 +148,8 @@ class VirtualRig:
         Told of every pair.
     see_health
         Told of the state of the daemon at every change.
+    tuning
+        What control goes by; None: a script that looks at no image.
     """
 
     def __init__(
@@ -155,13 +157,15 @@ class VirtualRig:
         seed: int,
         observer: Callable[[StereoPair, Decision | None], None],
         see_health: Callable[[int, Health], None],
+        tuning: Tuning | None = None,
     ) -> None:
         self.clock = Clock()
         self._events = Events(self.clock)
         self.units = {side: Unit(Device(side, self.clock, seed), self._events, self.clock) for side in SIDES}
         self.devices = [unit.device for unit in self.units.values()]
-        self.control = RigControl(CONFIG, self, observer, now_ns=self.clock)
-        self.control.tune(ScriptedTuning(CONFIG, self.clock))
+        tuning = tuning or ScriptedTuning(CONFIG, self.clock)
+        self.control = RigControl(tuning.config, self, observer, now_ns=self.clock)
+        self.control.tune(tuning)
         self._control = self._events.control = Actor(self._take, self.clock.now_ns)
         self._see_health = see_health
         self._health = Health(State.STARTING)

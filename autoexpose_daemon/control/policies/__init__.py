@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -28,10 +27,12 @@ from autoexpose_daemon.control.policies.shim2018 import Shim2018
 from autoexpose_daemon.control.policies.shin2019 import Shin2019
 from autoexpose_daemon.control.policies.zhang2017 import Zhang2017
 from autoexpose_daemon.control.policy import ExposurePolicy
+from autoexpose_daemon.control.policy_ids import DEFAULT_POLICY, POLICY_IDS, check_policy_id
 from autoexpose_daemon.control.quality import CombinedQuality
 from calibration.response import ResponseFunction
-from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureSetting
+
+__all__ = ["DEFAULT_POLICY", "POLICY_IDS", "PolicySetup", "build_policy", "check_policy_id"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,19 +84,6 @@ _BUILDERS: dict[str, Callable[[PolicySetup], ExposurePolicy]] = {
     "majer2018-fixed": lambda setup: Fixed(setup.start, setup.balance(ExposurePriority())),
     "metric-map": lambda setup: MetricMap(setup.response, setup.metric, setup.balance(setup.blur_noise())),
 }
-
-POLICY_IDS = tuple(_BUILDERS)
-"""Every policy there is."""
-
-DEFAULT_POLICY = "metric-map"
-
-
-def check_policy_id(policy_id: str) -> None:
-    """Raise a ConfigurationError for an id that does not exist."""
-    if policy_id not in _BUILDERS:
-        near = difflib.get_close_matches(policy_id, POLICY_IDS, n=1)
-        hint = f"did you mean {near[0]}? " if near else ""
-        raise ConfigurationError(f"there is no policy {policy_id!r}; {hint}choose one of {', '.join(POLICY_IDS)}")
 
 
 def build_policy(policy_id: str, setup: PolicySetup) -> ExposurePolicy:

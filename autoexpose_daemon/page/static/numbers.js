@@ -134,15 +134,13 @@ function responseWords({ drift_grey: drift, misfit }) {
 }
 
 function showConsumers(publishing) {
-  const consumers = Object.entries(publishing?.consumers ?? {});
-  fill(
-    byId("consumers"),
-    consumers.map(([name, tally]) => [
-      [name, format.count(tally.pairs), format.count(tally.lost), format.count(tally.too_slow)],
-      tally.lost + tally.too_slow > 0 && "bad",
-    ]),
-    ["", "pairs", "lost", "too slow"],
-  );
+  const rows = Object.entries(publishing?.consumers ?? {}).map(([name, tally]) => [
+    [name, format.count(tally.pairs), format.count(tally.lost), format.count(tally.too_slow)],
+    tally.lost + tally.too_slow > 0 && "bad",
+  ]);
+  const unlisted = publishing?.unlisted_consumers ?? 0;
+  if (unlisted > 0) rows.push([[`${format.count(unlisted)} more`]]);
+  fill(byId("consumers"), rows, ["", "pairs", "lost", "too slow"]);
   if (!publishing) return;
   const dropped = byReason(publishing.dropped).map(([reason, number]) => `${format.count(number)} ${words(reason)}`);
   byId("published").textContent =

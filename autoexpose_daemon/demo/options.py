@@ -1,0 +1,76 @@
+"""What the demo is asked for on the command line."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from drivers.errors import ConfigurationError
+
+SECONDS = (2.0, 3600.0)
+RATES_HZ = (10.0, 200.0)
+_LARGEST_SEED = 2**64 - 1
+_LARGEST_SCRIPT_BYTES = 1 << 18
+
+Transport = Literal["gige", "usb3"]
+
+
+@dataclass(frozen=True, slots=True)
+class DemoOptions:
+    """The options; `rate_hz` None: what this machine can hold.
+
+    Raises
+    ------
+    ConfigurationError
+        For a number out of its bounds, and for a file that is none or cannot be written.
+    """
+
+    seconds: float
+    policy: str
+    summary: Path | None
+    plot: Path | None
+    scene: str
+    light: Path | None
+    seed: int
+    transport: Transport
+    rate_hz: float | None
+    still: bool
+    publish: bool
+    record: Path | None
+
+    def __post_init__(self) -> None:
+        _check_within("--seconds", self.seconds, SECONDS, "s")
+        if self.rate_hz is not None:
+            _check_within("--rate-hz", self.rate_hz, RATES_HZ, "Hz")
+        if not 0 <= self.seed <= _LARGEST_SEED:
+            raise ConfigurationError(f"--seed {self.seed} is not within 0 to {_LARGEST_SEED}")
+        if self.scene != "room":
+            _check_readable("--scene", Path(self.scene), "name a Radiance .hdr file, or `room`")
+        if self.light is not None:
+            _check_readable("--light", self.light, "name a light script (docs/fake-camera.md)")
+            if self.light.stat().st_size > _LARGEST_SCRIPT_BYTES:
+                raise ConfigurationError(f"--light {self.light} is longer than {_LARGEST_SCRIPT_BYTES >> 10} KiB")
+        for file in (self.summary, self.plot):
+            _check_writable(file)
+
+
+def _check_within(option: str, number: float, bounds: tuple[float, float], unit: str) -> None:
+    low, high = bounds
+    if not low <= number <= high:
+        raise ConfigurationError(f"{option} {number:g} is not within {low:g} to {high:g} {unit}")
+
+
+def _check_readable(option: str, file: Path, instead: str) -> None:
+    """A file to read from: no folder, no pipe or device, which could keep a camera waiting for ever."""
+    if not file.is_file():
+        raise ConfigurationError(f"{option} {file} is no file: {instead}")
+    if not os.access(file, os.R_OK):
+        raise ConfigurationError(f"{option} {file} may not be read by this user")
+
+
+def _check_writable(file: Path | None) -> None:
+    """Before the run, not after it."""
+    if file is not None and (file.is_dir() or not os.access(file.absolute().parent, os.W_OK)):
+        raise ConfigurationError(f"{file}: cannot be written; name a file in a folder that is there")

@@ -1,0 +1,159 @@
+"""Two fake cameras, the daemon on them, and what came of it: the part of the demo that loads while they start."""
+
+from __future__ import annotations
+
+import gc
+import json
+import signal
+import threading
+import time
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+
+from autoexpose_daemon.cameras import openers
+from autoexpose_daemon.config import Config
+from autoexpose_daemon.daemon import Daemon
+from autoexpose_daemon.demo.fakes import SERIALS, FakeCameras, newest_lux, read_pulses
+from autoexpose_daemon.demo.options import DemoOptions
+from autoexpose_daemon.demo.rate import cores, held_rate_hz, pairs_per_s, shortfall
+from autoexpose_daemon.demo.record import Recorder
+from autoexpose_daemon.demo.report import light_steps, pulses_in_window
+from autoexpose_daemon.demo.summary import Run, figures, in_words
+from autoexpose_daemon.logs import set_up_logging
+from autoexpose_daemon.outlets import add_outlets
+from autoexpose_daemon.reference_step import reference_step_ms
+from autoexpose_daemon.service import Service
+from autoexpose_daemon.view import display
+from drivers.aravis import find_cameras
+from drivers.errors import AutoexposeError
+
+if TYPE_CHECKING:
+    from autoexpose_daemon.recording.recorder import Recorder as FileRecorder
+
+_LONGEST_US = 7500.0
+_PICTURES = 80
+_REFERENCE_REPEATS = 60
+_SEARCH_HOLDS_S = 1.2  # less than the two seconds that the daemon goes by it: the cameras have to get ready yet
+
+
+def show(options: DemoOptions, cameras: FakeCameras, stop: threading.Event, console: Console) -> Run:
+    """Run the daemon on cameras that are starting, and end them."""
+    rate_hz = _start(cameras, options.rate_hz, console)
+    config = _configuration(options, rate_hz)
+    recorder = Recorder(options.seconds / _PICTURES)
+    with ExitStack() as resources:
+        file = _recorder(options, config)
+        if file is not None:
+            resources.enter_context(file)
+        service = Service(
+            config, lambda config, start: add_outlets(Daemon(config, openers(config), recorder, start), config, file)
+        )
+        took_s, cpu_s = _run_for(options.seconds, service, stop, console, cameras.truths[0])
+    cameras.end()
+    if file is not None:
+        console.print(file.summary)
+    pulses = pulses_in_window(read_pulses(cameras.truths), service.daemon.tally)
+    reference_ms = reference_step_ms(_REFERENCE_REPEATS)
+    return Run(options, rate_hz, service.daemon, cameras.both, pulses, recorder, took_s, cpu_s, reference_ms)
+
+
+def report(run: Run, console: Console) -> None:
+    """Say, write and draw what came of a run.
+
+    Raises
+    ------
+    AutoexposeError
+        When the daemon's account of triggers disagrees with the wire's.
+    """
+    options = run.options
+    steps = light_steps(run.pulses, run.recorder.steps)
+    result = figures(run, steps)
+    console.print(in_words(result, steps))
+    if options.summary is not None:
+        options.summary.write_text(json.dumps(result, indent=2) + "\n")
+    if options.plot is not None:
+        from autoexpose_daemon.demo.plot import draw  # noqa: PLC0415  matplotlib takes a second to load
+
+        draw(options.plot, run, steps)
+        console.print(f"picture of the run: {options.plot}")
+    accounted = result["pairs"] + sum(result["lost"].values())
+    if result["triggers"] != accounted:
+        raise AutoexposeError(
+            f"the account does not balance: {result['triggers']} triggers on the wire, "
+            f"{result['pairs']} pairs and {accounted - result['pairs']} losses accounted for"
+        )
+
+
+def _start(cameras: FakeCameras, asked_hz: float | None, console: Console) -> float:
+    """Have the cameras run at the rate asked for, or else at one that this machine holds; returns it.
+
+    They are searched for while they get ready, and the daemon goes by what was found: else the trigger wire would run
+    for the second that a search takes.
+    """
+    cameras.wait_until_found()
+    _search()
+    if not cameras.are_timed(_SEARCH_HOLDS_S):
+        console.print("getting the simulation ready (the first start compiles it, for some 20 s) ...")
+        _search()
+    while not (cameras.are_timed(_SEARCH_HOLDS_S) or cameras.stop.is_set()):
+        _search()
+    possible_hz = pairs_per_s(cameras.frame_s(), cores())
+    rate_hz = held_rate_hz(possible_hz) if asked_hz is None else asked_hz
+    words = shortfall(possible_hz, rate_hz, asked_hz is not None)
+    if words is not None:
+        console.print(words)
+    cameras.run_at(rate_hz)
+    return rate_hz
+
+
+def _search() -> None:
+    """Search for cameras; Ctrl-C waits for the end of it, for Aravis complains when its search is interrupted."""
+    signals = {signal.SIGINT, signal.SIGTERM}
+    signal.pthread_sigmask(signal.SIG_BLOCK, signals)
+    find_cameras()
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, signals)
+
+
+def _configuration(options: DemoOptions, rate_hz: float) -> Config:
+    return Config.model_validate(
+        {
+            "cameras": {side: {"serial": serial} for side, serial in SERIALS.items()},
+            "trigger": {"mode": "external", "line": "Line0", "rate_hz": rate_hz},
+            "exposure": {"max_time_us": min(_LONGEST_US, 0.8e6 / rate_hz)},
+            "control": {"policy": options.policy},
+            "publish": {} if options.publish else None,
+        }
+    )
+
+
+def _recorder(options: DemoOptions, config: Config) -> FileRecorder | None:
+    if options.record is None:
+        return None
+    from autoexpose_daemon.recording.recorder import new_recorder  # noqa: PLC0415
+
+    return new_recorder(options.record, config, None)
+
+
+def _run_for(
+    seconds: float, service: Service, stop: threading.Event, console: Console, truth: Path
+) -> tuple[float, float]:
+    """Run the daemon for a time; returns how long it took, and this process' CPU time meanwhile (s)."""
+
+    def title() -> str:
+        lux = newest_lux(truth)
+        return "autoexpose demo" if lux is None else f"autoexpose demo, light of {lux:g} lux"
+
+    set_up_logging(console)
+    gc.freeze()
+    timer = threading.Timer(seconds, stop.set)
+    timer.start()
+    started_s, cpu_s = time.monotonic(), time.process_time()
+    try:
+        with display(console, title) as show:
+            service.run(stop, show)
+    finally:
+        timer.cancel()
+    return time.monotonic() - started_s, time.process_time() - cpu_s

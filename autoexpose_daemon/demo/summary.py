@@ -1,0 +1,134 @@
+"""What the demo says at its end: figures for programs, and the same in words."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from rich.table import Table
+from rich.text import Text
+
+from autoexpose_daemon.control.metrics import GradientMetric
+from autoexpose_daemon.daemon import Daemon
+from autoexpose_daemon.demo.fakes import FakeCamera, Pulse
+from autoexpose_daemon.demo.options import DemoOptions
+from autoexpose_daemon.demo.record import Recorder
+from autoexpose_daemon.demo.report import LightStep, delay_frames, light_settings
+from autoexpose_daemon.panel import lost_in_words
+
+_TRANSPORTS = {"gige": "GigE Vision", "usb3": "USB3 Vision"}
+_DURATIONS = (
+    ("pairing_ms", "pairing", "from a pair's arrival until it is looked at"),
+    ("decision_ms", "decision", "choosing an exposure"),
+    ("held_ms", "held", "waiting until both cameras may be written"),
+    ("write_ms", "writing", "putting it into a camera, and reading it back"),
+    ("frame_to_node_ms", "frame to camera", "from a frame's arrival until that is done"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """A run that has ended: `took_s` and the daemon's CPU time in it, and the literal step's time on this machine."""
+
+    options: DemoOptions
+    rate_hz: float
+    daemon: Daemon
+    cameras: Sequence[FakeCamera]
+    pulses: Sequence[Pulse]
+    recorder: Recorder
+    took_s: float
+    daemon_cpu_s: float
+    reference_step_ms: float
+
+
+def figures(run: Run, steps: Sequence[LightStep]) -> dict[str, Any]:
+    """The figures of a run, as they are written to the summary."""
+    tally, telemetry = run.daemon.tally, run.daemon.telemetry
+    seconds = ((tally.window_end_ns or 0) - (tally.window_start_ns or 0)) * 1e-9
+    return {
+        "transport": run.options.transport,
+        "policy": run.options.policy,
+        "rate_hz": run.rate_hz,
+        "native": GradientMetric().native,
+        "seconds": round(seconds, 3),
+        "fps": round(tally.pairs / seconds, 2) if seconds else 0.0,
+        "triggers": len(run.pulses),
+        "pairs": tally.pairs,
+        "lost": {str(reason): count for reason, count in tally.lost.items() if count},
+        "fakes": {
+            "overruns": sum(camera.overruns for camera in run.cameras),
+            "cpu_percent": [round(100 * camera.cpu_s / run.took_s, 1) for camera in run.cameras],
+        },
+        "undecided_pairs": telemetry.undecided_pairs,
+        "mismatched_pairs": telemetry.mismatched_pairs,
+        "unexplained_mismatches": telemetry.unexplained_mismatches,
+        "late_writes": telemetry.late_writes,
+        "steps": [_step_as_json(step) for step in steps],
+        "settings": [asdict(setting) for setting in light_settings(run.pulses, run.recorder.steps)],
+        **{field: getattr(telemetry, field).percentiles() for field, _, _ in _DURATIONS},
+        "published": None if telemetry.publishing is None else telemetry.publishing.sent,
+        "delay_frames": delay_frames(run.recorder.steps),
+        "first_trigger": run.pulses[0].trigger if run.pulses else None,
+        "daemon_cpu_percent": round(100 * run.daemon_cpu_s / run.took_s, 1),
+        "reference_step_ms": round(run.reference_step_ms, 3),
+    }
+
+
+def _step_as_json(step: LightStep) -> dict[str, float | int | None]:
+    keys = ("time_s", "from_lux", "to_lux", "frames_to_steady", "frames_to_settle")
+    return {key: getattr(step, key) for key in keys}
+
+
+def in_words(figures: Mapping[str, Any], steps: Sequence[LightStep]) -> Table:
+    """The figures, each with its unit and what it means."""
+    table = Table.grid(padding=(0, 3))
+    table.add_column(no_wrap=True)
+    table.add_column(overflow="fold")
+    for name, text in _rows(figures, steps):
+        table.add_row(Text(name), Text(text))
+    return table
+
+
+def _rows(figures: Mapping[str, Any], steps: Sequence[LightStep]) -> Iterator[tuple[str, str]]:
+    for step in steps:
+        followed = step.in_words(figures["rate_hz"])
+        yield f"light at {step.time_s:.1f} s", f"{step.from_lux:g} to {step.to_lux:g} lux: {followed}"
+    for setting in figures["settings"]:
+        chosen = f"{setting['exposure_time_us'] / 1e3:.2f} ms of exposure, {setting['gain_db']:.1f} dB of gain"
+        yield f"under {setting['lux']:g} lux", f"{chosen} (medians)"
+    pairs = f"{figures['pairs']} stereo pairs in {figures['seconds']:.1f} s, {figures['fps']:.1f} per second"
+    yield "seen", f"{pairs}, from two fake {_TRANSPORTS[figures['transport']]} cameras"
+    yield "lost", f"{_lost(figures)}; of {figures['triggers']} triggers on the cameras' wire"
+    yield from _oddities(figures)
+    if figures["published"] is not None:
+        yield "published", f"{figures['published']} stereo pairs, for other processes"
+    for key, name, meaning in _DURATIONS:
+        p50, p99 = figures[key]["p50"], figures[key]["p99"]
+        if p50 is not None:
+            yield name, f"{p50:.1f} ms, 99 of 100 within {p99:.1f} ms: {meaning}"
+    left, right = figures["fakes"]["cpu_percent"]
+    yield "processor", f"daemon {figures['daemon_cpu_percent']:.0f} % of a core, fakes {left:.0f} % and {right:.0f} %"
+    made = "ours is compiled" if figures["native"] else "ours is slow here: its C part was not compiled"
+    yield "this machine", f"{figures['reference_step_ms']:.1f} ms for a step of the published algorithm; {made}"
+
+
+def _oddities(figures: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    if figures["mismatched_pairs"]:
+        late = f"{_count(figures['late_writes'], 'write')} came too late for their frame"
+        yield "mixed", f"{_count(figures['mismatched_pairs'], 'pair')} with different settings left and right: {late}"
+    if figures["undecided_pairs"]:
+        yield "skipped", f"{_count(figures['undecided_pairs'], 'pair')} without a decision, for a newer one was there"
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+
+
+def _lost(figures: Mapping[str, Any]) -> str:
+    """The losses, and how many of the missing frames are the simulation's."""
+    lost = figures["lost"]
+    frames = sum(lost.get(reason, 0) for reason in ("left_missing", "right_missing", "trigger_ignored"))
+    frames += 2 * lost.get("both_missing", 0)
+    late = min(figures["fakes"]["overruns"], frames)
+    return lost_in_words(lost, f" ({late} of these frames because a fake camera was late)" if late else "")

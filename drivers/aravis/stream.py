@@ -1,0 +1,75 @@
+"""The stream of frames of an opened camera: its packets, its buffers, and whom it listens to."""
+
+from __future__ import annotations
+
+import logging
+from typing import Any
+
+from drivers.aravis.introspection import Aravis
+from drivers.aravis.nodes import AravisNodes
+from drivers.errors import CameraLostError, NodeError
+from drivers.network import SOCKET_BUFFER_BYTES
+from drivers.setup import CameraSetup
+from drivers.stream_filter import admit_only, largest_packet_id
+
+log = logging.getLogger(__name__)
+
+BUFFERS = 16
+"""A quarter of a second at 60 Hz: longer than any pause of the reading thread worth surviving."""
+PACKET_TIMEOUT_US = 2_000
+"""A packet so late is asked for again. With Aravis' own 20 ms one lost packet holds up its frame, and those behind it,
+for two periods at 60 Hz."""
+FRAME_RETENTION_US = 50_000
+"""A GigE Vision frame still incomplete so long after its last packet is given up; frames behind it wait until then."""
+
+
+def create_stream(camera: Any, nodes: AravisNodes, setup: CameraSetup) -> Any:
+    """The stream with its pool of buffers, made once chunks and format are set, as they decide the payload's size."""
+    if camera.is_gv_device():
+        # The kernel hands packet sockets over in 5 ms blocks; a plain socket is quicker.
+        camera.gv_set_stream_options(Aravis.GvStreamOption.PACKET_SOCKET_DISABLED)
+        if setup.packet_size_bytes is None:
+            nodes.call("find the packet size", camera.gv_auto_packet_size)
+        else:
+            nodes.call("set the packet size", camera.gv_set_packet_size, setup.packet_size_bytes)
+    stream = nodes.call("open the stream", camera.create_stream, None, None)
+    payload_bytes = nodes.call("read the payload size", camera.get_payload)
+    if camera.is_gv_device():
+        stream.set_property("socket-buffer", Aravis.GvStreamSocketBuffer.FIXED)
+        stream.set_property("socket-buffer-size", SOCKET_BUFFER_BYTES)
+        stream.set_property("packet-timeout", PACKET_TIMEOUT_US)
+        stream.set_property("frame-retention", FRAME_RETENTION_US)
+        _shut_strangers_out(stream, camera, nodes, payload_bytes)  # while there are no buffers, Aravis ignores packets
+    for _ in range(BUFFERS):
+        stream.push_buffer(Aravis.Buffer.new_allocate(payload_bytes))
+    return stream
+
+
+def _shut_strangers_out(stream: Any, camera: Any, nodes: AravisNodes, payload_bytes: int) -> None:
+    device = camera.get_device()
+    sender = _ip(device.get_device_address()), _source_port(nodes)
+    packet_bytes = nodes.call("read the packet size", camera.gv_get_packet_size)
+    listening = _ip(device.get_interface_address()), stream.get_port()
+    try:
+        admit_only(sender, largest_packet_id(payload_bytes, packet_bytes), listening)
+    except OSError as error:
+        log.warning(
+            "camera %s: its stream takes packets from anyone, a filter could not be attached: %s; "
+            "keep strangers off its network: docs/hostile-packets.md",
+            nodes.serial,
+            error.strerror or error,
+        )
+
+
+def _ip(address: Any) -> str:
+    return str(address.get_address().to_string())
+
+
+def _source_port(nodes: AravisNodes) -> int:
+    """The port that the stream comes from; 0 for a camera that does not say."""
+    try:
+        return nodes.read_integer("GevSCSP")
+    except CameraLostError:
+        raise
+    except NodeError:
+        return 0

@@ -1,0 +1,47 @@
+"""What a number may be at all: beyond these bounds it is a slip of the pen, whatever the camera."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeVar
+
+N = TypeVar("N", int, float)
+
+
+@dataclass(frozen=True, slots=True)
+class Range:
+    """Numbers from `low` to `high`, both included."""
+
+    low: float
+    high: float
+    unit: str = ""
+
+    def __contains__(self, value: float) -> bool:
+        return self.low <= value <= self.high
+
+    def __str__(self) -> str:
+        return f"{self.low:.10g} to {self.high:.10g} {self.unit}".rstrip()
+
+    def check(self, value: N) -> N:
+        """The value itself; raises ValueError when it is out of range, or no number."""
+        if value not in self:
+            raise ValueError(f"{value!r} is out of bounds: give {self}")
+        return value
+
+
+RATE_HZ = Range(0.1, 1000.0, "Hz")
+EXPOSURE_TIME_US = Range(0.1, 10_000_000.0, "us")
+GAIN_DB = Range(-60.0, 100.0, "dB")
+WEIGHT = Range(0.0, 1.0)
+PIXEL = Range(0, 65_535, "pixels")
+EXTENT = Range(1, 65_536, "pixels")
+BINNING = Range(1, 8, "pixels")
+PACKET_BYTES = Range(576, 16_000, "bytes")
+
+METRIC_DELTA = Range(0.0, 0.99)
+METRIC_LAMBDA = Range(0.001, 1_000_000.0)
+BALANCE_WEIGHT = Range(0.000_001, 1000.0)
+BALANCE_OFFSET = Range(0.0, 1_000_000.0)
+MEAN_TARGET = Range(0.001, 0.999)
+FLICKER_HZ = Range(10.0, 1000.0, "Hz")
+FOCAL_LENGTH_PX = Range(1.0, 100_000.0, "pixels")

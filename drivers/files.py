@@ -1,0 +1,54 @@
+"""Opening the files that people name: regular ones only, for pipes and devices may block, never end, or act."""
+
+from __future__ import annotations
+
+import errno
+import os
+import stat
+from pathlib import Path
+from typing import BinaryIO
+
+_KINDS = {
+    stat.S_IFDIR: "a directory",
+    stat.S_IFIFO: "a named pipe",
+    stat.S_IFCHR: "a device",
+    stat.S_IFBLK: "a device",
+    stat.S_IFSOCK: "a socket",
+}
+
+
+def open_regular(path: Path) -> BinaryIO:
+    """Open a file for reading.
+
+    Raises
+    ------
+    OSError
+        Also for what is no regular file; `strerror` completes "cannot be read: ...".
+    ValueError
+        For a name that no file can have.
+    """
+    _check(path.stat())  # before it is opened, which some devices act upon
+    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    try:
+        _check(os.fstat(descriptor))  # another file may have taken its place
+        return os.fdopen(descriptor, "rb")
+    except BaseException:
+        os.close(descriptor)
+        raise
+
+
+def read_regular(path: Path, most_bytes: int) -> bytes:
+    """The content of a file; raises what `open_regular` does, and OSError for one that is longer than `most_bytes`."""
+    with open_regular(path) as file:
+        content: bytes | None = file.read(most_bytes + 1)
+    if content is None:  # files of the kernel may have nothing to give for now
+        raise BlockingIOError(errno.EAGAIN, os.strerror(errno.EAGAIN))
+    if len(content) > most_bytes:
+        raise OSError(errno.EFBIG, f"longer than {most_bytes >> 10} KiB")
+    return content
+
+
+def _check(status: os.stat_result) -> None:
+    if not stat.S_ISREG(status.st_mode):
+        kind = _KINDS.get(stat.S_IFMT(status.st_mode), "something")
+        raise OSError(errno.EINVAL, f"{kind}, no regular file")

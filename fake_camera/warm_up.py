@@ -1,0 +1,58 @@
+"""What a camera does between its start and its first frame: compile, time its frames, and be found meanwhile."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from fake_camera.features import ENUM_ENTRIES, Features
+from fake_camera.imaging import ImageSettings, ImageSource, Pixels
+from fake_camera.sensor import SensorModel
+
+_LONGEST_US = 7500.0  # of the daemon's demo: motion blur costs most in a long exposure
+_FROM_S = 5.0  # the path begins at rest; by then the camera moves
+_PERIOD_S = 1 / 60
+_FRAMES = 8
+
+
+class Unpainted:
+    """An `ImageSource` for as long as the real one is not built: a camera with it can be found, and sees nothing."""
+
+    def __init__(self) -> None:
+        model = SensorModel()
+        self.sensor_width, self.sensor_height = model.width, model.height
+
+    def take(self, start_s: float, settings: ImageSettings, noise_seed: int) -> Pixels:
+        """A black image."""
+        shape = settings.height, settings.width
+        return np.zeros(shape, np.uint8) if settings.pixel_format == "Mono8" else np.zeros(shape, np.uint16)
+
+    def lux(self, time_s: float) -> float:
+        """No light."""
+        return 0.0
+
+
+def warm_up(source: ImageSource) -> None:
+    """Render once in each pixel format: compilation and caches are not to delay the first frames."""
+    settings = _settings(source)
+    for pixel_format in ENUM_ENTRIES["PixelFormat"]:
+        source.take(0.0, dataclasses.replace(settings, pixel_format=pixel_format), 0)
+    source.lux(0.0)
+
+
+def frame_s(source: ImageSource, clock_s: Callable[[], float] = time.process_time) -> float:
+    """Seconds of the processor's time for one frame of a long exposure, in motion; the first is not counted."""
+    settings = dataclasses.replace(_settings(source), exposure_time_us=_LONGEST_US)
+    source.take(_FROM_S, settings, 0)
+    begun_s = clock_s()
+    for number in range(1, _FRAMES + 1):
+        source.take(_FROM_S + number * _PERIOD_S, settings, number)
+    return (clock_s() - begun_s) / _FRAMES
+
+
+def _settings(source: ImageSource) -> ImageSettings:
+    """As a camera has them after power-on."""
+    return Features("", source.sensor_width, source.sensor_height, lambda: 0).image_settings(0)

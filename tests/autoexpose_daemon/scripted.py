@@ -1,0 +1,105 @@
+"""A daemon on two cameras that do as they are told: for what comes after the cameras, without a transport."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+
+from autoexpose_daemon.config import Config
+from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.daemon import Daemon
+from autoexpose_daemon.outlets import add_outlets
+from drivers.camera import Camera
+from drivers.exposure import ExposureSetting
+from drivers.frames import Frame, Side, StereoPair
+from tests.control.scene import expose, radiance
+from tests.drivers.test_rig import ScriptedCamera
+
+SHAPE = (136, 180)
+MID_LEVEL = 10.0
+"""Exposure level at which the picture is half of full scale."""
+RATE_HZ = 60.0
+LONG_S = 30.0
+Seen = list[tuple[StereoPair, Decision | None]]
+
+
+class TriggeredCamera(ScriptedCamera):
+    """Takes each trigger with what was last written; a picture of patches and of noise."""
+
+    def __init__(self, serial: str) -> None:
+        super().__init__(SHAPE)
+        self.description = type(self.description)("ours", "scripted", serial, pixel_format="Mono8")
+        self.starts = 0
+        self._scene = radiance(ord(serial))
+        self._noise = np.random.default_rng(ord(serial))
+
+    def start(self) -> None:
+        self.starts += 1
+        while not self.frames.empty():  # of the time when it was not open
+            self.frames.get()
+
+    def trigger(self, time_ns: int) -> None:
+        setting = self.written[-1] if self.written else ExposureSetting(1000.0, 0.0)
+        pixels = expose(self._scene, setting, MID_LEVEL).pixels.astype(np.uint8)
+        pixels ^= self._noise.integers(0, 4, pixels.shape, np.uint8)
+        frame_id = next(self._ids)
+        self.frames.put(Frame(pixels, 8, frame_id, time_ns, time_ns, time.monotonic_ns(), setting))
+
+
+class ScriptedRig:
+    """Both cameras on one trigger, while the context lasts and unless it `pauses`."""
+
+    def __init__(self) -> None:
+        self.left, self.right = TriggeredCamera("L"), TriggeredCamera("R")
+        self.pauses = False
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._pulse)
+
+    @property
+    def openers(self) -> dict[Side, Callable[[], Camera]]:
+        return {"left": lambda: self.left, "right": lambda: self.right}
+
+    def __enter__(self) -> ScriptedRig:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stop.set()
+        self._thread.join()
+
+    def _pulse(self) -> None:
+        start_ns = time.monotonic_ns()
+        for number in itertools.count(1):
+            time_ns = start_ns + round(number * 1e9 / RATE_HZ)
+            if self._stop.wait(max(time_ns - time.monotonic_ns(), 0) * 1e-9):
+                return
+            for camera in () if self.pauses else (self.left, self.right):
+                camera.trigger(time_ns)
+
+
+def config(**sections: Any) -> Config:
+    return Config.model_validate({"cameras": {"left": {"serial": "L"}, "right": {"serial": "R"}}, **sections})
+
+
+@contextlib.contextmanager
+def scripted_daemon(**sections: Any) -> Iterator[tuple[Daemon, ScriptedRig, Seen]]:
+    """A daemon at work with these sections of its configuration, and all that its control sees."""
+    seen: Seen = []
+    configuration = config(**sections)
+    with ScriptedRig() as rig:
+        daemon = Daemon(configuration, rig.openers, lambda pair, decision: seen.append((pair, decision)))
+        add_outlets(daemon, configuration)
+        stop = threading.Event()
+        thread = threading.Thread(target=daemon.run, args=(stop,))
+        thread.start()
+        try:
+            yield daemon, rig, seen
+        finally:
+            stop.set()
+            thread.join()

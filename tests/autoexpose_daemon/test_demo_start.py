@@ -1,0 +1,140 @@
+"""How the demo starts: what it refuses, which rate it shows, and how it starts its cameras."""
+
+from __future__ import annotations
+
+import os
+import re
+import threading
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from autoexpose_daemon.demo.fakes import FakeCamera, newest_lux, read_pulses
+from autoexpose_daemon.demo.options import DemoOptions
+from autoexpose_daemon.demo.rate import cores, held_rate_hz, pairs_per_s, shortfall
+from drivers.errors import AutoexposeError, ConfigurationError
+from fake_camera.imaging import ImageSettings, Pixels
+from fake_camera.warm_up import frame_s
+from tests.fakes import loopback_address, unique
+
+OPTIONS = DemoOptions(20.0, "metric-map", None, None, "room", None, 0, "gige", None, False, False, None)
+
+
+class SlowSource:
+    """A camera's world that takes its time, by a clock of its own."""
+
+    sensor_width, sensor_height = 720, 540
+
+    def __init__(self, first_s: float, frame_s: float) -> None:
+        self.now_s = 0.0
+        self._takes_s = [first_s]
+        self._frame_s = frame_s
+
+    def take(self, start_s: float, settings: ImageSettings, noise_seed: int) -> Pixels:
+        self.now_s += self._takes_s.pop() if self._takes_s else self._frame_s
+        return np.zeros((settings.height, settings.width), np.uint8)
+
+    def lux(self, time_s: float) -> float:
+        return 1.0
+
+    def clock_s(self) -> float:
+        return self.now_s
+
+
+@pytest.mark.parametrize(
+    ("frame_ms", "processors", "rate_hz", "words"),
+    [
+        (2.0, 2, 60.0, None),
+        (12.0, 2, 30.0, "this machine renders 49 frames a second: showing 30 Hz"),
+        (2.0, 1, 30.0, "this machine renders 59 frames a second: showing 30 Hz"),
+        (17.0, 1, 20.0, "this machine renders 19 frames a second: at 20 Hz the fake cameras will lose some"),
+        (32.0, 16, 20.0, "this machine renders 26 frames a second: showing 20 Hz"),
+    ],
+)
+def test_a_slow_simulation_is_shown_at_a_rate_that_it_holds(
+    frame_ms: float, processors: int, rate_hz: float, words: str | None
+) -> None:
+    source = SlowSource(1.0, 1e-3 * frame_ms)  # the first frame pays for caches, and does not count
+    possible_hz = pairs_per_s(frame_s(source, source.clock_s), processors)
+    assert held_rate_hz(possible_hz) == rate_hz
+    assert shortfall(possible_hz, rate_hz, asked=False) == words
+
+
+def test_a_rate_that_was_asked_for_is_kept_and_commented_on() -> None:
+    assert shortfall(41.3, 60.0, asked=True) == (
+        "this machine renders 41 frames a second: at 60 Hz the fake cameras will lose some"
+    )
+    assert shortfall(41.3, 30.0, asked=True) is None
+
+
+def test_a_container_with_a_quota_has_no_more_cores_than_that(tmp_path: Path) -> None:
+    allowed = len(os.sched_getaffinity(0))
+    quota = tmp_path / "cpu.max"
+    for content, expected in (("50000 100000", 0.5), ("max 100000", allowed), ("9999999 1", allowed), ("?", allowed)):
+        quota.write_text(content)
+        assert cores(quota) == expected
+    assert cores(tmp_path / "missing") == allowed
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ({"seconds": float("inf")}, "--seconds inf is not within 2 to 3600 s"),
+        ({"seconds": float("nan")}, "--seconds nan is not within 2 to 3600 s"),
+        ({"seconds": 1.0}, "--seconds 1 is not within 2 to 3600 s"),
+        ({"rate_hz": float("nan")}, "--rate-hz nan is not within 10 to 200 Hz"),
+        ({"rate_hz": 1e300}, "--rate-hz 1e+300 is not within 10 to 200 Hz"),
+        ({"seed": 2**64}, f"--seed {2**64} is not within 0 to {2**64 - 1}"),
+        ({"seed": -1}, f"--seed -1 is not within 0 to {2**64 - 1}"),
+        ({"scene": "/dev/zero"}, "--scene /dev/zero is no file: name a Radiance .hdr file, or `room`"),
+        ({"light": Path("/dev/zero")}, "--light /dev/zero is no file: name a light script (docs/fake-camera.md)"),
+        ({"plot": Path("/dev")}, "/dev: cannot be written; name a file in a folder that is there"),
+    ],
+)
+def test_what_cannot_be_is_refused_in_a_sentence(change: dict[str, object], sentence: str) -> None:
+    with pytest.raises(ConfigurationError, match=f"^{re.escape(sentence)}$"):
+        replace(OPTIONS, **change)  # type: ignore[arg-type]
+
+
+def test_a_light_script_without_end_is_refused(tmp_path: Path) -> None:
+    light = tmp_path / "light.yaml"
+    light.write_text("#" * 300_000)
+    with pytest.raises(ConfigurationError, match="longer than 256 KiB"):
+        replace(OPTIONS, light=light)
+
+
+@pytest.mark.wire
+def test_a_camera_is_found_first_then_timed_then_runs_at_the_rate_it_is_given(tmp_path: Path) -> None:
+    stop = threading.Event()
+    camera = FakeCamera("left", tmp_path, ["--address", loopback_address(), "--line0", unique("wire"), "--still"])
+    try:
+        assert "can_be_found" in camera.line(stop)
+        assert "frame_s" in camera.line(stop)
+        camera.say("20")
+        assert "at 20 Hz" in camera.line(stop)
+        while (lux := newest_lux(camera.truth)) is None:
+            assert not camera.has_spoken(0.01)
+        assert lux == 150.0
+        while len(pulses := read_pulses([camera.truth])) < 2:
+            assert not camera.has_spoken(0.01)
+        assert pulses[1].host_time_ns - pulses[0].host_time_ns == 50_000_000
+    finally:
+        camera.end()
+    assert camera.overruns == 0
+    assert camera.cpu_s > 0
+
+
+@pytest.mark.wire
+def test_a_camera_that_does_not_start_says_why(tmp_path: Path) -> None:
+    camera = FakeCamera("right", tmp_path, ["--address", loopback_address(), "--line0", unique("wire"), "--still"])
+    try:
+        camera.line(threading.Event())
+        camera.line(threading.Event())
+        camera.say("nought")
+        with pytest.raises(AutoexposeError, match=r"the right fake camera did not start: .* no rate .* 'nought'"):
+            camera.line(threading.Event())
+    finally:
+        camera.end()
+    assert camera.cpu_s == 0

@@ -1,0 +1,127 @@
+"""A daemon's control and supervision on two virtual cameras and a virtual trigger wire, seen from a test."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections import Counter
+from collections.abc import Callable
+from typing import Any
+
+from autoexpose_daemon.config import Config
+from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.states import Health
+from autoexpose_daemon.telemetry import Telemetry
+from autoexpose_daemon.tuning import Tuning
+from drivers.account import LossReason
+from drivers.exposure import ExposureLimits, ExposureSetting
+from drivers.frames import StereoPair
+from tests.soak.camera import VirtualFrame
+from tests.soak.clock import MS, SECOND
+from tests.soak.rig import CONFIG, PERIOD_NS, VirtualRig
+from tests.soak.wire import Wire
+
+PATIENCE_NS = 30 * SECOND
+STEP_NS = 10 * MS
+START_US = 2000.0
+COUNTS = [field.name for field in dataclasses.fields(Telemetry) if field.type == "int"]
+
+
+class SteadyLoop:
+    """Always asks for the same: virtual frames have no picture to judge."""
+
+    shortfall = None
+
+    def __init__(self, limits: ExposureLimits, setting: ExposureSetting) -> None:
+        self.setup = dataclasses.make_dataclass("Setup", ["limits"])(limits)
+        self._decision = Decision(setting, setting.level, "steady", 0.5, 0.0, 0.0, 0.0)
+
+    def step(self, pair: StereoPair) -> Decision:
+        return self._decision
+
+
+class SteadyTuning(Tuning):
+    def loop(self, limits: ExposureLimits) -> SteadyLoop:  # type: ignore[override]
+        return SteadyLoop(limits, self.config.start)
+
+
+def tuning(exposure_time_us: float, **sections: Any) -> SteadyTuning:
+    """That of a configuration which keeps to an exposure time; `sections` replace those of the rig's."""
+    plain = CONFIG.model_dump(exclude_unset=True)
+    start = {"control": {"start": {"exposure_time_us": exposure_time_us}}}
+    return SteadyTuning(Config.model_validate(plain | start | sections))
+
+
+class VirtualRun:
+    """A rig that has just begun to expose, with the books of what it counts and says."""
+
+    def __init__(self, **sections: Any) -> None:
+        self.pairs: list[StereoPair] = []
+        self.said: list[str] = []
+        self.rig = VirtualRig(7, self._see_pair, self._see_health, tuning(START_US, **sections))
+        self.left, self.right = self.rig.devices
+        self.wire = Wire(self.rig, self.rig.clock.now_ns + 3 * SECOND)
+        self.wait_until(lambda: len(self.pairs) >= 30, "pairs")
+        self._between_pulses()
+        self._before, self._triggers = self.counts(), self.wire.triggers
+        self.said.clear()
+
+    @property
+    def telemetry(self) -> Telemetry:
+        return self.rig.control.telemetry
+
+    def ask(self, exposure_time_us: float, **sections: Any) -> None:
+        """Have both cameras written."""
+        self.rig.control.tune(tuning(exposure_time_us, **sections))
+
+    def let_pass(self, periods: float) -> None:
+        self.rig.run(self.wire.actors, self.rig.clock.now_ns + round(periods * PERIOD_NS))
+
+    def wait_until(self, condition: Callable[[], bool], what: str) -> None:
+        deadline_ns = self.rig.clock.now_ns + PATIENCE_NS
+        while not condition():
+            assert self.rig.clock.now_ns < deadline_ns, f"waited in vain for {what}: {self.said}"
+            self.rig.run(self.wire.actors, self.rig.clock.now_ns + STEP_NS)
+
+    def wait_for_state(self, *words: str) -> None:
+        """Until the last state said has these words in it."""
+        self.wait_until(lambda: bool(self.said) and all(word in self.said[-1] for word in words), " ".join(words))
+
+    def wait_for_taken(self, exposure_time_us: float) -> None:
+        """Until both cameras' frames are taken with this exposure time."""
+
+        def taken() -> bool:
+            frames = self.pairs[-1].frames
+            return len(frames) == 2 and all(frame.setting.exposure_time_us == exposure_time_us for frame in frames)
+
+        self.wait_until(taken, f"frames of {exposure_time_us:g} us")
+
+    def counts(self) -> Counter[str]:
+        counts = Counter({name: getattr(self.telemetry, name) for name in COUNTS})
+        counts.update({reason.value: count for reason, count in self.rig.control.tally.lost.items()})
+        return +counts
+
+    def counted(self) -> Counter[str]:
+        """What was counted since the rig began to expose; all is well again, and every trigger accounted for."""
+        if self.said:
+            self.wait_for_state("exposing")
+        self.let_pass(30)
+        self._between_pulses()
+        counts, triggers = self.counts(), self.wire.triggers - self._triggers
+        counts.subtract(self._before)
+        assert counts["pairs"] + sum(counts[reason] for reason in LossReason) == triggers, (
+            f"{triggers} triggers: {+counts}"
+        )
+        del counts["pairs"]
+        return +counts
+
+    def _between_pulses(self) -> None:
+        """Up to the next pulse, when the frames of the one before are decided on."""
+        self.rig.run(self.wire.actors, int(self.wire.actors[0].due_ns) - 1)
+
+    def _see_pair(self, pair: StereoPair, _decision: Decision | None) -> None:
+        self.pairs.append(pair)
+        pulses = {frame.pulse for frame in pair.frames if isinstance(frame, VirtualFrame)}
+        assert len(pulses) == 1, f"a pair of the pulses {pulses}"
+
+    def _see_health(self, _now_ns: int, health: Health) -> None:
+        self.said.append(str(health))

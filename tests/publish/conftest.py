@@ -1,0 +1,10 @@
+"""For all tests of publishing."""
+
+from __future__ import annotations
+
+import pytest
+
+
+@pytest.fixture(autouse=True)
+def _all_are_brisk(brisk: None) -> None:
+    """See there."""
