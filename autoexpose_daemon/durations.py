@@ -32,7 +32,13 @@ DURATIONS = (
     Duration("decision_ms", "decision time", "loop", "One step of the control loop."),
     Duration("held_ms", "held", "held", "From a decision to the start of writing it: held for the write window."),
     Duration("write_ms", "write time", "write", "Writing exposure time and gain to a camera."),
-    Duration("frame_to_node_ms", "frame to node", "frame_to_node", "From a pair in memory to its setting in nodes."),
-    Duration("command_to_effect_ms", "command to effect", "command_to_effect", "From a decision to its exposure."),
+    Duration("frame_to_node_ms", "frame to node", "frame_to_node", "From a pair in memory to the end of that write."),
+    Duration(
+        "command_to_effect_ms",
+        "command to effect",
+        "command_to_effect",
+        "From a decision to the first exposure that shows it.",
+    ),
 )
-"""Along the way of a frame. Pairing, decision, held and write follow each other without a gap: frame to node."""
+"""In their order on the way of a frame. Pairing, decision, held and write follow each other without a gap, and together
+are frame to node."""

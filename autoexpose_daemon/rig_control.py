@@ -252,8 +252,8 @@ class RigControl:
     def _on_written(self, event: Written) -> None:
         self._ledger.written(event, self._account.grid)
         self.telemetry.late_writes = self._ledger.late
-        if (command := self._way.written(event)) is not None:
-            self._window.took(event.finished_ns - command.due_ns)
+        if (command := self._way.written(event)) is not None and not command.held:
+            self._window.took(event.finished_ns - command.decided_ns)
         self._frame_watch.written(event.side, event.read_back, event.finished_ns)
         self._complaints.end(event.side, "refused")
         if event.read_back.agrees_with(event.asked):
@@ -276,8 +276,10 @@ class RigControl:
         if decision.setting != self._asked or self._write_again:
             self._effects.commanded(decision.setting, decided_ns)
             self._asked, self._write_again = decision.setting, False
-            due_ns = self._when_to_write_ns()
-            self._way.decided(Command(decision.setting, arrival_ns, decided_ns, due_ns), self.telemetry.present)
+            grid = self._account.grid
+            due_ns = decided_ns if grid is None else self._window.next_ns(grid, decided_ns)
+            command = Command(decision.setting, arrival_ns, decided_ns, held=due_ns > decided_ns)
+            self._way.decided(command, self.telemetry.present)
             self._cameras.write(decision.setting, due_ns)
         self._deliver(pair, decision)
 
@@ -296,10 +298,6 @@ class RigControl:
             self._observer(pair, decision)
         for outlet in self.outlets:
             outlet(pair, decision)
-
-    def _when_to_write_ns(self) -> int:
-        now_ns, grid = self._now_ns(), self._account.grid
-        return now_ns if grid is None else self._window.next_ns(grid, now_ns)
 
     def _publish_tally(self) -> None:
         tally = self._account.tally

@@ -17,12 +17,12 @@ _REMEMBERED = 16
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """A setting to be written: when its last frame arrived, when it was decided on, and from when it may be written."""
+    """A setting to be written: when its last frame arrived, when it was decided on, and whether the window held it."""
 
     setting: ExposureSetting
     arrival_ns: int
     decided_ns: int
-    due_ns: int
+    held: bool
 
 
 class WayToNodes:

@@ -14,14 +14,14 @@ MARGIN_NS = 500_000
 LEAST_WRITES = 512
 """Fewer say too little of the slowest one in a hundred, which the guard is for."""
 REMEMBERED_WRITES = 2048
-"""Of both cameras: 17 s when every frame is followed by a write."""
+"""Of both cameras: 17 s when every frame is followed by one."""
 
 
 class WriteWindow:
     """Finds the moment for each write.
 
     Nothing is written so close before the start of an exposure that one camera, or one node, might miss it. How close
-    that is follows from the slowest of the recent writes; nobody having written much yet, it is `LONGEST_GUARD_NS`.
+    that is follows from the slowest of the recent writes; as long as there are few, it is `LONGEST_GUARD_NS`.
     """
 
     def __init__(self) -> None:
@@ -29,7 +29,7 @@ class WriteWindow:
         self._guard_ns = LONGEST_GUARD_NS
 
     def took(self, duration_ns: int) -> None:
-        """A write to a camera took so long, from the moment on at which it might begin until it was read back."""
+        """A write that was not held took so long, from `next_ns` until one camera had read it back."""
         self._recent_ns.append(duration_ns)
         if len(self._recent_ns) >= LEAST_WRITES:
             self._guard_ns = min(max(self._recent_ns) + MARGIN_NS, LONGEST_GUARD_NS)

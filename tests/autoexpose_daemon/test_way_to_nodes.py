@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import fields
 
 import numpy as np
+import pytest
 
 from autoexpose_daemon.durations import DURATIONS
 from autoexpose_daemon.status import Durations as StatusDurations
@@ -14,6 +15,7 @@ from autoexpose_daemon.way_to_nodes import Command, WayToNodes
 from drivers.exposure import ExposureSetting
 from drivers.frames import Side
 from drivers.rig_events import Written
+from tests.soak import camera
 from tests.soak.clock import MS, SECOND
 from tests.soak.rig import PERIOD_NS, VirtualRig
 from tests.soak.wire import Wire
@@ -27,7 +29,7 @@ def written(side: Side, asked: ExposureSetting, started_ms: float, finished_ms: 
 
 
 def commanded(setting: ExposureSetting, arrival_ms: float, decided_ms: float) -> Command:
-    return Command(setting, round(arrival_ms * MS), round(decided_ms * MS), round(decided_ms * MS))
+    return Command(setting, round(arrival_ms * MS), round(decided_ms * MS), held=False)
 
 
 def test_a_write_is_timed_from_its_own_frame() -> None:
@@ -83,6 +85,18 @@ def test_the_parts_make_up_the_whole() -> None:
     before_ms = (telemetry.pairing_ms.sum_ms + steps.sum_ms) / steps.count
     after_ms = (telemetry.held_ms.sum_ms + telemetry.write_ms.sum_ms) / writes.count
     assert np.isclose(writes.sum_ms / writes.count, before_ms + after_ms, rtol=0.1)
+
+
+def test_quick_writes_shorten_the_time_that_decisions_are_held(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A readout so slow that many a decision is ready within 5 ms of the next exposure."""
+    monkeypatch.setattr(camera, "READOUT_NS", 8 * MS)
+    rig = VirtualRig(3, lambda _pair, _decision: None, lambda _now_ns, _health: None)
+    for device in rig.devices:
+        device.write_ns = MS // 2
+    rig.run(Wire(rig, 2 * SECOND).actors, 400 * SECOND)
+    held = rig.control.telemetry.held_ms.latest_ms > 0.1
+    assert held[:500].mean() > 0.5
+    assert held[-500:].mean() < 0.1
 
 
 def test_every_duration_is_declared_and_kept() -> None:
