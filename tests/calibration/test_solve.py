@@ -227,7 +227,7 @@ def test_images_that_do_not_cover_each_other_are_warned_of() -> None:
 
 
 def test_exposures_in_other_units_give_the_same_curve() -> None:
-    sweep = Bench("gamma").sweep(TIMES_US)
+    sweep = Bench("gamma").sweep(TIMES_US[::2], frames=1)
     in_ns = Sweep(
         tuple(
             replace(shot, setting=replace(shot.setting, exposure_time_us=1e3 * shot.setting.exposure_time_us))

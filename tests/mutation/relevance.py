@@ -21,7 +21,7 @@ CHUNK = 12
 """Test files that one process runs."""
 
 CHUNK_TIMEOUT_S = 1800.0
-BUDGET_S = 30.0
+BUDGET_S = 45.0
 """Of tests for one mutant, the quickest first, as long as they took under coverage."""
 
 
