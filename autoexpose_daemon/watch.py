@@ -33,8 +33,9 @@ class Watch:
         self._news_s = 0.0
 
     def begin(self, daemon: Daemon, config: Config) -> None:
-        """From now on this daemon."""
+        """From now on this daemon, whose start is not over."""
         self._daemon, self._config = daemon, config
+        self.health = Health(State.STARTING)
 
     def look(self) -> None:
         """Judge the state and tell what is new; the first time that it is exposing or degraded, the start is over."""

@@ -132,6 +132,30 @@ def test_a_reload_that_cannot_be_leaves_all_as_it_was(
     running.manager.wait_until(lambda _: running.service.status().state is State.EXPOSING, "exposing again")
 
 
+def test_a_failure_that_is_not_over_when_it_is_seen_leaves_all_as_it_was(
+    running: RunningService, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The telemetry says so before the control thread has closed the cameras and ended."""
+    service, seen = running.service, threading.Event()
+    look, close = service._watch.look, Daemon._stop_rig
+
+    def look_and_say_so() -> None:
+        look()
+        if service.daemon.telemetry.failure is not None:
+            seen.set()
+
+    def close_late(daemon: Daemon) -> None:
+        if daemon.telemetry.failure is not None:
+            seen.wait(LONG_S)
+        close(daemon)
+
+    monkeypatch.setattr(service._watch, "look", look_and_say_so)
+    monkeypatch.setattr(Daemon, "_stop_rig", close_late)
+    running.reload(config(trigger={"line": "Line9"}))
+    wait_for_words(running, caplog, "is not taken")
+    running.manager.wait_until(lambda _: service.status().state is State.EXPOSING, "exposing again")
+
+
 def test_a_response_file_of_another_pixel_format_is_not_taken(
     running: RunningService, caplog: pytest.LogCaptureFixture, tmp_path: Path
 ) -> None:
