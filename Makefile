@@ -50,7 +50,7 @@ lint: $(VENV)/dev.stamp
 test: lint suite ## everything that CI runs
 
 suite: $(VENV)/dev.stamp ## the tests of it; what needs real time has the machine to itself
-	$(VENV)/bin/pytest -m "not realtime" -n 3 --dist loadfile --no-loadscope-reorder
+	$(VENV)/bin/pytest -m "not realtime" -n 2 --dist loadfile --no-loadscope-reorder
 	$(VENV)/bin/pytest -m realtime
 
 test-again: $(VENV)/dev.stamp ## the tests N times, 20 unless given, and their sum; BUSY=1: one core kept busy meanwhile

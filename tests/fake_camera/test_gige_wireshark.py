@@ -115,9 +115,11 @@ def one_session(camera: Device) -> list[Datagram]:
             request = command(PACKETRESEND, struct.pack(">HHII", 0, 1, first, last), request_id=900)
             datagrams.append((own, (ADDRESS, GVCP_PORT), request))
             client.socket.sendto(request, (ADDRESS, GVCP_PORT))
-            for _ in range(first, last + 1):
+            answers = 0
+            while answers <= last - first:  # among them may be packets of a frame that was under way at the stop
                 packet, source = stream.recvfrom(0x10000)
                 datagrams.append((source, stream.getsockname(), packet))
+                answers += packet[:2] != b"\0\0"
         write(CCP, 0)
     return datagrams
 
