@@ -42,15 +42,13 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     closed = [folder for folder in LEFT_OUT if not any(path.is_relative_to(folder) for path in asked)]
     marks = {OTHER_TRANSPORT, *(mark for mark in MARKED_OUT if mark not in config.option.markexpr)}
 
-    order = {Path(__file__).parent / file: index for index, file in enumerate(LONGEST)}
-
     def left_out(item: pytest.Item) -> bool:
         in_closed = any(item.path.is_relative_to(folder) for folder in closed)
         return in_closed or any(mark.name in marks for mark in item.iter_markers())
 
-    kept = [item for item in items if not left_out(item)]
-    config.hook.pytest_deselected(items=[item for item in items if item not in kept])
-    items[:] = sorted(kept, key=lambda item: order.get(item.path, len(order)))
+    order = {Path(__file__).parent / file: index for index, file in enumerate(LONGEST)}
+    config.hook.pytest_deselected(items=[item for item in items if left_out(item)])
+    items[:] = sorted((item for item in items if not left_out(item)), key=lambda item: order.get(item.path, len(order)))
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
