@@ -22,7 +22,7 @@ from tests.mutation.accepted import ACCEPTED
 from tests.mutation.relevance import CHUNK, Relevance, related
 from tests.mutation.report import Outcomes, complaint, row, summary, table
 from tests.mutation.scope import Mutant, generated, sample, sources
-from tests.mutation.trial import Fate, Log, judge
+from tests.mutation.trial import DisturbedError, Fate, Log, judge
 from tests.mutation.workplace import Workplace
 
 PROJECT = Path(__file__).parents[2]
@@ -131,5 +131,7 @@ if __name__ == "__main__":
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         sys.exit(main())
+    except DisturbedError as error:
+        sys.exit(f"{error}; the next run goes on from here")
     except KeyboardInterrupt:
         sys.exit("stopped; the next run goes on from here")

@@ -59,9 +59,6 @@ TUNING = {
         "the weight of dark grey levels: tables err by 0.6 to 1.1 grey levels, not 0.5 to 1.0; 2.5 are asked for",
     "calibration/solver/free_curve.py: SMOOTHNESS = (1e4, 1e3, 1e2, 10.0, 1.0, 0.1): 10.0 -> 5.0":
         "one of a row of weights that are tried, a factor of ten apart",
-    "calibration/solver/families.py: "
-    "gain = 1.0 - float(tried @ tried) / max(float(errors @ errors), 1e-12): 1.0 -> 2.0":
-        "steps back are taken as well, and the search ends by its rounds: in the same place for all sweeps tried",
     "calibration/noise/photon_transfer.py: bent = float(np.nan_to_num(np.abs(lines.light(BRIGHT * span_dn))).max()): "
     "BRIGHT * span_dn -> (BRIGHT / span_dn)":
         "dark patches count as well: a median over all patches hardly minds them",

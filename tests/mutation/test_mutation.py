@@ -11,7 +11,7 @@ from tests.mutation.functions import function_at, function_lines, users
 from tests.mutation.operators import changes
 from tests.mutation.relevance import Traced
 from tests.mutation.scope import LISTED, Mutant, listed, sample, sources
-from tests.mutation.trial import judge
+from tests.mutation.trial import DisturbedError, Fate, judge
 from tests.mutation.workplace import Workplace
 
 ROOT = Path(__file__).parents[2]
@@ -121,22 +121,38 @@ def test_a_constant_is_felt_by_whoever_uses_it_or_what_is_made_of_it() -> None:
     assert users(texts, "rig/code.py", at["size: int = 4"]) == {"rig/code.py:Box.full", "rig/code.py:Box.full.inner"}
 
 
-def test_a_mutant_is_killed_by_the_test_that_notices_it_and_the_project_is_left_alone(tmp_path: Path) -> None:
-    project, text = tmp_path / "project", "def half(a):\n    return a / 2 + 0\n"
-    (project / "tests").mkdir(parents=True)
-    (project / "code_of_it.py").write_text(text)
-    tests = (
-        "from code_of_it import half\n\ndef test_zero(): assert half(0) == 0\n\ndef test_four(): assert half(4) == 2\n"
+CODE_OF_IT = "def half(a):\n    return a / 2 + 0\n"
+
+
+@pytest.fixture
+def project(tmp_path: Path) -> Path:
+    """A project of one function and three tests."""
+    folder = tmp_path / "project"
+    (folder / "tests").mkdir(parents=True)
+    (folder / "code_of_it.py").write_text(CODE_OF_IT)
+    (folder / "tests/test_half.py").write_text(
+        "import os\nfrom code_of_it import half\n"
+        "def test_zero(): assert half(0) == 0\n"
+        "def test_four(): assert half(4) == 2\n"
+        "def test_ended(): os.kill(os.getpid(), 9)\n"
     )
-    (project / "tests/test_half.py").write_text(tests)
-    place = Workplace(project, tmp_path / "place")
-    divided, added = (
-        next(change for change in changes(text) if change.after == after) for after in ("(a * 2)", "(a / 2 - 0)")
-    )
-    related = [Traced(f"tests/test_half.py::test_{name}", 0.1, frozenset()) for name in ("zero", "four")]
-    fates = [judge(place, Mutant("it", "code_of_it.py", text, change), related) for change in (divided, added)]
-    assert [(fate.kind, fate.by) for fate in fates] == [
-        ("killed", "tests/test_half.py::test_four"),
-        ("survived", None),
-    ]
-    assert (project / "code_of_it.py").read_text() == (place.root / "code_of_it.py").read_text() == text
+    return folder
+
+
+def try_one(place: Workplace, after: str, *tests: str) -> Fate:
+    change = next(change for change in changes(CODE_OF_IT) if change.after == after)
+    related = [Traced(f"tests/test_half.py::test_{name}", 0.1, frozenset()) for name in tests]
+    return judge(place, Mutant("it", "code_of_it.py", CODE_OF_IT, change), related)
+
+
+def test_a_mutant_is_killed_by_the_test_that_notices_it_and_the_project_is_left_alone(project: Path) -> None:
+    place = Workplace(project, project.parent / "place")
+    divided, added = (try_one(place, after, "zero", "four") for after in ("(a * 2)", "(a / 2 - 0)"))
+    assert (divided.kind, divided.by) == ("killed", "tests/test_half.py::test_four")
+    assert (added.kind, added.by) == ("survived", None)
+    assert (project / "code_of_it.py").read_text() == (place.root / "code_of_it.py").read_text() == CODE_OF_IT
+
+
+def test_tests_that_something_else_ends_conclude_nothing(project: Path) -> None:
+    with pytest.raises(DisturbedError, match="code_of_it"):
+        try_one(Workplace(project, project.parent / "place"), "(a * 2)", "ended")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -17,6 +18,14 @@ LEAST_TIMEOUT_S, SLOWER = 40.0, 8.0
 
 NOT_FOUND = 4
 """Exit status of pytest when tests asked for by name are not there: their parameters hang on what was mutated."""
+
+
+FROM_OUTSIDE = (-signal.SIGKILL, -signal.SIGTERM, -signal.SIGINT, -signal.SIGHUP)
+"""Ends of pytest that say nothing of the mutant; what it breaks ends in a failure or a fault."""
+
+
+class DisturbedError(Exception):
+    """The tests of a mutant were ended by something else."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +51,7 @@ class Fate:
 
 
 def judge(place: Workplace, mutant: Mutant, tests: list[Traced]) -> Fate:
-    """Let the tests look for the mutant, until one notices it."""
+    """Let the tests look for the mutant, until one notices it; DisturbedError where they are not let to end."""
     began_s = time.monotonic()
     kind, by = ("survived", None) if not tests else _noticed(place, mutant, tests)
     return Fate(kind, by, len(tests), round(time.monotonic() - began_s, 1))
@@ -58,6 +67,8 @@ def _noticed(place: Workplace, mutant: Mutant, tests: list[Traced]) -> tuple[str
         ended = place.pytest([*options, *names], timeout_s)
         if ended.status == NOT_FOUND:
             ended = place.pytest([*options, *files], timeout_s)
+    if ended.status in FROM_OUTSIDE:
+        raise DisturbedError(f"something else ended the tests of {mutant.name}: nothing is concluded of it")
     return _kind(ended), None if ended.status == 0 else ended.failed or names[0]
 
 
