@@ -5,6 +5,9 @@ VENV := .venv
 PY := $(VENV)/bin/python
 SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 
+# The tests start hundreds of processes, each of which would otherwise compile all modules again.
+unexport PYTHONDONTWRITEBYTECODE
+
 # What the daemon and the demo stand on, the compiler of their C parts among it, and what only the tests need.
 COMPILER := gcc libc6-dev python3-dev
 DEMO_PACKAGES := gir1.2-aravis-0.8 python3-gi python3-venv libusb-1.0-0 $(COMPILER)
@@ -50,7 +53,7 @@ lint: $(VENV)/dev.stamp
 test: lint suite ## everything that CI runs
 
 suite: $(VENV)/dev.stamp ## the tests of it; what needs real time has the machine to itself
-	$(VENV)/bin/pytest -m "not realtime" -n 2 --dist loadfile --no-loadscope-reorder
+	$(VENV)/bin/pytest -m "not realtime" -n 3 --dist loadfile --no-loadscope-reorder
 	$(VENV)/bin/pytest -m realtime
 
 test-again: $(VENV)/dev.stamp ## the tests N times, 20 unless given, and their sum; BUSY=1: one core kept busy meanwhile
