@@ -15,18 +15,18 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 from rich.console import Console
 
-from autoexpose_daemon.control.policy_ids import DEFAULT_POLICY, POLICY_IDS, check_policy_id
-from autoexpose_daemon.notify import Notifier
+from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, POLICY_IDS, check_policy_id
 from autoexpose_daemon.publish.keys import LOOPBACK, check_endpoints
-from autoexpose_daemon.readable import readable
 from autoexpose_daemon.recording import check_recording_extra
+from autoexpose_daemon.service.notify import Notifier
+from drivers.config.readable import readable
 from drivers.errors import AutoexposeError, ConfigurationError
 from drivers.exposure import ExposureSetting
 
 if TYPE_CHECKING:
-    from autoexpose_daemon.config import Config
-    from autoexpose_daemon.daemon import Daemon
+    from autoexpose_daemon.config.document import Config
     from autoexpose_daemon.recording.recorder import Recorder
+    from autoexpose_daemon.runtime.daemon import Daemon
 
 app = typer.Typer(
     name="autoexpose",
@@ -60,7 +60,7 @@ def record(
 ) -> None:
     """Run the daemon and record what it sees and decides, until SIGTERM or Ctrl-C."""
     check_recording_extra()
-    from autoexpose_daemon.config import load_config  # noqa: PLC0415
+    from autoexpose_daemon.config.document import load_config  # noqa: PLC0415
     from autoexpose_daemon.recording.recorder import new_recorder  # noqa: PLC0415
 
     notifier = Notifier.from_environment()
@@ -95,7 +95,7 @@ def _explaining(notifier: Notifier) -> Iterator[None]:
     try:
         yield
     except ConfigurationError as error:
-        from autoexpose_daemon.logs import complain  # noqa: PLC0415
+        from autoexpose_daemon.service.logs import complain  # noqa: PLC0415
 
         notifier.status(f"failed: {error}")
         complain(str(error))
@@ -104,12 +104,12 @@ def _explaining(notifier: Notifier) -> Iterator[None]:
 
 def run_daemon(file: Path, notifier: Notifier, recorder: Recorder | None = None) -> None:
     """Run the daemon with the live view, until SIGTERM or SIGINT."""
-    from autoexpose_daemon.cameras import openers  # noqa: PLC0415
-    from autoexpose_daemon.config import load_config  # noqa: PLC0415
-    from autoexpose_daemon.daemon import Daemon  # noqa: PLC0415
-    from autoexpose_daemon.last_exposure import LastExposure  # noqa: PLC0415
-    from autoexpose_daemon.outlets import add_outlets  # noqa: PLC0415
-    from autoexpose_daemon.service import Service, run_until_stopped  # noqa: PLC0415
+    from autoexpose_daemon.config.document import load_config  # noqa: PLC0415
+    from autoexpose_daemon.runtime.cameras import openers  # noqa: PLC0415
+    from autoexpose_daemon.runtime.daemon import Daemon  # noqa: PLC0415
+    from autoexpose_daemon.service.last_exposure import LastExposure  # noqa: PLC0415
+    from autoexpose_daemon.service.outlets import add_outlets  # noqa: PLC0415
+    from autoexpose_daemon.service.service import Service, run_until_stopped  # noqa: PLC0415
 
     stop, reload = threading.Event(), threading.Event()
     stop_on_signals(stop)
@@ -197,7 +197,7 @@ def top(
 ) -> None:
     """Watch a running daemon: state, exposure, losses, consumers, faults; Ctrl-C ends."""
     try:
-        from autoexpose_daemon.top import follow, show_once  # noqa: PLC0415  an extra
+        from autoexpose_daemon.status.top import follow, show_once  # noqa: PLC0415  an extra
     except ImportError as error:
         raise AutoexposeError(f"{error.name} is missing: pip install 'autoexpose-daemon[publish]'") from error
     check_endpoints(connect or [])
@@ -248,7 +248,7 @@ def fake_camera(context: typer.Context) -> None:
 @config_app.command("check")
 def check_config(file: Path) -> None:
     """Check a configuration file, and the response files it names."""
-    from autoexpose_daemon.config import load_config  # noqa: PLC0415
+    from autoexpose_daemon.config.document import load_config  # noqa: PLC0415
 
     config = load_config(file)
     cameras = ", ".join(f"{side} {camera.serial}" for side, camera in config.sides.items())
@@ -261,7 +261,7 @@ def main() -> None:
         _add_commands(next((word for word in sys.argv[1:] if not word.startswith("-")), None))
         app()
     except AutoexposeError as error:
-        from autoexpose_daemon.logs import complain  # noqa: PLC0415
+        from autoexpose_daemon.service.logs import complain  # noqa: PLC0415
 
         complain(str(error))
         raise SystemExit(1) from None

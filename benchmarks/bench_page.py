@@ -16,13 +16,13 @@ import numpy as np
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
-from autoexpose_daemon.config import Config
-from autoexpose_daemon.config_publish import PublishConfig
+from autoexpose_daemon.config.document import Config
+from autoexpose_daemon.config.publish import PublishConfig
 from autoexpose_daemon.control.decision import Decision
-from autoexpose_daemon.describe import describe
 from autoexpose_daemon.publish.keys import status_key
 from autoexpose_daemon.publish.publisher import Publisher
-from autoexpose_daemon.telemetry import Telemetry
+from autoexpose_daemon.status.describe import describe
+from autoexpose_daemon.status.telemetry import Telemetry
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame, StereoPair
 

@@ -20,8 +20,8 @@ from calibration.response import ResponseFunction
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Frame, StereoPair
 from fake_camera.imaging import ImageSettings
-from fake_camera.lighting import LightScript
-from fake_camera.simulation import build_image_source
+from fake_camera.world.lighting import LightScript
+from fake_camera.world.simulation import build_image_source
 
 LIGHTS = {"bright, 250 us, 0 dB": ExposureSetting(250.0, 0.0), "dim, 60 us, 24 dB": ExposureSetting(60.0, 24.0)}
 PAIRS, ROUNDS, RATE_HZ = 20, 6, 60.0

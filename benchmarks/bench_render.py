@@ -11,10 +11,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from autoexpose_daemon.reference_step import reference_step_ms
+from autoexpose_daemon.demo.reference_step import reference_step_ms
 from fake_camera.imaging import ImageSettings
-from fake_camera.lighting import Change, LightScript
-from fake_camera.simulation import build_image_source
+from fake_camera.world.lighting import Change, LightScript
+from fake_camera.world.simulation import build_image_source
 
 SETTINGS = ImageSettings(7500.0, 10.0, 0.0, 1.0, "Mono8", 0, 0, 720, 540, 1, 1)
 EXPOSURE_TIMES_US = (20.0, 2000.0, 7500.0, 40000.0)

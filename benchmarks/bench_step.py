@@ -19,14 +19,14 @@ import numpy as np
 
 from autoexpose_daemon.control.image import ImagePreparation
 from autoexpose_daemon.control.loop import ControlLoop
-from autoexpose_daemon.control.metrics import ExtremeShares, GradientMetric, PackedTables, mean_signal
+from autoexpose_daemon.control.metrics.gradient import ExtremeShares, GradientMetric, PackedTables, mean_signal
 from autoexpose_daemon.control.motion import DisMotion, FarnebackMotion
-from autoexpose_daemon.control.optimum import PolynomialFit
 from autoexpose_daemon.control.parameters import ControlParameters, MotionId
-from autoexpose_daemon.control.policies.begin2022 import DEGREE, DELTA_LEVELS
-from autoexpose_daemon.reference_step import ReferenceStep, synthetic_frames
-from calibration.prediction import prediction_tables
+from autoexpose_daemon.control.policies.published.begin2022 import DEGREE, DELTA_LEVELS
+from autoexpose_daemon.control.search.optimum import PolynomialFit
+from autoexpose_daemon.demo.reference_step import ReferenceStep, synthetic_frames
 from calibration.response import ResponseFunction
+from calibration.response.prediction import prediction_tables
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Frame, StereoPair
 

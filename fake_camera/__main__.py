@@ -16,24 +16,24 @@ import time
 from functools import partial
 from pathlib import Path
 
-from fake_camera.control_socket import ControlSocket
-from fake_camera.device import Device
-from fake_camera.exposure_wire import ExposureInput, ExposureOutput
+from fake_camera.device.control_socket import ControlSocket
+from fake_camera.device.device import Device
+from fake_camera.device.exposure_wire import ExposureInput, ExposureOutput
+from fake_camera.device.line0 import Line0, WireError
+from fake_camera.device.truth import TruthFile
 from fake_camera.files import read_regular
 from fake_camera.genapi.description import Description
-from fake_camera.gige import AddressTakenError, GigeServer
+from fake_camera.genapi.xml_camera import XmlCamera
+from fake_camera.gige.server import AddressTakenError, GigeServer
 from fake_camera.imaging import ImageSource
-from fake_camera.kept_room import kept_room
-from fake_camera.lighting import LightScript
-from fake_camera.line0 import Line0, WireError
-from fake_camera.room import furnished_room
-from fake_camera.simulation import build_image_source
-from fake_camera.truth import TruthFile
 from fake_camera.usb3.run import ShimError, run, shim_path
-from fake_camera.usb3.server import Usb3Server
-from fake_camera.usb3.usbip import TCP_PORT
+from fake_camera.usb3.usb.server import Usb3Server
+from fake_camera.usb3.usb.usbip import TCP_PORT
 from fake_camera.warm_up import Unpainted, frame_s, warm_up
-from fake_camera.xml_camera import XmlCamera
+from fake_camera.world.lighting import LightScript
+from fake_camera.world.scene.kept_room import kept_room
+from fake_camera.world.scene.room import furnished_room
+from fake_camera.world.simulation import build_image_source
 
 _ADDRESS = "127.0.0.1"
 _LONGEST_DESCRIPTION_BYTES = 1 << 24

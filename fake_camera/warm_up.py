@@ -8,9 +8,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from fake_camera.features import ENUM_ENTRIES, Features
+from fake_camera.device.features import ENUM_ENTRIES, Features
 from fake_camera.imaging import ImageSettings, ImageSource, Pixels
-from fake_camera.sensor import SensorModel
+from fake_camera.world.sensor import SensorModel
 
 _LONGEST_US = 7500.0  # of the daemon's demo: motion blur costs most in a long exposure
 _FROM_S = 5.0  # the path begins at rest; by then the camera moves

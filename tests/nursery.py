@@ -5,8 +5,8 @@ from __future__ import annotations
 import cv2
 
 from fake_camera.__main__ import main
-from fake_camera.lighting import LightScript
-from fake_camera.simulation import build_image_source
+from fake_camera.world.lighting import LightScript
+from fake_camera.world.simulation import build_image_source
 
 __all__ = ["main"]
 

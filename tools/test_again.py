@@ -20,7 +20,7 @@ from dataclasses import asdict, dataclass
 from datetime import datetime
 from pathlib import Path
 
-from autoexpose_daemon.reference_step import reference_step_ms
+from autoexpose_daemon.demo.reference_step import reference_step_ms
 
 LOG = Path("out/test-again.log")
 KEPT = Path("out/test-again")

@@ -14,7 +14,7 @@ from zenoh.handlers import Handler, RingChannel
 
 from autoexpose_daemon.publish.keys import LOOPBACK, check_rig_name, last_but, response_key, status_key
 from autoexpose_daemon.publish.session import Endpoints, SessionError, open_as_consumer
-from autoexpose_daemon.status import LARGEST_RESPONSE_BYTES, LARGEST_STATUS_BYTES, Status, response_from_json
+from autoexpose_daemon.status.document import LARGEST_RESPONSE_BYTES, LARGEST_STATUS_BYTES, Status, response_from_json
 from calibration.response import ResponseFunction
 from drivers.frames import Side
 

@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from autoexpose_daemon.control.balance import Balance
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.image import ImagePreparation
-from autoexpose_daemon.control.metrics import ExtremeShares, GradientMetric, mean_signal
+from autoexpose_daemon.control.metrics.gradient import ExtremeShares, GradientMetric, mean_signal
 from autoexpose_daemon.control.motion import DisMotion, FarnebackMotion, FlowMotion
 from autoexpose_daemon.control.parameters import ControlParameters, MotionId
 from autoexpose_daemon.control.policies import PolicySetup, build_policy
-from autoexpose_daemon.control.policies.metric_map import MetricMap
+from autoexpose_daemon.control.policies.metric_map.policy import MetricMap
 from autoexpose_daemon.control.policy import Observation, PastStep
 from autoexpose_daemon.control.region import Region
 from autoexpose_daemon.control.snapshot import Plain, restore, take

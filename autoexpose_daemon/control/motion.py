@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.image import FLOW_SIZE, fit
-from calibration.prediction import prediction_table
 from calibration.response import ResponseFunction
+from calibration.response.prediction import prediction_table
 from drivers.errors import ConfigurationError
 
 REFERENCE_INTERVAL_NS = 1e9 / 60

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from drivers import bounds
+from drivers.config import bounds
 from drivers.errors import ConfigurationError
 
 BalanceId = Literal["policy", "blur_noise", "exposure_priority", "fixed_ratio", "flicker"]

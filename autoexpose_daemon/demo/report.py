@@ -12,8 +12,8 @@ import numpy as np
 
 from autoexpose_daemon.demo.fakes import Pulse
 from autoexpose_daemon.demo.record import StepRecord
-from drivers.account import Tally
 from drivers.exposure import ExposureSetting
+from drivers.triggers.account import Tally
 
 _STEP_STOPS = 0.5  # light that changes by this much between two pulses is a step, not a ramp or flicker's beat
 _SETTLED_STOPS = 0.25

@@ -10,7 +10,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from autoexpose_daemon.control.policy_ids import check_policy_id
+from autoexpose_daemon.control.policies.ids import check_policy_id
 from autoexpose_daemon.demo.fakes import check_simulator, fake_cameras
 from autoexpose_daemon.demo.options import DemoOptions
 from autoexpose_daemon.demo.usb_bus import begin_again_on_fake_bus, cameras_on_bus

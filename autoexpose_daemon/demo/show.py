@@ -13,20 +13,20 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 
-from autoexpose_daemon.cameras import openers
-from autoexpose_daemon.config import Config
-from autoexpose_daemon.daemon import Daemon
+from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.demo.fakes import SERIALS, FakeCameras, newest_lux, read_pulses
 from autoexpose_daemon.demo.options import DemoOptions
 from autoexpose_daemon.demo.rate import cores, held_rate_hz, pairs_per_s, shortfall
 from autoexpose_daemon.demo.record import Recorder
+from autoexpose_daemon.demo.reference_step import reference_step_ms
 from autoexpose_daemon.demo.report import light_steps, pulses_in_window
 from autoexpose_daemon.demo.summary import Run, figures, in_words
-from autoexpose_daemon.logs import set_up_logging
-from autoexpose_daemon.outlets import add_outlets
-from autoexpose_daemon.reference_step import reference_step_ms
-from autoexpose_daemon.service import Service
-from autoexpose_daemon.view import display
+from autoexpose_daemon.runtime.cameras import openers
+from autoexpose_daemon.runtime.daemon import Daemon
+from autoexpose_daemon.service.logs import set_up_logging
+from autoexpose_daemon.service.outlets import add_outlets
+from autoexpose_daemon.service.service import Service
+from autoexpose_daemon.status.view import display
 from drivers.aravis import find_cameras
 from drivers.errors import AutoexposeError
 

@@ -9,13 +9,13 @@ from typing import Any
 from rich.table import Table
 from rich.text import Text
 
-from autoexpose_daemon.control.metrics import GradientMetric
-from autoexpose_daemon.daemon import Daemon
+from autoexpose_daemon.control.metrics.gradient import GradientMetric
 from autoexpose_daemon.demo.fakes import FakeCamera, Pulse
 from autoexpose_daemon.demo.options import DemoOptions
 from autoexpose_daemon.demo.record import Recorder
 from autoexpose_daemon.demo.report import LightStep, delay_frames, light_settings
-from autoexpose_daemon.panel import lost_in_words
+from autoexpose_daemon.runtime.daemon import Daemon
+from autoexpose_daemon.status.panel import lost_in_words
 
 _TRANSPORTS = {"gige": "GigE Vision", "usb3": "USB3 Vision"}
 _DURATIONS = (

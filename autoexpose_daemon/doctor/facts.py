@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 from ipaddress import IPv4Interface
 from pathlib import Path
 
-from drivers import stream_filter
-from drivers.gvcp import Control, GigeCamera, control_of, search
-from drivers.network import find_interfaces, largest_socket_buffer_bytes
-from drivers.usb import UsbFacts, find_usb
+from drivers.host import stream_filter
+from drivers.host.gvcp import Control, GigeCamera, control_of, search
+from drivers.host.network import find_interfaces, largest_socket_buffer_bytes
+from drivers.host.usb import UsbFacts, find_usb
 
 
 @dataclass(frozen=True, slots=True)

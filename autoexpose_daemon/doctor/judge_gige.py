@@ -9,8 +9,8 @@ from itertools import groupby
 from autoexpose_daemon.doctor.facts import GigeFacts
 from autoexpose_daemon.doctor.finding import Finding
 from autoexpose_daemon.doctor.need import Need
-from drivers.gvcp import Control, GigeCamera
-from drivers.network import SOCKET_BUFFER_BYTES, NetworkInterface
+from drivers.host.gvcp import Control, GigeCamera
+from drivers.host.network import SOCKET_BUFFER_BYTES, NetworkInterface
 
 JUMBO_BYTES = 8000
 """From here on a frame's packets are few enough; cards and cameras differ in whether they reach 9000."""

@@ -7,7 +7,7 @@ from itertools import groupby
 
 from autoexpose_daemon.doctor.finding import Finding
 from autoexpose_daemon.doctor.need import Need
-from drivers.usb import UsbCamera, UsbFacts
+from drivers.host.usb import UsbCamera, UsbFacts
 
 SUPERSPEED_MBPS = 5000
 USBFS_MEMORY_MB = 1000

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Self
 
-from autoexpose_daemon.config import Config, TriggerConfig
+from autoexpose_daemon.config.document import Config, TriggerConfig
 from drivers.frames import Side
 
 ASSUMED_WIDTH, ASSUMED_HEIGHT = 720, 540

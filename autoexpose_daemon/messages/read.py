@@ -10,7 +10,7 @@ from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.messages.types import EXPOSURE_INFO, IMAGE, TYPESTORE
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame, Pixels
-from drivers.image_format import BIT_DEPTHS
+from drivers.genicam.image_format import BIT_DEPTHS
 
 
 class DamagedMessageError(ValueError):

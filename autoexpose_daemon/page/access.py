@@ -14,8 +14,8 @@ from starlette.requests import HTTPConnection, Request
 from starlette.responses import PlainTextResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from drivers.config.files import read_regular
 from drivers.errors import ConfigurationError
-from drivers.files import read_regular
 
 COOKIE = "autoexpose_page"
 LEAST_TOKEN = 16

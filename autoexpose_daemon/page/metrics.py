@@ -9,12 +9,12 @@ from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metri
 from prometheus_client.exposition import CONTENT_TYPE_PLAIN_0_0_4, generate_latest
 from prometheus_client.registry import Collector
 
-from autoexpose_daemon.durations import DURATIONS
 from autoexpose_daemon.publish.tally import DropReason
-from autoexpose_daemon.states import State
-from autoexpose_daemon.status import CameraStatus, Durations, PublishStatus, RecorderStatus, Status
-from drivers.account import LossReason
+from autoexpose_daemon.status.document import CameraStatus, Durations, PublishStatus, RecorderStatus, Status
+from autoexpose_daemon.status.durations import DURATIONS
+from autoexpose_daemon.status.states import State
 from drivers.exposure import ExposureSetting
+from drivers.triggers.account import LossReason
 
 CONTENT_TYPE = CONTENT_TYPE_PLAIN_0_0_4
 

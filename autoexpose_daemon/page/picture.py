@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.image import ImagePreparation, fit
-from autoexpose_daemon.control.metrics import ExtremeShares, GradientMetric, PackedTables
-from calibration.prediction import prediction_tables
+from autoexpose_daemon.control.metrics.gradient import ExtremeShares, GradientMetric, PackedTables
 from calibration.response import ResponseFunction
+from calibration.response.prediction import prediction_tables
 
 DISPLAY_SIZE = (720, 720)
 """Width and height that a picture has at most on its way to a browser."""

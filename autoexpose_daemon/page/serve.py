@@ -16,9 +16,9 @@ from pathlib import Path
 import uvicorn
 from rich.console import Console
 
-from autoexpose_daemon.logs import set_up_logging
 from autoexpose_daemon.page.access import Key, is_loopback, read_token
 from autoexpose_daemon.page.app import page_app
+from autoexpose_daemon.service.logs import set_up_logging
 from drivers.errors import AutoexposeError, ConfigurationError
 
 log = logging.getLogger(__name__)

@@ -14,7 +14,7 @@ from typing import Self
 
 import zenoh
 
-from autoexpose_daemon.config_publish import PublishConfig
+from autoexpose_daemon.config.publish import PublishConfig
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.messages.write import TOPICS, MessageWriter, realtime_offset_ns
 from autoexpose_daemon.publish.keys import CONSUMER_NAME, consumer_key, frame_key, last_but

@@ -14,7 +14,7 @@ import numpy as np
 from mcap.writer import CompressionType, Writer
 
 from autoexpose_daemon.control.loop import STATE_FORMAT, ControlSetup
-from autoexpose_daemon.control.metrics import GradientMetric
+from autoexpose_daemon.control.metrics.gradient import GradientMetric
 from autoexpose_daemon.control.snapshot import Plain, plain
 from autoexpose_daemon.messages.types import TYPESTORE, definition
 from autoexpose_daemon.messages.write import TOPICS, MessageWriter, realtime_offset_ns

@@ -17,7 +17,7 @@ from autoexpose_daemon.messages.types import EXPOSURE_INFO, TYPESTORE, definitio
 from autoexpose_daemon.recording.file import METADATA, STATE, STRING
 from autoexpose_daemon.recording.plain_json import from_json
 from autoexpose_daemon.recording.step import Item, RecordingError, Setup, State, Step
-from drivers.files import open_regular
+from drivers.config.files import open_regular
 from drivers.frames import Pixels, Side, StereoPair
 
 _SIDES: tuple[Side, ...] = ("left", "right")

@@ -16,15 +16,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
 
-from autoexpose_daemon.config import Config
-from autoexpose_daemon.config_publish import PublishConfig
+from autoexpose_daemon.config.document import Config
+from autoexpose_daemon.config.publish import PublishConfig
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlLoop, ControlSetup
 from autoexpose_daemon.control.snapshot import Plain
 from autoexpose_daemon.recording.file import RecordingFile
 from autoexpose_daemon.recording.step import RecordingError, Step
 from drivers.frames import StereoPair
-from drivers.seldom import Seldom
+from drivers.log_throttle import Seldom
 
 log = logging.getLogger(__name__)
 

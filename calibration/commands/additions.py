@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from calibration.response_file import ResponseFile
+from calibration.response.file import ResponseFile
 from drivers.errors import ConfigurationError
 
 

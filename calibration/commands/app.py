@@ -16,12 +16,12 @@ from calibration.commands.facts import curve_facts, origin_facts
 from calibration.commands.latency import latency
 from calibration.commands.measure import measure_camera, measure_images
 from calibration.commands.noise import noise
-from calibration.commands.result import Result, Verdict, verdict
 from calibration.commands.rig import CameraMode, rig_of_config
 from calibration.commands.tum import tum_table
 from calibration.findings import Finding
 from calibration.report import check_extra, facts, write_report
-from calibration.response_file import ResponseFile
+from calibration.response.file import ResponseFile
+from calibration.result import Result, Verdict, verdict
 from calibration.solver.comparison import compare
 from drivers.errors import ConfigurationError
 from drivers.frames import Side

@@ -14,7 +14,7 @@ from calibration.commands.rig import CameraMode
 from calibration.findings import Finding
 from calibration.judges.sweep import judge_sweep
 from calibration.response import ResponseFunction
-from calibration.response_file import ResponseFile
+from calibration.response.file import ResponseFile
 from calibration.solver.agreement import Agreement, agreement
 from calibration.solver.tones import grey8, tones_by_exposure
 from calibration.sources.capture import FIRST_TIME_US, StaticCamera, SweepPlan, time_bounds_us

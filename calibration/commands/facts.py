@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from calibration.response_file import Origin, ResponseFile
+from calibration.response.file import Origin, ResponseFile
 
 Fact = tuple[str, str]
 

@@ -9,9 +9,9 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from calibration.commands.result import Result, calibrate
 from calibration.commands.rig import CameraMode
-from calibration.response_file import CameraIdentity, Origin
+from calibration.response.file import CameraIdentity, Origin
+from calibration.result import Result, calibrate
 from calibration.sources.capture import SweepPlan, plan_sweep
 from calibration.sources.session import Session
 from calibration.sweep import Shot, Sweep

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 from calibration.sources.session import session_setup
-from calibration.strict_yaml import load_mapping
+from drivers.config.strict_yaml import load_mapping
 from drivers.errors import ConfigurationError
 from drivers.frames import Side
 from drivers.setup import CameraSetup, PixelFormat

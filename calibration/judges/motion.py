@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.prediction import prediction_table
 from calibration.response import GREY_LEVELS, ResponseFunction
+from calibration.response.prediction import prediction_table
 from calibration.solver.tones import exposure_index, grey8
 from calibration.sweep import Sweep
 

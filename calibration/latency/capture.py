@@ -16,7 +16,7 @@ from calibration.latency.write_effect import SeenFrame, Trial, WriteEffect, Writ
 from calibration.sources.session import Session
 from drivers.exposure import DB_PER_STOP, ExposureLimits, ExposureSetting
 from drivers.frames import Frame, Pixels
-from drivers.latency import FRAMES_AFTER
+from drivers.genicam.write_latency import FRAMES_AFTER
 
 TRIALS = 100
 """Of each quantity: enough to tell 95 % from less, in a dozen seconds at 60 Hz."""

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from calibration.commands.facts import Fact, curve_facts, origin_facts
-from calibration.commands.result import Result
 from calibration.noise.model import Estimate
-from calibration.response_file import ResponseFile
+from calibration.response.file import ResponseFile
+from calibration.result import Result
 from calibration.solver.comparison import Comparison
 from drivers.errors import ConfigurationError
 

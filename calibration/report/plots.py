@@ -12,9 +12,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from calibration.commands.result import Result
-from calibration.prediction import prediction_table
 from calibration.response import GREY_LEVELS, ResponseFunction
+from calibration.response.prediction import prediction_table
+from calibration.result import Result
 from calibration.solution import ResponseSolution
 
 DASHES: Sequence[tuple[float, str, str, str]] = (

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.prediction import prediction_tables
+from calibration.response.prediction import prediction_tables
 from calibration.solution import ResponseSolution
 from calibration.solver.agreement import CLIPPED_GREY
 

@@ -18,8 +18,8 @@ from pathlib import Path
 
 from PIL import Image
 
+from drivers.config.files import open_regular, read_regular
 from drivers.errors import ConfigurationError
-from drivers.files import open_regular, read_regular
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm", ".ppm")
 

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from calibration.sources.exposure_times import timed_files
 from calibration.sweep import Shot, Sweep
+from drivers.config.files import read_regular
+from drivers.config.png import SIGNATURE, is_whole_png
 from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureSetting
-from drivers.files import read_regular
 from drivers.frames import Pixels
-from drivers.png import SIGNATURE, is_whole_png
 
 GREEN = 1
 """Of OpenCV's blue, green, red."""

@@ -10,7 +10,7 @@ from drivers.camera import Camera, CameraDescription
 from drivers.errors import CameraError
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Frame, SettingSource
-from drivers.latency import FRAMES_AFTER
+from drivers.genicam.write_latency import FRAMES_AFTER
 from drivers.setup import CameraSetup, PixelFormat, TriggerSetup
 
 PATIENCE_S = 3.0

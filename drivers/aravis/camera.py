@@ -14,17 +14,17 @@ from drivers.aravis.introspection import Aravis, GLib
 from drivers.aravis.nodes import AravisNodes
 from drivers.aravis.stream import create_stream
 from drivers.camera import CameraDescription, IncompleteFrame
-from drivers.clock import find_clock
-from drivers.dialect import find_dialect, switch_auto_off
 from drivers.errors import CameraError, CameraLostError
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Frame, Pixels, SettingSource
-from drivers.gamma import switch_gamma_off
-from drivers.image_format import choose_pixel_format, decode_pixels, set_binning
-from drivers.metadata import FrameIdUnwrapper, SettingLedger, enable_chunks
+from drivers.genicam.clock import find_clock
+from drivers.genicam.dialect import find_dialect, switch_auto_off
+from drivers.genicam.gamma import switch_gamma_off
+from drivers.genicam.image_format import choose_pixel_format, decode_pixels, set_binning
+from drivers.genicam.metadata import FrameIdUnwrapper, SettingLedger, enable_chunks
+from drivers.genicam.timing import timing_lacks
+from drivers.genicam.trigger import arm_trigger
 from drivers.setup import CameraSetup
-from drivers.timing import timing_lacks
-from drivers.trigger import arm_trigger
 
 SPARSE = 8
 """Every so many rows and columns are enough to see the brightness change."""

@@ -21,7 +21,7 @@ def is_silence(error: GLib.Error) -> bool:
 
 
 class AravisNodes:
-    """The node map of an Aravis device (see `drivers.nodes.NodeMap`), its errors in this project's words."""
+    """The node map of an Aravis device (see `drivers.genicam.nodes.NodeMap`), its errors in this project's words."""
 
     def __init__(self, device: Any, serial: str) -> None:
         self._device = device

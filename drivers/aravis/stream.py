@@ -8,9 +8,9 @@ from typing import Any
 from drivers.aravis.introspection import Aravis
 from drivers.aravis.nodes import AravisNodes
 from drivers.errors import CameraLostError, NodeError
-from drivers.network import SOCKET_BUFFER_BYTES
+from drivers.host.network import SOCKET_BUFFER_BYTES
+from drivers.host.stream_filter import admit_only, largest_packet_id
 from drivers.setup import CameraSetup
-from drivers.stream_filter import admit_only, largest_packet_id
 
 log = logging.getLogger(__name__)
 

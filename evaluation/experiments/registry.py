@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from evaluation.experiments import fig1, fig3, fig7, fig10, fig11, fig12, orb_slam3
+from evaluation.experiments.drives import fig7, fig12, orb_slam3
 from evaluation.experiments.experiment import Experiment
+from evaluation.experiments.prediction import fig1, fig3, fig10, fig11
 from evaluation.experiments.teach.experiment import EXPERIMENT as TEACH
 
 EXPERIMENTS: tuple[Experiment, ...] = (

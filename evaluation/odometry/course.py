@@ -10,14 +10,14 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from evaluation.scenarios import Course
-from evaluation.scenes import CAMERA
-from evaluation.stage import Stage
-from fake_camera.lighting import Change, LightScript
-from fake_camera.path import CameraPath
-from fake_camera.render import Renderer, Surface
-from fake_camera.room import WINDOW_RADIANCE, furnished_room
-from fake_camera.simulation import RoomView
+from evaluation.scenes.scenarios import Course
+from evaluation.scenes.scenes import CAMERA
+from evaluation.stage.stage import Stage
+from fake_camera.world.lighting import Change, LightScript
+from fake_camera.world.render.renderer import Renderer, Surface
+from fake_camera.world.scene.path import CameraPath
+from fake_camera.world.scene.room import WINDOW_RADIANCE, furnished_room
+from fake_camera.world.simulation import RoomView
 
 Light = Literal["uneven", "low", "even"]
 """Scenario (a) and (b) of Begin & Hunter's section 3.3, and the light of section 3.1."""

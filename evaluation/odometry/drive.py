@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from calibration.response import ResponseFunction
 from drivers.exposure import ExposureSetting
 from drivers.frames import StereoPair
-from evaluation.closed_loop import Entrant, best_start, take_pair
+from evaluation.arena.oracle import Oracle
 from evaluation.odometry.errors import relative_errors_mm
 from evaluation.odometry.stereo import StereoOdometry, images
-from evaluation.oracle import Oracle
-from evaluation.stage import LIMITS, Stage
-from fake_camera.simulation import RoomView
+from evaluation.stage.closed_loop import Entrant, best_start, take_pair
+from evaluation.stage.stage import LIMITS, Stage
+from fake_camera.world.simulation import RoomView
 
 EVERY = 2
 """Odometry gets every second pair, 30 a second: 20 mm are then at least 7 pairs."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from evaluation.odometry.drive import EVERY
 from evaluation.odometry.stereo import StereoCamera, Tracked
-from evaluation.scenarios import RATE_HZ
+from evaluation.scenes.scenarios import RATE_HZ
 
 PACKAGE = "orbslam3-python"
 

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.frames import StereoPair
-from fake_camera.path import BASELINE_M
-from fake_camera.render import Pinhole
+from fake_camera.world.render.renderer import Pinhole
+from fake_camera.world.scene.path import BASELINE_M
 
 GAMMA = 0.3
 """Lifts the dark parts before features are looked for (Begin & Hunter 2022, section 3.1)."""

@@ -6,11 +6,11 @@ import hashlib
 import struct
 from collections.abc import Callable, Iterator
 
-from fake_camera.device import Device
-from fake_camera.features import FeatureError
-from fake_camera.registers import Register, constant, unsigned
-from fake_camera.status import CommandError, Status
-from fake_camera.transport import Field, Transport
+from fake_camera.device.device import Device
+from fake_camera.device.features import FeatureError
+from fake_camera.genicam.registers import Register, constant, unsigned
+from fake_camera.genicam.status import CommandError, Status
+from fake_camera.genicam.transport import Field, Transport
 from fake_camera.usb3.event_channel import EventChannel
 from fake_camera.usb3.stream_channel import StreamChannel
 from fake_camera.usb3.u3vcp import MAX_TRANSFER_BYTES

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import threading
 
-from fake_camera.faults import Faults
-from fake_camera.registers import RegisterMap
-from fake_camera.status import CommandError, Status
+from fake_camera.device.faults import Faults
+from fake_camera.genicam.registers import RegisterMap
+from fake_camera.genicam.status import CommandError, Status
 from fake_camera.usb3 import u3vcp
-from fake_camera.usb3.endpoint import InEndpoint
 from fake_camera.usb3.u3vcp import Command, Request
+from fake_camera.usb3.usb.endpoint import InEndpoint
 
 _PENDING_MS = 500
 _PENDING_ANSWER_S = 0.1

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from fake_camera.usb3.endpoint import InEndpoint
 from fake_camera.usb3.u3vcp import event
+from fake_camera.usb3.usb.endpoint import InEndpoint
 
 _TEST_EVENT = 0x4FFF
 

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fake_camera.acquisition import Counters
-from fake_camera.faults import Faults
+from fake_camera.device.acquisition import Counters
+from fake_camera.device.faults import Faults
+from fake_camera.genicam.status import CommandError, Status
 from fake_camera.imaging import ExposedFrame
-from fake_camera.status import CommandError, Status
 from fake_camera.usb3 import u3vsp
-from fake_camera.usb3.endpoint import InEndpoint
+from fake_camera.usb3.usb.endpoint import InEndpoint
 
 MEMORY_BYTES = 8 << 20
 """Frames that the host does not fetch wait in the camera's memory; those that find it full are discarded."""

@@ -6,7 +6,7 @@ import struct
 from dataclasses import dataclass
 from enum import IntEnum
 
-from fake_camera.status import CommandError, Status
+from fake_camera.genicam.status import CommandError, Status
 
 MAX_TRANSFER_BYTES = 1024
 """Most bytes of a command or an acknowledgement, its header included."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 
-from fake_camera.features import ENUM_ENTRIES
+from fake_camera.device.features import ENUM_ENTRIES
 from fake_camera.imaging import ExposedFrame
 
 LEADER_BYTES = 52

@@ -7,21 +7,21 @@ import errno
 import struct
 from enum import IntEnum
 
-from fake_camera.chunks import sent_chunks
-from fake_camera.device import Device
-from fake_camera.faults import NOT_DESCRIBED, USB3
-from fake_camera.genicam_xml import genicam_xml, zipped
+from fake_camera.device.device import Device
+from fake_camera.device.faults import NOT_DESCRIBED, USB3
+from fake_camera.genapi.xml_camera import XmlCamera
+from fake_camera.genapi.xml_registers import XmlRegisters
+from fake_camera.genicam.chunks import sent_chunks
+from fake_camera.genicam.description import genicam_xml, zipped
+from fake_camera.genicam.registers import RegisterMap, feature_registers
 from fake_camera.imaging import ExposedFrame
-from fake_camera.registers import RegisterMap, feature_registers
-from fake_camera.usb3 import descriptors
 from fake_camera.usb3.bootstrap import SBRM, USB3_VISION, bootstrap_registers
 from fake_camera.usb3.control_channel import ControlChannel
-from fake_camera.usb3.descriptors import CONTROL_IN, CONTROL_OUT, EVENT_IN, STREAM_IN, Identity
-from fake_camera.usb3.endpoint import InEndpoint
 from fake_camera.usb3.event_channel import EventChannel
 from fake_camera.usb3.stream_channel import StreamChannel
-from fake_camera.xml_camera import XmlCamera
-from fake_camera.xml_registers import XmlRegisters
+from fake_camera.usb3.usb import descriptors
+from fake_camera.usb3.usb.descriptors import CONTROL_IN, CONTROL_OUT, EVENT_IN, STREAM_IN, Identity
+from fake_camera.usb3.usb.endpoint import InEndpoint
 
 _SETUP = struct.Struct("<BBHHH")
 _TO_DEVICE, _TO_ENDPOINT = 0, 2

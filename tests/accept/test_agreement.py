@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fake_camera.lighting import LightScript
+from fake_camera.world.lighting import LightScript
 from tests.accept.replay import replay_demo
 from tests.accept.test_demo import FULL, demo
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from drivers.account import LossReason
+from drivers.triggers.account import LossReason
 from tests.autoexpose_daemon.stereo import (
     JOIN_WARNING,
     START_CAMERA,

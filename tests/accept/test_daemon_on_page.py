@@ -12,11 +12,11 @@ from typing import Any
 import pytest
 from PIL import Image
 
+from tests.autoexpose_daemon.page.browser import SHRUNK, Tab, browser
+from tests.autoexpose_daemon.page.server import running_page
+from tests.autoexpose_daemon.page.test_daemon_on_page import STATE, compare
+from tests.autoexpose_daemon.publish.steps import endpoint
 from tests.autoexpose_daemon.stereo import running_daemon, stereo_cameras
-from tests.page.browser import SHRUNK, Tab, browser
-from tests.page.server import running_page
-from tests.page.test_daemon_on_page import STATE, compare
-from tests.publish.steps import endpoint
 
 SCREENSHOTS = os.environ.get("PAGE_SCREENSHOTS")
 HISTORY_S = 55.0

@@ -2,7 +2,7 @@
 
 Each row says what the user reads and what is counted; nothing else may have been counted, but frames that a busy
 machine loses, and all is well again at its end. The account is held against the trigger wire. What the daemon makes of
-a fault is shown in virtual time as well, to the count: tests/autoexpose_daemon/test_faults.py.
+a fault is shown in virtual time as well, to the count: tests/autoexpose_daemon/runtime/test_faults.py.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from autoexpose_daemon.config import Config
+from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.demo.fakes import read_pulses
-from autoexpose_daemon.describe import describe
-from autoexpose_daemon.states import Expectation, judge
-from autoexpose_daemon.tuning import Tuning
+from autoexpose_daemon.runtime.tuning import Tuning
+from autoexpose_daemon.status.describe import describe
+from autoexpose_daemon.status.states import Expectation, judge
 from calibration.response import ResponseFunction
-from calibration.response_file import ResponseFile
+from calibration.response.file import ResponseFile
 from drivers.errors import ConfigurationError
 from tests.autoexpose_daemon.stereo import JOIN_WARNING, ON_USB, START_CAMERA, Run, running_daemon, stereo_cameras
 from tests.fakes import FakeCamera

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from calibration.response import ResponseFunction
-from calibration.response_file import CameraIdentity, Origin, ResponseFile
+from calibration.response.file import CameraIdentity, Origin, ResponseFile
 from tests.calibration.test_commands import calibrate
 from tests.fakes import fake_camera
 

@@ -11,7 +11,7 @@ from mcap.reader import make_reader
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from tests.autoexpose_daemon.service_process import AUTOEXPOSE, running_service
+from tests.autoexpose_daemon.service.service_process import AUTOEXPOSE, running_service
 from tests.autoexpose_daemon.stereo import stereo_cameras
 
 RECORDED_S = 10.0

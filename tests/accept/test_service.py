@@ -1,6 +1,6 @@
 """The daemon as a service, in real time on fake cameras: states, reloads, restarts.
 
-tests/autoexpose_daemon/test_service.py shows the same on cameras that do as they are told.
+tests/autoexpose_daemon/service/test_service.py shows the same on cameras that do as they are told.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ import pytest
 import yaml
 
 from calibration.response import ResponseFunction
-from calibration.response_file import CameraIdentity, Origin, ResponseFile
-from tests.autoexpose_daemon.service_process import PATIENCE_S, ServiceProcess, running_service
+from calibration.response.file import CameraIdentity, Origin, ResponseFile
+from tests.autoexpose_daemon.service.service_process import PATIENCE_S, ServiceProcess, running_service
 from tests.autoexpose_daemon.stereo import stereo_cameras
 from tests.fakes import FakeCamera
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from tests.autoexpose_daemon.service_process import ServiceProcess, running_service
+from tests.autoexpose_daemon.service.service_process import ServiceProcess, running_service
 from tests.autoexpose_daemon.stereo import JOIN_WARNING, stereo_cameras
 from tests.fakes import FakeCamera
 

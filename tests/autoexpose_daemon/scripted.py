@@ -11,15 +11,15 @@ from typing import Any
 
 import numpy as np
 
-from autoexpose_daemon.config import Config
+from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.control.decision import Decision
-from autoexpose_daemon.daemon import Daemon
-from autoexpose_daemon.outlets import add_outlets
+from autoexpose_daemon.runtime.daemon import Daemon
+from autoexpose_daemon.service.outlets import add_outlets
 from drivers.camera import Camera
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame, Side, StereoPair
-from tests.control.scene import expose, radiance
-from tests.drivers.test_rig import ScriptedCamera
+from tests.autoexpose_daemon.control.scene import expose, radiance
+from tests.drivers.rig.test_rig import ScriptedCamera
 
 SHAPE = (136, 180)
 MID_LEVEL = 10.0

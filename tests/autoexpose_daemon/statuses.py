@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.publish.tally import ConsumerTally
-from autoexpose_daemon.states import State
-from autoexpose_daemon.status import (
+from autoexpose_daemon.status.document import (
     VERSION,
     CameraStatus,
     Durations,
@@ -14,6 +13,7 @@ from autoexpose_daemon.status import (
     RecorderStatus,
     Status,
 )
+from autoexpose_daemon.status.states import State
 from drivers.exposure import ExposureSetting
 
 SETTING = ExposureSetting(1000.0, 6.0)

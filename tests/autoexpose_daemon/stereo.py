@@ -14,15 +14,15 @@ from typing import Any
 
 import pytest
 
-from autoexpose_daemon.cameras import openers
-from autoexpose_daemon.config import Config
+from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.control.decision import Decision
-from autoexpose_daemon.daemon import Daemon
 from autoexpose_daemon.demo.fakes import read_pulses
 from autoexpose_daemon.demo.report import pulses_in_window
-from autoexpose_daemon.describe import describe
-from autoexpose_daemon.outlets import add_outlets
-from autoexpose_daemon.panel import line_of
+from autoexpose_daemon.runtime.cameras import openers
+from autoexpose_daemon.runtime.daemon import Daemon
+from autoexpose_daemon.service.outlets import add_outlets
+from autoexpose_daemon.status.describe import describe
+from autoexpose_daemon.status.panel import line_of
 from drivers.frames import StereoPair
 from fake_camera.usb3.run import CAMERAS_VARIABLE
 from tests.fakes import FakeCamera, camera_on_this_bus, fake_camera, unique

@@ -15,11 +15,11 @@ from pathlib import Path
 import pytest
 
 from autoexpose_daemon.cli import main
-from autoexpose_daemon.control.metrics import GradientMetric
+from autoexpose_daemon.control.metrics.gradient import GradientMetric
 from calibration.response import ResponseFunction
-from calibration.response_file import CameraIdentity, Origin, ResponseFile
+from calibration.response.file import CameraIdentity, Origin, ResponseFile
 from tests.autoexpose_daemon.stereo import stereo_cameras
-from tests.fake_camera.gige_client import CCP, GvcpClient
+from tests.fake_camera.gige.gige_client import CCP, GvcpClient
 from tests.fakes import FOREIGN_ADDRESS, fake_camera, foreign_camera, loopback_address
 
 AUTOEXPOSE = [sys.executable, "-c", "from autoexpose_daemon.cli import main; main()"]
@@ -66,7 +66,7 @@ def test_top_without_a_daemon_is_one_sentence_that_says_what_is_needed(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     at = f"tcp/{loopback_address()}:7448"
-    monkeypatch.setattr("autoexpose_daemon.top._PATIENCE_S", 0.1)
+    monkeypatch.setattr("autoexpose_daemon.status.top._PATIENCE_S", 0.1)
     monkeypatch.setattr("sys.argv", ["autoexpose", "top", "--once", "--connect", at])
     with pytest.raises(SystemExit, match="1"):
         main()

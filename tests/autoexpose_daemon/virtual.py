@@ -7,14 +7,14 @@ from collections import Counter
 from collections.abc import Callable
 from typing import Any
 
-from autoexpose_daemon.config import Config
+from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.control.decision import Decision
-from autoexpose_daemon.states import Health
-from autoexpose_daemon.telemetry import Telemetry
-from autoexpose_daemon.tuning import Tuning
-from drivers.account import LossReason
+from autoexpose_daemon.runtime.tuning import Tuning
+from autoexpose_daemon.status.states import Health
+from autoexpose_daemon.status.telemetry import Telemetry
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import StereoPair
+from drivers.triggers.account import LossReason
 from tests.soak.camera import VirtualFrame
 from tests.soak.clock import MS, SECOND
 from tests.soak.rig import CONFIG, PERIOD_NS, VirtualRig

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from calibration.sweep import Shot, Sweep
 from drivers.exposure import ExposureSetting, linear_gain
 from fake_camera.imaging import ImageSettings
-from fake_camera.sensor import Sensor, SensorModel
+from fake_camera.world.sensor import Sensor, SensorModel
 
 MODEL = SensorModel(width=480, height=360)
 BIT_DEPTHS = {"Mono8": 8, "Mono12": 12, "Mono16": 16}

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from calibration.sweep import Shot, Sweep
 from drivers.exposure import ExposureSetting
 from fake_camera.imaging import ImageSettings
-from fake_camera.lighting import LightScript
-from fake_camera.sensor import Sensor, SensorModel
+from fake_camera.world.lighting import LightScript
+from fake_camera.world.sensor import Sensor, SensorModel
 
 WIDTH, HEIGHT = 240, 176
 BIT_DEPTH = {"Mono8": 8, "Mono12": 12, "Mono16": 16}

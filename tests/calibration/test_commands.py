@@ -12,9 +12,9 @@ import pytest
 from typer.testing import CliRunner
 
 from calibration.commands.app import calibrate_app
-from calibration.prediction import prediction_tables
 from calibration.response import ResponseFunction
-from calibration.response_file import CameraIdentity, Origin, ResponseFile
+from calibration.response.file import CameraIdentity, Origin, ResponseFile
+from calibration.response.prediction import prediction_tables
 from calibration.sources.capture import SweepPlan
 from drivers.errors import AutoexposeError
 from drivers.exposure import ExposureSetting

@@ -21,13 +21,13 @@ from calibration.latency.write_effect import WriteEffect
 from calibration.noise.capture import default_gains_db, plan_noise
 from calibration.noise.model import Estimate, NoiseModel
 from calibration.response import ResponseFunction
-from calibration.response_file import CameraIdentity, Origin, ResponseFile
+from calibration.response.file import CameraIdentity, Origin, ResponseFile
 from calibration.sources.session import session_setup
 from drivers.aravis import open_camera
 from drivers.errors import CameraError, ConfigurationError
 from drivers.exposure import ExposureLimits
 from drivers.setup import CameraSetup
-from fake_camera.sensor import SensorModel
+from fake_camera.world.sensor import SensorModel
 from tests.calibration.made_up_camera import LIMITS, MadeUpCamera, linear
 from tests.calibration.test_commands import calibrate
 from tests.fakes import FakeCamera, fake_camera

@@ -7,13 +7,13 @@ from functools import cache
 import numpy as np
 import pytest
 
-from calibration.drift import ENOUGH, ResponseWatch, followed_greys
-from calibration.prediction import prediction_table
-from calibration.refinement import LEAST_CHANGES, refine
 from calibration.response import ResponseFunction
+from calibration.response.drift import ENOUGH, ResponseWatch, followed_greys
+from calibration.response.prediction import prediction_table
+from calibration.response.refinement import LEAST_CHANGES, refine
 from fake_camera.imaging import ImageSettings
-from fake_camera.lighting import Change, LightScript
-from fake_camera.simulation import build_image_source
+from fake_camera.world.lighting import Change, LightScript
+from fake_camera.world.simulation import build_image_source
 from tests.calibration.true_response import true_response
 
 NAMES = ("linear", "gamma", "s_shaped")

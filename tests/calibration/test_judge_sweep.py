@@ -14,7 +14,7 @@ from calibration.judges.sweep import judge_sweep
 from calibration.solver.solve import solve_response
 from calibration.sweep import Shot, Sweep
 from drivers.exposure import ExposureSetting, decibels
-from fake_camera.lighting import Change, Flicker, LightScript
+from fake_camera.world.lighting import Change, Flicker, LightScript
 from tests.calibration.sweeps import TIMES_US, UP_DOWN_UP, WIDTH, Bench, Radiance, duration_s, scene
 
 DURATION_S = duration_s()

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from calibration.prediction import prediction_table, prediction_tables
 from calibration.response import ResponseFunction
+from calibration.response.prediction import prediction_table, prediction_tables
 
 
 def curved(seed: int, black_level: int = 5, saturation: int = 250) -> ResponseFunction:

@@ -12,10 +12,10 @@ import cv2
 import numpy as np
 import pytest
 
-from calibration.commands.result import Result, calibrate
 from calibration.report import write_report
 from calibration.report.plots import DASHES
-from calibration.response_file import CameraIdentity, Origin
+from calibration.response.file import CameraIdentity, Origin
+from calibration.result import Result, calibrate
 from calibration.solver.comparison import compare
 from tests.calibration.made_up_camera import MadeUpCamera, gamma, linear, sweep
 

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from calibration.response import ResponseFunction
-from calibration.response_file import ResponseFile
+from calibration.response.file import ResponseFile
 from drivers.errors import ConfigurationError
 
 

@@ -10,7 +10,7 @@ import yaml
 
 from calibration.findings import Finding
 from calibration.response import ResponseFunction
-from calibration.response_file import CameraIdentity, Origin, ResponseFile
+from calibration.response.file import CameraIdentity, Origin, ResponseFile
 from calibration.solution import ResponseSolution
 from drivers.errors import ConfigurationError
 

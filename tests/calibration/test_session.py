@@ -18,7 +18,7 @@ from drivers.camera import CameraDescription, IncompleteFrame
 from drivers.errors import CameraError
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Frame, SettingSource
-from drivers.latency import FRAMES_AFTER
+from drivers.genicam.write_latency import FRAMES_AFTER
 from tests.fakes import fake_camera
 
 BEFORE = ExposureSetting(1000.0, 0.0)

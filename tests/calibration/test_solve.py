@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from calibration.judges.solution import judge_solution
 from calibration.judges.sweep import judge_sweep
-from calibration.prediction import prediction_tables
 from calibration.response import ResponseFunction
+from calibration.response.prediction import prediction_tables
 from calibration.solver.solve import solve_response
 from calibration.sources.images import read_images
 from calibration.sweep import Shot, Sweep

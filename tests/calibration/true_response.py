@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 
 from calibration.response import ResponseFunction
-from fake_camera.response import CURVES
+from fake_camera.world.response import CURVES
 
 
 @cache

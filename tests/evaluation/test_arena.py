@@ -10,15 +10,15 @@ import pytest
 from typer.testing import CliRunner
 
 from drivers.errors import AutoexposeError, ConfigurationError
-from evaluation import commands, plan
-from evaluation.arena import Run, run_plan
-from evaluation.commands import arena_app
-from evaluation.plan import Task, full_plan, quick_plan
-from evaluation.report import mean_ratios
-from evaluation.results import document, results
-from evaluation.scenarios import SCENARIOS
-from evaluation.scores import Score
-from evaluation.targets import outcomes
+from evaluation.arena import commands, plan
+from evaluation.arena.arena import Run, run_plan
+from evaluation.arena.commands import arena_app
+from evaluation.arena.plan import Task, full_plan, quick_plan
+from evaluation.arena.report import mean_ratios
+from evaluation.arena.results import document, results
+from evaluation.arena.scores import Score
+from evaluation.arena.targets import outcomes
+from evaluation.scenes.scenarios import SCENARIOS
 
 FIGURES = {
     "settle_frames": (int, float, type(None)),

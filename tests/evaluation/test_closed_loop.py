@@ -5,13 +5,13 @@ import pytest
 
 from autoexpose_daemon.control.image import ImagePreparation
 from autoexpose_daemon.control.loop import ControlLoop
-from autoexpose_daemon.control.metrics import GradientMetric
-from evaluation.closed_loop import Entrant, course_of, run, run_one
-from evaluation.scenarios import SCENARIOS, WARM_UP_FRAMES
-from evaluation.stage import BLUR_STEP_PX, LIMITS
+from autoexpose_daemon.control.metrics.gradient import GradientMetric
+from evaluation.scenes.scenarios import SCENARIOS, WARM_UP_FRAMES
+from evaluation.stage.closed_loop import Entrant, course_of, run, run_one
+from evaluation.stage.stage import BLUR_STEP_PX, LIMITS
 from fake_camera.imaging import ImageSettings
-from fake_camera.lighting import LightScript
-from fake_camera.sensor import Sensor, SensorModel
+from fake_camera.world.lighting import LightScript
+from fake_camera.world.sensor import Sensor, SensorModel
 
 
 def test_the_same_course_twice_is_the_same_to_the_bit() -> None:

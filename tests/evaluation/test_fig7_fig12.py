@@ -12,9 +12,9 @@ import cv2
 import numpy as np
 import pytest
 
-from evaluation.experiments import fig7, fig12, fixed_drives
 from evaluation.experiments.cache import ResultCache
-from evaluation.experiments.courses import by_course, over_courses
+from evaluation.experiments.drives import fig7, fig12, fixed_drives
+from evaluation.experiments.drives.courses import by_course, over_courses
 from evaluation.experiments.experiment import Experiment, Figure, Results, Section, Verdict
 from evaluation.experiments.run import run_jobs
 from evaluation.experiments.statistics import Interval

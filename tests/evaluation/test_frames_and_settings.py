@@ -12,13 +12,13 @@ from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlLoop
 from drivers.exposure import ExposureSetting
 from drivers.frames import StereoPair
-from evaluation.closed_loop import Entrant, run
 from evaluation.odometry.course import odometry_stage
 from evaluation.odometry.drive import Drive, drive
 from evaluation.odometry.stereo import Tracked, prepared
-from evaluation.scenarios import Course
-from evaluation.stage import Stage
-from fake_camera.simulation import RoomView
+from evaluation.scenes.scenarios import Course
+from evaluation.stage.closed_loop import Entrant, run
+from evaluation.stage.stage import Stage
+from fake_camera.world.simulation import RoomView
 
 START = ExposureSetting(500.0, 20.0)
 FIRST_S = 3.0

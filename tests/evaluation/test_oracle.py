@@ -7,11 +7,11 @@ import pytest
 
 from autoexpose_daemon.control.balance import Balance, BlurNoiseBalance, ExposurePriority, FixedRatio
 from drivers.exposure import ExposureSetting
-from evaluation.closed_loop import Entrant, course_of, race
-from evaluation.oracle import LEVELS, Best, Oracle, rounded_motion
-from evaluation.scenarios import SCENARIOS
-from evaluation.stage import LIMITS
-from fake_camera.simulation import Side
+from evaluation.arena.oracle import LEVELS, Best, Oracle, rounded_motion
+from evaluation.scenes.scenarios import SCENARIOS
+from evaluation.stage.closed_loop import Entrant, course_of, race
+from evaluation.stage.stage import LIMITS
+from fake_camera.world.simulation import Side
 
 
 @pytest.mark.parametrize(

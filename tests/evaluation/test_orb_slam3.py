@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from drivers.exposure import ExposureSetting
-from evaluation.closed_loop import take_pair
-from evaluation.experiments import orb_slam3
+from evaluation.experiments.drives import orb_slam3
 from evaluation.odometry.course import odometry_stage
 from evaluation.odometry.errors import relative_errors_mm
 from evaluation.odometry.orb_slam3 import OrbSlam3
 from evaluation.odometry.stereo import StereoCamera, images
 from evaluation.odometry.vocabulary import BRANCHES, LEVELS, write_vocabulary
-from fake_camera.simulation import RoomView
+from evaluation.stage.closed_loop import take_pair
+from fake_camera.world.simulation import RoomView
 
 
 def test_a_vocabulary_is_a_tree_whose_words_lie_near_what_it_was_made_from(tmp_path: Path) -> None:

@@ -13,13 +13,12 @@ from PIL import Image
 from autoexpose_daemon.control.policy import ExposurePolicy
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame, StereoPair
-from evaluation.experiments import fig1, fig3, fig10, fig11
 from evaluation.experiments.cache import ResultCache
 from evaluation.experiments.experiment import Experiment, Figure, Results, Section, Verdict
-from evaluation.experiments.noise_coupling import GAINS_DB, coupling, pairs_of
-from evaluation.experiments.predicted_optimum import rest_level, summary
-from evaluation.experiments.run import run_jobs
-from evaluation.experiments.step_response import (
+from evaluation.experiments.prediction import fig1, fig3, fig10, fig11
+from evaluation.experiments.prediction.noise_coupling import GAINS_DB, coupling, pairs_of
+from evaluation.experiments.prediction.predicted_optimum import rest_level, summary
+from evaluation.experiments.prediction.step_response import (
     CONTESTANTS,
     FRAMES,
     WARM_UP_FRAMES,
@@ -27,9 +26,10 @@ from evaluation.experiments.step_response import (
     WithoutFeedback,
     frames_to_converge,
 )
-from evaluation.experiments.still_life import StillLife, plateau_centre, setting_of
-from evaluation.responses import FAKE_CAMERAS, CameraResponse
-from evaluation.stage import LIMITS
+from evaluation.experiments.prediction.still_life import StillLife, plateau_centre, setting_of
+from evaluation.experiments.run import run_jobs
+from evaluation.scenes.responses import FAKE_CAMERAS, CameraResponse
+from evaluation.stage.stage import LIMITS
 
 Quick = tuple[list[tuple[dict[str, Any], Any]], Section]
 

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from evaluation.scores import Score, frames_to_settle, score
+from evaluation.arena.scores import Score, frames_to_settle, score
 
 ON_TARGET = [1.0] * 10
 

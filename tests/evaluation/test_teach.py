@@ -27,8 +27,8 @@ from evaluation.experiments.teach.park import park
 from evaluation.experiments.teach.path import MAPS, TaughtPath
 from evaluation.experiments.teach.registration import Detector, Part, Truth, register, vote
 from evaluation.experiments.teach.sweep import OFFSETS, sweep
-from evaluation.stills import leaves
-from fake_camera.render import Renderer, Surface
+from evaluation.scenes.stills import leaves
+from fake_camera.world.render.renderer import Renderer, Surface
 
 
 @pytest.fixture(scope="module", autouse=True)

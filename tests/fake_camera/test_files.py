@@ -10,8 +10,8 @@ import pytest
 
 from fake_camera.__main__ import _description
 from fake_camera.files import read_regular
-from fake_camera.lighting import LightScript
-from fake_camera.panorama import load_radiance
+from fake_camera.world.lighting import LightScript
+from fake_camera.world.scene.panorama import load_radiance
 
 READERS: tuple[Callable[[Path], object], ...] = (
     LightScript.from_file,

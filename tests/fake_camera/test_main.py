@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from fake_camera.__main__ import main
-from fake_camera.line0 import Line0
+from fake_camera.device.line0 import Line0
 from tests.fakes import fake_camera, run_camera, usb3_camera
 from tests.xml_cameras import xml_camera
 

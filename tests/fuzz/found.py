@@ -12,12 +12,12 @@ import numpy as np
 from autoexpose_daemon.messages.write import MessageWriter
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame, StereoPair
-from fake_camera.usb3.descriptors import CONTROL_IN, CONTROL_OUT
+from fake_camera.usb3.usb.descriptors import CONTROL_IN, CONTROL_OUT
+from tests.autoexpose_daemon.publish.steps import DECISION
 from tests.autoexpose_daemon.statuses import EXPOSING
 from tests.fuzz.of_fake_camera import ATTACH, submit
 from tests.fuzz.of_host import received
 from tests.fuzz.target import framed
-from tests.publish.steps import DECISION
 
 _BOMB = b"a: &a {x: 1, y: 2}\n" + b"".join(
     b"%c: &%c {<<: [*%c, *%c, *%c, *%c]}\n" % (new, new, *[new - 1] * 4) for new in b"bcdefghijklmnop"

@@ -14,29 +14,30 @@ from typing import Any
 import cv2
 import numpy as np
 
-from fake_camera.acquisition import Counters
-from fake_camera.bootstrap import CONTROL_PRIVILEGE, GIGE_VISION, bootstrap_registers
-from fake_camera.control_channel import ControlChannel
-from fake_camera.control_socket import answers
-from fake_camera.faults import NAMES, Fault, Faults
-from fake_camera.features import Features
+from fake_camera.device.acquisition import Counters
+from fake_camera.device.control_socket import answers
+from fake_camera.device.faults import NAMES, Fault, Faults
+from fake_camera.device.features import Features
+from fake_camera.device.line0 import Line0
 from fake_camera.genapi.description import Description
-from fake_camera.genicam_xml import genicam_xml, zipped
-from fake_camera.gvcp import Command
-from fake_camera.lighting import LightScript
-from fake_camera.line0 import Line0
-from fake_camera.panorama import load_radiance
-from fake_camera.privilege import ControlPrivilege
-from fake_camera.registers import RegisterMap, feature_registers, slots
-from fake_camera.status import CommandError
-from fake_camera.stream_channel import StreamChannel
-from fake_camera.usb3 import u3vcp, usbip
-from fake_camera.usb3.connection import Claims, Connection
-from fake_camera.usb3.descriptors import CONTROL_IN, CONTROL_OUT, STREAM_IN
+from fake_camera.genapi.xml_camera import XmlCamera
+from fake_camera.genapi.xml_registers import XmlRegisters
+from fake_camera.genicam.description import genicam_xml, zipped
+from fake_camera.genicam.privilege import ControlPrivilege
+from fake_camera.genicam.registers import RegisterMap, feature_registers, slots
+from fake_camera.genicam.status import CommandError
+from fake_camera.gige.bootstrap import CONTROL_PRIVILEGE, GIGE_VISION, bootstrap_registers
+from fake_camera.gige.control_channel import ControlChannel
+from fake_camera.gige.gvcp import Command
+from fake_camera.gige.stream_channel import StreamChannel
+from fake_camera.usb3 import u3vcp
+from fake_camera.usb3.usb import usbip
+from fake_camera.usb3.usb.connection import Claims, Connection
+from fake_camera.usb3.usb.descriptors import CONTROL_IN, CONTROL_OUT, STREAM_IN
 from fake_camera.usb3.usb_device import UsbDevice
-from fake_camera.xml_camera import XmlCamera
-from fake_camera.xml_registers import XmlRegisters
-from tests.fake_camera.gige_client import command
+from fake_camera.world.lighting import LightScript
+from fake_camera.world.scene.panorama import load_radiance
+from tests.fake_camera.gige.gige_client import command
 from tests.fuzz.target import framed, in_file, unframed
 from tests.xml_cameras import COMBINATIONS, xml_camera
 

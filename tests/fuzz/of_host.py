@@ -24,40 +24,40 @@ from starlette.requests import HTTPConnection
 from starlette.responses import PlainTextResponse
 
 from autoexpose_daemon.client.pairs import PairAssembler, PairQueue
-from autoexpose_daemon.config import load_config
+from autoexpose_daemon.config.document import load_config
 from autoexpose_daemon.control.loop import ControlSetup
 from autoexpose_daemon.control.snapshot import parse, plain
 from autoexpose_daemon.demo.fakes import read_pulses
-from autoexpose_daemon.last_exposure import FORMAT, LastExposure
 from autoexpose_daemon.messages.write import Message
 from autoexpose_daemon.page.access import Access, Key
 from autoexpose_daemon.page.history import History
 from autoexpose_daemon.page.metrics import exposition
 from autoexpose_daemon.page.picture import PictureMaker
-from autoexpose_daemon.panel import line_of
 from autoexpose_daemon.publish.tally import Consumers, ConsumerTally
 from autoexpose_daemon.recording.plain_json import from_json, to_json
 from autoexpose_daemon.recording.read import Recording
 from autoexpose_daemon.recording.replay import Replay
-from autoexpose_daemon.status import Status, response_from_json, response_to_json
-from autoexpose_daemon.top import History as SeenInTerminal
-from autoexpose_daemon.top import panel_of
+from autoexpose_daemon.service.last_exposure import FORMAT, LastExposure
+from autoexpose_daemon.status.document import Status, response_from_json, response_to_json
+from autoexpose_daemon.status.panel import line_of
+from autoexpose_daemon.status.top import History as SeenInTerminal
+from autoexpose_daemon.status.top import panel_of
 from calibration.findings import Finding
 from calibration.response import ResponseFunction
-from calibration.response_file import CameraIdentity, Origin, ResponseFile
+from calibration.response.file import CameraIdentity, Origin, ResponseFile
 from calibration.sources.exposure_times import timed_files
 from calibration.sources.images import read_images
-from drivers import gvcp
-from drivers.image_format import PFNC_CODES, decode_pixels
-from drivers.network import NetworkInterface, find_interfaces, largest_socket_buffer_bytes
-from drivers.sysfs import read_number
-from fake_camera.line0 import Line0
-from fake_camera.truth import TruthFile
+from drivers.genicam.image_format import PFNC_CODES, decode_pixels
+from drivers.host import gvcp
+from drivers.host.network import NetworkInterface, find_interfaces, largest_socket_buffer_bytes
+from drivers.host.sysfs import read_number
+from fake_camera.device.line0 import Line0
+from fake_camera.device.truth import TruthFile
+from tests.autoexpose_daemon.publish.test_pairs import messages
+from tests.autoexpose_daemon.recording.runs import LIMITS, VirtualRun, record
 from tests.autoexpose_daemon.statuses import EXPOSING
 from tests.fuzz.of_fake_camera import gvcp_answer
 from tests.fuzz.target import framed, in_file, unframed
-from tests.publish.test_pairs import messages
-from tests.recording.runs import LIMITS, VirtualRun, record
 
 LO = NetworkInterface("lo", IPv4Interface("127.0.0.1/8"), 65536, None)
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from autoexpose_daemon.messages.read import DamagedMessageError
 from autoexpose_daemon.recording.step import RecordingError
 from drivers.errors import AutoexposeError, ConfigurationError
-from fake_camera.faults import FaultError
-from fake_camera.line0 import WireError
+from fake_camera.device.faults import FaultError
+from fake_camera.device.line0 import WireError
 from tests.fuzz import of_fake_camera as fake
 from tests.fuzz import of_host as host
 from tests.fuzz.target import Target

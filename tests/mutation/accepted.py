@@ -6,9 +6,9 @@ A survivor that is not here is a test to be written, or a line to be written her
 from __future__ import annotations
 
 SAME = {
-    "autoexpose_daemon/control/metric_map/memory.py: return False: False -> True":
+    "autoexpose_daemon/control/policies/metric_map/memory.py: return False: False -> True":
         "without sightings there is none to clear",
-    "autoexpose_daemon/control/metric_map/registration.py: self.previous_level = 0.0: 0.0 -> 1.0":
+    "autoexpose_daemon/control/policies/metric_map/registration.py: self.previous_level = 0.0: 0.0 -> 1.0":
         "not looked at before there is a frame to compare with",
     "calibration/judges/light.py: unit = 2.0 * (times - times.min()) / max(float(np.ptp(times)), 1e-9) - 1.0: "
     "2.0 -> 1.0":
@@ -33,7 +33,7 @@ SLACK = {
 """Room for the rounding of numbers."""
 
 MARGINS = {
-    "drivers/clock.py: LATCH_ERROR_NS = 1_000_000: 1000000 -> 2000000":
+    "drivers/genicam/clock.py: LATCH_ERROR_NS = 1_000_000: 1000000 -> 2000000":
         "jumps of clocks are far greater, and errors of latches, which only a busy machine makes, are less",
     "calibration/judges/motion.py: "
     "table[response.saturation - 1 :] = GREY_LEVELS - 1  # clipped, and left out as such: 1 -> 2 (2)":
@@ -53,7 +53,7 @@ MARGINS = {
 """Margins in what lies far apart: no case that can be told is near them."""
 
 TUNING = {
-    "calibration/refinement.py: "
+    "calibration/response/refinement.py: "
     "return response.inverse_between(greys + 0.5) - response.inverse_between(greys - 0.5): "
     "greys + 0.5 -> (greys - 0.5)":
         "the weight of dark grey levels: tables err by 0.6 to 1.1 grey levels, not 0.5 to 1.0; 2.5 are asked for",

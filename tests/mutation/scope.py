@@ -31,16 +31,16 @@ LISTED = (
     # The feedback compares with the oldest decision that agrees.
     ("autoexpose_daemon/control/loop.py", "in reversed(self._past) if", "in self._past if"),
     # The best sample is promised instead of the polynomial's maximum.
-    ("autoexpose_daemon/control/policies/begin2022.py", "beyond), best.value)", "beyond), metrics.max())"),
-    ("autoexpose_daemon/control/policies/metric_map.py", "LONGEST_STEP = 0.4", "LONGEST_STEP = 0.8"),
-    ("autoexpose_daemon/control/policies/metric_map.py", "WORTH_KEEPING = 0.7", "WORTH_KEEPING = 0.2"),
-    ("autoexpose_daemon/control/policies/metric_map.py", "(held, held - risen)", "(held, held + risen)"),
-    ("autoexpose_daemon/control/policies/metric_map.py", "AGE_PER_PX = 0.02", "AGE_PER_PX = 0.0"),
-    ("autoexpose_daemon/control/policies/metric_map.py", "= 0.015, 0.03, 0.005", "= 0.15, 0.03, 0.005"),
-    ("autoexpose_daemon/control/policies/metric_map.py", "DENSITY_DECAY = 0.98", "DENSITY_DECAY = 0.5"),
-    ("autoexpose_daemon/control/metric_map/memory.py", "CONTRADICTION = 0.3", "CONTRADICTION = 0.95"),
+    ("autoexpose_daemon/control/policies/published/begin2022.py", "beyond), best.value)", "beyond), metrics.max())"),
+    ("autoexpose_daemon/control/policies/metric_map/policy.py", "LONGEST_STEP = 0.4", "LONGEST_STEP = 0.8"),
+    ("autoexpose_daemon/control/policies/metric_map/policy.py", "WORTH_KEEPING = 0.7", "WORTH_KEEPING = 0.2"),
+    ("autoexpose_daemon/control/policies/metric_map/policy.py", "(held, held - risen)", "(held, held + risen)"),
+    ("autoexpose_daemon/control/policies/metric_map/policy.py", "AGE_PER_PX = 0.02", "AGE_PER_PX = 0.0"),
+    ("autoexpose_daemon/control/policies/metric_map/policy.py", "= 0.015, 0.03, 0.005", "= 0.15, 0.03, 0.005"),
+    ("autoexpose_daemon/control/policies/metric_map/policy.py", "DENSITY_DECAY = 0.98", "DENSITY_DECAY = 0.5"),
+    ("autoexpose_daemon/control/policies/metric_map/memory.py", "CONTRADICTION = 0.3", "CONTRADICTION = 0.95"),
     # The arena judges the setting just decided instead of the one that the frame was taken with.
-    ("evaluation/closed_loop.py", "oracle.judge(series.settings[frame])", "oracle.judge(series.settings[-1])"),
+    ("evaluation/stage/closed_loop.py", "oracle.judge(series.settings[frame])", "oracle.judge(series.settings[-1])"),
     # A delay that is a frame short.
     ("evaluation/odometry/drive.py", "* entrant.delay_frames)", "* (entrant.delay_frames - 1))"),
     # The true pose a frame late.

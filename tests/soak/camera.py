@@ -10,10 +10,10 @@ from typing import NamedTuple
 import numpy as np
 
 from drivers.camera import CameraDescription, IncompleteFrame
-from drivers.clock import LatchedClock
 from drivers.errors import CameraLostError, CameraNotFoundError, NodeError
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Frame, SettingSource, Side
+from drivers.genicam.clock import LatchedClock
 from tests.soak.clock import MS, Clock
 
 LIMITS = ExposureLimits(20.0, 7500.0, 0.0, 30.0, 1.0, 0.1)

@@ -9,9 +9,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from autoexpose_daemon.control.decision import Decision
-from autoexpose_daemon.states import Health, State
-from drivers.account import LossReason
+from autoexpose_daemon.status.states import Health, State
 from drivers.frames import StereoPair
+from drivers.triggers.account import LossReason
 from tests.soak.camera import VirtualFrame
 from tests.soak.clock import SECOND
 from tests.soak.faults import FAULTS, Expected, Script

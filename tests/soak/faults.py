@@ -9,8 +9,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 
-from drivers.clock import SURE_FRAMES
-from drivers.rate_watch import JUDGED_FRAMES
+from drivers.genicam.clock import SURE_FRAMES
+from drivers.triggers.rate import JUDGED_FRAMES
 from tests.soak.camera import BUFFERS, LIMITS, Device
 from tests.soak.clock import MS, SECOND, Actor
 from tests.soak.rig import LONGEST_REST_NS, RATE_HZ, VirtualRig

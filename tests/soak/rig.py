@@ -8,16 +8,16 @@ import math
 from collections.abc import Callable
 from types import SimpleNamespace
 
-from autoexpose_daemon.config import Config
+from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.control.decision import Decision
-from autoexpose_daemon.daemon import silence_s
-from autoexpose_daemon.rig_control import RigControl
-from autoexpose_daemon.states import Expectation, Health, State, judge
-from autoexpose_daemon.tuning import Tuning
+from autoexpose_daemon.runtime.daemon import silence_s
+from autoexpose_daemon.runtime.rig_control import RigControl
+from autoexpose_daemon.runtime.tuning import Tuning
+from autoexpose_daemon.status.states import Expectation, Health, State, judge
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Side, StereoPair
-from drivers.rig_events import RigEvent
-from drivers.supervision import Supervisor
+from drivers.rig.events import RigEvent
+from drivers.rig.supervision import Supervisor
 from tests.soak.camera import LIMITS, Device
 from tests.soak.clock import MS, SECOND, Actor, Clock, run
 

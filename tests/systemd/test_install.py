@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-REPOSITORY = Path(__file__).parents[2]
+from tests import REPOSITORY
+
 CONFIG = "cameras: {left: {serial: MINE}}\n"
 FILES = [
     "usr/lib/systemd/system/autoexpose.service",

@@ -8,10 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from autoexpose_daemon.config import load_config
-from autoexpose_daemon.config_publish import PublishConfig
+from autoexpose_daemon.config.document import load_config
+from autoexpose_daemon.config.publish import PublishConfig
+from tests import REPOSITORY
 
-FOLDER = Path(__file__).parents[2] / "systemd"
+FOLDER = REPOSITORY / "systemd"
 UNIT = FOLDER / "autoexpose.service"
 PAGE = FOLDER / "autoexpose-page.service"
 UNITS = pytest.mark.parametrize("unit", [UNIT, PAGE], ids=lambda unit: unit.stem)

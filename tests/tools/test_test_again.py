@@ -11,9 +11,9 @@ from tools.test_again import Run, read, results, summary
 GREEN = Run("2026-11-22T08:00:00+01:00", "abc1234", False, 225.0, 3.6, 2100, 1, [])
 OUTPUT = """\
 .venv/bin/pytest -m "not realtime" -n 3 --dist loadgroup
-SKIPPED [1] tests/drivers/test_usb.py:79: root may open every node
-FAILED tests/page/test_page.py::test_words[a-b c] - AssertionError: in 3 seconds
-ERROR tests/page/test_page.py::test_other - OSError
+SKIPPED [1] tests/drivers/host/test_usb.py:79: root may open every node
+FAILED tests/autoexpose_daemon/page/test_page.py::test_words[a-b c] - AssertionError: in 3 seconds
+ERROR tests/autoexpose_daemon/page/test_page.py::test_other - OSError
 ============ 1 failed, 2061 passed, 1 skipped, 1 error in 100.31s (0:01:40) ============
 .venv/bin/pytest -m realtime
 ==== 31 passed, 2300 deselected in 60.00s (0:01:00) ====
@@ -23,7 +23,10 @@ ERROR tests/page/test_page.py::test_other - OSError
 def test_counts_of_both_parts_add_up_and_failures_have_names() -> None:
     passed, skipped, failed = results(OUTPUT, 2)
     assert (passed, skipped) == (2092, 1)
-    assert failed == ["tests/page/test_page.py::test_words[a-b", "tests/page/test_page.py::test_other"]
+    assert failed == [
+        "tests/autoexpose_daemon/page/test_page.py::test_words[a-b",
+        "tests/autoexpose_daemon/page/test_page.py::test_other",
+    ]
 
 
 def test_a_run_that_breaks_off_has_failed() -> None:

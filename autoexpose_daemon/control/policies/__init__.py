@@ -13,22 +13,22 @@ from autoexpose_daemon.control.balance import (
     FixedRatio,
     FlickerBalance,
 )
-from autoexpose_daemon.control.metrics import GradientMetric
+from autoexpose_daemon.control.metrics.gradient import GradientMetric
+from autoexpose_daemon.control.metrics.quality import CombinedQuality
 from autoexpose_daemon.control.parameters import ControlParameters
-from autoexpose_daemon.control.policies.begin2022 import Begin2022
-from autoexpose_daemon.control.policies.fixed import Fixed
-from autoexpose_daemon.control.policies.kim2018 import Kim2018
-from autoexpose_daemon.control.policies.lu2010 import Lu2010
-from autoexpose_daemon.control.policies.majer2018 import Majer2018
-from autoexpose_daemon.control.policies.mehta2020 import Mehta2020
-from autoexpose_daemon.control.policies.metric_map import MetricMap
-from autoexpose_daemon.control.policies.neves2009 import Neves2009
-from autoexpose_daemon.control.policies.shim2018 import Shim2018
-from autoexpose_daemon.control.policies.shin2019 import Shin2019
-from autoexpose_daemon.control.policies.zhang2017 import Zhang2017
+from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, POLICY_IDS, check_policy_id
+from autoexpose_daemon.control.policies.metric_map.policy import MetricMap
+from autoexpose_daemon.control.policies.published.begin2022 import Begin2022
+from autoexpose_daemon.control.policies.published.fixed import Fixed
+from autoexpose_daemon.control.policies.published.kim2018 import Kim2018
+from autoexpose_daemon.control.policies.published.lu2010 import Lu2010
+from autoexpose_daemon.control.policies.published.majer2018 import Majer2018
+from autoexpose_daemon.control.policies.published.mehta2020 import Mehta2020
+from autoexpose_daemon.control.policies.published.neves2009 import Neves2009
+from autoexpose_daemon.control.policies.published.shim2018 import Shim2018
+from autoexpose_daemon.control.policies.published.shin2019 import Shin2019
+from autoexpose_daemon.control.policies.published.zhang2017 import Zhang2017
 from autoexpose_daemon.control.policy import ExposurePolicy
-from autoexpose_daemon.control.policy_ids import DEFAULT_POLICY, POLICY_IDS, check_policy_id
-from autoexpose_daemon.control.quality import CombinedQuality
 from calibration.response import ResponseFunction
 from drivers.exposure import ExposureSetting
 

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from drivers.exposure import ExposureLimits, ExposureSetting
 from fake_camera.imaging import ImageSettings
-from fake_camera.render import Pinhole
-from fake_camera.sensor import Sensor, SensorModel
+from fake_camera.world.render.renderer import Pinhole
+from fake_camera.world.sensor import Sensor, SensorModel
 
 CAMERA = Pinhole()
 

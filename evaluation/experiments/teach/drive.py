@@ -20,7 +20,7 @@ from evaluation.experiments.teach.daylight import REPLAYS, TEACHING
 from evaluation.experiments.teach.park import park
 from evaluation.experiments.teach.path import MAPS, TaughtPath
 from evaluation.experiments.teach.registration import Detector, Features, Part, Truth, register
-from fake_camera.render import Renderer
+from fake_camera.world.render.renderer import Renderer
 
 POLICIES = ("majer2018-standard", "majer2018-full", "majer2018-fixed", "begin2022", "metric-map")
 """The three of the paper, and two that it does not know."""

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from evaluation.experiments.teach.daylight import Daylight
 from evaluation.experiments.teach.path import path_radius_m
-from evaluation.stills import leaves
-from fake_camera.render import Surface
-from fake_camera.shapes import block, level, upright
-from fake_camera.textures import Pattern, clouds, plaster
+from evaluation.scenes.stills import leaves
+from fake_camera.world.render.renderer import Surface
+from fake_camera.world.scene.shapes import block, level, upright
+from fake_camera.world.scene.textures import Pattern, clouds, plaster
 
 MEADOW_M, MEADOW_TEXELS = 26.0, 4096
 """The ground around the path: 6 mm for a texel, which is one pixel at 5 m."""

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evaluation.experiments.teach.camera import CAMERA
-from fake_camera.render import Surface
+from fake_camera.world.render.renderer import Surface
 
 FEATURES = 500
 """f_d of the paper."""

@@ -8,7 +8,7 @@ from evaluation.experiments.teach.daylight import REPLAYS, TEACHING
 from evaluation.experiments.teach.park import park
 from evaluation.experiments.teach.path import TaughtPath
 from evaluation.experiments.teach.registration import Detector, Truth, register
-from fake_camera.render import Renderer
+from fake_camera.world.render.renderer import Renderer
 
 OFFSETS = tuple(range(-4, 5))
 """Stops from the exposure that holds the top half at 0.5."""

@@ -1,0 +1,1 @@
+"""The daemon's configuration: YAML on disk, checked before anything is opened."""

@@ -1,0 +1,313 @@
+"""The daemon's configuration: YAML on disk, checked before anything is opened."""
+
+from __future__ import annotations
+
+import difflib
+from dataclasses import fields
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import BaseModel, BeforeValidator, ValidationError, model_validator
+from pydantic_core import ErrorDetails
+
+from autoexpose_daemon.config.publish import PublishConfig
+from autoexpose_daemon.config.roi import RoiConfig
+from autoexpose_daemon.config.section import (
+    BalanceOffset,
+    BalanceWeight,
+    Binning,
+    ExposureTimeUs,
+    FlickerHz,
+    FocalLengthPx,
+    GainDb,
+    MeanTarget,
+    MetricDelta,
+    MetricLambda,
+    Name,
+    PacketBytes,
+    RateHz,
+    Section,
+)
+from autoexpose_daemon.control.parameters import BalanceId, ControlParameters, MotionId
+from autoexpose_daemon.control.policies import DEFAULT_POLICY, check_policy_id
+from calibration.response import ResponseFunction
+from calibration.response.file import ResponseFile
+from drivers.config.readable import readable
+from drivers.config.strict_yaml import load_mapping
+from drivers.errors import ConfigurationError
+from drivers.exposure import ExposureLimits, ExposureSetting
+from drivers.frames import Side
+
+DEFAULT_START = ExposureSetting(2000.0, 0.0)
+"""Right for an office, and six stops from either end of the range."""
+
+
+def _refuse_number(serial: object) -> object:
+    if isinstance(serial, int | float):  # as a number it may have lost leading zeros already
+        raise ValueError(f'{serial} is a number: put the serial in quotes, "{serial}"')
+    return serial
+
+
+class CameraConfig(Section):
+    """One camera: its serial, and the file with its response function (none: a linear response)."""
+
+    serial: Annotated[Name, BeforeValidator(_refuse_number)]
+    response: Path | None = None
+
+
+class CamerasConfig(Section):
+    """The cameras of the rig; a rig of one camera has only `left`."""
+
+    left: CameraConfig
+    right: CameraConfig | None = None
+
+    @model_validator(mode="after")
+    def _two_cameras_are_two(self) -> Self:
+        if self.right is None or self.right.serial.casefold() != self.left.serial.casefold():
+            return self
+        if self.right.serial == self.left.serial:
+            raise ValueError(f"left and right are the same camera, {self.left.serial}")
+        raise ValueError(
+            f"left and right are the same but for case, {self.left.serial} and {self.right.serial}: give each serial "
+            "as `autoexpose list` shows it"
+        )
+
+
+class TriggerConfig(Section):
+    """How frames are started: by pulses on an input line, by the left camera for both, or by a camera for itself."""
+
+    mode: Literal["external", "primary", "free_run"] = "external"
+    line: Name = "Line0"
+    output_line: Name = "Line1"
+    rate_hz: RateHz = 60.0
+
+
+class ExposureConfig(Section):
+    """Bounds of the exposure; each is cut to the camera's own."""
+
+    min_time_us: ExposureTimeUs = 20.0
+    max_time_us: ExposureTimeUs = 7500.0
+    min_gain_db: GainDb = 0.0
+    max_gain_db: GainDb = 30.0
+
+    @model_validator(mode="after")
+    def _leaves_a_choice(self) -> Self:
+        self.limits()
+        return self
+
+    def limits(self) -> ExposureLimits:
+        """The bounds as limits."""
+        return ExposureLimits(self.min_time_us, self.max_time_us, self.min_gain_db, self.max_gain_db)
+
+
+class StartConfig(Section):
+    """The exposure before the first frame; the policy `fixed` stays there."""
+
+    exposure_time_us: ExposureTimeUs
+    gain_db: GainDb = 0.0
+
+
+_TUNING = ControlParameters()
+
+
+class ControlConfig(Section):
+    """Which policy decides, where it starts, what it looks at, and how it is tuned."""
+
+    policy: str = DEFAULT_POLICY
+    start: StartConfig | None = None
+    roi: RoiConfig = RoiConfig()
+    balance: BalanceId = _TUNING.balance
+    flicker_hz: FlickerHz = _TUNING.flicker_hz
+    motion: MotionId = _TUNING.motion
+    focal_length_px: FocalLengthPx | None = _TUNING.focal_length_px
+    metric_delta: MetricDelta = _TUNING.metric_delta
+    metric_lambda: MetricLambda = _TUNING.metric_lambda
+    balance_weight: BalanceWeight = _TUNING.balance_weight
+    balance_offset: BalanceOffset = _TUNING.balance_offset
+    mean_target: MeanTarget = _TUNING.mean_target
+
+    def parameters(self) -> ControlParameters:
+        """What the control loop is tuned with."""
+        return ControlParameters(**{field.name: getattr(self, field.name) for field in fields(ControlParameters)})
+
+    @model_validator(mode="after")
+    def _policy_exists(self) -> Self:
+        check_policy_id(self.policy)
+        return self
+
+
+class ResponseConfig(Section):
+    """What the daemon makes of response functions that do not hold any more.
+
+    `refine` keeps an updated copy beside each response file; the file itself is never written.
+    """
+
+    refine: bool = False
+
+
+class TransportConfig(Section):
+    """GigE Vision tuning; the defaults suit a direct link.
+
+    `packet_size_bytes` None lets camera and host agree on the largest that passes.
+    """
+
+    packet_size_bytes: PacketBytes | None = None
+
+
+class ImageConfig(Section):
+    """What the cameras send; None leaves a camera as it is."""
+
+    pixel_format: Literal["Mono8", "Mono12", "Mono16"] | None = None
+    binning: Binning | None = None
+
+
+class Config(Section):
+    """The whole configuration."""
+
+    cameras: CamerasConfig
+    trigger: TriggerConfig = TriggerConfig()
+    exposure: ExposureConfig = ExposureConfig()
+    control: ControlConfig = ControlConfig()
+    response: ResponseConfig = ResponseConfig()
+    transport: TransportConfig = TransportConfig()
+    image: ImageConfig = ImageConfig()
+    publish: PublishConfig | None = None
+
+    @model_validator(mode="after")
+    def _wiring_fits_the_rig(self) -> Self:
+        if self.trigger.mode == "free_run" and self.cameras.right is not None:
+            raise ValueError("trigger.mode free_run takes one camera: two that run freely never see the same instant")
+        if self.trigger.mode == "primary" and self.cameras.right is None:
+            raise ValueError(
+                "trigger.mode primary takes two cameras: for a single one that runs freely choose free_run"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _regions_have_cameras(self) -> Self:
+        if self.control.roi.right is not None and self.cameras.right is None:
+            raise ValueError("control.roi.right is given, but there is no cameras.right: remove it")
+        return self
+
+    @model_validator(mode="after")
+    def _something_to_refine(self) -> Self:
+        if self.response.refine and all(camera.response is None for camera in self.sides.values()):
+            raise ValueError(
+                "response.refine needs a response file to refine: give cameras.left.response, or remove it"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _exposure_fits(self) -> Self:
+        period_us = 1e6 / self.trigger.rate_hz
+        if self.exposure.max_time_us >= period_us:
+            raise ValueError(
+                f"exposure.max_time_us {self.exposure.max_time_us:g} us does not fit into the period of "
+                f"{period_us:.0f} us that trigger.rate_hz {self.trigger.rate_hz:g} leaves"
+            )
+        if not self.exposure.limits().contain(self.start):
+            raise ValueError(f"control.start {self.start} is outside the bounds of exposure")
+        return self
+
+    @property
+    def sides(self) -> dict[Side, CameraConfig]:
+        """The cameras there are, left first."""
+        cameras: dict[Side, CameraConfig] = {"left": self.cameras.left}
+        if self.cameras.right is not None:
+            cameras["right"] = self.cameras.right
+        return cameras
+
+    @property
+    def triggered_sides(self) -> tuple[Side, ...]:
+        """The cameras that wait for pulses on a line."""
+        waiting: dict[str, tuple[Side, ...]] = {"external": tuple(self.sides), "primary": ("right",), "free_run": ()}
+        return waiting[self.trigger.mode]
+
+    @property
+    def start(self) -> ExposureSetting:
+        """The exposure before the first frame: 2 ms without gain unless configured, within the bounds."""
+        configured = self.control.start
+        if configured is not None:
+            return ExposureSetting(configured.exposure_time_us, configured.gain_db)
+        return self.exposure.limits().realise(DEFAULT_START.level, DEFAULT_START.exposure_time_us)
+
+    def response_of(self, side: Side) -> ResponseFunction:
+        """The response function of a camera; that of another camera, or for another image format, is refused."""
+        path = self.sides[side].response
+        if path is None:
+            return ResponseFunction.linear()
+        file = ResponseFile.load(path)
+        file.check_belongs(path, self.sides[side].serial, self.image.pixel_format, self.image.binning)
+        return file.response
+
+
+def load_config(path: Path) -> Config:
+    """Read and check a configuration file, with the response and mask files it names.
+
+    Raises
+    ------
+    ConfigurationError
+        One sentence for each thing that is wrong, with file and key.
+    """
+    content = load_mapping(path, "begin with `cameras:`; see docs/configuration.md")
+    try:
+        config = Config.model_validate(content)
+    except ValidationError as error:
+        raise ConfigurationError("\n".join(_sentence(path, each) for each in error.errors())) from error
+    try:
+        config = _with_absolute_paths(config, path.resolve().parent)
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{path}: {error}") from error
+    for side in config.sides:
+        try:
+            config.response_of(side)
+        except ConfigurationError as error:
+            raise ConfigurationError(f"{path}: cameras.{side}.response: {error}") from error
+    try:
+        config.control.roi.regions()
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{path}: {error}") from error
+    return config
+
+
+def _with_absolute_paths(config: Config, folder: Path) -> Config:
+    """Files are named relative to the configuration file, wherever the daemon is started."""
+    cameras: dict[str, CameraConfig] = {
+        side: camera.model_copy(update={"response": camera.response and folder / camera.response})
+        for side, camera in config.sides.items()
+    }
+    control = config.control.model_copy(update={"roi": config.control.roi.relative_to(folder)})
+    publish = config.publish and config.publish.relative_to(folder)
+    return config.model_copy(
+        update={"cameras": config.cameras.model_copy(update=cameras), "control": control, "publish": publish},
+    )
+
+
+def _sentence(path: Path, error: ErrorDetails) -> str:
+    """What is wrong, on one line whatever stands in the file."""
+    return readable(f"{path}: {_complaint(error)}")
+
+
+def _complaint(error: ErrorDetails) -> str:
+    key = ".".join(str(part) for part in error["loc"])
+    if error["type"] == "extra_forbidden":
+        *parents, last = [str(part) for part in error["loc"]]
+        near = difflib.get_close_matches(last, _keys_of(parents), n=1)
+        hint = f"did you mean {'.'.join([*parents, near[0]])}?" if near else f"known: {', '.join(_keys_of(parents))}"
+        return f"{key}: unknown key; {hint}"
+    if error["type"] == "missing":
+        return f"{key}: is missing"
+    message = error["msg"].removeprefix("Value error, ")
+    return f"{key + ': ' if key else ''}{message[0].lower()}{message[1:]}"
+
+
+def _keys_of(parents: list[str]) -> list[str]:
+    """The keys known below a path of keys, read off the models themselves."""
+    model: type[BaseModel] = Config
+    for parent in parents:
+        if parent.isdecimal():  # a place in a list
+            continue
+        annotation: Any = model.model_fields[parent].annotation
+        candidates = [annotation, *getattr(annotation, "__args__", ())]
+        model = next(c for c in candidates if isinstance(c, type) and issubclass(c, BaseModel))
+    return list(model.model_fields)

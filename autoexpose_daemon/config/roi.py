@@ -1,0 +1,99 @@
+"""The section `control.roi`: what counts in the pictures of the cameras."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from autoexpose_daemon.config.section import Extent, Pixel, Section, Weight
+from autoexpose_daemon.control.region import Rectangle, Region
+from drivers.config.files import read_regular
+from drivers.config.png import is_whole_png
+from drivers.errors import ConfigurationError
+from drivers.frames import Side
+
+MOST_RECTANGLES = 256
+MOST_MASK_BYTES = 1 << 26
+"""More than the PNG file of any sensor's mask has, which is mostly black and white."""
+
+
+class RectangleConfig(Section):
+    """A rectangle in pixels of the camera's frames, `[x, y, width, height]`, and how much its pixels count."""
+
+    box: tuple[Pixel, Pixel, Extent, Extent]
+    weight: Weight = 1.0
+
+
+class RegionConfig(Section):
+    """What counts in the picture of one camera: rectangles, the rest, and a mask file."""
+
+    rectangles: Annotated[tuple[RectangleConfig, ...], Field(max_length=MOST_RECTANGLES)] = ()
+    background_weight: Weight = 0.0
+    mask: Path | None = None
+
+
+class RoiConfig(Section):
+    """The regions of both cameras; without one, all of the picture counts."""
+
+    left: RegionConfig | None = None
+    right: RegionConfig | None = None
+
+    def configured(self) -> dict[Side, RegionConfig]:
+        """The regions there are, left first."""
+        both: dict[Side, RegionConfig | None] = {"left": self.left, "right": self.right}
+        return {side: region for side, region in both.items() if region is not None}
+
+    def regions(self) -> dict[Side, Region]:
+        """The regions there are, their masks read.
+
+        Raises
+        ------
+        ConfigurationError
+            Naming key and file of a mask that cannot be used.
+        """
+        return {side: _region(side, region) for side, region in self.configured().items()}
+
+    def relative_to(self, folder: Path) -> RoiConfig:
+        """The same with mask files below `folder`, unless they are absolute."""
+        return self.model_copy(
+            update={
+                side: region.model_copy(update={"mask": region.mask and folder / region.mask})
+                for side, region in self.configured().items()
+            }
+        )
+
+
+def _region(side: Side, config: RegionConfig) -> Region:
+    key = f"control.roi.{side}"
+    rectangles = tuple(Rectangle(*rectangle.box, rectangle.weight) for rectangle in config.rectangles)
+    if config.mask is None:
+        region = Region(key, rectangles, config.background_weight)
+        region.check_something_counts()
+        return region
+    mask = _read_mask(f"{key}.mask", config.mask)
+    region = Region(f"{key} ({config.mask})", rectangles, config.background_weight, mask)
+    region.weights(mask.shape)  # that the mask has the size of the frames, the frames alone can tell
+    return region
+
+
+def _read_mask(key: str, path: Path) -> NDArray[np.uint8]:
+    """The grey levels of a mask file: uint8, shape (height, width)."""
+    try:
+        content = read_regular(path, MOST_MASK_BYTES)
+    except OSError as error:
+        raise ConfigurationError(f"{key}: {path}: cannot be read: {error.strerror}") from error
+    except ValueError as error:  # a NUL in its name
+        raise ConfigurationError(f"{key}: {str(path)!r}: is no name of a file: {error}") from error
+    mask = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED) if is_whole_png(content) else None
+    if mask is None:
+        raise ConfigurationError(f"{key}: {path}: is not a PNG picture: save the mask as one")
+    if mask.ndim != 2 or mask.dtype != np.uint8:
+        raise ConfigurationError(f"{key}: {path}: is not 8-bit grey without alpha: convert it")
+    if not mask.any():
+        raise ConfigurationError(f"{key}: {path}: is black all over, so nothing would count: draw what counts in white")
+    return mask.astype(np.uint8, copy=False)

@@ -1,0 +1,53 @@
+"""What all sections of the configuration have in common: known keys, numbers within bounds, names that can be read."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict
+
+from drivers.config import bounds
+
+LONGEST_NAME = 64
+
+
+def _refuse_boolean(value: object) -> object:
+    if isinstance(value, bool):  # YAML takes yes, no, on and off for truth values, which Python takes for 1 and 0
+        raise ValueError(f"{str(value).lower()} is no number")
+    return value
+
+
+def check_name(name: str) -> str:
+    """The name of something of a camera; raises ValueError for what would not be seen, or would act on a terminal."""
+    if not 0 < len(name) <= LONGEST_NAME or name != name.strip() or not name.isprintable():
+        raise ValueError(
+            f"{name!a} is no name: give 1 to {LONGEST_NAME} characters that can be seen, without blanks around them"
+        )
+    return name
+
+
+Float = Annotated[float, BeforeValidator(_refuse_boolean)]
+Integer = Annotated[int, BeforeValidator(_refuse_boolean)]
+
+RateHz = Annotated[Float, AfterValidator(bounds.RATE_HZ.check)]
+ExposureTimeUs = Annotated[Float, AfterValidator(bounds.EXPOSURE_TIME_US.check)]
+GainDb = Annotated[Float, AfterValidator(bounds.GAIN_DB.check)]
+Weight = Annotated[Float, AfterValidator(bounds.WEIGHT.check)]
+Pixel = Annotated[Integer, AfterValidator(bounds.PIXEL.check)]
+Extent = Annotated[Integer, AfterValidator(bounds.EXTENT.check)]
+Binning = Annotated[Integer, AfterValidator(bounds.BINNING.check)]
+PacketBytes = Annotated[Integer, AfterValidator(bounds.PACKET_BYTES.check)]
+MetricDelta = Annotated[Float, AfterValidator(bounds.METRIC_DELTA.check)]
+MetricLambda = Annotated[Float, AfterValidator(bounds.METRIC_LAMBDA.check)]
+BalanceWeight = Annotated[Float, AfterValidator(bounds.BALANCE_WEIGHT.check)]
+BalanceOffset = Annotated[Float, AfterValidator(bounds.BALANCE_OFFSET.check)]
+MeanTarget = Annotated[Float, AfterValidator(bounds.MEAN_TARGET.check)]
+FlickerHz = Annotated[Float, AfterValidator(bounds.FLICKER_HZ.check)]
+FocalLengthPx = Annotated[Float, AfterValidator(bounds.FOCAL_LENGTH_PX.check)]
+Name = Annotated[str, AfterValidator(check_name)]
+
+
+class Section(BaseModel):
+    """Unknown keys are errors: a misspelt limit must not silently be no limit."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)

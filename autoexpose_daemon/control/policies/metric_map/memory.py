@@ -1,0 +1,162 @@
+"""The map: what recent frames predict of the metric over absolute exposure level."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from autoexpose_daemon.control.policies.metric_map.view import DELTAS, View
+
+CELL = 0.12
+"""Stops: a frame supersedes those taken nearer than this to its own exposure, relative to the light. Less than a tunnel
+darkens in a frame, so that what was seen on the way is kept."""
+
+CAPACITY = 16
+"""Sightings; the oldest make room."""
+
+BLINDNESS = 3.0
+"""A prediction downward counts as (1 + 3 s) times as far, s the saturated share of the frame it is made from."""
+
+TRUSTED_RISE = 3.0
+"""Stops upward that a prediction holds. From there on it takes noise for gradient."""
+
+NEARER_UP = 0.4
+FARTHER_BEYOND = 2.0
+"""Predictions upward count as 0.4 times as far while they hold, and the stops beyond as 2."""
+
+DOUBT = 0.5
+"""A prediction upward loses the factor exp(-0.5) of its promise for each stop beyond `TRUSTED_RISE`, the camera still:
+what is far up has then to be better by much than what is sure. In motion the whole content may be new."""
+
+LEAST_GAP = 1.0
+"""Stops that must be unknown between two sightings before a look into the gap is worth a frame."""
+
+BLEND = 0.3
+"""Stops of distance over which one prediction hands over to the next."""
+
+FORGOTTEN = 4.0
+"""Stops of age at which a sighting is dropped."""
+
+CONTRADICTION = 0.3
+"""Share by which the metric may differ from what was expected ..."""
+
+CONTRADICTION_RANGE = 1.5
+"""... of a prediction no farther than this (stops), before the map is taken for that of another scene."""
+
+
+@dataclass(slots=True, eq=False)
+class Sighting:
+    """What one stereo pair says of the metric at its own and at other exposures.
+
+    Attributes
+    ----------
+    level
+        Where in exposure the pair lies now, stops: the level it was taken with, less the rise of the light since.
+    views
+        By camera.
+    age
+        Stops by which it counts as farther away.
+    """
+
+    level: float
+    views: tuple[View, ...]
+    age: float = 0.0
+
+
+@dataclass(slots=True)
+class MetricMemory:
+    """Sightings of the scene under different exposures, fused into one curve for each camera.
+
+    Attributes
+    ----------
+    sightings
+        Newest last.
+    """
+
+    STATE: ClassVar[tuple[str, ...]] = ("sightings",)
+
+    sightings: list[Sighting] = field(default_factory=list)
+
+    def pass_frame(self, light_change: float, ageing: float) -> None:
+        """The light rose by `light_change` stops, and all that was seen is `ageing` stops less sure."""
+        for sighting in self.sightings:
+            sighting.level -= light_change
+            sighting.age += ageing
+        self.sightings = [sighting for sighting in self.sightings if sighting.age < FORGOTTEN]
+
+    def add(self, sighting: Sighting) -> None:
+        """Remember a sighting in place of older ones taken with about the same exposure.
+
+        Where it contradicts what was expected, or comes from other cameras, nothing older is kept.
+        """
+        if self._contradicted(sighting):
+            self.sightings.clear()
+        kept = [old for old in self.sightings if abs(old.level - sighting.level) >= CELL]
+        self.sightings = [*kept[1 - CAPACITY :], sighting]
+
+    def fuse(self, levels: NDArray[np.float64], moving: bool) -> NDArray[np.float64]:
+        """M_g expected at levels (stops, shape (n,)) under the present light: float64, shape (cameras, n).
+
+        A still camera doubts what is far up, see `DOUBT`.
+        """
+        values, distances = self._predictions(levels, moving)
+        weights = np.exp((distances.min(axis=0) - distances) / BLEND)
+        return np.asarray((weights * values).sum(axis=0) / weights.sum(axis=0))
+
+    def frontier(self, longest_gap: float) -> tuple[Sighting, float]:
+        """Where the known ends below the newest sighting: the last sighting before it, and the level it begins again.
+
+        A sighting tells what is up to `longest_gap` stops above it. Going down from the newest, a next one farther away
+        than that and `LEAST_GAP` leaves a gap. Without a gap the unknown reaches down to minus infinity.
+        """
+        frontier = self.sightings[-1]
+        below = [sighting for sighting in self.sightings if sighting.level < frontier.level]
+        for sighting in sorted(below, key=lambda sighting: -sighting.level):
+            if frontier.level - sighting.level > longest_gap + LEAST_GAP:
+                return frontier, sighting.level + longest_gap
+            frontier = sighting
+        return frontier, -math.inf
+
+    def lowest(self) -> Sighting:
+        """The sighting of the lowest exposure."""
+        return min(self.sightings, key=lambda sighting: sighting.level)
+
+    def highest(self) -> Sighting:
+        """The sighting of the highest exposure."""
+        return max(self.sightings, key=lambda sighting: sighting.level)
+
+    def _contradicted(self, sighting: Sighting) -> bool:
+        if not self.sightings:
+            return False
+        if len(self.sightings[-1].views) != len(sighting.views):
+            return True
+        values, distances = self._predictions(np.array([sighting.level]), moving=True)
+        for camera, view in enumerate(sighting.views):
+            nearest = int(distances[:, camera, 0].argmin())
+            if distances[nearest, camera, 0] < CONTRADICTION_RANGE:
+                expected, seen = values[nearest, camera, 0], np.interp(0.0, DELTAS, view.curve)
+                if abs(expected - seen) > CONTRADICTION * max(expected, seen):
+                    return True
+        return False
+
+    def _predictions(
+        self, levels: NDArray[np.float64], moving: bool
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """(metric, distance in stops) by sighting, camera and level."""
+        values = np.empty((len(self.sightings), len(self.sightings[0].views), len(levels)))
+        distances = np.empty_like(values)
+        doubt = 0.0 if moving else DOUBT
+        for row, sighting in enumerate(self.sightings):
+            delta = levels - sighting.level
+            beyond = np.maximum(delta - TRUSTED_RISE, 0.0)
+            up = NEARER_UP * np.clip(delta, 0.0, TRUSTED_RISE) + FARTHER_BEYOND * beyond + sighting.age
+            down = np.maximum(-delta, 0.0)
+            sureness = np.exp(-doubt * beyond)
+            for camera, view in enumerate(sighting.views):
+                values[row, camera] = np.interp(delta, DELTAS, view.curve) * sureness
+                distances[row, camera] = up + down * (1.0 + BLINDNESS * view.saturated_share)
+        return values, distances

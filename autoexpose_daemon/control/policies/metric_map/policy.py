@@ -1,0 +1,202 @@
+"""Policy `metric-map`: a map of predicted metric over absolute exposure level, fused over frames."""
+
+from __future__ import annotations
+
+import math
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from autoexpose_daemon.control.balance import Balance
+from autoexpose_daemon.control.metrics.gradient import GradientMetric
+from autoexpose_daemon.control.policies.metric_map.forecast import Forecast
+from autoexpose_daemon.control.policies.metric_map.latency import Latency
+from autoexpose_daemon.control.policies.metric_map.memory import TRUSTED_RISE, MetricMemory, Sighting
+from autoexpose_daemon.control.policies.metric_map.registration import Registration
+from autoexpose_daemon.control.policies.metric_map.search import dark_jump, plateau_centre, probe_bonus
+from autoexpose_daemon.control.policies.metric_map.view import DELTAS, FEWER_DELTAS, FEWEST_DELTAS, View, Viewer
+from autoexpose_daemon.control.policy import Observation, Target
+from calibration.response import ResponseFunction
+from drivers.exposure import ExposureLimits
+
+BIN = 0.25
+"""Stops between the levels that are compared."""
+
+HOLD_GAIN, HOLD_GAIN_MOVING, HOLD_GAIN_FOLLOWING = 0.015, 0.03, 0.005
+"""Share by which the metric must promise to rise before the target is moved: the camera still, moving, and while the
+light follows a ramp or a period, when holding only means to lag."""
+
+MOVING_PX = 2.0
+"""Flow (pixels per 1/60 s) from which the camera counts as moving; noise and flicker of a still one stay below."""
+
+SLOW_PX = 8.0
+"""Flow up to which slopes of brightness are taken for the light's and led."""
+
+FLOW_STOPS = 0.5
+"""Flow across a greater change of light or exposure is an error of the flow: the motion known before stands."""
+
+AGE_PER_PX = 0.02
+AGE_PER_STOP = 0.1
+"""Stops by which sightings count as farther for each pixel of motion, and for each stop of light."""
+
+LEAST_DENSITY = 0.01
+DENSITY_DECAY = 0.98
+"""Of the metric per unsaturated pixel that a good exposure has lately had: halved in half a second."""
+
+BLIND_SHARE = 0.8
+"""Saturated share above which a darker sighting, however far, knows more of what lies between."""
+
+SAME_JUMP_STOPS = 0.5
+"""Jumps out of the dark are rough: one that is on its way is not corrected by less."""
+
+NOTHING = 1e-9
+"""A metric that is none."""
+
+LONGEST_STEP = 0.4
+WORTH_KEEPING = 0.7
+"""Stops by which frames of a moving camera may come to differ in brightness from one to the next, as long as the last
+target is worth this share of the best: odometry needs to find its points again."""
+
+LEAST_CAMERA = 0.1
+"""A camera that sees less than this share of the other's metric does not get a full vote."""
+
+
+class MetricMap:
+    """Goes where the map promises most, for both cameras of a pair; docs/policy.md tells why.
+
+    All targets are absolute levels, and the map is one of absolute levels, so frames in flight are never corrected
+    twice.
+    """
+
+    STATE: ClassVar[tuple[str, ...]] = (
+        "registration", "forecast", "latency", "memory", "target", "ahead", "densities", "motion_px",
+    )  # fmt: skip
+    target: float | None
+    ahead: float
+    densities: list[float]
+    motion_px: float
+
+    def __init__(self, response: ResponseFunction, metric: GradientMetric, balance: Balance) -> None:
+        self.balance = balance
+        self._response = response
+        left, right = (DELTAS, FEWER_DELTAS) if metric.native else (FEWER_DELTAS, FEWEST_DELTAS)
+        self.shortfall = (
+            None
+            if metric.native
+            else f"the C extension is not built: predicts {len(left)} and {len(right)} exposures of the left and right "
+            f"image, not {len(DELTAS)} and {len(FEWER_DELTAS)}, to stay inside a third of the frame period"
+        )
+        self._left = Viewer(response, metric, list(left))
+        self._right = Viewer(response, metric, list(right))
+        self.registration = Registration(response)
+        self.forecast = Forecast()
+        self.latency = Latency()
+        self.memory = MetricMemory()
+        self.target = None
+        self.ahead = 0.0
+        self.densities = []
+        self.motion_px = 0.0
+
+    def decide(self, observation: Observation) -> Target:
+        """The level that promises most, for the frame that will show this decision."""
+        level = observation.setting.level
+        self.latency.see(level)
+        views = self._views(observation)
+        change = self._remember(observation, views)
+        target = self._jump(level, views) or self._best(observation, change)
+        self.target = observation.limits.clamp_level(target.level)
+        self.latency.decide(self.target)
+        return target
+
+    def _views(self, observation: Observation) -> tuple[View, ...]:
+        left = self._left.view(observation.image, observation.weights)
+        if observation.right_image is None:
+            return (left,)
+        return left, self._right.view(observation.right_image, observation.right_weights)
+
+    def _remember(self, observation: Observation, views: tuple[View, ...]) -> float:
+        """Take the frame into the map; returns by how much the light has risen since the last one, stops."""
+        level = observation.setting.level
+        level_change = level - self.registration.previous_level
+        light = self.registration.change(observation.image, level, observation.weights)
+        change = light.stops if light else 0.0
+        self.forecast.add(change)
+        # What was seen before an unmeasured change either still fits, or is contradicted and dropped.
+        measured = change if light and light.measured else 0.0
+        if light and light.measured and max(abs(measured), abs(level_change)) < FLOW_STOPS:
+            self.motion_px = observation.motion_px
+        motion = max(self.motion_px - MOVING_PX, 0.0)
+        self.memory.pass_frame(measured, AGE_PER_PX * motion + AGE_PER_STOP * abs(measured))
+        self.memory.add(Sighting(level, views))
+        if len(self.densities) != len(views):
+            self.densities = [LEAST_DENSITY] * len(views)
+        for camera, view in enumerate(views):
+            density = float(np.interp(0.0, DELTAS, view.curve)) / max(1.0 - view.saturated_share, 0.1)
+            self.densities[camera] = max(DENSITY_DECAY * self.densities[camera], density, LEAST_DENSITY)
+        return change
+
+    def _jump(self, level: float, views: tuple[View, ...]) -> Target | None:
+        """Out of the dark, where nothing brighter has been seen yet; None when this is not so."""
+        jump = dark_jump(min(view.signal for view in views), self._response)
+        if jump == 0 or self.memory.highest().level > level + 1.0:
+            return None
+        target = level + jump
+        if self.target is not None and abs(self.target - target) < SAME_JUMP_STOPS:
+            target = self.target
+        return Target(target, "too dark to predict: jumps")
+
+    def _best(self, observation: Observation, change: float) -> Target:
+        level = observation.setting.level
+        held = level if self.target is None else self.target
+        levels = _bins(observation.limits)
+        ahead = self.forecast.ahead(self.latency.frames, steady=self.motion_px < SLOW_PX)
+        moving = self.motion_px >= MOVING_PX
+        risen, self.ahead = change + ahead - self.ahead, ahead
+        worth, metric = self._worth(levels + ahead, moving)
+        best = float(worth.max())
+        if best <= 0:
+            return Target(held, "held: no gradient at any exposure")
+        gain = HOLD_GAIN_FOLLOWING if ahead != 0 else HOLD_GAIN_MOVING if moving else HOLD_GAIN
+        now = float(np.interp(held, levels, worth))
+        if now * (1.0 + gain) >= best:
+            return Target(held, "held: metric at its maximum", float(np.interp(held, levels, metric)))
+        target = plateau_centre(levels, worth)
+        if moving and now >= WORTH_KEEPING * best:
+            target = _step_towards(target, held, risen)
+        if target + ahead < self.memory.lowest().level - 0.5:
+            reason = "probes what is saturated"
+        else:
+            reason = f"metric {'rises' if target > level else 'falls'} with exposure"
+        return Target(target, reason, float(np.interp(target, levels, metric)))
+
+    def _worth(self, levels: NDArray[np.float64], moving: bool) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """(worth, metric of the left camera) over levels under the present light.
+
+        Worth is the metric and what a probe may bring, as a share of each camera's own best, averaged: a lamp that one
+        camera sees does not outvote the other.
+        """
+        metrics = self.memory.fuse(levels, moving)
+        blind = max(view.saturated_share for view in self.memory.sightings[-1].views) > BLIND_SHARE
+        frontier, known_again = self.memory.frontier(math.inf if moving or blind else TRUSTED_RISE)
+        unknown = levels > known_again
+        # What a camera may yet see is part of its best, until a darker frame has shown whether it is there.
+        hidden = np.array([view.saturated_share for view in frontier.views]) * np.array(self.densities)
+        best = np.maximum(metrics.max(axis=1), hidden)
+        best = np.maximum(best, max(LEAST_CAMERA * float(best.max()), NOTHING))
+        worth = np.zeros(len(levels))
+        for metric, norm, view, density in zip(metrics, best, frontier.views, self.densities, strict=True):
+            bonus = probe_bonus(levels, frontier.level, view.saturated_share, density, moving)
+            worth += (metric + unknown * bonus) / norm
+        return worth / len(metrics), metrics[0]
+
+
+def _step_towards(target: float, held: float, risen: float) -> float:
+    """From `held` at most a step towards `target` (stops), besides what the light has risen by since."""
+    low, high = sorted((held, held - risen))
+    return min(max(target, low - LONGEST_STEP), high + LONGEST_STEP)
+
+
+def _bins(limits: ExposureLimits) -> NDArray[np.float64]:
+    low, high = limits.darkest.level, limits.brightest.level
+    return np.linspace(low, high, max(round((high - low) / BIN), 1) + 1)

@@ -1,0 +1,83 @@
+"""What one camera's image says: the metric now and under other exposures, and how much of it is clipped."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from autoexpose_daemon.control.metrics.gradient import ExtremeShares, GradientMetric, PackedTables
+from calibration.response import ResponseFunction
+from calibration.response.prediction import prediction_tables
+
+_NEAR = (0.25, 0.5, 0.75, 1.0, 1.25, 1.5)
+_FALLS = (*_NEAR, 2.0, 2.5, 3.25, 4.0, 5.0, 6.0)
+_RISES = (*_NEAR, 1.75, 2.0, 2.25, 2.5, 2.75, 3.0, 3.5, 4.0, 5.0, 6.0)
+
+DELTAS: NDArray[np.float64] = np.array([*(-fall for fall in reversed(_FALLS)), 0.0, *_RISES])
+"""Changes of level (stops) at which every view gives the metric; finest where predictions hold, which is up to 3 stops
+upward: a peak may be half a stop wide."""
+
+FEWER_DELTAS: NDArray[np.float64] = np.array([-6, -4, -2.5, -1.5, -1, -0.5, 0, 0.5, 1, 1.5, 2.5, 4, 6])
+"""For the second camera, which sees much the same: half the price, the rest interpolated."""
+
+FEWEST_DELTAS: NDArray[np.float64] = np.array([-6, -3, -1, 0, 1, 3, 6])
+"""For the second camera when predictions are dear."""
+
+BRIGHT_QUANTILE = 0.99
+"""Of the pixels: what is brighter may be a lamp or a reflection."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class View:
+    """What one image says.
+
+    Attributes
+    ----------
+    curve
+        M_g predicted at `DELTAS`, float64, shape (29,); at 0 it is measured, not predicted.
+    saturated_share
+        0..1.
+    signal
+        99th percentile: 0 at the black level, 1 at saturation, at least half a grey level.
+    """
+
+    curve: NDArray[np.float64]
+    saturated_share: float
+    signal: float
+
+
+class Viewer:
+    """Makes views of one camera's images.
+
+    Parameters
+    ----------
+    response
+        Response function of the camera.
+    metric
+        The metric; its buffers may be shared.
+    deltas
+        Changes of level to predict, `DELTAS` or fewer.
+    """
+
+    def __init__(self, response: ResponseFunction, metric: GradientMetric, deltas: Sequence[float]) -> None:
+        self._response = response
+        self._metric = metric
+        self._shares = ExtremeShares(response)
+        self._deltas = deltas
+        self._tables = PackedTables(prediction_tables(response, deltas))
+
+    def view(self, image: NDArray[np.uint8], weights: NDArray[np.uint8] | None = None) -> View:
+        """The view of an image, uint8, (height, width), whose pixels count as `weights` (same shape) say."""
+        curve = self._metric.measure_predictions(image, self._tables, weights)
+        saturated, _ = self._shares.measure(image, weights)
+        return View(np.interp(DELTAS, self._deltas, curve), saturated, self._signal(image, weights))
+
+    def _signal(self, image: NDArray[np.uint8], weights: NDArray[np.uint8] | None) -> float:
+        counts = cv2.calcHist([image], [0], weights, [256], [0, 256]).ravel().cumsum()
+        grey = int(np.searchsorted(counts, BRIGHT_QUANTILE * counts[-1]))
+        black, saturation = self._response.black_level, self._response.saturation
+        return max(grey - black, 0.5) / (saturation - black)

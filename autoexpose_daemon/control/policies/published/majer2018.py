@@ -1,0 +1,64 @@
+"""Policies `majer2018-standard` and `majer2018-full`: mean brightness, corrected every five frames."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+from autoexpose_daemon.control.balance import Balance
+from autoexpose_daemon.control.metrics.gradient import mean_signal
+from autoexpose_daemon.control.policy import Observation, Target
+from calibration.response import ResponseFunction
+from drivers.errors import ConfigurationError
+
+DESIRED_BRIGHTNESS = 0.5
+"""b_d of the paper's experiments (section 4); it recommends 0.4 to 0.5."""
+
+CONTROL_GAIN = 0.9
+"""c_e: "to or just below the value of one" (section 3.2)."""
+
+FRAMES_PER_DECISION = 5
+"""The paper waits until an exposure has taken effect."""
+
+SMALLEST_SIGNAL = 0.5 / 255
+"""A black image has at most half a grey level of signal; eq. (1) divides by it."""
+
+
+@dataclass(slots=True)
+class Majer2018:
+    """``e <- e + c_e e (b_d / b - 1)`` once per five frames (Majer et al. 2018, eq. 1), e the linear exposure t g.
+
+    Attributes
+    ----------
+    region
+        What b is the mean of: the image's top half (the bottom shows the ground), or all of it.
+    frames
+        Frames seen so far.
+    level
+        The level held between two decisions, stops; None before the first.
+    """
+
+    STATE: ClassVar[tuple[str, ...]] = ("frames", "level")
+
+    region: Literal["top_half", "full"]
+    response: ResponseFunction
+    balance: Balance
+    frames: int = 0
+    level: float | None = None
+
+    def decide(self, observation: Observation) -> Target:
+        """Eq. (1) at every fifth frame; else the target that stands."""
+        due = self.frames % FRAMES_PER_DECISION == 0
+        self.frames += 1
+        if self.level is not None and not due:
+            return Target(self.level, "held: decides every five frames")
+        rows = observation.image.shape[0] // 2 if self.region == "top_half" else observation.image.shape[0]
+        weights = None if observation.weights is None else observation.weights[:rows]
+        if weights is not None and not weights.any():
+            raise ConfigurationError("control.roi leaves nothing of the top half, the part that this policy looks at")
+        brightness = max(mean_signal(observation.image[:rows], self.response, weights), SMALLEST_SIGNAL)
+        factor = 1 + CONTROL_GAIN * (DESIRED_BRIGHTNESS / brightness - 1)
+        self.level = observation.limits.clamp_level(observation.setting.level + math.log2(factor))
+        where = "top half" if self.region == "top_half" else "image"
+        return Target(self.level, f"{where} {'too dark' if factor > 1 else 'too bright'}")

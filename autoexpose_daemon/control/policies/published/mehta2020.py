@@ -1,0 +1,76 @@
+"""Policy `mehta2020`: Shim's law as in the open implementation of Mehta et al. 2020."""
+
+from __future__ import annotations
+
+import math
+from typing import ClassVar
+
+import numpy as np
+from numpy.polynomial import polynomial
+
+from autoexpose_daemon.control.balance import Balance
+from autoexpose_daemon.control.metrics.gradient import GradientMetric
+from autoexpose_daemon.control.policies.published.shim2018 import gamma_table
+from autoexpose_daemon.control.policy import Observation, Target
+from autoexpose_daemon.control.search.optimum import PolynomialFit, best_sample
+from autoexpose_daemon.control.search.predicted_curve import PredictedCurve
+
+GAMMAS = (1 / 1.9, 1 / 1.5, 1 / 1.2, 1.0, 1.2, 1.5, 1.9)
+"""Anchors of Mehta's code, which raises grey levels to 1/gamma: above 1 a picture brightens, unlike in eq. (15)."""
+
+DEGREE = 5
+
+PROPORTIONAL_GAIN = 1.6
+STEEPNESS = 0.1
+"""k_p and d, as Begin & Hunter set them for their comparison (section 3.3)."""
+
+_EV_OFFSET = math.log2(2.8**2 * 1e6)
+"""Mehta's exposure value is log2(f^2 / (t g)), with their lens of f/2.8 and t in seconds: 22.9 minus our level."""
+
+
+def next_level(level: float, gamma: float) -> float:
+    """The exposure level (stops) that follows from gamma* by eq. (17) to (19), on Mehta's exposure value.
+
+    Exposure value falls as exposure rises, and gamma is the inverse of eq. (15)'s: the two turn the law over twice.
+    What remains of it: steps are in proportion to EV, so they are the longer the shorter the exposure, and it is
+    brightening that alpha halves.
+    """
+    ratio = STEEPNESS * math.tan(math.atan(1 / STEEPNESS) * (1 - gamma)) + 1
+    alpha = 0.5 if gamma >= 1 else 1.0
+    value = max(_EV_OFFSET - level, 1.0)  # at 0 the law would stand still, below it turn over
+    return level - alpha * PROPORTIONAL_GAIN * (ratio - 1) * value
+
+
+class Mehta2020:
+    """Gamma* from the roots of the fitted polynomial's derivative, and the step of `next_level`. No state.
+
+    As in the code: a root counts between the outer anchors and when the polynomial there exceeds the best anchor,
+    else the best anchor is taken. Our own: the metric is `GradientMetric` (their gradient loses negative slopes), every
+    frame is used (theirs skips every other one), and an image of equal gradient under every gamma holds.
+    """
+
+    STATE: ClassVar[tuple[str, ...]] = ()
+
+    def __init__(self, metric: GradientMetric, balance: Balance) -> None:
+        self.balance = balance
+        self._fit = PolynomialFit(GAMMAS, DEGREE)
+        self._curve = PredictedCurve(metric, np.stack([gamma_table(1 / gamma) for gamma in GAMMAS]), GAMMAS.index(1.0))
+
+    def decide(self, observation: Observation) -> Target:
+        """The law's step from the level of this frame."""
+        metrics = self._curve.measure(observation)
+        level = observation.setting.level
+        if np.ptp(metrics) == 0:
+            return Target(level, "held: no gradient under any gamma")
+        best = best_sample(self._fit.positions, metrics, origin=1.0)
+        coefficients = self._fit.coefficients(metrics)
+        roots = np.asarray(polynomial.polyroots(polynomial.polytrim(polynomial.polyder(coefficients), 1e-12)))
+        real = roots.real[(abs(roots.imag) < 1e-9) & (roots.real > GAMMAS[0]) & (roots.real < GAMMAS[-1])]
+        gamma, value = best.position, best.value
+        for root in real:
+            if (height := float(polynomial.polyval(root, coefficients))) > value:
+                gamma, value = float(root), height
+        target = next_level(level, gamma)
+        if abs(target - level) < 1e-9:
+            return Target(level, "held: metric at its maximum")
+        return Target(target, f"gamma* {gamma:.2f} {'brightens' if gamma > 1 else 'darkens'}")

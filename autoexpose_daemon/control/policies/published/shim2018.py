@@ -1,0 +1,72 @@
+"""Policy `shim2018`: gradient information under gamma transformations, and a nonlinear step."""
+
+from __future__ import annotations
+
+import math
+from typing import ClassVar
+
+import numpy as np
+from numpy.polynomial import polynomial
+from numpy.typing import NDArray
+
+from autoexpose_daemon.control.balance import Balance
+from autoexpose_daemon.control.metrics.gradient import GradientMetric
+from autoexpose_daemon.control.policy import Observation, Target
+from autoexpose_daemon.control.search.optimum import PolynomialFit, best_sample
+from autoexpose_daemon.control.search.predicted_curve import PredictedCurve
+
+GAMMAS = (0.1, 0.5, 0.8, 1.0, 1.2, 1.5, 1.9)
+"""The anchors that public implementations of Shim et al. 2018 share; below 1 a picture brightens."""
+
+DEGREE = 5
+"""Of the polynomial through the anchors, from the same implementations."""
+
+PROPORTIONAL_GAIN = 1.6
+STEEPNESS = 0.1
+"""k_p and d of eq. (17) and (18), as Begin & Hunter tuned them for their comparison (section 3.3)."""
+
+_GRID: NDArray[np.float64] = np.arange(10, 191) / 100
+"""Where gamma* is looked for: the range of the anchors in steps of 0.01."""
+
+
+def gamma_table(gamma: float) -> NDArray[np.uint8]:
+    """``I_out = 255 (I_in / 255) ** gamma`` (eq. 15) for every grey level: uint8, shape (256,)."""
+    return np.rint(255.0 * (np.arange(256) / 255.0) ** gamma).astype(np.uint8)
+
+
+def next_level(level: float, gamma: float) -> float:
+    """The exposure level (stops, of t in microseconds) that follows from gamma* (eq. 17 to 19).
+
+    gamma* < 1 says that a brighter picture shows more, so the level rises. The law multiplies the level: it needs
+    one that is positive, as it is with t in microseconds (20 us, 0 dB: 4.3 stops), and not with t in seconds.
+    """
+    ratio = STEEPNESS * math.tan(math.atan(1 / STEEPNESS) * (1 - gamma)) + 1
+    alpha = 0.5 if gamma >= 1 else 1.0
+    return (1 + alpha * PROPORTIONAL_GAIN * (ratio - 1)) * level
+
+
+class Shim2018:
+    """Finds gamma* that maximises gradient information, and steps as eq. (15) to (19) say. No state.
+
+    An image that has equal gradient under every gamma (black, white) tells nothing: gamma* = 1, the exposure is held.
+    """
+
+    STATE: ClassVar[tuple[str, ...]] = ()
+
+    def __init__(self, metric: GradientMetric, balance: Balance) -> None:
+        self.balance = balance
+        self._fit = PolynomialFit(GAMMAS, DEGREE)
+        self._curve = PredictedCurve(metric, np.stack([gamma_table(gamma) for gamma in GAMMAS]), GAMMAS.index(1.0))
+
+    def decide(self, observation: Observation) -> Target:
+        """The law's step from the level of this frame."""
+        metrics = self._curve.measure(observation)
+        level = observation.setting.level
+        if np.ptp(metrics) == 0:
+            return Target(level, "held: no gradient under any gamma")
+        curve: NDArray[np.float64] = np.asarray(polynomial.polyval(_GRID, self._fit.coefficients(metrics)), np.float64)
+        gamma = best_sample(_GRID, curve, origin=1.0).position
+        target = next_level(level, gamma)
+        if abs(target - level) < 1e-9:
+            return Target(level, "held: metric at its maximum")
+        return Target(target, f"gamma* {gamma:.2f} {'brightens' if gamma < 1 else 'darkens'}")

@@ -1,0 +1,58 @@
+"""From configuration to opened cameras."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+from autoexpose_daemon.config.document import Config
+from calibration.response.file import ResponseFile
+from drivers.aravis import open_camera
+from drivers.camera import Camera
+from drivers.errors import ConfigurationError
+from drivers.frames import Side
+from drivers.setup import CameraSetup, TriggerSetup
+
+
+def openers(config: Config) -> dict[Side, Callable[[], Camera]]:
+    """For each side of the rig, what opens its camera as configured."""
+    return {
+        side: partial(
+            _open,
+            camera.serial,
+            camera.response,
+            None if camera.response is None else ResponseFile.load(camera.response),
+            CameraSetup(
+                trigger=_trigger(config, side),
+                pixel_format=config.image.pixel_format,
+                binning=config.image.binning,
+                packet_size_bytes=config.transport.packet_size_bytes,
+            ),
+        )
+        for side, camera in config.sides.items()
+    }
+
+
+def _open(serial: str, path: Path | None, response: ResponseFile | None, setup: CameraSetup) -> Camera:
+    """Open a camera, and refuse a response file for another pixel format than it turns out to send."""
+    camera = open_camera(serial, setup)
+    if path is not None and response is not None:
+        try:
+            response.check_belongs(path, serial, camera.description.pixel_format)
+        except ConfigurationError:
+            camera.close()
+            raise
+    return camera
+
+
+def _trigger(config: Config, side: Side) -> TriggerSetup:
+    """With mode primary the left camera runs by its own clock, and its exposures trigger the right one."""
+    trigger = config.trigger
+    return TriggerSetup(
+        "external" if side in config.triggered_sides else "free_run",
+        trigger.line,
+        trigger.rate_hz,
+        config.exposure.max_time_us,
+        trigger.output_line if trigger.mode == "primary" and side == "left" else None,
+    )

@@ -1,0 +1,167 @@
+"""The daemon's control thread: hands what the rig reports to control, and gives a sign of life."""
+
+from __future__ import annotations
+
+import logging
+import queue
+import sys
+import threading
+import time
+from collections.abc import Callable, Mapping
+from concurrent.futures import Future
+from contextlib import ExitStack
+from dataclasses import replace
+
+import numpy as np
+
+from autoexpose_daemon.config.document import Config
+from autoexpose_daemon.control.loop import ControlLoop
+from autoexpose_daemon.runtime.observer import Observer
+from autoexpose_daemon.runtime.rig_control import RigControl
+from autoexpose_daemon.runtime.tuning import Tuning
+from calibration.response import ResponseFunction
+from drivers.camera import Camera
+from drivers.errors import ConfigurationError
+from drivers.exposure import ExposureSetting
+from drivers.frames import Frame, Side, StereoPair
+from drivers.host.frame_memory import share_one_heap
+from drivers.rig.events import RigEvent
+from drivers.rig.rig import Rig
+from drivers.triggers.account import Tally
+
+log = logging.getLogger(__name__)
+
+_STOP_S = 9.0  # a camera that does not answer holds up its teardown for 5 to 10 s
+_BEAT_S = 0.1
+_TURN_S = 0.0005
+"""So long one thread may keep the others from running Python. With Python's own 5 ms, whatever draws a terminal's view
+held up a decision, or its write, for as long as the decision itself takes."""
+_SILENCE_S = 0.2
+_SILENCE_PERIODS = 3.0
+
+
+def silence_s(config: Config) -> float:
+    """A camera that sends nothing for this long is asked whether it is still there."""
+    return max(_SILENCE_S, _SILENCE_PERIODS / config.trigger.rate_hz)
+
+
+class Daemon:
+    """Exposes the cameras of a rig well, until told to stop.
+
+    Parameters
+    ----------
+    config
+        The checked configuration.
+    openers
+        For each side, what opens its camera.
+    observer
+        Told of every pair, on the control thread.
+    start
+        The setting the cameras begin with; None: as configured.
+    """
+
+    def __init__(
+        self,
+        config: Config,
+        openers: Mapping[Side, Callable[[], Camera]],
+        observer: Observer | None = None,
+        start: ExposureSetting | None = None,
+    ) -> None:
+        self._config = config
+        self._rig = Rig(openers, silence_s(config), start or config.start)
+        self._control = RigControl(config, self._rig, observer, start)
+        self._tunings: queue.SimpleQueue[tuple[Tuning, Future[None]]] = queue.SimpleQueue()
+        self.telemetry = self._control.telemetry
+        self.outlets = self._control.outlets
+        """Opened and closed by `run`, and told of every step."""
+        self.beat_ns = 0
+        """When the control thread last began a turn (CLOCK_MONOTONIC); it does ten times a second, come what may."""
+
+    @property
+    def tally(self) -> Tally:
+        """The account of triggers so far."""
+        return self._control.tally
+
+    @property
+    def tuning(self) -> Tuning:
+        """What control goes by at present."""
+        return self._control.tuning
+
+    @property
+    def loop(self) -> ControlLoop | None:
+        """What decides at present: for observers, who are called on its thread."""
+        return self._control.loop
+
+    def run(self, stop: threading.Event) -> None:
+        """Run until `stop` is set, then leave the cameras stopped and free.
+
+        Raises
+        ------
+        UnsupportedCameraError, ConfigurationError
+            When a camera can never be driven as configured.
+        """
+        share_one_heap()
+        sys.setswitchinterval(_TURN_S)
+        self.telemetry.opened_ns = time.monotonic_ns()
+        with ExitStack() as outlets:
+            for outlet in self.outlets:
+                outlets.enter_context(outlet)
+            self._rig.start()
+            try:
+                self._warm_up()
+                while not stop.is_set():
+                    self.beat_ns = time.monotonic_ns()
+                    self._control.take(self._next_events())
+                    self._tune()
+            except BaseException as error:
+                self.telemetry.failed(error)
+                raise
+            finally:
+                self._control.close()
+                self._stop_rig()
+
+    def tune(self, tuning: Tuning) -> Future[None]:
+        """Have control go on by another tuning, with the cameras as they are.
+
+        The future holds a ConfigurationError when it does not fit cameras or frames: nothing has changed then.
+        """
+        taken: Future[None] = Future()
+        self._tunings.put((tuning, taken))
+        return taken
+
+    def _tune(self) -> None:
+        while not self._tunings.empty():  # this thread alone takes them out
+            tuning, taken = self._tunings.get_nowait()
+            try:
+                self._control.tune(tuning)
+            except ConfigurationError as error:
+                taken.set_exception(error)
+            else:
+                taken.set_result(None)
+
+    def _stop_rig(self) -> None:
+        deadline_s = time.monotonic() + _STOP_S
+        while not self._rig.stop(_BEAT_S):
+            self.beat_ns = time.monotonic_ns()
+            if time.monotonic() > deadline_s:
+                log.error("a camera did not answer while stopping; it frees itself when its heartbeat runs out")
+                return
+
+    def _warm_up(self) -> None:
+        """Decide on a black frame while the cameras are being searched for: OpenCV's first calls take 50 ms."""
+        black = Frame(np.zeros((540, 720), np.uint8), 8, 0, 0, 0, 0, self._config.start)
+        loop = ControlLoop(
+            self._config.control.policy, ResponseFunction.linear(), self._config.exposure.limits(), self._config.start
+        )
+        loop.step(StereoPair(0, black, black))
+        loop.step(StereoPair(1, replace(black, device_time_ns=1), None))
+
+    def _next_events(self) -> list[RigEvent]:
+        """All that has happened, waiting a moment for the first."""
+        try:
+            events = [self._rig.events.get(timeout=_BEAT_S)]
+        except queue.Empty:
+            return []
+        while not self._rig.events.empty():  # this thread alone takes events out
+            events.append(self._rig.events.get_nowait())
+        return events

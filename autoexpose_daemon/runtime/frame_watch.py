@@ -1,0 +1,83 @@
+"""What the frames of a running rig tell of its cameras' troubles."""
+
+from __future__ import annotations
+
+import logging
+from collections import Counter
+from collections.abc import Collection
+
+from autoexpose_daemon.runtime.complaints import Complaints
+from autoexpose_daemon.status.telemetry import Telemetry
+from drivers.exposure import ExposureSetting
+from drivers.frames import Frame, Side
+from drivers.genicam.clock import JumpWatch
+from drivers.triggers.effect import EffectWatch
+from drivers.triggers.rate import RateWatch
+
+log = logging.getLogger(__name__)
+
+INCOMPLETE_FRAMES = 20
+"""So many in a row are no chance."""
+
+_INCOMPLETE = "all its frames arrive incomplete: check its cable, and network or USB for what they can carry"
+_UNTOLD = "its frames do not say any more how they were taken: their exposure is inferred from when it was written"
+
+
+class FrameWatch:
+    """Looks at every whole frame; counts in `telemetry`, complains in `complaints`."""
+
+    def __init__(
+        self, telemetry: Telemetry, complaints: Complaints, rate_hz: float, triggered: Collection[Side]
+    ) -> None:
+        self._telemetry = telemetry
+        self._complaints = complaints
+        self._rates = RateWatch(rate_hz, triggered)
+        self._effects = EffectWatch()
+        self._jumps = JumpWatch()
+        self._telling: set[Side] = set()
+        self._incomplete: Counter[Side] = Counter()
+
+    def written(self, side: Side, read_back: ExposureSetting, time_ns: int) -> None:
+        """A camera's nodes hold this setting since `time_ns` (CLOCK_MONOTONIC)."""
+        self._effects.written(side, read_back, time_ns)
+
+    def refused(self, side: Side) -> None:
+        """A camera refused a setting, and may have taken part of it."""
+        self._effects.gone(side)
+
+    def frame(self, side: Side, frame: Frame) -> None:
+        """The next whole frame of a camera."""
+        self._incomplete[side] = 0
+        self._complaints.end(side, "incomplete")
+        jump_s = self._jumps.frame(side, frame)
+        if jump_s:
+            self._telemetry.clock_jumps += 1
+            log.warning("%s camera: its clock jumped by %+.1f s; its frames keep their place", side, jump_s)
+        self._complaints.judge(side, "rate", self._rates.frame(side, frame))
+        self._complaints.judge(side, "effect", self._effects.frame(side, frame))
+        self._telemetry.astray_frames = self._effects.astray_frames
+        if frame.setting_source == "chunk":
+            self._telling.add(side)
+            self._complaints.end(side, "untold")
+        elif side in self._telling:
+            self._telemetry.untold_frames += 1
+            self._complaints.begin(side, "untold", _UNTOLD)
+
+    def incomplete(self, side: Side) -> None:
+        """A frame of a camera arrived with holes."""
+        self._incomplete[side] += 1
+        if self._incomplete[side] >= INCOMPLETE_FRAMES:
+            self._complaints.begin(side, "incomplete", _INCOMPLETE)
+
+    def silent(self, side: Side) -> None:
+        """A camera sends no frames: what was wrong with them is past."""
+        self._rates.gone(side)
+        self._incomplete[side] = 0
+        for kind in ("rate", "incomplete"):
+            self._complaints.end(side, kind)
+
+    def gone(self, side: Side) -> None:
+        """The camera is lost: all is looked at anew when it is back."""
+        for watch in (self._rates, self._effects, self._jumps):
+            watch.gone(side)
+        self._telling.discard(side)

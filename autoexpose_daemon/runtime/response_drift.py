@@ -1,0 +1,127 @@
+"""The cameras' responses held against what they show at work, and copies kept up to date where that is asked for."""
+
+from __future__ import annotations
+
+import logging
+import os
+import threading
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
+from pathlib import Path
+
+from autoexpose_daemon.config.document import Config
+from calibration.response import ResponseFunction
+from calibration.response.drift import Change, ResponseWatch, misfit_grey
+from calibration.response.file import ResponseFile
+from calibration.response.refinement import refine
+from drivers.errors import ConfigurationError
+from drivers.frames import Side, StereoPair
+from drivers.log_throttle import Seldom
+
+log = logging.getLogger(__name__)
+
+_SELDOM = Seldom(600.0)  # in changing light there is an attempt every second or so
+
+DOUBTFUL_GREY = 3.0
+"""Misfit (grey levels rms) from which a response is doubted: a good one misses by half a grey level."""
+
+TRUSTED_GREY = 2.0
+"""Misfit at which it is trusted again."""
+
+REFINE_EVERY = 64
+"""Changes of exposure between two attempts at a better response."""
+
+
+@dataclass(slots=True)
+class _Camera:
+    serial: str
+    response: ResponseFunction
+    file: Path | None
+    watch: ResponseWatch = field(init=False)
+    next_attempt: int = REFINE_EVERY
+
+    def __post_init__(self) -> None:
+        self.watch = ResponseWatch(self.response)
+
+
+class ResponseDrift:
+    """Watches the cameras of a configuration, which have these responses; for one thread.
+
+    Attributes
+    ----------
+    residual_grey
+        For each side with a verdict, by how much its response misses (grey levels rms).
+    misfits
+        For each side whose response does not hold, by how much, in words.
+    """
+
+    def __init__(self, config: Config, responses: Mapping[Side, ResponseFunction]) -> None:
+        self.residual_grey: dict[Side, float] = {}
+        self.misfits: dict[Side, str] = {}
+        self._refines = config.response.refine
+        self._last_trigger = -1
+        self._cameras = {
+            side: _Camera(camera.serial, responses[side], camera.response) for side, camera in config.sides.items()
+        }
+
+    def see(self, pair: StereoPair) -> None:
+        """The next pair; of frames that do not say themselves how they were taken nothing is concluded."""
+        follows, self._last_trigger = pair.trigger == self._last_trigger + 1, pair.trigger
+        complete = len(pair.frames) == len(self._cameras)  # else the right frame may stand as the left one
+        for (side, camera), frame in zip(self._cameras.items(), pair.frames, strict=complete):
+            if not (follows and complete and frame.setting_source == "chunk"):
+                camera.watch.interrupt()
+                continue
+            counted = camera.watch.counted
+            camera.watch.see(frame.grey8(), frame.setting.level)
+            if camera.watch.counted > counted:
+                self._judge(side, camera)
+
+    def _judge(self, side: Side, camera: _Camera) -> None:
+        residual = camera.watch.residual_grey
+        if residual is None:
+            return
+        self.residual_grey[side] = residual
+        if side not in self.misfits and residual > DOUBTFUL_GREY:
+            self.misfits[side] = (
+                f"response off by {residual:.1f} grey levels rms when the exposure changes: "
+                f"autoexpose calibrate response --camera {camera.serial}"
+            )
+            log.warning("%s camera: %s", side, self.misfits[side])
+        elif side in self.misfits and residual < TRUSTED_GREY:
+            del self.misfits[side]
+            log.info("%s camera: its response holds again", side)
+        if self._refines and camera.file is not None and camera.watch.counted >= camera.next_attempt:
+            camera.next_attempt = camera.watch.counted + REFINE_EVERY
+            arguments = side, camera.file, camera.response, list(camera.watch.changes)
+            threading.Thread(target=_refine, args=arguments, name=f"refine-{side}", daemon=True).start()
+
+
+def refined_path(calibrated: Path) -> Path:
+    """Where the updated copy of a response file is kept: in the directory of the service's state, else beside it."""
+    folder = os.environ.get("STATE_DIRECTORY", "").split(":")[0] or calibrated.parent
+    return Path(folder, f"{calibrated.stem}.refined.yaml")
+
+
+def _refine(side: Side, calibrated: Path, response: ResponseFunction, changes: list[Change]) -> None:
+    """Write a better response than the calibrated one, if the changes tell of one."""
+    better = refine(response, changes)
+    if better is None:
+        return
+    before, after = misfit_grey(response, changes), misfit_grey(better, changes)
+    path = refined_path(calibrated)
+    part = path.with_suffix(".part")
+    try:
+        file = ResponseFile.load(calibrated)
+        origin = replace(file.origin, date=datetime.now(UTC))
+        replace(file, response=better, origin=origin, model="free", parameters={}, residual_grey=after).save(part)
+        part.replace(path)
+    except (ConfigurationError, OSError) as error:
+        if _SELDOM.due((path, "failed"), time.monotonic_ns()):
+            log.warning("%s camera: no refined response is kept: %s", side, error)
+        return
+    if not _SELDOM.due((path, "refined"), time.monotonic_ns()):
+        return
+    log.info("%s camera: %s refined: off by %.1f grey levels rms, was %.1f", side, path, after, before)

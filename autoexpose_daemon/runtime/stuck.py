@@ -1,0 +1,48 @@
+"""Cameras that answer and send nothing while another one sends: a stalled stream is mended by opening them anew."""
+
+from __future__ import annotations
+
+from autoexpose_daemon.status.telemetry import GONE, Telemetry
+from drivers.frames import Side
+
+FIRST_PAUSE_NS = 3_000_000_000
+LONGEST_PAUSE_NS = 600_000_000_000
+"""So long it is silent before the first attempt, and twice as long before each further one: should its trigger wire be
+cut, opening it anew is of no use."""
+
+FLOWING_NS = 500_000_000
+PERIODS = 10.0
+"""Whatever the rate: another camera has sent a frame within so many periods, and this one has missed more."""
+
+
+class StuckStreams:
+    """Decides when to open a camera anew; for one thread.
+
+    Parameters
+    ----------
+    period_s
+        Of the triggers.
+    """
+
+    def __init__(self, period_s: float) -> None:
+        self._periods_ns = PERIODS * period_s * 1e9
+        self._due_ns: dict[Side, float] = {}
+        self._pause_ns: dict[Side, float] = {}
+
+    def sides(self, telemetry: Telemetry, now_ns: int) -> list[Side]:
+        """The cameras to be opened anew now."""
+        flowing_ns = max(FLOWING_NS, self._periods_ns)
+        flowing = {side for side, last_ns in telemetry.last_frame_ns.items() if now_ns - last_ns < flowing_ns}
+        stuck = []
+        for side, camera in telemetry.cameras.items():
+            if side in flowing:
+                self._pause_ns.pop(side, None)
+            if side in flowing or not flowing or camera == GONE:
+                self._due_ns.pop(side, None)
+                continue
+            pause_ns = self._pause_ns.setdefault(side, max(FIRST_PAUSE_NS, 2 * self._periods_ns))
+            if now_ns >= self._due_ns.setdefault(side, now_ns + pause_ns):
+                stuck.append(side)
+                del self._due_ns[side]
+                self._pause_ns[side] = min(2 * pause_ns, LONGEST_PAUSE_NS)
+        return stuck

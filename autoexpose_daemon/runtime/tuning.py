@@ -1,0 +1,52 @@
+"""What control goes by: the part of a configuration that may change while the cameras run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+from autoexpose_daemon.config.document import Config
+from autoexpose_daemon.control.loop import ControlLoop
+from calibration.response.file import ResponseFile
+from drivers.exposure import ExposureLimits
+from drivers.frames import Side
+
+
+class Tuning:
+    """Bounds, policy, parameters, response and regions; their files are read here, once.
+
+    Raises
+    ------
+    ConfigurationError
+        When one of the files cannot be used.
+    """
+
+    def __init__(self, config: Config) -> None:
+        self.config = config
+        self.responses = {side: config.response_of(side) for side in config.sides}
+        self._regions = config.control.roi.regions()
+
+    def check_belongs(self, pixel_formats: Mapping[Side, str | None]) -> None:
+        """Refuse a response file for another pixel format than a camera sends; raises ConfigurationError."""
+        for side, pixel_format in pixel_formats.items():
+            camera = self.config.sides[side]
+            if camera.response is not None:
+                ResponseFile.load(camera.response).check_belongs(camera.response, camera.serial, pixel_format)
+
+    def limits(self, cameras: Iterable[ExposureLimits]) -> ExposureLimits:
+        """The bounds, cut to those of the cameras; raises ConfigurationError when that leaves nothing."""
+        limits = self.config.exposure.limits()
+        for own in cameras:
+            limits = limits.within(own)
+        return limits
+
+    def loop(self, limits: ExposureLimits) -> ControlLoop:
+        """A control loop that knows nothing yet."""
+        control = self.config.control
+        return ControlLoop(
+            control.policy,
+            self.responses["left"],
+            limits,
+            self.config.start,
+            parameters=control.parameters(),
+            regions=self._regions,
+        )

@@ -1,0 +1,1 @@
+"""The daemon as a service: systemd, signals, reloads, and what outlives a restart."""

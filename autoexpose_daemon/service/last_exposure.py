@@ -1,0 +1,112 @@
+"""The last good exposure, kept over restarts: after a crash the robot sees well from its first frame on."""
+
+from __future__ import annotations
+
+import json
+import logging
+import math
+import os
+import time
+from pathlib import Path
+
+from autoexpose_daemon.status.telemetry import Telemetry
+from drivers.config.files import read_regular
+from drivers.exposure import ExposureLimits, ExposureSetting
+
+log = logging.getLogger(__name__)
+
+FORMAT = "autoexpose-last-exposure/1"
+LONGEST_AGE_S = 3600.0
+"""After an hour the light is another, and the configured start as good a guess."""
+_MOST_BYTES = 1 << 12  # it has a hundred
+_WRITE_PERIOD_S = 5.0
+_REFRESH_PERIOD_S = 600.0
+_CLOCK_STEP_S = 5.0  # by which the wall clock may have been set back meanwhile
+_GOOD_SHARE = 0.5  # a picture that is black or saturated by half says little about the right exposure
+
+
+class LastExposure:
+    """Remembers the last good exposure, and keeps it in a file if there is one.
+
+    A file that is missing, too old, damaged or not writable costs a line of the log and nothing else.
+
+    Parameters
+    ----------
+    file
+        Where to keep it; None: in memory only.
+    """
+
+    def __init__(self, file: Path | None) -> None:
+        self._file = file
+        self._setting: ExposureSetting | None = None
+        self._written: ExposureSetting | None = None
+        self._written_s = -math.inf
+        self._said_unwritable = False
+
+    @classmethod
+    def in_state_directory(cls) -> LastExposure:
+        """In the directory that systemd gives the service for its state; in memory only where there is none."""
+        folder = os.environ.get("STATE_DIRECTORY", "").split(":")[0]
+        return cls(Path(folder) / "last-exposure.json" if folder else None)
+
+    def recall(self, limits: ExposureLimits) -> ExposureSetting | None:
+        """The last good exposure within `limits`, from memory or file; None when there is none to rely on."""
+        if self._setting is None and self._file is not None:
+            self._setting = _read(self._file, time.time())
+        if self._setting is not None and limits.contain(self._setting):
+            return self._setting
+        return None
+
+    def keep(self, telemetry: Telemetry, now_s: float) -> None:
+        """Remember how the newest frame was taken, if it came out well; written when it changed, at most every 5 s.
+
+        `now_s` is of a monotonic clock.
+        """
+        decision, applied = telemetry.decision, telemetry.applied
+        if decision is None or applied is None or max(decision.saturated_share, decision.black_share) > _GOOD_SHARE:
+            return
+        self._setting = applied
+        age_s = now_s - self._written_s
+        changed = self._written is None or not applied.agrees_with(self._written)
+        if age_s > (_WRITE_PERIOD_S if changed else _REFRESH_PERIOD_S):
+            self.save(now_s)
+
+    def save(self, now_s: float) -> None:
+        """Write what is remembered, all or nothing."""
+        if self._file is None or self._setting is None:
+            return
+        self._written, self._written_s = self._setting, now_s
+        content = {
+            "format": FORMAT,
+            "unix_time_s": round(time.time(), 3),
+            "exposure_time_us": self._setting.exposure_time_us,
+            "gain_db": self._setting.gain_db,
+        }
+        part = self._file.with_suffix(".part")
+        try:
+            part.write_text(json.dumps(content) + "\n")
+            part.replace(self._file)
+        except OSError as error:
+            if not self._said_unwritable:
+                log.warning("the last exposure is not kept for a restart: %s", error)
+            self._said_unwritable = True
+
+
+def _read(file: Path, now_s: float) -> ExposureSetting | None:
+    try:
+        content = json.loads(read_regular(file, _MOST_BYTES))
+        if content["format"] != FORMAT:
+            raise ValueError(f"format is {content['format']!r}")
+        age_s = now_s - float(content["unix_time_s"])
+        setting = ExposureSetting(float(content["exposure_time_us"]), float(content["gain_db"]))
+        if not (math.isfinite(setting.exposure_time_us) and math.isfinite(setting.gain_db)):
+            raise ValueError("it is not finite")
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError, TypeError, LookupError, OverflowError, RecursionError) as error:
+        log.warning("%s is damaged, so the start is the configured one: %s: %s", file, type(error).__name__, error)
+        return None
+    if not -_CLOCK_STEP_S <= age_s <= LONGEST_AGE_S:
+        log.info("the last exposure is %.0f s old, so the start is the configured one", age_s)
+        return None
+    return setting

@@ -1,0 +1,78 @@
+"""The log: in colours for a terminal, with priorities for systemd's journal, else as plain lines."""
+
+from __future__ import annotations
+
+import logging
+import os
+import sys
+from types import TracebackType
+
+from rich.console import Console
+from rich.logging import RichHandler
+
+from autoexpose_daemon.status.fault_log import fault_log
+from drivers.config.readable import readable
+
+log = logging.getLogger(__name__)
+
+_LAYOUT = "\n\t"
+
+_PRIORITIES = ((logging.CRITICAL, 2), (logging.ERROR, 3), (logging.WARNING, 4), (logging.INFO, 6))
+"""Of syslog, by the least level; what is below is 7."""
+
+
+def set_up_logging(console: Console) -> None:
+    """Log INFO and above of ours, WARNING and above of others; what ends the program with a traceback, too."""
+    if console.is_terminal:
+        handler: logging.Handler = RichHandler(console=console, show_path=False, log_time_format="%H:%M:%S")
+        handler.setFormatter(ReadableFormatter("%(message)s"))
+    else:
+        handler = logging.StreamHandler()
+        handler.setFormatter(
+            JournalFormatter("%(message)s") if _journal_reads() else ReadableFormatter("%(levelname)s %(message)s")
+        )
+        sys.excepthook = _log_last_words
+    logging.basicConfig(level=logging.WARNING, handlers=[handler, fault_log()], force=True)
+    for package in ("autoexpose_daemon", "drivers"):
+        logging.getLogger(package).setLevel(logging.INFO)
+
+
+def complain(sentence: str) -> None:
+    """Tell on standard error why the program ends."""
+    text = readable(f"autoexpose: {sentence}", _LAYOUT)
+    print(_with_priority(logging.ERROR, text) if _journal_reads() else text, file=sys.stderr)
+
+
+class ReadableFormatter(logging.Formatter):
+    """Lets no escape sequence through: names of cameras, consumers and files come from outside."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        """The lines of an event."""
+        return readable(super().format(record), _LAYOUT)
+
+
+class JournalFormatter(ReadableFormatter):
+    """Puts the priority before each line."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        """The lines of an event."""
+        return _with_priority(record.levelno, super().format(record))
+
+
+def _with_priority(level: int, text: str) -> str:
+    """Each line with its priority, as sd-daemon(3) has it: the journal takes every line for an entry."""
+    priority = next((priority for least, priority in _PRIORITIES if level >= least), 7)
+    return "\n".join(f"<{priority}>{line}" for line in text.splitlines())
+
+
+def _journal_reads() -> bool:
+    """Whether standard error goes to the journal, which then names its device and inode in the environment."""
+    try:
+        stream = os.fstat(sys.stderr.fileno())
+    except (OSError, ValueError):  # no such descriptor
+        return False
+    return os.environ.get("JOURNAL_STREAM") == f"{stream.st_dev}:{stream.st_ino}"
+
+
+def _log_last_words(kind: type[BaseException], error: BaseException, traceback: TracebackType | None) -> None:
+    log.critical("ended by %s", kind.__name__, exc_info=(kind, error, traceback))

@@ -1,0 +1,73 @@
+"""What the steps of control go out through, as configured."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Self
+
+from autoexpose_daemon.config.document import Config
+from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.publish.keys import response_key, status_key
+from autoexpose_daemon.publish.tally import PublishTally
+from autoexpose_daemon.runtime.daemon import Daemon
+from autoexpose_daemon.status.describe import describe
+from autoexpose_daemon.status.document import response_to_json
+from drivers.frames import StereoPair
+
+if TYPE_CHECKING:
+    from autoexpose_daemon.recording.recorder import Recorder  # an extra
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class RecorderTap:
+    """A recorder as the outlet of one daemon; it outlives the daemon, so there is nothing to open or close."""
+
+    recorder: Recorder
+    daemon: Daemon
+    cameras: int
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Nothing: see above."""
+
+    def __call__(self, pair: StereoPair, decision: Decision | None) -> None:
+        """Record a step, with the loop that has just made it; what control did not look at is no step."""
+        if decision is not None and self.daemon.loop is not None:
+            self.recorder.take(pair, decision, self.daemon.loop, self.cameras)
+
+
+def add_outlets(daemon: Daemon, config: Config, recorder: Recorder | None = None) -> Daemon:
+    """Have a daemon record, if asked, and publish, if configured.
+
+    Without the Python packages for publishing the daemon goes on and says so.
+    """
+    daemon.telemetry.recorder = recorder
+    if recorder is not None:
+        daemon.outlets.append(RecorderTap(recorder, daemon, len(config.sides)))
+    if config.publish is None:
+        return daemon
+    try:
+        from autoexpose_daemon.publish.publisher import Publisher  # noqa: PLC0415  an extra
+    except ImportError as error:
+        trouble = f"{error.name} is missing: pip install 'autoexpose-daemon[publish]'"
+        log.warning("frames are not published: %s", trouble)
+        daemon.telemetry.publishing = PublishTally(trouble=trouble)
+        return daemon
+    publisher = Publisher(config.publish, len(config.sides), partial(_tell, daemon))
+    daemon.outlets.append(publisher)
+    daemon.telemetry.publishing = publisher.tally
+    return daemon
+
+
+def _tell(daemon: Daemon, last: bool) -> dict[str, str]:
+    """The status, and the response of each camera; `last`: before the session closes."""
+    tuning = daemon.tuning
+    status = describe(daemon.telemetry, tuning.config, ending=last)
+    responses = {response_key(status.rig, side): response_to_json(it) for side, it in tuning.responses.items()}
+    return {status_key(status.rig): status.to_json()} | responses

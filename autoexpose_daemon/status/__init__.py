@@ -1,0 +1,1 @@
+"""How the daemon is: counted, measured, described, and shown in a terminal."""

@@ -1,0 +1,95 @@
+"""The status of a daemon, from its telemetry and configuration."""
+
+from __future__ import annotations
+
+import time
+
+from autoexpose_daemon.config.document import Config
+from autoexpose_daemon.config.publish import PublishConfig
+from autoexpose_daemon.publish.tally import PublishTally
+from autoexpose_daemon.status.document import VERSION, CameraStatus, Durations, PublishStatus, RecorderStatus, Status
+from autoexpose_daemon.status.durations import DURATIONS
+from autoexpose_daemon.status.fault_log import fault_log
+from autoexpose_daemon.status.states import Expectation, Health, judge
+from autoexpose_daemon.status.telemetry import GONE, Telemetry
+from autoexpose_daemon.status.telemetry import Durations as Measured
+from drivers.frames import Side
+
+_STARTED_NS = time.monotonic_ns()  # of the process, but for the second that its imports take
+
+
+def health_of(telemetry: Telemetry, config: Config) -> Health:
+    """The state at this moment."""
+    now_ns = time.monotonic_ns()
+    triggered = config.trigger.mode == "external"
+    opened_ns = now_ns if telemetry.opened_ns is None else telemetry.opened_ns
+    expected = Expectation(tuple(config.sides), 1.0 / config.trigger.rate_hz, triggered, opened_ns)
+    return judge(telemetry, expected, now_ns)
+
+
+def describe(telemetry: Telemetry, config: Config, ending: bool = False) -> Status:
+    """How a daemon is at this moment; on any thread."""
+    now_ns = time.monotonic_ns()
+    health = health_of(telemetry, config)
+    return Status(
+        version=VERSION,
+        rig=(config.publish or PublishConfig()).rig,
+        policy=config.control.policy,
+        unix_time_s=round(time.time(), 3),
+        uptime_s=_seconds(now_ns - _STARTED_NS),
+        open_s=_seconds(0 if telemetry.opened_ns is None else now_ns - telemetry.opened_ns),
+        ending=ending,
+        state=health.state,
+        reasons=health.reasons,
+        cameras={side: _camera(telemetry, side) for side in config.sides},
+        rate_hz=round(telemetry.rate_hz(now_ns), 3),
+        pairs=telemetry.pairs,
+        lost={str(reason): count for reason, count in list(telemetry.lost.items()) if count},
+        surplus_frames=telemetry.surplus_frames,
+        undecided_pairs=telemetry.undecided_pairs,
+        mismatched_pairs=telemetry.mismatched_pairs,
+        unexplained_mismatches=telemetry.unexplained_mismatches,
+        late_writes=telemetry.late_writes,
+        refused_writes=telemetry.refused_writes,
+        clipped_writes=telemetry.clipped_writes,
+        astray_frames=telemetry.astray_frames,
+        untold_frames=telemetry.untold_frames,
+        clock_jumps=telemetry.clock_jumps,
+        clamped_decisions=dict(list(telemetry.clamped_decisions.items())),
+        reconnects=telemetry.reconnects,
+        decision=telemetry.decision,
+        **{duration.field: _durations(getattr(telemetry, duration.field)) for duration in DURATIONS},
+        publishing=None if telemetry.publishing is None else _publishing(telemetry.publishing, now_ns),
+        recorder=_recorder(telemetry),
+        faults=fault_log().faults,
+    )
+
+
+def _seconds(duration_ns: int) -> float:
+    return round(duration_ns * 1e-9, 3)
+
+
+def _camera(telemetry: Telemetry, side: Side) -> CameraStatus:
+    camera = telemetry.cameras.get(side, GONE)
+    return CameraStatus(
+        camera=None if camera == GONE else camera,
+        applied=telemetry.newest.get(side),
+        drift_grey=telemetry.drift_grey.get(side),
+        misfit=telemetry.misfits.get(side),
+    )
+
+
+def _durations(measured: Measured) -> Durations:
+    percentiles = measured.percentiles()
+    return Durations(measured.count, round(measured.sum_ms, 3), percentiles["p50"], percentiles["p99"])
+
+
+def _publishing(tally: PublishTally, now_ns: int) -> PublishStatus:
+    dropped = {str(reason): count for reason, count in list(tally.dropped.items())}
+    listed, unlisted = dict(tally.consumers.listed(now_ns)), tally.consumers.unlisted(now_ns)
+    return PublishStatus(tally.offered, tally.sent, dropped, tally.trouble, listed, unlisted)
+
+
+def _recorder(telemetry: Telemetry) -> RecorderStatus | None:
+    recorder = telemetry.recorder
+    return None if recorder is None else RecorderStatus(recorder.steps, recorder.dropped, recorder.failure)

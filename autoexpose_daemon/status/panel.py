@@ -1,0 +1,145 @@
+"""A daemon's status for people: a table for terminals, a line for the log."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+from rich.table import Table
+from rich.text import Text
+
+from autoexpose_daemon.status.document import CameraStatus, Durations, PublishStatus, Status
+from autoexpose_daemon.status.durations import DURATIONS
+from autoexpose_daemon.status.states import State
+from drivers.exposure import ExposureSetting
+from drivers.triggers.account import LossReason
+
+COLOURS = {State.STARTING: "cyan", State.EXPOSING: "green", State.DEGRADED: "yellow", State.FAILED: "red"}
+_LEVELS = (4.0, 18.0)  # stops: 16 us without gain, 8 ms with 30 dB
+_BAR_WIDTH = 28
+_EDGES: dict[str, str] = {
+    LossReason.STARTUP: "before every camera was open",
+    LossReason.SHUTDOWN: "at the end",
+}
+_LOSSES: dict[str, str] = {
+    LossReason.LEFT_MISSING: "without the left frame",
+    LossReason.RIGHT_MISSING: "without the right frame",
+    LossReason.BOTH_MISSING: "without either frame",
+    LossReason.INCOMPLETE: "with an incomplete frame",
+    LossReason.TRIGGER_IGNORED: "not taken by a camera",
+    LossReason.CAMERA_GONE: "while a camera was gone",
+    LossReason.STALE: "seen too late",
+}
+
+
+def table_of(status: Status) -> Table:
+    """All there is to say of one moment, as rows of a name and a text."""
+    table = Table.grid(padding=(0, 3))
+    table.add_row("state", plain(str(status.health), COLOURS[status.state]))
+    for name, text in _rows(status):
+        table.add_row(plain(name), plain(text))
+    return table
+
+
+def plain(text: str, style: str = "") -> Text:
+    """A text as it is: no markup, and nothing that a terminal would take for a command."""
+    return Text("".join(letter if letter.isprintable() else "?" for letter in text), style)
+
+
+def duration_text(seconds: float) -> str:
+    """A duration in the unit that suits it."""
+    minutes, hours = int(seconds // 60), int(seconds // 3600)
+    if hours >= 48:
+        return f"{hours // 24} d {hours % 24} h"
+    if hours:
+        return f"{hours} h {minutes % 60} min"
+    return f"{minutes} min" if minutes >= 2 else f"{seconds:.0f} s"
+
+
+def line_of(status: Status) -> str:
+    """The moment in one line."""
+    parts = [f"{status.rate_hz:.1f} pairs/s", f"{status.pairs} pairs", f"lost: {_counts(status.lost)}"]
+    applied = _applied(status)
+    if applied is not None:
+        parts.append(f"{applied} (E {applied.level:.2f})")
+    if status.decision is not None:
+        parts.append(f"metric {status.decision.metric:.4f}")
+    parts += [f"{name} {text}" for name, text in _responses(status)]
+    parts += [f"{count} {name}" for name, count in status.oddities.items()]
+    parts += [f"{name} {text}" for name, text in _outlets(status)]
+    if status.frame_to_node_ms.p50_ms is not None:
+        parts.append(f"frame to node {status.frame_to_node_ms.p50_ms:.1f}/{status.frame_to_node_ms.p99_ms:.1f} ms")
+    return "; ".join(parts)
+
+
+def _rows(status: Status) -> Iterator[tuple[str, str]]:
+    absent = "not open yet" if status.state is State.STARTING else "gone"
+    yield from ((f"{side} camera", _camera(camera, absent)) for side, camera in status.cameras.items())
+    yield "pairs", f"{status.pairs}   {status.rate_hz:.1f} per second   for {duration_text(status.open_s)}"
+    yield "lost", lost_in_words(status.lost)
+    yield from ((name, str(count)) for name, count in status.oddities.items())
+    applied = _applied(status)
+    if applied is not None:
+        yield "level E", f"{applied.level:.2f} stops  {_bar(applied.level)}"
+    if status.decision is not None:
+        yield "metric", f"{status.decision.metric:.4f}"
+        yield "saturated", f"{status.decision.saturated_share:.0%}   black {status.decision.black_share:.0%}"
+        yield "decision", f"{status.decision.setting}: {status.decision.reason}"
+    yield from _responses(status)
+    yield from _outlets(status)
+    for duration in DURATIONS:
+        yield from ((duration.label, text) for text in _percentiles(getattr(status, duration.field)))
+
+
+def lost_in_words(lost: Mapping[str, int], note: str = "") -> str:
+    """Losses by reason; apart from them the triggers that a start and an end cost, which are nothing to look into."""
+    while_running = [f"{count} {_LOSSES.get(reason, reason)}" for reason, count in lost.items() if reason not in _EDGES]
+    edges = [f"{lost[reason]} {words}" for reason, words in _EDGES.items() if lost.get(reason)]
+    return "; ".join([(", ".join(while_running) or "none") + note, *([", ".join(edges)] if edges else [])])
+
+
+def _camera(camera: CameraStatus, absent: str) -> str:
+    applied = "" if camera.applied is None else f"   {camera.applied}"
+    return absent if camera.camera is None else camera.camera + applied
+
+
+def _applied(status: Status) -> ExposureSetting | None:
+    """How the newest frame of the first camera that has one was taken."""
+    return next((camera.applied for camera in status.cameras.values() if camera.applied is not None), None)
+
+
+def _responses(status: Status) -> Iterator[tuple[str, str]]:
+    for side, camera in status.cameras.items():
+        if camera.drift_grey is not None:
+            yield f"{side} response", f"off by {camera.drift_grey:.1f} grey levels"
+
+
+def _outlets(status: Status) -> Iterator[tuple[str, str]]:
+    if status.publishing is not None:
+        yield from _publishing(status.publishing)
+    if status.recorder is not None:
+        steps, dropped = status.recorder.steps, status.recorder.dropped
+        yield "recorded", status.recorder.failure or f"{steps - dropped}, dropped: {dropped or 'none'}"
+
+
+def _publishing(publishing: PublishStatus) -> Iterator[tuple[str, str]]:
+    yield "published", f"{publishing.sent}, dropped: {_counts(publishing.dropped)}"
+    if publishing.trouble:
+        yield "not published", publishing.trouble
+    yield from ((f"consumer {name}", str(tally)) for name, tally in publishing.consumers.items())
+    if publishing.unlisted_consumers:
+        yield "consumers", f"{publishing.unlisted_consumers} more, not listed"
+
+
+def _counts(counts: Mapping[str, int]) -> str:
+    return ", ".join(f"{count} {reason}" for reason, count in counts.items() if count) or "none"
+
+
+def _percentiles(durations: Durations) -> Iterator[str]:
+    if durations.p50_ms is not None:
+        yield f"{durations.p50_ms:.2f} ms   p99 {durations.p99_ms:.2f} ms"
+
+
+def _bar(level: float) -> str:
+    low, high = _LEVELS
+    filled = round(_BAR_WIDTH * min(max((level - low) / (high - low), 0.0), 1.0))
+    return "\u2588" * filled + "\u2591" * (_BAR_WIDTH - filled)

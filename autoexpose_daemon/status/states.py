@@ -1,0 +1,99 @@
+"""The state of the daemon as seen from outside, judged from its telemetry alone."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+from autoexpose_daemon.status.telemetry import GONE, Telemetry
+from drivers.frames import Side
+
+START_PATIENCE_NS = 10_000_000_000
+"""A rig that exposes nothing for so long after its start is no longer starting. A GigE Vision camera keeps a killed
+controller for 3 s, and two searches of a second and the pauses between them come on top."""
+
+CLIPPED = "clipped"
+"""Of the kinds of complaints the one that degrades nothing: cameras round, and frames tell what they took."""
+
+SILENCE_NS = 1_000_000_000
+SILENCE_PERIODS = 5.0
+"""Without frames for a second, and for five trigger periods, something is wrong."""
+
+
+class State(StrEnum):
+    """The names are fixed for the log, `systemctl status` and metrics."""
+
+    STARTING = "starting"
+    EXPOSING = "exposing"
+    DEGRADED = "degraded"
+    FAILED = "failed"
+
+
+@dataclass(frozen=True, slots=True)
+class Health:
+    """A state, and the reasons why it is no better, each in words for the operator."""
+
+    state: State
+    reasons: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        return ": ".join([self.state, *(["; ".join(self.reasons)] if self.reasons else [])])
+
+
+@dataclass(frozen=True, slots=True)
+class Expectation:
+    """What the rig should do: its cameras, the period of their frames (s), and since when (CLOCK_MONOTONIC, ns)."""
+
+    sides: Sequence[Side]
+    period_s: float
+    triggered: bool
+    since_ns: int
+
+    @property
+    def silence_ns(self) -> float:
+        """Without frames for so long, something is wrong."""
+        return max(SILENCE_NS, SILENCE_PERIODS * self.period_s * 1e9)
+
+
+def judge(telemetry: Telemetry, expected: Expectation, now_ns: int) -> Health:
+    """The state at one moment. A trigger that stands still, or a camera that is lost, degrades and never fails."""
+    if telemetry.failure is not None:
+        return Health(State.FAILED, (telemetry.failure,))
+    if telemetry.last_pair_ns is None and now_ns - expected.since_ns < max(START_PATIENCE_NS, expected.silence_ns):
+        return Health(State.STARTING)
+    reasons = tuple(_shortcomings(telemetry, expected, now_ns))
+    return Health(State.DEGRADED, reasons) if reasons else Health(State.EXPOSING)
+
+
+def _shortcomings(telemetry: Telemetry, expected: Expectation, now_ns: int) -> Iterator[str]:
+    cameras = {side: telemetry.cameras.get(side, GONE) for side in expected.sides}
+    gone = [side for side, camera in cameras.items() if camera == GONE]
+    present = [side for side in cameras if side not in gone]
+    complaints = telemetry.complaints.copy()  # the control thread changes it
+    incomplete = [side for side in present if (side, "incomplete") in complaints]
+    whole = [side for side in present if side not in incomplete]
+    silent = [side for side in whole if _silent(telemetry.last_frame_ns.get(side), expected, now_ns)]
+    for side in gone:
+        yield f"{side} camera gone" + (f": {complaints[side, GONE]}" if (side, GONE) in complaints else "")
+    if silent and silent == present:
+        yield "no triggers" if expected.triggered else "no frames"
+    else:
+        for side in silent:
+            yield f"no frames of the {side} camera"
+    # Twice as patient: when a trigger stops, one camera's last frame may be a little later than the last pair.
+    if not (gone or silent or incomplete) and _silent(
+        telemetry.last_pair_ns, expected, now_ns - round(expected.silence_ns)
+    ):
+        yield "frames make no stereo pairs"
+    for (side, kind), complaint in complaints.items():
+        if kind not in (GONE, CLIPPED):
+            yield f"{side} camera: {complaint}"
+    for side, misfit in list(telemetry.misfits.items()):  # the control thread adds to it
+        yield f"calibration of the {side} camera does not fit: {misfit}"
+    if telemetry.publishing is not None and telemetry.publishing.trouble:
+        yield f"frames are not published: {telemetry.publishing.trouble}"
+
+
+def _silent(last_ns: int | None, expected: Expectation, now_ns: int) -> bool:
+    return last_ns is None or now_ns - last_ns > expected.silence_ns

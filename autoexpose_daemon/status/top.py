@@ -1,0 +1,118 @@
+"""`autoexpose top`: a running daemon, seen from a terminal."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Sequence
+from datetime import datetime
+
+from rich.console import Console, Group, RenderableType
+from rich.live import Live
+from rich.panel import Panel
+from rich.table import Table
+
+from autoexpose_daemon.client.status_client import StatusClient
+from autoexpose_daemon.status.document import Fault, Status
+from autoexpose_daemon.status.panel import COLOURS, duration_text, plain, table_of
+from drivers.errors import AutoexposeError
+
+_PATIENCE_S = 5.0
+_SILENT_S = 3.0
+_TURN_S = 0.25
+_SHOWN_FAULTS = 8
+_HISTORY = 60
+_TALL = 1000
+_LARGEST = 1e15
+_BLOCKS = "\u2581\u2582\u2583\u2584\u2585\u2586\u2587\u2588"
+
+
+def show_once(rig: str, connect: Sequence[str], console: Console) -> None:
+    """Print the next status; raises AutoexposeError when none comes for some seconds."""
+    with StatusClient(rig, connect) as client:
+        status = client.wait(_PATIENCE_S)
+        if status is None:
+            raise AutoexposeError(nobody(client, rig, connect))
+        console.print(panel_of(status, History(), client.silent_s, _TALL))
+
+
+def follow(rig: str, connect: Sequence[str], console: Console, stop: threading.Event) -> None:
+    """Show the status in the terminal until `stop` is set; raises AutoexposeError where there is no terminal."""
+    if not console.is_terminal:
+        raise AutoexposeError("top needs a terminal: add --once to print the status of the moment")
+    history = History()
+    with StatusClient(rig, connect) as client, Live(console=console, auto_refresh=False) as live:
+        while not stop.wait(_TURN_S):
+            status = client.status
+            if status is None:
+                live.update(plain(nobody(client, rig, connect)), refresh=True)
+            else:
+                history.add(status)
+                live.update(panel_of(status, history, client.silent_s, console.height), refresh=True)
+
+
+class History:
+    """Exposure time, gain and metric of the last minute."""
+
+    def __init__(self) -> None:
+        self._time_s = 0.0
+        self._rows: dict[str, deque[float]] = {}
+
+    def add(self, status: Status) -> None:
+        """Note a status, once."""
+        if status.unix_time_s == self._time_s:
+            return
+        self._time_s = status.unix_time_s
+        applied = next((camera.applied for camera in status.cameras.values() if camera.applied is not None), None)
+        values = {} if applied is None else {"exposure, us": applied.exposure_time_us, "gain, dB": applied.gain_db}
+        values |= {} if status.decision is None else {"metric": status.decision.metric}
+        for name, value in values.items():
+            if abs(value) < _LARGEST:  # and a number
+                self._rows.setdefault(name, deque(maxlen=_HISTORY)).append(value)
+
+    def add_rows(self, table: Table) -> None:
+        """A row for each: name, curve and range."""
+        for name, values in self._rows.items():
+            table.add_row(name, f"[cyan]{sparkline(values)}[/cyan]   {min(values):.4g} to {max(values):.4g}")
+
+
+def sparkline(values: Sequence[float]) -> str:
+    """A curve in blocks, the lowest value the lowest block."""
+    low, high = min(values), max(values)
+    scale = (len(_BLOCKS) - 1) / (high - low) if high > low else 0.0
+    return "".join(_BLOCKS[round((value - low) * scale)] for value in values)
+
+
+def panel_of(status: Status, history: History, silent_s: float, height: int) -> Panel:
+    """All there is to say of a status that came some seconds ago, in so many lines at most."""
+    title = f"autoexpose {status.rig}, {status.policy}, up {duration_text(status.uptime_s)}"
+    colour = COLOURS[status.state]
+    if silent_s > _SILENT_S:
+        colour = "red"
+        title += f": {'ended' if status.ending else 'silent'} for {duration_text(silent_s)}, these are its last words"
+    table = table_of(status)
+    history.add_rows(table)
+    parts: list[RenderableType] = [table]
+    if status.faults:
+        room = height - table.row_count - 3  # the border, and the title of the faults
+        parts.append(_faults(status.faults[-min(max(room, 1), _SHOWN_FAULTS) :]))
+    return Panel(Group(*parts), title=plain(title, colour), expand=False, border_style=colour)
+
+
+def _faults(faults: Sequence[Fault]) -> Table:
+    table = Table(box=None, title="latest faults", title_justify="left", show_header=False, padding=(0, 2, 0, 0))
+    for fault in faults:
+        when = datetime.fromtimestamp(fault.unix_time_s).strftime("%d %b %H:%M:%S")
+        table.add_row(when, plain(fault.message, "" if fault.level == "WARNING" else "red"))
+    return table
+
+
+def nobody(client: StatusClient, rig: str, connect: Sequence[str]) -> str:
+    """Why there is no status to show, in words."""
+    where, since = ", ".join(connect), f"for {client.silent_s:.0f} s"
+    if client.trouble:
+        section = "{}" if rig == "rig" else f"{{rig: {rig}}}"
+        return (
+            f"nobody answers at {where} {since}: does the daemon run, with `publish: {section}` in its configuration?"
+        )
+    return f"no daemon of a rig named {rig} says anything at {where} {since}: is that its publish.rig, and does it run?"

@@ -1,0 +1,148 @@
+"""The photometric response function of a camera, and the file it is kept in."""
+
+from __future__ import annotations
+
+import math
+import reprlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.config.strict_yaml import load_mapping
+from drivers.errors import ConfigurationError
+
+FORMAT = "autoexpose-response/1"
+GREY_LEVELS = 256
+
+_KEYS = ("format", "log2_exposure", "black_level", "saturation")
+ORIGIN_KEYS = (
+    "camera", "pixel_format", "binning", "gain_db", "date", "tool", "model", "parameters", "covered", "residual_grey",
+    "findings", "noise", "latency", "uncertainty_stops",
+)  # fmt: skip
+"""Keys that a response file may have besides: where the curve comes from, see `calibration.response.file`."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ResponseFunction:
+    """How grey levels follow from exposure: ``I = f(log2 of exposure)`` (Begin & Hunter 2022, eq. 16).
+
+    Exposure is known up to a factor only, so the log2 exposures have an arbitrary offset.
+
+    Attributes
+    ----------
+    log2_exposure
+        The inverse of f: log2 exposure (stops) of each grey level 0..255, float64, shape (256,), finite and
+        non-decreasing. Read-only.
+    black_level
+        The grey level without light. A pixel at or below it says only that there was little light.
+    saturation
+        The grey level of a full pixel. A pixel at or above it says only that there was much light.
+
+    Raises
+    ------
+    ConfigurationError
+        When the values cannot be a response function; the message begins with the key at fault.
+    """
+
+    log2_exposure: NDArray[np.float64]
+    black_level: int
+    saturation: int
+
+    def __post_init__(self) -> None:
+        curve = np.array(self.log2_exposure, dtype=np.float64)
+        if curve.shape != (GREY_LEVELS,):
+            raise ConfigurationError(f"log2_exposure has shape {curve.shape}: give 256 numbers, for grey 0 to 255")
+        if not np.isfinite(curve).all():
+            grey = int(np.flatnonzero(~np.isfinite(curve))[0])
+            raise ConfigurationError(f"log2_exposure[{grey}] is {curve[grey]}: give a finite number of stops")
+        if (np.diff(curve) < 0).any():
+            grey = int(np.flatnonzero(np.diff(curve) < 0)[0]) + 1
+            raise ConfigurationError(f"log2_exposure[{grey}] is below log2_exposure[{grey - 1}]: it must not decrease")
+        if not 0 <= self.black_level < self.saturation < GREY_LEVELS:
+            raise ConfigurationError(
+                f"black_level {self.black_level} and saturation {self.saturation} must be grey levels of 0 to 255, "
+                "the black level the lower one"
+            )
+        if curve[self.black_level] == curve[self.saturation]:
+            raise ConfigurationError("log2_exposure does not rise from black_level to saturation: measure it anew")
+        curve.setflags(write=False)
+        object.__setattr__(self, "log2_exposure", curve)
+
+    @classmethod
+    def linear(cls, black_level: int = 0) -> ResponseFunction:
+        """The response of a sensor without gamma: grey above `black_level` (0..254) in proportion to exposure.
+
+        The black level itself stands for half a grey level of light, since log2 of none is not finite.
+        """
+        signal = np.maximum(np.arange(GREY_LEVELS) - float(black_level), 0.5)
+        return cls(np.log2(signal / signal[-1]), black_level, GREY_LEVELS - 1)
+
+    def intensity(self, log2_exposure: NDArray[np.float64]) -> NDArray[np.float64]:
+        """f: the grey level (float64, not rounded) at a log2 exposure (stops), within black level and saturation."""
+        greys = np.arange(self.black_level, self.saturation + 1, dtype=np.float64)
+        return np.asarray(np.interp(log2_exposure, self.log2_exposure[self.black_level : self.saturation + 1], greys))
+
+    def inverse(self, grey: NDArray[np.integer[Any]]) -> NDArray[np.float64]:
+        """f^-1: log2 exposure (stops) of whole grey levels 0..255; those beyond black and saturation count as these."""
+        bounded = np.clip(grey, self.black_level, self.saturation)
+        return np.asarray(self.log2_exposure[bounded])
+
+    def inverse_between(self, grey: NDArray[np.float64]) -> NDArray[np.float64]:
+        """f^-1 (stops) of grey levels that need not be whole, straight between those that are."""
+        levels = np.arange(GREY_LEVELS)
+        return np.asarray(np.interp(grey, levels, self.inverse(levels)))
+
+    @classmethod
+    def from_document(cls, document: Mapping[Any, Any], path: Path) -> ResponseFunction:
+        """The response function in the content of a response file; `path` is for the messages."""
+        curve = document["log2_exposure"]
+        if not isinstance(curve, list):
+            raise ConfigurationError(f"{path}: log2_exposure is not a list: give 256 numbers, for grey 0 to 255")
+        for grey, stops in enumerate(curve):
+            if not is_number(stops):
+                told = reprlib.repr(stops)
+                raise ConfigurationError(f"{path}: log2_exposure[{grey}] is {told}: give a number of stops")
+        for key in ("black_level", "saturation"):
+            if type(document[key]) is not int:
+                raise ConfigurationError(f"{path}: {key} is {reprlib.repr(document[key])}: give a grey level, 0 to 255")
+        try:
+            return cls(np.array(curve, dtype=np.float64), document["black_level"], document["saturation"])
+        except ConfigurationError as error:
+            raise ConfigurationError(f"{path}: {error}") from None
+
+
+def load_response_document(path: Path) -> dict[Any, Any]:
+    """The content of a response file with all the keys that a response function needs, values unchecked.
+
+    A key this version does not know is refused: it may change what the others mean.
+
+    Raises
+    ------
+    ConfigurationError
+        Naming the file, the key and what to do.
+    """
+    document = load_mapping(path, f"begin with 'format: {FORMAT}'")
+    for key in document:
+        if key not in (*_KEYS, *ORIGIN_KEYS):
+            raise ConfigurationError(f"{path}: unknown key {key!r}: remove it, or update this program")
+    for key in _KEYS:
+        if key not in document:
+            raise ConfigurationError(f"{path}: the key {key!r} is missing: add it")
+    if document["format"] != FORMAT:
+        raise ConfigurationError(f"{path}: format is {reprlib.repr(document['format'])}: only {FORMAT!r} can be read")
+    return document
+
+
+def is_number(value: object) -> bool:
+    """Whether a value of a YAML file is a number that fits a float, finite or not: its integers have no bound."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    try:
+        math.isfinite(value)
+    except OverflowError:
+        return False
+    return True

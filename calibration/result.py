@@ -1,0 +1,96 @@
+"""From a sweep to a judged response function."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
+
+from calibration.findings import Finding
+from calibration.judges.solution import judge_solution
+from calibration.judges.sweep import judge_sweep
+from calibration.response.file import Origin, ResponseFile
+from calibration.solution import ResponseSolution
+from calibration.solver.agreement import Agreement, agreement
+from calibration.solver.solve import solve_response
+from calibration.solver.tones import Tones, tones_by_exposure, tones_by_shot
+from calibration.sweep import Sweep
+
+Verdict = Literal["believe it", "with care", "refused"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Result:
+    """A sweep, what it says, and whether to believe it.
+
+    Attributes
+    ----------
+    name
+        What the sweep is of, in a few words.
+    origin
+        Camera and mode.
+    sweep
+        The images.
+    by_shot, by_exposure
+        Grey levels of parts of the scene in them.
+    findings
+        Reasons not to believe it.
+    notes
+        What the camera lacks, in words.
+    solution, agreement
+        The response, and how it predicts the sweep's own images from each other; None when the sweep gives none.
+    noise, latency
+        What was measured of this camera before, as it stands in its response file.
+    """
+
+    name: str
+    origin: Origin
+    sweep: Sweep
+    by_shot: Tones
+    by_exposure: Tones
+    findings: tuple[Finding, ...]
+    notes: tuple[str, ...] = ()
+    solution: ResponseSolution | None = None
+    agreement: Agreement | None = None
+    noise: Mapping[str, Any] = field(default_factory=dict)
+    latency: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def verdict(self) -> Verdict:
+        """Whether to believe it."""
+        return verdict(self.findings)
+
+    @property
+    def file(self) -> ResponseFile | None:
+        """What may be kept of it: nothing when it is refused."""
+        if self.solution is None or self.verdict == "refused":
+            return None
+        file = ResponseFile.of_solution(self.solution, self.origin, self.findings)
+        return replace(file, noise=self.noise, latency=self.latency)
+
+    def keeping(self, previous: ResponseFile | None) -> Result:
+        """This result with noise and latency that were measured of the same camera before."""
+        if previous is None or self.origin.camera is None or previous.origin.camera != self.origin.camera:
+            return self
+        return replace(self, noise=previous.noise, latency=previous.latency)
+
+
+def verdict(findings: tuple[Finding, ...]) -> Verdict:
+    """The worst of the findings, as advice."""
+    severities = {finding.severity for finding in findings}
+    return "refused" if "refused" in severities else "with care" if "warned" in severities else "believe it"
+
+
+def calibrate(name: str, origin: Origin, sweep: Sweep, notes: tuple[str, ...] = ()) -> Result:
+    """Judge a sweep, solve it unless it is refused, and judge the solution."""
+    by_shot, by_exposure = tones_by_shot(sweep), tones_by_exposure(sweep)
+    result = Result(name, origin, sweep, by_shot, by_exposure, tuple(judge_sweep(sweep)), notes)
+    if result.verdict == "refused":
+        return result
+    solution = solve_response(sweep)
+    return replace(
+        result,
+        solution=solution,
+        agreement=agreement(solution.response, by_exposure),
+        findings=(*result.findings, *judge_solution(sweep, solution)),
+    )

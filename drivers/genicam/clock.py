@@ -1,0 +1,153 @@
+"""The camera's clock, mapped to the host's CLOCK_MONOTONIC."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import Protocol
+
+from drivers.frames import Frame, Side
+from drivers.genicam.nodes import NodeMap
+
+LATCH_TRIES = 5
+"""A latch is as exact as half its round trip (0.1 ms on a quiet wire); the quickest of a few is kept."""
+COMPARED_DELAYS = 60
+"""Frames of the recent past; the delay changes with the exposure time."""
+SURE_FRAMES = 5
+"""One of so many is as quick as any, unless the machine is very busy; a late one would pass for the next trigger's."""
+ARRIVAL_WINDOW = 600
+"""Frames whose delays are compared without a latch: 10 s at 60 Hz, in which crystals of 50 ppm part by 0.5 ms."""
+LATCH_ERROR_NS = 1_000_000
+"""A latch that had to wait for the processor is off by so much: no jump."""
+OUT_OF_ORDER_NS = 100_000_000
+"""A frame given up late may come after newer ones: no jump either."""
+JUMP_NS = 500_000_000
+"""Time stamps that leave the host's clock by so much between two frames have jumped; crystals and latches do not."""
+NANOSECONDS = 1_000_000_000
+
+
+class DeviceClock(Protocol):
+    """Maps device time to host time."""
+
+    def host_time_ns(self, device_time_ns: int, arrival_time_ns: int) -> int | None:
+        """Host time of a frame's time stamp, the frame having arrived at `arrival_time_ns`; None: it cannot be told."""
+
+    def latch(self) -> None:
+        """Measure the mapping anew, where the camera can be asked."""
+
+
+class LatchedClock:
+    """Latches the camera's clock between two looks at the host's; the offset is that of their middle.
+
+    A clock that jumps is noticed at its next frame, whose time stamp then lies in the future or before the last one's.
+    The host times of the first few are not told. From then on, until the next latch, the quickest frame since counts
+    as on its way for as long as the quickest before.
+
+    Raises, from `latch` and at construction, `NodeError` and `CameraLostError`.
+    """
+
+    def __init__(
+        self,
+        nodes: NodeMap,
+        command: str,
+        value: str,
+        tick_frequency_hz: int,
+        now_ns: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        self._nodes = nodes
+        self._command = command
+        self._value = value
+        self._tick_frequency_hz = tick_frequency_hz
+        self._now_ns = now_ns
+        self._offset_ns = 0
+        self._newest_ns = 0  # the last time stamp
+        self._delays_ns: deque[int] = deque(maxlen=COMPARED_DELAYS)  # from time stamp to arrival
+        self._since_jump: int | None = None  # frames; None: it has not jumped since the last latch
+        self.latch()
+
+    def latch(self) -> None:
+        """Measure the offset anew; a drift of some ppm moves it by microseconds a second."""
+        _, self._offset_ns = min(self._sample() for _ in range(LATCH_TRIES))
+        self._since_jump = None
+
+    def _sample(self) -> tuple[int, int]:
+        """Round trip and offset (both ns) of one latch."""
+        before_ns = self._now_ns()
+        self._nodes.execute(self._command)
+        round_trip_ns = self._now_ns() - before_ns
+        ticks = self._nodes.read_integer(self._value)
+        device_ns = ticks * NANOSECONDS // self._tick_frequency_hz
+        return round_trip_ns, before_ns + round_trip_ns // 2 - device_ns
+
+    def host_time_ns(self, device_time_ns: int, arrival_time_ns: int) -> int | None:
+        """Host time of a time stamp; the arrival tells whether the clock has jumped."""
+        jumped_back = device_time_ns < self._newest_ns - OUT_OF_ORDER_NS
+        self._newest_ns = device_time_ns
+        in_the_future = device_time_ns + self._offset_ns > arrival_time_ns + LATCH_ERROR_NS
+        if jumped_back or (in_the_future and self._since_jump is None):
+            self._since_jump, self._offset_ns = 1, self._offset_by(device_time_ns, arrival_time_ns)
+        elif self._since_jump is not None:
+            self._since_jump += 1
+            self._offset_ns = min(self._offset_ns, self._offset_by(device_time_ns, arrival_time_ns))
+        else:
+            self._delays_ns.append(arrival_time_ns - device_time_ns - self._offset_ns)
+        if self._since_jump is not None and self._since_jump < SURE_FRAMES:
+            return None
+        return device_time_ns + self._offset_ns
+
+    def _offset_by(self, device_time_ns: int, arrival_time_ns: int) -> int:
+        """The offset, if this frame was on its way for as long as the quickest recent one."""
+        return arrival_time_ns - min(self._delays_ns, default=0) - device_time_ns
+
+
+class ArrivalClock:
+    """For cameras without a latch: the quickest recent frame is taken to have arrived at once.
+
+    Host times so mapped are late by the least delay from time stamp to arrival (exposure, readout and transfer).
+    """
+
+    def __init__(self) -> None:
+        self._offsets_ns: deque[int] = deque(maxlen=ARRIVAL_WINDOW)
+        self._newest_ns = 0
+
+    def host_time_ns(self, device_time_ns: int, arrival_time_ns: int) -> int:
+        """Host time of a frame's time stamp; never later than its arrival."""
+        if device_time_ns < self._newest_ns - OUT_OF_ORDER_NS:  # it jumped back, which would count as a delay
+            self._offsets_ns.clear()
+        self._newest_ns = device_time_ns
+        self._offsets_ns.append(arrival_time_ns - device_time_ns)
+        return device_time_ns + min(self._offsets_ns)
+
+    def latch(self) -> None:
+        """Nothing to ask: frames alone tell."""
+
+
+class JumpWatch:
+    """Tells from the frames of a rig when the clock of a camera has jumped."""
+
+    def __init__(self) -> None:
+        self._offsets_ns: dict[Side, int] = {}
+
+    def frame(self, side: Side, frame: Frame) -> float:
+        """By how many seconds the camera's clock has jumped since its last frame, 0 when it has not."""
+        offset_ns = frame.device_time_ns - frame.host_time_ns
+        jump_ns = offset_ns - self._offsets_ns.get(side, offset_ns)
+        self._offsets_ns[side] = offset_ns
+        return jump_ns * 1e-9 if abs(jump_ns) > JUMP_NS else 0.0
+
+    def gone(self, side: Side) -> None:
+        """The camera is lost: when it is back, its clock may have begun anew."""
+        self._offsets_ns.pop(side, None)
+
+
+def find_clock(nodes: NodeMap) -> tuple[DeviceClock, tuple[str, ...]]:
+    """The best clock mapping that this camera allows, and what it lacks in words."""
+    if nodes.available("TimestampLatch") and nodes.available("TimestampLatchValue"):
+        return LatchedClock(nodes, "TimestampLatch", "TimestampLatchValue", NANOSECONDS), ()
+    if nodes.available("GevTimestampControlLatch") and nodes.available("GevTimestampValue"):
+        tick_frequency_hz = NANOSECONDS
+        if nodes.available("GevTimestampTickFrequency"):
+            tick_frequency_hz = nodes.read_integer("GevTimestampTickFrequency") or NANOSECONDS
+        return LatchedClock(nodes, "GevTimestampControlLatch", "GevTimestampValue", tick_frequency_hz), ()
+    return ArrivalClock(), ("no time stamp latch: host times are inferred from arrival, late by the least delay",)

@@ -1,0 +1,153 @@
+"""Which nodes drive this camera's exposure, and in which units: the dialects of exposure time and gain."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from drivers.errors import NodeError, UnsupportedCameraError
+from drivers.exposure import ExposureLimits, ExposureSetting
+from drivers.genicam.nodes import NodeMap
+from drivers.genicam.quantity import DECIBELS, MICROSECONDS, Quantity
+
+TIME_NODES = ("ExposureTime", "ExposureTimeAbs")
+"""SFNC 2 and SFNC 1 names."""
+RAW_TIME, RAW_TIME_UNIT = "ExposureTimeRaw", "ExposureTimeBaseAbs"
+"""A time in counts, and the node that tells how many microseconds a count is."""
+GAIN_NODES = ("Gain", "GainAbs")
+UNDRIVEN_TIME_NODES = (RAW_TIME, "ExposureValue", "Shutter", "ShutterTime")
+"""Other names seen in the field: known, so that the refusal can say what the camera offers instead."""
+
+TIME_ROUNDING = 0.1
+GAIN_ROUNDING_DB = 0.5
+"""Cameras round exposure time to sensor lines and gain to steps without declaring it; more than a tenth of the time
+(0.14 stops), or half a dB, is no rounding but a value refused."""
+
+
+@dataclass(frozen=True, slots=True)
+class ExposureDialect:
+    """The nodes that drive exposure time (us) and gain (dB) of one camera, and what it lacks in words.
+
+    `gain` is None when the camera has no gain in dB: gain is then left alone and counts as 0 dB.
+    """
+
+    time: Quantity
+    gain: Quantity | None
+    lacks: tuple[str, ...]
+
+    def limits(self, nodes: NodeMap) -> ExposureLimits:
+        """Bounds and increments as the camera's nodes give them now."""
+        time_us, time_step_us = self.time.bounds(nodes), self.time.increment(nodes)
+        if self.gain is None:
+            return ExposureLimits(*time_us, 0.0, 0.0, time_step_us)
+        return ExposureLimits(*time_us, *self.gain.bounds(nodes), time_step_us, self.gain.increment(nodes))
+
+    def read(self, nodes: NodeMap) -> ExposureSetting:
+        """The setting that the nodes hold."""
+        time_us = self.time.read(nodes)
+        if time_us <= 0:
+            raise NodeError(
+                f"camera {nodes.serial}: node {self.time.node} reads {time_us:g} us, which is no exposure time"
+            )
+        return ExposureSetting(time_us, 0.0 if self.gain is None else self.gain.read(nodes))
+
+    def write(self, nodes: NodeMap, setting: ExposureSetting, present: ExposureSetting | None) -> ExposureSetting:
+        """Write what differs from `present` (None: everything), and return what the nodes read back.
+
+        Raises
+        ------
+        NodeError
+            When a node refuses the value, or reads back one that rounding does not explain.
+        """
+        if self.gain is None and setting.gain_db != 0.0:
+            raise NodeError(
+                f"camera {nodes.serial}: it has no gain in dB, so {setting.gain_db:g} dB cannot be set; ask for 0 dB"
+            )
+        if present is None or setting.exposure_time_us != present.exposure_time_us:
+            self.time.write(nodes, setting.exposure_time_us)
+        if self.gain is not None and (present is None or setting.gain_db != present.gain_db):
+            self.gain.write(nodes, setting.gain_db)
+        taken = self.read(nodes)
+        self._check_rounding(nodes, setting, taken)
+        return taken
+
+    def _check_rounding(self, nodes: NodeMap, asked: ExposureSetting, taken: ExposureSetting) -> None:
+        # Increments are looked at last, as some cameras must be asked for them.
+        off_us = abs(taken.exposure_time_us - asked.exposure_time_us)
+        if off_us > TIME_ROUNDING * asked.exposure_time_us and off_us > self.time.increment(nodes):
+            raise NodeError(
+                f"camera {nodes.serial}: node {self.time.node} was set to {asked.exposure_time_us:g} us "
+                f"and reads back {taken.exposure_time_us:g} us"
+            )
+        if self.gain is None:
+            return
+        off_db = abs(taken.gain_db - asked.gain_db)
+        if off_db > GAIN_ROUNDING_DB and off_db > self.gain.increment(nodes):
+            raise NodeError(
+                f"camera {nodes.serial}: node {self.gain.node} was set to {asked.gain_db:g} dB "
+                f"and reads back {taken.gain_db:g} dB"
+            )
+
+
+def find_dialect(nodes: NodeMap) -> ExposureDialect:
+    """Find the nodes that drive this camera's exposure.
+
+    Raises
+    ------
+    UnsupportedCameraError
+        When no exposure time of a known length is offered.
+    """
+    gain, lacks = _find_gain(nodes)
+    return ExposureDialect(_find_time(nodes), gain, lacks)
+
+
+def switch_auto_off(nodes: NodeMap) -> None:
+    """Take exposure and gain from the camera's own automatics, and let the exposure time rule the exposure."""
+    for name, entry in (("ExposureMode", "Timed"), ("ExposureAuto", "Off"), ("GainAuto", "Off")):
+        if entry in nodes.entries(name) and nodes.read_entry(name) != entry:
+            nodes.write_entry(name, entry)
+    if "All" in nodes.entries("GainSelector"):
+        nodes.write_entry("GainSelector", "All")
+
+
+def _find_time(nodes: NodeMap) -> Quantity:
+    refusals = []
+    for name in TIME_NODES:
+        if not _is_number(nodes, name):
+            continue
+        if nodes.unit(name) in MICROSECONDS:
+            return Quantity(name, MICROSECONDS[nodes.unit(name)], nodes.is_integer(name))
+        refusals.append(f"its {name} is in {nodes.unit(name)!r}, which is no unit of time known here")
+    if _is_number(nodes, RAW_TIME):
+        scale = _length_of_count_us(nodes)
+        if scale is not None:
+            return Quantity(RAW_TIME, scale, nodes.is_integer(RAW_TIME))
+        refusals.append(f"its {RAW_TIME} counts in steps whose length it does not tell, having no {RAW_TIME_UNIT}")
+    if not refusals:
+        others = [name for name in UNDRIVEN_TIME_NODES if nodes.available(name)]
+        offer = f"it offers only {', '.join(others)}" if others else "it offers no other exposure node known here"
+        refusals = [f"neither {' nor '.join(TIME_NODES)} can be written; {offer}"]
+    raise UnsupportedCameraError(f"camera {nodes.serial}: {'; '.join(refusals)}")
+
+
+def _length_of_count_us(nodes: NodeMap) -> float | None:
+    """How many microseconds a count of the raw exposure time is, None when the camera does not tell."""
+    unit = nodes.unit(RAW_TIME)
+    if unit is not None and unit in MICROSECONDS:
+        return MICROSECONDS[unit]
+    return nodes.read_float(RAW_TIME_UNIT) if nodes.is_float(RAW_TIME_UNIT) else None
+
+
+def _find_gain(nodes: NodeMap) -> tuple[Quantity | None, tuple[str, ...]]:
+    for name in GAIN_NODES:
+        if _is_number(nodes, name) and (nodes.unit(name) or "").lower() in DECIBELS:
+            return Quantity(name, integer=nodes.is_integer(name)), ()
+    for name in (*GAIN_NODES, "GainRaw"):
+        if nodes.available(name):
+            unit = nodes.unit(name) if _is_number(nodes, name) else None
+            told = f"{name} is in {unit or 'numbers without a unit'}"
+            return None, (f"gain has no dB scale: left at its present value, exposure time alone is driven ({told})",)
+    return None, ("no gain node: exposure time alone is driven",)
+
+
+def _is_number(nodes: NodeMap, name: str) -> bool:
+    return nodes.is_float(name) or nodes.is_integer(name)

@@ -1,0 +1,24 @@
+"""Grey levels in proportion to light: the camera's own gamma, switched off."""
+
+from __future__ import annotations
+
+from drivers.errors import NodeError
+from drivers.genicam.nodes import NodeMap
+
+SWITCHES = ("GammaEnable", "GammaEnabled")
+"""Names of the switch by vendor: Basler and FLIR's newer cameras, FLIR's older ones."""
+
+
+def switch_gamma_off(nodes: NodeMap) -> tuple[str, ...]:
+    """Switch gamma off, or set it to 1, and return what stands in the way, in words."""
+    try:
+        for name in SWITCHES:
+            if nodes.available(name):
+                nodes.write_boolean(name, False)
+                return ()
+        if not nodes.is_float("Gamma") or nodes.read_float("Gamma") == 1.0:
+            return ()
+        nodes.write_float("Gamma", 1.0)
+    except NodeError as error:
+        return (f"gamma cannot be switched off, so grey levels are not in proportion to light ({error})",)
+    return ()

@@ -1,0 +1,99 @@
+"""What is known of a frame besides its pixels: its number, and the setting that it was taken with."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from dataclasses import dataclass
+
+from drivers.errors import NodeError
+from drivers.exposure import ExposureSetting
+from drivers.genicam.nodes import NodeMap
+from drivers.genicam.quantity import MICROSECONDS
+from drivers.genicam.write_latency import WriteLatency
+
+FRAME_ID_CYCLE = 0xFFFF
+"""GigE Vision 1 counts frames 1 ... 65535 and skips 0, so that ids repeat after 65535 frames and not 65536."""
+LEDGER_LENGTH = 64
+"""Writes remembered; at one a frame, a second at 60 Hz, longer than a frame is ever under way."""
+
+_INFERRED = "a frame's setting is inferred from when it was written"
+
+
+class FrameIdUnwrapper:
+    """Turns the wire's frame ids into a counter that never restarts.
+
+    Ids beyond 16 bits (USB3 Vision, GigE Vision 2) are such counters already and pass through.
+    """
+
+    def __init__(self) -> None:
+        self._newest: int | None = None
+
+    def unwrap(self, frame_id: int) -> int:
+        """The unwrapped id nearest to the newest one seen: right while gaps stay below half a cycle (32767 frames)."""
+        if self._newest is None or frame_id > FRAME_ID_CYCLE:
+            unwrapped = frame_id
+        else:
+            ahead = (frame_id - self._newest) % FRAME_ID_CYCLE
+            unwrapped = self._newest + (ahead if ahead <= FRAME_ID_CYCLE // 2 else ahead - FRAME_ID_CYCLE)
+        self._newest = unwrapped if self._newest is None else max(self._newest, unwrapped)
+        return unwrapped
+
+
+class SettingLedger:
+    """Which setting a frame was taken with, for cameras that do not say so themselves.
+
+    A setting holds for exposures that start later than it was read back by the camera's latency: that of cameras that
+    latch at the start of an exposure (none), until the brightness of frames has told another (`WriteLatency`).
+    """
+
+    def __init__(self, setting: ExposureSetting) -> None:
+        self._lock = threading.Lock()
+        self._writes = deque([(0, setting)], maxlen=LEDGER_LENGTH)
+        self._latency = WriteLatency()
+
+    def record(self, host_time_ns: int, setting: ExposureSetting) -> None:
+        """Note that the nodes read back `setting` at `host_time_ns`; times must not decrease."""
+        with self._lock:
+            self._latency.write(host_time_ns, setting.level - self._writes[-1][1].level)
+            self._writes.append((host_time_ns, setting))
+
+    def observe(self, host_time_ns: int, grey: float) -> None:
+        """Learn from the mean grey level of the frame whose exposure started at `host_time_ns`, in their order."""
+        with self._lock:
+            self._latency.frame(host_time_ns, grey)
+
+    def setting_at(self, host_time_ns: int) -> ExposureSetting:
+        """The setting of an exposure that started at `host_time_ns`; the oldest remembered one for times before all."""
+        with self._lock:
+            for written_ns, setting in reversed(self._writes):
+                if written_ns + self._latency.latency_ns <= host_time_ns:
+                    return setting
+            return self._writes[0][1]
+
+
+@dataclass(frozen=True, slots=True)
+class ChunkNodes:
+    """The chunk nodes that tell a frame's setting: exposure time in units of `us_per_unit`; gain in dB, if driven."""
+
+    exposure_time: str
+    us_per_unit: float
+    gain: str | None
+
+
+def enable_chunks(nodes: NodeMap, gain_driven: bool) -> tuple[ChunkNodes | None, tuple[str, ...]]:
+    """Have each frame tell its exposure time and gain; None when the camera cannot, with the lack in words."""
+    wanted = ("ExposureTime", "Gain") if gain_driven else ("ExposureTime",)
+    try:
+        if nodes.exists("ChunkSelector") and nodes.available("ChunkModeActive"):
+            nodes.write_boolean("ChunkModeActive", True)  # first: some selectors are there only while it is on
+            if set(wanted) <= set(nodes.entries("ChunkSelector")):
+                for chunk in wanted:
+                    nodes.write_entry("ChunkSelector", chunk)
+                    nodes.write_boolean("ChunkEnable", True)
+                us_per_unit = MICROSECONDS.get(nodes.unit("ChunkExposureTime"), 1.0)
+                return ChunkNodes("ChunkExposureTime", us_per_unit, "ChunkGain" if gain_driven else None), ()
+            nodes.write_boolean("ChunkModeActive", False)
+    except NodeError as error:
+        return None, (f"{_INFERRED} (chunk data cannot be switched on: {error})",)
+    return None, (f"no chunk data of {' and '.join(wanted)}: {_INFERRED}",)

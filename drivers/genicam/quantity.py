@@ -1,0 +1,66 @@
+"""A number on the camera as a quantity in this project's units, whatever units the camera counts in."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from drivers.errors import NodeError
+from drivers.genicam.nodes import NodeMap
+
+MICROSECONDS = {None: 1.0, "us": 1.0, "µs": 1.0, "μs": 1.0, "usec": 1.0, "s": 1e6, "ms": 1e3, "ns": 1e-3}
+"""Microseconds in a unit that a time node declares. None declared counts as microseconds, as the SFNC prescribes."""
+DECIBELS = {"db": 1.0}
+"""The one unit of gain that says what it is."""
+
+EXACT = 1 << 53
+"""Floating-point numbers tell all integers below this one apart."""
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """A writable number node, floating-point or `integer`, of which one unit is `scale` of ours (us or dB)."""
+
+    node: str
+    scale: float = 1.0
+    integer: bool = False
+
+    def bounds(self, nodes: NodeMap) -> tuple[float, float]:
+        """Least and greatest value that the node takes at present."""
+        low, high = nodes.integer_bounds(self.node) if self.integer else nodes.float_bounds(self.node)
+        if math.isnan(low) or math.isnan(high):
+            raise NodeError(
+                f"camera {nodes.serial}: the bounds of node {self.node} are no numbers: {low:g} to {high:g}"
+            )
+        return low * self.scale, high * self.scale
+
+    def increment(self, nodes: NodeMap) -> float:
+        """The declared increment, at least 1 of an integer; 0.0 when any value is taken."""
+        if self.integer:
+            return max(nodes.integer_increment(self.node), 1) * self.scale
+        increment = nodes.float_increment(self.node) * self.scale
+        return increment if math.isfinite(increment) else 0.0
+
+    def read(self, nodes: NodeMap) -> float:
+        """The value that the node holds."""
+        value = nodes.read_integer(self.node) if self.integer else nodes.read_float(self.node)
+        if not math.isfinite(value):
+            raise NodeError(f"camera {nodes.serial}: node {self.node} reads {value:g}, which is no number")
+        return value * self.scale
+
+    def write(self, nodes: NodeMap, value: float) -> None:
+        """Write the node; an integer takes the value of its increment that is nearest."""
+        if not self.integer:
+            nodes.write_float(self.node, self._own(nodes, value))
+            return
+        low, increment = nodes.integer_bounds(self.node)[0], max(nodes.integer_increment(self.node), 1)
+        origin = low if abs(low) < EXACT else 0  # no least value is declared: steps count from 0
+        nodes.write_integer(self.node, origin + round((value / self.scale - origin) / increment) * increment)
+
+    def _own(self, nodes: NodeMap, value: float) -> float:
+        """A value in the node's own unit; one at a limit is not to leave it by the last digit."""
+        if self.scale == 1.0:
+            return value
+        own = value / self.scale
+        limits = (limit for limit in nodes.float_bounds(self.node) if math.isclose(own, limit))
+        return next(limits, own)

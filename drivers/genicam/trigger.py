@@ -1,0 +1,118 @@
+"""Arming the trigger: a line that starts each exposure, or the camera's own clock."""
+
+from __future__ import annotations
+
+from drivers.errors import ConfigurationError, UnsupportedCameraError
+from drivers.genicam.nodes import NodeMap
+from drivers.setup import TriggerSetup
+
+RATE_NODES = ("AcquisitionFrameRate", "AcquisitionFrameRateAbs")
+RATE_SWITCHES = ("AcquisitionFrameRateEnable", "AcquisitionFrameRateEnabled")
+FIXED_RATE = "FixedRate"
+"""Allied Vision's GigE cameras run at their frame rate by this trigger source; with triggers off, at full speed."""
+
+
+def arm_trigger(nodes: NodeMap, setup: TriggerSetup) -> tuple[str, ...]:
+    """Set the camera up to be triggered as `setup` says, and return what it lacks for that, in words.
+
+    Raises
+    ------
+    ConfigurationError
+        When the camera has no such line, or cannot run at that rate.
+    UnsupportedCameraError
+        When it has no hardware trigger, or no frame rate to set.
+    """
+    if "Continuous" in nodes.entries("AcquisitionMode"):
+        nodes.write_entry("AcquisitionMode", "Continuous")
+    _switch_triggers_off(nodes)
+    if setup.mode == "free_run":
+        _set_frame_rate(nodes, setup.rate_hz)
+        if setup.output_line is not None:
+            _drive_line(nodes, setup.output_line)
+            return ()
+        return () if _lines(nodes) else ("no hardware trigger line: it can only run freely",)
+    return _arm_line(nodes, setup.line)
+
+
+def _switch_triggers_off(nodes: NodeMap) -> None:
+    """Every trigger, because one left on elsewhere (AcquisitionStart, LineStart) would starve FrameStart."""
+    for selector in nodes.entries("TriggerSelector"):
+        nodes.write_entry("TriggerSelector", selector)
+        if "Off" in nodes.entries("TriggerMode"):  # some list selectors whose trigger has no mode
+            nodes.write_entry("TriggerMode", "Off")
+    if "FrameStart" in nodes.entries("TriggerSelector"):
+        nodes.write_entry("TriggerSelector", "FrameStart")
+
+
+def _lines(nodes: NodeMap) -> tuple[str, ...]:
+    return tuple(entry for entry in nodes.entries("TriggerSource") if entry.startswith(("Line", "Input")))
+
+
+def _arm_line(nodes: NodeMap, line: str) -> tuple[str, ...]:
+    selectors = nodes.entries("TriggerSelector")
+    if selectors and "FrameStart" not in selectors:
+        raise UnsupportedCameraError(
+            f"camera {nodes.serial}: no FrameStart trigger; its TriggerSelector offers {', '.join(selectors)}"
+        )
+    if line not in nodes.entries("TriggerSource"):
+        if not _lines(nodes):
+            raise UnsupportedCameraError(
+                f"camera {nodes.serial}: no hardware trigger line; run it with trigger mode free_run"
+            )
+        raise ConfigurationError(
+            f"camera {nodes.serial}: no trigger line {line!r}; it has {', '.join(_lines(nodes))} (trigger line)"
+        )
+    _limit_rate(nodes, False)  # some cameras cap triggered frames by it, too
+    nodes.write_entry("TriggerSource", line)
+    if "RisingEdge" in nodes.entries("TriggerActivation"):
+        nodes.write_entry("TriggerActivation", "RisingEdge")
+    overlaps = "ReadOut" in nodes.entries("TriggerOverlap")
+    if overlaps:
+        nodes.write_entry("TriggerOverlap", "ReadOut")
+    nodes.write_entry("TriggerMode", "On")
+    if overlaps:
+        return ()
+    return ("no TriggerOverlap ReadOut: exposure and readout together must fit into a trigger period",)
+
+
+def _drive_line(nodes: NodeMap, line: str) -> None:
+    """Have an output line tell when the camera exposes."""
+    lines = nodes.entries("LineSelector")
+    if line not in lines:
+        has = f"it has {', '.join(lines)}" if lines else "it has no LineSelector"
+        raise ConfigurationError(f"camera {nodes.serial}: no output line {line!r}; {has} (trigger output_line)")
+    nodes.write_entry("LineSelector", line)
+    if "Output" in nodes.entries("LineMode") and nodes.read_entry("LineMode") != "Output":
+        nodes.write_entry("LineMode", "Output")
+    if "ExposureActive" not in nodes.entries("LineSource"):
+        raise UnsupportedCameraError(
+            f"camera {nodes.serial}: {line} cannot tell when it exposes (no LineSource ExposureActive): choose an "
+            "output line (trigger output_line), or trigger both cameras from outside"
+        )
+    nodes.write_entry("LineSource", "ExposureActive")
+
+
+def _limit_rate(nodes: NodeMap, limit: bool) -> None:
+    for name in RATE_SWITCHES:
+        if nodes.available(name):
+            nodes.write_boolean(name, limit)
+
+
+def _set_frame_rate(nodes: NodeMap, rate_hz: float | None) -> None:
+    if "Off" in nodes.entries("AcquisitionFrameRateAuto"):
+        nodes.write_entry("AcquisitionFrameRateAuto", "Off")
+    _limit_rate(nodes, rate_hz is not None)
+    if rate_hz is None:
+        return
+    if FIXED_RATE in nodes.entries("TriggerSource"):
+        nodes.write_entry("TriggerSource", FIXED_RATE)
+        nodes.write_entry("TriggerMode", "On")
+    name = next((name for name in RATE_NODES if nodes.is_float(name)), None)
+    if name is None:
+        raise UnsupportedCameraError(f"camera {nodes.serial}: no {RATE_NODES[0]} to set for a free run")
+    low, high = nodes.float_bounds(name)
+    if not low <= rate_hz <= high:
+        raise ConfigurationError(
+            f"camera {nodes.serial}: it cannot run at {rate_hz:g} Hz, only at {low:g} to {high:g} Hz (trigger rate_hz)"
+        )
+    nodes.write_float(name, rate_hz)

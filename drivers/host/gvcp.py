@@ -1,0 +1,149 @@
+"""Asking GigE Vision cameras who they are and whether someone controls them, without opening one.
+
+Aravis' own search would not do before a start: it opens USB3 Vision cameras to read their names, and does not tell by
+which network interface a camera answered.
+"""
+
+from __future__ import annotations
+
+import select
+import socket
+import struct
+import time
+from collections.abc import Iterable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from ipaddress import IPv4Interface
+from typing import Literal
+
+from drivers.host.network import NetworkInterface
+
+PORT = 3956
+"""The UDP port that every GigE Vision camera listens on."""
+SEARCH_S = 1.0
+"""How long answers to a search are awaited; cameras may spread theirs over some tenths of a second."""
+ANSWER_S = 0.5
+TRIES = 3
+
+_DISCOVERY, _READREG = 0x0002, 0x0080
+_ACK_REQUIRED, _BROADCAST_ANSWER = 0x01, 0x10
+_SUCCESS, _ACCESS_DENIED = 0x0000, 0x8006
+_HEADER, _ACK_HEADER = struct.Struct(">BBHHH"), struct.Struct(">HHHH")
+_CONTROL_PRIVILEGE = 0x0A00
+_HELD = 0b11  # exclusive access, control access
+_IDENTITY_BYTES = 0xF8
+_IP_PKTINFO = 8  # linux/in.h
+
+Control = Literal["free", "held", "silent"]
+"""Whether someone has control of a camera; `silent`: it did not answer the question."""
+
+
+@dataclass(frozen=True, slots=True)
+class GigeCamera:
+    """A camera that answered a search; `address` is its own, with its subnet."""
+
+    serial: str
+    vendor: str
+    model: str
+    address: IPv4Interface
+    interface: NetworkInterface
+
+    @property
+    def reachable(self) -> bool:
+        """Whether camera and interface are in one subnet: packets to any other address go elsewhere."""
+        return self.address.ip in self.interface.address.network
+
+
+@dataclass(frozen=True, slots=True)
+class Search:
+    """What a search found; `failures` tells for an interface's name why it could not be searched."""
+
+    cameras: tuple[GigeCamera, ...]
+    failures: dict[str, str]
+
+
+def search(interfaces: Iterable[NetworkInterface], wait_s: float = SEARCH_S) -> Search:
+    """Ask on every interface for cameras.
+
+    Those of a foreign subnet are found as well: they are asked to answer by broadcast.
+    """
+    cameras: dict[tuple[str, IPv4Interface], GigeCamera] = {}
+    failures = {}
+    with ExitStack() as stack:
+        asking: dict[socket.socket, NetworkInterface] = {}
+        for interface in interfaces:
+            asker = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+            try:
+                _ask_everyone(asker, interface)
+            except OSError as error:
+                failures[interface.name] = error.strerror or str(error)
+            else:
+                asking[asker] = interface
+        deadline_s = time.monotonic() + wait_s
+        while (left_s := deadline_s - time.monotonic()) > 0:
+            for asker in select.select(list(asking), [], [], left_s)[0]:
+                camera = _read_identity(asker.recv(2048), asking[asker])
+                # A question broadcast on a network card reaches cameras on the host's own loopback, too.
+                if camera is not None and (camera.reachable or (camera.serial, camera.address) not in cameras):
+                    cameras[camera.serial, camera.address] = camera
+    return Search(tuple(sorted(cameras.values(), key=lambda camera: camera.serial)), failures)
+
+
+def control_of(camera_address: str, answer_s: float = ANSWER_S) -> Control:
+    """Read the control privilege register of the camera at an IPv4 address."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asker:
+        asker.settimeout(answer_s)
+        for request_id in range(1, TRIES + 1):
+            try:
+                asker.connect((camera_address, PORT))
+                asker.send(_command(_READREG, struct.pack(">I", _CONTROL_PRIVILEGE), request_id))
+                status, acknowledged, payload = _parse(asker.recv(2048))
+            except OSError:  # time is up, or the host itself says that no one is there
+                continue
+            if acknowledged != _READREG + 1:
+                continue
+            if status == _ACCESS_DENIED:  # exclusive access hides even this register on some cameras
+                return "held"
+            if status == _SUCCESS and len(payload) >= 4:
+                return "held" if int.from_bytes(payload[:4], "big") & _HELD else "free"
+    return "silent"
+
+
+def _ask_everyone(asker: socket.socket, interface: NetworkInterface) -> None:
+    # Bound to the device and to no address, it hears answers that were broadcast as well.
+    asker.setsockopt(socket.SOL_SOCKET, socket.SO_BINDTODEVICE, interface.name.encode())
+    asker.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
+    # Left to itself, the kernel does not send a broadcast from 127.0.0.1.
+    sender = struct.pack("=i4s4x", 0, interface.address.ip.packed)
+    discovery = _command(_DISCOVERY, b"", 1, _BROADCAST_ANSWER)
+    asker.sendmsg([discovery], [(socket.IPPROTO_IP, _IP_PKTINFO, sender)], 0, ("255.255.255.255", PORT))
+
+
+def _command(number: int, payload: bytes, request_id: int, flags: int = 0) -> bytes:
+    return _HEADER.pack(0x42, flags | _ACK_REQUIRED, number, len(payload), request_id) + payload
+
+
+def _parse(datagram: bytes) -> tuple[int, int, bytes]:
+    """Status, number of the acknowledgement and payload; zeros for what is no acknowledgement."""
+    if len(datagram) < _ACK_HEADER.size:
+        return 0, 0, b""
+    status, acknowledged, _, _ = _ACK_HEADER.unpack_from(datagram)
+    return status, acknowledged, datagram[_ACK_HEADER.size :]
+
+
+def _read_identity(datagram: bytes, interface: NetworkInterface) -> GigeCamera | None:
+    status, acknowledged, identity = _parse(datagram)
+    if status != _SUCCESS or acknowledged != _DISCOVERY + 1 or len(identity) < _IDENTITY_BYTES:
+        return None
+
+    def text(at: int, length: int) -> str:
+        return identity[at : at + length].split(b"\0", 1)[0].decode("utf-8", "replace").strip()
+
+    address, netmask = (socket.inet_ntoa(identity[at : at + 4]) for at in (0x24, 0x34))
+    try:
+        subnet = IPv4Interface(f"{address}/{netmask}")
+    except ValueError:  # a netmask of no sense says nothing of the subnet
+        subnet = IPv4Interface(address)
+    # Without a serial of its own a camera goes by its MAC address, in Aravis as well.
+    serial = text(0xD8, 16) or identity[0x0A:0x10].hex(":")
+    return GigeCamera(serial, text(0x48, 32), text(0x68, 32), subnet, interface)

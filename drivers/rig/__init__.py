@@ -1,0 +1,1 @@
+"""The cameras of a rig, each kept alive by threads of its own."""

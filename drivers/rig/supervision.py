@@ -1,0 +1,258 @@
+"""One camera kept alive: opened, written, asked whether it is still there, torn down, and opened again.
+
+There are no threads here. Whoever has them calls `Supervisor.serve` on one, which owns the camera's nodes, and
+`Supervisor.take_frame` on another, each when it is due by the clock that the supervisor was given.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from drivers.camera import Camera
+from drivers.errors import (
+    AutoexposeError,
+    CameraError,
+    CameraLostError,
+    ConfigurationError,
+    UnsupportedCameraError,
+)
+from drivers.exposure import ExposureSetting
+from drivers.frames import Frame, Side
+from drivers.log_throttle import Seldom
+from drivers.rig.events import (
+    CameraGone,
+    CameraReady,
+    CameraSilent,
+    EventQueue,
+    FrameArrived,
+    WriteFailed,
+    Written,
+)
+
+log = logging.getLogger(__name__)
+
+_CLOCK_PERIOD_NS = 1_000_000_000  # a crystal off by 50 ppm drifts 50 us in it, far below a trigger period
+_SHORTEST_BACK_OFF_NS = 100_000_000
+_LONGEST_BACK_OFF_NS = 2_000_000_000
+_CLOCK_SAID_S = 600.0
+_FRAME_POLL_S = 0.05
+_BACKLOG = 24  # frames that may wait for the control thread before pixels are let go
+_NO_PIXELS = np.empty((0, 0), np.uint8)
+
+
+class Supervisor:
+    """Keeps one camera open, writes what is asked for, and reports all that happens.
+
+    Parameters
+    ----------
+    side
+        Which camera of the rig it is.
+    opener
+        Opens it.
+    silence_s
+        A camera that sends nothing for this long is called silent and asked whether it is still there.
+    start
+        The setting the camera begins with.
+    events
+        Where to report.
+    now_ns
+        The clock: CLOCK_MONOTONIC, but in virtual time.
+
+    Attributes
+    ----------
+    news
+        Notified when something may have become due earlier than it was.
+    """
+
+    def __init__(
+        self,
+        side: Side,
+        opener: Callable[[], Camera],
+        silence_s: float,
+        start: ExposureSetting,
+        events: EventQueue,
+        *,
+        now_ns: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        self.news = threading.Condition()
+        self._side = side
+        self._opener = opener
+        self._silence_ns = round(silence_s * 1e9)
+        self._poll_s = min(_FRAME_POLL_S, silence_s)
+        self._events = events
+        self._now_ns = now_ns
+        self._seldom = Seldom(_CLOCK_SAID_S)
+        self._wanted = start
+        self._pending: tuple[ExposureSetting, int] | None = None
+        self._camera: Camera | None = None  # while it is open and streams
+        self._ever_opened = False
+        self._opened_ns = 0
+        self._back_off_ns = _SHORTEST_BACK_OFF_NS
+        self._open_due_ns: float = 0
+        self._latch_due_ns = 0
+        self._trouble = False  # whoever takes frames wants the camera looked at
+        self._stuck = False
+        self._taking = threading.Lock()
+        self._take_due_ns = 0
+        self._last_frame_ns = 0
+        self._silent = False
+
+    def request(self, setting: ExposureSetting, not_before_ns: int) -> None:
+        """Have the camera take `setting`, not before that time; a write still waiting is replaced. Any thread."""
+        with self.news:
+            self._wanted = setting
+            self._pending = (setting, not_before_ns)
+            self.news.notify_all()
+
+    def reopen(self) -> None:
+        """Have the camera closed and opened, because it sends nothing although it should. Any thread."""
+        with self.news:
+            self._stuck = True
+            self.news.notify_all()
+
+    @property
+    def serve_due_ns(self) -> float:
+        """From when on `serve` has something to do; infinite for a camera that can never be driven."""
+        if self._camera is None:
+            return self._open_due_ns
+        if self._trouble or self._stuck:
+            return 0
+        return self._latch_due_ns if self._pending is None else min(self._latch_due_ns, self._pending[1])
+
+    def serve(self) -> None:
+        """Do the next thing that is due at the nodes: open the camera, write, or read its clock."""
+        camera = self._camera
+        if camera is None:
+            self._open()
+            return
+        if self._stuck:
+            self.close()
+            stuck = f"camera {camera.description.serial} sends no frames while the other one does; it is opened anew"
+            self._report_gone(CameraLostError(stuck), final=False)
+            return
+        now_ns, setting = self._now_ns(), None
+        with self.news:
+            if self._pending is not None and self._pending[1] <= now_ns:
+                setting, self._pending = self._pending[0], None
+            look, self._trouble = self._trouble, False
+        try:
+            if setting is not None:
+                self._write(camera, setting)
+            elif look or now_ns >= self._latch_due_ns:
+                self._latch_clock(camera)
+        except CameraError as error:
+            self._lose(camera, error)
+
+    @property
+    def take_due_ns(self) -> float:
+        """From when on `take_frame` has something to do; infinite while no camera streams."""
+        return math.inf if self._camera is None else self._take_due_ns
+
+    def take_frame(self) -> None:
+        """Wait a moment for a frame and report it, or that frames have ceased to come."""
+        with self._taking:
+            camera = self._camera
+            if camera is None:
+                return
+            try:
+                frame = camera.next_frame(self._poll_s)
+            except CameraLostError:
+                self._take_due_ns = self._now_ns() + self._silence_ns
+                self._look()
+                return
+            if frame is not None:
+                stale = self._events.qsize() > _BACKLOG
+                if stale and isinstance(frame, Frame):
+                    frame = replace(frame, pixels=_NO_PIXELS)
+                self._events.put(FrameArrived(self._side, frame, stale))
+                self._last_frame_ns, self._silent = self._now_ns(), False
+            elif not self._silent and self._now_ns() - self._last_frame_ns > self._silence_ns:
+                self._silent = True
+                self._events.put(CameraSilent(self._side))
+                self._look()
+
+    def close(self) -> None:
+        """Close the camera, should it be open. For whoever calls `serve`, as the last thing."""
+        camera = self._camera
+        if camera is not None:
+            self._end_frames()
+            camera.close()
+
+    def _open(self) -> None:
+        try:
+            camera = self._opener()
+        except AutoexposeError as error:
+            final = isinstance(error, UnsupportedCameraError | ConfigurationError) and not self._ever_opened
+            self._report_gone(error, final)
+            return
+        self._ever_opened, self._opened_ns = True, self._now_ns()
+        with self.news:
+            wanted, self._pending = self._wanted, None
+        try:
+            self._write(camera, wanted)
+            camera.start()
+        except CameraError as error:
+            self._lose(camera, error)
+            return
+        self._events.put(CameraReady(self._side, camera.description, camera.limits))
+        with self.news:
+            self._last_frame_ns = self._take_due_ns = self._now_ns()
+            self._latch_due_ns = self._last_frame_ns + _CLOCK_PERIOD_NS
+            self._trouble = self._stuck = self._silent = False
+            self._camera = camera
+            self.news.notify_all()
+
+    def _lose(self, camera: Camera, error: CameraError) -> None:
+        self._end_frames()
+        if self._now_ns() - self._opened_ns > _LONGEST_BACK_OFF_NS:
+            self._back_off_ns = _SHORTEST_BACK_OFF_NS
+        self._report_gone(error, final=False)
+        # A dead camera is closed aside: that takes up to 10 s, and it may be back long before.
+        threading.Thread(target=camera.close, name=f"close-{self._side}", daemon=True).start()
+
+    def _report_gone(self, error: AutoexposeError, final: bool) -> None:
+        """Report it, and rest before the next attempt."""
+        # An error's traceback would keep the camera from being freed.
+        self._events.put(CameraGone(self._side, error.with_traceback(None), final))
+        self._open_due_ns = math.inf if final else self._now_ns() + self._back_off_ns
+        self._back_off_ns = min(2 * self._back_off_ns, _LONGEST_BACK_OFF_NS)
+
+    def _end_frames(self) -> None:
+        """From here on no frame is reported."""
+        self._camera = None
+        with self._taking:
+            pass
+
+    def _write(self, camera: Camera, setting: ExposureSetting) -> None:
+        started_ns = self._now_ns()
+        try:
+            read_back = camera.write(setting)
+        except CameraLostError:
+            raise
+        except CameraError as error:
+            self._events.put(WriteFailed(self._side, setting, error.with_traceback(None)))
+            return
+        self._events.put(Written(self._side, setting, read_back, started_ns, self._now_ns()))
+
+    def _latch_clock(self, camera: Camera) -> None:
+        """Also tells whether a silent camera still answers."""
+        try:
+            camera.latch_clock()
+        except CameraLostError:
+            raise
+        except CameraError as error:
+            if self._seldom.due("clock", self._now_ns()):
+                log.warning("%s camera: its clock was not read: %s", self._side, error)
+        self._latch_due_ns = self._now_ns() + _CLOCK_PERIOD_NS
+
+    def _look(self) -> None:
+        with self.news:
+            self._trouble = True
+            self.news.notify_all()

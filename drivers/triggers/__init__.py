@@ -1,0 +1,1 @@
+"""What became of every trigger, and which write made which frame."""

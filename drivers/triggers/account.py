@@ -1,0 +1,304 @@
+"""The account of triggers: each ends as a pair, or lost for exactly one reason.
+
+Triggers are not seen by the host. They are inferred from three things: the camera's frame counter (a gap means frames
+that were taken and did not arrive), the time stamps of frames (a gap in time without one in the counter means triggers
+that the camera did not take), and the trigger period (how many triggers an outage swallowed).
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Final, Literal
+
+from drivers.camera import IncompleteFrame
+from drivers.frames import Frame, Side, StereoPair
+from drivers.triggers.grid import TriggerGrid
+from drivers.triggers.outcomes import Fate, Outcome, Outcomes
+
+
+class LossReason(StrEnum):
+    """Why a trigger made no pair; the names are fixed for logs, JSON and metrics."""
+
+    STARTUP = "startup"
+    SHUTDOWN = "shutdown"
+    LEFT_MISSING = "left_missing"
+    RIGHT_MISSING = "right_missing"
+    BOTH_MISSING = "both_missing"
+    INCOMPLETE = "incomplete"
+    TRIGGER_IGNORED = "trigger_ignored"
+    CAMERA_GONE = "camera_gone"
+    STALE = "stale"
+
+
+_BLAME: Final = (
+    (Fate.GONE, LossReason.CAMERA_GONE),
+    (Fate.STARTUP, LossReason.STARTUP),
+    (Fate.INCOMPLETE, LossReason.INCOMPLETE),
+    (Fate.IGNORED, LossReason.TRIGGER_IGNORED),
+    (Fate.SILENT, LossReason.TRIGGER_IGNORED),
+    (Fate.STALE, LossReason.STALE),
+    (Fate.SHUTDOWN, LossReason.SHUTDOWN),
+)
+"""Which fate names the loss when the two cameras met different ones; missing frames come last."""
+
+_SILENCE_PERIODS = 30
+"""A pause of this many periods on every camera, with no frame missing, is a trigger that stood still."""
+
+_HOLD_PERIODS = 8
+"""A frame waits this long for a partner that is silent or coming back; it is handed out alone meanwhile."""
+
+_NEXT_PERIODS = 0.75
+"""Sooner after a frame on the grid there is no trigger: a frame between two could be paired with another instant's."""
+
+_SURPLUS = -1
+"""Instead of a trigger's number."""
+
+_PATIENCE_PERIODS = 600
+"""Triggers are kept open this long for a camera that answers but sends no frames; bounds the memory they take."""
+
+
+@dataclass(slots=True)
+class _Track:
+    """What is known of one camera."""
+
+    streaming: bool = False
+    silent: bool = True
+    gap_fate: Fate = Fate.STARTUP  # what happened to triggers before the first frame of the next session
+    frame_id: int = 0
+    trigger: int = -1  # of the newest frame in this session
+    ready_ns: int | None = None  # since when it waits for its first frame; None: it is not open, or has had it
+    alone: int = -1  # the newest trigger whose frame was handed out alone
+
+
+@dataclass(slots=True)
+class Tally:
+    """The balance: every trigger of the window is a pair or a loss. Times are of the host's CLOCK_MONOTONIC.
+
+    `surplus_frames` came between the expected triggers and belong to none of them (a trigger that runs too fast).
+    """
+
+    pairs: int = 0
+    lost: Counter[LossReason] = field(default_factory=Counter)
+    surplus_frames: int = 0
+    window_start_ns: int | None = None
+    window_end_ns: int | None = None
+
+    @property
+    def triggers(self) -> int:
+        """All triggers accounted for so far."""
+        return self.pairs + self.lost.total()
+
+
+class TriggerAccount:
+    """Pairs the frames of a rig by trigger, and accounts for every trigger.
+
+    Parameters
+    ----------
+    sides
+        The cameras of the rig, left first.
+    period_ns
+        Nominal trigger period.
+    opened_ns
+        Host time from which triggers count.
+    numbered_by
+        "time" for triggered cameras; "frame_id" for a camera that runs freely and so misses no trigger of its own.
+    """
+
+    def __init__(
+        self,
+        sides: Sequence[Side],
+        period_ns: float,
+        opened_ns: int,
+        numbered_by: Literal["time", "frame_id"] = "time",
+    ) -> None:
+        self.tally = Tally()
+        self.grid: TriggerGrid | None = None
+        self._period_ns = period_ns
+        self._opened_ns = opened_ns
+        self._numbered_by = numbered_by
+        self._tracks: dict[Side, _Track] = {side: _Track() for side in sides}
+        self._outcomes = Outcomes(sides)
+        self._lone_from = 0  # frames of older triggers have been handed out, in company or alone
+        self._on_grid_ns = 0  # the newest frame that a trigger made
+
+    def frame(self, side: Side, frame: Frame) -> list[StereoPair]:
+        """Account for a frame; returns what is ready for control, oldest first.
+
+        A pair counts as one when it is returned. While a camera is silent or gone, the frames of the other one are
+        returned alone, as pairs of one that count as nothing: should the partner come after all, the pair follows.
+        """
+        return self._arrival(side, frame.frame_id, frame.host_time_ns, frame)
+
+    def incomplete(self, side: Side, frame: IncompleteFrame) -> list[StereoPair]:
+        """Account for a frame that arrived with holes."""
+        return self._arrival(side, frame.frame_id, frame.host_time_ns, Fate.INCOMPLETE)
+
+    def stale(self, side: Side, frame: Frame) -> list[StereoPair]:
+        """Account for a frame that nobody had time for."""
+        return self._arrival(side, frame.frame_id, frame.host_time_ns, Fate.STALE)
+
+    def ready(self, side: Side, now_ns: int) -> None:
+        """The camera is open and takes triggers from now on."""
+        self._tracks[side].ready_ns = now_ns
+
+    def silent(self, side: Side) -> list[StereoPair]:
+        """The camera sends nothing, perhaps for good: stop waiting for it."""
+        self._tracks[side].silent = True
+        return self._release_lone()
+
+    def gone(self, side: Side) -> list[StereoPair]:
+        """The camera is lost, or could not be opened."""
+        track = self._tracks[side]
+        track.streaming = False
+        track.silent = True
+        track.ready_ns = None
+        track.gap_fate = Fate.GONE
+        return self._release_lone() + self._resolve()
+
+    def close(self, now_ns: int) -> None:
+        """Account for the triggers up to now that will never make a pair."""
+        if self.grid is None and all(self._waits_in_vain(track, now_ns) for track in self._tracks.values()):
+            return  # there never was a trigger
+        if self.grid is None:  # no frame ever told the phase, but n whole periods hold n triggers whatever it is
+            triggers = int((now_ns - self._opened_ns) // self._period_ns)
+            self._open_grid(self._opened_ns + round(self._period_ns / 2), 0)
+            last = triggers - 1
+        else:
+            last = self.grid.last_before(now_ns)
+        assert self.grid is not None
+        tracks = self._tracks.values()
+        still = all(track.streaming and track.silent for track in tracks)
+        if still and last - max(track.trigger for track in tracks) >= _SILENCE_PERIODS:
+            last = max(track.trigger for track in tracks)
+        self.tally.window_end_ns = round(self.grid.time_of(last) + self.grid.period_ns / 2)
+        for side, track in self._tracks.items():
+            if track.streaming:
+                self._outcomes.settle(side, last + 1, Fate.MISSING if track.silent and not still else Fate.SHUTDOWN)
+            else:
+                self._settle_unseen(side, last + 1, last)
+        self._resolve()
+
+    def _waits_in_vain(self, track: _Track, now_ns: int) -> bool:
+        """Whether a camera has taken triggers for so long without a first frame that there were none."""
+        return track.ready_ns is not None and now_ns - track.ready_ns >= _SILENCE_PERIODS * self._period_ns
+
+    def _arrival(self, side: Side, frame_id: int, time_ns: int | None, outcome: Outcome) -> list[StereoPair]:
+        track = self._tracks[side]
+        trigger = self._number(track, frame_id, time_ns)
+        if trigger is None:
+            return []
+        if trigger < self._outcomes.settled[side]:
+            self.tally.surplus_frames += 1
+            track.frame_id += 1  # one of those since the last trigger's; the others were lost
+            return []
+        self._explain_gap(side, track, trigger, frame_id)
+        self._outcomes.settle(side, trigger + 1, outcome)
+        track.streaming, track.silent, track.frame_id, track.trigger = True, False, frame_id, trigger
+        track.ready_ns = None
+        if self.grid is not None and time_ns is not None:
+            self.grid.observe(trigger, time_ns)
+        for other_side, other in self._tracks.items():
+            if not other.streaming and other.gap_fate is Fate.GONE and other.ready_ns is None:
+                self._outcomes.settle(other_side, trigger - _HOLD_PERIODS, Fate.GONE)
+            elif not other.streaming:
+                self._settle_unseen(other_side, trigger - _PATIENCE_PERIODS, trigger)
+            elif other is not track:
+                self._outcomes.settle(other_side, trigger - _PATIENCE_PERIODS, Fate.SILENT)
+        return self._resolve() + self._release_lone()
+
+    def _number(self, track: _Track, frame_id: int, time_ns: int | None) -> int | None:
+        """The trigger of a frame, or None when nothing tells it."""
+        if track.streaming and (time_ns is None or self._numbered_by == "frame_id"):
+            return track.trigger + max(frame_id - track.frame_id, 0)
+        if time_ns is None:
+            return None
+        if self.grid is None:
+            return self._open_grid(time_ns, max(int((time_ns - self._opened_ns) // self._period_ns), 0))
+        if self.grid.off_phase(time_ns):
+            if time_ns - self._on_grid_ns < _NEXT_PERIODS * self.grid.period_ns:
+                return _SURPLUS
+            self.grid.restart(time_ns)  # the trigger stood still, and goes on
+        self._on_grid_ns = max(self._on_grid_ns, time_ns)
+        return self.grid.locate(time_ns)
+
+    def _open_grid(self, time_ns: int, trigger: int) -> int:
+        self.grid = TriggerGrid(self._period_ns, time_ns, trigger)
+        self.tally.window_start_ns = round(self.grid.time_of(0) - self._period_ns / 2)
+        return trigger
+
+    def _explain_gap(self, side: Side, track: _Track, trigger: int, frame_id: int) -> None:
+        """Give every trigger between the camera's last frame and this one its fate."""
+        if not track.streaming:
+            self._settle_unseen(side, trigger, trigger)
+            return
+        missing = max(frame_id - track.frame_id - 1, 0)
+        self._outcomes.settle(side, min(self._outcomes.settled[side] + missing, trigger), Fate.MISSING)
+        not_taken = trigger - self._outcomes.settled[side]
+        self._outcomes.settle(side, trigger, Fate.SILENT if not_taken >= _SILENCE_PERIODS else Fate.IGNORED)
+
+    def _settle_unseen(self, side: Side, until: int, now: int) -> None:
+        """Give triggers before a session's first frame their fate, `now` being the newest trigger known."""
+        track = self._tracks[side]
+        if track.ready_ns is not None and self.grid is not None:
+            ready = self.grid.last_before(track.ready_ns) + 1
+            if now - ready >= _SILENCE_PERIODS:
+                self._outcomes.settle(side, min(ready, until), track.gap_fate)
+                self._outcomes.settle(side, until, Fate.SILENT)
+        self._outcomes.settle(side, until, track.gap_fate)
+
+    def _resolve(self) -> list[StereoPair]:
+        """Close the triggers of which every camera's outcome is known."""
+        pairs: list[StereoPair] = []
+        for trigger, count, outcomes in self._outcomes.close():
+            frames = {side: outcome for side, outcome in outcomes.items() if isinstance(outcome, Frame)}
+            if len(frames) == len(self._tracks):
+                self.tally.pairs += 1
+                first, *rest = frames.values()
+                pairs.append(StereoPair(trigger, first, rest[0] if rest else None))
+            elif any(outcome is not Fate.SILENT for outcome in outcomes.values()):
+                self.tally.lost[_reason(outcomes)] += count
+                pairs += self._alone(trigger, frames)
+        return pairs
+
+    def _release_lone(self) -> list[StereoPair]:
+        """Frames whose partner is silent, handed out alone; their trigger stays open."""
+        if not any(track.silent for track in self._tracks.values()):
+            return []
+        held_from = max(track.trigger for track in self._tracks.values()) - _HOLD_PERIODS
+        pairs: list[StereoPair] = []
+        for side, run in self._outcomes.waiting(self._lone_from):
+            trigger, frame = run.until - 1, run.outcome
+            if isinstance(frame, Frame) and not self._tracks[side].silent:
+                pairs += self._alone(trigger, {side: frame})
+            if trigger < held_from:
+                run.outcome = Fate.TAKEN
+        self._lone_from = max(self._lone_from, held_from)
+        return pairs
+
+    def _alone(self, trigger: int, frames: dict[Side, Frame]) -> list[StereoPair]:
+        """At most one frame as a pair of its own, unless it was handed out before."""
+        for side, frame in frames.items():
+            track = self._tracks[side]
+            if trigger > track.alone:
+                track.alone = trigger
+                return [StereoPair(trigger, frame, None, side)]
+        return []
+
+
+def _reason(outcomes: dict[Side, Outcome]) -> LossReason:
+    for fate, reason in _BLAME:
+        if fate in outcomes.values():
+            return reason
+    missing = [side for side, outcome in outcomes.items() if outcome is Fate.MISSING]
+    match missing:
+        case ["left"]:
+            return LossReason.LEFT_MISSING
+        case ["right"]:
+            return LossReason.RIGHT_MISSING
+        case []:  # the frame came after its partner had been used alone
+            return LossReason.STALE
+        case _:
+            return LossReason.BOTH_MISSING

@@ -1,0 +1,98 @@
+"""What the first frames of a rig tell about its wiring."""
+
+from __future__ import annotations
+
+import math
+import statistics
+from collections.abc import Iterator, Mapping
+from itertools import pairwise
+
+from drivers.frames import Side
+from drivers.triggers.rate import mean_period_ns, wrong_rate
+
+PATIENCE_NS = 3_000_000_000
+"""Cameras that wait for triggers this long, and get none, have no trigger."""
+
+JUDGED_FRAMES = 20
+"""Of each camera: what is made of them does not mind a lost frame or two."""
+
+SKEW_TOLERANCE = 0.1
+"""Part of a period by which left and right may start apart; one trigger wire makes a few microseconds."""
+
+
+class StartCheck:
+    """Looks whether pulses arrive, and whether left and right start together.
+
+    Times are of the host's clock, in ns. Each finding is one sentence, given once.
+
+    Parameters
+    ----------
+    lines
+        For each side, the trigger line of its camera; a camera that runs freely has none and is not judged.
+    rate_hz
+        Rate of the triggers, as configured.
+    """
+
+    def __init__(self, lines: Mapping[Side, str], rate_hz: float) -> None:
+        self._lines = lines
+        self._rate_hz = rate_hz
+        self._ready_ns: dict[Side, int] = {}
+        self._times_ns: dict[Side, list[int]] = {side: [] for side in lines}
+        self._said: set[str] = set()
+        self._done = False
+
+    def ready(self, side: Side, now_ns: int) -> None:
+        """A camera waits for triggers from now on."""
+        if side in self._lines:
+            self._ready_ns.setdefault(side, now_ns)
+
+    def frame(self, side: Side, time_ns: int) -> None:
+        """A camera started an exposure."""
+        times_ns = self._times_ns.get(side)
+        if times_ns is not None and len(times_ns) < JUDGED_FRAMES:
+            times_ns.append(time_ns)
+
+    def findings(self, now_ns: int) -> list[str]:
+        """What is wrong, and what to look at on the robot; only what has not been said before."""
+        if self._done:
+            return []
+        self._done = all(len(times_ns) == JUDGED_FRAMES for times_ns in self._times_ns.values())
+        new = [finding for finding in self._all(now_ns) if finding not in self._said]
+        self._said.update(new)
+        return new
+
+    def _all(self, now_ns: int) -> Iterator[str]:
+        yield from self._without_pulses(now_ns)
+        judged = {side: times_ns for side, times_ns in self._times_ns.items() if len(times_ns) == JUDGED_FRAMES}
+        if len(judged) == 2 and all(map(self._at_rate, judged.values())):  # at another rate the skew means nothing
+            yield from self._skew(*judged.values())
+
+    def _without_pulses(self, now_ns: int) -> Iterator[str]:
+        waiting = [side for side, ready_ns in self._ready_ns.items() if now_ns - ready_ns > PATIENCE_NS]
+        silent = [side for side in waiting if not self._times_ns[side]]
+        if silent and len(silent) == len(self._lines):
+            lines = " and ".join(sorted(set(self._lines.values())))
+            yield (
+                f"no trigger pulse on {lines} for {PATIENCE_NS * 1e-9:g} s: check that the trigger source runs, its "
+                "wires and its voltage"
+            )
+            return
+        if not any(len(times_ns) == JUDGED_FRAMES for times_ns in self._times_ns.values()):
+            return  # the first pulse may just have come, and one camera's frame before the other's
+        for side in silent:
+            line = self._lines[side]
+            yield f"the {side} camera gets no trigger pulse, the other one does: check the wire to its {line}"
+
+    def _at_rate(self, times_ns: list[int]) -> bool:
+        period_ns = mean_period_ns([later - earlier for earlier, later in pairwise(times_ns)])
+        return wrong_rate(period_ns, self._rate_hz) is None
+
+    def _skew(self, left_ns: list[int], right_ns: list[int]) -> Iterator[str]:
+        period_ns = 1e9 / self._rate_hz
+        skews_ns = [abs(math.remainder(right - left, period_ns)) for left, right in zip(left_ns, right_ns, strict=True)]
+        skew_ns = statistics.median(skews_ns)
+        if skew_ns > SKEW_TOLERANCE * period_ns:
+            yield (
+                f"left and right start {skew_ns * 1e-6:.1f} ms apart: check that both hang on the same trigger, and "
+                "that neither has a TriggerDelay or triggers on another edge"
+            )

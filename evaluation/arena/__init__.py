@@ -1,0 +1,1 @@
+"""The arena: every policy through every scenario, against the best exposure."""

@@ -1,0 +1,68 @@
+"""Which courses the arena runs: scenes, seeds and delays, within a budget of time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from evaluation.scenes.scenarios import SCENARIOS
+from evaluation.scenes.scenes import HELD_OUT_SCENES, TUNE_SCENES
+
+Split = Literal["tune", "heldout"]
+
+FIRST_HELD_OUT_SEED = 2000
+"""Seeds 0 to 99 are for tuning; those from 1000 on were, until the scenarios were final."""
+
+MAIN_DELAY = 2
+"""The delay in frames of which results are made."""
+
+OTHER_DELAYS = (1, 3)
+
+HELD_OUT_SEEDS = {"room": 14, "shelves": 8, "hall": 8}
+TUNE_SEEDS = 3
+SEEDS_OF_OTHER_DELAYS = 3
+"""Seeds per scene of the full arena: together about 40 minutes of two cores for 14 policies."""
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """One course, which all policies run with each of the delays side by side."""
+
+    scenario: str
+    scene: str
+    seed: int
+    delays: tuple[int, ...]
+    split: Split
+    keep_traces: bool = False
+
+    @property
+    def frames(self) -> int:
+        """Frames of the course."""
+        return SCENARIOS[self.scenario].frames
+
+
+def full_plan(scenarios: Sequence[str], pictures: Sequence[str] = ()) -> list[Task]:
+    """Every scenario in many scenes; `pictures` are .hdr files that join the held-out scenes with one seed each."""
+    tasks = []
+    for scenario in scenarios:
+        for scene in HELD_OUT_SCENES:
+            for index in range(HELD_OUT_SEEDS[scene]):
+                delays = (MAIN_DELAY, *OTHER_DELAYS) if index < SEEDS_OF_OTHER_DELAYS else (MAIN_DELAY,)
+                trace = scene == HELD_OUT_SCENES[0] and index == 0
+                tasks.append(Task(scenario, scene, FIRST_HELD_OUT_SEED + index, delays, "heldout", trace))
+        tasks += [Task(scenario, picture, FIRST_HELD_OUT_SEED, (MAIN_DELAY,), "heldout") for picture in pictures]
+        tasks += [
+            Task(scenario, scene, seed, (MAIN_DELAY,), "tune") for scene in TUNE_SCENES for seed in range(TUNE_SEEDS)
+        ]
+    return sorted(tasks, key=lambda task: -task.frames * len(task.delays))
+
+
+def quick_plan(scenarios: Sequence[str], pictures: Sequence[str] = ()) -> list[Task]:
+    """Every scenario once, the held-out scenes in turn."""
+    scenes = (*HELD_OUT_SCENES, *pictures)
+    tasks = [
+        Task(scenario, scenes[index % len(scenes)], FIRST_HELD_OUT_SEED, (MAIN_DELAY,), "heldout", keep_traces=True)
+        for index, scenario in enumerate(scenarios)
+    ]
+    return sorted(tasks, key=lambda task: -task.frames)

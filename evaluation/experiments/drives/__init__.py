@@ -1,0 +1,1 @@
+"""Experiments that drive: what exposures are worth to odometry."""

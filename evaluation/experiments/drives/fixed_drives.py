@@ -1,0 +1,54 @@
+"""The error of odometry with each of a few fixed settings, and what measures of images say meanwhile."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+
+from autoexpose_daemon.control.loop import ControlLoop
+from calibration.response import ResponseFunction
+from drivers.exposure import ExposureLimits, ExposureSetting
+from drivers.frames import StereoPair
+from evaluation.experiments.experiment import Plain
+from evaluation.odometry.course import odometry_stage
+from evaluation.odometry.drive import drive, outcome
+from evaluation.odometry.orb import in_house
+from evaluation.odometry.proxies import Proxies
+from evaluation.stage.closed_loop import Entrant
+
+SETTINGS = ((940.0, 24.0), (1880.0, 18.0), (3750.0, 12.0), (7500.0, 6.0))
+"""Exposure time (us) and gain (dB), all of one exposure level, right for the light of 20 lux."""
+
+LOOK_EVERY = 8
+"""Pairs of odometry between two whose images are measured."""
+
+
+def measure(room: int, seed: int, repeat: int, frames: int) -> Plain:
+    """For each setting: what `outcome` says, and the medians of the measures of images."""
+    entrants = [Entrant(f"{time_us:g} us", 2, partial(_fixed, time_us, gain_db)) for time_us, gain_db in SETTINGS]
+    looks: list[list[list[float]]] = [[] for _ in SETTINGS]
+    stage = odometry_stage("even", room, seed, repeat)
+    drives = drive(stage, entrants, in_house, frames, _looker(looks))
+    return [
+        {**outcome(one), "proxies": np.median(seen, axis=0).tolist()} for one, seen in zip(drives, looks, strict=True)
+    ]
+
+
+def _fixed(
+    time_us: float, gain_db: float, response: ResponseFunction, limits: ExposureLimits, _start: ExposureSetting
+) -> ControlLoop:
+    return ControlLoop("fixed", response, limits, ExposureSetting(time_us, gain_db))
+
+
+def _looker(looks: list[list[list[float]]]) -> Callable[[int, StereoPair], None]:
+    proxies = Proxies()
+    shown = [0] * len(looks)
+
+    def look(number: int, pair: StereoPair) -> None:
+        if shown[number] % LOOK_EVERY == 0:
+            looks[number].append(proxies.measure(pair))
+        shown[number] += 1
+
+    return look

@@ -1,0 +1,1 @@
+"""Experiments on prediction: what an image tells about other exposures of it."""

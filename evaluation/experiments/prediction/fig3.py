@@ -1,0 +1,154 @@
+"""B&H Fig. 3: response functions, the prediction curves that follow from them, and gamma curves."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calibration.response.prediction import prediction_table
+from evaluation.drawing import COLOURS, panels, save
+from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, Results, Section, Table, Verdict
+from evaluation.experiments.prediction.exposure_change import gamma_curve, measure
+from evaluation.experiments.statistics import Interval, mean_interval
+from evaluation.scenes.responses import FAKE_CAMERAS, CameraResponse
+
+LUX = 50.0
+CHANGES = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0)
+"""Stops: those that the paper's algorithm predicts."""
+
+LEVELS = {"room": 11.5, "leaves": 13.5, "street": 13.0, "hall": 13.5}
+"""Well-exposed frames to start from: most is neither black nor white."""
+
+EXACT_GREY = 1.0
+"""A prediction that errs by less (rms, grey levels) is as good as 8 bits allow."""
+
+FAR_GREY = 4.0
+"""A prediction that errs by more is wrong by more than the noise of most frames."""
+
+_SHOWN = (-2.0, -1.0, 1.0, 2.0)
+_SHOTS = 16
+
+_SETTING = """\
+The paper shows the response of its FLIR camera, found by a calibration on a static scene, the transformations g_exp
+that follow from it, and gamma curves beside them; it measures no error. We ask how far both are from the truth, which
+a simulation can tell: a still scene at 50 lux is photographed at one level and again 0.5 to 2 stops brighter and
+darker, noise averaged out over shots. Three cameras: the responses that the fake camera can have (linear; gamma
+1/2.2; S-shaped over a power law). The response that predicts is the sensor's own, as a calibration without error
+would find it; what a real calibration adds in error is docs/calibration-method.md's matter.
+
+The gamma curve is given every advantage: for each change of exposure, camera and scene it is the one that, knowing
+the outcome, errs least. In use nobody tells which gamma stands for which change."""
+
+
+def jobs(quick: bool) -> list[Job]:
+    """One for each camera and scene."""
+    rooms = [("room", seed) for seed in range(1 if quick else 8)]
+    stills = [(scene, seed) for scene in ("leaves", "street", "hall") for seed in range(4)]
+    return [
+        Job(
+            measure,
+            {
+                "scene": scene, "seed": seed, "lux": LUX, "camera": [camera.curve, camera.gamma],
+                "level": LEVELS[scene], "changes": list(CHANGES), "shots": 8 if quick else _SHOTS,
+            },
+            0.5,
+        )
+        for scene, seed in [*rooms, *stills[: 1 if quick else None]]
+        for camera in FAKE_CAMERAS
+    ]  # fmt: skip
+
+
+def section(results: Results, folder: Path) -> Section:
+    """Judge the prediction by the response, and that by gamma curves."""
+    by_camera: dict[CameraResponse, list[Sequence[Mapping[str, Any]]]] = {}
+    for arguments, found in results:
+        by_camera.setdefault(_camera(arguments), []).append(found)
+    _draw(by_camera, folder / "fig3.png")
+    exact = {camera: _over_all(found, "response_rms") for camera, found in by_camera.items()}
+    gamma = {camera: _over_all(found, "gamma_rms") for camera, found in by_camera.items()}
+    brighter = {camera: _at(found, 1.0, "gamma").value for camera, found in by_camera.items()}
+    return Section(
+        _SETTING,
+        [
+            Claim(
+                "B&H 2.1, Fig. 3",
+                "With the response known, every grey level has its counterpart under any change of exposure",
+                f"rms error, grey levels: {_by_camera(exact)}",
+                Verdict.REPRODUCED if all(e.high < EXACT_GREY for e in exact.values()) else Verdict.NOT_REPRODUCED,
+                "for pixels that are not clipped",
+            ),
+            Claim(
+                "B&H 1.2, 1.4, Fig. 3",
+                "Gamma curves have no direct link to changes of exposure, and another shape",
+                f"the best of them err by, rms grey levels: {_by_camera(gamma)}; one stop more is best met by gamma "
+                + ", ".join(f"{value:.2f} ({camera})" for camera, value in brighter.items()),
+                Verdict.REPRODUCED if all(e.low > FAR_GREY for e in gamma.values()) else Verdict.NOT_REPRODUCED,
+            ),
+        ],
+        [
+            Figure(
+                "fig3.png",
+                "Above, the responses. Below, what grey levels become: lines as predicted from the response, dots as "
+                "seen, dashes the best gamma curve of the same room.",
+            ),
+            _table(by_camera),
+            "A change of exposure scales light, and its curve reaches white at a grey level below 255, or ends below "
+            "white. Every gamma curve runs from corner to corner, so none fits.",
+        ],
+    )
+
+
+def _camera(arguments: Mapping[str, Any]) -> CameraResponse:
+    return CameraResponse(*arguments["camera"])
+
+
+def _over_all(found: Sequence[Sequence[Mapping[str, Any]]], figure: str) -> Interval:
+    """Mean over scenes, of each the mean over changes."""
+    return mean_interval([np.mean([change[figure] for change in scene]) for scene in found])
+
+
+def _at(found: Sequence[Sequence[Mapping[str, Any]]], change: float, figure: str) -> Interval:
+    return mean_interval([row[figure] for scene in found for row in scene if row["change"] == change])
+
+
+def _by_camera(intervals: Mapping[CameraResponse, Interval]) -> str:
+    return ", ".join(f"{camera} {interval.text('.1f')}" for camera, interval in intervals.items())
+
+
+def _table(by_camera: Mapping[CameraResponse, Sequence[Sequence[Mapping[str, Any]]]]) -> Table:
+    rows = []
+    for camera, found in by_camera.items():
+        rows.append([f"{camera}: by the response", *(_at(found, c, "response_rms").text(".1f") for c in CHANGES)])
+        rows.append([f"{camera}: by the best gamma", *(_at(found, c, "gamma_rms").text(".1f") for c in CHANGES)])
+        rows.append([f"{camera}: that gamma", *(_at(found, c, "gamma").text(".2f") for c in CHANGES)])
+    heads = ["rms error, grey levels", *(f"{change:+g} stops" for change in CHANGES)]
+    return Table(
+        "Errors over pixels that are neither black nor white before the change; mean over scenes.", heads, rows
+    )
+
+
+def _draw(by_camera: Mapping[CameraResponse, Sequence[Sequence[Mapping[str, Any]]]], file: Path) -> None:
+    figure, axes = panels(2, len(by_camera), 6.2, sharey=True)
+    for (upper, lower), (camera, found) in zip(axes.T, by_camera.items(), strict=True):
+        response = camera.function
+        stops = np.linspace(-10.0, 1.0, 400)
+        upper.plot(stops, response.intensity(stops), color=COLOURS[0])
+        upper.set_title(str(camera), fontsize=10)
+        upper.set_xlabel("exposure (stops from saturation)")
+        for colour, change in zip(COLOURS, _SHOWN, strict=False):
+            row = next(row for row in found[0] if row["change"] == change)
+            lower.plot(prediction_table(response, change), color=colour, linewidth=1.4, label=f"{change:+g} stops")
+            lower.plot(gamma_curve(row["gamma"]), color=colour, linewidth=1.0, linestyle="--")
+            seen = [(grey, value) for grey, value in enumerate(row["seen"]) if value is not None and grey % 8 == 0]
+            lower.scatter(*zip(*seen, strict=True), color=colour, s=9)
+        lower.set_xlabel("grey level before")
+    axes[0, 0].set_ylabel("grey level")
+    axes[1, 0].set_ylabel("grey level after")
+    figure.legend(*axes[1, 0].get_legend_handles_labels(), loc="outside lower center", ncols=len(_SHOWN), fontsize=9)
+    save(figure, file)
+
+
+EXPERIMENT = Experiment("fig3", "Prediction curves from the response, and gamma curves", jobs, section)

@@ -1,0 +1,178 @@
+"""How laws of exposure answer to light that is switched on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from autoexpose_daemon.control.balance import Balance, ExposurePriority
+from autoexpose_daemon.control.loop import ControlLoop
+from autoexpose_daemon.control.policy import ExposurePolicy, Observation, Target
+from drivers.exposure import ExposureSetting
+from drivers.frames import Frame, StereoPair
+from evaluation.arena.oracle import Oracle
+from evaluation.experiments.experiment import Plain
+from evaluation.scenes.responses import CameraResponse
+from evaluation.scenes.scenarios import RATE_HZ, Course
+from evaluation.scenes.scenes import build_views
+from evaluation.stage.stage import LIMITS, Stage
+from fake_camera.world.lighting import Change, LightScript
+
+WARM_UP_FRAMES = 30
+"""From the best exposure to whatever a law prefers, before the light is switched on."""
+
+FRAMES = 150
+"""Watched after the step: half again as many as the paper's slowest answer takes."""
+
+END_FRAMES = 20
+"""The level where a law ends is the median over so many last frames."""
+
+BAND_STOPS = 0.25
+"""Converged: for good within this of the level where the law ends."""
+
+USEFUL_SHARE = 0.5
+"""A law that ends with less of the best metric than this has not converged but is stuck."""
+
+
+@dataclass(frozen=True, slots=True)
+class WithoutFeedback:
+    """A law that never learns which decision a frame realises: for `begin2022`, eq. (22) with its first case only."""
+
+    law: ExposurePolicy
+    STATE: ClassVar[tuple[str, ...]] = ()
+
+    @property
+    def balance(self) -> Balance:
+        """That of the law."""
+        return self.law.balance
+
+    def decide(self, observation: Observation) -> Target:
+        """What the law would decide."""
+        return self.law.decide(replace(observation, realised=None))
+
+
+@dataclass(frozen=True, slots=True)
+class LeavesWhiteAndBlack:
+    """A law with the rule that the paper's published code has and its text has not.
+
+    From an image whose mean grey is above 245 or below 10 the exposure goes 2 stops down or up, whatever is predicted.
+    """
+
+    law: ExposurePolicy
+    STATE: ClassVar[tuple[str, ...]] = ()
+
+    @property
+    def balance(self) -> Balance:
+        """That of the law."""
+        return self.law.balance
+
+    def decide(self, observation: Observation) -> Target:
+        """The rule where it holds, else what the law decides."""
+        mean = float(observation.image.mean())
+        if 10 <= mean <= 245:
+            return self.law.decide(observation)
+        return Target(observation.setting.level + (2.0 if mean < 10 else -2.0), "black" if mean < 10 else "white")
+
+
+class _ChangedLoop(ControlLoop):
+    """The daemon's loop with its law wrapped."""
+
+    def wrap(self, wrappers: Sequence[Callable[[ExposurePolicy], ExposurePolicy]]) -> ControlLoop:
+        for wrapper in wrappers:
+            self._policy = wrapper(self._policy)
+        return self
+
+
+@dataclass(frozen=True, slots=True)
+class Contestant:
+    """A policy, what is changed in it, and the delay (a decision on frame k shows in frame k + delay_frames)."""
+
+    policy_id: str
+    changes: tuple[Callable[[ExposurePolicy], ExposurePolicy], ...] = ()
+    delay_frames: int = 2
+
+    def loop(self, camera: CameraResponse, start: ExposureSetting) -> ControlLoop:
+        """A fresh loop that knows the camera's response."""
+        return _ChangedLoop(self.policy_id, camera.function, LIMITS, start).wrap(self.changes)
+
+
+CONTESTANTS = {
+    "feedback": Contestant("begin2022"),
+    "no feedback": Contestant("begin2022", (WithoutFeedback,)),
+    "feedback, rule": Contestant("begin2022", (LeavesWhiteAndBlack,)),
+    "no feedback, rule": Contestant("begin2022", (WithoutFeedback, LeavesWhiteAndBlack)),
+    "feedback, delay 1": Contestant("begin2022", delay_frames=1),
+    "no feedback, delay 1": Contestant("begin2022", (WithoutFeedback,), delay_frames=1),
+    "gamma": Contestant("mehta2020"),
+    "gamma, shim2018": Contestant("shim2018"),
+    "metric-map": Contestant("metric-map"),
+}
+"""By the names that results have. Gamma prediction is Mehta's code, which is what the paper ran."""
+
+
+def measure(scene: str, seed: int, camera: list[Any], before_lux: float, rise_stops: float) -> Plain:
+    """Every contestant through the same step of light before a still scene.
+
+    Returns
+    -------
+    {"best_level": after the step, "start_level": of the first frame, name: {"levels": of all frames, "share": of the
+    best metric at the end}}.
+    """
+    response = CameraResponse(*camera)
+    step_s = (WARM_UP_FRAMES - 0.5) / RATE_HZ
+    light = LightScript((Change(0.0, before_lux), Change(step_s, before_lux * 2.0**rise_stops)))
+    views = build_views(scene, seed, _no_turn, at_window=False)
+    stage = Stage(views, Course(light, _no_turn, WARM_UP_FRAMES), seed, response=response.curve, gamma=response.gamma)
+    oracle = Oracle(stage)
+    first = oracle.best(ExposurePriority(), 0.0)
+    start = LIMITS.brightest if first is None else LIMITS.realise(first.level, LIMITS.max_time_us)
+    runs = {name: _run(stage, contestant, response, start) for name, contestant in CONTESTANTS.items()}
+    best = oracle.best(ExposurePriority(), 0.0)  # the stage has stayed at the last frame
+    assert best is not None
+    ends = {name: float(np.median(metrics[-END_FRAMES:])) / best.metrics[0] for name, (_, metrics) in runs.items()}
+    return {"best_level": best.level, "start_level": start.level} | {
+        name: {"levels": levels, "share": ends[name]} for name, (levels, _) in runs.items()
+    }
+
+
+def _run(
+    stage: Stage, contestant: Contestant, camera: CameraResponse, start: ExposureSetting
+) -> tuple[list[float], list[float]]:
+    """Level and metric of each frame."""
+    loop = contestant.loop(camera, start)
+    settings = [start] * contestant.delay_frames
+    metrics = []
+    for number in range(WARM_UP_FRAMES + FRAMES):
+        stage.go_to(number)
+        setting = settings[number]
+        time_ns = round(stage.start_s(number) * 1e9)
+        image = stage.expose("left", setting)
+        frame = Frame(image, 8, number, time_ns, time_ns, time_ns, setting)
+        decision = loop.step(StereoPair(number, frame, None))
+        metrics.append(decision.metric)
+        settings.append(decision.setting)
+    return [setting.level for setting in settings[: len(metrics)]], metrics
+
+
+def frames_to_converge(levels: ArrayLike, share: float) -> int | None:
+    """Frames from the first after the step to the first that is, for good, near where the law ends; None for never.
+
+    Parameters
+    ----------
+    levels
+        Of all frames of a run (stops).
+    share
+        Of the best metric, at the end.
+    """
+    after = np.asarray(levels, np.float64)[WARM_UP_FRAMES:]
+    away = np.flatnonzero(np.abs(after - np.median(after[-END_FRAMES:])) > BAND_STOPS)
+    frames = int(away[-1]) + 1 if away.size else 0
+    return frames if share >= USEFUL_SHARE and frames <= len(after) - END_FRAMES else None
+
+
+def _no_turn(_: float) -> float:
+    return 0.0

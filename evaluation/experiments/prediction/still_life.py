@@ -1,0 +1,60 @@
+"""A scene that keeps still under a steady light, photographed with any setting as often as one likes."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from autoexpose_daemon.control.balance import ExposurePriority
+from drivers.exposure import ExposureSetting
+from evaluation.scenes.responses import CameraResponse
+from evaluation.scenes.scenarios import Course
+from evaluation.scenes.scenes import build_views
+from evaluation.stage.stage import LIMITS, Stage
+from fake_camera.world.lighting import Change, LightScript
+
+SCENES = ("room", "leaves", "street", "hall")
+"""A furnished room, and three kinds of painted stills: few large shadows, or content at all brightnesses."""
+
+
+class StillLife:
+    """What the left camera sees of a scene.
+
+    Parameters
+    ----------
+    scene, seed
+        As for `evaluation.scenes.scenes.build_views`.
+    lux
+        Illumination.
+    camera
+        Its response.
+    """
+
+    def __init__(self, scene: str, seed: int, lux: float, camera: CameraResponse) -> None:
+        course = Course(LightScript((Change(0.0, lux),)), _no_turn, 0)
+        views = build_views(scene, seed, _no_turn, at_window=False)
+        self._stage = Stage(views, course, seed, response=camera.curve, gamma=camera.gamma)
+
+    def take(self, setting: ExposureSetting, shot: int = 0) -> NDArray[np.uint8]:
+        """An image, uint8, (540, 720); each shot has noise of its own."""
+        if shot != self._stage.frame:
+            self._stage.go_to(shot)
+        return self._stage.expose("left", setting)
+
+
+def setting_of(level: float) -> ExposureSetting:
+    """The setting of an exposure level (stops) that takes time before gain."""
+    return LIMITS.realise(level, ExposurePriority().exposure_time_us(level, 0.0, LIMITS))
+
+
+def plateau_centre(levels: NDArray[np.float64], metrics: NDArray[np.float64], share: float = 0.99) -> float:
+    """The best level: the middle of those around the maximum that reach `share` of it, since maxima are flat."""
+    top = int(np.argmax(metrics))
+    good = metrics >= share * metrics[top]
+    low = top - int(np.argmin(good[top::-1])) + 1 if not good[: top + 1].all() else 0
+    high = top + int(np.argmin(good[top:])) - 1 if not good[top:].all() else len(good) - 1
+    return float((levels[low] + levels[high]) / 2)
+
+
+def _no_turn(_: float) -> float:
+    return 0.0

@@ -1,0 +1,1 @@
+"""One course in virtual time: frames for any exposure, and policies in closed loop on them."""

@@ -1,0 +1,82 @@
+"""The control socket: orders for faults come in as JSON lines, each answered by one."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import socket
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import BinaryIO
+
+from fake_camera.device.faults import Fault, FaultError, Faults
+from fake_camera.device.unix_socket import listen
+
+_LONGEST_ORDER_BYTES = 1 << 12
+"""What is longer is not collected; the longest order takes 80."""
+
+
+class ControlSocket:
+    """A Unix stream socket at `path` that hands orders to `faults`; one thread for each connection.
+
+    Answers ``{"ok": true, "fault": ..., "after_trigger": ..., "count": ..., "last_trigger": n}``, the last trigger
+    being the one before the order, or ``{"ok": false, "error": "one sentence"}``. A socket file that nobody listens
+    to is replaced. OSError when the path cannot be used or another process listens there.
+    """
+
+    def __init__(self, path: Path, faults: Faults) -> None:
+        self._path = path
+        self._faults = faults
+        self._socket = listen(path, "control socket")
+        threading.Thread(target=self._accept, name="control", daemon=True).start()
+
+    def close(self) -> None:
+        """Stop listening and remove the socket file."""
+        with contextlib.suppress(OSError):
+            self._socket.shutdown(socket.SHUT_RDWR)
+        self._socket.close()
+        self._path.unlink(missing_ok=True)
+
+    def _accept(self) -> None:
+        with contextlib.suppress(OSError):  # the socket is closed
+            while True:
+                connection, _ = self._socket.accept()
+                threading.Thread(target=self._serve, args=(connection,), name="control", daemon=True).start()
+
+    def _serve(self, connection: socket.socket) -> None:
+        with connection, connection.makefile("rb") as stream, contextlib.suppress(OSError):  # the client has gone
+            for answer in answers(stream, self._faults):
+                connection.sendall(answer)
+
+
+def answers(stream: BinaryIO, faults: Faults) -> Iterator[bytes]:
+    """A line for each line of a stream, which is handed to `faults` when it is an order."""
+    for line in _lines(stream):
+        yield json.dumps(_answer(line, faults)).encode() + b"\n"
+
+
+def _answer(line: bytes, faults: Faults) -> dict[str, object]:
+    if len(line) > _LONGEST_ORDER_BYTES:
+        return {"ok": False, "error": f"the line is longer than {_LONGEST_ORDER_BYTES} bytes: no order is"}
+    try:
+        fault = Fault.from_json(line.decode(errors="replace"))
+        last_trigger = faults.add(fault)
+    except FaultError as error:
+        return {"ok": False, "error": str(error)}
+    return {
+        "ok": True,
+        "fault": fault.name,
+        "after_trigger": fault.after_trigger,
+        "count": fault.count,
+        "last_trigger": last_trigger,
+    }
+
+
+def _lines(stream: BinaryIO) -> Iterator[bytes]:
+    """Lines, of those that are too long the beginning."""
+    while line := stream.readline(_LONGEST_ORDER_BYTES + 1):
+        rest = line
+        while len(rest) > _LONGEST_ORDER_BYTES and not rest.endswith(b"\n"):
+            rest = stream.readline(_LONGEST_ORDER_BYTES + 1)
+        yield line

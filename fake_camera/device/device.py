@@ -1,0 +1,265 @@
+"""A camera behind any protocol: the threads that take and send its images, and its clock."""
+
+from __future__ import annotations
+
+import os
+import random
+import threading
+import time
+import zlib
+from collections.abc import Callable
+from queue import SimpleQueue
+
+import numpy as np
+
+from fake_camera.device.acquisition import Acquisition, Counters, Exposure
+from fake_camera.device.faults import DELAY_NS, JUMP_NS, Faults
+from fake_camera.device.features import Features
+from fake_camera.device.line0 import Line0
+from fake_camera.device.truth import TruthFile
+from fake_camera.imaging import MAX_GREY, ExposedFrame, ImageSource, Pixels
+
+_TOO_LATE_NS = 500_000_000  # a pulse this old (the process was stopped) makes no exposure
+_OVERRUN_NS = 100_000_000  # a frame that would be sent this late is dropped, so that a slow machine stays in time
+_UNWIRED_RATE_HZ = 60.0  # what faults and truth are counted by when no wire is plugged in
+
+
+class Device:
+    """One camera: one thread follows Line0 and starts exposures, one renders them, one sends them when they are due.
+
+    `line0` is the wire plugged in; without one the camera can only run free or be triggered by software. `seed` and
+    `serial` fix its clock's offset and drift and the noise of its images. Rendering gives way to other threads by
+    `niceness`: a real sensor takes no time of the host's. But neither does a busy host keep it from taking images.
+
+    Attributes
+    ----------
+    features
+        Its features.
+    faults
+        The faults ordered for it.
+    """
+
+    def __init__(
+        self,
+        source: ImageSource,
+        serial: str,
+        seed: int = 0,
+        line0: Line0 | None = None,
+        truth: TruthFile | None = None,
+        *,
+        model: str = "FakeGV287M",
+        niceness: int = 0,
+    ) -> None:
+        self._source = source
+        self._niceness = niceness
+        self._identity = f"{seed} {serial}"
+        self._wired = line0 is not None
+        self._echo_ns: int | None = None  # when a pulse rises between two of the wire's
+        self._line0 = line0 or Line0(time.monotonic_ns(), _UNWIRED_RATE_HZ)
+        self._truth = truth
+        oscillator = random.Random(self._identity)
+        self._clock_offset_ns = oscillator.randrange(1_000_000_000, 10_000_000_000)
+        self._clock_rate = 1 + oscillator.uniform(-10e-6, 10e-6)
+        self._power_on_ns = time.monotonic_ns()
+        self.features = Features(serial, source.sensor_width, source.sensor_height, self.now_ns, model=model)
+        self.faults = Faults(self._power_on, self._power_off)
+        self._acquisition = Acquisition(self.features)
+        self._lock = threading.Lock()  # guards the acquisition; never held while other code is called back
+        self._sink: Callable[[ExposedFrame], None] = lambda frame: None
+        self._on_power_on: list[Callable[[], None]] = []
+        self._on_power_off: list[Callable[[], None]] = []
+        self._show_exposure: Callable[[int], None] = lambda start_ns: None
+        self._exposures: SimpleQueue[Exposure | None] = SimpleQueue()
+        self._frames: SimpleQueue[tuple[int, Exposure, ExposedFrame] | None] = SimpleQueue()
+        self._wake = threading.Event()
+        self._closed = threading.Event()
+        self._threads = [
+            threading.Thread(target=self._latch, name="latch", daemon=True),
+            threading.Thread(target=self._take, name="take", daemon=True),
+            threading.Thread(target=self._send, name="send", daemon=True),
+        ]
+        for thread in self._threads:
+            thread.start()
+
+    @property
+    def counters(self) -> Counters:
+        """What became of the triggers so far."""
+        return self._acquisition.counters
+
+    def now_ns(self) -> int:
+        """The device's own clock: since power-on, a few ppm off CLOCK_MONOTONIC, as real crystals are."""
+        return self._device_time_ns(time.monotonic_ns())
+
+    def execute(self, command: str) -> None:
+        """Run AcquisitionStart, AcquisitionStop, TriggerSoftware, TimestampLatch or DeviceReset (else KeyError).
+
+        All may come at any time; a software trigger that finds the camera not waiting for one is dropped.
+        """
+        match command:
+            case "AcquisitionStart":
+                with self._lock:
+                    self._acquisition.start(time.monotonic_ns())
+                self._wake.set()
+            case "AcquisitionStop":
+                with self._lock:
+                    self._acquisition.stop()
+            case "TriggerSoftware":
+                with self._lock:
+                    self._start(self._acquisition.software_trigger(time.monotonic_ns()))
+            case "TimestampLatch":
+                self.features.update("TimestampLatchValue", self.now_ns())
+            case "DeviceReset":
+                self._power_on()
+            case _:
+                raise KeyError(command)
+
+    def connect(self, sink: Callable[[ExposedFrame], None]) -> None:
+        """Hand each finished frame to `sink`, on the device's sending thread, which may take its time to send it."""
+        self._sink = sink
+
+    def wire_line1(self, rise: Callable[[int], None]) -> None:
+        """Call `rise` with the start of each exposure (CLOCK_MONOTONIC, ns) while Line1 shows it; it must not wait."""
+        self._show_exposure = rise
+
+    def line3_pulse(self, time_ns: int) -> None:
+        """Line3 rises at `time_ns`, CLOCK_MONOTONIC; one that is far from now makes no exposure."""
+        with self._lock:
+            if abs(time.monotonic_ns() - time_ns) > _TOO_LATE_NS:
+                self._acquisition.counters.missed += 1
+                return
+            self._start(self._acquisition.line3_pulse(time_ns))
+
+    def on_power_on(self, callback: Callable[[], None]) -> None:
+        """Call `callback` when the camera restarts (DeviceReset, or back after it vanished): forget the client."""
+        self._on_power_on.append(callback)
+
+    def on_power_off(self, callback: Callable[[], None]) -> None:
+        """Call `callback` when the camera vanishes."""
+        self._on_power_off.append(callback)
+
+    def close(self) -> None:
+        """Stop the threads."""
+        self._closed.set()
+        self._wake.set()
+        self._exposures.put(None)
+        for thread in self._threads:
+            thread.join()
+
+    def _power_on(self) -> None:
+        with self._lock:
+            self._acquisition.stop()
+            self.features.reset()
+            self._power_on_ns = time.monotonic_ns()
+        for callback in self._on_power_on:
+            callback()
+
+    def _power_off(self) -> None:
+        for callback in self._on_power_off:
+            callback()
+
+    def _device_time_ns(self, host_ns: int) -> int:
+        return self._clock_offset_ns + round((host_ns - self._power_on_ns) * self._clock_rate)
+
+    def _start(self, exposure: Exposure | None) -> None:
+        if exposure is None or self.faults.vanished:
+            return
+        if self.features.shows_exposure:
+            self._show_exposure(exposure.start_ns)
+        self._exposures.put(exposure)
+
+    def _latch(self) -> None:
+        """Follow the wire and the free run, each by its nominal times; how late this thread runs does not show."""
+        pulse = self._line0.first_pulse_after(time.monotonic_ns())
+        while not self._closed.is_set():
+            pulse_ns = self._line0.pulse_time_ns(pulse)
+            now_ns = time.monotonic_ns()
+            with self._lock:
+                free_run_ns = self._acquisition.free_run_start_ns(now_ns)
+            due_ns = min(time_ns for time_ns in (pulse_ns, free_run_ns, self._echo_ns) if time_ns is not None)
+            if now_ns < due_ns:
+                self._wake.wait((due_ns - now_ns) * 1e-9)
+                self._wake.clear()
+            elif due_ns == pulse_ns:
+                self._on_pulse(pulse, pulse_ns, now_ns)
+                pulse += 1
+            elif due_ns == self._echo_ns:
+                self._echo_ns = None
+                with self._lock:
+                    self._start(self._acquisition.echo(due_ns, self._wired))
+            else:
+                self._on_free_run(now_ns)
+
+    def _on_pulse(self, pulse: int, pulse_ns: int, now_ns: int) -> None:
+        faults = self.faults.on_trigger(pulse)
+        if "stop_triggers" in faults:
+            return
+        if self._truth is not None:
+            self._truth.record(pulse)
+        if "clock_ahead" in faults:
+            self._clock_offset_ns += JUMP_NS
+        if "clock_back" in faults:
+            self._clock_offset_ns -= min(JUMP_NS, self.now_ns())
+        if "double_triggers" in faults:
+            self._echo_ns = (pulse_ns + self._line0.pulse_time_ns(pulse + 1)) // 2
+        with self._lock:
+            if now_ns - pulse_ns > _TOO_LATE_NS:
+                self._acquisition.counters.missed += 1
+            else:
+                self._start(self._acquisition.pulse(pulse, pulse_ns, faults, self._wired))
+
+    def _on_free_run(self, now_ns: int) -> None:
+        with self._lock:  # the acquisition may have been stopped or set to trigger since it was asked
+            start_ns = self._acquisition.free_run_start_ns(now_ns)
+            if start_ns is not None and start_ns <= now_ns:
+                in_time = now_ns - start_ns <= _TOO_LATE_NS
+                self._start(self._acquisition.free_run(start_ns if in_time else now_ns))
+
+    def _take(self) -> None:
+        """Render each exposure while it is exposed and read out, so that it is there when it is due."""
+        thread = threading.get_native_id()  # of this thread alone
+        os.setpriority(os.PRIO_PROCESS, thread, os.getpriority(os.PRIO_PROCESS, thread) + self._niceness)
+        due_ns = 0
+        while (exposure := self._exposures.get()) is not None:
+            # A frame that is delayed delays those behind it: frames stay in order.
+            due_ns = max(due_ns, exposure.ready_ns + (DELAY_NS if "delay" in exposure.faults else 0))
+            if "freeze" not in exposure.faults and self._wanted(exposure) and self._in_time(due_ns):
+                self._frames.put((due_ns, exposure, self._render(exposure)))
+        self._frames.put(None)
+
+    def _send(self) -> None:
+        """Send each frame when it is due, which takes as long as its transport asks."""
+        while (rendered := self._frames.get()) is not None:
+            due_ns, exposure, frame = rendered
+            if self._closed.wait(max(0, due_ns - time.monotonic_ns()) * 1e-9):
+                return
+            if self._wanted(exposure) and self._in_time(due_ns):
+                self.faults.on_send(exposure.pulse)
+                self._sink(frame)
+
+    def _in_time(self, due_ns: int) -> bool:
+        """Whether a frame that was due then is worth sending; counts it where it is not."""
+        if time.monotonic_ns() - due_ns <= _OVERRUN_NS:
+            return True
+        self._acquisition.counters.overruns += 1
+        return False
+
+    def _wanted(self, exposure: Exposure) -> bool:
+        return exposure.run == self._acquisition.run and not self.faults.vanished
+
+    def _render(self, exposure: Exposure) -> ExposedFrame:
+        number = exposure.frame_id if exposure.trigger is None else exposure.trigger
+        noise_seed = zlib.crc32(f"{self._identity} {number}".encode())
+        start_s = (exposure.start_ns - self._line0.epoch_ns) * 1e-9
+        pixels = self._source.take(start_s, exposure.settings, noise_seed)
+        device_time_ns = max(self._device_time_ns(exposure.start_ns), 0)
+        pixels = _spoilt(pixels, exposure)
+        return ExposedFrame(exposure.frame_id, exposure.trigger, device_time_ns, pixels, exposure.settings)
+
+
+def _spoilt(pixels: Pixels, exposure: Exposure) -> Pixels:
+    """The image as the sensor's faults leave it."""
+    if "black" in exposure.faults:
+        return np.zeros_like(pixels)
+    if "white" in exposure.faults:
+        return np.full_like(pixels, MAX_GREY[exposure.settings.pixel_format])
+    return pixels

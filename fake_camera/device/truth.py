@@ -1,0 +1,68 @@
+"""The truth about the light: one JSON line for each pulse of Line0, for reports and never for control."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from queue import SimpleQueue
+from typing import IO
+
+from fake_camera.device.line0 import Line0
+
+
+class TruthFile:
+    """Writes ``{"host_time_ns": CLOCK_MONOTONIC, "lux": illumination, "trigger": n}`` for each pulse.
+
+    A thread of its own evaluates the light and writes, so that no exposure ever waits for a disk. `lux` gives the
+    illumination for a time in seconds since the wire's epoch. The file begins anew; OSError when it cannot be created.
+    When it cannot be written later, that is said once, and the camera goes on without.
+    """
+
+    def __init__(self, path: Path, lux: Callable[[float], float], line0: Line0) -> None:
+        self._path = path
+        self._file: IO[bytes] | None = _open_now(path)
+        self._lux = lux
+        self._line0 = line0
+        self._pulses: SimpleQueue[int | None] = SimpleQueue()
+        self._thread = threading.Thread(target=self._write, name="truth", daemon=True)
+        self._thread.start()
+
+    def record(self, pulse: int) -> None:
+        """Note a pulse, whether or not the camera takes a frame at it; returns at once."""
+        self._pulses.put(pulse)
+
+    def close(self) -> None:
+        """Write what is noted, then close the file."""
+        self._pulses.put(None)
+        self._thread.join()
+        if self._file is not None:
+            self._file.close()
+
+    def _write(self) -> None:
+        while (pulse := self._pulses.get()) is not None:
+            if self._file is not None:
+                self._write_line(self._file, pulse)
+
+    def _write_line(self, file: IO[bytes], pulse: int) -> None:
+        time_ns = self._line0.pulse_time_ns(pulse)
+        lux = self._lux((time_ns - self._line0.epoch_ns) * 1e-9)
+        line = json.dumps({"host_time_ns": time_ns, "lux": round(lux, 6), "trigger": pulse}) + "\n"
+        try:
+            file.write(line.encode())
+        except OSError as error:
+            why = f"{error.strerror}; it ends before pulse {pulse}"
+            print(f"truth file {self._path}: {why}", file=sys.stderr, flush=True)
+            self._file = None
+            file.close()
+
+
+def _open_now(path: Path) -> IO[bytes]:
+    """An empty file, unbuffered: readers see each pulse at once. A pipe that nobody reads is not waited for."""
+    flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC
+    descriptor = os.open(path, flags | os.O_NONBLOCK, 0o666)
+    os.set_blocking(descriptor, True)
+    return os.fdopen(descriptor, "wb", buffering=0)

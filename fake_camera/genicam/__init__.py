@@ -1,0 +1,1 @@
+"""The camera's GenICam face: its description, registers and chunks."""

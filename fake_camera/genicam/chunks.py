@@ -1,0 +1,74 @@
+"""Chunk data: how each image was taken, in tagged pieces behind its pixels."""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from fake_camera.device.device import Device
+from fake_camera.genapi.xml_camera import XmlCamera
+from fake_camera.genicam.registers import ByteOrder
+from fake_camera.imaging import ExposedFrame
+
+IMAGE_CHUNK_ID = 0x0001
+PREFIX: dict[ByteOrder, str] = {"big": ">", "little": "<"}
+
+
+@dataclass(frozen=True, slots=True)
+class Chunk:
+    """One kind of chunk: its id, and the type and unit of its eight bytes."""
+
+    chunk_id: int
+    type: Literal["float", "integer"]
+    unit: str = ""
+
+
+CHUNKS: dict[str, Chunk] = {
+    "ExposureTime": Chunk(0x1001, "float", "us"),
+    "Gain": Chunk(0x1002, "float", "dB"),
+    "FrameID": Chunk(0x1003, "integer"),
+    "Timestamp": Chunk(0x1004, "integer", "ns"),
+}
+"""The chunks on offer, under the names of the entries of ChunkSelector."""
+
+
+def chunk_bytes(frame: ExposedFrame, names: Sequence[str], byte_order: ByteOrder) -> bytes:
+    """What follows the pixels of `frame` on the wire: the image's own tag, then the chunks `names` with theirs.
+
+    Each piece is followed by its id and its length, so that a reader walks from the end.
+    """
+    values: dict[str, float] = {
+        "ExposureTime": frame.settings.exposure_time_us,
+        "Gain": frame.settings.gain_db,
+        "FrameID": frame.frame_id,
+        "Timestamp": frame.device_time_ns,
+    }
+    prefix = PREFIX[byte_order]
+    layouts = {name: f"{prefix}{'d' if CHUNKS[name].type == 'float' else 'Q'}" for name in names}
+    chunks = [(CHUNKS[name].chunk_id, struct.pack(layouts[name], values[name])) for name in names]
+    return tagged(frame, chunks, byte_order)
+
+
+def tagged(frame: ExposedFrame, chunks: Sequence[tuple[int, bytes]], byte_order: ByteOrder) -> bytes:
+    """What follows the pixels of `frame` when its chunks are these, each an id and its data."""
+    tag = struct.Struct(f"{PREFIX[byte_order]}II")
+    pieces = [tag.pack(IMAGE_CHUNK_ID, frame.pixels.nbytes)]
+    for chunk_id, data in chunks:
+        pieces += [data, tag.pack(chunk_id, len(data))]
+    return b"".join(pieces)
+
+
+def sent_chunks(frame: ExposedFrame, device: Device, xml: XmlCamera | None, byte_order: ByteOrder) -> bytes:
+    """The chunk data that go with a frame: those of the description that the camera wears, else its own; or none."""
+    features = device.features
+    if device.faults.spoils_frame("no_chunks"):
+        return b""
+    if device.faults.spoils_frame("nan_chunks"):
+        frame = replace(frame, settings=replace(frame.settings, exposure_time_us=math.nan, gain_db=math.nan))
+    if xml is not None:
+        on = xml.chunks(frame)
+        return b"" if on is None else tagged(frame, on, byte_order)
+    return chunk_bytes(frame, features.enabled_chunks(), byte_order) if features.get("ChunkModeActive") else b""

@@ -1,0 +1,34 @@
+"""What a GenICam description says of the transport: its name, its byte order, and its own registers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from fake_camera.genicam.registers import ByteOrder
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """Bits `msb` to `lsb` (bit 0 is the highest, whatever the byte order) of a bootstrap register."""
+
+    name: str
+    address: int
+    type: Literal["integer", "boolean", "command"] = "integer"
+    writable: bool = False
+    length: int = 4
+    msb: int = 0
+    lsb: int = 31
+    limits: tuple[int, int, int] | None = None
+    unit: str = ""
+    command_value: int = 1
+    locked: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Transport:
+    """A standard by which a camera talks: what GenICam calls it, its byte order, and the registers of its own."""
+
+    name_space: Literal["GEV", "U3V"]
+    byte_order: ByteOrder
+    fields: tuple[Field, ...]

@@ -1,0 +1,168 @@
+"""The bootstrap registers: what the GigE Vision standard puts at fixed addresses in every camera."""
+
+from __future__ import annotations
+
+import hashlib
+import socket
+import struct
+from collections.abc import Iterator
+
+from fake_camera.device.device import Device
+from fake_camera.device.features import FeatureError
+from fake_camera.genicam.privilege import ControlPrivilege
+from fake_camera.genicam.registers import Register, constant, unsigned
+from fake_camera.genicam.status import CommandError, Status
+from fake_camera.genicam.transport import Field, Transport
+from fake_camera.gige.stream_channel import MAX_PACKET_BYTES, MAX_PACKET_DELAY_NS, MIN_PACKET_BYTES, StreamChannel
+
+CONTROL_PRIVILEGE = 0x0A00
+"""Address of the one register whose write depends on who writes: the control channel handles it."""
+
+DESCRIPTION_ADDRESS = 0x100000
+"""Where the zipped GenICam description lies, unless the camera has registers there."""
+
+LATCH_TIMESTAMP = 2
+"""What to write to the timestamp control register."""
+
+_GVCP_CAPABILITY = (
+    1 << 31  # user-defined name
+    | 1 << 30  # serial number
+    | 1 << 2  # PACKETRESEND
+    | 1 << 1  # WRITEMEM
+    | 1 << 0  # several registers in one command
+)
+
+
+GIGE_VISION = Transport(
+    "GEV",
+    "big",
+    (
+        Field("GevVersionMajor", 0x0000, lsb=15),
+        Field("GevVersionMinor", 0x0000, msb=16),
+        Field("GevMACAddress", 0x0008, length=8),
+        Field("GevCurrentIPAddress", 0x0024),
+        Field("GevCurrentSubnetMask", 0x0034),
+        Field("GevStreamChannelCount", 0x0904),
+        Field("GevHeartbeatTimeout", 0x0938, writable=True, limits=(500, 0xFFFFFFFF, 1), unit="ms"),
+        Field("GevTimestampTickFrequency", 0x093C, length=8, unit="Hz"),
+        Field("GevTimestampControlLatch", 0x0944, "command", writable=True, command_value=LATCH_TIMESTAMP),
+        Field("GevTimestampValue", 0x0948, length=8, unit="ns"),
+        Field("GevSCPHostPort", 0x0D00, writable=True, msb=16, locked=True),
+        Field("GevSCPSFireTestPacket", 0x0D04, "command", writable=True, lsb=0, locked=True),
+        Field("GevSCPSDoNotFragment", 0x0D04, "boolean", writable=True, msb=1, lsb=1, locked=True),
+        Field(
+            "GevSCPSPacketSize",
+            0x0D04,
+            writable=True,
+            msb=16,
+            limits=(MIN_PACKET_BYTES, MAX_PACKET_BYTES, 4),
+            unit="bytes",
+            locked=True,
+        ),
+        Field("GevSCPD", 0x0D08, writable=True, limits=(0, MAX_PACKET_DELAY_NS, 1), unit="ns"),
+        Field("GevSCDA", 0x0D18, writable=True, locked=True),
+        Field("GevSCSP", 0x0D1C, msb=16),
+    ),
+)
+"""How a description speaks of the registers below."""
+
+
+def mac_address(serial: str) -> int:
+    """A locally administered MAC address of this serial's own."""
+    digest = hashlib.blake2s(serial.encode(), digest_size=5).digest()
+    return int.from_bytes(b"\x02" + digest, "big")
+
+
+def bootstrap_registers(
+    device: Device,
+    address: str,
+    privilege: ControlPrivilege,
+    stream: StreamChannel,
+    description: bytes,
+    *,
+    description_address: int = DESCRIPTION_ADDRESS,
+) -> Iterator[Register]:
+    """The bootstrap registers of a camera at an IPv4 address, and the memory of its zipped description."""
+    yield from _identity(device, address)
+    url = f"Local:{device.features.get('DeviceModelName')}.zip;{description_address:x};{len(description):x}"
+    yield constant(0x0200, url.encode().ljust(512, b"\0"))
+    yield constant(0x0400, bytes(512))  # no second description
+    yield constant(description_address, description)
+    yield constant(0x0600, _u32(1))  # network interfaces
+    yield constant(0x0900, _u32(0))  # message channels
+    yield constant(0x0904, _u32(1))  # stream channels
+    yield constant(0x0934, _u32(_GVCP_CAPABILITY))
+    yield unsigned(
+        0x0938, lambda: privilege.heartbeat_ms, lambda timeout_ms: setattr(privilege, "heartbeat_ms", timeout_ms)
+    )
+    yield from _clock(device)
+    yield unsigned(CONTROL_PRIVILEGE, lambda: privilege.value)
+    yield from _stream(stream)
+
+
+def _identity(device: Device, address: str) -> Iterator[Register]:
+    """Addresses 0 to 0xF8, which also answer a DISCOVERY."""
+    features = device.features
+
+    def text(at: int, length: int, value: str) -> Register:
+        return constant(at, value.encode()[: length - 1].ljust(length, b"\0"))
+
+    yield constant(0x0000, _u32(2 << 16))  # GigE Vision 2.0, in its mode of 16-bit block ids
+    yield constant(0x0004, _u32(0x80000001))  # big-endian transmitter, UTF-8
+    yield constant(0x0008, mac_address(str(features.get("DeviceSerialNumber"))).to_bytes(8, "big"))
+    yield constant(0x0010, _u32(0b110))  # IP configurations on offer: DHCP, link-local
+    yield constant(0x0014, _u32(0b110))
+    yield constant(0x0018, bytes(12))
+    yield constant(0x0024, socket.inet_aton(address))
+    yield constant(0x0028, bytes(12))
+    yield constant(0x0034, socket.inet_aton("255.0.0.0"))
+    yield constant(0x0038, bytes(12))
+    yield constant(0x0044, bytes(4))  # no gateway
+    yield text(0x0048, 32, str(features.get("DeviceVendorName")))
+    yield text(0x0068, 32, str(features.get("DeviceModelName")))
+    yield text(0x0088, 32, str(features.get("DeviceVersion")))
+    yield text(0x00A8, 48, "simulated camera")
+    yield text(0x00D8, 16, str(features.get("DeviceSerialNumber")))
+    yield _user_name(device)
+
+
+def _user_name(device: Device) -> Register:
+    def write(data: bytes) -> None:
+        try:
+            device.features.set("DeviceUserID", data.split(b"\0", 1)[0].decode("ascii"))
+        except (UnicodeDecodeError, FeatureError) as error:
+            raise CommandError(Status.INVALID_PARAMETER) from error
+
+    def read() -> bytes:
+        return str(device.features.get("DeviceUserID")).encode()[:15].ljust(16, b"\0")
+
+    return Register(0x00E8, 16, read, write)
+
+
+def _clock(device: Device) -> Iterator[Register]:
+    def control(value: int) -> None:
+        if value & ~LATCH_TIMESTAMP:
+            raise CommandError(Status.INVALID_PARAMETER)  # the clock cannot be reset
+        if value:
+            device.execute("TimestampLatch")
+
+    yield constant(0x093C, struct.pack(">Q", 1_000_000_000))  # ticks per second
+    yield unsigned(0x0944, lambda: 0, control)
+    yield Register(0x0948, 8, lambda: struct.pack(">Q", device.features.get("TimestampLatchValue")))
+
+
+def _stream(stream: StreamChannel) -> Iterator[Register]:
+    def settable(address: int, name: str) -> Register:
+        return unsigned(address, lambda: getattr(stream, name), lambda value: setattr(stream, name, value))
+
+    yield settable(0x0D00, "host_port")
+    yield settable(0x0D04, "packet_size_register")
+    yield settable(0x0D08, "packet_delay_ns")
+    yield settable(0x0D18, "destination")
+    yield unsigned(0x0D1C, lambda: stream.source_port)
+    yield constant(0x0D20, _u32(0))  # nothing optional on offer
+    yield constant(0x0D24, _u32(0))  # nor chosen
+
+
+def _u32(value: int) -> bytes:
+    return struct.pack(">I", value)

@@ -1,0 +1,135 @@
+"""The words of GVCP, the GigE Vision control protocol: commands in, acknowledgements out."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import IntEnum
+
+from fake_camera.genicam.status import CommandError, Status
+
+PORT = 3956
+"""The UDP port that every GigE Vision camera listens on."""
+
+MAX_READ_BYTES = 536
+"""Most bytes that one READMEM may ask for: a datagram of 576 bytes, which every IPv4 host accepts, less its headers."""
+
+DISCOVERY_BYTES = 0xF8
+"""A DISCOVERY is answered with this much of the bootstrap registers, from address 0 on."""
+
+_KEY = 0x42
+_ACK_REQUIRED = 0x01
+_HEADER = struct.Struct(">BBHHH")
+_ACK_HEADER = struct.Struct(">HHHH")
+
+
+class Command(IntEnum):
+    """The commands this camera knows; the acknowledgement of each has the next number."""
+
+    DISCOVERY = 0x0002
+    FORCEIP = 0x0004
+    PACKETRESEND = 0x0040
+    READREG = 0x0080
+    WRITEREG = 0x0082
+    READMEM = 0x0084
+    WRITEMEM = 0x0086
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """One command datagram.
+
+    `command` is a plain number, since a camera must also answer commands it does not know.
+    """
+
+    command: int
+    request_id: int
+    ack_required: bool
+    payload: bytes
+
+    @classmethod
+    def from_bytes(cls, datagram: bytes) -> Request | None:
+        """Read a datagram; None when it is no GVCP command at all, and hence to be ignored."""
+        if len(datagram) < _HEADER.size:
+            return None
+        key, flags, command, length, request_id = _HEADER.unpack_from(datagram)
+        payload = datagram[_HEADER.size :]
+        # Longer than announced is padding (Ethernet pads short frames); shorter was cut on its way.
+        if key != _KEY or request_id == 0 or length > len(payload):
+            return None
+        return cls(command, request_id, bool(flags & _ACK_REQUIRED), payload[:length])
+
+    def acknowledge(self, payload: bytes, status: Status = Status.SUCCESS) -> bytes:
+        """The datagram that answers this request."""
+        return _ACK_HEADER.pack(status, (self.command + 1) & 0xFFFF, len(payload), self.request_id) + payload
+
+
+@dataclass(frozen=True, slots=True)
+class Resend:
+    """What a PACKETRESEND asks for: packets `first` to `last`, both included, of one block of the stream."""
+
+    channel: int
+    block_id: int
+    first: int
+    last: int
+
+    @classmethod
+    def from_payload(cls, payload: bytes) -> Resend:
+        """Read the payload of a PACKETRESEND (standard, 16-bit block ids).
+
+        Raises
+        ------
+        CommandError
+            INVALID_HEADER when the payload is too short.
+        """
+        channel, block_id, first, last = _unpack(">HHII", payload)
+        return cls(channel, block_id, first & 0xFFFFFF, last & 0xFFFFFF)
+
+
+def register_addresses(payload: bytes) -> list[int]:
+    """The addresses that a READREG asks for; raises CommandError INVALID_HEADER when there is none or half of one."""
+    return [address for (address,) in _records(">I", payload)]
+
+
+def register_writes(payload: bytes) -> list[tuple[int, bytes]]:
+    """The addresses and 4-byte values of a WRITEREG; raises CommandError INVALID_HEADER as `register_addresses`."""
+    return [(address, value.to_bytes(4, "big")) for address, value in _records(">II", payload)]
+
+
+def memory_range(payload: bytes) -> tuple[int, int]:
+    """The address and the number of bytes that a READMEM asks for.
+
+    Raises
+    ------
+    CommandError
+        INVALID_HEADER when the payload is too short, INVALID_PARAMETER when it asks for nothing or for too much.
+    """
+    address, _reserved, count = _unpack(">IHH", payload)
+    if not 0 < count <= MAX_READ_BYTES:
+        raise CommandError(Status.INVALID_PARAMETER)
+    return address, count
+
+
+def memory_write(payload: bytes) -> tuple[int, bytes]:
+    """The address and the data of a WRITEMEM; raises CommandError INVALID_HEADER when there is no data."""
+    if len(payload) <= 4:
+        raise CommandError(Status.INVALID_HEADER, write_acknowledgement(0))
+    return int.from_bytes(payload[:4], "big"), payload[4:]
+
+
+def write_acknowledgement(written: int) -> bytes:
+    """The payload that acknowledges a WRITEREG (registers written) or a WRITEMEM (bytes written)."""
+    return struct.pack(">HH", 0, written)
+
+
+def _unpack(layout: str, payload: bytes) -> tuple[int, ...]:
+    if len(payload) < struct.calcsize(layout):
+        raise CommandError(Status.INVALID_HEADER)
+    return struct.unpack_from(layout, payload)
+
+
+def _records(layout: str, payload: bytes) -> Iterator[tuple[int, ...]]:
+    if not payload or len(payload) % struct.calcsize(layout):
+        raise CommandError(Status.INVALID_HEADER)
+    return struct.iter_unpack(layout, payload)

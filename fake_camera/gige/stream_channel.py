@@ -1,0 +1,156 @@
+"""The stream channel: frames go out as GVSP packets, at a pace a receiver keeps up with; lost ones go again."""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+import struct
+import time
+from collections import deque
+
+from fake_camera.device.faults import Faults
+from fake_camera.genicam.status import CommandError, Status
+from fake_camera.gige.gvcp import Resend
+from fake_camera.gige.gvsp import Block, trial_packet, unavailable_packet
+from fake_camera.imaging import ExposedFrame
+
+MIN_PACKET_BYTES = 220
+MAX_PACKET_BYTES = 9000  # also at power-on: large packets cost a third of the CPU of small ones
+
+MAX_PACKET_DELAY_NS = 1_000_000
+
+_PACE_S_PER_BYTE = 0.3e-3 / 65536
+"""Pause per byte sent, for a client's default socket buffer (about 200 kB) loses packets of an unpaced frame."""
+
+_SHORTEST_PAUSE_S = 0.25e-3  # pauses are saved up to this: shorter ones cost more CPU than they give rest
+_BLOCKS_KEPT = 8
+
+_FIRE_TEST_PACKET = 1 << 31
+_DO_NOT_FRAGMENT = 1 << 30
+
+# Linux names that Python's socket module does not carry (linux/in.h).
+_IP_MTU_DISCOVER, _IP_PMTUDISC_DONT, _IP_PMTUDISC_DO = 10, 0, 2
+
+
+class StreamChannel:
+    """One stream to one client; its settings are those of the stream channel registers.
+
+    Attributes
+    ----------
+    source_port
+        The UDP port that packets come from.
+    """
+
+    def __init__(self, address: str, faults: Faults) -> None:
+        self._faults = faults
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.bind((address, 0))
+        self._kept: deque[Block] = deque(maxlen=_BLOCKS_KEPT)
+        self.source_port: int = self._socket.getsockname()[1]
+        self._power_on()
+
+    def _power_on(self) -> None:
+        self._host_port = 0
+        self.destination = 0
+        self._packet_delay_ns = 0
+        self._packet_bytes = MAX_PACKET_BYTES
+        self._set_do_not_fragment(True)
+
+    def reset(self) -> None:
+        """Back to the power-on state: no client."""
+        self._power_on()
+        self._kept.clear()
+
+    def stop(self) -> None:
+        """Close the channel to the client, whose settings stay."""
+        self._host_port = 0
+
+    def close(self) -> None:
+        """Free the socket."""
+        self._socket.close()
+
+    @property
+    def destination(self) -> int:
+        """The client's IPv4 address as a number."""
+        return self._destination
+
+    @destination.setter
+    def destination(self, value: int) -> None:
+        self._destination = value
+        self._client = socket.inet_ntoa(struct.pack(">I", value))
+
+    @property
+    def host_port(self) -> int:
+        """The client's UDP port; 0 closes the channel."""
+        return self._host_port
+
+    @host_port.setter
+    def host_port(self, value: int) -> None:
+        self._host_port = value & 0xFFFF  # the upper half of its register names a network interface: there is one
+
+    @property
+    def packet_delay_ns(self) -> int:
+        """Pause after each packet, on top of the pace."""
+        return self._packet_delay_ns
+
+    @packet_delay_ns.setter
+    def packet_delay_ns(self, delay_ns: int) -> None:
+        if delay_ns > MAX_PACKET_DELAY_NS:
+            raise CommandError(Status.INVALID_PARAMETER)
+        self._packet_delay_ns = delay_ns
+
+    @property
+    def packet_size_register(self) -> int:
+        """The packet size register: bytes of a packet with all its headers, and the do-not-fragment bit."""
+        return self._packet_bytes | (_DO_NOT_FRAGMENT if self._do_not_fragment else 0)
+
+    @packet_size_register.setter
+    def packet_size_register(self, value: int) -> None:
+        packet_bytes = value & 0xFFFF
+        if not MIN_PACKET_BYTES <= packet_bytes <= MAX_PACKET_BYTES:
+            raise CommandError(Status.INVALID_PARAMETER)
+        self._packet_bytes = packet_bytes
+        self._set_do_not_fragment(bool(value & _DO_NOT_FRAGMENT))
+        if value & _FIRE_TEST_PACKET:
+            self._send([trial_packet(packet_bytes)])
+
+    def send(self, frame: ExposedFrame, chunks: bytes) -> None:
+        """Send a frame with its chunk data and keep it for a while; takes as long as the pace demands."""
+        if not self._host_port:
+            return
+        block = Block.from_frame(frame, chunks, self._packet_bytes)
+        packet_ids = list(range(block.last_packet_id + 1))
+        if self._faults.spoils_frame("truncate"):
+            del packet_ids[len(packet_ids) // 2 : -1]  # of the rest nothing is kept to be sent again
+        else:
+            self._kept.append(block)
+        pause_s = 0.0
+        for packet_id in packet_ids:
+            sent = self._send(block.packet(packet_id))
+            pause_s += sent * _PACE_S_PER_BYTE + self._packet_delay_ns * 1e-9
+            if pause_s > _SHORTEST_PAUSE_S:
+                time.sleep(pause_s)  # never made up for when it lasted longer: a burst is what loses packets
+                pause_s = 0.0
+
+    def resend(self, request: Resend) -> None:
+        """Send packets again; those not kept any more are answered with an error, once for the whole request."""
+        block = next((block for block in tuple(self._kept) if block.block_id == request.block_id), None)
+        if block is None or request.first > block.last_packet_id:
+            self._send([unavailable_packet(request.block_id, request.first)])
+            return
+        for packet_id in range(request.first, min(request.last, block.last_packet_id) + 1):
+            self._send(block.packet(packet_id, Status.PACKET_RESEND))
+
+    def _send(self, buffers: list[bytes | memoryview]) -> int:
+        """Send one packet and return its bytes, whether a fault or the network loses it or not."""
+        size = sum(map(len, buffers))
+        if not self._host_port or self._faults.vanished or self._faults.lose_packet():
+            return size
+        with contextlib.suppress(OSError):  # UDP promises nothing: too big to go unfragmented, no route, no room
+            self._socket.sendmsg(buffers, (), 0, (self._client, self._host_port))
+        return size
+
+    def _set_do_not_fragment(self, do_not_fragment: bool) -> None:
+        self._do_not_fragment = do_not_fragment
+        mode = _IP_PMTUDISC_DO if do_not_fragment else _IP_PMTUDISC_DONT
+        self._socket.setsockopt(socket.IPPROTO_IP, _IP_MTU_DISCOVER, mode)

@@ -1,0 +1,1 @@
+"""The USB below USB3 Vision: descriptors, endpoints, and USB/IP."""

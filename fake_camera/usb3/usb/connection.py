@@ -1,0 +1,190 @@
+"""One connection of a USB/IP client: its transfers on their way, and what it has claimed."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import socket
+import threading
+from collections.abc import Callable
+
+from fake_camera.usb3.usb import usbip
+from fake_camera.usb3.usb.descriptors import INTERFACE_OF, INTERFACES
+from fake_camera.usb3.usb.endpoint import InEndpoint, Request
+from fake_camera.usb3.usb_device import Setup, StallError, UsbDevice
+
+_LONGEST_TRANSFER_BYTES = 64 << 20
+
+
+class Claims:
+    """Who has claimed which interface; `released` is called when one has become free."""
+
+    def __init__(self, released: Callable[[int], None]) -> None:
+        self._released = released
+        self._lock = threading.Lock()
+        self._holders: dict[int, Connection] = {}
+
+    def claim(self, holder: Connection, *interfaces: int) -> bool:
+        """Claim all of these, or none and answer False when another connection holds one."""
+        with self._lock:
+            if any(self._holders.get(interface, holder) is not holder for interface in interfaces):
+                return False
+            self._holders.update(dict.fromkeys(interfaces, holder))
+            return True
+
+    def release(self, holder: Connection, *interfaces: int) -> None:
+        """Release those of these that `holder` has claimed."""
+        with self._lock:
+            freed = [interface for interface in interfaces if self._holders.get(interface) is holder]
+            for interface in freed:
+                del self._holders[interface]
+        for interface in freed:
+            self._released(interface)
+
+    def forget(self) -> None:
+        """The camera is unplugged: nobody holds anything any more."""
+        with self._lock:
+            self._holders.clear()
+
+
+class Connection:
+    """A client on a stream socket.
+
+    On a Unix socket many clients import the camera at once, and claim its interfaces; a client on TCP is a Linux host,
+    which takes all of it.
+    """
+
+    def __init__(self, stream: socket.socket, device: UsbDevice, claims: Claims) -> None:
+        self._socket = stream
+        self._device = device
+        self._claims = claims
+        self._local = stream.family == socket.AF_UNIX
+        self._hung_up = False
+        self._sending = threading.Lock()
+        self._pending: dict[int, tuple[InEndpoint | None, Request]] = {}
+
+    def serve(self) -> None:
+        """Answer until the client hangs up or talks nonsense."""
+        with self._socket, contextlib.suppress(OSError, EOFError, usbip.ProtocolError):
+            if self._imported():
+                while not self._hung_up:
+                    self._answer(usbip.parse(self._receive(usbip.HEADER_BYTES)))
+        for sequence in list(self._pending):
+            self._cancel(sequence)
+        self._claims.release(self, *INTERFACES)
+
+    def hang_up(self) -> None:
+        """Cut the connection; what has been received and not yet been answered never will be."""
+        self._hung_up = True
+        with contextlib.suppress(OSError):
+            self._socket.shutdown(socket.SHUT_RDWR)
+
+    def _imported(self) -> bool:
+        """Answer what comes before transfers; whether these may follow."""
+        _version, code, _status = usbip.OPERATION.unpack(self._receive(usbip.OPERATION.size))
+        if code == usbip.REQUEST_DEVICE_LIST:
+            self._send(usbip.device_list_reply())
+            return False
+        if code != usbip.REQUEST_IMPORT:
+            raise usbip.ProtocolError(f"operation {code:#x}")
+        bus_id = self._receive(usbip.BUS_ID_BYTES).rstrip(b"\0").decode("ascii", "replace")
+        accepted = bus_id == usbip.BUS_ID and (self._local or self._claims.claim(self, *INTERFACES))
+        if not self._local:
+            self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._send(usbip.import_reply(accepted))
+        return accepted
+
+    def _answer(self, word: usbip.Submit | usbip.Unlink | usbip.Claim) -> None:
+        match word:
+            case usbip.Submit():
+                if word.length > _LONGEST_TRANSFER_BYTES:
+                    raise usbip.ProtocolError(f"{word.length} bytes")
+                if word.sequence in self._pending:
+                    raise usbip.ProtocolError(f"sequence number {word.sequence} twice")
+                self._submit(word, self._receive(word.data_bytes))
+            case usbip.Unlink():
+                taken_back = self._cancel(word.unlinked)
+                self._send(usbip.unlinked(word.sequence, -errno.ECONNRESET if taken_back else 0))
+            case usbip.Claim():
+                self._claim(word)
+
+    def _claim(self, word: usbip.Claim) -> None:
+        if not self._local:
+            raise usbip.ProtocolError("a claim over TCP")
+        status = 0
+        if not word.claims:
+            self._claims.release(self, word.interface)
+        elif word.interface not in INTERFACES:
+            status = -errno.ENOENT
+        elif not self._claims.claim(self, word.interface):
+            status = -errno.EBUSY
+        self._send(usbip.claimed(word.sequence, status))
+
+    def _submit(self, submit: usbip.Submit, data: bytes) -> None:
+        if submit.endpoint & 0x0F == 0:
+            self._request(submit)
+            return
+        interface = INTERFACE_OF.get(submit.endpoint)
+        if interface is None:
+            self._complete(submit.sequence, -errno.ENOENT)
+        elif not self._claims.claim(self, interface):  # as Linux does it: to use an interface is to claim it
+            self._complete(submit.sequence, -errno.EBUSY)
+        elif submit.endpoint & 0x80:
+            self._read(submit)
+        else:
+            self._write(submit, data)
+
+    def _request(self, submit: usbip.Submit) -> None:
+        setup = Setup.from_bytes(submit.setup)
+        try:
+            answer = self._device.request(setup)
+        except StallError:
+            self._complete(submit.sequence, -errno.EPIPE)
+            return
+        self._complete(submit.sequence, 0, answer, 0 if setup.request_type & 0x80 else setup.length)
+
+    def _read(self, submit: usbip.Submit) -> None:
+        def complete(status: int, data: memoryview) -> None:
+            del self._pending[submit.sequence]
+            self._complete(submit.sequence, status, data)
+
+        endpoint = self._device.endpoints[submit.endpoint]
+        request = Request(submit.length, complete)
+        self._pending[submit.sequence] = endpoint, request
+        endpoint.submit(request)
+
+    def _write(self, submit: usbip.Submit, data: bytes) -> None:
+        status = self._device.write(data)
+        if status is None:
+            self._pending[submit.sequence] = None, Request(submit.length, lambda _status, _data: None)
+        else:
+            self._complete(submit.sequence, status, accepted_bytes=len(data) if status == 0 else 0)
+
+    def _cancel(self, sequence: int) -> bool:
+        """Take a transfer back; False when it has been answered."""
+        endpoint, request = self._pending.get(sequence, (None, None))
+        if request is None or (endpoint is not None and not endpoint.cancel(request)):
+            return False
+        del self._pending[sequence]
+        return True
+
+    def _complete(self, sequence: int, status: int, data: bytes | memoryview = b"", accepted_bytes: int = 0) -> None:
+        with contextlib.suppress(OSError):  # the client has gone: its own thread finds out
+            self._send(usbip.submitted(sequence, status, len(data) or accepted_bytes), data)
+
+    def _send(self, header: bytes, data: bytes | memoryview = b"") -> None:
+        with self._sending:
+            sent = self._socket.sendmsg([header, data])
+            rest = memoryview(header)[sent:], memoryview(data)[max(0, sent - len(header)) :]
+            for part in rest:
+                self._socket.sendall(part)
+
+    def _receive(self, count: int) -> bytes:
+        """Exactly `count` bytes; EOFError when the client hangs up before."""
+        data = bytearray()
+        while len(data) < count:
+            part = self._socket.recv(count - len(data))
+            if not part:
+                raise EOFError
+            data += part
+        return bytes(data)

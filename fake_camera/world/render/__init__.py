@@ -1,0 +1,1 @@
+"""Images of textured rectangles, still or in motion."""

@@ -1,0 +1,143 @@
+"""The world of one camera: a scene under a light script, seen by a sensor."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fake_camera.imaging import ImageSettings, ImageSource, Pixels
+from fake_camera.world.lighting import LightScript
+from fake_camera.world.render.renderer import Pinhole, Renderer, Surface
+from fake_camera.world.scene.panorama import Panorama, load_radiance
+from fake_camera.world.scene.path import CameraPath, right_of
+from fake_camera.world.scene.room import furnished_room
+from fake_camera.world.sensor import Sensor, SensorModel
+
+Side = Literal["left", "right"]
+
+_LONGEST_PART_PX = 16.0
+"""A longer motion is rendered in parts. The corners of the image, and near things, move by up to a third more."""
+
+
+class Scene(Protocol):
+    """Linear radiance, before any sensor."""
+
+    def exposed(self, start_s: float, exposure_s: float, lux: float) -> NDArray[np.float32]:
+        """Mean radiance over an exposure, in lux times reflectance, shape (height, width); affine in `lux`.
+
+        What is returned is overwritten by the next call.
+        """
+
+
+class RoomView:
+    """What one camera of the stereo pair sees of the furnished room on its way along the path."""
+
+    def __init__(self, renderer: Renderer, path: CameraPath, side: Side) -> None:
+        self._renderer = renderer
+        self._path = path
+        self._side = side
+
+    def pose(self, time_s: float) -> NDArray[np.float64]:
+        """Pose of this camera, camera to world, shape (4, 4)."""
+        pose = self._path.pose(time_s)
+        return right_of(pose) if self._side == "right" else pose
+
+    def image_shift_px(self, start_s: float, end_s: float) -> float:
+        """About how far the image moves between two instants: the turn, and the way seen from 1 m."""
+        start, end = self.pose(start_s), self.pose(end_s)
+        turn_rad = math.acos(min(max(float(start[:3, 2] @ end[:3, 2]), -1.0), 1.0))
+        return self._renderer.camera.focal_px * (turn_rad + math.dist(start[:3, 3], end[:3, 3]))
+
+    def radiance(self, times_s: NDArray[np.float64], lux: float) -> NDArray[np.float32]:
+        """Mean radiance over the instants in lux times reflectance, shape (height, width); overwritten by the next."""
+        return self._renderer.render(np.array([self.pose(float(time_s)) for time_s in times_s]), lux)
+
+    def exposed(self, start_s: float, exposure_s: float, lux: float) -> NDArray[np.float32]:
+        """Mean radiance over an exposure, see `Scene`; its cost hardly depends on the motion."""
+        shift_px = self.image_shift_px(start_s, start_s + exposure_s)
+        parts = max(math.ceil(shift_px / _LONGEST_PART_PX), 1)
+        times_s = start_s + exposure_s * np.linspace(0.0, 1.0, 2 * parts + 1)
+        poses = [self.pose(float(time_s)) for time_s in times_s]
+        return self._renderer.render_motion(np.array([poses[i : i + 3] for i in range(0, 2 * parts, 2)]), lux)
+
+
+class SimulatedCamera:
+    """An `ImageSource`: a scene under a light script, exposed by a sensor. It reads no clock; not for two threads.
+
+    With `still` the camera stands where it is at time 0, and what it sees is rendered anew only when the light changes.
+    """
+
+    def __init__(self, scene: Scene, light: LightScript, sensor: Sensor, *, still: bool = False) -> None:
+        self.sensor_width = sensor.model.width
+        self.sensor_height = sensor.model.height
+        self._scene = scene
+        self._light = light
+        self._sensor = sensor
+        self._still = still
+        self._rendered: tuple[float, NDArray[np.float32]] | None = None
+
+    def take(self, start_s: float, settings: ImageSettings, noise_seed: int) -> Pixels:
+        """The image of one exposure, see `ImageSource.take`; motion and light are those of this very exposure."""
+        exposure_s = settings.exposure_time_us * 1e-6
+        lux = self._light.mean_lux(start_s, exposure_s)
+        radiance = self._at_rest(lux) if self._still else self._scene.exposed(start_s, exposure_s, lux)
+        return self._sensor.expose(radiance, settings, noise_seed)
+
+    def lux(self, time_s: float) -> float:
+        """Illumination of the light script at `time_s`, with flicker averaged out."""
+        return self._light.lux(time_s)
+
+    def _at_rest(self, lux: float) -> NDArray[np.float32]:
+        if self._rendered is None or self._rendered[0] != lux:
+            self._rendered = lux, self._scene.exposed(0.0, 0.0, lux)
+        return self._rendered[1]
+
+
+def build_image_source(
+    scene: str,
+    side: Side,
+    light: LightScript,
+    seed: int,
+    response: str = "linear",
+    *,
+    still: bool = False,
+    paint: Callable[[int], Sequence[Surface]] = furnished_room,
+) -> ImageSource:
+    """Build the world of one camera. Its first image of each pixel format is slow where kernels are not compiled yet.
+
+    Parameters
+    ----------
+    scene
+        "room", or the path of a Radiance .hdr file to pan across.
+    side
+        Which camera of the stereo pair this is; both must be built with the same scene, light and seed.
+    light
+        Illumination over time.
+    seed
+        Decides the room; the noise also depends on the side.
+    response
+        Name of the sensor's response function.
+    still
+        Whether the camera stands still, as on a tripod.
+    paint
+        Makes the room of a seed.
+
+    Raises
+    ------
+    ValueError
+        One sentence: what is wrong with the file, or that there is no such response function.
+    """
+    model = SensorModel()
+    sensor = Sensor(model, 2 * seed + (side == "right"), response)
+    view: Scene
+    if scene == "room":
+        renderer = Renderer(paint(seed), Pinhole(model.width, model.height))
+        view = RoomView(renderer, CameraPath(), side)
+    else:
+        view = Panorama(load_radiance(Path(scene)), side, model.width, model.height)
+    return SimulatedCamera(view, light, sensor, still=still)

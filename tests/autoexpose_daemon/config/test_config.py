@@ -1,0 +1,313 @@
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any, get_args
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from pydantic import BaseModel, TypeAdapter, ValidationError
+
+from autoexpose_daemon.config.document import Config, load_config
+from autoexpose_daemon.control.parameters import ControlParameters
+from autoexpose_daemon.control.region import Rectangle
+from calibration.response import ResponseFunction
+from calibration.response.file import CameraIdentity, Origin, ResponseFile
+from drivers.config import bounds
+from drivers.errors import ConfigurationError
+from drivers.exposure import ExposureSetting
+from tests import REPOSITORY
+
+LEFT = "cameras: {left: {serial: A}}\n"
+STEREO = {"cameras": {"left": {"serial": "A"}, "right": {"serial": "B"}}}
+
+
+def complaint(tmp_path: Path, text: str) -> str:
+    file = tmp_path / "rig.yaml"
+    file.write_text(text)
+    with pytest.raises(ConfigurationError) as caught:
+        load_config(file)
+    message = str(caught.value)
+    assert str(file) in message
+    return message
+
+
+def test_a_short_file_has_the_documented_defaults(tmp_path: Path) -> None:
+    file = tmp_path / "rig.yaml"
+    file.write_text("cameras: {left: {serial: '1'}, right: {serial: '2'}}")
+    config = load_config(file)
+    limits = config.exposure.limits()
+    assert (limits.min_time_us, limits.max_time_us, limits.min_gain_db, limits.max_gain_db) == (20, 7500, 0, 30)
+    assert (config.trigger.mode, config.trigger.rate_hz) == ("external", 60)
+    assert config.start == ExposureSetting(2000, 0)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("cameras: {left: {serial: A}}\nexposure: {max_time: 5000}", ["exposure.max_time:", "max_time_us"]),
+        ("cameras: {left: {serial: A, respnse: x}}", ["cameras.left.respnse", "cameras.left.response"]),
+        ("camera: {}", ["camera: unknown key", "cameras"]),
+        ("exposure: {}", ["cameras: is missing"]),
+        ("cameras: {left: {serial: A}}\ncontrol: {policy: begin2021}", ["begin2021", "did you mean begin2022"]),
+        ("cameras: {left: {serial: A}}\nexposure: {min_time_us: 900, max_time_us: 30}", ["exposure:", "900"]),
+        ("cameras: {left: {serial: A}}\nexposure: {max_time_us: 20000}", ["20000", "trigger.rate_hz"]),
+        ("cameras: {left: {serial: A}}\nexposure: {max_time_us: .nan}", ["exposure.max_time_us"]),
+        ("cameras: {left: {serial: A}}\ncontrol: {start: {exposure_time_us: 9000}}", ["control.start", "9000"]),
+        ("cameras: {left: {serial: A}, right: {serial: A}}", ["same camera"]),
+        ("cameras: {left: {serial: A}, right: {serial: B}}\ntrigger: {mode: free_run}", ["free_run"]),
+        ("cameras: {left: {serial: A}}\ntrigger: {mode: primary}", ["primary takes two cameras"]),
+        ("cameras: {left: {serial: A, response: missing.yaml}}", ["missing.yaml"]),
+        ("cameras: {left: {serial: 22500001}}", ["cameras.left.serial", "quotes"]),
+        ("x: 2024-13-45", ["YAML"]),
+        ("exposure: {max_time_us: 100}\ncameras: {left: {serial: A}}\nexposure: {}", ["'exposure'", "twice", "line 3"]),
+        (LEFT + "control: {balance: blurnoise}", ["control.balance", "blur_noise"]),
+        (LEFT + "control: {motion: lucas}", ["control.motion", "farneback"]),
+        (LEFT + "control: {metric_delta: 2}", ["control.metric_delta: 2.0 is out of bounds: give 0 to 0.99"]),
+        (LEFT + "control: {flicker_hz: 0}", ["control.flicker_hz: 0.0 is out of bounds: give 10 to 1000 Hz"]),
+        (LEFT + "control: {focal_length_px: -1}", ["control.focal_length_px: -1.0 is out of bounds"]),
+        (
+            LEFT + "control: {roi: {left: {rectangle: []}}}",
+            ["control.roi.left.rectangle", "control.roi.left.rectangles"],
+        ),
+        (LEFT + "control: {roi: {left: {rectangles: [{box: [0, 0, 9]}]}}}", ["control.roi.left.rectangles.0.box"]),
+        (LEFT + "control: {roi: {left: {rectangles: [{box: [0, 0, 9, 0]}]}}}", ["control.roi.left.rectangles.0.box.3"]),
+        (LEFT + "control: {roi: {left: {rectangles: [{wieght: 1}]}}}", ["rectangles.0.wieght", "rectangles.0.weight"]),
+        (LEFT + "control: {roi: {left: {background_weight: 2}}}", ["control.roi.left.background_weight"]),
+        (LEFT + "control: {roi: {left: {mask: none.png}}}", ["control.roi.left.mask", "none.png", "cannot be read"]),
+        (LEFT + "control: {roi: {right: {}}}", ["control.roi.right", "cameras.right"]),
+        *(
+            (LEFT + f"trigger: {{rate_hz: {rate}}}", ["trigger.rate_hz: ", "is out of bounds: give 0.1 to 1000 Hz"])
+            for rate in ("1.0e-300", "1.0e-9", "1.0e+6", ".nan", ".inf")
+        ),
+        (LEFT + "trigger: {rate_hz: yes}", ["trigger.rate_hz: true is no number"]),
+        (LEFT + "exposure: {max_gain_db: 7000}", ["exposure.max_gain_db: 7000.0 is out of bounds: give -60 to 100 dB"]),
+        (LEFT + "exposure: {min_time_us: 1.0e-9}", ["exposure.min_time_us", "give 0.1 to 10000000 us"]),
+        (LEFT + "control: {start: {exposure_time_us: 1.0e+9}}", ["control.start.exposure_time_us"]),
+        (LEFT + "control: {metric_lambda: 1.0e+300}", ["control.metric_lambda", "give 0.001 to 1000000"]),
+        (LEFT + "control: {metric_lambda: 1.0e-300}", ["control.metric_lambda"]),
+        (LEFT + "control: {balance_weight: 1.0e+300}", ["control.balance_weight", "give 1e-06 to 1000"]),
+        (LEFT + "image: {binning: 9}", ["image.binning: 9 is out of bounds: give 1 to 8 pixels"]),
+        (LEFT + "transport: {packet_size_bytes: 99999}", ["transport.packet_size_bytes", "give 576 to 16000 bytes"]),
+        (LEFT + "trigger: {line: ''}", ["trigger.line: '' is no name"]),
+        (LEFT + 'trigger: {output_line: "Line1\\e[2J"}', ["trigger.output_line: 'Line1\\x1b[2J' is no name"]),
+        ('cameras: {left: {serial: "A\\nB"}}', ["cameras.left.serial: 'A\\nB' is no name"]),
+        ('cameras: {left: {serial: "\\e[31mA"}}', ["cameras.left.serial: '\\x1b[31mA' is no name"]),
+        ("cameras: {left: {serial: '  '}}", ["cameras.left.serial: '  ' is no name", "without blanks around"]),
+        ("cameras: {left: {serial: 'A '}}", ["cameras.left.serial: 'A ' is no name"]),
+        (
+            "cameras: {left: {serial: left-1a}, right: {serial: LEFT-1A}}",
+            ["cameras: left and right are the same but for case, left-1a and LEFT-1A", "autoexpose list"],
+        ),
+        (
+            LEFT + "control: {roi: {left: {rectangles: [{box: [0, 0, 9, 9]}, {box: [0, 0, 99, 99], weight: 0}]}}}",
+            ["control.roi.left: no pixel counts"],
+        ),
+        (
+            LEFT + "control: {roi: {left: {background_weight: 0.001, rectangles: [{box: [0, 0, 9, 9], weight: 0}]}}}",
+            ["control.roi.left: no pixel counts"],
+        ),
+        (LEFT + "control: {roi: {left: {rectangles: [{box: [0, 0, 9, 70000]}]}}}", ["box.3: 70000 is out of bounds"]),
+        ("[1, 2", ["YAML"]),
+        ("just words", ["cameras"]),
+    ],
+)
+def test_a_mistake_is_named_with_its_key(tmp_path: Path, text: str, words: list[str]) -> None:
+    message = complaint(tmp_path, text)
+    for word in words:
+        assert word in message
+
+
+WHITE = np.full((540, 720), 255, np.uint8)
+
+
+@pytest.mark.parametrize(
+    ("file_name", "picture", "words"),
+    [
+        ("mask.jpg", WHITE, ["not a PNG"]),
+        ("mask.png", np.zeros((540, 720), np.uint8), ["black all over"]),
+        ("mask.png", np.full((540, 720), 65535, np.uint16), ["8-bit grey"]),
+        ("mask.png", np.full((540, 720, 3), 255, np.uint8), ["8-bit grey"]),
+        ("mask.png", np.pad(np.full((2, 2), 255, np.uint8), 269), ["no pixel"]),
+    ],
+)
+def test_a_mask_that_cannot_be_used_is_named_with_file_and_key(
+    tmp_path: Path, file_name: str, picture: NDArray[np.uint8], words: list[str]
+) -> None:
+    assert cv2.imwrite(str(tmp_path / file_name), picture)
+    message = complaint(tmp_path, LEFT + f"control: {{roi: {{left: {{mask: {file_name}}}}}}}")
+    for word in ["control.roi.left", str(tmp_path / file_name), *words]:
+        assert word in message
+
+
+def test_a_text_file_is_no_mask(tmp_path: Path) -> None:
+    (tmp_path / "mask.png").write_text("mask")
+    assert "not a PNG" in complaint(tmp_path, LEFT + "control: {roi: {left: {mask: mask.png}}}")
+
+
+@pytest.mark.parametrize("odd", ["pipe", "/dev/zero", "/dev/kmsg", "."])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "cameras: {left: {serial: A, response: FILE}}",
+        LEFT + "control: {roi: {left: {mask: FILE}}}",
+        LEFT + "publish: {zenoh: FILE}",
+    ],
+)
+def test_pipes_devices_and_folders_are_refused_wherever_a_file_is_named(tmp_path: Path, text: str, odd: str) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    file = tmp_path / "rig.yaml"
+    if text:
+        file.write_text(text.replace("FILE", odd))
+    else:
+        file.symlink_to(tmp_path / odd)
+    with pytest.raises(ConfigurationError, match=r"rig\.yaml: .*cannot be read.*a (named pipe|device|directory), no "):
+        load_config(file)
+
+
+def test_regions_are_read_relative_to_the_configuration(tmp_path: Path) -> None:
+    assert cv2.imwrite(str(tmp_path / "left.png"), WHITE)
+    file = tmp_path / "rig.yaml"
+    file.write_text(
+        "cameras: {left: {serial: A}, right: {serial: B}}\n"
+        "control: {roi: {left: {mask: left.png},"
+        " right: {background_weight: 0.5, rectangles: [{box: [0, 0, 720, 100], weight: 0}, {box: [8, 9, 30, 40]}]}}}\n"
+    )
+    regions = load_config(file).control.roi.regions()
+    assert regions["left"].mask is not None
+    assert (regions["left"].mask == 255).all()
+    assert regions["right"].mask is None
+    assert regions["right"].background_weight == 0.5
+    assert regions["right"].rectangles == (Rectangle(0, 0, 720, 100, 0.0), Rectangle(8, 9, 30, 40, 1.0))
+
+
+def test_tuning_reaches_the_loop(tmp_path: Path) -> None:
+    file = tmp_path / "rig.yaml"
+    file.write_text(
+        LEFT + "control: {balance: flicker, flicker_hz: 120, motion: dis, focal_length_px: 860, metric_delta: 0.06,"
+        " metric_lambda: 10, balance_weight: 0.1, balance_offset: 1, mean_target: 0.4}"
+    )
+    assert load_config(file).control.parameters() == ControlParameters(
+        metric_delta=0.06, metric_lambda=10, balance_weight=0.1, balance_offset=1, mean_target=0.4,
+        balance="flicker", flicker_hz=120, motion="dis", focal_length_px=860,
+    )  # fmt: skip
+    assert Config.model_validate(STEREO).control.parameters() == ControlParameters()
+
+
+RANGES = {name: value for name, value in vars(bounds).items() if isinstance(value, bounds.Range)}
+
+
+@pytest.mark.parametrize("name", RANGES)
+def test_the_page_of_the_configuration_says_what_numbers_may_be(name: str) -> None:
+    page = (REPOSITORY / "docs" / "configuration.md").read_text()
+    assert str(RANGES[name]) in page
+
+
+def parts(kind: Any) -> Iterator[Any]:
+    yield kind
+    for part in get_args(kind):
+        yield from parts(part)
+
+
+def numbers(model: type[BaseModel], parent: str = "") -> Iterator[tuple[str, Any]]:
+    """The keys of a model and those below it that hold one number, with what they take."""
+    for name, field in model.model_fields.items():
+        kinds = [*parts(field.annotation)]
+        for kind in kinds:
+            if isinstance(kind, type) and issubclass(kind, BaseModel):
+                yield from numbers(kind, f"{parent}{name}.")
+        if (float in kinds or int in kinds) and name != "box":
+            yield parent + name, Annotated[field.annotation, field, *field.metadata]
+
+
+NUMBERS = dict(numbers(Config))
+
+
+@pytest.mark.parametrize("key", NUMBERS)
+def test_no_number_of_the_configuration_is_without_bounds(key: str) -> None:
+    for beyond in (-(10**30), 10**30):
+        with pytest.raises(ValidationError, match=r"out of bounds|less than|greater than"):
+            TypeAdapter(NUMBERS[key]).validate_python(beyond)
+
+
+def test_a_missing_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ConfigurationError, match="no-such"):
+        load_config(tmp_path / "no-such.yaml")
+
+
+def test_a_configured_start_is_taken_to_the_letter() -> None:
+    config = Config.model_validate(STEREO | {"control": {"start": {"exposure_time_us": 300}}})
+    assert config.start == ExposureSetting(300.0, 0.0)
+
+
+@given(st.floats(1.0, 7000.0), st.floats(1.0, 7000.0))
+def test_the_start_is_always_within_the_bounds(low: float, high: float) -> None:
+    low, high = sorted((low, high))
+    config = Config.model_validate(STEREO | {"exposure": {"min_time_us": low, "max_time_us": high, "max_gain_db": 5}})
+    assert low <= config.start.exposure_time_us <= high
+    assert 0 <= config.start.gain_db <= 5
+
+
+def test_a_response_file_of_another_camera_is_refused(tmp_path: Path) -> None:
+    identity = CameraIdentity("Maker", "Model 7", "B")
+    ResponseFile(ResponseFunction.linear(), Origin(identity, "Mono8")).save(tmp_path / "r.yaml")
+    message = complaint(tmp_path, "cameras: {left: {serial: A, response: r.yaml}}")
+    assert "cameras.left.response" in message
+    assert "camera.serial is B, but this is camera A" in message
+    message = complaint(tmp_path, "cameras: {left: {serial: B, response: r.yaml}}\nimage: {pixel_format: Mono12}")
+    assert "pixel_format is Mono8" in message
+
+
+WORDS = """cameras left right serial response trigger mode line rate_hz exposure min_time_us max_time_us max_gain_db
+    control policy start exposure_time_us roi rectangles box weight mask image binning pixel_format transport
+    packet_size_bytes publish rig refine flicker_hz"""
+KEYS = st.sampled_from(WORDS.split())
+SCALARS = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8) | st.dates()
+GARBAGE = st.recursive(
+    SCALARS,
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(KEYS | SCALARS, inner, max_size=4),
+    max_leaves=12,
+)
+
+
+def is_config_or_one_sentence_each(file: Path) -> None:
+    """A configuration, or a line for each thing that is wrong, which begins with the file's name."""
+    try:
+        load_config(file)
+    except ConfigurationError as error:
+        lines = str(error).splitlines()
+        assert lines
+        assert all(line.startswith(f"{file}: ") for line in lines)
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.text(max_size=200) | st.binary(max_size=200))
+@example("&a [*a, *a]")
+@example("cameras: &a {left: *a}")
+@example("? [1, 2]\n: 3")
+@example("cameras: {left: {serial: A}}\nexposure: {max_time_us: 1e999}")
+def test_any_text_is_a_configuration_or_a_sentence(
+    tmp_path_factory: pytest.TempPathFactory, content: str | bytes
+) -> None:
+    file = tmp_path_factory.getbasetemp() / "garbage.yaml"
+    file.write_bytes(content if isinstance(content, bytes) else content.encode(errors="replace"))
+    is_config_or_one_sentence_each(file)
+
+
+@settings(max_examples=300, deadline=None)
+@given(content=st.dictionaries(KEYS, GARBAGE, max_size=5), with_camera=st.booleans())
+@example({"cameras": {"\x85": None}}, False)
+def test_any_keys_and_values_are_a_configuration_or_a_sentence_for_each_mistake(
+    tmp_path_factory: pytest.TempPathFactory, content: dict[str, object], with_camera: bool
+) -> None:
+    file = tmp_path_factory.getbasetemp() / "garbage.yaml"
+    camera: dict[str, object] = {"cameras": {"left": {"serial": "A"}}}
+    file.write_text(yaml.safe_dump(content | camera if with_camera else content, allow_unicode=False))
+    is_config_or_one_sentence_each(file)

@@ -1,0 +1,58 @@
+"""What `begin2022` promises, and with which of its promises a frame is compared."""
+
+from __future__ import annotations
+
+import pytest
+from numpy.polynomial import Polynomial
+
+from autoexpose_daemon.control.balance import ExposurePriority
+from autoexpose_daemon.control.loop import ControlLoop
+from autoexpose_daemon.control.metrics.gradient import GradientMetric
+from autoexpose_daemon.control.policies.published.begin2022 import Begin2022
+from autoexpose_daemon.control.policy import Observation
+from calibration.response import ResponseFunction
+from calibration.response.prediction import prediction_tables
+from drivers.exposure import ExposureLimits, ExposureSetting
+from drivers.frames import StereoPair
+
+from .scene import LIMITS, at_time, expose, radiance
+
+LINEAR = ResponseFunction.linear()
+START = ExposureSetting(1000.0, 0.0)
+SAMPLES = (-2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0)
+
+
+@pytest.mark.parametrize("stops_too_bright", [1.0, 1.5])
+def test_the_promise_is_the_maximum_of_the_polynomial_not_the_best_sample(stops_too_bright: float) -> None:
+    """Algorithm 1, step 2, by numpy: the maximum lies between two samples, and above both."""
+    image = expose(radiance(1, 0.5), START, START.level - stops_too_bright).grey8()
+    samples = [GradientMetric().measure(table[image]) for table in prediction_tables(LINEAR, SAMPLES)]
+    through = Polynomial.fit(SAMPLES, samples, 6)
+    peaks = [root.real for root in through.deriv().roots() if abs(root.imag) < 1e-9]
+    peak = min((place for place in peaks if through.deriv(2)(place) < 0), key=abs)
+
+    seen = Observation(image, None, START, 0, samples[3], 0.0, 0.0, 0.0, 0.0, LIMITS, None)
+    target = Begin2022(LINEAR, GradientMetric(), ExposurePriority()).decide(seen)
+    assert target.level - START.level == pytest.approx(peak, abs=1e-3)
+    assert target.predicted_metric == pytest.approx(through(peak), rel=1e-3)
+    assert target.predicted_metric > 1.03 * max(samples)
+
+
+def reason_at(lights: list[float], then: float) -> str:
+    """What is said of a frame under the last light that shows a decision; the same one was made under each before."""
+    limits = ExposureLimits(20.0, 2000.0, 0.0, 0.0)  # so narrow that any darkness asks for the same
+    loop = ControlLoop("begin2022", LINEAR, limits, START)
+    scene, setting = radiance(3, 0.7), START
+    decisions = []
+    for index, light in enumerate([*lights, then]):
+        setting = START if index < len(lights) else limits.brightest
+        decisions.append(loop.step(StereoPair(index, at_time(expose(scene, setting, light), index), None)))
+    assert {decision.setting for decision in decisions} == {limits.brightest}
+    return decisions[-1].reason
+
+
+def test_a_frame_is_compared_with_the_latest_decision_it_may_realise() -> None:
+    """Not with one made in the dark before: the light that came on since is no success of the exposure."""
+    assert "more than predicted" not in reason_at([13.0], then=13.0)
+    assert "more than predicted" in reason_at([15.0], then=13.0)
+    assert "more than predicted" not in reason_at([15.0, 13.0], then=13.0)

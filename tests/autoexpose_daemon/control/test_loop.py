@@ -1,0 +1,225 @@
+from __future__ import annotations
+
+import tracemalloc
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.control.image import ImagePreparation
+from autoexpose_daemon.control.loop import ControlLoop
+from autoexpose_daemon.control.metrics.gradient import GradientMetric
+from autoexpose_daemon.control.motion import DisMotion, FarnebackMotion, FlowMotion
+from autoexpose_daemon.control.parameters import BalanceId, ControlParameters, MotionId
+from autoexpose_daemon.control.policies import POLICY_IDS
+from autoexpose_daemon.control.region import Rectangle, Region
+from calibration.response import ResponseFunction
+from drivers.errors import ConfigurationError
+from drivers.exposure import ExposureLimits, ExposureSetting
+from drivers.frames import Frame, Side, StereoPair
+
+from .scene import LIMITS, at_time, expose, radiance, run
+
+LINEAR = ResponseFunction.linear()
+START = ExposureSetting(1000.0, 0.0)
+X150 = float(np.log2(150))
+
+
+def make(policy_id: str, limits: ExposureLimits = LIMITS) -> ControlLoop:
+    return ControlLoop(policy_id, LINEAR, limits, START)
+
+
+@pytest.mark.parametrize("delay", [1, 2, 3])
+@pytest.mark.parametrize("light", ["up", "down"])
+def test_neves_settles_x150_within_a_second_without_swinging(light: str, delay: int) -> None:
+    dim, bright = 15.0, 15.0 - X150  # level of half scale
+    before, after = (dim, bright) if light == "up" else (bright, dim)
+    levels = run(make("neves2009"), [before] * 90 + [after] * 90, START, delay=delay)
+    was, end = levels[89], levels[-1]
+    assert abs(end - was) == pytest.approx(X150, abs=0.3)
+    settled = levels[90 + 60 - 10 :]
+    assert max(settled) - min(settled) < 0.25
+    overshoot = max(levels[90:]) - end if end > was else end - min(levels[90:])
+    assert overshoot < 0.25
+
+
+def test_begin_finds_the_maximum_of_the_metric() -> None:
+    scene = radiance(1, 0.7)
+    levels = run(make("begin2022"), [11.0] * 80, START, scene=scene)
+    assert max(levels[-10:]) - min(levels[-10:]) < 0.1
+
+    def metric(level: float) -> float:
+        return GradientMetric().measure(_prepared(scene, level, 11.0))
+
+    best = max(metric(level) for level in np.arange(7, 16, 0.125))
+    assert metric(levels[-1]) >= 0.95 * best
+    assert metric(START.level) < 0.95 * best  # it had to find it
+
+
+def _prepared(scene: NDArray[np.float64], level: float, half_scale_level: float) -> NDArray[np.uint8]:
+    frame = expose(scene, ExposureSetting(float(2**level), 0.0), half_scale_level)
+    return ImagePreparation().prepare(frame.grey8())
+
+
+@pytest.mark.parametrize("policy_id", ["majer2018-standard", "majer2018-full"])
+def test_majer_converges_to_half_brightness(policy_id: str) -> None:
+    levels = run(make(policy_id), [14.0] * 100, START, scene=radiance(2, 0.3))
+    assert np.ptp(levels[-20:]) < 0.05
+    assert levels[-1] == pytest.approx(14.0, abs=0.3)
+
+
+@pytest.mark.parametrize("policy_id", ["fixed", "majer2018-fixed"])
+def test_fixed_never_moves(policy_id: str) -> None:
+    decisions: list[Decision] = []
+    start = ExposureSetting(1000.0, 5.0)
+    loop = ControlLoop(policy_id, LINEAR, LIMITS, start)
+    run(loop, [15.0] * 10 + [8.0] * 10, start, watch=decisions.append)
+    for decision in decisions:
+        assert decision.setting.exposure_time_us == pytest.approx(1000.0)
+        assert decision.setting.gain_db == pytest.approx(5.0)
+
+
+@pytest.mark.parametrize("policy_id", POLICY_IDS)
+def test_black_and_white_frames_crash_nothing_and_bounds_hold(policy_id: str) -> None:
+    limits = ExposureLimits(20.0, 7500.0, 0.0, 30.0, time_step_us=7.0, gain_step_db=0.1)
+
+    def check(decision: Decision) -> None:
+        time_us, gain_db = decision.setting.exposure_time_us, decision.setting.gain_db
+        assert limits.min_time_us <= time_us <= limits.max_time_us
+        assert limits.min_gain_db <= gain_db <= limits.max_gain_db
+        assert (time_us - 20) / 7 == pytest.approx(round((time_us - 20) / 7), abs=1e-6)
+        assert gain_db / 0.1 == pytest.approx(round(gain_db / 0.1), abs=1e-6)
+        time_rounding = 7 / 2 / time_us / np.log(2)
+        at_gain_bound = gain_db in (limits.min_gain_db, limits.max_gain_db)
+        # the gain takes what the time could not give, where there is gain to take it
+        assert abs(decision.setting.level - decision.level) < (time_rounding + 1e-3 if at_gain_bound else 0.02)
+        assert np.isfinite([decision.metric, decision.motion_px, decision.level]).all()
+
+    run(make(policy_id, limits), [40.0] * 30 + [-20.0] * 30 + [11.0] * 30, START, watch=check)
+
+
+def test_a_limit_is_said() -> None:
+    decisions: list[Decision] = []
+    run(make("neves2009"), [40.0] * 30, START, watch=decisions.append)
+    assert decisions[-1].reason == "mean below target; held: at upper limit"
+    assert decisions[-1].level == LIMITS.brightest.level
+    assert decisions[-1].black_share == 1
+
+
+def test_feedback_compares_with_the_frame_whose_decision_is_realised() -> None:
+    scene, loop = radiance(3, 0.7), make("begin2022")
+    first = loop.step(StereoPair(0, at_time(expose(scene, START, 14.0), 0), None))
+    loop.step(StereoPair(1, at_time(expose(scene, START, 8.0), 1), None))  # brighter meanwhile: another decision
+    past = loop._decision_realised_by(first.setting)
+    assert past is not None
+    assert past.metric == first.metric
+    assert past.setting == first.setting
+    rounded = ExposureSetting(first.setting.exposure_time_us * 1.005, first.setting.gain_db + 0.04)
+    assert loop._decision_realised_by(rounded) is past
+    assert loop._decision_realised_by(ExposureSetting(20.0, 0.0)) is None
+
+
+def test_frames_in_flight_are_not_corrected_twice() -> None:
+    loop, scene = make("neves2009"), radiance(4, 0.3)
+    frame = expose(scene, START, 12.0)
+    targets = [loop.step(StereoPair(i, at_time(frame, i), None)).level for i in range(4)]
+    assert np.ptp(targets) < 1e-6
+
+
+@pytest.mark.parametrize("policy_id", ["begin2022", "neves2009"])
+def test_deeper_pixels_give_the_same_decision(policy_id: str) -> None:
+    rng = np.random.default_rng(6)
+    deep = rng.integers(0, 4096, (136, 180)).astype(np.uint16)
+
+    def decide(frame: Frame) -> Decision:
+        return make(policy_id).step(StereoPair(0, frame, None))
+
+    eight = decide(Frame((deep >> 4).astype(np.uint8), 8, 0, 0, 0, 0, START))
+    assert decide(Frame(deep, 12, 0, 0, 0, 0, START)) == eight
+    assert decide(Frame(deep << np.uint16(4), 16, 0, 0, 0, 0, START)) == eight
+
+
+def test_the_left_frame_decides_also_when_the_right_one_differs() -> None:
+    left = expose(radiance(7), START, 12.0)
+    right = expose(radiance(8), ExposureSetting(30.0, 20.0), 5.0)
+    assert make("begin2022").step(StereoPair(0, left, right)) == make("begin2022").step(StereoPair(0, left, None))
+
+
+def test_an_unknown_policy_is_refused_with_the_choices() -> None:
+    with pytest.raises(ConfigurationError, match="no policy 'begin2023'; did you mean begin2022"):
+        make("begin2023")
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("metric_delta", 1.0),
+        ("balance_weight", 0.0),
+        ("mean_target", float("nan")),
+        ("flicker_hz", 0.0),
+        ("focal_length_px", -1.0),
+    ],
+)
+def test_a_parameter_without_sense_is_named(name: str, value: float) -> None:
+    with pytest.raises(ConfigurationError, match=name):
+        ControlParameters(**{name: value})
+
+
+@pytest.mark.parametrize(
+    ("balance", "gain_db"),
+    [("exposure_priority", 0.0), ("blur_noise", 26.02), ("fixed_ratio", 9.36), ("policy", 26.02)],
+)
+def test_the_balance_can_be_chosen(balance: BalanceId, gain_db: float) -> None:
+    setting = ExposureSetting(2.0**11, 0.0)
+    loop = ControlLoop("begin2022", LINEAR, LIMITS, setting, ControlParameters(balance=balance))
+    black = Frame(np.zeros((136, 180), np.uint8), 8, 0, 0, 0, 0, setting)
+    decision = loop.step(StereoPair(0, black, None))
+    assert decision.level == pytest.approx(11)
+    assert decision.setting.gain_db == pytest.approx(gain_db, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("policy_id", "motion", "flow"),
+    [
+        ("begin2022", "policy", FarnebackMotion),
+        ("neves2009", "policy", DisMotion),
+        ("begin2022", "dis", DisMotion),
+        ("neves2009", "farneback", FarnebackMotion),
+    ],
+)
+def test_the_flow_can_be_chosen(policy_id: str, motion: MotionId, flow: type[FlowMotion]) -> None:
+    frames = [at_time(expose(np.roll(radiance(5, 1.0, (540, 720)), 6 * i, 1), START, 11.0), i) for i in range(2)]
+    loop = ControlLoop(policy_id, LINEAR, LIMITS, START, ControlParameters(motion=motion))
+    expected, preparation = flow(LINEAR), ImagePreparation()
+    for index, frame in enumerate(frames):
+        speed = expected.measure(preparation.prepare(frame.grey8()), 720, START.level, frame.device_time_ns)
+        assert loop.step(StereoPair(index, frame, None)).motion_px == pytest.approx(speed, rel=1e-6)
+
+
+def test_an_angular_rate_replaces_the_flow() -> None:
+    loop = ControlLoop("begin2022", LINEAR, LIMITS, START, ControlParameters(focal_length_px=860.0))
+    frame = expose(radiance(5), START, 11.0)
+    # 30 degrees a second at a focal length of 860 pixels: 450 pixels a second
+    assert loop.step(StereoPair(0, frame, None), -np.pi / 6).motion_px == pytest.approx(7.505, abs=1e-3)
+    assert loop.step(StereoPair(1, at_time(frame, 1), None)).motion_px == 0  # no predecessor that flow was told of
+    with pytest.raises(ConfigurationError, match="finite"):
+        loop.step(StereoPair(2, frame, None), float("nan"))
+    with pytest.raises(ConfigurationError, match="focal_length_px"):
+        make("begin2022").step(StereoPair(0, frame, None), 0.5)
+
+
+@pytest.mark.parametrize("regions", [{}, {"left": Region("roi", (Rectangle(0, 0, 720, 270, 0.5),), 0.1)}])
+def test_the_steady_state_allocates_no_image(regions: dict[Side, Region]) -> None:
+    loop = ControlLoop("begin2022", LINEAR, LIMITS, START, regions=regions)
+    frame = expose(radiance(9, 1.0, (540, 720)), START, 11.0)
+    for index in range(3):
+        loop.step(StereoPair(index, at_time(frame, index), None))
+    tracemalloc.start()
+    try:
+        for index in range(3, 6):
+            loop.step(StereoPair(index, at_time(frame, index), None))
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert peak < 360 * 270 / 2  # half of the smallest image

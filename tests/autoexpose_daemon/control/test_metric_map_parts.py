@@ -1,0 +1,281 @@
+"""What `metric-map` is made of, one idea at a time."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from autoexpose_daemon.control.metrics.gradient import GradientMetric
+from autoexpose_daemon.control.policies.metric_map.forecast import LEAST_CHANGE, LEAST_FRAMES, RESIDUE, Forecast
+from autoexpose_daemon.control.policies.metric_map.latency import Latency
+from autoexpose_daemon.control.policies.metric_map.memory import FORGOTTEN, LEAST_GAP, MetricMemory, Sighting
+from autoexpose_daemon.control.policies.metric_map.registration import Registration
+from autoexpose_daemon.control.policies.metric_map.search import dark_jump, plateau_centre, probe_bonus
+from autoexpose_daemon.control.policies.metric_map.view import DELTAS, FEWER_DELTAS, FEWEST_DELTAS, View, Viewer
+from calibration.response import ResponseFunction
+from drivers.exposure import ExposureSetting
+
+from .scene import expose, radiance
+
+LINEAR = ResponseFunction.linear()
+
+
+def frame(level: float, half_scale_level: float, noise: float = 0.0, seed: int = 0) -> np.ndarray:
+    grey = expose(radiance(4, 1.0, (270, 360)), ExposureSetting(float(2.0**level), 0.0), half_scale_level).grey8()
+    noisy = grey + np.random.default_rng(seed).normal(0.0, noise, grey.shape)
+    return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
+
+
+def view(peak: float = 0.0, saturated_share: float = 0.0, height: float = 1.0) -> View:
+    """A curve with its peak at a delta."""
+    return View(height * np.exp(-((DELTAS - peak) ** 2)), saturated_share, 0.5)
+
+
+@pytest.mark.parametrize(("change", "level_change"), [(0.0, 1.5), (0.7, 0.0), (-1.0, 1.0), (2.0, -1.0)])
+def test_registration_tells_light_from_exposure(change: float, level_change: float) -> None:
+    registration = Registration(LINEAR)
+    registration.change(frame(11.0, 11.5), 11.0)
+    light = registration.change(frame(11.0 + level_change, 11.5 - change), 11.0 + level_change)
+    assert light is not None
+    assert light.measured
+    assert light.stops == pytest.approx(change, abs=0.05)
+
+
+def test_registration_is_not_led_by_the_noise_of_what_is_left() -> None:
+    """After a fall of 5.5 stops only noise peaks are unclipped in both frames; they alone would say about half."""
+    registration = Registration(LINEAR)
+    registration.change(frame(11.0, 10.0), 11.0)
+    light = registration.change(frame(11.0, 15.5, noise=4.0), 11.0)
+    assert light is not None
+    assert light.stops < -3.5
+
+
+def test_registration_says_when_it_has_but_a_bound() -> None:
+    registration = Registration(LINEAR)
+    assert registration.change(frame(11.0, 12.0), 11.0) is None
+    light = registration.change(np.full((270, 360), 255, np.uint8), 11.0)
+    assert light is not None
+    assert not light.measured
+    assert light.stops > 1
+
+
+def test_registration_ignores_masked_pixels() -> None:
+    registration, weights = Registration(LINEAR), np.full((270, 360), 255, np.uint8)
+    weights[:, :250] = 0
+    registration.change(frame(11.0, 11.5), 11.0, weights)
+    brighter = frame(11.0, 10.5)
+    brighter[:, 250:] = frame(11.0, 11.5)[:, 250:]
+    light = registration.change(brighter, 11.0, weights)
+    assert light is not None
+    assert light.stops == pytest.approx(0.0, abs=0.02)
+
+
+def test_the_map_prefers_the_nearest_sighting_and_moves_with_the_light() -> None:
+    memory = MetricMemory()
+    memory.add(Sighting(10.0, (view(0.0),)))
+    memory.add(Sighting(13.0, (view(-3.0, height=1.01),)))
+    memory.add(Sighting(16.0, (view(-6.0, height=0.99),)))
+    levels = np.arange(6.0, 18.0, 0.25)
+    assert levels[memory.fuse(levels, moving=True)[0].argmax()] == 10.0
+    memory.pass_frame(2.0, 0.0)  # brighter: the same pictures at lower levels
+    assert levels[memory.fuse(levels, moving=True)[0].argmax()] == 8.0
+
+
+def test_what_saturation_hides_is_asked_of_a_darker_frame() -> None:
+    """Between a blind frame above and a seeing one below, the nearer of the two is the blind one."""
+    levels = np.array([11.5])
+    for share, expected in ((0.0, 0.1), (0.9, 1.0)):
+        memory = MetricMemory()
+        memory.add(Sighting(9.5, (View(np.full(DELTAS.shape, 1.0), 0.0, 0.5),)))
+        memory.sightings.append(Sighting(12.0, (View(np.full(DELTAS.shape, 0.1), share, 1.0),)))
+        assert memory.fuse(levels, moving=True)[0, 0] == pytest.approx(expected, abs=0.3)
+
+
+def test_a_still_camera_doubts_what_is_far_up_and_a_moving_one_goes_there() -> None:
+    promise = View(np.interp(DELTAS, [2.0, 6.0], [0.8, 1.0]), 0.0, 0.5)
+    memory = MetricMemory([Sighting(8.0, (promise,))])
+    levels = np.array([10.0, 14.0])
+    assert np.diff(memory.fuse(levels, moving=True)[0]) > 0
+    assert np.diff(memory.fuse(levels, moving=False)[0]) < 0
+
+
+def test_a_contradiction_empties_the_map() -> None:
+    memory = MetricMemory()
+    memory.add(Sighting(10.0, (view(0.0),)))
+    memory.add(Sighting(11.0, (view(-1.0),)))
+    assert len(memory.sightings) == 2
+    memory.add(Sighting(10.5, (view(2.0, height=0.3),)))
+    assert len(memory.sightings) == 1
+
+
+def test_another_number_of_cameras_empties_the_map() -> None:
+    memory = MetricMemory()
+    memory.add(Sighting(10.0, (view(),)))
+    memory.add(Sighting(12.0, (view(-2.0), view(-2.0))))
+    assert len(memory.sightings) == 1
+
+
+def test_old_sightings_are_forgotten() -> None:
+    memory = MetricMemory()
+    memory.add(Sighting(10.0, (view(),)))
+    memory.pass_frame(0.0, FORGOTTEN)
+    assert not memory.sightings
+
+
+def test_a_gap_is_a_frontier_for_a_still_camera_only() -> None:
+    memory = MetricMemory([Sighting(8.0, (view(),)), Sighting(15.0, (view(),))])
+    frontier, known_again = memory.frontier(3.0)
+    assert (frontier.level, known_again) == (15.0, 11.0)
+    frontier, known_again = memory.frontier(np.inf)
+    assert (frontier.level, known_again) == (8.0, -np.inf)
+
+
+def test_a_narrow_gap_is_none() -> None:
+    memory = MetricMemory([Sighting(8.0, (view(),)), Sighting(8.0 + 3.0 + LEAST_GAP, (view(),))])
+    assert memory.frontier(3.0) == (memory.sightings[0], -np.inf)
+
+
+def test_a_ramp_goes_on() -> None:
+    forecast = Forecast()
+    for _ in range(30):
+        forecast.add(0.13)
+    assert forecast.period() is None
+    assert forecast.ahead(2, steady=True) == pytest.approx(0.26)
+    assert forecast.ahead(2, steady=False) == 0
+    forecast.add(-0.13)
+    assert forecast.ahead(2, steady=True) == 0
+
+
+@pytest.mark.parametrize("cycle", [[0.0, 2.0, -2.0], [0.0] * 14 + [3.0] + [0.0] * 14 + [-3.0]])
+@pytest.mark.parametrize("delay", [1, 2, 3, 5])
+def test_what_is_periodic_comes_again(cycle: list[float], delay: int) -> None:
+    forecast, rng = Forecast(), np.random.default_rng(1)
+    coming = cycle * 40
+    for change in coming[:90]:
+        forecast.add(change + rng.normal(0.0, 0.02))
+    assert forecast.period() == len(cycle)
+    assert forecast.ahead(delay, steady=False) == pytest.approx(sum(coming[90 : 90 + delay]), abs=0.2)
+
+
+def test_chance_has_no_period() -> None:
+    forecast, rng = Forecast(), np.random.default_rng(2)
+    for change in rng.normal(0.0, 0.5, 96):
+        forecast.add(change)
+    assert forecast.period() is None
+
+
+def slow_period(changes: list[float]) -> int | None:
+    """The shortest lag, of at least two periods, by which the newest changes are large and come again."""
+    for lag in range(2, len(changes) // 2 + 1):
+        seen = np.array(changes)[-max(2 * lag, LEAST_FRAMES + lag) :]
+        large = len(seen) >= LEAST_FRAMES + 2 and np.var(seen) >= LEAST_CHANGE**2
+        if large and np.mean((seen[lag:] - seen[:-lag]) ** 2) < 2 * RESIDUE * np.var(seen):
+            return lag
+    return None
+
+
+@given(
+    length=st.integers(0, 96),
+    cycle=st.lists(st.sampled_from([0.0, 0.0, 0.1, 0.2, 1.0, -1.0, -0.2]), min_size=1, max_size=50),
+    noise=st.sampled_from([0.0, 0.02, 0.05, 0.1, 0.3]),
+    still_frames=st.integers(0, 96),
+    seed=st.integers(0, 99),
+)
+def test_looking_at_all_lags_at_once_misses_no_period(
+    length: int, cycle: list[float], noise: float, still_frames: int, seed: int
+) -> None:
+    changes = (np.resize(cycle, length) + np.random.default_rng(seed).normal(0.0, noise, length)).tolist()
+    forecast = Forecast()
+    for change in [0.0] * still_frames + changes:
+        forecast.add(change)
+    assert forecast.period() == slow_period(list(forecast.changes))
+
+
+@pytest.mark.parametrize("delay", [1, 2, 3, 6])
+def test_the_delay_is_found_in_the_settings_of_frames(delay: int) -> None:
+    latency, asked = Latency(), [10.0] * delay
+    for index in range(30):
+        latency.see(asked[index])
+        target = 10.0 if index < 12 else 13.0
+        latency.decide(target)
+        asked.append(target)
+    assert latency.frames == delay
+
+
+def test_the_centre_of_the_plateau() -> None:
+    levels = np.arange(10.0)
+    assert plateau_centre(levels, np.array([0.2, 0.5, 0.9, 0.995, 1.0, 0.991, 0.4, 0.3, 0.999, 0.1])) == 4.0
+
+
+def test_probes_go_deeper_the_more_is_saturated() -> None:
+    levels = np.arange(4.0, 18.0, 0.25)
+    little = probe_bonus(levels, 15.0, 0.1, 0.2, moving=False)
+    much = probe_bonus(levels, 15.0, 1.0, 0.2, moving=False)
+    assert levels[little.argmax()] == 13.0
+    assert levels[much.argmax()] == 8.5
+    assert much.max() > 5 * little.max()
+    assert (much[levels >= 15] == 0).all()
+    assert (probe_bonus(levels, 15.0, 0.0, 0.2, moving=True) == 0).all()
+
+
+def test_dark_frames_jump_to_half_scale_and_no_farther_than_7_stops() -> None:
+    assert dark_jump(4 / 255, LINEAR) == pytest.approx(5.0, abs=0.01)
+    assert dark_jump(0.5 / 255, LINEAR) == 7.0
+    assert dark_jump(0.2, LINEAR) == 0.0
+    raised = ResponseFunction.linear(black_level=20)
+    assert dark_jump(4 / 235, raised) == pytest.approx(4.9, abs=0.1)
+
+
+def test_the_second_camera_is_predicted_coarsely_but_alike() -> None:
+    image = frame(11.0, 11.5)
+    fine = Viewer(LINEAR, GradientMetric(), list(DELTAS)).view(image)
+    coarse = Viewer(LINEAR, GradientMetric(), list(FEWER_DELTAS)).view(image)
+    assert coarse.curve == pytest.approx(fine.curve, abs=0.08 * fine.curve.max())
+    assert coarse.signal == fine.signal
+
+
+@pytest.mark.parametrize("deltas", [DELTAS, FEWER_DELTAS])
+def test_a_view_tells_the_metric_of_the_image_as_it_is(deltas: np.ndarray) -> None:
+    metric, image = GradientMetric(), frame(11.0, 11.5)
+    curved = ResponseFunction(np.linspace(0.0, 4.0, 256) ** 1.5, 0, 255)
+    assert Viewer(curved, metric, list(deltas)).view(image).curve[DELTAS == 0.0] == metric.measure(image)
+
+
+@pytest.mark.parametrize(("share", "remembered"), [(0.85, 2), (0.5, 1), (2.0, 1)])
+def test_a_scene_half_as_rich_as_expected_is_another_one(share: float, remembered: int) -> None:
+    """What was promised elsewhere is then worth nothing; a little less than expected is an error of prediction."""
+    memory = MetricMemory()
+    memory.add(Sighting(10.0, (view(2.0),)))
+    memory.add(Sighting(11.0, (view(1.0, height=share),)))
+    assert len(memory.sightings) == remembered
+
+
+def test_a_still_camera_takes_a_sure_peak_before_a_promise_a_stop_beyond_trust() -> None:
+    """Beyond 3 stops up prediction takes noise for gradient: each further stop is worth 0.6 of what it promises."""
+    sure, beyond = np.array([10.0, 12.0]), Sighting(8.0, (View(np.interp(DELTAS, [2.0, 4.0], [0.65, 1.0]), 0.0, 0.5),))
+    now, later = MetricMemory([beyond]).fuse(sure, moving=False)[0]
+    assert now == pytest.approx(0.65)
+    assert 0.55 < later < 0.65
+
+
+def test_what_was_seen_on_the_way_into_a_tunnel_is_kept() -> None:
+    """8 stops in a second are 0.13 a frame."""
+    memory = MetricMemory()
+    for _ in range(10):
+        memory.pass_frame(-0.13, 0.0)
+        memory.add(Sighting(12.0, (view(0.0, height=1.0),)))
+    assert len(memory.sightings) > 8
+
+
+@pytest.mark.parametrize("deltas", [DELTAS, FEWER_DELTAS, FEWEST_DELTAS])
+def test_predicted_changes_rise_from_6_stops_down_to_6_up(deltas: np.ndarray) -> None:
+    assert (np.diff(deltas) > 0).all()
+    assert (deltas[0], deltas[-1]) == (-6.0, 6.0)
+    assert 0.0 in deltas
+
+
+@pytest.mark.parametrize("deltas", [FEWER_DELTAS, FEWEST_DELTAS])
+def test_few_predictions_favour_neither_direction(deltas: np.ndarray) -> None:
+    assert deltas.tolist() == (-deltas[::-1]).tolist()

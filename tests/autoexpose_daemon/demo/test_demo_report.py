@@ -1,0 +1,169 @@
+"""The demo's figures, from made-up runs whose answers are known."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from autoexpose_daemon.demo.fakes import Pulse
+from autoexpose_daemon.demo.plot import draw
+from autoexpose_daemon.demo.record import Recorder, StepRecord
+from autoexpose_daemon.demo.report import (
+    LightSetting,
+    LightStep,
+    delay_frames,
+    frames_to_settle,
+    frames_to_steady,
+    light_settings,
+    light_steps,
+    lost_pulses,
+    pulses_in_window,
+)
+from drivers.exposure import ExposureSetting
+from drivers.triggers.account import Tally
+
+PERIOD_NS = 16_666_667
+
+
+def record(trigger: int, level: float, clipped: float = 0.0) -> StepRecord:
+    setting = ExposureSetting(math.exp2(level), 0.0)
+    return StepRecord(trigger, trigger * PERIOD_NS, setting, level, 0.1, clipped, 0.0, "held")
+
+
+def test_settling_is_counted_to_the_first_of_ten_good_frames() -> None:
+    levels = [10.0, 11.0, 11.5, *[12.0] * 40]
+    assert frames_to_settle([record(n, level) for n, level in enumerate(levels)]) == 3
+
+
+def test_a_frame_out_of_ten_starts_the_count_again() -> None:
+    levels = [12.0] * 9 + [12.5] + [12.0] * 30
+    assert frames_to_settle([record(n, level) for n, level in enumerate(levels)]) == 10
+
+
+def test_lost_frames_count_and_break_the_run() -> None:
+    every_second = [record(2 * n, 11.0 if n < 5 else 12.0) for n in range(30)]
+    assert frames_to_settle(every_second) is None
+    one_lost = [record(n, 11.0 if n < 5 else 12.0) for n in range(60) if n != 3]
+    assert frames_to_settle(one_lost) == 5
+
+
+def test_an_oscillation_never_settles() -> None:
+    assert frames_to_settle([record(n, 11.0 + n % 2) for n in range(80)]) is None
+
+
+def test_a_saturated_image_is_not_settled_however_steady() -> None:
+    assert frames_to_settle([record(n, 12.0, clipped=0.6) for n in range(80)]) is None
+    assert frames_to_settle([record(n, 12.0, clipped=0.6 if n < 7 else 0.1) for n in range(80)]) == 7
+
+
+def test_an_exposure_that_follows_a_moving_view_is_steady_long_before_it_is_where_it_ends() -> None:
+    levels = [10.0, 11.0, 11.5, *[12.0 + 0.01 * n for n in range(100)]]
+    records = [record(n, level) for n, level in enumerate(levels)]
+    assert frames_to_steady(records) == 3
+    assert frames_to_settle(records) == 68  # at 12.65: 0.25 below 12.895, the median of the last 20
+
+
+def test_an_oscillation_and_a_white_image_are_never_steady() -> None:
+    assert frames_to_steady([record(n, 11.0 + n % 2) for n in range(80)]) is None
+    assert frames_to_steady([record(n, 12.0, clipped=0.6) for n in range(80)]) is None
+
+
+def test_steps_are_found_in_the_light_and_judged_until_the_next() -> None:
+    pulses = [Pulse(n, n * PERIOD_NS, 150.0 if (n // 60) % 2 == 0 else 1.0) for n in range(200)]
+    target = [6.0 if (n // 60) % 2 == 0 else 13.0 for n in range(200)]
+    records = [record(n, target[max(n - 5, 0)]) for n in range(200)]
+    steps = light_steps(pulses, records)
+    assert [(step.from_lux, step.to_lux, step.frames_to_settle) for step in steps] == [(150, 1, 5), (1, 150, 5)]
+    assert steps[0].time_s == round(60 * PERIOD_NS * 1e-9, 3)
+
+
+def test_a_step_that_does_not_settle_tells_what_the_policy_said() -> None:
+    pulses = [Pulse(n, n * PERIOD_NS, 150.0 if n < 60 else 1.0) for n in range(160)]
+    (step,) = light_steps(pulses, [record(n, 11.0 + n % 2) for n in range(160)])
+    assert step.frames_to_settle is None
+    assert step.in_words(60.0) == "not steady before the next step (mostly: held)"
+
+
+@pytest.mark.parametrize(
+    ("steady", "settled", "words"),
+    [
+        (4, 4, "well exposed and steady after 4 frames (67 ms)"),
+        (4, 157, "well exposed and steady after 4 frames (67 ms), then following the view, final after 157"),
+        (4, None, "well exposed and steady after 4 frames (67 ms), then changing with the view"),
+        (1, 1, "well exposed and steady after 1 frame (17 ms)"),
+        (None, 9, "well exposed and steady after 9 frames (150 ms)"),
+    ],
+)
+def test_a_step_is_told_in_words(steady: int | None, settled: int | None, words: str) -> None:
+    assert LightStep(3.8, 1.0, 150.0, steady, settled, "held").in_words(60.0) == words
+
+
+def test_the_settings_under_each_light_are_medians_of_the_frames_taken_under_it() -> None:
+    pulses = [Pulse(n, n * PERIOD_NS, 150.0 if (n // 60) % 2 == 0 else 1.0) for n in range(240)]
+    dark, bright = ExposureSetting(7500.0, 30.0), ExposureSetting(100.0, 6.0)
+    records = [replace(record(n, 0.0), applied=bright if (n // 60) % 2 == 0 else dark) for n in range(240)]
+    records[60:65] = [replace(late, applied=bright) for late in records[60:65]]
+    # a clock that is a few us off does not move frames to other pulses
+    off = [replace(each, host_time_ns=each.host_time_ns + (-1) ** each.trigger * 5000) for each in records]
+    assert light_settings(pulses, off) == [LightSetting(150.0, 100.0, 6.0), LightSetting(1.0, 7500.0, 30.0)]
+
+
+def test_light_on_a_ramp_has_no_settings() -> None:
+    pulses = [Pulse(n, n * PERIOD_NS, 150.0 if n < 60 else 150.0 - n) for n in range(120)]
+    assert [it.lux for it in light_settings(pulses, [record(n, 10.0) for n in range(120)])] == [150.0]
+    assert light_settings([], [record(0, 10.0)]) == []
+
+
+def test_a_ramp_is_not_a_step() -> None:
+    pulses = [Pulse(n, n * PERIOD_NS, 10.0 * math.exp2(n / 60)) for n in range(200)]
+    assert light_steps(pulses, [record(n, 10.0) for n in range(200)]) == []
+
+
+def test_only_pulses_in_the_window_count() -> None:
+    pulses = [Pulse(n, n * 100, 1.0) for n in range(10)]
+    assert len(pulses_in_window(pulses, Tally(window_start_ns=250, window_end_ns=650))) == 4
+    assert pulses_in_window(pulses, Tally()) == []
+
+
+def test_pulses_without_a_pair_between_the_first_and_the_last_are_lost() -> None:
+    pulses = [Pulse(n, n * PERIOD_NS, 1.0) for n in range(10)]
+    pairs_ns = [n * PERIOD_NS + (-1) ** n * 3000 for n in (2, 3, 5, 8)]
+    assert lost_pulses(pulses, pairs_ns) == [n * PERIOD_NS for n in (4, 6, 7)]
+    assert lost_pulses(pulses, []) == []
+    assert lost_pulses(pulses[:1], pairs_ns) == []
+
+
+@pytest.mark.parametrize(("pulses", "steps"), [(0, 0), (1, 0), (400, 6), (400, 50)])
+def test_a_picture_of_any_run_can_be_drawn(tmp_path: Path, pulses: int, steps: int) -> None:
+    recorder = Recorder(1.0)
+    recorder.steps = [record(n, 10.0) for n in range(5, pulses)]
+    recorder.pairs_ns = [step.host_time_ns for step in recorder.steps if step.trigger % 7]
+    recorder.pictures = [(step.host_time_ns, np.zeros((3, 4), np.uint8)) for step in recorder.steps[:3]]
+    seen = [Pulse(n, n * PERIOD_NS, 150.0 if n % 60 < 30 else 0.0) for n in range(pulses)]
+    run = SimpleNamespace(
+        options=SimpleNamespace(policy="fixed", scene="room"),
+        rate_hz=60.0,
+        pulses=seen,
+        recorder=recorder,
+        cameras=[SimpleNamespace(overruns=steps)],
+    )
+    frames = itertools.cycle([1, 4, None])
+    draw(
+        tmp_path / "run.png",
+        run,  # type: ignore[arg-type]
+        [LightStep(0.1 * n, 1.0, 150.0, next(frames), None, "held") for n in range(steps)],
+    )
+    assert (tmp_path / "run.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_delay_is_read_off_large_changes() -> None:
+    levels = [10.0 if n < 23 else 13.0 for n in range(60)]
+    records = [replace(record(n, levels[n]), decided_level=10.0 if n < 20 else 13.0) for n in range(60)]
+    assert delay_frames(records) == 3
+    assert delay_frames(records[30:]) is None

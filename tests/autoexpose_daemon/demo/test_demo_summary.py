@@ -1,0 +1,93 @@
+"""What the demo says at its end, from figures that are made up."""
+
+from __future__ import annotations
+
+import io
+import re
+from typing import Any
+
+import pytest
+from rich.console import Console
+
+from autoexpose_daemon.demo.report import LightStep
+from autoexpose_daemon.demo.summary import in_words
+from autoexpose_daemon.status.panel import lost_in_words
+
+FIGURES: dict[str, Any] = {
+    "transport": "gige",
+    "rate_hz": 60.0,
+    "native": True,
+    "seconds": 20.0,
+    "fps": 59.3,
+    "triggers": 1200,
+    "pairs": 1186,
+    "lost": {"startup": 13, "shutdown": 1},
+    "fakes": {"overruns": 0, "cpu_percent": [12.4, 13.6]},
+    "undecided_pairs": 0,
+    "mismatched_pairs": 0,
+    "late_writes": 0,
+    "settings": [{"lux": 150.0, "exposure_time_us": 99.0, "gain_db": 26.1}],
+    "pairing_ms": {"p50": 0.2, "p99": 1.1},
+    "decision_ms": {"p50": 3.1, "p99": 7.4},
+    "held_ms": {"p50": 0.1, "p99": 3.0},
+    "write_ms": {"p50": 1.2, "p99": 3.0},
+    "frame_to_node_ms": {"p50": None, "p99": None},
+    "published": None,
+    "daemon_cpu_percent": 31.2,
+    "reference_step_ms": 3.256,
+}
+STEP = LightStep(4.0, 150.0, 1.0, 4, 4, "held")
+
+
+def said(**changed: Any) -> dict[str, str]:
+    """The rows by name."""
+    screen = io.StringIO()
+    Console(file=screen, width=200).print(in_words(FIGURES | changed, [STEP]))
+    rows = (re.split(r"\s{2,}", line.strip(), maxsplit=1) for line in screen.getvalue().splitlines())
+    return {name: text.strip() for name, text in rows}
+
+
+def test_every_figure_has_a_unit_and_a_meaning() -> None:
+    assert said() == {
+        "light at 4.0 s": "150 to 1 lux: well exposed and steady after 4 frames (67 ms)",
+        "under 150 lux": "0.10 ms of exposure, 26.1 dB of gain (medians)",
+        "seen": "1186 stereo pairs in 20.0 s, 59.3 per second, from two fake GigE Vision cameras",
+        "lost": "none; 13 before every camera was open, 1 at the end; of 1200 triggers on the cameras' wire",
+        "pairing": "0.2 ms, 99 of 100 within 1.1 ms: from a pair's arrival until it is looked at",
+        "decision": "3.1 ms, 99 of 100 within 7.4 ms: choosing an exposure",
+        "held": "0.1 ms, 99 of 100 within 3.0 ms: waiting until both cameras may be written",
+        "writing": "1.2 ms, 99 of 100 within 3.0 ms: putting it into a camera, and reading it back",
+        "processor": "daemon 31 % of a core, fakes 12 % and 14 %",
+        "this machine": "3.3 ms for a step of the published algorithm; ours is compiled",
+    }
+
+
+def test_what_should_not_happen_is_said_when_it_did() -> None:
+    rows = said(mismatched_pairs=2, late_writes=3, undecided_pairs=1, native=False, published=7)
+    assert rows["mixed"] == "2 pairs with different settings left and right: 3 writes came too late for their frame"
+    assert rows["skipped"] == "1 pair without a decision, for a newer one was there"
+    assert rows["published"] == "7 stereo pairs, for other processes"
+    assert "its C part was not compiled" in rows["this machine"]
+
+
+@pytest.mark.parametrize(
+    ("lost", "overruns", "words"),
+    [
+        ({"left_missing": 40}, 38, "40 without the left frame (38 of these frames because a fake camera was late)"),
+        ({"left_missing": 40}, 0, "40 without the left frame"),
+        ({"startup": 9}, 4, "none; 9 before every camera was open"),
+        (
+            {"both_missing": 2, "stale": 1, "startup": 9},
+            99,
+            "2 without either frame, 1 seen too late (4 of these frames because a fake camera was late); "
+            "9 before every camera was open",
+        ),
+    ],
+)
+def test_what_the_simulation_lost_is_not_the_daemons(lost: dict[str, int], overruns: int, words: str) -> None:
+    rows = said(lost=lost, fakes={"overruns": overruns, "cpu_percent": [1, 1]})
+    assert rows["lost"] == f"{words}; of 1200 triggers on the cameras' wire"
+
+
+def test_a_reason_that_is_not_known_here_keeps_its_name() -> None:
+    assert lost_in_words({"moonlight": 3, "shutdown": 0}) == "3 moonlight"

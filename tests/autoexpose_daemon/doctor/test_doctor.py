@@ -1,0 +1,319 @@
+"""The doctor: what it makes of facts, how it says it, and the command against a camera on the wire."""
+
+from __future__ import annotations
+
+import io
+import json
+import re
+from dataclasses import replace
+from ipaddress import IPv4Interface
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rich.console import Console
+
+from autoexpose_daemon.config.document import Config
+from autoexpose_daemon.doctor.facts import Facts, GigeFacts
+from autoexpose_daemon.doctor.finding import Finding, Severity
+from autoexpose_daemon.doctor.judge import judge
+from autoexpose_daemon.doctor.need import Need
+from autoexpose_daemon.doctor.report import as_json, show
+from drivers.host.gvcp import Control, GigeCamera
+from drivers.host.network import SOCKET_BUFFER_BYTES, NetworkInterface
+from drivers.host.usb import DeviceNode, Process, UsbCamera, UsbFacts, find_usb
+from tests import REPOSITORY
+from tests.autoexpose_daemon.test_cli import autoexpose
+from tests.drivers.host.usb_tree import UsbDevice, UsbTree
+from tests.fake_camera.gige.gige_client import CCP, HEARTBEAT_TIMEOUT, GvcpClient
+from tests.fakes import fake_camera, unique
+
+FOLDER = REPOSITORY
+NODE = DeviceNode("/dev/bus/usb/002/003", exists=True, usable=True, mode="crw-rw----", group="video", holders=())
+USB = UsbCamera("U", "Maker", "Model", 5000, 2, 5000, "0000:00:14.0", NODE)
+SOUND_USB = UsbFacts((USB,), usbfs_memory_mb=1000, udev_rule="/etc/udev/rules.d/60-usb3-vision.rules")
+ETH = NetworkInterface("eth0", IPv4Interface("192.168.7.1/24"), 9000, 1000)
+GIGE = GigeCamera("G", "Maker", "Model", IPv4Interface("192.168.7.5/24"), ETH)
+ONE, BOTH = {"left": {"serial": "U"}}, {"left": {"serial": "U"}, "right": {"serial": "G"}}
+
+
+def gige_facts(*cameras: GigeCamera, control: Control = "free", buffer: int | None = SOCKET_BUFFER_BYTES) -> GigeFacts:
+    known = {camera.address: control for camera in cameras if camera.reachable}
+    return GigeFacts(cameras, known, largest_socket_buffer_bytes=buffer)
+
+
+def on(camera: GigeCamera, **changes: Any) -> GigeCamera:
+    """The same camera on an interface that differs."""
+    return replace(camera, interface=replace(camera.interface, **changes))
+
+
+def usb_facts(**changes: Any) -> UsbFacts:
+    """Facts on one camera that differs."""
+    return replace(SOUND_USB, cameras=(replace(USB, **changes),))
+
+
+def need(cameras: dict[str, Any] | None = None, **sections: Any) -> Need:
+    return Need.of(None if cameras is None else Config.model_validate({"cameras": cameras, **sections}))
+
+
+def troubles(facts: Facts, wanted: Need) -> dict[str, Severity]:
+    return {finding.check: finding.severity for finding in judge(facts, wanted) if finding.severity != "ok"}
+
+
+SOUND = Facts(SOUND_USB, gige_facts(GIGE))
+NOTHING = Facts(UsbFacts(blind="no bus"), gige_facts())
+
+
+@pytest.mark.parametrize("wanted", [need(), need(ONE), need(BOTH)])
+def test_a_sound_host_has_no_troubles_and_each_camera_is_told(wanted: Need) -> None:
+    findings = judge(SOUND, wanted)
+    assert {finding.severity for finding in findings} == {"ok"}
+    for serial in ("U", "G"):
+        assert any(f"camera {serial} (Maker Model)" in finding.sentence for finding in findings)
+
+
+Trouble = tuple[Need, str, Severity, str, str]
+"""For which need, which check says how badly, with which sentence and command (regular expressions)."""
+USB_TROUBLES: list[tuple[UsbFacts, *Trouble]] = [
+    (usb_facts(speed_mbps=480), need(), "usb-link", "warning", "480 Mbit/s, which is not SuperSpeed", "lsusb -t"),
+    (
+        usb_facts(node=replace(NODE, exists=False, usable=False)),
+        need(), "usb-node", "stops", "/dev/bus/usb/002/003 does not exist", "ls -l",
+    ),
+    (
+        usb_facts(node=replace(NODE, usable=False)),
+        need(), "usb-node", "stops", r"\(crw-rw----, group video\) may not be opened", "usermod -aG video",
+    ),
+    (
+        usb_facts(node=replace(NODE, usable=False, group="root")),  # the rule came after the camera
+        need(), "usb-node", "stops", "may not be opened", "^sudo udevadm control --reload && sudo udevadm trigger",
+    ),
+    (
+        usb_facts(node=replace(NODE, holders=(Process(815, "arv-viewer-0.8"), Process(4711, "spinview")))),
+        need(ONE), "usb-holder", "stops",
+        r"left camera U is held by arv-viewer-0.8 \(process 815\), spinview \(process 4711\)", "^kill 815 4711$",
+    ),
+    (
+        usb_facts(bus_speed_mbps=480),
+        need(ONE, trigger={"rate_hz": 120}), "usb-bandwidth", "warning",
+        r"left camera U is on bus 2 .* 0000:00:14.0 and needs 47 MB/s of about 38 MB/s \(assuming 720x540", "lsusb -t",
+    ),
+    (
+        replace(SOUND_USB, cameras=(USB, replace(USB, serial="V", speed_mbps=5000)), usbfs_memory_mb=16),
+        need(), "usbfs-memory", "warning", "allows 16 MB for all USB transfers, less than the 1000", "systemd-tmpfiles",
+    ),
+    (replace(SOUND_USB, usbfs_memory_mb=None), need(), "usbfs-memory", "warning", "cannot be read", "systemd-tmpfiles"),
+    (replace(SOUND_USB, udev_rule=None), need(), "udev-rule", "warning", "no udev rule", "60-usb3-vision.rules"),
+    (UsbFacts(blind="no libusb"), need(), "usb-bus", "warning", "libusb does not load", "apt install libusb-1.0-0"),
+    (UsbFacts(blind="no list"), need(), "usb-bus", "warning", "cannot list", "ls -l /dev/bus/usb"),
+    (UsbFacts(blind="no bus"), need(), "usb-bus", "warning", "shows no USB", "ls /sys/bus/usb/devices"),
+]  # fmt: skip
+
+
+FOREIGN = replace(GIGE, address=IPv4Interface("169.254.0.1/16"))
+SENSELESS = replace(GIGE, address=IPv4Interface("10.9.8.7/0"))
+GIGE_TROUBLES: list[tuple[GigeFacts, *Trouble]] = [
+    (
+        gige_facts(GIGE, control="held"),
+        need(), "gige-control", "stops", r"camera G \(Maker Model\) at 192.168.7.5 on eth0 is controlled", "ss -uanp",
+    ),
+    (gige_facts(GIGE, control="silent"), need(), "gige-control", "stops", "a firewall", "ping -c 3 192.168.7.5"),
+    (
+        gige_facts(FOREIGN),
+        need(), "gige-subnet", "stops", "169.254.0.1, outside the subnet 192.168.7.0/24 of eth0",
+        "ip address add 169.254.0.2/16 dev eth0",
+    ),
+    (gige_facts(SENSELESS), need(), "gige-subnet", "stops", "10.9.8.7", "ip address add 10.9.8.1/24 dev eth0"),
+    (
+        gige_facts(on(GIGE, mtu_bytes=1500)),
+        need(), "gige-packets", "warning", "packets of 1500 bytes .* takes 266", "ip link set dev eth0 mtu 9000",
+    ),
+    (
+        gige_facts(on(GIGE, mtu_bytes=1500)),
+        need(BOTH, transport={"packet_size_bytes": 8000}), "gige-packets", "stops",
+        r"transport.packet_size_bytes 8000 is more than eth0 lets through, 1500 bytes", "ip link set dev eth0 mtu 8000",
+    ),
+    (
+        gige_facts(on(GIGE, speed_mbps=100)),
+        need(), "gige-bandwidth", "warning", r"camera G is on eth0 and needs 23 MB/s of about 12 MB/s", "ethtool eth0",
+    ),
+    (
+        gige_facts(GIGE, replace(GIGE, serial="H", address=IPv4Interface("192.168.7.6/24"))),
+        need({"left": {"serial": "G"}, "right": {"serial": "H"}}, trigger={"rate_hz": 110},
+             image={"pixel_format": "Mono12"}),
+        "gige-bandwidth", "warning",
+        r"left camera G and right camera H share eth0 and need 171 MB/s of about 119 MB/s .* 16 bits at 110 Hz",
+        "ethtool eth0",
+    ),
+    (
+        gige_facts(GIGE, buffer=212992),
+        need(), "socket-buffer", "warning", "net.core.rmem_max grants socket buffers of 212992 bytes, less than",
+        "net.core.rmem_max=4194304",
+    ),
+    (gige_facts(GIGE, buffer=None), need(), "socket-buffer", "warning", "cannot be read", "net.core.rmem_max=4194304"),
+    (
+        replace(gige_facts(GIGE), no_filter="Function not implemented"),
+        need(), "stream-filter", "warning", "streams on eth0 take packets from anyone.*: Function not implemented",
+        r'iifname "eth0" .* ip saddr != \{ 192.168.7.5 \} drop',
+    ),
+    (
+        replace(gige_facts(GIGE), failures={"eth1": "Operation not permitted"}),
+        need(), "gige-search", "warning", "eth1 could not be searched .*: Operation not permitted", "show dev eth1",
+    ),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("facts", "trouble"),
+    [(Facts(trouble[0], gige_facts(GIGE)), trouble[1:]) for trouble in USB_TROUBLES]
+    + [(Facts(SOUND_USB, trouble[0]), trouble[1:]) for trouble in GIGE_TROUBLES],
+)
+def test_each_trouble_is_found_alone_with_what_mends_it(facts: Facts, trouble: Trouble) -> None:
+    wanted, check, severity, sentence, mend = trouble
+    assert troubles(facts, wanted) == {check: severity}
+    (found,) = (finding for finding in judge(facts, wanted) if finding.severity != "ok")
+    assert re.search(sentence, found.sentence), found
+    assert found.mend is not None
+    assert re.search(mend, found.mend), found
+
+
+def test_a_configured_camera_that_is_missing_stops_and_the_others_are_named() -> None:
+    findings = judge(SOUND, need({"left": {"serial": "X"}, "right": {"serial": "G"}}))
+    (missing,) = (finding for finding in findings if finding.severity != "ok")
+    assert missing.severity == "stops"
+    assert missing.sentence == "left camera X is not there; cameras that are: G, U"
+
+
+def test_a_node_out_of_reach_without_a_rule_is_mended_by_the_rule() -> None:
+    usb = replace(usb_facts(node=replace(NODE, usable=False, group="root")), udev_rule=None)
+    findings = judge(Facts(usb, gige_facts()), need())
+    assert troubles(Facts(usb, gige_facts()), need()) == {"usb-node": "stops", "udev-rule": "warning"}
+    assert len({finding.mend for finding in findings if finding.severity != "ok"}) == 1
+
+
+def test_no_camera_at_all_stops() -> None:
+    assert troubles(NOTHING, need()) == {"camera-missing": "stops", "usb-bus": "warning"}
+    assert troubles(NOTHING, need(ONE)) == {"camera-missing": "stops", "usb-bus": "warning"}
+
+
+def test_troubles_of_cameras_that_the_configuration_does_not_name_do_not_count() -> None:
+    busy = usb_facts(speed_mbps=480, node=replace(NODE, usable=False, holders=(Process(1, "init"),)))
+    facts = Facts(replace(busy, usbfs_memory_mb=16, udev_rule=None), gige_facts(GIGE))
+    assert troubles(facts, need({"left": {"serial": "G"}})) == {}
+    foreign = Facts(SOUND_USB, gige_facts(FOREIGN, on(GIGE, mtu_bytes=1500), control="held", buffer=1))
+    assert troubles(foreign, need(ONE)) == {}
+
+
+def test_without_usb_a_rig_of_gige_cameras_is_sound() -> None:
+    assert troubles(Facts(UsbFacts(blind="no bus"), gige_facts(GIGE)), need({"left": {"serial": "G"}})) == {}
+
+
+def test_a_limit_of_zero_is_no_limit() -> None:
+    assert troubles(Facts(replace(SOUND_USB, usbfs_memory_mb=0), gige_facts()), need()) == {}
+
+
+def test_two_cameras_on_one_bus_share_it_and_on_two_they_do_not() -> None:
+    rate_hz = 800.0  # 311 MB/s a camera: one fits on SuperSpeed, two do not
+    second = replace(USB, serial="V")
+    for bus, expected in ((2, {"usb-bandwidth": "warning"}), (4, {})):
+        facts = Facts(replace(SOUND_USB, cameras=(USB, replace(second, bus=bus))), gige_facts())
+        assert troubles(facts, Need(rate_hz=rate_hz)) == expected
+
+
+def test_binning_makes_frames_smaller() -> None:
+    assert need(ONE, image={"binning": 2}).bandwidth_mb_per_s(2) == need(ONE).bandwidth_mb_per_s(2) / 4
+
+
+def test_what_is_read_from_a_host_is_judged(tmp_path: Path) -> None:
+    """From files to findings: two cameras on one USB 2 bus, one of them held, as the kernel of a new machine is set."""
+    tree = UsbTree(tmp_path)
+    node = tree.plug_in(UsbDevice(bus=1, serial="U", speed_mbps=480))
+    tree.plug_in(UsbDevice(bus=1, address=4, serial="V", speed_mbps=480))
+    tree.hold(node, 815, "arv-viewer-0.8")
+    tree.write(tmp_path / "sys/module/usbcore/parameters/usbfs_memory_mb", "16")
+    facts = Facts(find_usb(tmp_path, tree.backend), gige_facts())
+    assert troubles(facts, need({"left": {"serial": "U"}, "right": {"serial": "V"}})) == {
+        "usb-link": "warning",
+        "usb-holder": "stops",
+        "usb-bandwidth": "warning",
+        "usbfs-memory": "warning",
+        "udev-rule": "warning",
+    }
+
+
+def test_commands_name_files_that_are_shipped() -> None:
+    findings = judge(Facts(replace(SOUND_USB, usbfs_memory_mb=16, udev_rule=None), gige_facts()), need())
+    files = re.findall(r"systemd/\S+", " ".join(finding.mend or "" for finding in findings))
+    assert sorted(files) == ["systemd/60-usb3-vision.rules", "systemd/usbfs-memory.conf"]
+    assert all((FOLDER / file).is_file() for file in files)
+
+
+FINDINGS = [
+    Finding("a", "ok", "All is well."),
+    Finding("b", "stops", " ".join(["word"] * 40), "command " + "x" * 100),
+]
+
+
+def test_the_report_reads_without_colours_and_commands_stay_whole() -> None:
+    page = io.StringIO()
+    show(FINDINGS, Console(file=page, width=60))
+    lines = page.getvalue().splitlines()
+    assert lines[0] == "ok       All is well."
+    assert lines[1].startswith("stops    word word")
+    assert lines[2].startswith("         word word")
+    assert "         $ command " + "x" * 100 in lines
+    assert lines[-1] == "The daemon would not run (1 stops, 0 warning, 1 ok)."
+    assert max(len(line) for line in lines if "$" not in line) <= 60
+
+
+def test_the_json_holds_the_same_findings() -> None:
+    document = json.loads(as_json(FINDINGS))
+    assert document["stops"] is True
+    assert [Finding(**finding) for finding in document["findings"]] == FINDINGS
+    assert json.loads(as_json(FINDINGS[:1]))["stops"] is False
+
+
+def test_a_bad_configuration_is_one_sentence() -> None:
+    result = autoexpose("doctor", "-c", "no-such.yaml")
+    assert result.returncode == 1
+    assert result.stderr.count("\n") == 1
+    assert "no-such.yaml" in result.stderr
+
+
+@pytest.mark.wire
+def test_the_command_on_a_camera_on_the_wire(tmp_path: Path) -> None:
+    named, wrong = tmp_path / "rig.yaml", tmp_path / "wrong.yaml"
+    missing = unique("MISSING")
+    with fake_camera() as camera:
+        named.write_text(f"cameras: {{left: {{serial: {camera.serial}}}}}")
+        wrong.write_text(f"cameras: {{left: {{serial: {camera.serial}}}, right: {{serial: {missing}}}}}")
+
+        result = autoexpose("doctor", "-c", str(named))
+        assert result.returncode == 0, result.stdout
+        assert f"left camera {camera.serial} (Autoexpose" in result.stdout
+        assert result.stdout.splitlines()[-1].startswith("Nothing stops the daemon (0 stops, ")
+
+        # Other cameras on this machine may be held, so the verdict without a configuration is theirs, too.
+        result = autoexpose("doctor", "--json")
+        document = json.loads(result.stdout)
+        assert result.returncode == int(document["stops"])
+        assert any(
+            finding["severity"] == "ok" and finding["sentence"].startswith(f"camera {camera.serial} ")
+            for finding in document["findings"]
+        )
+
+        result = autoexpose("doctor", "--json", "-c", str(wrong))
+        assert result.returncode == 1
+        assert result.stderr == ""
+        (stop,) = (finding for finding in json.loads(result.stdout)["findings"] if finding["severity"] == "stops")
+        assert stop["sentence"].startswith(f"right camera {missing} is not there; cameras that are: ")
+        assert camera.serial in stop["sentence"]
+
+        with GvcpClient(camera.address) as client:
+            client.write(CCP, 2)
+            client.write(HEARTBEAT_TIMEOUT, 60_000)  # asking the doctor may take longer than 3 s
+            result = autoexpose("doctor", "--json", "-c", str(named))
+        assert result.returncode == 1
+        (stop,) = (finding for finding in json.loads(result.stdout)["findings"] if finding["severity"] == "stops")
+        assert f"left camera {camera.serial} " in stop["sentence"]
+        assert "is controlled by another program" in stop["sentence"]

@@ -1,0 +1,209 @@
+"""The page as an operator meets it: in a browser, fed by a made-up daemon over real zenoh."""
+
+from __future__ import annotations
+
+import math
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from autoexpose_daemon.config.publish import PublishConfig
+from autoexpose_daemon.page.metrics import CONTENT_TYPE
+from autoexpose_daemon.publish.keys import response_key, status_key
+from autoexpose_daemon.publish.publisher import Publisher
+from autoexpose_daemon.publish.tally import ConsumerTally
+from autoexpose_daemon.status.document import (
+    CameraStatus,
+    Durations,
+    Fault,
+    PublishStatus,
+    RecorderStatus,
+    Status,
+    response_to_json,
+)
+from autoexpose_daemon.status.states import State
+from calibration.response import ResponseFunction
+from tests.autoexpose_daemon.page.browser import SHRUNK, Tab, browser
+from tests.autoexpose_daemon.page.server import PageProcess, running_page
+from tests.autoexpose_daemon.publish.steps import DECISION, endpoint, publishing, wait_until
+from tests.autoexpose_daemon.statuses import EXPOSING
+
+pytestmark = [pytest.mark.wire, pytest.mark.needs("chromium")]
+
+HOSTILE = "<img src=x onerror=alert(1)>"
+REASONS = "document.getElementById('reasons').innerText"
+STATE = "document.getElementById('state-word')?.innerText"
+
+
+@pytest.fixture(scope="module")
+def tab() -> Iterator[Tab]:
+    with browser() as tab:
+        tab.screen(1280, 900)
+        yield tab
+
+
+@pytest.fixture
+def at() -> str:
+    return endpoint()
+
+
+@pytest.fixture
+def page(at: str) -> Iterator[PageProcess]:
+    with running_page("--connect", at) as page:
+        yield page
+
+
+TROUBLED = replace(
+    EXPOSING,
+    state=State.DEGRADED,
+    reasons=("left camera gone", "calibration of the right camera does not fit: off by 9 grey levels"),
+    cameras=EXPOSING.cameras | {"left": CameraStatus(None, None, None, None)},
+    pairs=12345,
+    lost={"startup": 62, "left_missing": 7},
+    mismatched_pairs=0,
+    decision=replace(DECISION, motion_px=math.nan),
+    command_to_effect_ms=Durations(0, 0.0, None, None),
+    publishing=PublishStatus(432_000, 431_990, {"behind": 10}, "", {"slam": ConsumerTally(400_000, 12, 8, 4, 0)}, 1234),
+    recorder=RecorderStatus(600, 4, "the disk is full"),
+    faults=(*EXPOSING.faults, *EXPOSING.faults, Fault(1.7e9, "ERROR", HOSTILE)),
+)
+SHOWN = {
+    "left": ["camera gone, no pair yet"],
+    "headline": ["60.0", "2.0 h"],
+    "triggers": [
+        "triggers\t12\u202f414",
+        "stereo pairs\t12\u202f345",
+        "lost: left missing\t7",
+        "mismatched pairs\t0",
+    ],
+    "writes": ["late\t5", "refused\t6", "clipped by the camera\t7", "decisions held at the brightest bound\t8"],
+    "latency": ["median\t99 %", "one decision\t2.00 ms\t8.00 ms", "command to effect\t\u2013"],
+    "cameras": ["left\tgone", "right\tFakeCam R2", "not tested yet"],
+    "consumers": ["slam\t400\u202f000\t8\t4", "1\u202f234 more"],
+    "published": ["431\u202f990 pairs sent; dropped: 10 behind"],
+    "recorder": ["steps\t600", "dropped\t4", "ended\tthe disk is full"],
+    "faults": ["asking whether it is there 2 times", HOSTILE],
+}
+"""What the page has to say of it, by the place."""
+
+
+def published(at: str, status: Status) -> Publisher:
+    responses = {response_key("rig", side): response_to_json(ResponseFunction.linear()) for side in status.cameras}
+    texts = {status_key("rig"): status.to_json(), **responses}
+    return Publisher(PublishConfig(listen=(at,)), 2, lambda _last: texts)
+
+
+def test_it_tells_state_reasons_and_counts_in_words(tab: Tab, page: PageProcess, at: str) -> None:
+    tab.open(page.url)
+    tab.wait_for(f"{STATE} === 'waiting'", "a page without a daemon")
+    tab.wait_for(f"{REASONS}.includes('{at}')", "where nobody answers")
+    assert "does the daemon run" in tab.text("reasons")
+    with published(at, TROUBLED):
+        tab.wait_for(f"{STATE} === 'degraded'", "the state")
+        status, metrics, headers = page.get("/metrics")
+        assert (status, headers["Content-Type"]) == (200, CONTENT_TYPE)
+        assert 'autoexpose_pairs_total{rig="rig"} 12345.0' in metrics
+        assert tab.text("reasons").startswith("left camera gone")
+        assert "off by 9 grey levels" in tab.text("reasons")
+        for place, words in SHOWN.items():
+            assert [word for word in words if word not in tab.text(place)] == [], place
+    assert tab.value("document.querySelectorAll('img').length") == 0
+    tab.wait_for(f"{STATE} === 'silent'", "the silence to be told")
+    assert "nothing heard of the daemon for" in tab.text("reasons")
+    assert tab.complaints == []
+    wait_until(lambda: 'autoexpose_up{rig="rig"} 0.0' in page.get("/metrics")[1], "silence in the metrics")
+
+
+def test_a_daemon_that_leaves_says_so_and_a_new_one_is_found(tab: Tab, page: PageProcess, at: str) -> None:
+    last = replace(EXPOSING, ending=True)
+
+    def tell(ending: bool) -> dict[str, str]:
+        return {status_key("rig"): (last if ending else EXPOSING).to_json()}
+
+    tab.open(page.url)
+    for _ in range(2):
+        with publishing(PublishConfig(listen=(at,)), tell=tell):
+            tab.wait_for(f"{STATE} === 'exposing'", "the daemon")
+            tab.wait_for("!document.querySelector('.stale')", "pictures")
+            for side in ("left", "right"):
+                assert max(tab.value(f"{SHRUNK}('#{side} canvas', 4, 3)")) > 0
+        tab.wait_for(f"{STATE} === 'ended'", "the end of the daemon")
+        tab.wait_for("document.querySelectorAll('figure.stale').length === 2", "stale pictures")
+    assert tab.complaints == []
+
+
+def test_a_hidden_tab_takes_no_pictures(tab: Tab, page: PageProcess, at: str) -> None:
+    tab.open(page.url)
+    with publishing(PublishConfig(listen=(at,))) as publisher:
+        tab.wait_for("document.body.dataset.trigger > 0", "pictures")
+        wait_until(lambda: consumers(publisher), "the page among the consumers")
+        tab.value(hiding(True))
+        wait_until(lambda: not consumers(publisher), "the page to leave")
+        shown = tab.value("document.body.dataset.trigger")
+        tab.value(hiding(False))
+        tab.wait_for(f"document.body.dataset.trigger > {shown}", "pictures again")
+    assert tab.complaints == []
+
+
+def consumers(publisher: Publisher) -> list[str]:
+    """Pages among them."""
+    return [name for name in publisher.tally.consumers.listed(time.monotonic_ns()) if name.startswith("page-")]
+
+
+def hiding(hidden: bool) -> str:
+    """What a browser does when the operator looks at another tab."""
+    return (
+        f"Object.defineProperty(document, 'hidden', {{value: {str(hidden).lower()}, configurable: true}}),"
+        "document.dispatchEvent(new Event('visibilitychange'))"
+    )
+
+
+def test_a_page_whose_process_is_gone_says_so_and_comes_back(tab: Tab, at: str) -> None:
+    with running_page("--connect", at) as page:
+        tab.open(page.url)
+        tab.wait_for(f"{STATE} === 'waiting'", "the page")
+        assert page.stop() == 0
+        tab.wait_for(f"{STATE} === 'no connection'", "the loss of the page")
+    with running_page("--connect", at, "--port", str(page.port)):
+        tab.wait_for(f"{STATE} === 'waiting'", "the page's return")
+    assert all("ERR_CONNECTION_REFUSED" in complaint for complaint in tab.complaints)
+    tab.complaints.clear()
+
+
+def test_a_dead_thread_ends_the_page_and_is_named(at: str) -> None:
+    dying = f"""
+from autoexpose_daemon.page import pair_views
+from autoexpose_daemon.page.serve import serve
+pair_views.PairViews._wait_for_viewers = None
+serve("rig", ["{at}"], "127.0.0.1", 0, None)
+"""
+    died = subprocess.run([sys.executable, "-c", dying], capture_output=True, text=True, timeout=60, check=False)
+    assert died.returncode == 1
+    assert "TypeError: 'NoneType' object is not callable" in died.stderr
+    assert "the thread pairs died" in died.stderr
+
+
+def test_an_operator_logs_in(tab: Tab, at: str, tmp_path: Path) -> None:
+    token_file = tmp_path / "token"
+    token_file.write_text("correct horse battery staple")
+    with running_page("--connect", at, "--token-file", str(token_file)) as page:
+        tab.open(page.url)
+        for token, answer in (
+            ("guess", "location.search === '?wrong'"),
+            (token_file.read_text(), f"{STATE} !== undefined"),
+        ):
+            tab.value(f"document.getElementById('token').value = {token!r}, document.querySelector('button').click()")
+            tab.wait_for(f"document.readyState === 'complete' && {answer}", f"the answer to {token}")
+        tab.wait_for(f"{STATE} === 'waiting'", "the page")
+        assert tab.complaints == []
+
+
+def test_the_browser_would_tell_a_broken_page(tab: Tab) -> None:
+    tab.open("data:text/html,<script>nothing()</script>")
+    assert "nothing is not defined" in "".join(tab.complaints)
+    tab.complaints.clear()

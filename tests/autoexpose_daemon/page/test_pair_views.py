@@ -1,0 +1,48 @@
+"""Frames from other processes, on the page's own thread."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from autoexpose_daemon.client import ReceivedPair
+from autoexpose_daemon.client.status_client import StatusClient
+from autoexpose_daemon.page.history import History
+from autoexpose_daemon.page.pair_views import PairViews
+from tests.autoexpose_daemon.publish.steps import DECISION, pair
+
+
+def received(*shapes: tuple[int, int]) -> Iterator[ReceivedPair]:
+    for number, shape in enumerate(shapes):
+        taken = pair(number, shape)
+        assert taken.right is not None
+        yield ReceivedPair(taken.left, taken.right, 0, number, number, DECISION, number * 10**9)
+
+
+def test_frames_too_small_to_show_do_not_end_the_page(caplog: pytest.LogCaptureFixture) -> None:
+    shown = asyncio.run(followed(received((1, 1), (1, 1), (540, 720), (67, 90))))
+    assert shown == 1
+    assert caplog.messages == [
+        "no pictures: frames of 1x1 pixels are too small: set at least 90x68",
+        "no pictures: frames of 90x67 pixels are too small: set at least 90x68",
+    ]
+
+
+async def followed(pairs: Iterator[ReceivedPair]) -> int:
+    """How many views were made of some pairs."""
+    views = PairViews("rig", (), StatusClient(), History())
+
+    class Client:
+        def next_pair(self, _timeout_s: float) -> ReceivedPair | None:
+            following = next(pairs, None)
+            views._closed = following is None
+            return following
+
+    with views.watched():
+        client: Any = Client()
+        views._follow(client)
+    number, _ = await views.next_view(0)
+    return number

@@ -1,0 +1,69 @@
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from autoexpose_daemon.control.loop import ControlLoop
+from autoexpose_daemon.control.metrics.gradient import GradientMetric
+from autoexpose_daemon.page.picture import DELTA_LEVELS, DISPLAY_SIZE, Picture, PictureMaker
+from calibration.response import ResponseFunction
+from drivers.exposure import ExposureLimits, ExposureSetting
+from drivers.frames import StereoPair
+from tests.autoexpose_daemon.control.scene import expose, radiance
+
+LINEAR = ResponseFunction.linear()
+SETTING = ExposureSetting(1000.0, 0.0)
+
+
+def colours(picture: Picture) -> NDArray[np.int16]:
+    """Blue, green, red of every pixel, as a browser decodes them."""
+    decoded = cv2.imdecode(np.frombuffer(picture.jpeg, np.uint8), cv2.IMREAD_COLOR)
+    assert decoded is not None
+    return decoded.astype(np.int16)
+
+
+def test_saturated_is_red_and_black_is_blue_and_the_rest_is_as_it_was() -> None:
+    grey = np.full((540, 720), 120, np.uint8)
+    grey[:, :180] = 255
+    grey[:, 540:] = 1
+    picture = PictureMaker(LINEAR).picture(grey)
+    blue, _, red = cv2.split(colours(picture))
+    assert (red - blue)[:, :170].min() > 100
+    assert (blue - red)[:, 550:].min() > 100
+    assert np.abs(colours(picture)[:, 190:530] - 120).max() < 8
+    assert (picture.saturated_share, picture.black_share) == (0.25, 0.25)
+
+
+def test_the_marks_are_the_pixels_that_the_shares_count() -> None:
+    grey = np.random.default_rng(1).integers(0, 256, (540, 720), np.uint8)
+    grey[100:300, 100:400] = 255
+    picture = PictureMaker(LINEAR).picture(grey)
+    blue, _, red = cv2.split(colours(picture))
+    assert abs(float(np.mean(red - blue > 100)) - picture.saturated_share) < 0.002
+
+
+def test_it_measures_what_control_measures() -> None:
+    frame = expose(radiance(spread_stops=3.0, shape=(540, 720)), SETTING, half_scale_level=10.0)
+    limits = ExposureLimits(20.0, 7500.0, 0.0, 30.0)
+    decision = ControlLoop("fixed", LINEAR, limits, SETTING).step(StereoPair(0, frame, frame))
+    picture = PictureMaker(LINEAR).picture(frame.grey8())
+    shares = picture.saturated_share, picture.black_share
+    assert picture.metric > 0
+    assert (picture.metric, *shares) == (decision.metric, decision.saturated_share, decision.black_share)
+
+
+def test_the_curve_is_the_metric_of_pictures_predicted() -> None:
+    maker = PictureMaker(LINEAR)
+    dark = np.full((270, 360), 20, np.uint8)
+    dark[::8] = 40
+    curve = maker.curve(dark)
+    assert curve[list(DELTA_LEVELS).index(0.0)] == maker.picture(dark).metric
+    brighter = GradientMetric().measure(cv2.medianBlur(np.minimum(dark.astype(int) * 4, 255).astype(np.uint8), 3))
+    assert abs(curve[-1] - brighter) < 0.01
+    assert curve == sorted(curve)
+
+
+def test_large_frames_come_smaller() -> None:
+    picture = PictureMaker(LINEAR).picture(np.full((1080, 1440), 100, np.uint8))
+    assert colours(picture).shape[1] == DISPLAY_SIZE[0]

@@ -1,0 +1,70 @@
+"""Steps of control to publish, made up."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import threading
+import time
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from autoexpose_daemon.config.publish import PublishConfig
+from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.publish.publisher import Publisher, Tell
+from autoexpose_daemon.publish.tally import DropReason
+from drivers.exposure import ExposureSetting
+from drivers.frames import Frame, StereoPair
+from tests.fakes import loopback_address
+
+PATIENCE_S = 20.0
+SETTING = ExposureSetting(1000.0, 6.0)
+DECISION = Decision(SETTING, 10.96, "held", 0.1, 0.0, 0.0, 1.0)
+
+
+def wait_until(condition: Callable[[], object], what: str) -> None:
+    deadline_s = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < deadline_s, f"waited in vain for {what}"
+        threading.Event().wait(0.005)
+
+
+def pair(number: int, shape: tuple[int, int] = (540, 720)) -> StereoPair:
+    """The pair of trigger `number`; its pixels all have that number, modulo 256."""
+    now_ns = time.monotonic_ns()
+    frame = Frame(np.full(shape, number % 256, np.uint8), 8, number, now_ns, now_ns, now_ns, SETTING)
+    return StereoPair(number, frame, frame)
+
+
+def nothing(_last: bool) -> dict[str, str]:
+    return {}
+
+
+def endpoint() -> str:
+    """One of one's own, on this machine."""
+    return f"tcp/{loopback_address()}:7448"
+
+
+@contextlib.contextmanager
+def publishing(config: PublishConfig, period_s: float = 1 / 60, tell: Tell = nothing) -> Iterator[Publisher]:
+    """A publisher that gets a pair at each period, as from a running rig, until the block ends."""
+    stop = threading.Event()
+
+    def run() -> None:
+        for number in itertools.count(1):
+            if stop.wait(period_s):
+                return
+            publisher(pair(number), DECISION)
+
+    with Publisher(config, 2, tell) as publisher:
+        thread = threading.Thread(target=run)
+        thread.start()
+        try:
+            yield publisher
+        finally:
+            stop.set()
+            thread.join()
+    tally = publisher.tally
+    assert tally.offered == tally.sent + tally.dropped.total()
+    assert set(tally.dropped) <= set(DropReason)

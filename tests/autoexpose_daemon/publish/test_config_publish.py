@@ -1,0 +1,74 @@
+from __future__ import annotations
+
+import builtins
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from autoexpose_daemon.config.document import Config, load_config
+from autoexpose_daemon.publish.keys import LOOPBACK
+from autoexpose_daemon.runtime.daemon import Daemon
+from autoexpose_daemon.service.outlets import add_outlets
+from drivers.errors import ConfigurationError
+
+LEFT = "cameras: {left: {serial: A}}\n"
+
+
+def load(folder: Path, publish: str) -> Config:
+    file = folder / "rig.yaml"
+    file.write_text(f"{LEFT}{publish}")
+    return load_config(file)
+
+
+def test_nothing_is_published_unless_the_section_is_there(tmp_path: Path) -> None:
+    assert load(tmp_path, "").publish is None
+    publish = load(tmp_path, "publish: {}").publish
+    assert publish is not None
+    assert (publish.rig, publish.listen, publish.connect) == ("rig", (LOOPBACK,), ())
+    assert publish.ros2_domain is None
+
+
+@pytest.mark.parametrize(
+    ("publish", "words"),
+    [
+        ("publish: {rig: a/b}", ["publish.rig", "a/b is no name for a rig"]),
+        ("publish: {lisen: []}", ["publish.lisen", "did you mean publish.listen"]),
+        ("publish: {connect: [router:7447]}", ["publish", "router:7447 is no endpoint", "tcp/127.0.0.1"]),
+        ("publish: {zenoh: z.json5, connect: [tcp/r:7447]}", ["publish", "remove publish.listen"]),
+        ("publish: {ros2_domain: 233}", ["publish.ros2_domain", "232"]),
+        ("publish: {ros2_domain: yes}", ["publish.ros2_domain", "integer"]),
+        ("publish: {zenoh: z.json5}", ["publish.zenoh", "z.json5 cannot be read (No such file"]),
+    ],
+)
+def test_what_cannot_be_is_named(tmp_path: Path, publish: str, words: list[str]) -> None:
+    with pytest.raises(ConfigurationError) as caught:
+        load(tmp_path, publish)
+    for word in ["rig.yaml", *words]:
+        assert word in str(caught.value)
+
+
+def test_a_file_of_zenohs_is_named_from_the_configuration(tmp_path: Path) -> None:
+    (tmp_path / "z.json5").write_text("{}")
+    publish = load(tmp_path, "publish: {zenoh: z.json5}").publish
+    assert publish is not None
+    assert publish.zenoh == tmp_path / "z.json5"
+
+
+def test_without_zenoh_the_daemon_goes_on_and_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    really_import = builtins.__import__
+
+    def without_zenoh(name: str, *rest: Any) -> Any:
+        if name == "autoexpose_daemon.publish.publisher":
+            raise ModuleNotFoundError("No module named 'zenoh'", name="zenoh")
+        return really_import(name, *rest)
+
+    monkeypatch.setattr(builtins, "__import__", without_zenoh)
+    config = load(tmp_path, "publish: {}")
+    daemon = add_outlets(Daemon(config, {}), config)
+    assert daemon.outlets == []
+    assert daemon.telemetry.publishing is not None
+    assert "zenoh is missing" in daemon.telemetry.publishing.trouble
+    assert "autoexpose-daemon[publish]" in caplog.text

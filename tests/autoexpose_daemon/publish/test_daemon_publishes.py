@@ -1,0 +1,58 @@
+"""From a daemon's control to a consumer; the cameras do as they are told."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+import zenoh
+
+from autoexpose_daemon.client import StereoClient
+from autoexpose_daemon.messages.read import read_exposure_info
+from autoexpose_daemon.publish.session import Endpoints, open_as_consumer
+from tests.autoexpose_daemon.publish.steps import PATIENCE_S, endpoint, wait_until
+from tests.autoexpose_daemon.scripted import scripted_daemon
+
+pytestmark = pytest.mark.wire
+
+CONTROL = {"policy": "neves2009"}
+
+
+def test_a_consumer_gets_what_control_saw_and_decided() -> None:
+    at = endpoint()
+    with (
+        scripted_daemon(control=CONTROL, publish={"listen": [at]}) as (_, _, seen),
+        StereoClient(connect=[at]) as client,
+    ):
+        received = [pair for _, pair in zip(range(30), client, strict=False)]
+    by_trigger = {pair.trigger: (pair, decision) for pair, decision in seen}
+    assert any(pair.decision is not None for pair in received)
+    for pair in received:
+        original, decision = by_trigger[pair.trigger]
+        assert pair.decision == decision
+        assert original.right is not None
+        assert pair.right is not None
+        for ours, theirs in ((pair.left, original.left), (pair.right, original.right)):
+            assert np.array_equal(ours.pixels, theirs.pixels)
+            assert (ours.setting, ours.setting_source) == (theirs.setting, "chunk")
+            assert ours.frame_id == theirs.frame_id
+    ages_s = [time.time() - pair.stamp_ns * 1e-9 for pair in received[-3:]]
+    assert all(0 < age_s < PATIENCE_S for age_s in ages_s)
+
+
+def test_frames_of_a_camera_that_is_left_alone_keep_their_name() -> None:
+    at = endpoint()
+    with scripted_daemon(control=CONTROL, publish={"listen": [at]}) as (daemon, rig, _):
+        wait_until(lambda: daemon.telemetry.publishing and daemon.telemetry.publishing.sent, "frames")
+        session = open_as_consumer(Endpoints(connect=[at]))
+        lone: list[str] = []
+
+        def take(sample: zenoh.Sample) -> None:
+            if read_exposure_info(sample.payload.to_bytes()).alone:
+                lone.append(str(sample.key_expr))
+
+        with session, session.declare_subscriber("autoexpose/rig/*/exposure", take):
+            rig.left.lost = True
+            wait_until(lambda: len(lone) > 20, "frames of the right camera alone")
+        assert set(lone) == {"autoexpose/rig/right/exposure"}

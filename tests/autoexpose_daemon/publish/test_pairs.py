@@ -1,0 +1,173 @@
+"""How a client puts messages together and counts what is missing; no transport."""
+
+from __future__ import annotations
+
+import random
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from autoexpose_daemon.client import pairs
+from autoexpose_daemon.client.pairs import PairAssembler, PairQueue, ReceivedPair
+from autoexpose_daemon.messages.read import DamagedMessageError
+from autoexpose_daemon.messages.write import Message, MessageWriter
+from autoexpose_daemon.publish.tally import ConsumerTally
+from drivers.frames import Frame, Side, StereoPair
+from tests.autoexpose_daemon.publish.steps import DECISION, SETTING
+
+PERIOD_NS = 16_666_667
+LONE: dict[str, Side] = {"left": "left", "right": "right"}
+
+
+def frame(number: int) -> Frame:
+    return Frame(np.full((2, 3), number % 256, np.uint8), 8, number, number, number * PERIOD_NS, 0, SETTING)
+
+
+def messages(number: int, *, cameras: int = 2, lone_side: Side | None = None) -> list[Message]:
+    """Those of one step that a client asks for: exposure and image of each frame, by turns."""
+    right = frame(number) if cameras == 2 and lone_side is None else None
+    step = StereoPair(number, frame(number), right, lone_side or "left")
+    made = MessageWriter("rig", cameras).messages(step, DECISION, number, 0)
+    return [message for message in made if message.topic != "camera_info"]
+
+
+class Receiver:
+    def __init__(self, length: int = 100) -> None:
+        self.tally = ConsumerTally()
+        self.assembler = PairAssembler(self.tally)
+        self.queue = PairQueue(self.tally, length)
+
+    def receive(self, message: Message) -> None:
+        take = self.assembler.image if message.topic == "image" else self.assembler.exposure
+        pair = take(message.side, bytes(message.data), 0)
+        if pair is not None:
+            self.queue.put(pair)
+
+    def drain(self) -> list[ReceivedPair]:
+        return [self.queue.take() for _ in range(len(self.queue))]
+
+
+@given(st.sets(st.integers(1, 40), min_size=1), st.data())
+def test_whatever_is_lost_is_counted(arriving: set[int], data: st.DataObject) -> None:
+    """Of each step all messages come, or all but some; the order within a step does not matter."""
+    receiver = Receiver()
+    whole = []
+    for number in sorted(arriving):
+        parts = data.draw(st.permutations(messages(number)))
+        missing = data.draw(st.sampled_from([0, 0, 0, 1, 3]))
+        for message in parts[missing:]:
+            receiver.receive(message)
+        whole += [number] if missing == 0 else []
+    pairs = receiver.drain()
+    assert [pair.sequence for pair in pairs] == whole
+    lost = whole[-1] - whole[0] + 1 - len(whole) if whole else 0
+    assert receiver.tally == ConsumerTally(pairs=len(whole), missed=lost, lost=lost)
+
+
+@given(st.lists(st.sampled_from(["pair", "pair", "left", "right", "lost"]), max_size=40), st.randoms())
+def test_messages_of_the_cameras_may_overtake_each_other(steps: list[str], order: random.Random) -> None:
+    receiver = Receiver()
+    queues: dict[Side, list[Message]] = {"left": [], "right": []}
+    kinds = ["pair", *steps, "pair"]
+    for number, kind in enumerate(kinds, start=1):
+        for message in messages(number, lone_side=LONE.get(kind)):
+            if kind != "lost":
+                queues[message.side].append(message)
+    while waiting := [queue for queue in queues.values() if queue]:
+        receiver.receive(order.choice(waiting).pop(0))
+    assert [pair.sequence for pair in receiver.drain()] == [n for n, kind in enumerate(kinds, 1) if kind == "pair"]
+    alone = kinds.count("left") + kinds.count("right")
+    assert (receiver.tally.lost, receiver.tally.alone) == (kinds.count("lost"), alone)
+
+
+def test_a_pair_holds_what_its_messages_say() -> None:
+    receiver = Receiver()
+    for message in messages(7):
+        receiver.receive(message)
+    (pair,) = receiver.drain()
+    assert pair.right is not None
+    assert (pair.trigger, pair.stamp_ns, pair.decision) == (7, 7 * PERIOD_NS, DECISION)
+    assert pair.stereo.frames == (pair.left, pair.right)
+    assert not pair.left.pixels.flags.writeable
+
+
+def test_a_rig_of_one_camera_makes_pairs_of_one() -> None:
+    receiver = Receiver()
+    for message in messages(1, cameras=1):
+        receiver.receive(message)
+    (pair,) = receiver.drain()
+    assert pair.right is None
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_a_lone_frame_makes_no_pair_and_is_no_loss_on_the_way(side: Side) -> None:
+    receiver = Receiver()
+    for number, lone_side in ((1, None), (2, side), (3, None)):
+        for message in messages(number, lone_side=lone_side):
+            receiver.receive(message)
+    assert [pair.sequence for pair in receiver.drain()] == [1, 3]
+    assert receiver.tally == ConsumerTally(pairs=2, missed=1, alone=1)
+
+
+def test_a_slow_consumer_gets_the_newest_pairs_and_knows_what_it_missed() -> None:
+    receiver = Receiver(length=2)
+    for number in range(1, 11):
+        for message in messages(number):
+            receiver.receive(message)
+        if number == 1:
+            receiver.drain()
+    assert [pair.sequence for pair in receiver.drain()] == [9, 10]
+    assert receiver.tally == ConsumerTally(pairs=3, missed=7, too_slow=7)
+
+
+def test_a_new_daemon_or_camera_that_counts_from_the_beginning_is_no_loss() -> None:
+    receiver = Receiver()
+    for number in (500, 501, 1, 2):
+        for message in messages(number):
+            receiver.receive(message)
+    assert len(receiver.drain()) == 4
+    assert receiver.tally == ConsumerTally(pairs=4)
+
+
+@pytest.mark.parametrize("jump", [10**7, 2**63 - 1])
+def test_a_count_that_jumps_out_of_sight_is_another_count(jump: int) -> None:
+    """Anybody who can publish can send such a number; losses that nobody had would stand there for ever."""
+    receiver = Receiver()
+    for number in (1, 2, jump, 3, 4, 6):
+        step = StereoPair(number, *[replace(frame(2), frame_id=number, host_time_ns=number % 10**15) for _ in range(2)])
+        for message in MessageWriter("rig", 2).messages(step, DECISION, number, 0):
+            if message.topic != "camera_info":
+                receiver.receive(message)
+        receiver.drain()
+    assert receiver.tally == ConsumerTally(pairs=6, missed=1, lost=1)
+
+
+def test_images_that_wait_for_the_rest_do_not_fill_the_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pairs, "_KEPT_BYTES", 100)
+    receiver = Receiver()
+    for number in range(1, 30):
+        for _ in range(2):  # the second takes the place of the first
+            receiver.receive(messages(number)[-1])
+        waiting = sum(part.pixels["right"].nbytes for part in receiver.assembler._parts.values())
+        assert waiting == min(6 * number, 96)
+    for message in messages(99):
+        receiver.receive(message)
+    assert len(receiver.drain()) == 1
+    assert receiver.assembler._kept_bytes == 0
+
+
+def test_parts_that_never_become_whole_do_not_pile_up() -> None:
+    receiver = Receiver()
+    for number in range(1, 1000):
+        receiver.receive(messages(number)[-1])
+    assert len(receiver.assembler._parts) <= 64
+
+
+@given(st.binary(max_size=100))
+def test_damaged_messages_are_refused(data: bytes) -> None:
+    receiver = Receiver()
+    with pytest.raises(DamagedMessageError):
+        receiver.assembler.image("left", data, 0)

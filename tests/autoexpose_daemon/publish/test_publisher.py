@@ -1,0 +1,189 @@
+"""Publisher and consumers over real sessions on loopback, in this process and in others."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from autoexpose_daemon.client import StereoClient
+from autoexpose_daemon.config.publish import PublishConfig
+from autoexpose_daemon.publish.publisher import MAILBOX_PAIRS, Publisher
+from autoexpose_daemon.publish.tally import ConsumerTally, DropReason, PublishTally
+from drivers.errors import ConfigurationError
+from tests.autoexpose_daemon.publish.consumer import consumer
+from tests.autoexpose_daemon.publish.steps import (
+    DECISION,
+    PATIENCE_S,
+    SETTING,
+    endpoint,
+    nothing,
+    pair,
+    publishing,
+    wait_until,
+)
+from tests.fakes import unique
+
+pytestmark = pytest.mark.wire
+
+ATTEMPTS = 5
+"""What is promised holds where there is time for it; machines are busy, so the best of a few counts."""
+PAIRS = 60
+"""Several times what a connection holds of them."""
+
+
+def reported(publisher: Publisher, name: str) -> ConsumerTally:
+    return publisher.tally.consumers.listed(time.monotonic_ns()).get(name, ConsumerTally())
+
+
+def test_a_client_gets_pairs_as_they_were_taken_and_the_daemon_hears_of_it() -> None:
+    at = endpoint()
+    with publishing(PublishConfig(listen=(at,))) as publisher, StereoClient(connect=[at], name="odometry") as client:
+        for _, received in zip(range(60), client, strict=False):
+            assert received.right is not None
+            assert received.left.setting == received.right.setting == SETTING
+            assert received.decision == DECISION
+            for frame in (received.left, received.right):
+                assert frame.frame_id == received.trigger
+                assert np.all(frame.pixels == received.trigger % 256)
+            assert abs(received.stamp_ns - time.time_ns()) < 10e9
+        assert client.tally.pairs == 60
+        wait_until(lambda: reported(publisher, "odometry").pairs >= 60, "the consumer's report")
+
+
+def test_a_client_waits_for_its_daemon_and_finds_the_next_one() -> None:
+    at = endpoint()
+    with StereoClient(connect=[at]) as client:
+        for _ in range(2):
+            with publishing(PublishConfig(listen=(at,))):
+                assert client.next_pair(PATIENCE_S) is not None
+        client.close()
+        assert client.next_pair() is None
+
+
+def test_rigs_do_not_mix() -> None:
+    at = endpoint()
+    with (
+        publishing(PublishConfig(rig="one", listen=(at,))),
+        StereoClient("two", [at]) as two,
+        StereoClient("one", [at]) as one,
+    ):
+        assert one.next_pair(PATIENCE_S) is not None
+        assert two.next_pair(0.1) is None
+
+
+def test_a_client_says_why_it_waits(caplog: pytest.LogCaptureFixture) -> None:
+    at = endpoint()
+    with StereoClient(connect=[at]) as client:
+        waiting = threading.Thread(target=client.next_pair)
+        waiting.start()
+        wait_until(lambda: "no frames yet" in caplog.text, "the complaint")
+        assert at in caplog.text
+    waiting.join()
+
+
+@pytest.mark.parametrize("names", [{"rig": "*"}, {"rig": "a/b"}, {"name": "a b"}, {"name": "a/b"}])
+def test_names_that_cannot_be_are_refused(names: dict[str, str]) -> None:
+    with pytest.raises(ConfigurationError, match="is no name for a"):
+        StereoClient(**names)  # type: ignore[arg-type]
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize("end", [signal.SIGKILL, signal.SIGSTOP])
+def test_a_consumer_that_dies_or_stands_still_costs_the_others_nothing(end: signal.Signals) -> None:
+    assert any(cost_to_others(end) == 0 for _ in range(ATTEMPTS))
+
+
+def cost_to_others(end: signal.Signals) -> int:
+    """What the publisher drops and another consumer loses of `PAIRS`, from when a first one dies or stands still."""
+    at = endpoint()
+    with (
+        publishing(PublishConfig(listen=(at,))) as publisher,
+        consumer("victim", at) as victim,
+        StereoClient(connect=[at]) as other,
+    ):
+        victim.wait_for_first()
+        assert other.next_pair(PATIENCE_S) is not None
+        before, dropped_before = other.tally, publisher.tally.dropped.total()
+        victim.process.send_signal(end)
+        for _, _received in zip(range(PAIRS), other, strict=False):
+            pass
+        assert other.tally.pairs - before.pairs == PAIRS
+        return other.tally.lost - before.lost + publisher.tally.dropped.total() - dropped_before
+
+
+def test_all_that_control_offers_is_accounted_for() -> None:
+    with Publisher(PublishConfig(listen=(endpoint(),)), 2, nothing) as publisher:
+        wait_until(lambda: offer(publisher).sent, "the session")
+        for number in range(1000):  # much faster than zenoh takes them
+            publisher(pair(number, (4, 4)), DECISION)
+    tally = publisher.tally
+    assert tally.dropped[DropReason.BEHIND] > 0
+    assert tally.offered == tally.sent + tally.dropped.total()
+
+
+def test_a_program_that_does_not_close_its_client_ends_all_the_same() -> None:
+    at = endpoint()
+    program = f"from autoexpose_daemon.client import StereoClient\nfor pair in StereoClient(connect=[{at!r}]): break"
+    with publishing(PublishConfig(listen=(at,))):
+        assert subprocess.run([sys.executable, "-c", program], timeout=PATIENCE_S, check=False).returncode == 0
+
+
+def offer(publisher: Publisher) -> PublishTally:
+    publisher(pair(0, (4, 4)), DECISION)
+    return publisher.tally
+
+
+def test_an_endpoint_in_use_is_named_and_tried_again() -> None:
+    at = endpoint()
+    address, port = at.removeprefix("tcp/").split(":")
+    config = PublishConfig(listen=(at,))
+    with contextlib.ExitStack() as stack:
+        blocker = stack.enter_context(socket.create_server((address, int(port))))
+        publisher = stack.enter_context(publishing(config))
+        wait_until(lambda: publisher.tally.trouble, "the complaint")
+        assert at in publisher.tally.trouble
+        assert "in use" in publisher.tally.trouble
+        blocker.close()
+        wait_until(lambda: publisher.tally.sent, "the endpoint to be taken")
+        assert publisher.tally.trouble == ""
+        assert publisher.tally.dropped[DropReason.NOT_OPEN] > 0
+
+
+def test_nothing_listens_beyond_this_machine() -> None:
+    at = endpoint()
+    with publishing(PublishConfig(listen=(at,))), StereoClient(connect=[at], name=unique("c")) as client:
+        assert client.next_pair(PATIENCE_S) is not None
+        assert {address for address in listening_addresses() if not address.startswith("127.")} == set()
+
+
+def listening_addresses() -> set[str]:
+    """Of the sockets of this process that listen, or wait for datagrams, read from the kernel's tables."""
+    own = set()
+    for entry in Path("/proc/self/fd").iterdir():
+        with contextlib.suppress(OSError):
+            own.add(str(entry.readlink()).removeprefix("socket:[").removesuffix("]"))
+    addresses = set()
+    for table, state in (("tcp", "0A"), ("tcp6", "0A"), ("udp", "07"), ("udp6", "07")):
+        for line in Path(f"/proc/net/{table}").read_text().splitlines()[1:]:
+            fields = line.split()
+            if fields[3] == state and fields[9] in own:
+                packed = bytes.fromhex(fields[1].split(":")[0])
+                addresses.add(socket.inet_ntoa(packed[::-1]) if len(packed) == 4 else packed.hex())
+    return addresses
+
+
+def test_the_mailbox_is_bounded() -> None:
+    publisher = Publisher(PublishConfig(listen=(endpoint(),)), 2, nothing)
+    publisher._open = True  # as while its thread is held up
+    for number in range(MAILBOX_PAIRS + 5):  # control comes back from each call, though nobody takes a pair out
+        publisher(pair(number, (4, 4)), DECISION)
+    assert publisher.tally.dropped[DropReason.BEHIND] == 5

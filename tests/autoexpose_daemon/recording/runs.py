@@ -1,0 +1,79 @@
+"""Runs of control in virtual time, recorded as a daemon would."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.control.loop import ControlLoop
+from autoexpose_daemon.recording.read import Recording
+from autoexpose_daemon.recording.recorder import ContinuousRecorder, Recorder
+from autoexpose_daemon.recording.replay import Replay, Replayed
+from calibration.response import ResponseFunction
+from drivers.exposure import ExposureLimits, ExposureSetting
+from drivers.frames import Frame, StereoPair
+from tests.autoexpose_daemon.control.scene import FRAME_NS, expose, radiance
+
+LIMITS = ExposureLimits(20.0, 7500.0, 0.0, 30.0, 1.0)
+START = ExposureSetting(1000.0, 0.0)
+SHAPE = (136, 180)
+
+
+@dataclass
+class VirtualRun:
+    """A loop, the light it lives in, and what it has decided."""
+
+    policy_id: str = "metric-map"
+    bits: int = 8
+    loop: ControlLoop = field(init=False)
+    decisions: dict[int, Decision] = field(default_factory=dict)
+    trigger: int = 99
+
+    def __post_init__(self) -> None:
+        self.loop = ControlLoop(self.policy_id, ResponseFunction.linear(), LIMITS, START)
+        self._scenes = radiance(1, 1.2, SHAPE), radiance(2, 0.8, SHAPE)
+        self._rng = np.random.default_rng(5)
+        self._light = 13.0
+        self._settings = [START, START]
+
+    def pairs(self) -> Iterator[StereoPair]:
+        """One pair after another, each taken with the decision on the pair before the last."""
+        while True:
+            self.trigger += 1
+            self._light += float(self._rng.choice([0.0, 0.0, 0.1, self._rng.normal(0, 1.5)]))
+            left, right = (self._frame(scene) for scene in self._scenes)
+            yield StereoPair(self.trigger, left, right)
+
+    def feed(
+        self, recorder: Recorder, steps: int, shape: Callable[[StereoPair], StereoPair] = lambda pair: pair
+    ) -> None:
+        """Have the recorder see so many steps, of pairs that `shape` may change first."""
+        for _, pair in zip(range(steps), self.pairs(), strict=False):
+            shaped = shape(pair)
+            decision = self.loop.step(shaped)
+            self._settings = [self._settings[-1], decision.setting]
+            self.decisions[pair.trigger] = decision
+            recorder.take(shaped, decision, self.loop, 2)
+
+    def _frame(self, scene: NDArray[np.float64]) -> Frame:
+        frame = expose(np.roll(scene, self.trigger, axis=1), self._settings[0], self._light, self.bits)
+        frame.pixels[...] ^= self._rng.integers(0, 8, frame.pixels.shape, frame.pixels.dtype)  # noise: hard to compress
+        time_ns = 10**12 + self.trigger * FRAME_NS
+        return Frame(frame.pixels, self.bits, self.trigger, time_ns + 7, time_ns, time_ns + 9_000_000, frame.setting)
+
+
+def record(path: Path, run: VirtualRun, steps: int = 150) -> Path:
+    """A recording of a run, nothing dropped."""
+    with ContinuousRecorder(path, steps, "rig") as recorder:
+        run.feed(recorder, steps)
+    assert recorder.failure is None
+    return path
+
+
+def replayed(path: Path, policy_id: str | None = None) -> list[Replayed]:
+    return list(Replay(policy_id).steps(Recording(path)))

@@ -1,0 +1,285 @@
+"""The file itself: other tools open it, and whatever is done to it costs one sentence."""
+
+from __future__ import annotations
+
+import logging
+import os
+import re
+import resource
+import threading
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+from mcap.writer import Writer
+from rosbags.rosbag2 import Reader
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from autoexpose_daemon.config.document import Config
+from autoexpose_daemon.recording.file import RESERVE_BYTES, RecordingFile
+from autoexpose_daemon.recording.read import Recording
+from autoexpose_daemon.recording.recorder import ContinuousRecorder, LastSecondsRecorder, new_recorder
+from autoexpose_daemon.recording.replay import Replay
+from autoexpose_daemon.recording.report import report
+from autoexpose_daemon.recording.step import Item, RecordingError, Step
+from tests.autoexpose_daemon.recording.runs import VirtualRun, record, replayed
+
+TOPICS = {
+    *(f"/autoexpose/rig/{side}/{what}" for side in ("left", "right") for what in ("image", "camera_info", "exposure")),
+    "/autoexpose/rig/control/setup",
+    "/autoexpose/rig/control/state",
+}
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A recording of some 6 MB, two chunks, nothing wrong with it."""
+    return record(tmp_path_factory.mktemp("recording") / "whole.mcap", VirtualRun(), 120)
+
+
+def test_the_mcap_reader_opens_it(whole: Path) -> None:
+    with whole.open("rb") as stream:
+        reader = make_reader(stream, validate_crcs=True)
+        summary = reader.get_summary()
+        assert summary is not None
+        assert {channel.topic for channel in summary.channels.values()} == TOPICS
+        assert {schema.encoding for schema in summary.schemas.values()} == {"ros2msg"}
+        times = [message.log_time for _, _, message in reader.iter_messages(topics=["/autoexpose/rig/left/image"])]
+    assert len(times) == 120
+    assert times == sorted(times)
+
+
+def test_rosbags_opens_it_and_reads_every_message_by_the_definitions_in_it(whole: Path) -> None:
+    store = get_typestore(Stores.EMPTY)
+    images = 0
+    with Reader(whole) as reader:
+        assert set(reader.topics) == TOPICS
+        for connection in reader.connections:
+            store.register(get_types_from_msg(connection.msgdef.data, connection.msgtype))
+        for connection, _, data in reader.messages():
+            message = store.deserialize_cdr(data, connection.msgtype)
+            images += connection.topic.endswith("image")
+            if connection.topic.endswith("exposure"):
+                assert message.exposure_time_us >= 20.0  # type: ignore[attr-defined]
+    assert images == 240
+
+
+@settings(max_examples=25, deadline=None)
+@given(cut=st.floats(0, 1, exclude_max=True))
+def test_a_file_cut_off_anywhere_is_read_up_to_there(whole: Path, cut: float) -> None:
+    content = whole.read_bytes()
+    path = whole.with_name("cut.mcap")
+    path.write_bytes(content[: int(cut * len(content))])
+    items, error = _read(path)
+    steps = [item for item in items if isinstance(item, Step)]
+    if error is None:
+        assert [step.sequence for step in steps] == list(range(1, len(steps) + 1))
+        assert all(each.same for each in replayed(path)[1:])
+
+
+def test_a_file_cut_off_says_so(whole: Path) -> None:
+    path = whole.with_name("cut.mcap")
+    path.write_bytes(whole.read_bytes()[: whole.stat().st_size - 1_000_000])
+    said: list[str] = []
+    assert report(path, None, said.append)
+    assert "the file ends in the middle of a record: what comes before that has been read" in said
+
+
+@settings(max_examples=40, deadline=None)
+@given(where=st.floats(0, 1, exclude_max=True), bits=st.integers(1, 255), count=st.sampled_from([1, 1, 8, 4096]))
+def test_damaged_bytes_are_one_sentence_or_change_nothing(whole: Path, where: float, bits: int, count: int) -> None:
+    content = bytearray(whole.read_bytes())
+    # Half of the damage to what is not pixels: the first chunk's head and the last bytes.
+    at = int(where * len(content)) if count > 1 else int(where * 4000) - 2000
+    for index in range(at, min(at + count, len(content))):
+        content[index] ^= bits
+    path = whole.with_name("damaged.mcap")
+    path.write_bytes(content)
+    items, error = _read(path)
+    if error is None:
+        assert all(np.isfinite(item.decision.level) for item in items if isinstance(item, Step))
+        list(Replay().steps(items))
+
+
+@settings(max_examples=200, deadline=None)
+@given(content=st.binary(max_size=4000), with_magic=st.booleans())
+def test_random_bytes_are_one_sentence(
+    tmp_path_factory: pytest.TempPathFactory, content: bytes, with_magic: bool
+) -> None:
+    path = tmp_path_factory.getbasetemp() / "random.mcap"
+    path.write_bytes((b"\x89MCAP0\r\n" if with_magic else b"") + content)
+    _, error = _read(path)
+    assert error is not None
+
+
+def _read(path: Path) -> tuple[list[Item], RecordingError | None]:
+    items: list[Item] = []
+    try:
+        items.extend(Recording(path))  # keeps nothing of a file that ends in an error
+    except RecordingError as error:
+        assert str(error).startswith(f"{path}: ")
+        assert "\n" not in str(error)
+        return items, error
+    return items, None
+
+
+def test_a_recording_of_something_else_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "other.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start("ros2", "another")
+        schema = writer.register_schema("std_msgs/msg/String", "ros2msg", b"string data")
+        writer.add_message(writer.register_channel("/chatter", "cdr", schema), 0, b"\0\1\0\0\1\0\0\0\0", 0)
+        writer.finish()
+    with pytest.raises(RecordingError, match="holds no steps of control: it is no recording of autoexpose"):
+        list(Recording(path))
+
+
+def test_another_format_of_states_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("autoexpose_daemon.recording.file.STATE_FORMAT", "autoexpose-control/0")
+    path = record(tmp_path / "old.mcap", VirtualRun("fixed"), 5)
+    with pytest.raises(RecordingError, match="of format 'autoexpose-control/0': only 'autoexpose-control/2' can be"):
+        list(Recording(path))
+
+
+def test_another_version_of_the_message_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = record(tmp_path / "old.mcap", VirtualRun("fixed"), 5)
+    monkeypatch.setattr("autoexpose_daemon.recording.read.definition", lambda _: "uint64 sequence")
+    with pytest.raises(RecordingError, match=r"another version of ExposureInfo\.msg: replay it with that version"):
+        list(Recording(path))
+
+
+def test_a_state_that_does_not_fit_its_setup_is_one_sentence(tmp_path: Path) -> None:
+    run, path = VirtualRun("lu2010"), tmp_path / "run.mcap"
+    pair = next(run.pairs())
+    step = Step(1, 2, pair, run.loop.step(pair))
+    file = RecordingFile(path, "rig")
+    file.write(step, run.loop.setup, VirtualRun("kim2018").loop.state())
+    file.close(1, 0)
+    with pytest.raises(RecordingError, match="its state of control does not fit: Lu2010 needs query, best_level"):
+        replayed(path)
+
+
+@pytest.mark.parametrize("missing", ["missing.mcap", "."])
+def test_what_cannot_be_opened_is_one_sentence(tmp_path: Path, missing: str) -> None:
+    with pytest.raises(RecordingError, match="cannot be read: "):
+        list(Recording(tmp_path / missing))
+
+
+def test_a_file_that_exists_or_cannot_be_is_refused_at_once(whole: Path, tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match="is there already: name a new file"):
+        ContinuousRecorder(whole, 60, "rig")
+    nowhere = tmp_path / "no folder" / "run.mcap"
+    with pytest.raises(RecordingError, match=r"run\.mcap: cannot be written: No such file or directory"):
+        ContinuousRecorder(nowhere, 60, "rig")
+    with pytest.raises(RecordingError, match=r"run\.mcap: cannot be written; name a file in a folder that is there"):
+        LastSecondsRecorder(nowhere, 60, "rig", 5)
+
+
+def test_a_disk_that_fills_up_ends_the_recording_and_nothing_else(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    run, path = VirtualRun("neves2009"), tmp_path / "run.mcap"
+    with caplog.at_level(logging.WARNING), ContinuousRecorder(path, 200, "rig") as recorder:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (5 << 20, hard))
+        try:
+            run.feed(recorder, 200)
+            recorder._thread.join(30)
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+        assert not recorder._thread.is_alive()
+        run.feed(recorder, 10)
+    assert len(run.decisions) == 210
+    assert recorder.failure == f"{path}: cannot be written: File too large"
+    assert [each.message for each in caplog.records] == [
+        f"recording stops, control goes on: {path}: cannot be written: File too large"
+    ]
+    recording = Recording(path)
+    steps = [item for item in recording if isinstance(item, Step)]
+    assert recording.cut_off
+    assert steps
+    assert recorder.incomplete
+    lost = recorder.steps - len(steps)
+    assert recorder.summary == (
+        f"{path}: {len(steps)} steps recorded, 0 dropped by the recorder, {lost} lost when it stopped"
+    )
+    assert all(each.same for each in replayed(path)[1:])
+
+
+def test_some_of_the_disk_is_left_free_and_the_file_is_whole(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    free = iter([*[RESERVE_BYTES] * 30, *[RESERVE_BYTES - 1] * 100])
+    monkeypatch.setattr(os, "fstatvfs", lambda _: SimpleNamespace(f_bavail=next(free), f_frsize=1))
+    run, path = VirtualRun("neves2009"), tmp_path / "run.mcap"
+    with caplog.at_level(logging.WARNING), ContinuousRecorder(path, 60, "rig") as recorder:
+        run.feed(recorder, 60)
+    assert [each.message for each in caplog.records] == [
+        f"recording stops, control goes on: {path}: less than 64 MiB are left on its disk: make room"
+    ]
+    recording = Recording(path)
+    assert len([item for item in recording if isinstance(item, Step)]) == 30
+    assert not recording.cut_off
+    assert recorder.summary.startswith(f"{path}: 30 steps recorded, 0 dropped by the recorder, ")
+    with Reader(path) as reader:
+        assert reader.topics["/autoexpose/rig/left/image"].msgcount == 30
+
+
+def test_last_seconds_that_do_not_fit_on_the_disk_are_said_and_kept_for_the_next_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    free = iter([*[RESERVE_BYTES] * 10, RESERVE_BYTES - 1, *[RESERVE_BYTES] * 100])
+    monkeypatch.setattr(os, "fstatvfs", lambda _: SimpleNamespace(f_bavail=next(free), f_frsize=1))
+    run, path = VirtualRun("neves2009"), tmp_path / "run.mcap"
+    with caplog.at_level(logging.WARNING), LastSecondsRecorder(path, 30, "rig", 1.0) as recorder:
+        run.feed(recorder, 40)
+        recorder.save()
+        while not caplog.records:
+            threading.Event().wait(0.001)
+    assert [each.message for each in caplog.records] == [
+        f"not all is saved, control goes on: {tmp_path}/run-1.mcap: less than 64 MiB are left on its disk: make room"
+    ]
+    assert len(replayed(tmp_path / "run-1.mcap")) == 10
+    assert len(replayed(tmp_path / "run-2.mcap")) == 40
+    assert recorder.incomplete
+    assert recorder.failure is None
+    assert re.fullmatch(
+        rf"recordings written: {tmp_path}/run-1\.mcap \(10 of \d+ steps\), {tmp_path}/run-2\.mcap \(40 steps\)",
+        recorder.summary,
+    )
+
+
+def test_a_disk_that_fills_up_at_the_last_moment_is_no_success(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    run = VirtualRun("fixed")
+    everything = ContinuousRecorder(tmp_path / "run.mcap", 60, "rig")
+    last = LastSecondsRecorder(tmp_path / "last.mcap", 60, "rig", 1.0)
+    with caplog.at_level(logging.WARNING):
+        for recorder in (everything, last):
+            with recorder:
+                run.feed(recorder, 20)  # less than a chunk: all of it is written at the end
+                resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, hard))
+            resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert everything.incomplete
+    assert last.incomplete
+    assert everything.summary.endswith("run.mcap: 0 steps recorded, 0 dropped by the recorder, 20 lost when it stopped")
+    assert last.summary.endswith("last-1.mcap (0 of 20 steps)")
+    assert [each.message.partition(":")[0] for each in caplog.records] == [
+        "recording stops, control goes on", "not all is saved, control goes on"
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ["run", "run.txt", "run.MCAP", ".mcap", "run.mcap.gz"])
+@pytest.mark.parametrize("last_s", [None, 5.0])
+def test_a_recording_is_named_for_what_it_is(tmp_path: Path, name: str, last_s: float | None) -> None:
+    config = Config.model_validate({"cameras": {"left": {"serial": "A"}}})
+    with pytest.raises(RecordingError, match=r"is no name for a recording: let it end in \.mcap"):
+        new_recorder(tmp_path / name, config, last_s)
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,185 @@
+"""What is recorded is replayed bit for bit, by the recorded policy; another one decides for itself."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from autoexpose_daemon.control.policies import POLICY_IDS
+from autoexpose_daemon.recording import recorder as recorder_module
+from autoexpose_daemon.recording.file import RecordingFile
+from autoexpose_daemon.recording.read import Recording
+from autoexpose_daemon.recording.recorder import ContinuousRecorder, LastSecondsRecorder
+from autoexpose_daemon.recording.report import report
+from autoexpose_daemon.recording.step import Setup, State, Step
+from drivers.frames import StereoPair
+from tests.autoexpose_daemon.recording.runs import VirtualRun, record, replayed
+
+
+@pytest.fixture(autouse=True)
+def snapshots_every_fifty_milliseconds(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Virtual time runs faster than the recorder's clock."""
+    monkeypatch.setattr(recorder_module, "SNAPSHOT_NS", 50_000_000)
+
+
+@pytest.mark.parametrize("policy_id", POLICY_IDS)
+def test_every_decision_but_the_first_is_replayed_bit_for_bit(tmp_path: Path, policy_id: str) -> None:
+    run = VirtualRun(policy_id)
+    steps = replayed(record(tmp_path / "run.mcap", run))
+    assert [each.step.decision for each in steps] == list(run.decisions.values())
+    assert steps[0].decision is None  # the first snapshot is of the state after it
+    assert all(each.same for each in steps[1:])
+
+
+@pytest.mark.parametrize("bits", [8, 12, 16])
+def test_frames_come_back_as_they_were(tmp_path: Path, bits: int) -> None:
+    run, kept = VirtualRun("neves2009", bits), []
+
+    def keep(pair: StereoPair) -> StereoPair:
+        alone = {1: StereoPair(pair.trigger, pair.left, None), 2: StereoPair(pair.trigger, pair.right, None, "right")}  # type: ignore[arg-type]
+        kept.append(alone.get(pair.trigger % 4, pair))
+        return kept[-1]
+
+    with ContinuousRecorder(tmp_path / "run.mcap", 20, "rig") as recorder:
+        run.feed(recorder, 20, keep)
+    steps = [item for item in Recording(tmp_path / "run.mcap") if isinstance(item, Step)]
+    for pair, step in zip(kept, steps, strict=True):
+        assert (step.pair.trigger, list(step.pair.by_side)) == (pair.trigger, list(pair.by_side))
+        for was, now in zip(pair.frames, step.pair.frames, strict=True):
+            assert np.array_equal(was.pixels, now.pixels)
+            assert was.pixels.dtype == now.pixels.dtype
+            for name in ("bit_depth", "frame_id", "device_time_ns", "host_time_ns", "arrival_time_ns", "setting"):
+                assert getattr(was, name) == getattr(now, name)
+    assert all(each.same for each in replayed(tmp_path / "run.mcap")[1:])
+
+
+def test_a_recorder_drop_is_named_and_the_replay_goes_on_at_the_next_snapshot(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    disk_goes_on, disk_waits = threading.Event(), threading.Event()
+    write = RecordingFile.write
+
+    def stall(file: RecordingFile, step: Step, *rest: object) -> None:
+        if step.sequence == 30:
+            disk_waits.set()
+            assert disk_goes_on.wait(30)
+        write(file, step, *rest)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(RecordingFile, "write", stall)
+    run, path = VirtualRun(), tmp_path / "run.mcap"
+    with ContinuousRecorder(path, 20, "rig") as recorder:  # room for 40
+        run.feed(recorder, 30)
+        assert disk_waits.wait(30)
+        run.feed(recorder, 52)
+        assert recorder.dropped == 12
+        disk_goes_on.set()
+        while recorder._queue.qsize() > 5:
+            threading.Event().wait(0.001)
+        run.feed(recorder, 30)
+    assert recorder.dropped == 12
+    steps = replayed(path)
+    assert len(steps) == 100
+    (index,) = (index for index, each in enumerate(steps) if each.dropped)
+    assert (index, steps[index].dropped, steps[index].undelivered) == (70, 12, 0)
+    assert [each.decision is None for each in steps].count(True) == 2  # the first, and the one after the gap
+    assert all(each.same for each in (*steps[1:70], *steps[71:]))
+
+    said: list[str] = []
+    assert report(path, None, said.append)
+    assert f"the recorder dropped 12 steps before trigger {steps[70].step.pair.trigger}; the replay goes on" in "".join(
+        said
+    )
+    assert "12 dropped by the recorder, 0 triggers" in said[-3]
+    assert said[-2] == "replayed: 98, of which 98 are bit for bit as recorded"
+
+
+def test_drops_at_the_very_end_are_known(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    disk_goes_on = threading.Event()
+    write = RecordingFile.write
+
+    def stall(file: RecordingFile, *step: object) -> None:
+        assert disk_goes_on.wait(30)
+        write(file, *step)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(RecordingFile, "write", stall)
+    with ContinuousRecorder(tmp_path / "run.mcap", 5, "rig") as recorder:
+        VirtualRun().feed(recorder, 20)
+        disk_goes_on.set()
+    recording = Recording(tmp_path / "run.mcap")
+    list(recording)
+    assert recording.dropped == recorder.dropped >= 9
+
+
+def test_pairs_that_never_reached_control_are_told_from_drops(tmp_path: Path) -> None:
+    run, path = VirtualRun(), tmp_path / "run.mcap"
+    with ContinuousRecorder(path, 100, "rig") as recorder:
+        run.feed(recorder, 20)
+        run.trigger += 7
+        run.feed(recorder, 20)
+    steps = replayed(path)
+    assert [(each.dropped, each.undelivered) for each in steps if each.undelivered] == [(0, 7)]
+    assert all(each.same for each in steps[1:])
+
+
+def test_control_that_begins_anew_is_replayed_anew(tmp_path: Path) -> None:
+    run, path = VirtualRun(), tmp_path / "run.mcap"
+    with ContinuousRecorder(path, 100, "rig") as recorder:
+        run.feed(recorder, 20)
+        run.loop = VirtualRun("begin2022").loop
+        run.feed(recorder, 20)
+    items = list(Recording(path))
+    assert [item.control.policy_id for item in items if isinstance(item, Setup)] == ["metric-map", "begin2022"]
+    steps = replayed(path)
+    assert [index for index, each in enumerate(steps) if each.decision is None] == [0, 20]
+    assert all(each.same for each in steps if each.decision is not None)
+
+
+def test_another_policy_decides_on_all_the_frames(tmp_path: Path) -> None:
+    run = VirtualRun("neves2009")
+    path = record(tmp_path / "run.mcap", run)
+    steps = replayed(path, "majer2018-full")
+    alone = VirtualRun("majer2018-full").loop
+    assert [each.decision for each in steps] == [alone.step(each.step.pair) for each in steps]
+    said: list[str] = []
+    assert report(path, "majer2018-full", said.append)
+    assert "majer2018-full on the same frames: " in said[-1]
+    assert all(each.same for each in replayed(path, "neves2009")[1:])
+
+
+def test_a_decision_that_differs_is_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = record(tmp_path / "run.mcap", VirtualRun("neves2009"), 40)
+    monkeypatch.setattr("autoexpose_daemon.control.policies.published.neves2009.INTEGRAL_GAIN", 0.61)
+    monkeypatch.setattr("cv2.__version__", "9.9.9")
+    said: list[str] = []
+    assert not report(path, None, said.append)
+    assert any(line.startswith("first other decision at trigger 10") for line in said)
+    assert said[-1].endswith("replayed with opencv 9.9.9") or "replayed with 9.9.9" in said[-1]
+
+
+def test_the_last_seconds_are_kept_and_begin_with_a_snapshot(tmp_path: Path) -> None:
+    run = VirtualRun()
+    recorder = LastSecondsRecorder(tmp_path / "run.mcap", rate_hz=30, rig="rig", last_s=1.0)
+
+    def unhurried(pair: StereoPair) -> StereoPair:
+        """As cameras are: nothing is dropped because the recorder's thread had no turn."""
+        while recorder._queue.qsize() > 20:
+            threading.Event().wait(0.001)
+        return pair
+
+    with recorder:
+        run.feed(recorder, 200, unhurried)
+        recorder.save()
+        while not (tmp_path / "run-1.mcap").exists():
+            threading.Event().wait(0.001)
+        run.feed(recorder, 10, unhurried)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["run-1.mcap", "run-2.mcap"]
+    for path in tmp_path.iterdir():
+        items = list(Recording(path))
+        assert [type(item) for item in items[:3]] == [Setup, Step, State]
+        steps = replayed(path)
+        assert len(steps) <= 2 * 30 + 1
+        assert all(each.same for each in steps[1:])
+    assert replayed(tmp_path / "run-2.mcap")[-1].step.pair.trigger == 309

@@ -1,0 +1,108 @@
+"""The daemon's watch over responses: what it says, and the copy it keeps."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from autoexpose_daemon.config.document import Config
+from autoexpose_daemon.runtime.response_drift import REFINE_EVERY, ResponseDrift
+from calibration.response import ResponseFunction
+from calibration.response.file import CameraIdentity, Origin, ResponseFile
+from drivers.exposure import ExposureSetting
+from drivers.frames import Frame, SettingSource, StereoPair
+from tests.calibration.true_response import true_response
+
+LEFT = Origin(CameraIdentity("Maker", "Model", "L"), "Mono8")
+
+
+@pytest.fixture
+def config(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Config:
+    """Left with the file of a linear response that is asked to be refined; right without a file, hence linear."""
+    monkeypatch.delenv("STATE_DIRECTORY", raising=False)
+    file = tmp_path / "left.response.yaml"
+    ResponseFile(true_response("linear"), LEFT).save(file)
+    cameras = {"left": {"serial": "L", "response": file}, "right": {"serial": "R"}}
+    return Config.model_validate({"cameras": cameras, "response": {"refine": True}})
+
+
+def watching(config: Config) -> ResponseDrift:
+    return ResponseDrift(config, {side: config.response_of(side) for side in config.sides})
+
+
+def show(
+    drift: ResponseDrift, left: ResponseFunction, changes: int, source: SettingSource = "chunk", stride: int = 1
+) -> None:
+    """Frames of a still scene at changing exposures: the left camera responds so, the right one linearly."""
+    numbers = np.random.default_rng(5)
+    scene_stops = numbers.uniform(-6.0, -1.0, (200, 200))
+    right = true_response("linear")
+    for index in range(2 * changes):
+        if index % 2 == 0:
+            setting = ExposureSetting(float(1000.0 * 2.0 ** numbers.uniform(-1.5, 1.0)), 0.0)
+        frames = []
+        for response in (left, right):
+            exact = response.intensity(scene_stops + setting.level - np.log2(1000.0))
+            pixels = np.rint(exact + numbers.normal(0.0, 0.7, exact.shape)).clip(0, 255).astype(np.uint8)
+            frames.append(Frame(pixels, 8, index, index, index, index, setting, source))
+        drift.see(StereoPair(index * stride, *frames))
+
+
+def finish_refining() -> None:
+    for thread in threading.enumerate():
+        if thread.name.startswith("refine-"):
+            thread.join()
+
+
+def test_cameras_whose_responses_hold_are_left_alone(config: Config, tmp_path: Path) -> None:
+    drift = watching(config)
+    show(drift, true_response("linear"), 2 * REFINE_EVERY)
+    finish_refining()
+    assert drift.misfits == {}
+    assert set(drift.residual_grey) == {"left", "right"}
+    assert max(drift.residual_grey.values()) < 1.0
+    assert [path.name for path in tmp_path.iterdir()] == ["left.response.yaml"]
+
+
+def test_a_response_that_drifted_is_told_and_refined_in_a_copy(
+    config: Config, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    before = (tmp_path / "left.response.yaml").read_bytes()
+    drift = watching(config)
+    show(drift, true_response("gamma"), 2 * REFINE_EVERY)
+    finish_refining()
+    assert set(drift.misfits) == {"left"}
+    assert "autoexpose calibrate response --camera L" in drift.misfits["left"]
+    assert caplog.text.count("left camera: response off by") == 1
+    assert (tmp_path / "left.response.yaml").read_bytes() == before
+    refined = ResponseFile.load(tmp_path / "left.response.refined.yaml")
+    refined.check_belongs(tmp_path, "L", "Mono8")
+    stops = refined.response.log2_exposure[[32, 64, 128]] - true_response("gamma").log2_exposure[[32, 64, 128]]
+    assert np.ptp(stops) < 0.15
+
+
+def test_a_copy_that_cannot_be_written_is_a_line_in_the_log(
+    config: Config, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setenv("STATE_DIRECTORY", "/proc/none")
+    drift = watching(config)
+    show(drift, true_response("gamma"), 2 * REFINE_EVERY)
+    finish_refining()
+    assert "no refined response is kept" in caplog.text
+
+
+def test_pairs_that_lack_a_frame_are_passed_over(config: Config) -> None:
+    drift = watching(config)
+    frame = Frame(np.zeros((8, 8), np.uint8), 8, 0, 0, 0, 0, ExposureSetting(1000.0, 0.0))
+    drift.see(StereoPair(0, frame, None))
+    assert drift.residual_grey == {}
+
+
+def test_nothing_is_concluded_from_settings_that_are_only_inferred_nor_across_gaps(config: Config) -> None:
+    for source, stride in (("ledger", 1), ("chunk", 2)):
+        drift = watching(config)
+        show(drift, true_response("gamma"), REFINE_EVERY, source, stride)
+        assert drift.residual_grey == {}

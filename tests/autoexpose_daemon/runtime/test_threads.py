@@ -1,0 +1,165 @@
+"""Threads that die or hang, on cameras that do as they are told."""
+
+from __future__ import annotations
+
+import socket
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from autoexpose_daemon.config.document import Config
+from autoexpose_daemon.runtime.daemon import Daemon
+from autoexpose_daemon.service.notify import Notifier
+from autoexpose_daemon.service.service import Service
+from autoexpose_daemon.service.watch import Watch
+from autoexpose_daemon.status.document import Status
+from autoexpose_daemon.status.states import State
+from drivers.camera import Camera
+from drivers.exposure import ExposureSetting
+from drivers.frames import Frame, Side, StereoPair
+from tests.drivers.rig.test_rig import ScriptedCamera
+
+CONFIG = Config.model_validate({"cameras": {"left": {"serial": "L"}, "right": {"serial": "R"}}})
+LONG_S = 10.0
+
+
+class DyingCamera(ScriptedCamera):
+    def __init__(self, where: str) -> None:
+        super().__init__()
+        self._where = where
+
+    def next_frame(self, timeout_s: float) -> Frame | None:
+        if self._where == "frames":
+            raise RuntimeError("died in frames")
+        return super().next_frame(timeout_s)
+
+    def write(self, setting: ExposureSetting) -> ExposureSetting:
+        if self._where == "write":
+            raise RuntimeError("died in write")
+        return super().write(setting)
+
+    def close(self) -> None:
+        super().close()
+        if self._where == "close":
+            raise RuntimeError("died in close")
+
+
+def opener_that_dies() -> Camera:
+    raise RuntimeError("died in open")
+
+
+def build(right: Callable[[], Camera]) -> Service:
+    openers: dict[Side, Callable[[], Camera]] = {"left": ScriptedCamera, "right": right}
+    return Service(CONFIG, lambda config, start: Daemon(config, openers, start=start))
+
+
+def show_nothing(_status: Callable[[], Status]) -> None:
+    return
+
+
+@pytest.mark.parametrize(
+    ("right", "message"),
+    [
+        (opener_that_dies, "died in open"),
+        (lambda: DyingCamera("write"), "died in write"),
+        (lambda: DyingCamera("frames"), "died in frames"),
+    ],
+)
+def test_a_dead_thread_of_the_rig_ends_the_service(right: Callable[[], Camera], message: str) -> None:
+    service = build(right)
+    with pytest.raises(RuntimeError, match=message):
+        service.run(threading.Event(), show_nothing)
+    assert not [thread for thread in threading.enumerate() if thread.name.startswith(("control", "nodes", "frames"))]
+
+
+def test_no_thread_keeps_the_others_waiting_for_the_time_of_a_decision() -> None:
+    sys.setswitchinterval(0.005)
+    stop = threading.Event()
+    stop.set()
+    Daemon(CONFIG, {"left": ScriptedCamera, "right": ScriptedCamera}).run(stop)
+    assert sys.getswitchinterval() < 0.001
+
+
+def test_a_dead_camera_whose_closing_fails_ends_the_service() -> None:
+    camera = DyingCamera("close")
+    camera.lost = True
+    with pytest.raises(RuntimeError, match="died in close"):
+        build(lambda: camera).run(threading.Event(), show_nothing)
+
+
+def test_a_dead_control_thread_ends_the_service(monkeypatch: pytest.MonkeyPatch) -> None:
+    def die(_daemon: Daemon) -> None:
+        raise ZeroDivisionError("died in control")
+
+    monkeypatch.setattr(Daemon, "_warm_up", die)
+    with pytest.raises(ZeroDivisionError, match="died in control"):
+        build(ScriptedCamera).run(threading.Event(), show_nothing)
+
+
+@pytest.fixture
+def manager(tmp_path: Path) -> Iterator[socket.socket]:
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK) as listener:
+        listener.bind(str(tmp_path / "notify"))
+        yield listener
+
+
+def heard(manager: socket.socket) -> list[str]:
+    messages: list[str] = []
+    while True:
+        try:
+            messages.append(manager.recv(4096).decode())
+        except BlockingIOError:
+            return messages
+
+
+def test_a_stuck_control_thread_starves_the_watchdog(manager: socket.socket) -> None:
+    stuck, free, stop = threading.Event(), threading.Event(), threading.Event()
+
+    def hang(_pair: StereoPair, _decision: object) -> None:
+        stuck.set()
+        assert free.wait(LONG_S)
+
+    camera = ScriptedCamera(shape=(90, 120))
+    config = Config.model_validate({"cameras": {"left": {"serial": "L"}}, "control": {"policy": "fixed"}})
+    daemon = Daemon(config, {"left": lambda: camera}, hang)
+    watch = Watch(Notifier(manager.getsockname()))
+    watch.begin(daemon, config)
+    thread = threading.Thread(target=daemon.run, args=(stop,))
+    thread.start()
+    try:
+        camera.expose()
+        assert stuck.wait(LONG_S)
+        watch.feed()
+        assert heard(manager) == ["WATCHDOG=1"]
+        watch.feed()
+        assert heard(manager) == []
+    finally:
+        free.set()
+        stop.set()
+        thread.join()
+
+
+def test_the_state_is_told_once_and_readiness_with_the_first_that_is_not_starting(
+    manager: socket.socket, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level("INFO")
+    daemon = Daemon(CONFIG, {"left": ScriptedCamera, "right": ScriptedCamera})
+    watch = Watch(Notifier(manager.getsockname()))
+    watch.begin(daemon, CONFIG)
+    watch.look()
+    assert "READY=1" not in heard(manager)
+    daemon.telemetry.last_pair_ns = 0
+    watch.look()
+    watch.look()
+    assert watch.health.state is State.DEGRADED
+    watch.failed(RuntimeError("died"))
+    messages = heard(manager)
+    assert messages.count("READY=1") == 1
+    assert messages[-1] == "STATUS=failed: died"
+    assert [record.message for record in caplog.records] == [
+        "state degraded: left camera gone; right camera gone",
+        "state failed: died",
+    ]

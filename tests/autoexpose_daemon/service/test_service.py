@@ -1,0 +1,222 @@
+"""The daemon as a service: what it tells systemd, and reloads.
+
+As a process on fake cameras once; states and reloads on cameras that do as they are told. tests/accept/test_service.py
+has all of it on fake cameras, in real time.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import queue
+import threading
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from autoexpose_daemon.config.document import Config
+from autoexpose_daemon.runtime.daemon import Daemon
+from autoexpose_daemon.service.notify import Notifier
+from autoexpose_daemon.service.service import Service
+from autoexpose_daemon.status.states import State
+from calibration.response import ResponseFunction
+from calibration.response.file import CameraIdentity, Origin, ResponseFile
+from drivers.camera import Camera
+from drivers.errors import ConfigurationError
+from drivers.exposure import ExposureSetting
+from drivers.frames import Side
+from tests.autoexpose_daemon.scripted import LONG_S, ScriptedRig, TriggeredCamera, config
+from tests.autoexpose_daemon.service.service_process import PATIENCE_S, Notifications, running_service, service_manager
+from tests.autoexpose_daemon.stereo import stereo_cameras
+
+IMPOSSIBLE: list[tuple[dict[str, Any], str]] = [
+    (
+        {
+            "exposure": {"min_gain_db": 90, "max_gain_db": 95},
+            "control": {"start": {"exposure_time_us": 99, "gain_db": 90}},
+        },
+        "gain limits 90 to ",
+    ),
+    ({"control": {"roi": {"left": {"rectangles": [{"box": [0, 0, 9999, 10]}]}}}}, "9999"),
+    ({"trigger": {"line": "Line9"}}, "Line9"),
+]
+"""What the cameras' limits, their frames, and what only an opened camera shows."""
+
+
+class RunningService:
+    """A service on scripted cameras; `reload` hands it what its configuration file would hold at a SIGHUP."""
+
+    def __init__(self, rig: ScriptedRig, manager: Notifications, address: str) -> None:
+        self.rig = rig
+        self.manager = manager
+        self.stop = threading.Event()
+        self._files: queue.SimpleQueue[Config | ConfigurationError] = queue.SimpleQueue()
+        self.service = Service(config(control={"policy": "fixed"}), self._build, Notifier(address))
+
+    def run(self) -> None:
+        self.service.run(self.stop, lambda _status: None, self._new_config)
+
+    def reload(self, file: Config | ConfigurationError) -> None:
+        self._files.put(file)
+
+    def _build(self, wanted: Config, start: ExposureSetting | None) -> Daemon:
+        cameras: dict[Side, TriggeredCamera] = {"left": self.rig.left, "right": self.rig.right}
+        return Daemon(wanted, {side: partial(_open, it, wanted) for side, it in cameras.items()}, start=start)
+
+    def _new_config(self) -> Config | None:
+        if self._files.empty():
+            return None
+        file = self._files.get()
+        if isinstance(file, ConfigurationError):
+            raise file
+        return file
+
+
+def _open(camera: TriggeredCamera, wanted: Config) -> Camera:
+    if wanted.trigger.line == "Line9":
+        raise ConfigurationError("camera L: there is no Line9")
+    return camera
+
+
+@pytest.fixture
+def running(caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch) -> Iterator[RunningService]:
+    monkeypatch.setattr("autoexpose_daemon.service.watch._NEWS_PERIOD_S", 0.1)
+    monkeypatch.setattr("autoexpose_daemon.service.service._TURN_S", 0.05)
+    caplog.set_level("INFO")
+    with service_manager(lambda: caplog.text) as (manager, address), ScriptedRig() as rig:
+        running = RunningService(rig, manager, address)
+        thread = threading.Thread(target=running.run)
+        thread.start()
+        try:
+            manager.wait_for("STATUS=exposing")
+            yield running
+        finally:
+            running.stop.set()
+            thread.join(LONG_S)
+
+
+def wait_for_words(running: RunningService, log: pytest.LogCaptureFixture, words: str) -> None:
+    """Until the log has them; the watchdog is fed meanwhile."""
+    running.manager.wait_until(lambda _: words in log.text, words)
+
+
+def test_a_stopped_trigger_and_a_lost_camera_degrade_and_feed_the_watchdog(running: RunningService) -> None:
+    manager = running.manager
+    running.rig.pauses = True
+    manager.wait_for("STATUS=degraded: no triggers")
+    manager.wait_for("WATCHDOG=1")
+    running.rig.pauses = False
+    manager.wait_for("STATUS=exposing")
+    running.rig.right.lost = True
+    manager.wait_until(lambda message: "right camera gone" in message, "the right camera being gone")
+    manager.wait_for("WATCHDOG=1")
+    running.rig.right.lost = False
+    manager.wait_for("STATUS=exposing")
+    running.stop.set()
+    manager.wait_for("STOPPING=1")
+    manager.wait_for("STATUS=stopping")
+    assert manager.heard.count("READY=1") == 1
+
+
+@pytest.mark.parametrize(("sections", "why"), IMPOSSIBLE)
+def test_a_reload_that_cannot_be_leaves_all_as_it_was(
+    running: RunningService, caplog: pytest.LogCaptureFixture, sections: dict[str, Any], why: str
+) -> None:
+    running.reload(config(**sections))
+    wait_for_words(running, caplog, "is not taken")
+    assert why in next(line for line in caplog.text.splitlines() if "is not taken" in line)
+    running.manager.wait_until(lambda _: running.service.status().state is State.EXPOSING, "exposing again")
+
+
+def test_a_failure_that_is_not_over_when_it_is_seen_leaves_all_as_it_was(
+    running: RunningService, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The telemetry says so before the control thread has closed the cameras and ended."""
+    service, seen = running.service, threading.Event()
+    look, close = service._watch.look, Daemon._stop_rig
+
+    def look_and_say_so() -> None:
+        look()
+        if service.daemon.telemetry.failure is not None:
+            seen.set()
+
+    def close_late(daemon: Daemon) -> None:
+        if daemon.telemetry.failure is not None:
+            seen.wait(LONG_S)
+        close(daemon)
+
+    monkeypatch.setattr(service._watch, "look", look_and_say_so)
+    monkeypatch.setattr(Daemon, "_stop_rig", close_late)
+    running.reload(config(trigger={"line": "Line9"}))
+    wait_for_words(running, caplog, "is not taken")
+    running.manager.wait_until(lambda _: service.status().state is State.EXPOSING, "exposing again")
+
+
+def test_a_response_file_of_another_pixel_format_is_not_taken(
+    running: RunningService, caplog: pytest.LogCaptureFixture, tmp_path: Path
+) -> None:
+    file = tmp_path / "left.response.yaml"
+    ResponseFile(ResponseFunction.linear()).save(file)
+    wanted = config(cameras={"left": {"serial": "L", "response": file}, "right": {"serial": "R"}})
+    running.reload(wanted)
+    running.manager.wait_for("RELOADING=1")
+    running.manager.wait_for("READY=1")
+    ResponseFile(ResponseFunction.linear(), Origin(CameraIdentity("ours", "scripted", "L"), "Mono12")).save(file)
+    running.reload(wanted)
+    wait_for_words(running, caplog, "pixel_format is Mono12")
+
+
+def test_a_reload_of_control_leaves_the_cameras_open(running: RunningService) -> None:
+    running.reload(config(control={"policy": "fixed", "start": {"exposure_time_us": 777}}))
+    running.manager.wait_for("RELOADING=1")
+    running.manager.wait_for("READY=1")
+    running.manager.wait_until(lambda message: "777 us" in message, "the new exposure")
+    assert (running.rig.left.starts, running.rig.right.starts) == (1, 1)
+
+
+def test_a_reload_of_the_trigger_opens_the_cameras_again(running: RunningService) -> None:
+    running.reload(config(trigger={"rate_hz": 60.001}))
+    running.manager.wait_for("RELOADING=1")
+    running.manager.wait_for("READY=1")
+    assert (running.rig.left.starts, running.rig.right.starts) == (2, 2)
+
+
+def test_a_start_that_cannot_be_is_told_and_is_not_worth_another(tmp_path: Path) -> None:
+    file = tmp_path / "rig.yaml"
+    file.write_text("cameras: {left: {serial: A}}\nexposure: {max_time: 1}")
+    with running_service(file) as service:
+        assert "exposure.max_time: unknown key" in service.wait_for("STATUS=failed: ")
+        assert service.process.wait(PATIENCE_S) == os.EX_CONFIG
+        assert service.log.splitlines()[-1].startswith("autoexpose: ")
+        assert "Traceback" not in service.log
+
+
+@pytest.mark.realtime
+def test_a_process_is_ready_reloads_and_stops(tmp_path: Path) -> None:
+    file = tmp_path / "rig.yaml"
+    with stereo_cameras("--still") as (left, right, _), contextlib.ExitStack() as stack:
+        rig = {"cameras": {"left": {"serial": left.serial}, "right": {"serial": right.serial}}}
+        file.write_text(yaml.safe_dump(rig))
+        service = stack.enter_context(running_service(file))
+        service.wait_for("READY=1")
+        file.write_text(yaml.safe_dump({**rig, "exposure": {"max_time": 1}}))
+        service.reload()
+        service.wait_until(lambda _: "is not taken" in service.log, "a refusal")
+        assert "exposure.max_time: unknown key" in service.log
+        file.unlink()
+        os.mkfifo(file)  # whoever opens it waits for somebody to write
+        service.reload()
+        service.wait_until(lambda _: "a named pipe, no regular file" in service.log, "a refusal of the pipe")
+        file.unlink()
+        file.write_text(yaml.safe_dump({**rig, "control": {"policy": "fixed", "start": {"exposure_time_us": 777}}}))
+        service.reload()
+        service.wait_for("RELOADING=1")
+        service.wait_for("READY=1")
+        service.wait_until(lambda message: "777 us" in message, "the new exposure")
+        assert service.log.count(", ready") == 2
+        assert service.stop() == 0
+        service.wait_for("STOPPING=1")

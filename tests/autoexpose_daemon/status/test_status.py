@@ -1,0 +1,181 @@
+"""What a daemon says of itself, and what others make of it."""
+
+from __future__ import annotations
+
+import json
+import logging
+import re
+from collections.abc import Iterator
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from autoexpose_daemon.config.document import Config
+from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.publish.tally import LAST_COUNT, MOST_LISTED, ConsumerTally
+from autoexpose_daemon.status.describe import describe
+from autoexpose_daemon.status.document import (
+    LARGEST_RESPONSE_BYTES,
+    LARGEST_STATUS_BYTES,
+    VERSION,
+    Fault,
+    PublishStatus,
+    RecorderStatus,
+    Status,
+    response_from_json,
+    response_to_json,
+)
+from autoexpose_daemon.status.document import Durations as Measured
+from autoexpose_daemon.status.fault_log import KEPT_FAULTS, LONGEST_TEXT, FaultLog
+from autoexpose_daemon.status.panel import duration_text
+from autoexpose_daemon.status.states import State
+from autoexpose_daemon.status.telemetry import Durations, Telemetry
+from calibration.response import ResponseFunction
+from drivers.exposure import ExposureLimits, ExposureSetting
+from tests.autoexpose_daemon.statuses import EXPOSING
+
+CONFIG = Config.model_validate({"cameras": {"left": {"serial": "L"}, "right": {"serial": "R"}}})
+JSON = st.recursive(st.none() | st.booleans() | st.integers() | st.floats() | st.text(), st.lists)
+LIMITS = ExposureLimits(20.0, 7500.0, 0.0, 30.0)
+
+
+def test_a_status_arrives_as_it_was_sent() -> None:
+    assert Status.from_json(EXPOSING.to_json()) == EXPOSING
+    assert Status.from_json(describe(Telemetry(), CONFIG).to_json()) is not None
+
+
+@given(st.one_of(st.binary(), JSON.map(json.dumps), st.dictionaries(st.text(), JSON).map(json.dumps)))
+def test_what_is_no_status_is_nothing(text: str | bytes) -> None:
+    assert Status.from_json(text) is None
+    assert response_from_json(text) is None
+
+
+@given(st.sampled_from(sorted(json.loads(EXPOSING.to_json()))), JSON)
+def test_a_damaged_field_does_no_harm(field: str, value: object) -> None:
+    damaged = json.loads(EXPOSING.to_json()) | {field: value}
+    status = Status.from_json(json.dumps(damaged))
+    assert status is None or Status.from_json(status.to_json()) is not None
+
+
+def fields_of(kind: type) -> Iterator[tuple[type, str]]:
+    """Counts and other numbers of a status, and of what it is made of."""
+    return ((kind, field.name) for field in fields(kind) if re.match("Count|_Seconds|_Milliseconds|_Hertz", field.type))
+
+
+BOUNDED = [*fields_of(Status), *fields_of(Measured), *fields_of(PublishStatus), *fields_of(RecorderStatus)]
+
+
+@pytest.mark.parametrize("value", [-(10**20), 10**400, "1e999", "NaN"])
+@pytest.mark.parametrize(("kind", "field"), BOUNDED)
+def test_a_number_without_bounds_is_no_status(kind: type, field: str, value: object) -> None:
+    """Such numbers would fail where they are shown, far from the door they came in by."""
+    said = json.loads(EXPOSING.to_json())
+    parts = {Measured: "write_ms", PublishStatus: "publishing", RecorderStatus: "recorder"}
+    (said[parts[kind]] if kind in parts else said)[field] = value
+    assert Status.from_json(json.dumps(said)) is None
+
+
+def test_what_is_longer_than_any_daemon_says_is_not_even_read() -> None:
+    text = EXPOSING.to_json()
+    assert Status.from_json(text.ljust(LARGEST_STATUS_BYTES)) == EXPOSING
+    assert Status.from_json(text.ljust(LARGEST_STATUS_BYTES + 1)) is None
+    response = response_to_json(ResponseFunction.linear())
+    assert response_from_json(response.ljust(LARGEST_RESPONSE_BYTES)) is not None
+    assert response_from_json(response.ljust(LARGEST_RESPONSE_BYTES + 1)) is None
+
+
+def test_the_longest_status_that_a_daemon_can_say_is_read() -> None:
+    fault = Fault(2e9, "WARNING", LONGEST_TEXT * "\U0001f4f7")
+    consumers = {f"{number:064}": ConsumerTally(*[LAST_COUNT] * 5) for number in range(MOST_LISTED)}
+    publishing = PublishStatus(1, 1, {}, "no such endpoint", consumers, 1000)
+    status = replace(EXPOSING, faults=(fault,) * KEPT_FAULTS, publishing=publishing)
+    assert Status.from_json(status.to_json()) == status
+
+
+@pytest.mark.parametrize("table", ["lost", "clamped_decisions"])
+def test_a_table_of_a_thousand_rows_is_no_status(table: str) -> None:
+    rows = {f"reason{number}": 1 for number in range(1000)}
+    assert Status.from_json(json.dumps(json.loads(EXPOSING.to_json()) | {table: rows})) is None
+
+
+def test_a_daemon_of_before_says_nothing_of_consumers_that_are_not_listed() -> None:
+    said = json.loads(EXPOSING.to_json())
+    del said["publishing"]["unlisted_consumers"]
+    assert Status.from_json(json.dumps(said)) == EXPOSING
+
+
+def test_other_versions_and_impossible_exposures_are_refused() -> None:
+    assert Status.from_json(replace(EXPOSING, version=VERSION + 1).to_json()) is None
+    for setting in (ExposureSetting(0.0, 0.0), ExposureSetting(1e300, 0.0), ExposureSetting(100.0, -1e9)):
+        left = replace(EXPOSING.cameras["left"], applied=setting)
+        assert Status.from_json(replace(EXPOSING, cameras={"left": left}).to_json()) is None
+
+
+def test_a_field_of_a_newer_daemon_is_passed_over() -> None:
+    assert Status.from_json(json.dumps(json.loads(EXPOSING.to_json()) | {"news": 1})) == EXPOSING
+
+
+def test_a_number_that_is_none_hides_nothing_else() -> None:
+    assert EXPOSING.decision is not None
+    odd = replace(EXPOSING, decision=replace(EXPOSING.decision, metric=float("nan")))
+    status = Status.from_json(odd.to_json())
+    assert status is not None
+    assert status.decision is not None
+    assert np.isnan(status.decision.metric)
+
+
+def test_a_response_arrives_as_it_was_sent() -> None:
+    response = ResponseFunction.linear(16)
+    received = response_from_json(response_to_json(response))
+    assert received is not None
+    assert np.array_equal(received.log2_exposure, response.log2_exposure)
+    assert (received.black_level, received.saturation) == (16, 255)
+
+
+def test_a_daemon_that_died_says_of_what() -> None:
+    telemetry = Telemetry(opened_ns=0, last_pair_ns=0)
+    telemetry.failed(ZeroDivisionError())
+    status = describe(telemetry, CONFIG, ending=True)
+    assert (status.state, status.reasons, status.ending) == (State.FAILED, ("ZeroDivisionError",), True)
+
+
+def test_decisions_at_a_bound_are_counted() -> None:
+    telemetry = Telemetry()
+    for level in (LIMITS.darkest.level, 12.0, LIMITS.brightest.level, LIMITS.brightest.level):
+        telemetry.decided(Decision(LIMITS.realise(level, 1000.0), level, "", 0.1, 0.0, 0.0, 0.0), LIMITS)
+    assert telemetry.clamped_decisions == {"darkest": 1, "brightest": 2}
+
+
+def test_all_durations_count_and_the_latest_make_the_percentiles() -> None:
+    durations = Durations()
+    assert durations.percentiles() == {"p50": None, "p99": None}
+    for _ in range(1 << 14):
+        durations.add_ns(1_000_000)
+    for _ in range(1 << 14):
+        durations.add_ns(3_000_000)
+    assert durations.percentiles() == {"p50": 3.0, "p99": 3.0}
+    assert durations.count == 1 << 15
+    assert durations.sum_ms == pytest.approx(4.0 * (1 << 14))
+
+
+def test_the_fault_log_keeps_the_latest_faults_a_line_each(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(logging, "raiseExceptions", False)
+    log, faults = logging.Logger("test"), FaultLog()
+    log.addHandler(faults)
+    log.info("all is well")
+    for number in range(2 * KEPT_FAULTS):
+        log.warning("fault %d\nof two lines", number)
+    log.error("state failed")
+    log.error("no number: %d", "none")  # a broken message must not stop what logs it
+    kept = faults.faults
+    assert len(kept) == KEPT_FAULTS
+    assert kept[-2].message == f"fault {2 * KEPT_FAULTS - 1} of two lines"
+    assert (kept[-1].level, kept[-1].message) == ("ERROR", "state failed")
+
+
+def test_durations_are_told_in_the_unit_that_suits_them() -> None:
+    told = [duration_text(seconds) for seconds in (1.2, 119, 120, 3600, 47 * 3600, 49 * 3600)]
+    assert told == ["1 s", "119 s", "2 min", "1 h 0 min", "47 h 0 min", "2 d 1 h"]

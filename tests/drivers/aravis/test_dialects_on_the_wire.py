@@ -1,0 +1,269 @@
+"""Every dialect over the wire: cameras that wear a description each, met by stock Aravis and by our driver.
+
+Run as it is, over GigE Vision; test_on_usb3.py runs it again in a process with the cameras on its USB bus.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import os
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from drivers.aravis import AravisCamera, discovery, find_cameras, open_camera
+from drivers.aravis.introspection import Aravis
+from drivers.errors import NodeError, UnsupportedCameraError
+from drivers.exposure import ExposureSetting, linear_gain
+from drivers.frames import Frame
+from drivers.setup import CameraSetup, TriggerSetup
+from fake_camera.device.device import Device
+from fake_camera.device.line0 import Line0
+from fake_camera.genapi.description import Description
+from fake_camera.genapi.xml_camera import XmlCamera
+from fake_camera.gige.server import GigeServer
+from fake_camera.imaging import ImageSettings
+from fake_camera.usb3.run import CAMERAS_VARIABLE
+from fake_camera.usb3.usb.server import Usb3Server
+from tests.data import data
+from tests.fakes import loopback_address, unique
+from tests.xml_cameras import COMBINATIONS, REAL, features, xml_camera
+
+pytestmark = pytest.mark.realtime
+
+RATE_HZ = 60.0
+US_PER_GREY = 40.0
+PATIENCE_S = 20.0
+PORTS = os.environ.get(CAMERAS_VARIABLE, "").split(":")
+TRANSPORT, NAME_SPACE = ("usb3", "U3V") if PORTS != [""] else ("gige", "GEV")
+REAL_ONES = [pytest.param(name, marks=pytest.mark.data) for name in REAL[TRANSPORT]]
+ON_BOTH = {0, 1, 8, 10, 11, 12, 16, 17}
+"""Enough for a transport: each way to write registers, with and without chunks, seconds, a dB scale."""
+WORN = [
+    *(
+        pytest.param(number, marks=[] if number in ON_BOTH else pytest.mark.gige_only)
+        for number in range(len(COMBINATIONS))
+    ),
+    *REAL_ONES,
+]
+
+
+class GreyCard:
+    """A uniform grey that is in proportion to exposure: its frames tell what they were really taken with."""
+
+    sensor_width, sensor_height = 64, 48
+
+    def take(self, start_s: float, settings: ImageSettings, noise_seed: int) -> NDArray[np.uint8]:
+        grey = (settings.exposure_time_us / US_PER_GREY * linear_gain(settings.gain_db) / 255) ** settings.gamma * 255
+        return np.full((settings.height, settings.width), min(round(grey), 255), np.uint8)
+
+    def lux(self, time_s: float) -> float:
+        return 1.0
+
+
+@dataclass(frozen=True)
+class Worn:
+    """A camera in this process that wears a description."""
+
+    serial: str
+    description: Description
+    device: Device
+    camera: XmlCamera
+
+    @property
+    def exposure_time(self) -> str:
+        return next(name for name in ("ExposureTime", "ExposureTimeAbs") if name in self.description.nodes)
+
+    @property
+    def us_per_unit(self) -> float:
+        return 1e6 if self.description.nodes[self.exposure_time].text("Unit") == "s" else 1.0
+
+    @property
+    def gain_in_db(self) -> bool:
+        return "Gain" in self.description.nodes and self.description.nodes["Gain"].text("Unit") == "dB"
+
+    @property
+    def tells_by_chunks(self) -> bool:
+        wanted = {"ChunkExposureTime", *(("ChunkGain",) if self.gain_in_db else ())}
+        return wanted <= self.description.nodes.keys()
+
+
+def description(worn: int | str) -> Description:
+    """One of ours by its number, or that of a real camera by its name."""
+    if isinstance(worn, int):
+        return Description.from_bytes(xml_camera(worn, NAME_SPACE), f"combination {worn}")
+    path = data(f"genicam_xml/{worn}.xml")
+    return Description.from_bytes(path.read_bytes(), str(path))
+
+
+@contextlib.contextmanager
+def served(device: Device, camera: XmlCamera) -> Iterator[None]:
+    """The camera on the wire of this run; on USB, at a free port."""
+    if TRANSPORT == "gige":
+        server = GigeServer(device, loopback_address(), camera)
+        server.start()
+        stop = server.close
+    else:
+        free = next(port for port in map(Path, PORTS) if not port.exists())
+        stop = Usb3Server(device, free, xml=camera).close
+    try:
+        yield
+    finally:
+        stop()
+
+
+@pytest.fixture(scope="module")
+def cameras(request: pytest.FixtureRequest) -> Iterator[dict[int | str, Worn]]:
+    """All that are needed at once, so that one search finds them all."""
+    line0 = Line0(time.monotonic_ns(), RATE_HZ)
+    needed = {item.callspec.params.get("worn") for item in request.session.items if hasattr(item, "callspec")}
+    with contextlib.ExitStack() as running, pytest.MonkeyPatch.context() as patch:
+        patch.setattr(discovery, "FRESH_S", float("inf"))
+        worn = {}
+        for key in needed - {None}:
+            serial = unique("XML")[:15]
+            device = Device(GreyCard(), serial, 0, line0)
+            running.callback(device.close)
+            camera = XmlCamera(description(key), device)
+            running.enter_context(served(device, camera))
+            worn[key] = Worn(serial, camera.description, device, camera)
+        find_cameras()
+        yield worn
+        gc.collect()  # Aravis says goodbye when it frees a camera, and waits for the answer
+
+
+@pytest.fixture
+def worn(request: pytest.FixtureRequest, cameras: dict[int | str, Worn]) -> Worn:
+    return cameras[request.param]
+
+
+def set_up(worn: Worn) -> CameraSetup:
+    line = worn.camera.trigger_line
+    assert line is not None
+    return CameraSetup(TriggerSetup("external", line, RATE_HZ), pixel_format="Mono8")
+
+
+def frames_until(camera: AravisCamera, grey: float) -> list[Frame]:
+    """Frames up to three of this grey level in a row."""
+    frames: list[Frame] = []
+    deadline_s = time.monotonic() + PATIENCE_S
+    while time.monotonic() < deadline_s:
+        frame = camera.next_frame(0.2)
+        if isinstance(frame, Frame):
+            frames.append(frame)
+            if len(frames) >= 3 and all(abs(late.pixels.mean() - grey) <= 1.5 for late in frames[-3:]):
+                return frames
+    raise AssertionError(f"no frames of grey level {grey:g}, but {[frame.pixels.mean() for frame in frames]}")
+
+
+def grey_of(setting: ExposureSetting) -> float:
+    return setting.exposure_time_us / US_PER_GREY * linear_gain(setting.gain_db)
+
+
+@pytest.mark.parametrize("worn", WORN[1:], ids=str, indirect=True)
+def test_stock_aravis_can_write_its_exposure_time(worn: Worn) -> None:
+    found = discovery.find_camera(worn.serial)
+    assert found.transport == TRANSPORT
+    device = Aravis.Camera.new(found.id).get_device()
+    name, us = worn.exposure_time, worn.us_per_unit
+    node = device.get_feature(name)
+    assert device.is_feature_available(name)
+    assert node.get_actual_access_mode() == Aravis.GcAccessMode.RW
+    if isinstance(node, Aravis.GcFloat):
+        bounds = device.get_float_feature_bounds(name)
+        device.set_float_feature_value(name, 3000.0 / us)
+    else:
+        bounds = device.get_integer_feature_bounds(name)
+        device.set_integer_feature_value(name, 3000)
+    assert bounds.min < bounds.max
+    assert worn.device.features.get("ExposureTime") == pytest.approx(3000.0, rel=1e-6)
+
+
+@pytest.mark.parametrize("worn", WORN[:1], ids=str, indirect=True)
+def test_no_exposure_time_is_refused_by_name(worn: Worn) -> None:
+    with pytest.raises(UnsupportedCameraError, match="neither ExposureTime nor ExposureTimeAbs"):
+        open_camera(worn.serial, set_up(worn))
+
+
+@pytest.mark.parametrize("worn", WORN[1:], ids=str, indirect=True)
+def test_the_driver_exposes_by_it_and_each_frame_tells_how(worn: Worn) -> None:
+    with contextlib.closing(open_camera(worn.serial, set_up(worn))) as camera:
+        limits = camera.limits
+        assert limits.min_time_us < limits.max_time_us
+        camera.start()
+        for setting in (ExposureSetting(2000.0, 0.0), ExposureSetting(8000.0, 0.0), ExposureSetting(1000.0, 0.0)):
+            taken = camera.write(setting)
+            assert taken.agrees_with(setting)
+            frames = frames_until(camera, grey_of(setting))
+            assert {frame.setting_source for frame in frames} == {"chunk" if worn.tells_by_chunks else "ledger"}
+            wrong = [frame for frame in frames if abs(frame.pixels.mean() - grey_of(frame.setting)) > 1.5]
+            # Those that were starting while it was written: one, but for a machine that is busy just then.
+            assert len(wrong) <= (0 if worn.tells_by_chunks else 3)
+        check_gain(worn, camera)
+        check_words(worn, camera)
+
+
+@pytest.mark.parametrize("worn", range(1, len(COMBINATIONS)), ids=str, indirect=True)
+def test_a_write_asks_little_of_the_camera(worn: Worn, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A node is written and read back; bounds are looked at besides where time is not a float in microseconds."""
+    with contextlib.closing(open_camera(worn.serial, set_up(worn))) as camera:
+        camera.write(ExposureSetting(2000.0, 0.0))
+        asked: list[int] = []
+        read, write = XmlCamera.read, XmlCamera.write
+        monkeypatch.setattr(XmlCamera, "read", lambda it, *range_: (asked.append(0), read(it, *range_))[1])
+        monkeypatch.setattr(XmlCamera, "write", lambda it, *data: (asked.append(0), write(it, *data))[1])
+        camera.write(ExposureSetting(3000.0, 3.0 if worn.gain_in_db else 0.0))
+        requests = len(asked)
+    plain = worn.us_per_unit == 1.0 and worn.description.nodes[worn.exposure_time].kind == "Float"
+    assert requests == (4 if worn.gain_in_db else 2) + (0 if plain else 2)
+
+
+@pytest.mark.parametrize("worn", [10, 11, 12, *REAL_ONES[-2:]], ids=str, indirect=True)
+def test_the_driver_runs_it_freely_at_a_rate(worn: Worn) -> None:
+    """Number 10 and Basler's older ones hold a period in the register of the rate."""
+    with contextlib.closing(open_camera(worn.serial, CameraSetup(TriggerSetup("free_run", rate_hz=50.0)))) as camera:
+        assert worn.device.features.get("AcquisitionFrameRate") == pytest.approx(50.0, rel=0.01)
+        camera.start()
+        frames = [frame for _ in range(5) if isinstance(frame := camera.next_frame(0.5), Frame)]
+        assert np.diff([frame.device_time_ns for frame in frames]) == pytest.approx(20e6, rel=0.01)
+
+
+def check_gain(worn: Worn, camera: AravisCamera) -> None:
+    setting = ExposureSetting(2000.0, 6.0)
+    if worn.gain_in_db:
+        assert camera.write(setting).agrees_with(setting)
+        assert frames_until(camera, grey_of(setting))[-1].setting.agrees_with(setting)
+        return
+    assert camera.limits.max_gain_db == 0.0
+    with pytest.raises(NodeError, match="no gain in dB"):
+        camera.write(setting)
+
+
+def check_words(worn: Worn, camera: AravisCamera) -> None:
+    """What the camera lacks is told, and nothing else."""
+    lacks = " / ".join(camera.description.lacks)
+    nodes = worn.description.nodes
+    has_gain = any(name in nodes and nodes[name].kind != "Category" for name in ("Gain", "GainRaw"))
+    assert ("gain has no dB scale" in lacks) == (has_gain and not worn.gain_in_db)
+    assert ("no gain node" in lacks) == (not has_gain)
+    assert ("no TriggerOverlap" in lacks) == ("TriggerOverlap" not in nodes)
+    assert ("inferred from when it was written" in lacks) == (not worn.tells_by_chunks)
+    assert "gamma" not in lacks
+
+
+@pytest.mark.parametrize("worn", [1, *REAL_ONES], ids=str, indirect=True)
+def test_a_description_tells_its_transport(worn: Worn) -> None:
+    assert worn.description.standard == NAME_SPACE
+
+
+def test_the_combinations_are_distinct_and_say_what_they_declare() -> None:
+    assert len(set(COMBINATIONS)) == len(COMBINATIONS) == 20
+    for number in range(len(COMBINATIONS)):
+        nodes = Description.from_bytes(xml_camera(number), "").nodes
+        assert {name for name, (type_, _) in features(COMBINATIONS[number]).items() if type_} <= nodes.keys()

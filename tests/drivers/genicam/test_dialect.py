@@ -1,0 +1,198 @@
+from __future__ import annotations
+
+import pytest
+
+from drivers.errors import NodeError, UnsupportedCameraError
+from drivers.exposure import ExposureLimits, ExposureSetting
+from drivers.genicam.dialect import find_dialect, switch_auto_off
+from tests.drivers.genicam.node_map import EnumerationNode, FloatNode, IntegerNode, MemoryNodes, Node
+
+
+def sfnc2(**others: Node) -> MemoryNodes:
+    nodes: dict[str, Node] = {
+        "ExposureTime": FloatNode(5000.0, 10.0, 1e5, "us", 1.0, take=round),
+        "Gain": FloatNode(3.0, 0.0, 47.0, "dB"),
+    }
+    return MemoryNodes(nodes | others)
+
+
+def sfnc1() -> MemoryNodes:
+    return MemoryNodes({"ExposureTimeAbs": FloatNode(5000.0, 20.0, 2e5), "GainRaw": IntegerNode(7)})
+
+
+def test_time_and_gain_in_db_are_driven() -> None:
+    nodes = sfnc2()
+    dialect = find_dialect(nodes)
+    assert dialect.lacks == ()
+    assert dialect.limits(nodes) == ExposureLimits(10.0, 1e5, 0.0, 47.0, 1.0, 0.0)
+    assert dialect.write(nodes, ExposureSetting(1234.4, 6.0), None) == ExposureSetting(1234.0, 6.0)
+
+
+def test_gain_without_db_is_left_alone_and_told() -> None:
+    nodes = sfnc1()
+    dialect = find_dialect(nodes)
+    assert dialect.lacks == (
+        "gain has no dB scale: left at its present value, exposure time alone is driven "
+        "(GainRaw is in numbers without a unit)",
+    )
+    assert dialect.limits(nodes) == ExposureLimits(20.0, 2e5, 0.0, 0.0)
+    assert dialect.write(nodes, ExposureSetting(100.0, 0.0), None) == ExposureSetting(100.0, 0.0)
+    assert nodes.writes == [("ExposureTimeAbs", 100.0)]
+    with pytest.raises(NodeError, match="no gain in dB"):
+        dialect.write(nodes, ExposureSetting(100.0, 3.0), None)
+
+
+@pytest.mark.parametrize("gain", [FloatNode(1.0), FloatNode(1.0, unit="%"), IntegerNode(1)])
+def test_a_gain_that_is_not_in_db_is_left_alone(gain: Node) -> None:
+    assert find_dialect(sfnc2(Gain=gain)).gain is None
+
+
+def test_no_gain_at_all_is_told() -> None:
+    nodes = sfnc2()
+    del nodes.nodes["Gain"]
+    assert find_dialect(nodes).lacks == ("no gain node: exposure time alone is driven",)
+
+
+def test_a_gain_in_db_is_driven_by_its_other_name_and_as_an_integer() -> None:
+    nodes = sfnc2(GainAbs=IntegerNode(3, 0, 24, "dB", 2))
+    del nodes.nodes["Gain"]
+    dialect = find_dialect(nodes)
+    assert dialect.lacks == ()
+    assert dialect.limits(nodes).gain_step_db == 2.0
+    assert dialect.write(nodes, ExposureSetting(5000.0, 6.7), None).gain_db == 6.0
+
+
+@pytest.mark.parametrize("unit, us", [("s", 1e6), ("ms", 1e3), ("µs", 1.0), ("ns", 1e-3)])
+def test_exposure_time_in_other_units_is_driven_in_microseconds(unit: str, us: float) -> None:
+    nodes = sfnc2(ExposureTime=FloatNode(5000.0 / us, 10.0 / us, 1e6 / us, unit, 10.0 / us))
+    dialect = find_dialect(nodes)
+    limits = dialect.limits(nodes)
+    assert (limits.min_time_us, limits.max_time_us, limits.time_step_us) == pytest.approx((10.0, 1e6, 10.0))
+    assert dialect.write(nodes, ExposureSetting(1230.0, 3.0), None).exposure_time_us == pytest.approx(1230.0)
+    assert nodes.writes[0] == ("ExposureTime", pytest.approx(1230.0 / us))
+
+
+def test_a_limit_survives_the_change_of_units() -> None:
+    nodes = sfnc2(ExposureTime=FloatNode(0.005, 1.1e-5, 0.7, "s"))
+    dialect = find_dialect(nodes)
+    for time_us in (dialect.limits(nodes).min_time_us, dialect.limits(nodes).max_time_us):
+        assert dialect.write(nodes, ExposureSetting(time_us, 3.0), None).exposure_time_us == time_us
+
+
+def test_integer_exposure_times_take_the_nearest_increment() -> None:
+    nodes = sfnc2(ExposureTime=IntegerNode(5000, 20, 100_000, increment=7))
+    dialect = find_dialect(nodes)
+    assert dialect.limits(nodes).time_step_us == 7.0
+    assert dialect.write(nodes, ExposureSetting(1000.0, 3.0), None).exposure_time_us == 20 + 140 * 7
+    boundless = sfnc2(ExposureTime=IntegerNode(5000, -(1 << 63)))
+    assert find_dialect(boundless).write(boundless, ExposureSetting(1234.4, 3.0), None).exposure_time_us == 1234
+
+
+def test_a_count_of_known_length_is_driven() -> None:
+    nodes = MemoryNodes({"ExposureTimeRaw": IntegerNode(50, 1, 4095), "ExposureTimeBaseAbs": FloatNode(20.0)})
+    dialect = find_dialect(nodes)
+    assert dialect.limits(nodes).min_time_us == dialect.limits(nodes).time_step_us == 20.0
+    assert dialect.write(nodes, ExposureSetting(1000.0, 0.0), None).exposure_time_us == 1000.0
+    assert nodes.writes == [("ExposureTimeRaw", 50)]
+
+
+def test_an_unknown_unit_is_refused_by_name_unless_another_name_helps() -> None:
+    nodes = sfnc2(ExposureTime=FloatNode(1.0, unit="lines"))
+    with pytest.raises(UnsupportedCameraError, match="M1: its ExposureTime is in 'lines', which is no unit of time"):
+        find_dialect(nodes)
+    nodes.nodes["ExposureTimeAbs"] = FloatNode(5000.0, 10.0)
+    assert find_dialect(nodes).time.node == "ExposureTimeAbs"
+
+
+def test_a_camera_without_exposure_time_is_refused_with_what_it_offers() -> None:
+    with pytest.raises(UnsupportedCameraError, match="its ExposureTimeRaw counts in steps whose length it does not"):
+        find_dialect(MemoryNodes({"ExposureTimeRaw": IntegerNode(1)}))
+    with pytest.raises(UnsupportedCameraError, match="offers only Shutter"):
+        find_dialect(MemoryNodes({"Shutter": FloatNode(1.0)}))
+    with pytest.raises(UnsupportedCameraError, match="no other exposure node"):
+        find_dialect(MemoryNodes({}))
+
+
+def test_only_what_changed_is_written() -> None:
+    nodes = sfnc2()
+    dialect = find_dialect(nodes)
+    present = dialect.read(nodes)
+    assert dialect.write(nodes, present, present) == present
+    assert nodes.writes == []
+    dialect.write(nodes, ExposureSetting(5000.0, 4.0), present)
+    assert nodes.writes == [("Gain", 4.0)]
+
+
+@pytest.mark.parametrize(
+    ("name", "asked"), [("ExposureTime", ExposureSetting(9000.0, 3.0)), ("Gain", ExposureSetting(5000.0, 20.0))]
+)
+def test_a_silent_clip_is_told(name: str, asked: ExposureSetting) -> None:
+    nodes = sfnc2()
+    node = nodes.nodes[name]
+    assert isinstance(node, FloatNode)
+    node.take = lambda value: value / 2
+    with pytest.raises(NodeError, match=f"M1: node {name} was set to .* and reads back"):
+        find_dialect(nodes).write(nodes, asked, None)
+
+
+NAN, INFINITE = float("nan"), float("inf")
+
+
+@pytest.mark.parametrize("name", ["ExposureTime", "Gain"])
+@pytest.mark.parametrize("value", [NAN, INFINITE, -INFINITE])
+def test_a_node_that_reads_back_no_number_is_told(name: str, value: float) -> None:
+    nodes = sfnc2()
+    node = nodes.nodes[name]
+    assert isinstance(node, FloatNode)
+    node.take = lambda _: value
+    with pytest.raises(NodeError, match=f"^camera M1: node {name} reads -?(nan|inf), which is no number$"):
+        find_dialect(nodes).write(nodes, ExposureSetting(1000.0, 3.0), None)
+
+
+def test_no_exposure_takes_no_time() -> None:
+    nodes = sfnc2(ExposureTime=FloatNode(0.0, 10.0, 1e6, "us", take=lambda _: 0.0))
+    with pytest.raises(NodeError, match=r"ExposureTime reads 0 us, which is no exposure time$"):
+        find_dialect(nodes).write(nodes, ExposureSetting(1000.0, 3.0), None)
+
+
+def test_bounds_and_increments_that_are_no_numbers() -> None:
+    nodes = sfnc2(ExposureTime=FloatNode(1000.0, NAN, 1e6, "us"))
+    with pytest.raises(NodeError, match="the bounds of node ExposureTime are no numbers: nan to 1e"):
+        find_dialect(nodes).limits(nodes)
+    nodes = sfnc2(ExposureTime=FloatNode(1000.0, 10.0, INFINITE, "us", increment=NAN))
+    limits = find_dialect(nodes).limits(nodes)
+    assert (limits.max_time_us, limits.time_step_us) == (INFINITE, 0.0)
+
+
+def test_automatics_are_switched_off_where_there_are_any() -> None:
+    nodes = sfnc2(
+        ExposureAuto=EnumerationNode("Continuous", ("Off", "Once", "Continuous")),
+        GainAuto=EnumerationNode("Off", ("Off", "Continuous")),
+        ExposureMode=EnumerationNode("TriggerWidth", ("Timed", "TriggerWidth")),
+        GainSelector=EnumerationNode("DigitalAll", ("All", "DigitalAll")),
+    )
+    switch_auto_off(nodes)
+    assert nodes.writes == [("ExposureMode", "Timed"), ("ExposureAuto", "Off"), ("GainSelector", "All")]
+    switch_auto_off(sfnc1())
+
+
+def test_a_gain_in_another_unit_is_named_with_it() -> None:
+    assert "(Gain is in %)" in find_dialect(sfnc2(Gain=FloatNode(1.0, unit="%"))).lacks[0]
+    assert "(Gain is in numbers without a unit)" in find_dialect(sfnc2(Gain=EnumerationNode("Low", ("Low",)))).lacks[0]
+
+
+@pytest.mark.parametrize(
+    ("name", "error", "told"),
+    [("ExposureTime", 0.08, False), ("ExposureTime", 0.12, True), ("Gain", 0.4, False), ("Gain", 0.6, True)],
+)
+def test_a_tenth_of_the_time_and_half_a_db_are_rounding(name: str, error: float, told: bool) -> None:
+    nodes = sfnc2()
+    node = nodes.nodes[name]
+    assert isinstance(node, FloatNode)
+    node.take = lambda value: value - error * (value if name == "ExposureTime" else 1.0)
+    asked = ExposureSetting(2000.0, 6.0)
+    if told:
+        with pytest.raises(NodeError, match=f"node {name} was set to"):
+            find_dialect(nodes).write(nodes, asked, None)
+    else:
+        assert find_dialect(nodes).write(nodes, asked, None) != asked

@@ -1,0 +1,132 @@
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.errors import NodeError
+from drivers.exposure import ExposureSetting
+from drivers.genicam.metadata import ChunkNodes, FrameIdUnwrapper, SettingLedger, enable_chunks
+from tests.drivers.genicam.node_map import BooleanNode, EnumerationNode, FloatNode, MemoryNodes
+
+
+def on_the_wire(frame: int) -> int:
+    """The 16-bit id of the frame-th frame, counted from 1: 65535 is followed by 1."""
+    return (frame - 1) % 65535 + 1
+
+
+@given(st.integers(1, 65535), st.lists(st.integers(1, 32767), max_size=40))
+def test_gaps_up_to_half_a_cycle_are_counted_across_the_wrap(start: int, gaps: list[int]) -> None:
+    unwrapper = FrameIdUnwrapper()
+    frame = start
+    assert unwrapper.unwrap(on_the_wire(frame)) == start
+    for gap in gaps:
+        frame += gap
+        assert unwrapper.unwrap(on_the_wire(frame)) == frame
+
+
+@given(st.integers(65500, 65600), st.randoms(use_true_random=False))
+def test_frames_out_of_order_keep_their_numbers(start: int, order: object) -> None:
+    frames = list(range(start, start + 16))
+    order.shuffle(frames)  # type: ignore[attr-defined]
+    unwrapper = FrameIdUnwrapper()
+    first = unwrapper.unwrap(on_the_wire(frames[0]))
+    assert [unwrapper.unwrap(on_the_wire(frame)) - first for frame in frames[1:]] == [
+        frame - frames[0] for frame in frames[1:]
+    ]
+
+
+@given(st.lists(st.integers(0, 1 << 40), min_size=1))
+def test_counters_beyond_16_bits_pass_through(steps: list[int]) -> None:
+    unwrapper = FrameIdUnwrapper()
+    frame = 1 << 16
+    for step in steps:
+        frame += step
+        assert unwrapper.unwrap(frame) == frame
+
+
+def test_the_ledger_gives_the_setting_last_written_before_the_frame() -> None:
+    settings = [ExposureSetting(1000.0 * number, 0.0) for number in range(1, 4)]
+    ledger = SettingLedger(settings[0])
+    ledger.record(100, settings[1])
+    ledger.record(200, settings[2])
+    assert [ledger.setting_at(time) for time in (99, 100, 199, 200, 900)] == [
+        settings[0], settings[1], settings[1], settings[2], settings[2]
+    ]  # fmt: skip
+
+
+def test_the_ledger_follows_the_latency_that_brightness_tells() -> None:
+    """A camera that shows a write 25 ms later, written between frames 10 ms apart."""
+    ledger = SettingLedger(ExposureSetting(1000.0, 0.0))
+    written_ns, times_us = 0, [1000.0, 4000.0]
+    for start_ns in range(0, 400_000_000, 10_000_000):
+        if start_ns in (100_000_000, 250_000_000):
+            written_ns = start_ns + 1_000_000 - 10_000_000
+            times_us.reverse()
+            ledger.record(written_ns, ExposureSetting(times_us[0], 0.0))
+        shown_us = times_us[0] if start_ns >= written_ns + 25_000_000 or not written_ns else times_us[1]
+        ledger.observe(start_ns, shown_us / 40)
+        if start_ns >= 250_000_000:
+            assert ledger.setting_at(start_ns).exposure_time_us == shown_us
+
+
+def test_the_ledger_forgets_the_oldest_only() -> None:
+    ledger = SettingLedger(ExposureSetting(1.0, 0.0))
+    for time in range(1, 200):
+        ledger.record(time, ExposureSetting(float(time), 0.0))
+    assert ledger.setting_at(199).exposure_time_us == 199
+    assert ledger.setting_at(1).exposure_time_us > 1
+
+
+@pytest.mark.parametrize("gain_driven", [True, False])
+def test_chunks_are_switched_on(gain_driven: bool) -> None:
+    nodes = MemoryNodes(
+        {
+            "ChunkModeActive": BooleanNode(),
+            "ChunkSelector": EnumerationNode("Image", ("Image", "ExposureTime", "Gain")),
+            "ChunkEnable": BooleanNode(),
+        }
+    )
+    assert enable_chunks(nodes, gain_driven) == (
+        ChunkNodes("ChunkExposureTime", 1.0, "ChunkGain" if gain_driven else None),
+        (),
+    )
+    assert (("ChunkSelector", "Gain") in nodes.writes) == gain_driven
+    assert nodes.writes[0] == ("ChunkModeActive", True)
+
+
+def test_missing_chunks_are_told() -> None:
+    nodes = MemoryNodes(
+        {"ChunkModeActive": BooleanNode(), "ChunkSelector": EnumerationNode("Image", ("Image", "ExposureTime"))}
+    )
+    lacking = (
+        None,
+        ("no chunk data of ExposureTime and Gain: a frame's setting is inferred from when it was written",),
+    )
+    assert enable_chunks(nodes, True) == lacking
+    assert nodes.writes[-1] == ("ChunkModeActive", False)
+    assert enable_chunks(MemoryNodes({}), True) == lacking
+
+
+def test_a_chunk_of_another_unit_is_read_in_microseconds() -> None:
+    nodes = MemoryNodes(
+        {
+            "ChunkModeActive": BooleanNode(),
+            "ChunkSelector": EnumerationNode("ExposureTime", ("ExposureTime",)),
+            "ChunkEnable": BooleanNode(),
+            "ChunkExposureTime": FloatNode(0.0, unit="s"),
+        }
+    )
+    assert enable_chunks(nodes, False) == (ChunkNodes("ChunkExposureTime", 1e6, None), ())
+
+
+def test_chunks_that_cannot_be_switched_on_are_told_with_the_reason() -> None:
+    class Refusing(MemoryNodes):
+        def write_boolean(self, name: str, value: bool) -> None:
+            raise NodeError(f"could not set {name}: write-protect")
+
+    nodes = Refusing({"ChunkModeActive": BooleanNode(), "ChunkSelector": EnumerationNode("Image", ("Image",))})
+    chunks, (lack,) = enable_chunks(nodes, False)
+    assert chunks is None
+    assert lack.startswith("a frame's setting is inferred from when it was written")
+    assert "could not set ChunkModeActive: write-protect" in lack

@@ -1,0 +1,142 @@
+from __future__ import annotations
+
+import pytest
+
+from drivers.errors import ConfigurationError, UnsupportedCameraError
+from drivers.genicam.trigger import arm_trigger
+from drivers.setup import TriggerSetup
+from tests.drivers.genicam.node_map import BooleanNode, EnumerationNode, FloatNode, MemoryNodes, Node
+
+LINE0 = TriggerSetup("external", "Line0", 60.0)
+FREE_RUN = TriggerSetup("free_run", rate_hz=60.0)
+
+
+def triggered(**others: Node) -> MemoryNodes:
+    nodes: dict[str, Node] = {
+        "TriggerSelector": EnumerationNode("AcquisitionStart", ("AcquisitionStart", "FrameStart")),
+        "TriggerMode": EnumerationNode("On", ("Off", "On")),
+        "TriggerSource": EnumerationNode("Software", ("Software", "Line0", "Line3")),
+        "TriggerActivation": EnumerationNode("FallingEdge", ("FallingEdge", "RisingEdge")),
+        "TriggerOverlap": EnumerationNode("Off", ("Off", "ReadOut")),
+        "AcquisitionFrameRate": FloatNode(30.0, 1.0, 200.0, "Hz"),
+        "AcquisitionFrameRateEnable": BooleanNode(),
+    }
+    return MemoryNodes(nodes | others)
+
+
+def test_a_line_is_armed_after_every_trigger_is_off() -> None:
+    nodes = triggered()
+    assert arm_trigger(nodes, LINE0) == ()
+    assert nodes.writes == [
+        ("TriggerSelector", "AcquisitionStart"),
+        ("TriggerMode", "Off"),
+        ("TriggerSelector", "FrameStart"),
+        ("TriggerMode", "Off"),
+        ("TriggerSelector", "FrameStart"),
+        ("AcquisitionFrameRateEnable", False),
+        ("TriggerSource", "Line0"),
+        ("TriggerActivation", "RisingEdge"),
+        ("TriggerOverlap", "ReadOut"),
+        ("TriggerMode", "On"),
+    ]
+
+
+def test_a_missing_overlap_is_told() -> None:
+    lacks = arm_trigger(triggered(TriggerOverlap=EnumerationNode("Off", ("Off",))), LINE0)
+    assert lacks == ("no TriggerOverlap ReadOut: exposure and readout together must fit into a trigger period",)
+
+
+def test_an_unknown_line_is_refused_with_those_there_are() -> None:
+    with pytest.raises(ConfigurationError, match="no trigger line 'Line7'; it has Line0, Line3"):
+        arm_trigger(triggered(), TriggerSetup("external", "Line7"))
+
+
+def test_cameras_without_a_line_or_a_frame_trigger_are_refused() -> None:
+    with pytest.raises(UnsupportedCameraError, match="no hardware trigger line"):
+        arm_trigger(triggered(TriggerSource=EnumerationNode("Software", ("Software",))), LINE0)
+    with pytest.raises(UnsupportedCameraError, match="no FrameStart trigger"):
+        arm_trigger(triggered(TriggerSelector=EnumerationNode("LineStart", ("LineStart",))), LINE0)
+
+
+def test_a_free_run_sets_the_rate_with_triggers_off() -> None:
+    nodes = triggered(AcquisitionMode=EnumerationNode("SingleFrame", ("SingleFrame", "Continuous")))
+    assert arm_trigger(nodes, FREE_RUN) == ()
+    assert nodes.read_entry("TriggerMode") == "Off"
+    assert nodes.read_entry("AcquisitionMode") == "Continuous"
+    assert nodes.writes[-2:] == [("AcquisitionFrameRateEnable", True), ("AcquisitionFrameRate", 60.0)]
+
+
+def test_a_free_run_tells_of_a_missing_line_and_refuses_rates_out_of_reach() -> None:
+    bare = MemoryNodes({"AcquisitionFrameRate": FloatNode(30.0, 1.0, 50.0)})
+    with pytest.raises(ConfigurationError, match="cannot run at 60 Hz, only at 1 to 50 Hz"):
+        arm_trigger(bare, FREE_RUN)
+    assert arm_trigger(bare, TriggerSetup("free_run", rate_hz=20.0)) == (
+        "no hardware trigger line: it can only run freely",
+    )
+    with pytest.raises(UnsupportedCameraError, match="no AcquisitionFrameRate"):
+        arm_trigger(MemoryNodes({}), FREE_RUN)
+
+
+def test_a_free_run_without_a_rate_is_as_fast_as_the_exposure_allows() -> None:
+    nodes = triggered()
+    assert arm_trigger(nodes, TriggerSetup("free_run", rate_hz=None)) == ()
+    assert nodes.writes[-1] == ("AcquisitionFrameRateEnable", False)
+
+
+PRIMARY = TriggerSetup("free_run", rate_hz=60.0, output_line="Line1")
+LINES: dict[str, Node] = {
+    "LineSelector": EnumerationNode("Line0", ("Line0", "Line1", "Line2")),
+    "LineMode": EnumerationNode("Input", ("Input", "Output")),
+    "LineSource": EnumerationNode("Off", ("Off", "ExposureActive")),
+}
+
+
+def test_a_primary_camera_runs_freely_and_shows_its_exposures() -> None:
+    nodes = triggered(**LINES)
+    assert arm_trigger(nodes, PRIMARY) == ()
+    assert nodes.writes[-4:] == [
+        ("AcquisitionFrameRate", 60.0),
+        ("LineSelector", "Line1"),
+        ("LineMode", "Output"),
+        ("LineSource", "ExposureActive"),
+    ]
+
+
+def test_a_primary_camera_without_such_an_output_is_refused() -> None:
+    with pytest.raises(
+        ConfigurationError, match=r"no output line 'Line1'; it has no LineSelector \(trigger output_line"
+    ):
+        arm_trigger(triggered(), PRIMARY)
+    with pytest.raises(ConfigurationError, match="no output line 'Line7'; it has Line0, Line1, Line2"):
+        arm_trigger(triggered(**LINES), TriggerSetup("free_run", output_line="Line7"))
+    with pytest.raises(UnsupportedCameraError, match="Line1 cannot tell when it exposes"):
+        arm_trigger(triggered(**LINES | {"LineSource": EnumerationNode("Off", ("Off",))}), PRIMARY)
+
+
+def test_older_names_of_the_frame_rate_are_known() -> None:
+    nodes = MemoryNodes(
+        {
+            "AcquisitionFrameRateAuto": EnumerationNode("Continuous", ("Off", "Continuous")),
+            "AcquisitionFrameRateEnabled": BooleanNode(),
+            "AcquisitionFrameRateAbs": FloatNode(30.0, 1.0, 200.0),
+        }
+    )
+    arm_trigger(nodes, FREE_RUN)
+    assert nodes.writes == [
+        ("AcquisitionFrameRateAuto", "Off"),
+        ("AcquisitionFrameRateEnabled", True),
+        ("AcquisitionFrameRateAbs", 60.0),
+    ]
+
+
+def test_a_fixed_rate_is_a_trigger_source_on_some_cameras() -> None:
+    nodes = triggered(TriggerSource=EnumerationNode("Freerun", ("Freerun", "Line1", "FixedRate")))
+    arm_trigger(nodes, FREE_RUN)
+    assert nodes.read_entry("TriggerSource") == "FixedRate"
+    assert nodes.read_entry("TriggerMode") == "On"
+
+
+def test_triggers_without_a_mode_are_passed_over() -> None:
+    nodes = triggered(TriggerMode=EnumerationNode("", ()))
+    arm_trigger(nodes, FREE_RUN)
+    assert not any(name == "TriggerMode" for name, _ in nodes.writes)

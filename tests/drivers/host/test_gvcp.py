@@ -1,0 +1,160 @@
+"""Questions to GigE Vision cameras: fake ones on the loopback, and datagrams that no sound camera sends."""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+import struct
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from ipaddress import IPv4Interface
+
+import pytest
+
+from drivers.aravis import find_cameras, open_camera
+from drivers.host import gvcp
+from drivers.host.gvcp import Control, GigeCamera, control_of, search
+from drivers.host.network import NetworkInterface, find_interfaces
+from drivers.setup import CameraSetup, TriggerSetup
+from tests.fake_camera.gige.gige_client import ACCESS_DENIED, CCP, READREG, GvcpClient, gige_camera, parse_ack
+from tests.fakes import foreign_camera, loopback_address, unique
+
+LO = NetworkInterface("lo", IPv4Interface("127.0.0.1/8"), 65536, None)
+
+
+def find(serial: str, interfaces: list[NetworkInterface]) -> GigeCamera:
+    (camera,) = (camera for camera in search(interfaces).cameras if camera.serial == serial)
+    return camera
+
+
+def test_a_camera_is_found_with_its_names_and_interface() -> None:
+    address, serial = loopback_address(), unique("T")
+    with gige_camera(address, serial):
+        camera = find(serial, [LO])
+        assert camera == GigeCamera(serial, camera.vendor, camera.model, IPv4Interface(f"{address}/8"), LO)
+        assert camera.vendor
+        assert camera.model
+        assert camera.reachable
+        # Other interfaces may bring its answer, too; the one that reaches it counts.
+        assert find(serial, find_interfaces()).interface.name == "lo"
+
+
+def test_a_camera_of_another_subnet_is_found_and_known_to_be_out_of_reach() -> None:
+    narrow = NetworkInterface("lo", IPv4Interface("127.0.0.1/32"), 65536, None)
+    serial = unique("T")
+    with gige_camera(loopback_address(), serial):
+        assert not find(serial, [narrow]).reachable
+
+
+def test_an_interface_that_cannot_be_searched_is_told_and_does_not_hinder_the_others() -> None:
+    gone = NetworkInterface("no-such-if", IPv4Interface("10.255.0.1/24"), 1500, None)
+    serial = unique("T")
+    with gige_camera(loopback_address(), serial):
+        found = search([gone, LO])
+    assert serial in [camera.serial for camera in found.cameras]
+    assert list(found.failures) == ["no-such-if"]
+    assert found.failures["no-such-if"]
+
+
+def test_control_is_seen_from_outside() -> None:
+    address = loopback_address()
+    with gige_camera(address), GvcpClient(address) as client:
+        for privilege, control in ((0, "free"), (2, "held"), (1, "held"), (0, "free")):
+            client.write(CCP, privilege)
+            assert control_of(address) == control
+
+
+def test_no_camera_is_silence() -> None:
+    assert control_of(loopback_address(), answer_s=0.01) == "silent"
+
+
+@pytest.mark.wire
+def test_aravis_finds_the_same_camera() -> None:
+    serial = unique("T")
+    with gige_camera(loopback_address(), serial):
+        ours = find(serial, [LO])
+        (theirs,) = (camera for camera in find_cameras() if camera.serial == serial)
+    assert (ours.serial, ours.vendor, ours.model) == (theirs.serial, theirs.vendor, theirs.model)
+    assert str(ours.address.ip) == theirs.address
+
+
+@pytest.mark.wire
+def test_a_camera_that_we_did_not_write_answers() -> None:
+    with foreign_camera() as serial:
+        camera = find(serial, [LO])
+        assert camera.reachable
+        assert control_of(str(camera.address.ip)) == "free"
+        with contextlib.closing(open_camera(serial, CameraSetup(TriggerSetup("free_run", rate_hz=25.0)))):
+            assert control_of(str(camera.address.ip)) == "held"
+        assert control_of(str(camera.address.ip)) == "free"
+
+
+@contextmanager
+def answering(address: str, answer: bytes) -> Iterator[None]:
+    """Something at a camera's port that gives one answer to everything, until the first empty datagram."""
+
+    def serve() -> None:
+        while True:
+            question, peer = server.recvfrom(2048)
+            if not question:
+                return
+            server.sendto(answer, peer)
+
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as server:
+        server.bind((address, gvcp.PORT))
+        thread = threading.Thread(target=serve)
+        thread.start()
+        try:
+            yield
+        finally:
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ending:
+                ending.sendto(b"", (address, gvcp.PORT))
+            thread.join()
+
+
+@pytest.mark.parametrize(
+    ("answer", "control"),
+    [
+        (struct.pack(">HHHHI", 0, READREG + 1, 4, 1, 0x2), "held"),
+        (struct.pack(">HHHHI", 0, READREG + 1, 4, 1, 0x0), "free"),
+        (struct.pack(">HHHH", ACCESS_DENIED, READREG + 1, 0, 1), "held"),
+        (struct.pack(">HHHH", 0, READREG + 1, 0, 1), "silent"),
+        (b"\0\0", "silent"),
+        (b"HTTP/1.1 400 Bad Request", "silent"),
+    ],
+)
+def test_answers_are_read_for_what_they_are(answer: bytes, control: Control) -> None:
+    address = loopback_address()
+    with answering(address, answer):
+        assert control_of(address) == control
+
+
+def identity(**fields: bytes) -> bytes:
+    """The acknowledgement of a search, with fields of the bootstrap registers by their address."""
+    memory = bytearray(0xF8)
+    for at, data in ((int(name[1:], 16), data) for name, data in fields.items()):
+        memory[at : at + len(data)] = data
+    datagram = struct.pack(">HHHH", 0, 3, len(memory), 1) + memory
+    assert parse_ack(datagram)[3] == memory
+    return datagram
+
+
+def test_a_camera_without_a_serial_goes_by_its_mac_address() -> None:
+    camera = gvcp._read_identity(
+        identity(x0A=bytes.fromhex("0011e2a1b2c3"), x24=b"\xc0\xa8\x07\x05", x34=b"\xff\xff\xff\0"), LO
+    )
+    assert camera is not None
+    assert camera.serial == "00:11:e2:a1:b2:c3"
+    assert camera.address == IPv4Interface("192.168.7.5/24")
+
+
+def test_a_senseless_netmask_leaves_the_address() -> None:
+    camera = gvcp._read_identity(identity(xD8=b"S", x24=b"\xc0\xa8\x07\x05", x34=b"\xff\0\xff\0"), LO)
+    assert camera is not None
+    assert camera.address == IPv4Interface("192.168.7.5/32")
+
+
+@pytest.mark.parametrize("datagram", [b"", b"\0" * 8, identity()[:-1], b"\x80\x06" + identity()[2:]])
+def test_what_is_no_identity_is_ignored(datagram: bytes) -> None:
+    assert gvcp._read_identity(datagram, LO) is None

@@ -1,0 +1,134 @@
+"""USB facts, read from a host that is files in a folder, through the real pyusb."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+import usb.core
+
+from drivers.host.usb import Process, find_usb
+from tests import REPOSITORY
+from tests.drivers.host.usb_tree import ListedDevices, RefusingDevices, UsbDevice, UsbTree
+
+RULE = 'SUBSYSTEM=="usb", ENV{ID_USB_INTERFACES}=="*:ef0500:*", GROUP="video", MODE="0660"'
+
+
+@pytest.fixture
+def tree(tmp_path: Path) -> UsbTree:
+    return UsbTree(tmp_path)
+
+
+def test_a_camera_is_described_without_being_opened(tree: UsbTree) -> None:
+    node = tree.plug_in(UsbDevice())
+    node.chmod(0o660)
+    (camera,) = find_usb(tree.root, tree.backend).cameras
+    assert (camera.serial, camera.vendor, camera.model) == ("U3V-1", "Maker", "Model")
+    assert (camera.speed_mbps, camera.bus_speed_mbps) == (5000, 5000)
+    assert (camera.bus, camera.controller) == (2, "0000:00:14.0")
+    assert camera.node.path == "/dev/bus/usb/002/003"
+    assert (camera.node.exists, camera.node.usable, camera.node.mode) == (True, True, "-rw-rw----")
+    assert camera.node.holders == ()
+
+
+@pytest.mark.parametrize(
+    "interfaces",
+    [
+        ((0x03, 0x01, 0x02),),  # a mouse
+        ((0x0E, 0x01, 0x00), (0x0E, 0x02, 0x00)),  # a webcam
+        ((0xEF, 0x05, 0x02),),  # the standard's stream without its control
+    ],
+)
+def test_other_devices_are_no_cameras(tree: UsbTree, interfaces: tuple[tuple[int, int, int], ...]) -> None:
+    tree.plug_in(UsbDevice(interfaces=interfaces))
+    assert find_usb(tree.root, tree.backend).cameras == ()
+
+
+def test_cameras_are_told_apart_by_bus_and_address(tree: UsbTree) -> None:
+    tree.plug_in(UsbDevice(bus=4, address=2, serial="B", controller="0000:05:00.0"))
+    tree.plug_in(UsbDevice(bus=2, address=2, serial="A"))
+    tree.plug_in(UsbDevice(bus=1, address=9, serial="slow", speed_mbps=480))
+    cameras = find_usb(tree.root, tree.backend).cameras
+    assert [(camera.serial, camera.speed_mbps, camera.controller) for camera in cameras] == [
+        ("slow", 480, "0000:00:14.0"),
+        ("A", 5000, "0000:00:14.0"),
+        ("B", 5000, "0000:05:00.0"),
+    ]
+
+
+def test_a_camera_without_strings_goes_by_its_numbers(tree: UsbTree) -> None:
+    tree.plug_in(UsbDevice(serial=None, maker=None, product=None))
+    (camera,) = find_usb(tree.root, tree.backend).cameras
+    assert (camera.serial, camera.vendor, camera.model) == (None, "vendor 1234", "product abcd")
+
+
+def test_a_name_that_neither_sysfs_nor_the_camera_gives_is_unknown(tmp_path: Path) -> None:
+    """No sysfs, and a camera that may not be opened."""
+    (camera,) = find_usb(tmp_path, lambda: ListedDevices([UsbDevice()], usb.core.USBError("Access denied"))).cameras
+    assert (camera.serial, camera.vendor, camera.model) == (None, "vendor 1234", "product abcd")
+    assert (camera.speed_mbps, camera.bus_speed_mbps, camera.controller) == (None, None, None)
+
+
+def test_a_missing_node_is_told(tree: UsbTree) -> None:
+    tree.plug_in(UsbDevice()).unlink()
+    (camera,) = find_usb(tree.root, tree.backend).cameras
+    assert not camera.node.exists
+    assert not camera.node.usable
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may open every node")
+def test_a_node_that_this_user_may_not_open_is_told(tree: UsbTree) -> None:
+    tree.plug_in(UsbDevice()).chmod(0o444)
+    (camera,) = find_usb(tree.root, tree.backend).cameras
+    assert not camera.node.usable
+
+
+def test_programs_that_have_the_node_open_are_named_but_not_this_one(tree: UsbTree) -> None:
+    held, free = tree.plug_in(UsbDevice()), tree.plug_in(UsbDevice(address=4, serial="U3V-2"))
+    tree.hold(held, 4711, "arv-viewer-0.8")
+    tree.hold(held, 815, "recorder")
+    tree.hold(free, os.getpid(), "autoexpose")
+    first, second = find_usb(tree.root, tree.backend).cameras
+    assert first.node.holders == (Process(815, "recorder"), Process(4711, "arv-viewer-0.8"))
+    assert second.node.holders == ()
+
+
+@pytest.mark.parametrize(
+    ("file", "text", "found"),
+    [
+        ("etc/udev/rules.d/60-usb3-vision.rules", RULE, "/etc/udev/rules.d/60-usb3-vision.rules"),
+        ("usr/lib/udev/rules.d/70-maker.rules", RULE, "/usr/lib/udev/rules.d/70-maker.rules"),
+        ("etc/udev/rules.d/60-usb3-vision.rules", f"# {RULE}", None),
+        ("etc/udev/rules.d/60-usb3-vision.rules.off", RULE, None),
+        ("etc/udev/rules.d/99-mouse.rules", 'SUBSYSTEM=="usb"', None),
+    ],
+)
+def test_a_udev_rule_is_found_where_udev_reads_it(tree: UsbTree, file: str, text: str, found: str | None) -> None:
+    tree.write(tree.root / file, text)
+    assert find_usb(tree.root, tree.backend).udev_rule == found
+
+
+def test_the_shipped_rule_is_recognised_and_not_world_writable(tree: UsbTree) -> None:
+    shipped = (REPOSITORY / "systemd/60-usb3-vision.rules").read_text()
+    tree.write(tree.root / "etc/udev/rules.d/60-usb3-vision.rules", shipped)
+    assert find_usb(tree.root, tree.backend).udev_rule is not None
+    assert 'MODE="0660"' in shipped
+
+
+def test_the_memory_limit_is_read(tree: UsbTree) -> None:
+    assert find_usb(tree.root, tree.backend).usbfs_memory_mb is None
+    tree.write(tree.root / "sys/module/usbcore/parameters/usbfs_memory_mb", "16")
+    assert find_usb(tree.root, tree.backend).usbfs_memory_mb == 16
+
+
+def test_a_host_without_usb_a_missing_libusb_and_one_that_fails_are_told(tmp_path: Path) -> None:
+    assert find_usb(tmp_path, lambda: None).blind == "no bus"
+    tree = UsbTree(tmp_path)
+    assert find_usb(tmp_path, lambda: None).blind == "no libusb"
+    assert find_usb(tmp_path, lambda: RefusingDevices(tree.devices)).blind == "no list"
+    assert find_usb(tmp_path, tree.backend).blind is None
+
+
+def test_this_host_has_a_libusb_and_is_looked_at_without_error() -> None:
+    assert find_usb().blind in (None, "no bus")

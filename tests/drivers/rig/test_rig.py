@@ -1,0 +1,235 @@
+"""The rig's threads, on cameras that do as they are told: no transport here, that is the contract tests' matter."""
+
+from __future__ import annotations
+
+import itertools
+import queue
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TypeVar
+
+import numpy as np
+import pytest
+
+from drivers.camera import Camera, CameraDescription
+from drivers.errors import CameraLostError, CameraNotFoundError, ConfigurationError, NodeError, UnsupportedCameraError
+from drivers.exposure import ExposureLimits, ExposureSetting
+from drivers.frames import Frame, Side
+from drivers.rig.events import CameraGone, CameraReady, CameraSilent, FrameArrived, RigEvent, WriteFailed, Written
+from drivers.rig.rig import Rig
+
+START = ExposureSetting(1000.0, 0.0)
+LONG_S = 10.0
+Event = TypeVar("Event", bound=RigEvent)
+
+
+class ScriptedCamera:
+    def __init__(self, shape: tuple[int, int] = (2, 2)) -> None:
+        self.shape = shape
+        self.description = CameraDescription("ours", "scripted", "S")
+        self.limits = ExposureLimits(10.0, 1e4, 0.0, 30.0)
+        self.frames: queue.SimpleQueue[Frame] = queue.SimpleQueue()
+        self.written: list[ExposureSetting] = []
+        self.lost = False
+        self.refuses = False
+        self.closed = threading.Event()
+        self._ids = itertools.count(1)
+
+    def start(self) -> None:
+        self._check()
+
+    def next_frame(self, timeout_s: float) -> Frame | None:
+        self._check()
+        try:
+            return self.frames.get(timeout=timeout_s)
+        except queue.Empty:
+            return None
+
+    def write(self, setting: ExposureSetting) -> ExposureSetting:
+        self._check()
+        if self.refuses:
+            raise NodeError("camera S: ExposureTime refused")
+        self.written.append(setting)
+        return setting
+
+    def latch_clock(self) -> None:
+        self._check()
+
+    def close(self) -> None:
+        self.closed.set()
+
+    def expose(self) -> None:
+        now_ns = time.monotonic_ns()
+        self.frames.put(Frame(np.zeros(self.shape, np.uint8), 8, next(self._ids), now_ns, now_ns, now_ns, START))
+
+    def _check(self) -> None:
+        if self.lost:
+            raise CameraLostError("camera S does not answer")
+
+
+@contextmanager
+def running(openers: dict[Side, Callable[[], Camera]], silence_s: float = LONG_S) -> Iterator[Rig]:
+    rig = Rig(openers, silence_s, START)
+    rig.start()
+    try:
+        yield rig
+    finally:
+        assert rig.stop(LONG_S)
+
+
+def wait_for(rig: Rig, kind: type[Event]) -> Event:
+    deadline = time.monotonic() + LONG_S
+    while True:
+        event = rig.events.get(timeout=deadline - time.monotonic())
+        if isinstance(event, kind):
+            return event
+
+
+def test_a_camera_starts_with_the_start_setting_and_delivers_frames() -> None:
+    camera = ScriptedCamera()
+    with running({"left": lambda: camera}) as rig:
+        assert wait_for(rig, Written).read_back == START
+        assert wait_for(rig, CameraReady).limits == camera.limits
+        camera.expose()
+        assert wait_for(rig, FrameArrived).frame.frame_id == 1
+    assert camera.closed.is_set()
+
+
+def test_only_the_latest_waiting_setting_is_written_and_not_early() -> None:
+    camera = ScriptedCamera()
+    with running({"left": lambda: camera}) as rig:
+        wait_for(rig, CameraReady)
+        not_before_ns = time.monotonic_ns() + 100_000_000
+        rig.write(ExposureSetting(2000.0, 0.0), not_before_ns)
+        rig.write(ExposureSetting(3000.0, 0.0), not_before_ns)
+        written = wait_for(rig, Written)
+        assert written.asked.exposure_time_us == 3000.0
+        assert written.started_ns >= not_before_ns
+    assert [setting.exposure_time_us for setting in camera.written] == [1000.0, 3000.0]
+
+
+def test_a_camera_that_cannot_be_opened_is_tried_again() -> None:
+    camera = ScriptedCamera()
+    attempts: list[int] = []
+
+    def opener() -> Camera:
+        attempts.append(1)
+        if len(attempts) < 3:
+            raise CameraNotFoundError("no camera S")
+        return camera
+
+    with running({"left": opener}) as rig:
+        assert not wait_for(rig, CameraGone).final
+        wait_for(rig, CameraReady)
+    assert len(attempts) == 3
+
+
+def test_a_camera_that_cannot_be_driven_is_not_tried_again() -> None:
+    def opener() -> Camera:
+        raise UnsupportedCameraError("camera S: BayerRG8")
+
+    with running({"left": opener}) as rig:
+        assert wait_for(rig, CameraGone).final
+
+
+def test_a_setup_that_does_not_fit_is_final() -> None:
+    def opener() -> Camera:
+        raise ConfigurationError("camera S: no trigger line 'Line9'")
+
+    with running({"left": opener}) as rig:
+        gone = wait_for(rig, CameraGone)
+        assert gone.final
+        assert "Line9" in str(gone.error)
+
+
+def test_a_camera_that_cannot_start_is_not_opened_in_a_frenzy() -> None:
+    opened: list[ScriptedCamera] = []
+
+    def opener() -> Camera:
+        camera = ScriptedCamera()
+        camera.lost = True
+        opened.append(camera)
+        return camera
+
+    with running({"left": opener}) as rig:
+        for _ in range(3):
+            wait_for(rig, CameraGone)
+        assert len(opened) <= 5
+
+
+def test_a_lost_camera_is_rebuilt_with_the_last_wanted_setting_and_disturbs_no_other() -> None:
+    left, fresh, right = ScriptedCamera(), ScriptedCamera(), ScriptedCamera()
+    lefts = iter([left, fresh])
+    with running({"left": lambda: next(lefts), "right": lambda: right}, silence_s=0.05) as rig:
+        wait_for(rig, CameraReady)
+        wait_for(rig, CameraReady)
+        rig.write(ExposureSetting(4000.0, 0.0), 0)
+        while left.written[-1].exposure_time_us != 4000.0:
+            wait_for(rig, Written)
+        left.lost = True
+        assert wait_for(rig, CameraGone).side == "left"
+        assert wait_for(rig, CameraReady).side == "left"
+        right.expose()
+        assert wait_for(rig, FrameArrived).side == "right"
+    assert left.closed.is_set()
+    assert fresh.written[0].exposure_time_us == 4000.0
+    assert len(right.written) == 2
+
+
+def test_silence_is_reported_once_and_a_camera_that_answers_stays() -> None:
+    camera = ScriptedCamera()
+    with running({"left": lambda: camera}, silence_s=0.05) as rig:
+        wait_for(rig, CameraSilent)
+        camera.expose()
+        wait_for(rig, FrameArrived)
+        wait_for(rig, CameraSilent)
+        assert not camera.closed.is_set()
+
+
+def test_a_refused_write_is_reported_and_the_camera_kept() -> None:
+    camera = ScriptedCamera()
+    with running({"left": lambda: camera}) as rig:
+        wait_for(rig, CameraReady)
+        camera.refuses = True
+        rig.write(ExposureSetting(2000.0, 0.0), 0)
+        assert "ExposureTime" in str(wait_for(rig, WriteFailed).error)
+        camera.refuses = False
+        rig.write(ExposureSetting(2500.0, 0.0), 0)
+        assert wait_for(rig, Written).asked.exposure_time_us == 2500.0
+
+
+def test_frames_that_nobody_takes_are_marked_stale_and_let_go_of_their_pixels() -> None:
+    camera = ScriptedCamera()
+    with running({"left": lambda: camera}) as rig:
+        wait_for(rig, CameraReady)
+        for _ in range(40):
+            camera.expose()
+        while rig.events.qsize() < 40:
+            time.sleep(0)
+        stale, kept_bytes = [], []
+        while not rig.events.empty():
+            event = rig.events.get_nowait()
+            if isinstance(event, FrameArrived):
+                stale.append(event.stale)
+                assert isinstance(event.frame, Frame)
+                kept_bytes.append(event.frame.pixels.nbytes)
+    assert not stale[0]
+    assert stale[-1]
+    assert [kept == 0 for kept in kept_bytes] == stale
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_stopping_a_camera_that_is_being_waited_for_is_quick(side: Side) -> None:
+    def opener() -> Camera:
+        raise CameraNotFoundError("no camera S")
+
+    with running({side: opener}) as rig:
+        wait_for(rig, CameraGone)
+
+
+def test_no_thread_keeps_a_process_alive_whose_camera_hangs() -> None:
+    with running({"left": ScriptedCamera, "right": ScriptedCamera}):
+        threads = {thread.name: thread.daemon for thread in threading.enumerate()}
+        assert [threads[f"{work}-{side}"] for work in ("nodes", "frames") for side in ("left", "right")] == [True] * 4

@@ -1,0 +1,164 @@
+"""The supervisor of a camera in virtual time; with its threads it is `test_rig`'s matter."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import queue
+
+import pytest
+
+from drivers.camera import Camera
+from drivers.errors import AutoexposeError, CameraNotFoundError, NodeError, UnsupportedCameraError
+from drivers.exposure import ExposureSetting
+from drivers.frames import Frame
+from drivers.rig.events import CameraGone, CameraReady, CameraSilent, FrameArrived, RigEvent, Written
+from drivers.rig.supervision import Supervisor
+from tests.drivers.rig.test_rig import START, ScriptedCamera
+
+SECOND_NS = 1_000_000_000
+SILENCE_S = 0.2
+
+
+class InstantCamera(ScriptedCamera):
+    """Answers at once; `latches` counts how often its clock was read."""
+
+    latches = 0
+    refuses_latches = False
+
+    def next_frame(self, timeout_s: float) -> Frame | None:
+        return super().next_frame(0.0)
+
+    def latch_clock(self) -> None:
+        super().latch_clock()
+        self.latches += 1
+        if self.refuses_latches:
+            raise NodeError("camera S: TimestampLatch is locked")
+
+
+class Bench:
+    """A supervisor that is served in virtual time; `camera` is what the opener opens, or the error it raises."""
+
+    def __init__(self, camera: InstantCamera | AutoexposeError) -> None:
+        self.camera = camera
+        self.now_ns = 0
+        self.attempts_ns: list[int] = []
+        self.events: queue.SimpleQueue[RigEvent] = queue.SimpleQueue()
+        self.supervisor = Supervisor("left", self._open, SILENCE_S, START, self.events, now_ns=lambda: self.now_ns)
+
+    def run(self, seconds: float, take_frames: bool = True) -> list[RigEvent]:
+        end_ns = self.now_ns + round(seconds * SECOND_NS)
+        while self.now_ns < end_ns:
+            if self.supervisor.serve_due_ns <= self.now_ns:
+                self.supervisor.serve()
+            if take_frames and self.supervisor.take_due_ns <= self.now_ns:
+                self.supervisor.take_frame()
+            self.now_ns += SECOND_NS // 100
+        return [self.events.get_nowait() for _ in range(self.events.qsize())]
+
+    def _open(self) -> Camera:
+        self.attempts_ns.append(self.now_ns)
+        if isinstance(self.camera, AutoexposeError):
+            raise self.camera
+        return self.camera
+
+
+def pauses_s(attempts_ns: list[int]) -> list[float]:
+    return [(later - earlier) / SECOND_NS for earlier, later in itertools.pairwise(attempts_ns)]
+
+
+def test_a_camera_that_does_not_open_is_tried_less_and_less_often_however_much_is_written() -> None:
+    bench = Bench(CameraNotFoundError("no camera S"))
+    for _ in range(100):
+        bench.supervisor.request(ExposureSetting(2000.0, 0.0), 0)
+        bench.run(0.1)
+    assert pauses_s(bench.attempts_ns) == [0.1, 0.2, 0.4, 0.8, 1.6, 2.0, 2.0, 2.0]
+
+
+def test_a_camera_that_ran_for_long_is_tried_soon_again() -> None:
+    camera = InstantCamera()
+    bench = Bench(CameraNotFoundError("no camera S"))
+    bench.run(10.0)
+    bench.camera = camera
+    bench.run(5.0)
+    camera.lost, bench.camera = True, CameraNotFoundError("no camera S")
+    bench.attempts_ns.clear()
+    bench.run(2.0)
+    assert pauses_s(bench.attempts_ns) == [0.2, 0.4, 0.8]
+    assert camera.closed.wait(10.0)
+
+
+def test_a_camera_that_is_opened_takes_the_newest_setting_once() -> None:
+    camera = InstantCamera()
+    bench = Bench(CameraNotFoundError("no camera S"))
+    bench.run(0.5)
+    bench.supervisor.request(ExposureSetting(2000.0, 0.0), 0)
+    bench.camera = camera
+    bench.run(2.0)
+    assert camera.written == [ExposureSetting(2000.0, 0.0)]
+
+
+def test_a_clock_that_cannot_be_read_is_said_but_not_every_second(caplog: pytest.LogCaptureFixture) -> None:
+    camera = InstantCamera()
+    camera.refuses_latches = True
+    Bench(camera).run(5.0)
+    assert caplog.messages == ["left camera: its clock was not read: camera S: TimestampLatch is locked"]
+
+
+def test_a_camera_that_is_opened_anew_is_closed_first_and_the_reason_is_told() -> None:
+    camera = InstantCamera()
+    bench = Bench(camera)
+    bench.run(1.0)
+    bench.supervisor.reopen()
+    bench.camera = InstantCamera()
+    gone, *_, ready = (event for event in bench.run(1.0) if isinstance(event, CameraGone | CameraReady))
+    assert camera.closed.is_set()
+    assert isinstance(gone, CameraGone)
+    assert str(gone.error).endswith("sends no frames while the other one does; it is opened anew")
+    assert isinstance(ready, CameraReady)
+
+
+def test_a_camera_that_can_never_be_driven_is_left_alone() -> None:
+    bench = Bench(UnsupportedCameraError("camera S: BayerRG8"))
+    events = bench.run(10.0)
+    assert len(bench.attempts_ns) == len(events) == 1
+    assert isinstance(events[0], CameraGone) and events[0].final
+    assert bench.supervisor.serve_due_ns == bench.supervisor.take_due_ns == math.inf
+
+
+def test_the_camera_clock_is_read_once_a_second_and_at_a_silence() -> None:
+    camera = InstantCamera()
+    bench = Bench(camera)
+    events = bench.run(0.95)
+    assert [type(event) for event in events] == [Written, CameraReady, CameraSilent]
+    assert camera.latches == 1
+    camera.expose()
+    bench.run(0.1)
+    assert camera.latches == 1
+    bench.run(4.0)
+    assert camera.latches == 5
+
+
+def test_no_frame_of_a_lost_camera_is_reported_after_its_loss() -> None:
+    camera = InstantCamera()
+    bench = Bench(camera)
+    bench.run(0.1)
+    camera.expose()
+    assert any(isinstance(event, FrameArrived) for event in bench.run(0.1))
+    camera.expose()
+    camera.lost = True
+    bench.supervisor.request(START, 0)
+    assert [type(event) for event in bench.run(0.05, take_frames=False)] == [CameraGone]
+    camera.lost = False
+    bench.supervisor.take_frame()
+    assert bench.events.empty()
+
+
+def test_a_camera_that_is_lost_while_frames_are_taken_is_found_out_at_once() -> None:
+    camera = InstantCamera()
+    bench = Bench(camera)
+    bench.run(0.1)
+    camera.lost = True
+    events = bench.run(0.05)
+    assert isinstance(events[0], CameraGone)
+    assert not events[0].final

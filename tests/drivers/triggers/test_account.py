@@ -1,0 +1,373 @@
+"""Every trigger ends as a pair or as one loss: the account against a wire that knows what really happened."""
+
+from __future__ import annotations
+
+import weakref
+from collections import Counter
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from drivers.camera import IncompleteFrame
+from drivers.exposure import ExposureSetting
+from drivers.frames import Frame, Side, StereoPair
+from drivers.triggers.account import LossReason, TriggerAccount
+
+PERIOD_NS = 16_666_667
+OPENED_NS = 5_000_000_000
+PHASE_NS = OPENED_NS + 7_000_000
+
+
+def frame(frame_id: int, time_ns: int) -> Frame:
+    return Frame(np.zeros((2, 2), np.uint8), 8, frame_id, time_ns, time_ns, time_ns, ExposureSetting(1000.0, 0.0))
+
+
+@dataclass
+class FakeRig:
+    """Plays triggers to an account: at each one, every camera does what it is told."""
+
+    sides: tuple[Side, ...] = ("left", "right")
+    period_ns: float = PERIOD_NS
+    numbered_by: str = "time"
+    trigger: int = 0
+    frame_ids: Counter[Side] = field(default_factory=Counter)
+    released: list[StereoPair] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.account = TriggerAccount(self.sides, PERIOD_NS, OPENED_NS, self.numbered_by)  # type: ignore[arg-type]
+
+    @property
+    def time_ns(self) -> int:
+        return round(PHASE_NS + self.trigger * self.period_ns)
+
+    def pulse(self, **does: str) -> None:
+        for side in self.sides:
+            match does.get(side, "frame"):
+                case "frame":
+                    self.frame_ids[side] += 1
+                    self.released += self.account.frame(side, frame(self.frame_ids[side], self.time_ns))
+                case "missing":
+                    self.frame_ids[side] += 1
+                case "incomplete":
+                    self.frame_ids[side] += 1
+                    lost = IncompleteFrame(self.frame_ids[side], None)
+                    self.released += self.account.incomplete(side, lost)
+                case "stale":
+                    self.frame_ids[side] += 1
+                    self.released += self.account.stale(side, frame(self.frame_ids[side], self.time_ns))
+                case "goes":
+                    self.frame_ids[side] = 0
+                    self.released += self.account.gone(side)
+                case "silent":
+                    self.released += self.account.silent(side)
+                case "ignored" | "absent":
+                    pass
+        self.trigger += 1
+
+    def pulses(self, count: int, **does: str) -> None:
+        for _ in range(count):
+            self.pulse(**does)
+
+    def close(self) -> dict[str, int]:
+        self.trigger -= 1
+        self.account.close(self.time_ns + PERIOD_NS // 3)
+        return {str(reason): count for reason, count in self.account.tally.lost.items() if count}
+
+
+def test_pairs_carry_both_frames_of_a_trigger() -> None:
+    rig = FakeRig()
+    rig.pulses(5)
+    assert rig.close() == {}
+    assert rig.account.tally.pairs == 5
+    pairs = [pair for pair in rig.released if pair.right is not None]
+    assert [pair.trigger for pair in pairs] == [0, 1, 2, 3, 4]
+    assert all(pair.right is not None and pair.left.frame_id == pair.right.frame_id for pair in pairs)
+
+
+@pytest.mark.parametrize(
+    ("left", "right", "reason"),
+    [
+        ("missing", "frame", "left_missing"),
+        ("frame", "missing", "right_missing"),
+        ("missing", "missing", "both_missing"),
+        ("incomplete", "frame", "incomplete"),
+        ("missing", "incomplete", "incomplete"),
+        ("ignored", "frame", "trigger_ignored"),
+        ("ignored", "ignored", "trigger_ignored"),
+        ("ignored", "missing", "trigger_ignored"),
+        ("frame", "stale", "stale"),
+    ],
+)
+def test_each_fate_has_its_reason(left: str, right: str, reason: str) -> None:
+    rig = FakeRig()
+    rig.pulses(3)
+    rig.pulses(2, left=left, right=right)
+    rig.pulses(3)
+    assert rig.close() == {reason: 2}
+    assert rig.account.tally.pairs == 6
+
+
+def test_triggers_before_the_first_and_after_the_last_pair() -> None:
+    rig = FakeRig()
+    rig.pulses(4, left="absent", right="absent")
+    rig.pulses(3, right="absent")
+    rig.pulses(5)
+    rig.pulses(2, left="absent", right="absent")
+    assert rig.close() == {"startup": 7, "shutdown": 2}
+    assert rig.account.tally.pairs == 5
+
+
+def test_window_holds_exactly_the_triggers_accounted_for() -> None:
+    rig = FakeRig()
+    rig.pulses(10)
+    rig.close()
+    tally = rig.account.tally
+    assert tally.window_start_ns is not None and tally.window_end_ns is not None
+    inside = [n for n in range(-5, 20) if tally.window_start_ns <= PHASE_NS + n * PERIOD_NS < tally.window_end_ns]
+    assert inside == list(range(10))
+
+
+def test_a_lost_camera_leaves_the_other_exposing() -> None:
+    rig = FakeRig()
+    rig.pulses(3)
+    rig.pulses(2, left="absent")
+    before = len(rig.released)
+    rig.pulse(left="silent")
+    rig.pulses(2, left="absent")
+    assert [pair.trigger for pair in rig.released[before:]] == [3, 4, 5, 6, 7]
+    rig.pulse(left="goes")
+    rig.pulses(4, left="absent")
+    rig.pulses(3)
+    assert rig.close() == {"camera_gone": 10}
+    assert rig.account.tally.pairs == 6
+
+
+def test_both_cameras_gone_is_counted_by_the_clock() -> None:
+    rig = FakeRig(period_ns=PERIOD_NS * 1.0004)
+    rig.pulses(300)
+    rig.pulse(left="goes", right="goes")
+    rig.pulses(600, left="absent", right="absent")
+    rig.pulses(5)
+    assert rig.close() == {"camera_gone": 601}
+
+
+def test_a_trigger_that_stood_still_is_no_loss() -> None:
+    rig = FakeRig()
+    rig.pulses(3)
+    rig.pulses(100, left="ignored", right="ignored")
+    rig.pulses(3)
+    assert rig.close() == {}
+    assert rig.account.tally.triggers == 6
+
+
+def test_without_any_frame_whole_periods_are_counted() -> None:
+    account = TriggerAccount(("left", "right"), PERIOD_NS, OPENED_NS)
+    account.gone("left")
+    account.close(OPENED_NS + 10 * PERIOD_NS + 5)
+    assert account.tally.triggers == 10
+    assert account.tally.lost[LossReason.CAMERA_GONE] == 10
+
+
+@pytest.mark.parametrize("rate_error", [0.003, 0.05, -0.05, 0.2])
+def test_frames_at_another_rate_make_pairs_all_the_same(rate_error: float) -> None:
+    rig = FakeRig(period_ns=PERIOD_NS * (1 + rate_error))
+    rig.pulses(600)
+    assert rig.account.tally.pairs >= 560
+    assert sum(pair.right is None for pair in rig.released) <= 1
+
+
+@pytest.mark.parametrize("lost", [None, "left", "both"])
+def test_a_doubled_trigger_never_pairs_one_instant_with_another(lost: str | None) -> None:
+    rig = FakeRig(period_ns=PERIOD_NS / 2)
+    rig.pulses(20)
+    if lost is not None:
+        rig.pulse(**dict.fromkeys(("left", "right") if lost == "both" else (lost,), "missing"))
+    rig.pulses(20)
+    complete = [pair for pair in rig.released if pair.right is not None]
+    assert len(complete) >= 19
+    assert all(pair.right is not None and pair.left.frame_id == pair.right.frame_id for pair in complete)
+    assert rig.account.tally.surplus_frames >= 38
+
+
+def test_what_a_doubled_trigger_loses_on_the_way_is_no_trigger_ignored() -> None:
+    rig = FakeRig(period_ns=PERIOD_NS / 2)
+    rig.pulses(20)
+    rig.pulse(left="missing")  # of a trigger; the next frame is surplus
+    rig.pulses(19)
+    assert rig.close() == {"left_missing": 1}
+
+
+def test_a_trigger_that_goes_on_in_another_phase_is_followed_at_once() -> None:
+    rig = FakeRig()
+    rig.pulses(10)
+    rig.trigger += 50.5  # type: ignore[assignment]
+    rig.pulses(10)
+    assert rig.account.tally.pairs == 20
+    assert rig.account.tally.surplus_frames == 0
+
+
+@pytest.mark.parametrize("periods", [100, 5000])
+def test_cameras_that_wait_for_a_trigger_that_is_not_there_lose_nothing(periods: int) -> None:
+    account = TriggerAccount(("left", "right"), PERIOD_NS, OPENED_NS)
+    account.gone("left")
+    for side in ("left", "right"):
+        account.ready(side, OPENED_NS + 20 * PERIOD_NS)  # type: ignore[arg-type]
+    account.close(OPENED_NS + (20 + periods) * PERIOD_NS)
+    assert account.tally.triggers == 0
+
+
+def test_a_trigger_that_begins_late_was_not_missed_before() -> None:
+    rig = FakeRig()
+    for side in rig.sides:
+        rig.account.ready(side, rig.time_ns + 3 * PERIOD_NS)
+    rig.pulses(200, left="absent", right="absent")
+    rig.pulses(5)
+    assert rig.close() == {"startup": 4}
+    assert rig.account.tally.pairs == 5
+
+
+def test_a_camera_that_never_gets_a_trigger_ignores_them() -> None:
+    rig = FakeRig()
+    rig.account.ready("right", rig.time_ns)
+    rig.pulses(1000, right="absent")
+    assert len(rig.account._outcomes) < 700
+    assert rig.close() == {"startup": 1, "trigger_ignored": 999}
+
+
+def test_frames_between_triggers_are_surplus() -> None:
+    rig = FakeRig(period_ns=PERIOD_NS / 4)
+    rig.pulses(40)
+    assert rig.account.tally.surplus_frames > 0
+    assert rig.account.tally.triggers <= 12
+
+
+def test_a_camera_that_answers_but_sends_nothing_takes_bounded_memory() -> None:
+    rig = FakeRig()
+    rig.pulses(3)
+    rig.pulse(right="silent")
+    rig.pulses(2000, right="absent")
+    assert len(rig.account._outcomes) < 700
+    assert len(rig.released) > 1900
+    rig.close()
+    assert rig.account.tally.triggers == 2004
+
+
+def test_a_camera_that_never_got_a_trigger_takes_bounded_memory() -> None:
+    rig = FakeRig()
+    rig.pulses(2000, right="absent")
+    assert len(rig.account._outcomes) < 700
+    assert len(rig.released) == 2000
+    assert rig.account.tally.lost[LossReason.STARTUP] > 1000
+    assert set(rig.close()) == {"startup"}
+    assert rig.account.tally.triggers == 2000
+
+
+@pytest.mark.parametrize("periods", [100, 1000, 5000])
+def test_a_trigger_that_stands_still_for_long_is_no_loss(periods: int) -> None:
+    rig = FakeRig()
+    rig.pulses(3)
+    rig.pulse(left="silent", right="silent")
+    rig.pulses(periods, left="ignored", right="ignored")
+    rig.pulses(3)
+    assert rig.close() == {}
+    assert rig.account.tally.pairs == 6
+
+
+@pytest.mark.parametrize(("event", "lost"), [("silent", {}), ("goes", {"camera_gone": 10**9 + 1})])
+def test_a_year_without_frames_is_over_at_once(event: str, lost: dict[str, int]) -> None:
+    rig = FakeRig(period_ns=PERIOD_NS)
+    rig.pulses(3)
+    rig.pulse(left=event, right=event)
+    rig.trigger += 10**9
+    rig.pulses(3)
+    assert rig.close() == lost
+    assert rig.account.tally.pairs == 6
+
+
+def test_a_trigger_that_stands_still_at_the_end_is_no_loss() -> None:
+    rig = FakeRig()
+    rig.pulses(5)
+    rig.pulse(left="silent", right="silent")
+    rig.pulses(1000, left="ignored", right="ignored")
+    assert rig.close() == {}
+    assert rig.account.tally.triggers == 5
+
+
+@pytest.mark.parametrize("periods", [50, 400, 1400])
+def test_a_silent_camera_is_not_excused_by_the_shutdown(periods: int) -> None:
+    rig = FakeRig()
+    rig.pulses(3)
+    rig.pulse(right="silent")
+    rig.pulses(periods, right="absent")
+    lost = rig.close()
+    assert "shutdown" not in lost
+    assert sum(lost.values()) == periods + 1
+    assert set(lost) <= {"right_missing", "trigger_ignored"}
+
+
+def test_a_single_free_running_camera_is_counted_by_its_frame_ids() -> None:
+    rig = FakeRig(sides=("left",), period_ns=PERIOD_NS * 1.3, numbered_by="frame_id")
+    rig.pulses(50)
+    rig.pulses(3, left="missing")
+    rig.pulses(50)
+    rig.close()
+    assert rig.account.tally.pairs == 100
+    assert rig.account.tally.lost[LossReason.LEFT_MISSING] == 3
+
+
+FATES = st.sampled_from(["frame", "frame", "frame", "missing", "ignored", "incomplete", "stale"])
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    fates=st.lists(st.tuples(FATES, FATES), max_size=60),
+    rate_error=st.floats(-2e-4, 2e-4),
+    outage=st.tuples(st.integers(0, 200), st.booleans(), st.booleans()),
+)
+def test_whatever_happens_the_account_balances(
+    fates: list[tuple[str, str]], rate_error: float, outage: tuple[int, bool, bool]
+) -> None:
+    rig = FakeRig(period_ns=PERIOD_NS * (1 + rate_error))
+    rig.pulses(2)
+    for left, right in fates:
+        rig.pulse(left=left, right=right)
+    length, left_goes, right_goes = outage
+    rig.pulse(left="goes" if left_goes else "frame", right="goes" if right_goes else "frame")
+    rig.pulses(length, left="absent" if left_goes else "frame", right="absent" if right_goes else "frame")
+    rig.pulses(2)
+    sent = rig.trigger
+    rig.close()
+    assert rig.account.tally.triggers == sent
+    complete = [pair for pair in rig.released if pair.right is not None]
+    alone = [pair.trigger for pair in rig.released if pair.right is None]
+    assert len(alone) == len(set(alone))
+    assert len(complete) == rig.account.tally.pairs
+    assert all(p.left.host_time_ns == p.right.host_time_ns for p in complete if p.right is not None)
+
+
+def test_triggers_that_no_camera_had_time_to_show_are_lost_at_startup() -> None:
+    """Cameras that were ready for a tenth of a second say nothing of whether there were triggers."""
+    rig = FakeRig()
+    for side in rig.sides:
+        rig.account.ready(side, OPENED_NS + 4 * PERIOD_NS)
+    rig.account.close(OPENED_NS + 10 * PERIOD_NS + PERIOD_NS // 3)
+    tally = rig.account.tally
+    assert dict(tally.lost) == {LossReason.STARTUP: 10}
+    assert tally.window_start_ns is not None and tally.window_end_ns is not None
+    assert tally.window_start_ns == pytest.approx(OPENED_NS, abs=2)
+    assert tally.window_end_ns - tally.window_start_ns == pytest.approx(10 * PERIOD_NS, abs=2)
+
+
+def test_frames_handed_out_alone_are_not_kept_for_a_partner_that_stays_away() -> None:
+    rig = FakeRig()
+    rig.pulses(3)
+    alive: list[weakref.ref[np.ndarray]] = []
+    for _ in range(100):
+        rig.pulse(right="silent")
+        alive += [weakref.ref(pair.left.pixels) for pair in rig.released]
+        rig.released.clear()
+    assert len(alive) >= 100
+    assert sum(pixels() is not None for pixels in alive) < 12

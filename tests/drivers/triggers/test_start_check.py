@@ -1,0 +1,101 @@
+"""What the rig says of its wiring after the first frames."""
+
+from __future__ import annotations
+
+import pytest
+
+from drivers.frames import Side
+from drivers.triggers.start import JUDGED_FRAMES, PATIENCE_NS, StartCheck
+
+MS = 1_000_000
+SIDES: tuple[Side, Side] = ("left", "right")
+
+
+def check(rate_hz: float = 50.0) -> StartCheck:
+    judge = StartCheck({"left": "Line0", "right": "Line0"}, rate_hz)
+    for side in SIDES:
+        judge.ready(side, 0)
+    return judge
+
+
+def feed(
+    judge: StartCheck, side: Side, period_ns: int = 20 * MS, offset_ns: int = 0, frames: int = JUDGED_FRAMES
+) -> None:
+    for number in range(frames):
+        judge.frame(side, offset_ns + number * period_ns)
+
+
+def test_a_sound_rig_is_not_talked_about() -> None:
+    judge = check()
+    feed(judge, "left")
+    feed(judge, "right", offset_ns=40 * MS + 5_000)  # it began two triggers later
+    assert judge.findings(10 * PATIENCE_NS) == []
+
+
+def test_a_lost_frame_or_two_are_no_finding() -> None:
+    judge = check()
+    feed(judge, "left")
+    feed(judge, "right", frames=7)
+    feed(judge, "right", offset_ns=180 * MS)
+    assert judge.findings(PATIENCE_NS) == []
+
+
+def test_no_pulse_at_all_is_said_once_and_not_too_soon() -> None:
+    judge = check()
+    assert judge.findings(PATIENCE_NS) == []
+    (finding,) = judge.findings(PATIENCE_NS + 1)
+    assert "no trigger pulse on Line0 for 3 s" in finding
+    assert judge.findings(2 * PATIENCE_NS) == []
+
+
+def test_one_camera_without_pulses_is_named() -> None:
+    judge = check()
+    feed(judge, "left")
+    (finding,) = judge.findings(PATIENCE_NS + 1)
+    assert finding.startswith("the right camera gets no trigger pulse")
+
+
+def test_cameras_at_another_rate_are_not_said_to_start_apart() -> None:
+    judge = check()
+    feed(judge, "left", period_ns=25 * MS)
+    feed(judge, "right", period_ns=25 * MS, offset_ns=7 * MS)
+    assert judge.findings(0) == []
+
+
+@pytest.mark.parametrize("offset_ms", [-7, 4, 10, 13])
+def test_cameras_that_start_apart_are_told(offset_ms: int) -> None:
+    judge = check()
+    feed(judge, "left")
+    feed(judge, "right", offset_ns=offset_ms * MS)
+    (finding,) = judge.findings(0)
+    assert f"{min(abs(offset_ms), 20 - abs(offset_ms)):.1f} ms apart" in finding
+
+
+def test_cameras_on_a_grid_of_milliseconds_are_judged() -> None:
+    judge = check(60.0)
+    for number in range(JUDGED_FRAMES):
+        judge.frame("left", -(-number * 50 // 3) * MS)
+        judge.frame("right", (-(-number * 50 // 3) + 5) * MS)
+    (finding,) = judge.findings(0)
+    assert "5.0 ms apart" in finding
+
+
+def test_cameras_that_wait_for_no_pulses_are_not_judged() -> None:
+    judge = StartCheck({}, 50.0)
+    judge.ready("left", 0)
+    feed(judge, "left", period_ns=40 * MS)
+    assert judge.findings(2 * PATIENCE_NS) == []
+
+
+def test_pulses_that_begin_late_are_no_finding_before_both_cameras_had_time_to_show_them() -> None:
+    judge = check()
+    assert "no trigger pulse" in judge.findings(PATIENCE_NS + 1)[0]
+    judge.frame("left", PATIENCE_NS)
+    assert judge.findings(PATIENCE_NS + 2) == []
+
+
+def test_it_is_the_difference_that_counts_not_when_both_began() -> None:
+    judge = check()
+    for side in SIDES:
+        feed(judge, side, offset_ns=6 * MS)
+    assert judge.findings(0) == []

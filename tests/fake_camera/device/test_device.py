@@ -1,0 +1,447 @@
+"""Acquisition in virtual time, and the device's threads on a real clock."""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from collections.abc import Callable, Iterator
+from queue import Queue
+
+import numpy as np
+import pytest
+
+from fake_camera.device.acquisition import Acquisition, Exposure
+from fake_camera.device.device import Device
+from fake_camera.device.faults import JUMP_NS, Fault
+from fake_camera.device.features import Features
+from fake_camera.device.line0 import Line0
+from fake_camera.imaging import ExposedFrame, ImageSettings, Pixels
+from tests.fake_camera.gige.gige_client import Ramp
+
+MS = 1_000_000
+PATIENCE_S = 20.0
+SOON_TRIGGERS = 30
+NO_FAULTS: frozenset[str] = frozenset()
+
+
+class Bench:
+    """An acquisition at 16 ms per pulse, on a clock that the test sets."""
+
+    def __init__(self) -> None:
+        self.now_ns = 0
+        self.features = Features("S1", 720, 540, lambda: 0, lambda: self.now_ns)
+        self.acquisition = Acquisition(self.features)
+        for name in ("ExposureAuto", "GainAuto"):
+            self.features.set(name, "Off")
+
+    def await_line0(self, exposure_ms: float, overlap: str) -> None:
+        self.features.set("TriggerMode", "On")
+        self.features.set("TriggerOverlap", overlap)
+        self.features.set("ExposureTime", exposure_ms * 1e3)
+        self.acquisition.start(self.now_ns)
+
+    def pulse(self, time_ms: float, number: int = 0, faults: frozenset[str] = NO_FAULTS) -> Exposure | None:
+        self.now_ns = round(time_ms * MS)
+        return self.acquisition.pulse(number, self.now_ns, faults, wired=True)
+
+
+@pytest.fixture
+def bench() -> Bench:
+    return Bench()
+
+
+def test_each_pulse_makes_an_exposure_with_its_number_and_time(bench: Bench) -> None:
+    bench.await_line0(5.0, "Off")
+    exposures = [bench.pulse(16.0 * n, number=n + 7) for n in range(3)]
+    assert [(e.frame_id, e.trigger, e.start_ns, e.ready_ns) for e in exposures if e] == [
+        (1, 7, 0, 8 * MS),
+        (2, 8, 16 * MS, 24 * MS),
+        (3, 9, 32 * MS, 40 * MS),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("overlap", "second_ms", "taken"),
+    [
+        ("Off", 4.9, False),  # in the exposure
+        ("ReadOut", 4.9, False),
+        ("Off", 5.1, False),  # in the readout
+        ("ReadOut", 5.1, True),
+        ("Off", 8.0, True),
+        ("ReadOut", 8.0, True),
+    ],
+)
+def test_a_trigger_in_exposure_or_readout_is_dropped(bench: Bench, overlap: str, second_ms: float, taken: bool) -> None:
+    bench.await_line0(5.0, overlap)
+    assert bench.pulse(0.0) is not None
+    assert (bench.pulse(second_ms) is not None) == taken
+    assert bench.acquisition.counters.dropped == (not taken)
+
+
+def test_overlapped_readouts_follow_each_other_and_no_third_image_waits(bench: Bench) -> None:
+    bench.await_line0(0.1, "ReadOut")
+    assert bench.pulse(0.0) is not None
+    second = bench.pulse(1.0)
+    assert second is not None
+    assert second.ready_ns == 0.1 * MS + 2 * 3 * MS
+    assert bench.pulse(2.0) is None
+    assert bench.pulse(3.2) is not None
+
+
+def test_a_lower_region_is_read_out_faster(bench: Bench) -> None:
+    bench.features.set("Height", 180)
+    bench.await_line0(5.0, "Off")
+    exposure = bench.pulse(0.0)
+    assert exposure is not None
+    assert exposure.ready_ns == 6 * MS
+
+
+def test_a_write_during_an_exposure_applies_to_the_next(bench: Bench) -> None:
+    bench.await_line0(5.0, "ReadOut")
+    first = bench.pulse(0.0)
+    bench.now_ns = 2 * MS
+    bench.features.set("ExposureTime", 1000.0)
+    second = bench.pulse(16.0)
+    assert first is not None
+    assert second is not None
+    assert (first.settings.exposure_time_us, first.ready_ns) == (5000, 8 * MS)
+    assert second.settings.exposure_time_us == 1000
+
+
+def test_a_write_after_the_pulse_does_not_count_though_the_thread_comes_later(bench: Bench) -> None:
+    bench.await_line0(5.0, "ReadOut")
+    bench.now_ns = 16 * MS + 1
+    bench.features.set("ExposureTime", 1000.0)
+    exposure = bench.acquisition.pulse(0, 16 * MS, NO_FAULTS, wired=True)
+    assert exposure is not None
+    assert exposure.settings.exposure_time_us == 5000
+
+
+def test_pulses_before_the_start_and_after_the_stop_make_nothing(bench: Bench) -> None:
+    bench.now_ns = 10 * MS
+    bench.await_line0(1.0, "Off")
+    assert bench.acquisition.pulse(0, 9 * MS, NO_FAULTS, wired=True) is None
+    assert bench.pulse(16.0) is not None
+    bench.acquisition.stop()
+    assert bench.pulse(32.0) is None
+    bench.acquisition.start(bench.now_ns)
+    again = bench.pulse(48.0)
+    assert again is not None
+    assert again.frame_id == 1
+
+
+def test_the_acquisition_locks_the_features(bench: Bench) -> None:
+    bench.acquisition.start(0)
+    assert bench.features.locked("Width")
+    bench.acquisition.stop()
+    assert not bench.features.locked("Width")
+
+
+def test_ignored_triggers_do_not_advance_the_frame_id(bench: Bench) -> None:
+    bench.await_line0(1.0, "Off")
+    ignored = frozenset({"ignore_triggers"})
+    exposures = [bench.pulse(16.0 * n, n, ignored if n in (1, 2) else NO_FAULTS) for n in range(4)]
+    assert [e and (e.frame_id, e.trigger) for e in exposures] == [(1, 0), None, None, (2, 3)]
+    assert bench.acquisition.counters.ignored == 2
+
+
+def test_no_wire_no_triggers(bench: Bench) -> None:
+    bench.await_line0(1.0, "Off")
+    assert bench.acquisition.pulse(0, 16 * MS, NO_FAULTS, wired=False) is None
+
+
+def test_a_software_trigger_exposes_only_when_it_is_the_source(bench: Bench) -> None:
+    bench.await_line0(1.0, "Off")
+    assert bench.acquisition.software_trigger(16 * MS) is None
+    bench.features.set("TriggerSource", "Software")
+    exposure = bench.acquisition.software_trigger(16 * MS)
+    assert exposure is not None
+    assert exposure.trigger is None
+    assert bench.pulse(32.0) is None
+
+
+def free_run_starts_ms(bench: Bench, count: int) -> list[float]:
+    starts = []
+    for _ in range(count):
+        start_ns = bench.acquisition.free_run_start_ns(bench.now_ns)
+        assert start_ns is not None
+        bench.acquisition.free_run(start_ns)
+        starts.append(start_ns / MS)
+    return starts
+
+
+def test_runs_free_at_the_frame_rate(bench: Bench) -> None:
+    bench.features.set("AcquisitionFrameRate", 50.0)
+    bench.acquisition.start(0)
+    assert free_run_starts_ms(bench, 3) == [0, 20, 40]
+    bench.features.set("ExposureTime", 30_000.0)
+    assert free_run_starts_ms(bench, 3) == [60, 90, 120]
+
+
+def test_runs_free_as_fast_as_the_sensor_goes_when_no_rate_is_set(bench: Bench) -> None:
+    bench.features.set("AcquisitionFrameRateEnable", False)
+    bench.features.set("ExposureTime", 1000.0)
+    bench.acquisition.start(0)
+    assert free_run_starts_ms(bench, 3) == [0, 3, 6]
+
+
+def test_the_free_run_does_not_make_up_for_the_time_it_was_off(bench: Bench) -> None:
+    bench.await_line0(5.0, "Off")
+    assert bench.acquisition.free_run_start_ns(0) is None
+    bench.now_ns = 300 * MS
+    bench.features.set("TriggerMode", "Off")
+    starts = free_run_starts_ms(bench, 2)
+    assert starts[0] == 300
+    assert starts[1] == pytest.approx(300 + 1000 / 30)
+
+
+def test_a_single_frame_ends_the_acquisition(bench: Bench) -> None:
+    bench.features.set("AcquisitionMode", "SingleFrame")
+    bench.acquisition.start(0)
+    free_run_starts_ms(bench, 1)
+    assert bench.acquisition.free_run_start_ns(bench.now_ns) is None
+    assert not bench.features.locked("Width")
+
+
+class FlatSource:
+    """Images of one grey level; `hold` keeps the next one waiting."""
+
+    sensor_width = 720
+    sensor_height = 540
+
+    def __init__(self) -> None:
+        self.hold = threading.Event()
+        self.hold.set()
+        self.seeds: list[int] = []
+
+    def take(self, start_s: float, settings: ImageSettings, noise_seed: int) -> Pixels:
+        assert start_s >= 0
+        self.hold.wait(PATIENCE_S)
+        self.seeds.append(noise_seed)
+        return np.full((settings.height, settings.width), 100, np.uint8)
+
+    def lux(self, time_s: float) -> float:
+        return time_s
+
+
+class Client:
+    """Collects the frames of a device."""
+
+    def __init__(self, device: Device) -> None:
+        self.frames: list[ExposedFrame] = []
+        self._more = threading.Condition()
+        device.connect(self._take)
+
+    def _take(self, frame: ExposedFrame) -> None:
+        with self._more:
+            self.frames.append(frame)
+            self._more.notify_all()
+
+    def wait(self, condition: Callable[[list[ExposedFrame]], bool]) -> list[ExposedFrame]:
+        with self._more:
+            assert self._more.wait_for(lambda: condition(self.frames), timeout=PATIENCE_S), "no such frames came"
+            return list(self.frames)
+
+
+def wait_until(condition: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < deadline, "it did not happen in time"
+        time.sleep(0.001)
+
+
+@pytest.fixture
+def source() -> FlatSource:
+    return FlatSource()
+
+
+@pytest.fixture
+def device(source: FlatSource) -> Iterator[Device]:
+    device = Device(source, "S1", seed=3, line0=Line0(time.monotonic_ns(), 100.0))
+    yield device
+    device.close()
+
+
+def trigger_by_line0(device: Device) -> None:
+    device.features.set("ExposureAuto", "Off")
+    device.features.set("ExposureTime", 500.0)
+    device.features.set("TriggerMode", "On")
+    device.execute("AcquisitionStart")
+
+
+def soon(client: Client) -> int:
+    """A trigger to come, late enough for a busy machine to order something for it."""
+    return (client.wait(lambda frames: len(frames) >= 1)[-1].trigger or 0) + SOON_TRIGGERS
+
+
+@pytest.mark.realtime
+def test_sends_a_frame_for_each_pulse_after_its_readout(device: Device) -> None:
+    client = Client(device)
+    trigger_by_line0(device)
+    frames = client.wait(lambda frames: len(frames) >= 10)
+    assert [frame.frame_id for frame in frames] == list(range(1, len(frames) + 1))
+    triggers = [frame.trigger for frame in frames]
+    assert triggers == list(range(triggers[0] or 0, (triggers[0] or 0) + len(frames)))
+    steps_ns = np.diff([frame.device_time_ns for frame in frames])
+    assert np.all(np.abs(steps_ns - 10 * MS) < 2000)  # nominal times, a few ppm off
+    assert frames[0].pixels.shape == (540, 720)
+
+
+@pytest.mark.realtime
+def test_runs_free_after_power_on(device: Device, source: FlatSource) -> None:
+    client = Client(device)
+    device.execute("AcquisitionStart")
+    frames = client.wait(lambda frames: len(frames) >= 3)
+    assert {frame.trigger for frame in frames} == {None}
+    assert len(set(source.seeds)) == len(source.seeds)
+
+
+@pytest.mark.realtime
+def test_nothing_is_sent_after_the_stop(device: Device, source: FlatSource) -> None:
+    client = Client(device)
+    trigger_by_line0(device)
+    client.wait(lambda frames: len(frames) >= 1)
+    source.hold.clear()
+    started = device.counters.exposures
+    wait_until(lambda: device.counters.exposures >= started + 2)
+    device.execute("AcquisitionStop")
+    sent = len(client.frames)
+    source.hold.set()
+    device.execute("AcquisitionStart")
+    frames = client.wait(lambda frames: len(frames) > sent)
+    assert frames[sent].frame_id == 1
+
+
+@pytest.mark.realtime
+def test_a_frame_held_up_too_long_is_dropped_and_counted_while_its_id_is_used(
+    device: Device, source: FlatSource
+) -> None:
+    client = Client(device)
+    trigger_by_line0(device)
+    client.wait(lambda frames: len(frames) >= 1)
+    source.hold.clear()
+    started = device.counters.exposures
+    wait_until(lambda: device.counters.exposures >= started + 30)
+    source.hold.set()
+    frames = client.wait(lambda frames: frames[-1].frame_id > started + 30)
+    ids = [frame.frame_id for frame in frames]
+    assert device.counters.overruns > 0
+    assert ids[-1] - len(ids) == device.counters.overruns
+    triggers = [frame.trigger or 0 for frame in frames]
+    assert np.array_equal(np.diff(triggers), np.diff(ids))  # no trigger was lost by it
+
+
+@pytest.mark.realtime
+def test_frozen_frames_are_taken_but_not_sent_and_delayed_ones_keep_their_order(device: Device) -> None:
+    client = Client(device)
+    trigger_by_line0(device)
+    first = soon(client)
+    device.faults.add(Fault("freeze", after_trigger=first + 5, count=2))
+    device.faults.add(Fault("delay", after_trigger=first + 10, count=1))
+    frames = client.wait(lambda frames: (frames[-1].trigger or 0) >= first + 15)
+    by_trigger = {frame.trigger: frame.frame_id for frame in frames}
+    assert by_trigger.keys().isdisjoint({first + 6, first + 7})
+    assert by_trigger[first + 8] == by_trigger[first + 5] + 3
+    ids = [frame.frame_id for frame in frames]
+    assert ids == sorted(ids)
+
+
+def test_of_halved_triggers_the_odd_ones_make_no_frame(bench: Bench) -> None:
+    bench.await_line0(1.0, "Off")
+    exposures = [bench.pulse(16.0 * n, n, frozenset({"halve_triggers"})) for n in range(5)]
+    assert [e and (e.frame_id, e.trigger) for e in exposures] == [(1, 0), None, (2, 2), None, (3, 4)]
+
+
+def test_a_frozen_exposure_stays_whatever_is_written(bench: Bench) -> None:
+    bench.await_line0(5.0, "ReadOut")
+    bench.pulse(0.0)
+    bench.features.set("ExposureTime", 1000.0)
+    frozen, free = bench.pulse(16.0, faults=frozenset({"freeze_exposure"})), bench.pulse(32.0)
+    assert frozen is not None
+    assert free is not None
+    assert frozen.settings.exposure_time_us == 5000
+    assert free.settings.exposure_time_us == bench.features.get("ExposureTime") == 1000
+
+
+@pytest.mark.realtime
+def test_faults_of_wire_sensor_and_clock(device: Device) -> None:
+    client = Client(device)
+    trigger_by_line0(device)
+    first = soon(client)
+    for fault, after, count in [("stop_triggers", 3, 2), ("black", 6, 1), ("white", 7, 1), ("clock_ahead", 9, 1)]:
+        device.faults.add(Fault(fault, first + after, count))
+    device.faults.add(Fault("double_triggers", first + 12, 3))
+    frames = client.wait(lambda frames: (frames[-1].trigger or 0) >= first + 20)
+    by_trigger = {frame.trigger - first: frame for frame in frames if frame.trigger is not None}
+    assert by_trigger.keys() >= {1, 2, 3, 6, 7, 8}
+    assert by_trigger.keys().isdisjoint({4, 5})
+    assert (by_trigger[7].pixels.max(), by_trigger[8].pixels.min()) == (0, 255)
+    assert sum(frame.trigger is None for frame in frames) == 3
+    assert by_trigger[12].device_time_ns - by_trigger[8].device_time_ns > JUMP_NS
+
+
+@pytest.mark.realtime
+def test_a_camera_that_comes_back_is_in_its_power_on_state(device: Device) -> None:
+    restarted = threading.Event()
+    device.on_power_on(restarted.set)
+    client = Client(device)
+    trigger_by_line0(device)
+    device.faults.add(Fault("vanish", after_trigger=soon(client), count=5))
+    assert restarted.wait(PATIENCE_S)
+    wait_until(lambda: not device.faults.vanished)
+    assert device.features.get("TriggerMode") == "Off"
+    assert device.features.get("ExposureAuto") == "Continuous"
+    sent = len(client.frames)
+    device.execute("AcquisitionStart")
+    assert client.wait(lambda frames: len(frames) > sent)[sent].frame_id == 1
+
+
+def test_the_clock_drifts_by_a_few_ppm_and_differs_between_cameras(source: FlatSource) -> None:
+    devices = [Device(source, serial) for serial in ("S1", "S2")]
+    first, second = (device.now_ns() for device in devices)
+    assert abs(first - second) > MS
+    devices[0].execute("TimestampLatch")
+    latched = devices[0].features.get("TimestampLatchValue")
+    assert isinstance(latched, int)
+    assert first < latched < devices[0].now_ns()
+    for device in devices:
+        device.close()
+
+
+def test_an_unknown_command_is_a_key_error(device: Device) -> None:
+    with pytest.raises(KeyError):
+        device.execute("FileOpen")
+
+
+def test_a_pulse_of_line3_that_is_far_from_now_makes_no_exposure() -> None:
+    device = Device(Ramp(), "S1")
+    device.features.set("TriggerMode", "On")
+    device.features.set("TriggerSource", "Line3")
+    device.execute("AcquisitionStart")
+    try:
+        for far_ns in (2**63 - 1, -(2**63), 0, time.monotonic_ns() + 10**12):
+            device.line3_pulse(far_ns)
+        assert (device.counters.missed, device.counters.exposures) == (4, 0)
+        device.line3_pulse(time.monotonic_ns())
+        assert device.counters.exposures == 1
+    finally:
+        device.close()
+
+
+@pytest.mark.parametrize("niceness", [0, 7])
+def test_rendering_gives_way_as_far_as_it_is_told(niceness: int) -> None:
+    """By default not at all: a client that spins, as Aravis' asynchronous USB mode does, would leave it no time."""
+    rendered = Queue[int]()
+
+    class Source(Ramp):
+        def take(self, start_s: float, settings: ImageSettings, noise_seed: int) -> Pixels:
+            rendered.put(os.getpriority(os.PRIO_PROCESS, threading.get_native_id()))
+            return super().take(start_s, settings, noise_seed)
+
+    device = Device(Source(), "S1", niceness=niceness)
+    device.execute("AcquisitionStart")
+    try:
+        assert rendered.get(timeout=10) == min(os.getpriority(os.PRIO_PROCESS, 0) + niceness, 19)
+    finally:
+        device.close()

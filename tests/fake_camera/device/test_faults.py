@@ -1,0 +1,282 @@
+"""Faults: orders as JSON lines, how they count, and the socket they come through."""
+
+from __future__ import annotations
+
+import json
+import socket
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from fake_camera.device.control_socket import ControlSocket
+from fake_camera.device.faults import MOST_ORDERS, PER_TRIGGER, USB3, Fault, FaultError, Faults
+
+
+def met(faults: Faults, name: str, triggers: range) -> list[int]:
+    return [trigger for trigger in triggers if name in faults.on_trigger(trigger)]
+
+
+@pytest.mark.parametrize(
+    ("line", "fault"),
+    [
+        ('{"fault": "freeze"}', Fault("freeze", None, 1)),
+        ('{"fault": "lose_packets", "after_trigger": 7, "count": 3}', Fault("lose_packets", 7, 3)),
+        ('{"fault": "vanish", "after_trigger": null, "count": null}', Fault("vanish", None, None)),
+        ('{"fault": "come_back"}', Fault("come_back", None, 1)),
+    ],
+)
+def test_reads_an_order(line: str, fault: Fault) -> None:
+    assert Fault.from_json(line) == fault
+
+
+@pytest.mark.parametrize(
+    ("line", "complaint"),
+    [
+        ("", "not JSON"),
+        ("{", "not JSON"),
+        ("[]", "JSON object"),
+        ('{"fault": "explode"}', "unknown fault 'explode'"),
+        ('{"fault": ["freeze"]}', "unknown fault"),
+        ('{"count": 1}', "unknown fault None"),
+        ('{"fault": "freeze", "after": 1}', "unknown key 'after'"),
+        ('{"fault": "freeze", "count": 0}', "count must be"),
+        ('{"fault": "freeze", "count": true}', "count must be"),
+        ('{"fault": "freeze", "count": 1e3}', "count must be"),
+        ('{"fault": "freeze", "count": NaN}', "count must be"),
+        ('{"fault": "freeze", "count": 1%s}' % ("0" * 4000), r"count must be .*, not 1000.*\.\.\..*000$"),
+        ('{"fault": "freeze", "count": 1%s}' % ("0" * 9000), "not JSON"),
+        ('{"fault": "%s"}' % ("x" * 3000), r"unknown fault 'xxx.*\.\.\..*xxx'"),
+        ('{"%s": 1}' % ("x" * 3000), r"unknown key 'xxx.*\.\.\..*xxx'"),
+        ("[" * 4000, "not JSON"),
+        ('{"fault": "freeze", "after_trigger": 1.5}', "after_trigger must be"),
+        ('{"fault": "come_back", "count": 2}', "no count"),
+    ],
+)
+def test_refuses_what_is_no_order(line: str, complaint: str) -> None:
+    with pytest.raises(FaultError, match=complaint):
+        Fault.from_json(line)
+
+
+@pytest.mark.parametrize("name", sorted(PER_TRIGGER - {"vanish"}))
+def test_counts_triggers_after_the_one_named(name: str) -> None:
+    faults = Faults()
+    faults.add(Fault(name, after_trigger=4, count=3))
+    assert met(faults, name, range(12)) == [5, 6, 7]
+
+
+def test_begins_at_once_when_no_trigger_is_named() -> None:
+    faults = Faults()
+    faults.on_trigger(9)
+    assert faults.add(Fault("freeze", count=2)) == 9
+    assert met(faults, "freeze", range(10, 20)) == [10, 11]
+
+
+def test_vanishes_for_a_count_and_restarts_before_it_answers() -> None:
+    vanished_at_power_on = []
+    faults = Faults(lambda: vanished_at_power_on.append(faults.vanished))
+    faults.add(Fault("vanish", after_trigger=2, count=2))
+    gone = [(faults.on_trigger(trigger), faults.vanished)[1] for trigger in range(7)]
+    assert gone == [False, False, False, True, True, False, False]
+    assert vanished_at_power_on == [True]
+
+
+def test_stays_away_until_called_back() -> None:
+    restarts = []
+    faults = Faults(lambda: restarts.append(1))
+    faults.add(Fault("vanish", count=None))
+    assert faults.vanished
+    assert met(faults, "vanish", range(100)) == list(range(100))
+    faults.add(Fault("come_back", after_trigger=101))
+    faults.on_trigger(101)
+    assert faults.vanished
+    assert faults.on_trigger(102) == frozenset()
+    assert not faults.vanished
+    assert len(restarts) == 1
+
+
+def test_comes_back_at_once() -> None:
+    faults = Faults()
+    faults.add(Fault("vanish", count=None))
+    faults.add(Fault("come_back"))
+    assert not faults.vanished
+
+
+def test_another_order_does_not_end_an_absence() -> None:
+    faults = Faults()
+    faults.add(Fault("vanish", count=1))
+    faults.on_trigger(0)
+    faults.add(Fault("freeze", after_trigger=50))
+    assert faults.vanished
+
+
+def test_goes_once_and_comes_back_once() -> None:
+    calls: list[str] = []
+    faults = Faults(lambda: calls.append("on"), lambda: calls.append("off"))
+    faults.add(Fault("vanish", after_trigger=1, count=2))
+    for trigger in range(6):
+        faults.on_trigger(trigger)
+    assert calls == ["off", "on"]
+
+
+def test_whoever_orders_it_back_finds_it_back() -> None:
+    restarting, finish, back = threading.Event(), threading.Event(), threading.Event()
+
+    def power_on() -> None:
+        restarting.set()
+        assert finish.wait(5)
+
+    def order() -> None:
+        faults.add(Fault("come_back"))
+        assert not faults.vanished
+        back.set()
+
+    faults = Faults(power_on)
+    faults.add(Fault("vanish", count=1))
+    faults.on_trigger(0)
+    threads = [threading.Thread(target=faults.on_trigger, args=(1,)), threading.Thread(target=order)]
+    threads[0].start()
+    assert restarting.wait(5)
+    threads[1].start()
+    assert not back.is_set()
+    finish.set()
+    assert back.wait(5)
+    for thread in threads:
+        thread.join()
+
+
+def test_a_transport_knows_only_its_own_faults() -> None:
+    faults = Faults()
+    faults.restrict(USB3)
+    with pytest.raises(FaultError, match=r"^lose_packets is no fault of this camera's transport: its faults are "):
+        faults.add(Fault("lose_packets"))
+    faults.add(Fault("stall", after_trigger=1))
+    spoilt = []
+    for trigger in range(4):
+        faults.on_trigger(trigger)
+        faults.on_send(trigger)
+        spoilt.append(faults.spoils_frame("stall"))
+    assert spoilt == [False, False, True, False]
+
+
+def test_loses_packets_from_the_frame_of_the_trigger_on() -> None:
+    faults = Faults()
+    faults.add(Fault("lose_packets", after_trigger=1, count=3))
+    lost = []
+    for trigger in range(4):
+        faults.on_trigger(trigger)
+        faults.on_send(trigger)
+        lost += [(trigger, packet) for packet in range(2) if faults.lose_packet()]
+    assert lost == [(2, 0), (2, 1), (3, 0)]
+
+
+def test_a_packet_of_an_earlier_frame_is_not_lost_though_the_trigger_has_passed() -> None:
+    faults = Faults()
+    faults.add(Fault("lose_packets", after_trigger=1, count=1))
+    faults.on_trigger(2)
+    faults.on_send(1)
+    assert not faults.lose_packet()
+
+
+def test_refuses_a_count_of_writes() -> None:
+    faults = Faults()
+    faults.add(Fault("refuse_writes", count=2))
+    assert [faults.refuse_write() for _ in range(4)] == [True, True, False, False]
+
+
+@pytest.fixture
+def control(tmp_path: Path) -> Iterator[tuple[Path, Faults]]:
+    faults = Faults()
+    control = ControlSocket(tmp_path / "control", faults)
+    yield tmp_path / "control", faults
+    control.close()
+
+
+def ask(path: Path, *lines: str) -> list[dict[str, object]]:
+    with socket.socket(socket.AF_UNIX) as client:
+        client.settimeout(5)
+        client.connect(str(path))
+        client.sendall("".join(line + "\n" for line in lines).encode())
+        client.shutdown(socket.SHUT_WR)
+        with client.makefile() as answers:
+            return [json.loads(answer) for answer in answers]
+
+
+def test_each_line_is_acknowledged(control: tuple[Path, Faults]) -> None:
+    path, faults = control
+    faults.on_trigger(8)
+    answers = ask(path, '{"fault": "freeze", "after_trigger": 10, "count": 2}', "nonsense", '{"fault": "vanish"}')
+    assert answers[0] == {"ok": True, "fault": "freeze", "after_trigger": 10, "count": 2, "last_trigger": 8}
+    assert answers[1]["ok"] is False
+    assert "not JSON" in str(answers[1]["error"])
+    assert answers[2]["ok"] is True
+    assert faults.vanished
+
+
+def test_a_fault_of_another_transport_is_answered(control: tuple[Path, Faults]) -> None:
+    path, faults = control
+    faults.restrict(USB3)
+    answer = ask(path, '{"fault": "lose_packets"}')[0]
+    assert answer["ok"] is False
+    assert "no fault of this camera's transport" in str(answer["error"])
+
+
+def test_serves_several_connections_at_once(control: tuple[Path, Faults]) -> None:
+    path, _ = control
+    with socket.socket(socket.AF_UNIX) as idle:
+        idle.connect(str(path))
+        assert ask(path, '{"fault": "delay"}')[0]["ok"] is True
+
+
+def test_bytes_that_are_no_text_are_answered(control: tuple[Path, Faults]) -> None:
+    path, _ = control
+    with socket.socket(socket.AF_UNIX) as client:
+        client.settimeout(5)
+        client.connect(str(path))
+        client.sendall(b"\xff\xfe\n")
+        assert json.loads(client.recv(4096))["ok"] is False
+
+
+def test_a_huge_line_is_answered_once_and_the_next_as_ever(control: tuple[Path, Faults]) -> None:
+    path, _ = control
+    answers = ask(path, "[" * 3_000_000, '{"fault": "delay"}', "x" * 4095, '{"fault": "delay"}' + " " * 4096)
+    assert [answer["ok"] for answer in answers] == [False, True, False, False]
+    assert "longer than 4096 bytes" in str(answers[0]["error"])
+    assert "not JSON" in str(answers[2]["error"])
+    assert max(len(str(answer)) for answer in answers) < 300
+
+
+def test_orders_do_not_pile_up_without_end(control: tuple[Path, Faults]) -> None:
+    path, faults = control
+    late = '{"fault": "freeze", "after_trigger": 1000}'
+    answers = ask(path, '{"fault": "vanish"}', *[late] * MOST_ORDERS, '{"fault": "come_back"}', late)
+    assert [answer["ok"] for answer in answers] == [True] * MOST_ORDERS + [False, True, True]
+    assert f"{MOST_ORDERS} orders" in str(answers[MOST_ORDERS]["error"])
+    assert not faults.vanished
+
+
+def test_the_socket_file_goes_with_the_server(tmp_path: Path) -> None:
+    path = tmp_path / "control"
+    ControlSocket(path, Faults()).close()
+    assert not path.exists()
+
+
+def test_replaces_a_dead_socket_file_but_not_a_live_one(tmp_path: Path) -> None:
+    path = tmp_path / "control"
+    dead = socket.socket(socket.AF_UNIX)
+    dead.bind(str(path))
+    dead.close()
+    control = ControlSocket(path, Faults())
+    with pytest.raises(OSError, match="in use"):
+        ControlSocket(path, Faults())
+    assert ask(path, '{"fault": "delay"}')[0]["ok"] is True
+    control.close()
+
+
+def test_does_not_replace_a_file_of_another_kind(tmp_path: Path) -> None:
+    path = tmp_path / "notes.txt"
+    path.write_text("mine")
+    with pytest.raises(OSError, match="in use"):
+        ControlSocket(path, Faults())
+    assert path.read_text() == "mine"

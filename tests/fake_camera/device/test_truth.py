@@ -1,0 +1,80 @@
+"""The truth file: one JSON line for each pulse, at once and in order."""
+
+from __future__ import annotations
+
+import json
+import os
+import threading
+from pathlib import Path
+
+import pytest
+
+from fake_camera.device.line0 import Line0
+from fake_camera.device.truth import TruthFile
+
+EPOCH_NS = 7_000_000_000
+
+
+def test_writes_a_line_for_each_pulse(tmp_path: Path) -> None:
+    path = tmp_path / "truth.jsonl"
+    truth = TruthFile(path, lambda time_s: 100 + time_s, Line0(EPOCH_NS, 100.0))
+    for pulse in (0, 1, 50):
+        truth.record(pulse)
+    truth.close()
+    assert [json.loads(line) for line in path.read_text().splitlines()] == [
+        {"host_time_ns": EPOCH_NS, "lux": 100.0, "trigger": 0},
+        {"host_time_ns": EPOCH_NS + 10_000_000, "lux": 100.01, "trigger": 1},
+        {"host_time_ns": EPOCH_NS + 500_000_000, "lux": 100.5, "trigger": 50},
+    ]
+
+
+def test_a_pulse_is_in_the_file_before_the_next_is_noted(tmp_path: Path) -> None:
+    path = tmp_path / "truth.jsonl"
+    asked = threading.Event()
+
+    def lux(time_s: float) -> float:
+        if time_s > 0:
+            asked.set()
+        return 1.0
+
+    truth = TruthFile(path, lux, Line0(EPOCH_NS, 100.0))
+    truth.record(0)
+    truth.record(1)
+    assert asked.wait(5)  # the light at pulse 1 is evaluated, so the line of pulse 0 is written
+    assert len(path.read_text().splitlines()) >= 1
+    truth.close()
+
+
+def test_recording_does_not_wait_for_the_light(tmp_path: Path) -> None:
+    go = threading.Event()
+
+    def slow_lux(_: float) -> float:
+        return 1.0 if go.wait(5) else 0.0
+
+    truth = TruthFile(tmp_path / "truth.jsonl", slow_lux, Line0(EPOCH_NS, 100.0))
+    for pulse in range(100):
+        truth.record(pulse)  # returns although no line can be written yet
+    assert (tmp_path / "truth.jsonl").read_text() == ""
+    go.set()
+    truth.close()
+    assert len((tmp_path / "truth.jsonl").read_text().splitlines()) == 100
+
+
+@pytest.mark.timeout(20)
+def test_a_pipe_that_nobody_reads_is_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "truth")
+    with pytest.raises(OSError, match="truth"):
+        TruthFile(tmp_path / "truth", lambda _: 1.0, Line0(EPOCH_NS, 100.0))
+
+
+def test_a_full_disk_is_said_once_and_ends_the_file_only(capfd: pytest.CaptureFixture[str]) -> None:
+    truth = TruthFile(Path("/dev/full"), lambda _: 1.0, Line0(EPOCH_NS, 100.0))
+    for pulse in range(7, 20):
+        truth.record(pulse)
+    truth.close()
+    assert capfd.readouterr().err == "truth file /dev/full: No space left on device; it ends before pulse 7\n"
+
+
+def test_a_file_that_cannot_be_created_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(OSError, match="truth"):
+        TruthFile(tmp_path / "nowhere" / "truth.jsonl", lambda _: 1.0, Line0(EPOCH_NS, 100.0))

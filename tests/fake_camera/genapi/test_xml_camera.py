@@ -1,0 +1,195 @@
+"""What a described camera does when its registers are written; no wire."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+
+from fake_camera.device.device import Device
+from fake_camera.device.faults import Fault
+from fake_camera.device.features import FeatureError
+from fake_camera.genapi.description import Description
+from fake_camera.genapi.evaluator import Evaluator
+from fake_camera.genapi.field import Field
+from fake_camera.genapi.memory import Memory
+from fake_camera.genapi.xml_camera import XmlCamera
+from fake_camera.genicam.chunks import tagged
+from fake_camera.imaging import ExposedFrame
+from tests.fake_camera.gige.gige_client import Ramp
+from tests.xml_cameras import COMBINATIONS, SCALE, features, xml_camera
+
+FLIR, ABS_AND_PLAIN, BASLER_RAW = 16, 17, 7
+"""Numbers of combinations: everything there is; two names for one exposure time; a raw gain with a chunk."""
+
+
+class Client:
+    """Reads and writes features as a client does: by the description, through the memory."""
+
+    def __init__(self, camera: XmlCamera) -> None:
+        self._camera = camera
+
+    @property
+    def _evaluator(self) -> Evaluator:
+        return Evaluator(self._camera.description, Memory(self._camera.read))
+
+    def get(self, name: str) -> float:
+        return self._evaluator.value(name)
+
+    def set(self, name: str, value: float) -> None:
+        evaluator = self._evaluator
+        written: list[tuple[Field, bytes]] = []
+        evaluator.write = lambda field, data: written.append((field, data))  # type: ignore[method-assign]
+        evaluator.set(name, value)
+        for field, data in written:
+            self._camera.write(field.address, data)
+
+    def run(self, name: str) -> None:
+        evaluator = self._evaluator
+        node = evaluator.node(name)
+        self.set(evaluator.target(name), node.integer("CommandValue", 1))
+
+
+@contextmanager
+def camera(number: int) -> Iterator[tuple[Device, Client, XmlCamera]]:
+    device = Device(Ramp(), "X1")
+    try:
+        worn = XmlCamera(Description.from_bytes(xml_camera(number), "tiny"), device)
+        yield device, Client(worn), worn
+    finally:
+        device.close()
+
+
+@pytest.mark.parametrize("number", range(1, len(COMBINATIONS)))
+def test_exposure_and_gain_written_to_its_registers_reach_the_sensor(number: int) -> None:
+    declared = features(COMBINATIONS[number])
+    name = "ExposureTime" if "ExposureTime" in declared else "ExposureTimeAbs"
+    with camera(number) as (device, client, worn):
+        assert worn.not_available == ()
+        unit_us = 1e6 if declared[name][1] == "s" else 1.0
+        client.set(name, 7000.0 / unit_us)
+        assert device.features.get("ExposureTime") == pytest.approx(7000.0)
+        gain = next(
+            (gain for gain in ("Gain", "GainRaw") if declared.get(gain, ("", ""))[0] in ("Float", "Integer")), None
+        )
+        if gain is not None:
+            in_db = declared[gain][1] == "dB"
+            client.set(gain, 12 if in_db else 120)
+            assert device.features.get("Gain") == pytest.approx(12.0, abs=0.1)
+
+
+def test_values_out_of_limits_are_refused_and_change_nothing() -> None:
+    with camera(FLIR) as (device, client, _):
+        for value in (1.0, 3e6):
+            with pytest.raises(FeatureError, match=r"ExposureTime .* is not within 10 to 1e"):
+                client.set("ExposureTime", value)
+        assert client.get("ExposureTime") == device.features.get("ExposureTime") == 5000.0
+        with pytest.raises(FeatureError, match="no entry"):
+            client.set("TriggerMode", 7)
+
+
+def test_two_names_of_one_exposure_time_agree() -> None:
+    with camera(ABS_AND_PLAIN) as (_, client, _):
+        client.set("ExposureTimeAbs", 1234.0)
+        assert client.get("ExposureTime") == 1234.0
+
+
+def test_commands_run_by_their_numbers() -> None:
+    with camera(FLIR) as (device, client, _):
+        client.run("AcquisitionStart")
+        assert device.features.get("TLParamsLocked") == 1
+        client.run("AcquisitionStop")
+        assert device.features.get("TLParamsLocked") == 0
+
+
+def test_the_wire_is_its_first_line() -> None:
+    with camera(FLIR) as (device, client, worn):
+        assert worn.trigger_line == "Line1"
+        client.set("TriggerMode", 1)
+        assert (device.features.get("TriggerMode"), device.features.get("TriggerSource")) == ("On", "Line0")
+        client.set("TriggerSource", 2)
+        assert device.features.get("TriggerSource") == "Line2"
+
+
+def test_a_selector_in_a_register_swaps_what_is_selected() -> None:
+    with camera(FLIR) as (device, client, _):
+        client.set("TriggerMode", 1)
+        client.set("TriggerSelector", 0)
+        assert client.get("TriggerMode") == 0
+        client.set("TriggerMode", 0)
+        assert device.features.get("TriggerMode") == "On"
+        client.set("TriggerSelector", 1)
+        assert client.get("TriggerMode") == 1
+
+
+def frame(device: Device) -> ExposedFrame:
+    settings = device.features.image_settings(1 << 62)
+    return ExposedFrame(7, None, 123_456_789, np.zeros((48, 64), np.uint8), settings)
+
+
+@pytest.mark.parametrize("number", [FLIR, ABS_AND_PLAIN, BASLER_RAW])
+def test_chunks_are_written_so_that_the_description_reads_them_back(number: int) -> None:
+    with camera(number) as (device, client, worn):
+        assert worn.chunks(frame(device)) is None
+        before = client.get("PayloadSize")
+        client.set("ChunkModeActive", 1)
+        names = [
+            name for name in features(COMBINATIONS[number]) if name.startswith("Chunk") and name != "ChunkModeActive"
+        ]
+        for entry in range(len(names)):
+            client.set("ChunkSelector", entry)
+            client.set("ChunkEnable", 1)
+        client.set("ExposureTime" if number != BASLER_RAW else "ExposureTimeAbs", 4321.0)
+        client.set("GainRaw" if number == BASLER_RAW else "Gain", 60 if number == BASLER_RAW else 6)
+        found = worn.chunks(frame(device))
+        assert found is not None
+        assert client.get("PayloadSize") == before + len(tagged(frame(device), found, "big"))
+        values = {"ChunkExposureTime": 4321.0, "ChunkGain": 6.0, "ChunkGainAll": 60}
+        for index, name in enumerate(names):
+            port = Memory()
+            port.write(0, dict(found)[0x9A000001 + index])
+            reader = Evaluator(worn.description, Memory(), {f"{name}_Port": port})
+            assert reader.value(name) == pytest.approx(values.get(name, 7), abs=1 / SCALE)
+
+
+def test_ordered_refusals_and_restarts_hold_here_too() -> None:
+    with camera(FLIR) as (device, client, _):
+        device.faults.add(Fault("refuse_writes", count=1))
+        with pytest.raises(FeatureError, match="as ordered"):
+            client.set("ExposureTime", 7000.0)
+        client.set("ExposureTime", 7000.0)
+        device.execute("DeviceReset")
+        assert client.get("ExposureTime") == device.features.get("ExposureTime") == 5000.0
+
+
+def test_a_gamma_without_a_switch_acts() -> None:
+    nodes = (
+        '<Float Name="Gamma"><pValue>G</pValue><Min>0.5</Min><Max>2</Max></Float>'
+        '<FloatReg Name="G"><Address>0x30000</Address>'
+        "<Length>4</Length><pPort>Device</pPort><Endianess>BigEndian</Endianess></FloatReg><Port"
+    )
+    text = xml_camera(FLIR).replace(b"<Port", nodes.encode(), 1)
+    device = Device(Ramp(), "X1")
+    try:
+        client = Client(XmlCamera(Description.from_bytes(text, ""), device))
+        assert device.features.image_settings(1 << 62).gamma == pytest.approx(0.8)
+        client.set("Gamma", 1.0)
+        assert device.features.image_settings(1 << 62).gamma == 1.0
+    finally:
+        device.close()
+
+
+def test_a_description_with_a_node_missing_still_makes_a_camera() -> None:
+    whole = Description.from_bytes(xml_camera(FLIR), "")
+    device = Device(Ramp(), "X1")
+    try:
+        incomplete = 0
+        for name in whole.nodes:
+            nodes = {other: node for other, node in whole.nodes.items() if other != name}
+            worn = XmlCamera(Description(whole.data, whole.vendor, whole.model, whole.namespace, nodes), device)
+            incomplete += bool(worn.not_available)
+        assert incomplete > 10
+    finally:
+        device.close()

@@ -1,0 +1,250 @@
+from __future__ import annotations
+
+import io
+import math
+import struct
+import zipfile
+from collections.abc import Iterator
+from itertools import pairwise
+from xml.etree import ElementTree
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fake_camera.device.device import Device
+from fake_camera.device.faults import Fault, Faults
+from fake_camera.device.features import CHUNK_BYTES, ENUM_ENTRIES, Features, Spec
+from fake_camera.genicam.chunks import CHUNKS
+from fake_camera.genicam.description import genicam_xml, zipped
+from fake_camera.genicam.privilege import ControlPrivilege
+from fake_camera.genicam.registers import (
+    COMMANDS,
+    LOCK,
+    MAXIMUM,
+    ByteOrder,
+    Register,
+    RegisterMap,
+    decode,
+    encode,
+    feature_registers,
+    slots,
+)
+from fake_camera.genicam.status import CommandError, Status
+from fake_camera.gige.bootstrap import GIGE_VISION, bootstrap_registers, mac_address
+from fake_camera.gige.stream_channel import StreamChannel
+from tests.fake_camera.gige.gige_client import device
+
+FEATURES = Features("TEST", 720, 540, lambda: 0)
+SPECS = [FEATURES.spec(name) for name in FEATURES.names]
+SLOTS = slots(FEATURES)
+DESCRIPTION = genicam_xml(FEATURES, GIGE_VISION)
+GENICAM = "{http://www.genicam.org/GenApi/Version_1_1}"
+
+
+@pytest.fixture
+def camera() -> Iterator[Device]:
+    with device() as camera:
+        yield camera
+
+
+@pytest.fixture
+def registers(camera: Device) -> Iterator[list[Register]]:
+    stream = StreamChannel("127.0.0.1", Faults())
+    packed = zipped("FakeGV287M", DESCRIPTION)
+    yield [
+        *bootstrap_registers(camera, "127.0.0.9", ControlPrivilege(), stream, packed),
+        *feature_registers(camera, "big"),
+    ]
+    stream.close()
+
+
+@pytest.fixture
+def memory(registers: list[Register]) -> RegisterMap:
+    return RegisterMap(registers)
+
+
+def values(spec: Spec) -> st.SearchStrategy[object]:
+    match spec.type:
+        case "integer":
+            return st.integers(0, 2**64 - 1 if spec.unit == "ns" else 2**32 - 1)
+        case "float":
+            return st.floats(allow_nan=False)
+        case "boolean":
+            return st.booleans()
+        case "string":
+            return st.text(st.characters(min_codepoint=1, max_codepoint=127), max_size=64)
+        case "enumeration":
+            return st.sampled_from(sorted(ENUM_ENTRIES[spec.name]))
+
+
+@given(st.data())
+def test_values_survive_the_wire(data: st.DataObject) -> None:
+    spec = data.draw(st.sampled_from(SPECS))
+    value = data.draw(values(spec))
+    byte_order: ByteOrder = data.draw(st.sampled_from(("big", "little")))
+    assert decode(spec, encode(spec, value, byte_order), byte_order) == value  # type: ignore[arg-type]
+
+
+@given(st.data())
+def test_any_bytes_are_a_value_or_an_invalid_parameter(data: st.DataObject) -> None:
+    spec = data.draw(st.sampled_from(SPECS))
+    length = len(encode(spec, spec.initial, "big"))
+    try:
+        decode(spec, data.draw(st.binary(min_size=length, max_size=length)), "big")
+    except CommandError as error:
+        assert error.status == Status.INVALID_PARAMETER
+
+
+@given(address=st.integers(0, 0x102000), count=st.integers(1, 600))
+def test_every_read_gives_its_bytes_or_an_error(address: int, count: int) -> None:
+    memory = RegisterMap([Register(0, 8, lambda: bytes(8)), Register(8, 0x400, lambda: bytes(0x400))])
+    try:
+        assert len(memory.read(address, count)) == count
+    except CommandError as error:
+        assert error.status in (Status.BAD_ALIGNMENT, Status.INVALID_ADDRESS)
+
+
+def test_registers_are_aligned_and_apart(registers: list[Register]) -> None:
+    ordered = sorted(registers, key=lambda register: register.address)
+    assert all(register.address % 4 == register.length % 4 == 0 for register in ordered)
+    assert all(one.address + one.length <= other.address for one, other in pairwise(ordered))
+    assert all(len(register.read()) == register.length for register in ordered)
+
+
+def test_the_description_declares_just_the_registers_there_are(registers: list[Register], memory: RegisterMap) -> None:
+    by_address = {register.address: register for register in registers}
+    for kind in ("IntReg", "FloatReg", "StringReg", "MaskedIntReg"):
+        for node in ElementTree.fromstring(DESCRIPTION).iter(f"{GENICAM}{kind}"):
+            if node.findtext(f"{GENICAM}pPort") != "Device":
+                continue
+            address = int(node.findtext(f"{GENICAM}Address", ""), 16)
+            memory.read(address, int(node.findtext(f"{GENICAM}Length", "")))
+            writable = by_address[address].write is not None
+            assert writable == (node.findtext(f"{GENICAM}AccessMode") == "RW"), node.get("Name")
+
+
+def test_every_feature_is_in_just_one_category_and_every_reference_leads_somewhere() -> None:
+    root = ElementTree.fromstring(DESCRIPTION)
+    names = [node.get("Name") for node in root]
+    assert len(names) == len(set(names))
+    listed = [item.text for item in root.iter(f"{GENICAM}pFeature")]
+    assert len(listed) == len(set(listed))
+    assert set(listed) >= {*FEATURES.names, *COMMANDS, *(f"Chunk{name}" for name in CHUNKS)}
+    references = {
+        item.text for item in root.iter() if item.tag.removeprefix(GENICAM).startswith("p") and item.text is not None
+    }
+    assert references <= set(names)
+
+
+def test_a_client_finds_the_description_by_its_url(memory: RegisterMap) -> None:
+    url = memory.read(0x0200, 512).split(b"\0")[0].decode()
+    where, address, length = url.split(";")
+    assert where == "Local:FakeGV287M.zip"
+    with zipfile.ZipFile(io.BytesIO(memory.read(int(address, 16), int(length, 16)))) as archive:
+        assert archive.read(archive.namelist()[0]) == DESCRIPTION
+
+
+def test_bootstrap_identity(memory: RegisterMap) -> None:
+    assert memory.read(0x0024, 4) == bytes([127, 0, 0, 9])
+    assert memory.read(0x00D8, 16) == b"TEST".ljust(16, b"\0")
+    assert memory.read(0x0008, 8)[:3] == b"\0\0\x02"
+    assert mac_address("LEFT") != mac_address("RIGHT")
+
+
+def test_the_port_register_names_a_port_and_no_interface(memory: RegisterMap) -> None:
+    memory.write(0x0D00, b"\0\1\xd4\x31")
+    assert memory.read(0x0D00, 4) == b"\0\0\xd4\x31"
+
+
+@pytest.mark.parametrize(("address", "value"), [(0x0D04, 100), (0x0D08, 1_000_001), (0x0938, 499), (0x0944, 1)])
+def test_a_bootstrap_register_refuses_what_it_cannot_be(memory: RegisterMap, address: int, value: int) -> None:
+    before = memory.read(address, 4)
+    with pytest.raises(CommandError) as error:
+        memory.write(address, struct.pack(">I", value))
+    assert error.value.status == Status.INVALID_PARAMETER
+    assert memory.read(address, 4) == before
+
+
+def test_the_user_name_is_one_thing_at_two_addresses(memory: RegisterMap) -> None:
+    memory.write(0x00E8, b"bow".ljust(16, b"\0"))
+    assert memory.read(SLOTS["DeviceUserID"], 64).rstrip(b"\0") == b"bow"
+
+
+@pytest.mark.parametrize(
+    ("name", "data", "status"),
+    [
+        ("ExposureTime", struct.pack(">d", 5.0), Status.INVALID_PARAMETER),
+        ("ExposureTime", struct.pack(">d", math.nan), Status.INVALID_PARAMETER),
+        ("ExposureTime", struct.pack(">d", math.inf), Status.INVALID_PARAMETER),
+        ("ExposureTime", struct.pack(">f", 5000.0), Status.BAD_ALIGNMENT),
+        ("Gain", struct.pack(">d", 3.0), Status.ACCESS_DENIED),
+        ("Width", struct.pack(">I", 4), Status.INVALID_PARAMETER),
+        ("Width", struct.pack(">I", 724), Status.INVALID_PARAMETER),
+        ("PixelFormat", struct.pack(">I", 0x01080008), Status.INVALID_PARAMETER),
+        ("DeviceUserID", b"sixteen letters.".ljust(64, b"\0"), Status.INVALID_PARAMETER),
+        ("DeviceUserID", b"\xff".ljust(64, b"\0"), Status.INVALID_PARAMETER),
+        ("SensorWidth", struct.pack(">I", 640), Status.WRITE_PROTECT),
+    ],
+)
+def test_a_write_that_the_camera_refuses(
+    camera: Device, memory: RegisterMap, name: str, data: bytes, status: Status
+) -> None:
+    camera.features.set("ExposureAuto", "Off")
+    before = camera.features.get(name)
+    with pytest.raises(CommandError) as error:
+        memory.write(SLOTS[name], data)
+    assert error.value.status == status
+    assert camera.features.get(name) == before
+
+
+def test_locks_and_limits_show_the_camera_as_it_is_now(camera: Device, memory: RegisterMap) -> None:
+    assert memory.read(SLOTS["ExposureTime"] + LOCK, 4) == b"\0\0\0\1"
+    memory.write(SLOTS["ExposureAuto"], bytes(4))
+    assert memory.read(SLOTS["ExposureTime"] + LOCK, 4) == bytes(4)
+    memory.write(SLOTS["ExposureTime"], struct.pack(">d", 777.0))
+    assert camera.features.get("ExposureTime") == 777.0
+
+    memory.write(SLOTS["Width"], struct.pack(">I", 400))
+    assert memory.read(SLOTS["OffsetX"] + MAXIMUM, 4) == struct.pack(">I", 320)
+    memory.write(SLOTS["AcquisitionStart"], struct.pack(">I", 1))
+    assert memory.read(SLOTS["Width"] + LOCK, 4) == b"\0\0\0\1"
+
+
+def test_refused_writes(camera: Device, memory: RegisterMap) -> None:
+    camera.faults.add(Fault("refuse_writes", None, 2))
+    for name in ("ExposureAuto", "AcquisitionStart"):
+        with pytest.raises(CommandError) as error:
+            memory.write(SLOTS[name], struct.pack(">I", 0))
+        assert error.value.status == Status.ACCESS_DENIED
+    memory.write(SLOTS["ExposureAuto"], struct.pack(">I", 0))
+
+
+@pytest.mark.parametrize("latch", [0x0944, SLOTS["TimestampLatch"]])
+def test_timestamp_latch_in_both_dialects(camera: Device, memory: RegisterMap, latch: int) -> None:
+    before = camera.now_ns()
+    memory.write(latch, struct.pack(">I", 2))
+    latched = int.from_bytes(memory.read(0x0948, 8), "big")
+    assert before <= latched <= camera.now_ns()
+    assert memory.read(SLOTS["TimestampLatchValue"], 8) == memory.read(0x0948, 8)
+    assert memory.read(0x093C, 8) == struct.pack(">Q", 1_000_000_000)
+
+
+def test_the_device_and_the_wire_agree_on_chunks() -> None:
+    assert set(CHUNK_BYTES) == set(CHUNKS)
+    assert set(CHUNK_BYTES.values()) == {8}
+
+
+def test_a_node_that_sticks_keeps_its_value_and_one_that_shrinks_takes_less(
+    camera: Device, memory: RegisterMap
+) -> None:
+    for feature in ("ExposureAuto", "GainAuto"):
+        camera.features.set(feature, "Off")
+    spec, address = camera.features.spec("ExposureTime"), SLOTS["ExposureTime"]
+    taken = []
+    for fault in ("stick", "shrink", None):
+        if fault is not None:
+            camera.faults.add(Fault(fault))
+        memory.write(address, encode(spec, 1000.0, "big"))
+        taken.append(decode(spec, memory.read(address, 8), "big"))
+    assert taken == [5000.0, 950.0, 1000.0]

@@ -1,0 +1,202 @@
+"""Wireshark's dissectors, which know neither Aravis nor this project, understand every packet."""
+
+from __future__ import annotations
+
+import os
+import socket
+import struct
+import subprocess
+import time
+from pathlib import Path
+
+import pytest
+
+from fake_camera.device.device import Device
+from tests.fake_camera.gige.gige_client import (
+    CCP,
+    DISCOVERY,
+    GVCP_PORT,
+    PACKETRESEND,
+    READMEM,
+    READREG,
+    WRITEMEM,
+    WRITEREG,
+    GvcpClient,
+    command,
+    gige_camera,
+)
+from tests.fakes import loopback_address, unique
+
+pytestmark = [
+    pytest.mark.wire,
+    pytest.mark.needs("tshark", "dumpcap"),
+]
+
+ADDRESS, CLIENT = loopback_address(), "127.0.0.1"
+SERIAL = unique("SHARK")
+CONTROL = 2
+Datagram = tuple[tuple[str, int], tuple[str, int], bytes]
+
+
+def write_pcap(path: Path, datagrams: list[Datagram]) -> None:
+    """A capture file of raw IPv4 packets."""
+    with path.open("wb") as file:
+        file.write(struct.pack("<IHHiIII", 0xA1B2C3D4, 2, 4, 0, 0, 65535, 101))
+        for number, (source, destination, data) in enumerate(datagrams):
+            udp = struct.pack(">HHHH", source[1], destination[1], 8 + len(data), 0) + data
+            addresses = socket.inet_aton(source[0]) + socket.inet_aton(destination[0])
+            packet = struct.pack(">BBHHHBBH", 0x45, 0, 20 + len(udp), number & 0xFFFF, 0, 64, 17, 0) + addresses + udp
+            file.write(struct.pack("<IIII", 0, number, len(packet), len(packet)) + packet)
+
+
+def tshark(path: Path, *arguments: str) -> list[str]:
+    process = subprocess.run(
+        ["tshark", "-r", str(path), *arguments], check=True, capture_output=True, text=True, timeout=60
+    )
+    return process.stdout.splitlines()
+
+
+def decoded(path: Path, display_filter: str) -> list[str]:
+    """Summaries of the packets that a filter lets through, those of stream channels decoded as GVSP."""
+    ports = set(tshark(path, "-Y", f"udp && !(udp.port=={GVCP_PORT})", "-T", "fields", "-e", "udp.dstport"))
+    decode_as = [argument for port in sorted(ports) for argument in ("-d", f"udp.port=={port},gvsp")]
+    return tshark(path, *decode_as, "-Y", display_filter)
+
+
+def one_session(camera: Device) -> list[Datagram]:
+    """All datagrams of a client that discovers, configures, streams, and asks for packets again."""
+    datagrams: list[Datagram] = []
+    with GvcpClient(ADDRESS, CLIENT) as client, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stream:
+        own = client.socket.getsockname()
+        stream.bind((CLIENT, 0))
+        stream.settimeout(2)
+        stream.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 21)
+
+        def exchange(number: int, payload: bytes = b"") -> bytes:
+            request = command(number, payload, request_id=len(datagrams) + 1)
+            client.socket.sendto(request, (ADDRESS, GVCP_PORT))
+            answer = client.socket.recv(2048)
+            datagrams.extend([(own, (ADDRESS, GVCP_PORT), request), ((ADDRESS, GVCP_PORT), own, answer)])
+            return answer
+
+        def write(*pairs: int) -> None:
+            exchange(WRITEREG, struct.pack(f">{len(pairs)}I", *pairs))
+
+        def receive_block() -> None:
+            while True:
+                packet, source = stream.recvfrom(0x10000)
+                datagrams.append((source, stream.getsockname(), packet))
+                if packet[4] == 2:  # trailer
+                    return
+
+        exchange(DISCOVERY)
+        exchange(READMEM, struct.pack(">IHH", 0x200, 0, 512))
+        write(CCP, CONTROL)
+        exchange(READREG, struct.pack(">III", 0x0004, 0x0934, CCP))
+        write(0x0D18, 0x7F000001, 0x0D00, stream.getsockname()[1])
+        exchange(WRITEMEM, struct.pack(">I", 0x00E8) + b"a name".ljust(16, b"\0"))
+        # each way to be refused
+        exchange(READREG, struct.pack(">I", 0x5000))
+        exchange(WRITEREG, struct.pack(">II", 0x0000, 1))
+        exchange(READMEM, struct.pack(">IHH", 0x5000, 0, 4))
+        exchange(WRITEMEM, struct.pack(">I", 0x0D24) + bytes(4))
+        write(0x0D04, 1 << 31 | 4000)
+        packet, source = stream.recvfrom(0x10000)
+        datagrams.append((source, stream.getsockname(), packet))
+        camera.execute("AcquisitionStart")
+        receive_block()
+        camera.execute("AcquisitionStop")
+        camera.features.set("ChunkModeActive", True)
+        camera.features.set("ChunkEnable", True)
+        camera.execute("AcquisitionStart")
+        receive_block()
+        camera.execute("AcquisitionStop")
+        for first, last in ((0, 2), (5000, 5000)):
+            request = command(PACKETRESEND, struct.pack(">HHII", 0, 1, first, last), request_id=900)
+            datagrams.append((own, (ADDRESS, GVCP_PORT), request))
+            client.socket.sendto(request, (ADDRESS, GVCP_PORT))
+            answers = 0
+            while answers <= last - first:  # among them may be packets of a frame that was under way at the stop
+                packet, source = stream.recvfrom(0x10000)
+                datagrams.append((source, stream.getsockname(), packet))
+                answers += packet[:2] != b"\0\0"
+        write(CCP, 0)
+    return datagrams
+
+
+@pytest.fixture(scope="module")
+def session() -> list[Datagram]:
+    with gige_camera(ADDRESS, SERIAL) as camera:
+        return one_session(camera)
+
+
+def test_every_packet_of_a_session_is_decoded(session: list[Datagram], tmp_path: Path) -> None:
+    write_pcap(tmp_path / "session.pcap", session)
+    control = [datagram for datagram in session if GVCP_PORT in (datagram[0][1], datagram[1][1])]
+    assert len(decoded(tmp_path / "session.pcap", "gvcp")) == len(control)
+    assert len(decoded(tmp_path / "session.pcap", "gvsp")) == len(session) - len(control)
+    assert decoded(tmp_path / "session.pcap", "_ws.malformed") == []
+
+
+def test_wireshark_sees_what_was_sent(session: list[Datagram], tmp_path: Path) -> None:
+    write_pcap(tmp_path / "session.pcap", session)
+    leaders = "\n".join(decoded(tmp_path / "session.pcap", "gvsp.format == 1"))
+    assert "LEADER [Block ID: 1 Packet ID: 0] IMAGE" in leaders
+    assert decoded(tmp_path / "session.pcap", "gvsp.sizex == 720 && gvsp.sizey == 540 && gvsp.pixel == 0x01080001")
+    assert decoded(tmp_path / "session.pcap", "gvsp.status == 0x0100")  # packets sent again
+    assert decoded(tmp_path / "session.pcap", "gvsp.status == 0x800c")  # one that is not to be had
+    assert decoded(tmp_path / "session.pcap", f'gvcp.bootstrap.serialnumber == "{SERIAL}"')
+
+
+def test_a_packet_broken_on_purpose_is_reported(session: list[Datagram], tmp_path: Path) -> None:
+    leader = next(
+        index for index, (_, to, data) in enumerate(session) if to[1] != GVCP_PORT and data[4:8] == b"\1\0\0\0"
+    )
+    source, destination, data = session[leader]
+    for cut in (20, 30):
+        write_pcap(tmp_path / "broken.pcap", [*session[:leader], (source, destination, data[:cut])])
+        assert len(decoded(tmp_path / "broken.pcap", "_ws.malformed")) == 1
+
+
+@pytest.mark.realtime
+@pytest.mark.needs("arv-camera-test-0.8")
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root may capture packets")
+def test_a_capture_of_stock_aravis(tmp_path: Path) -> None:
+    capture = tmp_path / "aravis.pcapng"
+    with gige_camera(ADDRESS, SERIAL):
+        dumpcap = subprocess.Popen(
+            ["dumpcap", "-q", "-i", "lo", "-f", f"udp and (host {ADDRESS} or dst 255.255.255.255)", "-w", str(capture)],
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        assert dumpcap.stderr is not None
+        try:
+            if not any("File:" in line for line in iter(dumpcap.stderr.readline, "")):
+                pytest.skip("capturing on lo is not permitted")
+            wait_until_captured(capture)
+            name = ["-n", f"Autoexpose-{SERIAL}"]
+            subprocess.run(
+                ["arv-camera-test-0.8", *name, "--duration", "1", "--no-packet-socket"],
+                check=True,
+                capture_output=True,
+                timeout=30,
+            )
+        finally:
+            dumpcap.terminate()
+            dumpcap.communicate(timeout=10)
+    assert len(decoded(capture, "gvcp")) > 20
+    assert len(decoded(capture, "gvsp")) > 500
+    assert decoded(capture, "udp && !gvcp && !gvsp") == []
+    assert decoded(capture, "_ws.malformed") == []
+
+
+def wait_until_captured(capture: Path) -> None:
+    """dumpcap says that it captures a moment before it does: knock until a packet is in its file."""
+    deadline_s = time.monotonic() + 5
+    with GvcpClient(ADDRESS) as client:
+        while time.monotonic() < deadline_s:
+            client.ask(DISCOVERY)
+            if capture.exists() and SERIAL.encode() in capture.read_bytes():
+                return
+            time.sleep(0.05)
+    pytest.fail("dumpcap captured nothing")

@@ -1,0 +1,213 @@
+from __future__ import annotations
+
+import socket
+import struct
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fake_camera.device.faults import Fault, Faults
+from fake_camera.genicam.chunks import CHUNKS, chunk_bytes
+from fake_camera.genicam.status import CommandError
+from fake_camera.gige.gvcp import Resend
+from fake_camera.gige.gvsp import Block, block_id
+from fake_camera.gige.stream_channel import StreamChannel
+from fake_camera.imaging import ExposedFrame, ImageSettings
+from tests.fake_camera.gige.gige_client import ramp
+
+LEADER, TRAILER, PAYLOAD = 1, 2, 3
+RESENT, UNAVAILABLE = 0x0100, 0x800C
+FIRE_TEST_PACKET = 1 << 31
+
+
+def exposed(width: int = 720, height: int = 540, pixel_format: str = "Mono8", frame_id: int = 1) -> ExposedFrame:
+    image = ImageSettings(1234.5, 6.02, 0.0, 1.0, pixel_format, 8, 4, width, height, 1, 1)
+    return ExposedFrame(frame_id, None, 0x0000000123456789, ramp(width, height, pixel_format), image)
+
+
+def header(packet: bytes) -> tuple[int, int, int, int]:
+    """Status, block id, format and packet id."""
+    status, block, rest = struct.unpack_from(">HHI", packet)
+    return status, block, rest >> 24, rest & 0xFFFFFF
+
+
+def test_block_ids_skip_zero() -> None:
+    assert [block_id(frame_id) for frame_id in (1, 2, 65535, 65536, 65537, 131070, 131071)] == [
+        1, 2, 65535, 1, 2, 65535, 1,
+    ]  # fmt: skip
+
+
+@settings(max_examples=60)
+@given(
+    width=st.integers(1, 200),
+    height=st.integers(1, 60),
+    pixel_format=st.sampled_from(["Mono8", "Mono12", "Mono16"]),
+    packet_bytes=st.integers(220, 9000),
+    names=st.none() | st.lists(st.sampled_from(sorted(CHUNKS)), unique=True),
+)
+def test_packets_put_together_are_the_frame(
+    width: int, height: int, pixel_format: str, packet_bytes: int, names: list[str] | None
+) -> None:
+    frame = exposed(width, height, pixel_format)
+    chunks = b"" if names is None else chunk_bytes(frame, names, "big")
+    block = Block.from_frame(frame, chunks, packet_bytes)
+    packets = [b"".join(block.packet(packet_id)) for packet_id in range(block.last_packet_id + 1)]
+
+    formats = [LEADER, *[PAYLOAD] * (len(packets) - 2), TRAILER]
+    assert [header(packet) for packet in packets] == [(0, 1, form, n) for n, form in enumerate(formats)]
+    assert all(len(packet) + 28 <= packet_bytes for packet in packets)
+    assert all(len(packet) + 28 == packet_bytes for packet in packets[1:-2])
+    sent = b"".join(packet[8:] for packet in packets[1:-1])
+    assert sent == frame.pixels.astype(frame.pixels.dtype.newbyteorder("<")).tobytes() + chunks
+
+
+def test_leader_and_trailer_of_an_image() -> None:
+    block = Block.from_frame(exposed(), b"", 9000)
+    leader = struct.unpack(">HHQIIIIIHH", b"".join(block.packet(0))[8:])
+    assert leader == (0, 1, 0x123456789, 0x01080001, 720, 540, 8, 4, 0, 0)
+    assert b"".join(block.packet(block.last_packet_id))[8:] == struct.pack(">HHI", 0, 1, 540)
+
+
+def test_chunks_are_found_from_the_end() -> None:
+    frame = exposed(40, 20)
+    names = ["ExposureTime", "Gain", "FrameID", "Timestamp"]
+    payload = frame.pixels.tobytes() + chunk_bytes(frame, names, "big")
+    found = {}
+    while payload:
+        chunk_id, length = struct.unpack(">II", payload[-8:])
+        found[chunk_id] = payload[-8 - length : -8]
+        payload = payload[: -8 - length]
+    assert found[CHUNKS["ExposureTime"].chunk_id] == struct.pack(">d", 1234.5)
+    assert found[CHUNKS["Gain"].chunk_id] == struct.pack(">d", 6.02)
+    assert found[CHUNKS["FrameID"].chunk_id] == struct.pack(">Q", 1)
+    assert found[CHUNKS["Timestamp"].chunk_id] == struct.pack(">Q", 0x123456789)
+    assert found[1] == frame.pixels.tobytes()
+    assert len(found) == 5
+
+
+class Client:
+    """A stream channel and the client's end of it."""
+
+    def __init__(self) -> None:
+        self.faults = Faults()
+        self.channel = StreamChannel("127.0.0.1", self.faults)
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 21)
+        self.socket.bind(("127.0.0.1", 0))
+        self.channel.destination = 0x7F000001
+        self.channel.host_port = self.socket.getsockname()[1]
+
+    def received(self) -> list[bytes]:
+        """What has come so far; loopback delivers within the sender's call."""
+        packets = []
+        while True:
+            try:
+                packets.append(self.socket.recv(0x10000, socket.MSG_DONTWAIT))
+            except BlockingIOError:
+                return packets
+
+
+@pytest.fixture
+def client() -> Iterator[Client]:
+    client = Client()
+    yield client
+    client.channel.close()
+    client.socket.close()
+
+
+def test_a_frame_arrives(client: Client) -> None:
+    frame = exposed()
+    client.channel.send(frame, b"")
+    packets = client.received()
+    assert b"".join(packet[8:] for packet in packets[1:-1]) == frame.pixels.tobytes()
+    assert max(len(packet) for packet in packets) == 9000 - 28
+
+
+def test_nothing_is_sent_to_nobody(client: Client) -> None:
+    client.channel.stop()
+    client.channel.send(exposed(), b"")
+    assert client.received() == []
+
+
+def test_a_smaller_packet_size_is_kept_to(client: Client) -> None:
+    client.channel.packet_size_register = 1400
+    client.channel.send(exposed(), b"")
+    assert {len(packet) for packet in client.received()[1:-2]} == {1400 - 28}
+
+
+@pytest.mark.parametrize("packet_bytes", [0, 219, 9001, 0xFFFF])
+def test_a_packet_size_that_cannot_be_is_refused(client: Client, packet_bytes: int) -> None:
+    with pytest.raises(CommandError):
+        client.channel.packet_size_register = packet_bytes
+    assert client.channel.packet_size_register & 0xFFFF == 9000
+
+
+def test_a_test_packet_has_the_size_asked_for(client: Client) -> None:
+    client.channel.packet_size_register = FIRE_TEST_PACKET | 4000
+    assert [len(packet) for packet in client.received()] == [4000 - 28]
+    assert client.channel.packet_size_register == 4000
+
+
+def test_a_lost_packet_comes_again_when_asked_for(client: Client) -> None:
+    client.faults.add(Fault("lose_packets", None, 2))
+    client.channel.send(exposed(), b"")
+    first = client.received()
+    assert [header(packet)[3] for packet in first[:2]] == [2, 3]
+
+    client.channel.resend(Resend(0, 1, 0, 1))
+    again = client.received()
+    assert [header(packet) for packet in again] == [(RESENT, 1, LEADER, 0), (RESENT, 1, PAYLOAD, 1)]
+    assert b"".join(packet[8:] for packet in again[1:] + first[:-1]) == exposed().pixels.tobytes()
+
+
+def test_a_resend_up_to_the_last_packet(client: Client) -> None:
+    client.channel.send(exposed(), b"")
+    last = header(client.received()[-1])[3]
+    client.channel.resend(Resend(0, 1, last - 1, 0xFFFFFF))
+    assert [header(packet)[3] for packet in client.received()] == [last - 1, last]
+
+
+def test_eight_frames_are_kept_and_older_ones_are_not_to_be_had(client: Client) -> None:
+    for frame_id in range(1, 10):
+        client.channel.send(exposed(64, 4, frame_id=frame_id), b"")
+    client.received()
+    client.channel.resend(Resend(0, 2, 1, 1))
+    client.channel.resend(Resend(0, 1, 1, 1))
+    client.channel.resend(Resend(0, 9, 50, 60))
+    assert [header(packet) for packet in client.received()] == [
+        (RESENT, 2, PAYLOAD, 1),
+        (UNAVAILABLE, 1, PAYLOAD, 1),
+        (UNAVAILABLE, 9, PAYLOAD, 50),
+    ]
+
+
+def test_of_a_truncated_frame_the_rest_is_not_to_be_had(client: Client) -> None:
+    client.faults.add(Fault("truncate"))
+    for frame_id in (1, 2):
+        client.channel.send(exposed(frame_id=frame_id), b"")
+    packets = [header(packet) for packet in client.received()]
+    cut, whole = ([number for _, block, _, number in packets if block == frame_id] for frame_id in (1, 2))
+    assert cut == [*whole[: len(whole) // 2], whole[-1]]
+    client.channel.resend(Resend(0, 1, len(cut), len(cut)))
+    assert [header(packet) for packet in client.received()] == [(UNAVAILABLE, 1, PAYLOAD, len(cut))]
+
+
+def test_half_of_the_packets_go_through_and_of_those_sent_again_too(client: Client) -> None:
+    client.faults.add(Fault("lose_half", None, 1000))
+    client.channel.packet_size_register = 1500
+    client.channel.send(exposed(), b"")
+    arrived = [header(packet)[3] for packet in client.received()]
+    sent = 720 * 540 // (1500 - 36) + 3
+    assert 0.3 * sent < len(arrived) < 0.7 * sent
+    client.channel.resend(Resend(0, 1, 0, sent))
+    assert 0.3 * sent < len(client.received()) < 0.7 * sent
+
+
+def test_deep_pixels_are_little_endian() -> None:
+    frame = exposed(4, 1, "Mono12")
+    pixels = np.array([[1, 2, 0x0ABC, 4]], dtype=np.uint16)
+    block = Block.from_frame(ExposedFrame(1, None, 0, pixels, frame.settings), b"", 9000)
+    assert b"".join(block.packet(1))[8:] == b"\x01\x00\x02\x00\xbc\x0a\x04\x00"

@@ -1,0 +1,419 @@
+"""Stock Aravis takes the fake for a USB3 Vision camera. Run by test_usb3_aravis.py, in a process under the shim."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import gc
+import os
+import threading
+import time
+import warnings
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fake_camera.device.device import Device
+from fake_camera.device.faults import Fault
+from fake_camera.device.line0 import Line0
+from fake_camera.usb3.run import CAMERAS_VARIABLE
+from fake_camera.usb3.usb.server import Usb3Server
+from tests.fake_camera.gige.gige_client import Ramp, ramp
+from tests.fake_camera.usb3.libusb_client import LibusbCamera
+from tests.fakes import unique
+
+with warnings.catch_warnings():
+    warnings.simplefilter("ignore", ImportWarning)  # PyGObject's importer is of an older kind
+    import gi
+
+    gi.require_version("Aravis", "0.8")
+    from gi.repository import Aravis, GLib
+
+Aravis.disable_interface("GigEVision")  # its discovery waits a second for answers
+
+SOCKET, OTHER_SOCKET = (Path(path) for path in os.environ[CAMERAS_VARIABLE].split(":"))
+PATIENCE_S = 10.0
+RATE_HZ = 100.0
+USBDEVFS_RESET = 0x5514
+
+
+@contextlib.contextmanager
+def usb3_camera(socket: Path, serial: str) -> Iterator[Device]:
+    device = Device(Ramp(), serial, line0=Line0(time.monotonic_ns(), RATE_HZ), model="FakeU3V287M")
+    server = Usb3Server(device, socket)
+    try:
+        yield device
+        gc.collect()  # Aravis frees what it holds before the camera goes
+    finally:
+        server.close()
+        device.close()
+
+
+@pytest.fixture
+def fake() -> Iterator[Device]:
+    with usb3_camera(SOCKET, unique("USB")) as device:
+        yield device
+
+
+@pytest.fixture
+def other() -> Iterator[Device]:
+    with usb3_camera(OTHER_SOCKET, unique("USB")) as device:
+        yield device
+
+
+def wait_for(condition: Callable[[], bool], timeout_s: float = PATIENCE_S) -> None:
+    deadline_s = time.monotonic() + timeout_s
+    while not condition():
+        assert time.monotonic() < deadline_s, "it did not happen in time"
+        time.sleep(0.01)
+
+
+def serial_of(fake: Device) -> str:
+    return str(fake.features.get("DeviceSerialNumber"))
+
+
+def found() -> dict[str, str]:
+    """The ids of the USB3 Vision cameras by serial number."""
+    Aravis.update_device_list()
+    return {
+        Aravis.get_device_serial_nbr(index): Aravis.get_device_id(index)
+        for index in range(Aravis.get_n_devices())
+        if Aravis.get_device_protocol(index) == "USB3Vision"
+    }
+
+
+def id_of(fake: Device) -> str:
+    """Its id, as soon as it is found: one that was reset takes a moment to come back."""
+    ids: dict[str, str] = {}
+    wait_for(lambda: serial_of(fake) in ids or bool(ids.update(found())))
+    return ids[serial_of(fake)]
+
+
+def opened(fake: Device) -> Any:
+    camera = Aravis.Camera.new(id_of(fake))
+    camera.set_string("ExposureAuto", "Off")
+    camera.set_string("GainAuto", "Off")
+    camera.set_float("ExposureTime", 1000.0)
+    return camera
+
+
+def stream_of(camera: Any, buffers: int = 10) -> Any:
+    stream = camera.create_stream(None, None)
+    for _ in range(buffers):
+        stream.push_buffer(Aravis.Buffer.new_allocate(camera.get_payload()))
+    return stream
+
+
+def next_buffer(stream: Any, status: Any = Aravis.BufferStatus.SUCCESS) -> Any:
+    buffer = stream.timeout_pop_buffer(round(PATIENCE_S * 1e6))
+    assert buffer is not None
+    assert buffer.get_status() == status
+    return buffer
+
+
+def next_with_status(stream: Any, status: Any) -> Any:
+    """The first buffer of this status; those before it are given back."""
+    for _ in range(100):
+        buffer = stream.timeout_pop_buffer(round(PATIENCE_S * 1e6))
+        assert buffer is not None
+        if buffer.get_status() == status:
+            return buffer
+        stream.push_buffer(buffer)
+    raise AssertionError(f"no buffer {status} came")
+
+
+def arm(camera: Any) -> None:
+    camera.set_trigger("Line0")
+    camera.set_string("TriggerOverlap", "ReadOut")
+
+
+def test_identity(fake: Device) -> None:
+    camera = opened(fake)
+    assert camera.get_vendor_name() == "Autoexpose"
+    assert camera.get_model_name() == "FakeU3V287M"
+    assert camera.get_device_serial_number() == serial_of(fake)
+    assert camera.is_uv_device()
+    assert camera.get_integer("U3VVersionMajor") == 1
+    assert camera.get_integer("U3VVersionMinor") == 0
+    assert camera.get_integer("U3VCurrentSpeed") == 8
+
+
+def test_both_cameras_are_found_and_an_absent_one_is_not(fake: Device) -> None:
+    assert list(found()) == [serial_of(fake)]
+    with usb3_camera(OTHER_SOCKET, unique("USB")) as other:
+        assert sorted(found()) == sorted([serial_of(fake), serial_of(other)])
+    wait_for(lambda: list(found()) == [serial_of(fake)])
+
+
+def test_nodes_are_written_and_read_back(fake: Device) -> None:
+    camera = opened(fake)
+    camera.set_float("ExposureTime", 1234.0)
+    camera.set_float("Gain", 12.5)
+    camera.set_string("PixelFormat", "Mono12")
+    camera.set_integer("BinningHorizontal", 2)
+    camera.set_string("DeviceUserID", "bow")
+    assert camera.get_float("ExposureTime") == 1234.0
+    assert fake.features.get("Gain") == 12.5
+    assert fake.features.get("DeviceUserID") == camera.get_string("DeviceUserID") == "bow"
+    assert camera.get_integer("WidthMax") == camera.get_integer("Width") == 360
+    assert camera.get_payload() == 360 * 540 * 2
+    bounds = camera.get_exposure_time_bounds()
+    assert (bounds.min, bounds.max) == (10.0, 1e6)
+    before_ns = fake.now_ns()
+    camera.execute_command("TimestampLatch")
+    assert before_ns <= camera.get_integer("TimestampLatchValue") <= fake.now_ns()
+
+
+@pytest.mark.parametrize("policy", [Aravis.RangeCheckPolicy.ENABLE, Aravis.RangeCheckPolicy.DISABLE])
+def test_out_of_range_is_refused_by_aravis_and_by_the_camera(fake: Device, policy: Any) -> None:
+    camera = opened(fake)
+    camera.get_device().set_range_check_policy(policy)
+    with pytest.raises(GLib.Error):
+        camera.set_float("ExposureTime", 1.1e6)
+    assert fake.features.get("ExposureTime") == 1000.0
+
+
+def test_frames_run_free_and_tell_how_they_were_taken(fake: Device) -> None:
+    camera = opened(fake)
+    camera.set_float("ExposureTime", 2345.0)
+    camera.set_float("Gain", 6.0)
+    camera.set_chunk_mode(True)
+    camera.set_chunks("ExposureTime,Gain,FrameID,Timestamp")
+    parser = camera.create_chunk_parser()
+    stream = stream_of(camera)
+    camera.start_acquisition()
+    for newest in range(10):
+        buffer = next_buffer(stream)
+        assert buffer.get_frame_id() == parser.get_integer_value(buffer, "ChunkFrameID") >= newest
+        assert buffer.get_timestamp() == parser.get_integer_value(buffer, "ChunkTimestamp")
+        assert parser.get_float_value(buffer, "ChunkExposureTime") == 2345.0
+        assert parser.get_float_value(buffer, "ChunkGain") == 6.0
+        pixels = np.frombuffer(buffer.get_data(), np.uint8, count=720 * 540).reshape(540, 720)
+        assert np.array_equal(pixels, ramp(720, 540))
+        stream.push_buffer(buffer)
+    camera.stop_acquisition()
+
+
+def test_a_region_of_deep_pixels(fake: Device) -> None:
+    camera = opened(fake)
+    camera.set_string("PixelFormat", "Mono12")
+    camera.set_region(8, 4, 304, 200)
+    stream = stream_of(camera)
+    camera.start_acquisition()
+    buffer = next_buffer(stream)
+    camera.stop_acquisition()
+    region = buffer.get_image_region()
+    assert (region.x, region.y, region.width, region.height) == (8, 4, 304, 200)
+    pixels = np.frombuffer(buffer.get_data(), "<u2").reshape(200, 304)
+    assert np.array_equal(pixels, ramp(304, 200, "Mono12"))
+
+
+def test_two_cameras_follow_the_trigger_wire_at_once(fake: Device, other: Device) -> None:
+    cameras = [opened(fake), opened(other)]
+    for camera in cameras:
+        arm(camera)
+    streams = [stream_of(camera) for camera in cameras]
+    for camera in cameras:
+        camera.start_acquisition()
+    seen: list[list[tuple[int, int]]] = [[], []]
+    for _ in range(30):
+        for stream, frames in zip(streams, seen, strict=True):
+            buffer = next_buffer(stream)
+            frames.append((buffer.get_frame_id(), buffer.get_timestamp()))
+            stream.push_buffer(buffer)
+    for camera in cameras:
+        camera.stop_acquisition()
+    for frames in seen:  # of which a busy machine may lose some
+        ids, times_ns = np.diff(frames, axis=0).T
+        assert np.allclose(times_ns / ids * RATE_HZ / 1e9, 1.0, atol=1e-3)
+
+
+@pytest.mark.parametrize("ahead", [1, 16])
+def test_transfers_of_many_frames_at_once_come_in_order_and_whole(fake: Device, ahead: int) -> None:
+    """As asynchronous clients have them; what is late is counted by the camera, and nothing is lost on the way."""
+    fake.features.set("AcquisitionFrameRate", 100.0)
+    camera = LibusbCamera()
+    with camera.streaming(ahead, 64 << 10) as arriving:
+        fake.execute("AcquisitionStart")
+        frames = [next(arriving) for _ in range(60)]
+    camera.close()
+    image = ramp(720, 540).tobytes()
+    assert all(payload == image for _, payload in frames)
+    ids = np.array([frame_id for frame_id, _ in frames])
+    assert np.diff(ids).min() == 1
+    assert ids[-1] - (len(ids) - 1) <= fake.counters.overruns + fake.counters.discarded
+
+
+def test_a_stream_is_stopped_and_started_again(fake: Device) -> None:
+    camera = opened(fake)
+    for _ in range(5):
+        stream = stream_of(camera)
+        camera.start_acquisition()
+        assert next_buffer(stream).get_frame_id() == 0
+        next_buffer(stream)
+        camera.stop_acquisition()
+        del stream
+
+
+@pytest.mark.filterwarnings("ignore:g_thread_join")  # Aravis, as it gives up
+def test_a_claimed_camera_is_busy(fake: Device) -> None:
+    camera = opened(fake)
+    with pytest.raises(GLib.Error, match="LIBUSB_ERROR_BUSY"):
+        opened(fake)
+    assert list(found()) == [serial_of(fake)]
+    del camera
+    gc.collect()
+    opened(fake)
+
+
+def test_features_stay_locked_while_streaming(fake: Device) -> None:
+    camera = opened(fake)
+    stream = stream_of(camera)
+    camera.start_acquisition()
+    next_buffer(stream)
+    with pytest.raises(GLib.Error):
+        camera.set_integer("Width", 320)
+    camera.stop_acquisition()
+    camera.set_integer("Width", 320)
+
+
+@pytest.mark.parametrize("cycle", range(2))
+def test_unplugged_while_streaming_and_replugged(fake: Device, other: Device, cycle: int) -> None:
+    camera, bystander = opened(fake), opened(other)
+    lost = threading.Event()
+    camera.get_device().connect("control-lost", lambda _device: lost.set())
+    stream, other_stream = stream_of(camera), stream_of(bystander)
+    camera.start_acquisition()
+    bystander.start_acquisition()
+    next_buffer(stream)
+    fake.faults.add(Fault("vanish", None, None))
+    assert lost.wait(PATIENCE_S)
+    assert list(found()) == [serial_of(other)]
+    with pytest.raises(GLib.Error):
+        camera.get_float("ExposureTime")
+    del stream, camera
+    gc.collect()
+    fake.faults.add(Fault("come_back", None, None))
+    assert fake.features.get("ExposureAuto") == "Continuous"  # as after power-on
+    again = opened(fake)
+    stream = stream_of(again)
+    again.start_acquisition()
+    next_buffer(stream)
+    next_buffer(other_stream)
+    for streaming in (again, bystander):
+        streaming.stop_acquisition()
+
+
+def test_cycles_of_streaming_and_unplugging_leave_nothing_behind(fake: Device) -> None:
+    counts: list[tuple[int, int]] = []
+    for _ in range(6):
+        camera = opened(fake)
+        stream = stream_of(camera)
+        camera.start_acquisition()
+        next_buffer(stream)
+        fake.faults.add(Fault("vanish", None, None))
+        del stream, camera
+        gc.collect()
+        fake.faults.add(Fault("come_back", None, None))
+        assert id_of(fake) in found().values()
+        if counts:
+            wait_for(lambda: all(now <= first for now, first in zip(open_files_and_threads(), counts[0], strict=True)))
+        counts.append(open_files_and_threads())
+
+
+def open_files_and_threads() -> tuple[int, int]:
+    return len(list(Path("/proc/self/fd").iterdir())), len(list(Path("/proc/self/task").iterdir()))
+
+
+def test_a_reset_camera_comes_back_by_itself(fake: Device) -> None:
+    camera = opened(fake)
+    with contextlib.suppress(GLib.Error):  # it may go before it acknowledges
+        camera.execute_command("DeviceReset")
+    del camera
+    gc.collect()
+    assert opened(fake).get_float("ExposureTime") == 1000.0
+
+
+def test_a_refused_write_is_an_error_and_happens_once(fake: Device) -> None:
+    camera = opened(fake)
+    fake.faults.add(Fault("refuse_writes"))
+    with pytest.raises(GLib.Error, match="access-denied"):
+        camera.set_float("ExposureTime", 2000.0)
+    camera.set_float("ExposureTime", 3000.0)
+    assert fake.features.get("ExposureTime") == 3000.0
+
+
+@pytest.mark.parametrize("fault", ["nak", "pending_acknowledge"])
+def test_a_slow_answer_is_waited_for(fake: Device, fault: str) -> None:
+    camera = opened(fake)
+    fake.faults.add(Fault(fault))
+    camera.set_float("ExposureTime", 2000.0)
+    assert camera.get_float("ExposureTime") == 2000.0
+
+
+def test_a_truncated_frame_is_told(fake: Device) -> None:
+    camera = opened(fake)
+    stream = stream_of(camera)
+    camera.start_acquisition()
+    next_buffer(stream)
+    fake.faults.add(Fault("truncate"))
+    next_with_status(stream, Aravis.BufferStatus.SIZE_MISMATCH)
+    next_buffer(stream)
+    camera.stop_acquisition()
+    assert stream.get_info_uint64_by_name("n_failures") == 1
+
+
+def test_a_short_trailer_is_sent_and_aravis_does_not_mind(fake: Device) -> None:
+    camera = opened(fake)
+    stream = stream_of(camera)
+    camera.start_acquisition()
+    next_buffer(stream)
+    fake.faults.add(Fault("short_trailer"))
+    taken = fake.counters.exposures
+    while (buffer := next_buffer(stream)).get_frame_id() < taken + 2:
+        stream.push_buffer(buffer)
+    assert not fake.faults.spoils_frame("short_trailer")
+    camera.stop_acquisition()
+
+
+def test_a_stalled_stream_goes_on_when_the_camera_is_opened_again(fake: Device) -> None:
+    camera = opened(fake)
+    stream = stream_of(camera)
+    camera.start_acquisition()
+    next_buffer(stream)
+    fake.faults.add(Fault("stall"))
+    while stream.timeout_pop_buffer(300_000) is not None:
+        pass
+    camera.stop_acquisition()
+    del stream, camera
+    gc.collect()
+    camera = opened(fake)  # Aravis 0.8.26 clears the halt when it opens a camera, not when it starts a stream
+    stream = stream_of(camera)
+    camera.start_acquisition()
+    next_buffer(stream)
+    camera.stop_acquisition()
+
+
+def test_a_usbfs_call_that_the_shim_lacks_is_named(fake: Device, capfd: pytest.CaptureFixture[str]) -> None:
+    found()
+    address = int(Path("/sys/bus/usb/devices/100-1/devnum").read_text())
+    node = os.open(f"/dev/bus/usb/100/{address:03d}", os.O_RDWR)
+    with pytest.raises(OSError, match="Inappropriate ioctl"):
+        fcntl.ioctl(node, USBDEVFS_RESET)
+    os.close(node)
+    assert "libusb needs the usbfs call 0x5514, which is missing" in capfd.readouterr().err
+
+
+def test_frozen_frames_do_not_come_but_are_counted(fake: Device) -> None:
+    camera = opened(fake)
+    arm(camera)
+    stream = stream_of(camera)
+    camera.start_acquisition()
+    before = next_buffer(stream).get_frame_id()
+    fake.faults.add(Fault("freeze", None, 20))
+    ids = [before] + [next_buffer(stream).get_frame_id() for _ in range(8)]
+    assert np.diff(ids).max() >= 20
+    camera.stop_acquisition()
