@@ -55,7 +55,10 @@ class ReceivedPair:
     @property
     def stereo(self) -> StereoPair:
         """The pair as control and drivers know it."""
-        return StereoPair(self.trigger, self.left, self.right)
+        frames: dict[Side, Frame] = {"left": self.left}
+        if self.right is not None:
+            frames["right"] = self.right
+        return StereoPair(self.trigger, frames)
 
 
 @dataclass(slots=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Protocol
 
@@ -9,7 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.balance import Balance
+from calibration.response import ResponseFunction
 from drivers.exposure import ExposureLimits, ExposureSetting
+from drivers.frames import Side
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,19 +41,40 @@ class PastStep:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Look:
+    """What control sees of one camera's frame.
+
+    Attributes
+    ----------
+    side
+        Which camera it is.
+    image
+        The frame made small (`ImagePreparation`), uint8, (height, width). Valid during this step only.
+    response
+        The camera's response function.
+    weights
+        How much each pixel of `image` counts, uint8 of its shape; None: all alike. The figures of an `Observation`
+        honour them; a policy that looks at pixels must, too.
+    """
+
+    side: Side
+    image: NDArray[np.uint8]
+    response: ResponseFunction
+    weights: NDArray[np.uint8] | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Observation:
     """Everything a policy may look at.
 
     Attributes
     ----------
-    image
-        The left frame made small (`ImagePreparation`), uint8, (height, width). Valid during this step only.
-    right_image
-        The right frame made small in the same way; None in a rig of one camera, or while one is gone.
+    looks
+        The frames, the reference first: that of the left camera, or of the only one there is. All else is of it.
     setting
-        Exposure time and gain which this frame was really taken with.
+        Exposure time and gain which the frame was really taken with.
     device_time_ns
-        Time stamp of the left frame on its camera's clock.
+        Its time stamp on its camera's clock.
     metric
         M_g of `image`, 0..1 per pixel.
     mean
@@ -63,13 +87,9 @@ class Observation:
         Bounds and increments that the next setting will be cut to.
     realised
         The past decision that this frame was taken with; None when no remembered one fits its setting.
-    weights, right_weights
-        How much each pixel of `image` and `right_image` counts, uint8 of their shapes; None: all alike. The figures
-        above honour them; a policy that looks at pixels must, too.
     """
 
-    image: NDArray[np.uint8]
-    right_image: NDArray[np.uint8] | None
+    looks: Sequence[Look]
     setting: ExposureSetting
     device_time_ns: int
     metric: float
@@ -79,8 +99,21 @@ class Observation:
     motion_px: float
     limits: ExposureLimits
     realised: PastStep | None
-    weights: NDArray[np.uint8] | None = None
-    right_weights: NDArray[np.uint8] | None = None
+
+    @property
+    def side(self) -> Side:
+        """The camera of the reference frame."""
+        return self.looks[0].side
+
+    @property
+    def image(self) -> NDArray[np.uint8]:
+        """The reference frame made small."""
+        return self.looks[0].image
+
+    @property
+    def weights(self) -> NDArray[np.uint8] | None:
+        """How much each pixel of `image` counts."""
+        return self.looks[0].weights
 
     def realises(self, target: Target) -> bool:
         """Whether this frame was taken because `target` was asked for.

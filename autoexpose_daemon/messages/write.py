@@ -89,7 +89,7 @@ class MessageWriter:
         wanted
             Side and topic of those that are made.
         """
-        stamp_ns = min(max(pair.left.host_time_ns + offset_ns, 0), LAST_STAMP_NS)
+        stamp_ns = min(max(pair.reference.host_time_ns + offset_ns, 0), LAST_STAMP_NS)
         stamp = _Time(*divmod(stamp_ns, 1_000_000_000))
         of_pair: dict[str, float | str] = {
             "trigger": pair.trigger,
@@ -98,7 +98,7 @@ class MessageWriter:
             "alone": len(pair.frames) < self._cameras,
             **(_NOTHING_DECIDED if decision is None else _of_decision(decision)),
         }
-        for side, frame in pair.by_side.items():
+        for side, frame in pair.frames.items():
             header = _Header(stamp, f"{self._rig}_{side}_optical_frame")
             info = _ExposureInfo(header=header, **of_pair, **_of_frame(frame))
             if (side, "exposure") in wanted:

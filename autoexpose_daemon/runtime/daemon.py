@@ -153,8 +153,8 @@ class Daemon:
         loop = ControlLoop(
             self._config.control.policy, ResponseFunction.linear(), self._config.exposure.limits(), self._config.start
         )
-        loop.step(StereoPair(0, black, black))
-        loop.step(StereoPair(1, replace(black, device_time_ns=1), None))
+        loop.step(StereoPair(0, {"left": black, "right": black}))
+        loop.step(StereoPair(1, {"left": replace(black, device_time_ns=1)}))
 
     def _next_events(self) -> list[RigEvent]:
         """All that has happened, waiting a moment for the first."""

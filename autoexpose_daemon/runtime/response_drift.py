@@ -69,9 +69,9 @@ class ResponseDrift:
     def see(self, pair: StereoPair) -> None:
         """The next pair; of frames that do not say themselves how they were taken nothing is concluded."""
         follows, self._last_trigger = pair.trigger == self._last_trigger + 1, pair.trigger
-        complete = len(pair.frames) == len(self._cameras)  # else the right frame may stand as the left one
-        for (side, camera), frame in zip(self._cameras.items(), pair.frames, strict=complete):
-            if not (follows and complete and frame.setting_source == "chunk"):
+        for side, camera in self._cameras.items():
+            frame = pair.frames.get(side)
+            if frame is None or not follows or frame.setting_source != "chunk":
                 camera.watch.interrupt()
                 continue
             counted = camera.watch.counted

@@ -266,7 +266,7 @@ class RigControl:
     def _step(self, pair: StereoPair) -> None:
         if self._loop is None:
             return
-        arrival_ns, started_ns = max(frame.arrival_time_ns for frame in pair.frames), self._now_ns()
+        arrival_ns, started_ns = max(frame.arrival_time_ns for frame in pair.frames.values()), self._now_ns()
         decision = self._loop.step(pair)
         self._newest = pair
         decided_ns = self._now_ns()
@@ -286,7 +286,7 @@ class RigControl:
     def _deliver(self, pair: StereoPair, decision: Decision | None) -> None:
         """Note what a pair shows, and hand it on."""
         self.telemetry.delivered(pair, complete=len(pair.frames) == len(self._config.sides))
-        for side, frame in pair.by_side.items():
+        for side, frame in pair.frames.items():
             if (effect_ns := self._effects.shown(side, frame)) is not None:
                 self.telemetry.command_to_effect_ms.add_ns(effect_ns)
         if self._ledger.mismatched(pair):

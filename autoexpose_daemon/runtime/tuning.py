@@ -44,7 +44,7 @@ class Tuning:
         control = self.config.control
         return ControlLoop(
             control.policy,
-            self.responses["left"],
+            self.responses,
             limits,
             self.config.start,
             parameters=control.parameters(),

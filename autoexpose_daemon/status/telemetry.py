@@ -142,11 +142,11 @@ class Telemetry:
 
     def delivered(self, pair: StereoPair, complete: bool) -> None:
         """Note what control saw: a `complete` pair, or what one camera of two gave."""
-        self.applied = pair.left.setting
-        self.newest.update({side: frame.setting for side, frame in pair.by_side.items()})
+        self.applied = pair.reference.setting
+        self.newest.update({side: frame.setting for side, frame in pair.frames.items()})
         if complete:
-            self._recent_ns.append(pair.left.host_time_ns)
-            self.last_pair_ns = max(frame.arrival_time_ns for frame in pair.frames)
+            self._recent_ns.append(pair.reference.host_time_ns)
+            self.last_pair_ns = max(frame.arrival_time_ns for frame in pair.frames.values())
 
     def decided(self, decision: Decision, limits: ExposureLimits) -> None:
         """Note a decision made within limits."""

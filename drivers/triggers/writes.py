@@ -70,7 +70,7 @@ class WriteLedger:
 
     def mismatched(self, pair: StereoPair) -> bool:
         """Whether left and right differ, or a frame was taken with a setting that no camera ever held as a whole."""
-        return pair.mismatched or not all(self._known(frame.setting) for frame in pair.frames)
+        return pair.mismatched or not all(self._known(frame.setting) for frame in pair.frames.values())
 
     def explains(self, pair: StereoPair) -> bool:
         """Whether it is known why a pair is mismatched.
@@ -80,7 +80,7 @@ class WriteLedger:
         """
         if pair.trigger <= self._late_until or (self._missing and pair.trigger > self._started_trigger):
             return True
-        frames = pair.by_side
+        frames = pair.frames
         return any(
             held.keys() >= frames.keys() and all(held[side].agrees_with(frames[side].setting) for side in frames)
             for held in reversed(self._held)

@@ -222,7 +222,7 @@ def take_pair(stage: Stage, setting: ExposureSetting) -> StereoPair:
     left, right = (
         Frame(stage.expose(side, setting), 8, frame, time_ns, time_ns, time_ns, setting) for side in ("left", "right")
     )
-    return StereoPair(frame, left, right)
+    return StereoPair(frame, {"left": left, "right": right})
 
 
 def _step(stage: Stage, loop: ControlLoop, series: Series) -> None:

@@ -107,9 +107,8 @@ def only(run: Run, *counted: str) -> Iterator[Counter[str]]:
 
 def skews(run: Run, since: int) -> float:
     """The largest time between the frames of a pair, in periods."""
-    pairs = [pair for pair, _ in run.seen[since:] if pair.right is not None]
-    assert pairs
-    return max(abs(p.left.host_time_ns - p.right.host_time_ns) for p in pairs if p.right) * 1e-9 * RATE_HZ
+    starts_ns = [[frame.host_time_ns for frame in pair.frames.values()] for pair, _ in run.seen[since:]]
+    return max(abs(left - right) for left, right in (pair for pair in starts_ns if len(pair) == 2)) * 1e-9 * RATE_HZ
 
 
 def test_trigger_stopped(run: Run) -> None:
@@ -243,7 +242,7 @@ def wait_for_taken(run: Run, exposure_time_us: float) -> None:
 
     def taken() -> bool:
         frames = run.seen[-1][0].frames
-        return len(frames) == 2 and all(frame.setting.exposure_time_us == exposure_time_us for frame in frames)
+        return len(frames) == 2 and all(frame.setting.exposure_time_us == exposure_time_us for frame in frames.values())
 
     run.wait_until(taken, f"frames of {exposure_time_us:g} us")
 

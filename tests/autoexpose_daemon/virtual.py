@@ -91,7 +91,9 @@ class VirtualRun:
 
         def taken() -> bool:
             frames = self.pairs[-1].frames
-            return len(frames) == 2 and all(frame.setting.exposure_time_us == exposure_time_us for frame in frames)
+            return len(frames) == 2 and all(
+                frame.setting.exposure_time_us == exposure_time_us for frame in frames.values()
+            )
 
         self.wait_until(taken, f"frames of {exposure_time_us:g} us")
 
@@ -120,7 +122,7 @@ class VirtualRun:
 
     def _see_pair(self, pair: StereoPair, _decision: Decision | None) -> None:
         self.pairs.append(pair)
-        pulses = {frame.pulse for frame in pair.frames if isinstance(frame, VirtualFrame)}
+        pulses = {frame.pulse for frame in pair.frames.values() if isinstance(frame, VirtualFrame)}
         assert len(pulses) == 1, f"a pair of the pulses {pulses}"
 
     def _see_health(self, _now_ns: int, health: Health) -> None:

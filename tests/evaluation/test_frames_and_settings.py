@@ -91,12 +91,12 @@ def test_odometry_gets_pairs_taken_with_decisions_of_d_frames_ago_and_the_poses_
     assert isinstance(view, RoomView)
     for one, pairs in zip(drives, shown, strict=True):
         delay = one.entrant.delay_frames
-        assert [pair.left.frame_id for pair in pairs] == [0, 2, 4, 6]
+        assert [pair.frames["left"].frame_id for pair in pairs] == [0, 2, 4, 6]
         for pair, pose in zip(pairs, one.truth, strict=True):
-            decided_on = pair.left.frame_id - delay
+            decided_on = pair.frames["left"].frame_id - delay
             time_us = 500.0 if decided_on < 0 else 1000.0 + 20.0 * decided_on
-            assert pair.left.setting == pair.right.setting == ExposureSetting(time_us, 20.0)
-            middle_s = FIRST_S + pair.left.frame_id / 60.0 + time_us / 2e6
+            assert pair.frames["left"].setting == pair.frames["right"].setting == ExposureSetting(time_us, 20.0)
+            middle_s = FIRST_S + pair.frames["left"].frame_id / 60.0 + time_us / 2e6
             assert np.allclose(pose, view.pose(middle_s), atol=1e-6)  # it moves by 1.4 mm in a frame
 
 

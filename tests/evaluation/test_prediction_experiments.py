@@ -166,7 +166,7 @@ def test_feedback_can_be_switched_off_and_nothing_else_with_it() -> None:
         setting = ExposureSetting(1000.0, 0.0)
         loop = CONTESTANTS[name].loop(CameraResponse(), setting)
         for number, image in enumerate((dull, rich)):
-            decision = loop.step(StereoPair(number, Frame(image, 8, number, number, 0, 0, setting), None))
+            decision = loop.step(StereoPair(number, {"left": Frame(image, 8, number, number, 0, 0, setting)}))
             reasons.setdefault(name, []).append(decision.reason)
             setting = decision.setting
     assert reasons["feedback"] == ["metric rises with exposure", "metric rises with exposure, more than predicted"]
@@ -179,7 +179,7 @@ def test_the_rule_of_the_published_code_leaves_white_and_black_images_only() -> 
     start = ExposureSetting(1000.0, 0.0)
     steps = []
     for number, image in enumerate((np.full_like(grey, 255), np.zeros_like(grey), grey)):
-        decision = loop.step(StereoPair(number, Frame(image, 8, number, number, 0, 0, start), None))
+        decision = loop.step(StereoPair(number, {"left": Frame(image, 8, number, number, 0, 0, start)}))
         steps.append(decision.level - start.level)
     assert steps == pytest.approx([-2.0, 2.0, 0.0])
 

@@ -158,10 +158,10 @@ class Day:
         }
 
     def _see_pair(self, pair: StereoPair, _decision: Decision | None) -> None:
-        if pair.right is None:
+        if len(pair.frames) < 2:
             return
-        assert isinstance(pair.left, VirtualFrame) and isinstance(pair.right, VirtualFrame)
-        left, right = pair.left.pulse, pair.right.pulse
+        assert isinstance(pair.frames["left"], VirtualFrame) and isinstance(pair.frames["right"], VirtualFrame)
+        left, right = pair.frames["left"].pulse, pair.frames["right"].pulse
         if left != right:
             self._mispaired.append(f"a pair of the pulses {left} and {right}")
         elif left >= 0:

@@ -53,7 +53,7 @@ class ScriptedLoop:
 
     def step(self, pair: StereoPair) -> Decision:
         self._clock.now_ns += (1 + pair.trigger % 5) * MS
-        tenths = pair.left.host_time_ns // (100 * MS)
+        tenths = pair.reference.host_time_ns // (100 * MS)
         level = 10.0 + round(1.5 * math.sin(tenths * math.tau / 200), 1) + (0.5 if tenths // 70 % 2 else 0.0)
         decision = self._decision.get(round(10 * level))
         if decision is None:

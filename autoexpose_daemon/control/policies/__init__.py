@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from autoexpose_daemon.control.balance import (
@@ -31,6 +31,7 @@ from autoexpose_daemon.control.policies.published.zhang2017 import Zhang2017
 from autoexpose_daemon.control.policy import ExposurePolicy
 from calibration.response import ResponseFunction
 from drivers.exposure import ExposureSetting
+from drivers.frames import Side
 
 __all__ = ["DEFAULT_POLICY", "POLICY_IDS", "PolicySetup", "build_policy", "check_policy_id"]
 
@@ -39,7 +40,7 @@ __all__ = ["DEFAULT_POLICY", "POLICY_IDS", "PolicySetup", "build_policy", "check
 class PolicySetup:
     """What policies are built from. `metric` is shared with the loop: its buffers are needed once."""
 
-    response: ResponseFunction
+    responses: Mapping[Side, ResponseFunction]
     metric: GradientMetric
     start: ExposureSetting
     parameters: ControlParameters
@@ -73,16 +74,16 @@ _BUILDERS: dict[str, Callable[[PolicySetup], ExposurePolicy]] = {
     "fixed": lambda setup: Fixed(setup.start, setup.balance(ExposurePriority())),
     "neves2009": lambda setup: Neves2009(setup.parameters.mean_target, setup.balance(ExposurePriority())),
     "lu2010": lambda setup: Lu2010(setup.balance(FixedRatio())),
-    "zhang2017": lambda setup: Zhang2017(setup.response, setup.balance(ExposurePriority())),
+    "zhang2017": lambda setup: Zhang2017(setup.responses, setup.balance(ExposurePriority())),
     "shim2018": lambda setup: Shim2018(setup.metric, setup.balance(ExposurePriority())),
     "kim2018": lambda setup: Kim2018(setup.balance(FixedGain(setup.start.gain_db)), setup.start.gain_db),
     "shin2019": lambda setup: Shin2019(setup.quality(), setup.balance(ExposurePriority())),
     "mehta2020": lambda setup: Mehta2020(setup.metric, setup.balance(setup.blur_noise())),
-    "begin2022": lambda setup: Begin2022(setup.response, setup.metric, setup.balance(setup.blur_noise())),
-    "majer2018-standard": lambda setup: Majer2018("top_half", setup.response, setup.balance(ExposurePriority())),
-    "majer2018-full": lambda setup: Majer2018("full", setup.response, setup.balance(ExposurePriority())),
+    "begin2022": lambda setup: Begin2022(setup.responses, setup.metric, setup.balance(setup.blur_noise())),
+    "majer2018-standard": lambda setup: Majer2018("top_half", setup.balance(ExposurePriority())),
+    "majer2018-full": lambda setup: Majer2018("full", setup.balance(ExposurePriority())),
     "majer2018-fixed": lambda setup: Fixed(setup.start, setup.balance(ExposurePriority())),
-    "metric-map": lambda setup: MetricMap(setup.response, setup.metric, setup.balance(setup.blur_noise())),
+    "metric-map": lambda setup: MetricMap(setup.responses, setup.metric, setup.balance(setup.blur_noise())),
 }
 
 

@@ -59,7 +59,7 @@ def step_of(law: str, response: ResponseFunction, image: NDArray[np.uint8], sett
     """The change of level (stops) that a law wants after one image, knowing nothing of others."""
     loop = ControlLoop(law, response, _UNBOUNDED, setting)
     frame = Frame(image, 8, 0, 0, 0, 0, setting)
-    return loop.step(StereoPair(0, frame, None)).level - setting.level
+    return loop.step(StereoPair(0, {"left": frame})).level - setting.level
 
 
 def rest_level(levels: NDArray[np.float64], steps: NDArray[np.float64], near: float) -> float:

@@ -152,7 +152,7 @@ def _run(
         time_ns = round(stage.start_s(number) * 1e9)
         image = stage.expose("left", setting)
         frame = Frame(image, 8, number, time_ns, time_ns, time_ns, setting)
-        decision = loop.step(StereoPair(number, frame, None))
+        decision = loop.step(StereoPair(number, {"left": frame}))
         metrics.append(decision.metric)
         settings.append(decision.setting)
     return [setting.level for setting in settings[: len(metrics)]], metrics

@@ -82,7 +82,7 @@ class Drive:
             setting = driver.settings.pop(0)
             images[name] = self._camera.expose(radiance, setting, self.frame)
             frame = Frame(images[name], 8, self.frame, time_ns, time_ns, time_ns, setting)
-            driver.settings.append(driver.loop.step(StereoPair(self.frame, frame, None)).setting)
+            driver.settings.append(driver.loop.step(StereoPair(self.frame, {"left": frame})).setting)
             driver.levels.append(setting.level)
         self.frame += 1
         return images

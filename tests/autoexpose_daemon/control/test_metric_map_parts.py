@@ -14,6 +14,7 @@ from autoexpose_daemon.control.policies.metric_map.memory import FORGOTTEN, LEAS
 from autoexpose_daemon.control.policies.metric_map.registration import Registration
 from autoexpose_daemon.control.policies.metric_map.search import dark_jump, plateau_centre, probe_bonus
 from autoexpose_daemon.control.policies.metric_map.view import DELTAS, FEWER_DELTAS, FEWEST_DELTAS, View, Viewer
+from autoexpose_daemon.control.policy import Look
 from calibration.response import ResponseFunction
 from drivers.exposure import ExposureSetting
 
@@ -35,9 +36,9 @@ def view(peak: float = 0.0, saturated_share: float = 0.0, height: float = 1.0) -
 
 @pytest.mark.parametrize(("change", "level_change"), [(0.0, 1.5), (0.7, 0.0), (-1.0, 1.0), (2.0, -1.0)])
 def test_registration_tells_light_from_exposure(change: float, level_change: float) -> None:
-    registration = Registration(LINEAR)
-    registration.change(frame(11.0, 11.5), 11.0)
-    light = registration.change(frame(11.0 + level_change, 11.5 - change), 11.0 + level_change)
+    registration = Registration({"left": LINEAR})
+    registration.change(Look("left", frame(11.0, 11.5), LINEAR), 11.0)
+    light = registration.change(Look("left", frame(11.0 + level_change, 11.5 - change), LINEAR), 11.0 + level_change)
     assert light is not None
     assert light.measured
     assert light.stops == pytest.approx(change, abs=0.05)
@@ -45,29 +46,29 @@ def test_registration_tells_light_from_exposure(change: float, level_change: flo
 
 def test_registration_is_not_led_by_the_noise_of_what_is_left() -> None:
     """After a fall of 5.5 stops only noise peaks are unclipped in both frames; they alone would say about half."""
-    registration = Registration(LINEAR)
-    registration.change(frame(11.0, 10.0), 11.0)
-    light = registration.change(frame(11.0, 15.5, noise=4.0), 11.0)
+    registration = Registration({"left": LINEAR})
+    registration.change(Look("left", frame(11.0, 10.0), LINEAR), 11.0)
+    light = registration.change(Look("left", frame(11.0, 15.5, noise=4.0), LINEAR), 11.0)
     assert light is not None
     assert light.stops < -3.5
 
 
 def test_registration_says_when_it_has_but_a_bound() -> None:
-    registration = Registration(LINEAR)
-    assert registration.change(frame(11.0, 12.0), 11.0) is None
-    light = registration.change(np.full((270, 360), 255, np.uint8), 11.0)
+    registration = Registration({"left": LINEAR})
+    assert registration.change(Look("left", frame(11.0, 12.0), LINEAR), 11.0) is None
+    light = registration.change(Look("left", np.full((270, 360), 255, np.uint8), LINEAR), 11.0)
     assert light is not None
     assert not light.measured
     assert light.stops > 1
 
 
 def test_registration_ignores_masked_pixels() -> None:
-    registration, weights = Registration(LINEAR), np.full((270, 360), 255, np.uint8)
+    registration, weights = Registration({"left": LINEAR}), np.full((270, 360), 255, np.uint8)
     weights[:, :250] = 0
-    registration.change(frame(11.0, 11.5), 11.0, weights)
+    registration.change(Look("left", frame(11.0, 11.5), LINEAR, weights), 11.0)
     brighter = frame(11.0, 10.5)
     brighter[:, 250:] = frame(11.0, 11.5)[:, 250:]
-    light = registration.change(brighter, 11.0, weights)
+    light = registration.change(Look("left", brighter, LINEAR, weights), 11.0)
     assert light is not None
     assert light.stops == pytest.approx(0.0, abs=0.02)
 

@@ -31,9 +31,9 @@ def test_a_consumer_gets_what_control_saw_and_decided() -> None:
     for pair in received:
         original, decision = by_trigger[pair.trigger]
         assert pair.decision == decision
-        assert original.right is not None
+        assert original.frames["right"] is not None
         assert pair.right is not None
-        for ours, theirs in ((pair.left, original.left), (pair.right, original.right)):
+        for ours, theirs in ((pair.left, original.frames["left"]), (pair.right, original.frames["right"])):
             assert np.array_equal(ours.pixels, theirs.pixels)
             assert (ours.setting, ours.setting_source) == (theirs.setting, "chunk")
             assert ours.frame_id == theirs.frame_id

@@ -13,7 +13,7 @@ from autoexpose_daemon.runtime.response_drift import REFINE_EVERY, ResponseDrift
 from calibration.response import ResponseFunction
 from calibration.response.file import CameraIdentity, Origin, ResponseFile
 from drivers.exposure import ExposureSetting
-from drivers.frames import Frame, SettingSource, StereoPair
+from drivers.frames import SIDES, Frame, SettingSource, StereoPair
 from tests.calibration.true_response import true_response
 
 LEFT = Origin(CameraIdentity("Maker", "Model", "L"), "Mono8")
@@ -48,7 +48,7 @@ def show(
             exact = response.intensity(scene_stops + setting.level - np.log2(1000.0))
             pixels = np.rint(exact + numbers.normal(0.0, 0.7, exact.shape)).clip(0, 255).astype(np.uint8)
             frames.append(Frame(pixels, 8, index, index, index, index, setting, source))
-        drift.see(StereoPair(index * stride, *frames))
+        drift.see(StereoPair(index * stride, dict(zip(SIDES, frames, strict=False))))
 
 
 def finish_refining() -> None:
@@ -97,7 +97,7 @@ def test_a_copy_that_cannot_be_written_is_a_line_in_the_log(
 def test_pairs_that_lack_a_frame_are_passed_over(config: Config) -> None:
     drift = watching(config)
     frame = Frame(np.zeros((8, 8), np.uint8), 8, 0, 0, 0, 0, ExposureSetting(1000.0, 0.0))
-    drift.see(StereoPair(0, frame, None))
+    drift.see(StereoPair(0, {"left": frame}))
     assert drift.residual_grey == {}
 
 

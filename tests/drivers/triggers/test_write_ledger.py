@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drivers.exposure import ExposureSetting
-from drivers.frames import Frame, Side, StereoPair
+from drivers.frames import SIDES, Frame, Side, StereoPair
 from drivers.rig.events import Written
 from drivers.triggers.grid import TriggerGrid
 from drivers.triggers.writes import EFFECT_TRIGGERS, WriteLedger
@@ -21,7 +21,9 @@ def wrote(side: Side, setting: ExposureSetting, start_ms: int, end_ms: int) -> W
 
 
 def pair(trigger: int, left: ExposureSetting, right: ExposureSetting) -> StereoPair:
-    return StereoPair(trigger, *(Frame(np.zeros((2, 2), np.uint8), 8, 0, 0, 0, 0, each) for each in (left, right)))
+    black = np.zeros((2, 2), np.uint8)
+    settings = zip(SIDES, (left, right), strict=True)
+    return StereoPair(trigger, {side: Frame(black, 8, 0, 0, 0, 0, setting) for side, setting in settings})
 
 
 def test_a_write_between_two_exposures_is_in_time() -> None:

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.exposure import ExposureSetting
-from drivers.frames import Frame, Side, StereoPair
+from drivers.frames import SIDES, Frame, Side, StereoPair
 from drivers.rig.events import Written
 from drivers.triggers.grid import TriggerGrid
 from drivers.triggers.window import (
@@ -88,7 +88,7 @@ def outcome(write_ms: tuple[float, float], triggers: int, seed: int, seldom_ms: 
             at_ns, camera, node, value = writes.popleft()
             camera.now_ns = at_ns
             camera.features.set(node, value)
-        pair = StereoPair(trigger, *(camera.frame(trigger) for camera in cameras))
+        pair = StereoPair(trigger, {side: camera.frame(trigger) for side, camera in zip(SIDES, cameras, strict=True)})
         if ledger.mismatched(pair) and trigger > 2:  # before that the setting is not one that was written
             seen.mismatched += 1
             seen.unexplained += not ledger.explains(pair)

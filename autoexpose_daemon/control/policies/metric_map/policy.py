@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import ClassVar
 
 import numpy as np
@@ -19,6 +20,7 @@ from autoexpose_daemon.control.policies.metric_map.view import DELTAS, FEWER_DEL
 from autoexpose_daemon.control.policy import Observation, Target
 from calibration.response import ResponseFunction
 from drivers.exposure import ExposureLimits
+from drivers.frames import Side
 
 BIN = 0.25
 """Stops between the levels that are compared."""
@@ -77,19 +79,20 @@ class MetricMap:
     densities: list[float]
     motion_px: float
 
-    def __init__(self, response: ResponseFunction, metric: GradientMetric, balance: Balance) -> None:
+    def __init__(self, responses: Mapping[Side, ResponseFunction], metric: GradientMetric, balance: Balance) -> None:
         self.balance = balance
-        self._response = response
-        left, right = (DELTAS, FEWER_DELTAS) if metric.native else (FEWER_DELTAS, FEWEST_DELTAS)
+        reference, other = (DELTAS, FEWER_DELTAS) if metric.native else (FEWER_DELTAS, FEWEST_DELTAS)
         self.shortfall = (
             None
             if metric.native
-            else f"the C extension is not built: predicts {len(left)} and {len(right)} exposures of the left and right "
-            f"image, not {len(DELTAS)} and {len(FEWER_DELTAS)}, to stay inside a third of the frame period"
+            else f"the C extension is not built: predicts {len(reference)} and {len(other)} exposures of the left and "
+            f"right image, not {len(DELTAS)} and {len(FEWER_DELTAS)}, to stay inside a third of the frame period"
         )
-        self._left = Viewer(response, metric, list(left))
-        self._right = Viewer(response, metric, list(right))
-        self.registration = Registration(response)
+        self._viewers = {
+            side: (Viewer(response, metric, list(reference)), Viewer(response, metric, list(other)))
+            for side, response in responses.items()
+        }
+        self.registration = Registration(responses)
         self.forecast = Forecast()
         self.latency = Latency()
         self.memory = MetricMemory()
@@ -104,22 +107,23 @@ class MetricMap:
         self.latency.see(level)
         views = self._views(observation)
         change = self._remember(observation, views)
-        target = self._jump(level, views) or self._best(observation, change)
+        target = self._jump(observation, views) or self._best(observation, change)
         self.target = observation.limits.clamp_level(target.level)
         self.latency.decide(self.target)
         return target
 
     def _views(self, observation: Observation) -> tuple[View, ...]:
-        left = self._left.view(observation.image, observation.weights)
-        if observation.right_image is None:
-            return (left,)
-        return left, self._right.view(observation.right_image, observation.right_weights)
+        """The reference camera's, predicted at more exposures, and the others'."""
+        return tuple(
+            self._viewers[look.side][place > 0].view(look.image, look.weights)
+            for place, look in enumerate(observation.looks)
+        )
 
     def _remember(self, observation: Observation, views: tuple[View, ...]) -> float:
         """Take the frame into the map; returns by how much the light has risen since the last one, stops."""
         level = observation.setting.level
         level_change = level - self.registration.previous_level
-        light = self.registration.change(observation.image, level, observation.weights)
+        light = self.registration.change(observation.looks[0], level)
         change = light.stops if light else 0.0
         self.forecast.add(change)
         # What was seen before an unmeasured change either still fits, or is contradicted and dropped.
@@ -136,9 +140,10 @@ class MetricMap:
             self.densities[camera] = max(DENSITY_DECAY * self.densities[camera], density, LEAST_DENSITY)
         return change
 
-    def _jump(self, level: float, views: tuple[View, ...]) -> Target | None:
+    def _jump(self, observation: Observation, views: tuple[View, ...]) -> Target | None:
         """Out of the dark, where nothing brighter has been seen yet; None when this is not so."""
-        jump = dark_jump(min(view.signal for view in views), self._response)
+        level = observation.setting.level
+        jump = max(dark_jump(view.signal, look.response) for view, look in zip(views, observation.looks, strict=True))
         if jump == 0 or self.memory.highest().level > level + 1.0:
             return None
         target = level + jump

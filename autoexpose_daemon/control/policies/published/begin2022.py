@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import ClassVar
 
 from autoexpose_daemon.control.balance import Balance
@@ -11,6 +12,7 @@ from autoexpose_daemon.control.search.optimum import PolynomialFit
 from autoexpose_daemon.control.search.predicted_curve import PredictedCurve
 from calibration.response import ResponseFunction
 from calibration.response.prediction import prediction_tables
+from drivers.frames import Side
 
 DELTA_LEVELS = (-2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0)
 """Changes of level that are predicted, stops: where the seven samples of algorithm 1, step 1, lie."""
@@ -40,14 +42,17 @@ class Begin2022:
 
     STATE: ClassVar[tuple[str, ...]] = ()
 
-    def __init__(self, response: ResponseFunction, metric: GradientMetric, balance: Balance) -> None:
+    def __init__(self, responses: Mapping[Side, ResponseFunction], metric: GradientMetric, balance: Balance) -> None:
         self.balance = balance
         self._fit = PolynomialFit(DELTA_LEVELS, DEGREE)
-        self._curve = PredictedCurve(metric, prediction_tables(response, DELTA_LEVELS), DELTA_LEVELS.index(0.0))
+        self._curves = {
+            side: PredictedCurve(metric, prediction_tables(response, DELTA_LEVELS), DELTA_LEVELS.index(0.0))
+            for side, response in responses.items()
+        }
 
     def decide(self, observation: Observation) -> Target:
         """The level that promises most, relative to the level of this frame."""
-        metrics = self._curve.measure(observation)
+        metrics = self._curves[observation.side].measure(observation)
         best = self._fit.maximum(metrics)
         beyond = gain_ratio(observation) >= RATIO_THRESHOLD
         delta_level = best.position * (STEP_FACTOR if beyond else 1.0)

@@ -9,7 +9,6 @@ from typing import ClassVar, Literal
 from autoexpose_daemon.control.balance import Balance
 from autoexpose_daemon.control.metrics.gradient import mean_signal
 from autoexpose_daemon.control.policy import Observation, Target
-from calibration.response import ResponseFunction
 from drivers.errors import ConfigurationError
 
 DESIRED_BRIGHTNESS = 0.5
@@ -42,7 +41,6 @@ class Majer2018:
     STATE: ClassVar[tuple[str, ...]] = ("frames", "level")
 
     region: Literal["top_half", "full"]
-    response: ResponseFunction
     balance: Balance
     frames: int = 0
     level: float | None = None
@@ -57,7 +55,7 @@ class Majer2018:
         weights = None if observation.weights is None else observation.weights[:rows]
         if weights is not None and not weights.any():
             raise ConfigurationError("control.roi leaves nothing of the top half, the part that this policy looks at")
-        brightness = max(mean_signal(observation.image[:rows], self.response, weights), SMALLEST_SIGNAL)
+        brightness = max(mean_signal(observation.image[:rows], observation.looks[0].response, weights), SMALLEST_SIGNAL)
         factor = 1 + CONTROL_GAIN * (DESIRED_BRIGHTNESS / brightness - 1)
         self.level = observation.limits.clamp_level(observation.setting.level + math.log2(factor))
         where = "top half" if self.region == "top_half" else "image"

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import ClassVar
 
 from autoexpose_daemon.control.balance import Balance
 from autoexpose_daemon.control.metrics.gradient_statistics import SoftPercentile
 from autoexpose_daemon.control.policy import Observation, Target
 from calibration.response import ResponseFunction
+from drivers.frames import Side
 
 ASCENT_RATE = 0.25
 """Stops per (1/stop) of relative slope, d ln M / dE. The authors look their rate up by irradiance, since their slope
@@ -34,13 +36,13 @@ class Zhang2017:
 
     STATE: ClassVar[tuple[str, ...]] = ()
 
-    def __init__(self, response: ResponseFunction, balance: Balance) -> None:
+    def __init__(self, responses: Mapping[Side, ResponseFunction], balance: Balance) -> None:
         self.balance = balance
-        self._percentile = SoftPercentile(response)
+        self._percentiles = {side: SoftPercentile(response) for side, response in responses.items()}
 
     def decide(self, observation: Observation) -> Target:
         """One step of gradient ascent from the level of this frame."""
-        value, slope = self._percentile.derivative(observation.image, observation.weights)
+        value, slope = self._percentiles[observation.side].derivative(observation.image, observation.weights)
         if value == 0 or observation.saturated_share > SATURATED_SHARE:
             wish = math.log2(DESIRED_MEAN / max(observation.mean, SMALLEST_SIGNAL))
             reason = "mean towards half scale: no percentile to climb"
