@@ -210,7 +210,7 @@ def published(data: bytes) -> None:
         if pair is not None:
             queue.put(pair)
             taken = queue.take()
-            for frame in taken.stereo.frames:
+            for frame in taken.stereo.frames.values():
                 frame.grey8().mean()
                 str(frame.setting)
             History().add(0.0, taken.left.setting, taken.decision)
