@@ -26,7 +26,7 @@ from drivers.camera import IncompleteFrame
 from drivers.errors import AutoexposeError
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Frame, Side, StereoPair
-from drivers.log_throttle import Seldom
+from drivers.log_throttle import LogThrottle
 from drivers.rig.events import (
     CameraGone,
     CameraReady,
@@ -114,7 +114,7 @@ class RigControl:
         self._window = WriteWindow()
         self._last_trigger = -1
         self._write_again = False
-        self._seldom = Seldom(_SILENCE_SAID_S)
+        self._throttle = LogThrottle(_SILENCE_SAID_S)
 
     @property
     def tally(self) -> Tally:
@@ -193,7 +193,7 @@ class RigControl:
                 self._frame_watch.frame(side, frame)
                 return self._account.frame(side, frame)
             case CameraSilent(side):
-                if self._seldom.due(side, self._now_ns()):
+                if self._throttle.due(side, self._now_ns()):
                     log.warning("%s camera: no frames; asking whether it is there", side)
                 self._frame_watch.silent(side)
                 return self._account.silent(side)
@@ -217,8 +217,8 @@ class RigControl:
             self.telemetry.counts.reconnects += 1
         self._complaints.end(side, GONE)
         log.info("%s camera: %s %s %s, ready", side, camera.vendor, camera.model, camera.serial)
-        for lack in camera.lacks:
-            log.warning("%s camera %s: %s", side, camera.serial, lack)
+        for limitation in camera.limitations:
+            log.warning("%s camera %s: %s", side, camera.serial, limitation)
         self.telemetry.cameras[side] = f"{camera.model} {camera.serial}"
         self._limits[side] = event.limits
         self._pixel_formats[side] = camera.pixel_format
