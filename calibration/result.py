@@ -36,7 +36,7 @@ class Result:
     findings
         Reasons not to believe it.
     notes
-        What the camera lacks, in words.
+        The camera's limitations, in words.
     solution, agreement
         The response, and how it predicts the sweep's own images from each other; None when the sweep gives none.
     noise, latency

@@ -19,12 +19,12 @@ class IncompleteFrame:
 
 @dataclass(frozen=True, slots=True)
 class CameraDescription:
-    """Who a camera is, the PixelFormat it sends, and what it lacks, each lack in words a user understands."""
+    """Who a camera is, the PixelFormat it sends, and its limitations, in words for the user."""
 
     vendor: str
     model: str
     serial: str
-    lacks: tuple[str, ...] = ()
+    limitations: tuple[str, ...] = ()
     pixel_format: str | None = None
 
 

@@ -23,7 +23,7 @@ from autoexpose_daemon.client.pairs import PairAssembler, PairQueue, ReceivedPai
 from autoexpose_daemon.messages.read import DamagedMessageError
 from autoexpose_daemon.publish.keys import CONSUMER_NAME, LOOPBACK, all_of_rig, check_rig_name, consumer_key, last_but
 from autoexpose_daemon.publish.session import LARGEST_MESSAGE_BYTES, Endpoints, SessionError, open_as_consumer
-from autoexpose_daemon.publish.tally import ConsumerTally
+from autoexpose_daemon.status.publishing import ConsumerTally
 from drivers.errors import ConfigurationError
 from drivers.frames import Side
 

@@ -15,7 +15,7 @@ from autoexpose_daemon.demo.options import DemoOptions
 from autoexpose_daemon.demo.record import Recorder
 from autoexpose_daemon.demo.report import LightStep, delay_frames, light_settings
 from autoexpose_daemon.runtime.daemon import Daemon
-from autoexpose_daemon.status.panel import lost_in_words
+from autoexpose_daemon.status.losses import lost_in_words
 
 _TRANSPORTS = {"gige": "GigE Vision", "usb3": "USB3 Vision"}
 _DURATIONS = (
@@ -60,10 +60,10 @@ def figures(run: Run, steps: Sequence[LightStep]) -> dict[str, Any]:
             "overruns": sum(camera.overruns for camera in run.cameras),
             "cpu_percent": [round(100 * camera.cpu_s / run.took_s, 1) for camera in run.cameras],
         },
-        "undecided_pairs": telemetry.undecided_pairs,
-        "mismatched_pairs": telemetry.mismatched_pairs,
-        "unexplained_mismatches": telemetry.unexplained_mismatches,
-        "late_writes": telemetry.late_writes,
+        "pairs_without_decision": telemetry.counts.pairs_without_decision,
+        "mismatched_pairs": telemetry.counts.mismatched_pairs,
+        "unexplained_mismatches": telemetry.counts.unexplained_mismatches,
+        "late_writes": telemetry.counts.late_writes,
         "steps": [_step_as_json(step) for step in steps],
         "settings": [asdict(setting) for setting in light_settings(run.pulses, run.recorder.steps)],
         **{field: getattr(telemetry, field).percentiles() for field, _, _ in _DURATIONS},
@@ -100,7 +100,7 @@ def _rows(figures: Mapping[str, Any], steps: Sequence[LightStep]) -> Iterator[tu
     pairs = f"{figures['pairs']} stereo pairs in {figures['seconds']:.1f} s, {figures['fps']:.1f} per second"
     yield "seen", f"{pairs}, from two fake {_TRANSPORTS[figures['transport']]} cameras"
     yield "lost", f"{_lost(figures)}; of {figures['triggers']} triggers on the cameras' wire"
-    yield from _oddities(figures)
+    yield from _anomalies(figures)
     if figures["published"] is not None:
         yield "published", f"{figures['published']} stereo pairs, for other processes"
     for key, name, meaning in _DURATIONS:
@@ -113,12 +113,12 @@ def _rows(figures: Mapping[str, Any], steps: Sequence[LightStep]) -> Iterator[tu
     yield "this machine", f"{figures['reference_step_ms']:.1f} ms for a step of the published algorithm; {made}"
 
 
-def _oddities(figures: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+def _anomalies(figures: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     if figures["mismatched_pairs"]:
         late = f"{_count(figures['late_writes'], 'write')} came too late for their frame"
         yield "mixed", f"{_count(figures['mismatched_pairs'], 'pair')} with different settings left and right: {late}"
-    if figures["undecided_pairs"]:
-        yield "skipped", f"{_count(figures['undecided_pairs'], 'pair')} without a decision, for a newer one was there"
+    if skipped := figures["pairs_without_decision"]:
+        yield "skipped", f"{_count(skipped, 'pair')}, because a newer one was already there"
 
 
 def _count(number: int, noun: str) -> str:

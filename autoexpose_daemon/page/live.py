@@ -12,6 +12,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from autoexpose_daemon.client.status_client import StatusClient
 from autoexpose_daemon.page.history import LENGTH_S, History
 from autoexpose_daemon.page.pair_views import PairViews
+from autoexpose_daemon.page.tables import tables
 
 NUMBERS_PERIOD_S = 0.5
 
@@ -46,12 +47,14 @@ async def _send_numbers(socket: WebSocket, client: StatusClient, views: PairView
     while True:
         rows = history.since(since_s)
         since_s = rows[-1][0] if rows else since_s
+        status = client.status
         numbers: dict[str, Any] = {
             "rig": views.rig,
             "now_s": time.monotonic(),
             "silent_s": client.silent_s,
             "trouble": client.trouble,
-            "status": client.status,
+            "status": status,
+            "tables": None if status is None else tables(status),
             "curve": views.curve,
             "history": rows,
         }

@@ -9,9 +9,10 @@ from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metri
 from prometheus_client.exposition import CONTENT_TYPE_PLAIN_0_0_4, generate_latest
 from prometheus_client.registry import Collector
 
-from autoexpose_daemon.publish.tally import DropReason
+from autoexpose_daemon.status.counters import counters
 from autoexpose_daemon.status.document import CameraStatus, Durations, PublishStatus, RecorderStatus, Status
 from autoexpose_daemon.status.durations import DURATIONS
+from autoexpose_daemon.status.publishing import DropReason
 from autoexpose_daemon.status.states import State
 from drivers.exposure import ExposureSetting
 from drivers.triggers.account import LossReason
@@ -83,29 +84,15 @@ class _Collector(Collector):
             yield self._gauge(name, help_text, known, "side")
 
     def _counts(self, status: Status) -> Iterator[Metric]:
-        for name, help_text, count in (
-            ("pairs", "Triggers that made a stereo pair.", status.pairs),
-            ("surplus_frames", "Frames that came between the triggers.", status.surplus_frames),
-            ("undecided_pairs", "Pairs that control had no time for.", status.undecided_pairs),
-            ("mismatched_pairs", "Pairs not taken with one and the same setting.", status.mismatched_pairs),
-            ("unexplained_mismatches", "Those of them without a late write.", status.unexplained_mismatches),
-            ("late_writes", "Settings that missed their exposure.", status.late_writes),
-            ("refused_writes", "Settings that a camera refused.", status.refused_writes),
-            ("clipped_writes", "Settings of which a camera took something else.", status.clipped_writes),
-            ("astray_frames", "Frames taken with a setting that was not written.", status.astray_frames),
-            ("untold_frames", "Frames that no longer said how they were taken.", status.untold_frames),
-            ("clock_jumps", "Jumps of a camera's clock.", status.clock_jumps),
-            ("reconnects", "Cameras that were lost and came back.", status.reconnects),
-        ):
-            yield self._counter(name, help_text, [((), count)])
+        for counter, count in counters(status.counts):
+            yield self._counter(counter.name, counter.meaning, [((), count)])
         lost = _of_all(LossReason, status.lost)
         yield self._counter("lost_triggers", "Triggers that made no pair.", lost, "reason")
-        clamped = _of_all(("darkest", "brightest"), status.clamped_decisions)
-        yield self._counter("clamped_decisions", "Decisions that a bound held back.", clamped, "limit")
 
     def _durations(self, status: Status) -> Iterator[Metric]:
         for duration in DURATIONS:
-            yield self._summary(f"{duration.metric}_seconds", duration.meaning, getattr(status, duration.field))
+            name = f"{duration.field.removesuffix('_ms')}_seconds"
+            yield self._summary(name, duration.meaning, getattr(status, duration.field))
 
     def _publishing(self, publishing: PublishStatus) -> Iterator[Metric]:
         yield self._counter("published_pairs", "Pairs sent to other processes.", [((), publishing.sent)])

@@ -20,7 +20,7 @@ from autoexpose_daemon.messages.write import TOPICS, MessageWriter, realtime_off
 from autoexpose_daemon.publish.keys import CONSUMER_NAME, consumer_key, frame_key, last_but
 from autoexpose_daemon.publish.ros2_keys import Attachments, Ros2Node
 from autoexpose_daemon.publish.session import Endpoints, SessionError, open_as_publisher
-from autoexpose_daemon.publish.tally import LARGEST_REPORT_BYTES, ConsumerTally, DropReason, PublishTally
+from autoexpose_daemon.status.publishing import LARGEST_REPORT_BYTES, ConsumerTally, DropReason, PublishTally
 from drivers.frames import Side, StereoPair
 
 log = logging.getLogger(__name__)

@@ -24,7 +24,7 @@ from autoexpose_daemon.control.snapshot import Plain
 from autoexpose_daemon.recording.file import RecordingFile
 from autoexpose_daemon.recording.step import RecordingError, Step
 from drivers.frames import StereoPair
-from drivers.log_throttle import Seldom
+from drivers.log_throttle import LogThrottle
 
 log = logging.getLogger(__name__)
 
@@ -71,7 +71,7 @@ class Recorder(ABC):
         self._room = room
         self._queue: queue.SimpleQueue[Entry | None] = queue.SimpleQueue()  # its `put` never waits; None: the end
         self._dropped_said = 0
-        self._seldom = Seldom(_SAID_S)
+        self._throttle = LogThrottle(_SAID_S)
         self._setup: ControlSetup | None = None
         self._snapshot_ns = 0
         self._thread = threading.Thread(target=self._run, name="recorder")
@@ -95,7 +95,7 @@ class Recorder(ABC):
             self._setup = None  # have a snapshot with the next step, so that a replay can go on from there
             return
         now_ns, state = time.monotonic_ns(), None
-        if self.dropped > self._dropped_said and self._seldom.due("dropped", now_ns):
+        if self.dropped > self._dropped_said and self._throttle.due("dropped", now_ns):
             log.warning("the recorder dropped %d steps: the disk did not keep up", self.dropped - self._dropped_said)
             self._dropped_said = self.dropped
         if loop.setup is not self._setup or now_ns - self._snapshot_ns >= SNAPSHOT_NS:

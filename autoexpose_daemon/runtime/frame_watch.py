@@ -51,16 +51,16 @@ class FrameWatch:
         self._complaints.end(side, "incomplete")
         jump_s = self._jumps.frame(side, frame)
         if jump_s:
-            self._telemetry.clock_jumps += 1
+            self._telemetry.counts.clock_jumps += 1
             log.warning("%s camera: its clock jumped by %+.1f s; its frames keep their place", side, jump_s)
         self._complaints.judge(side, "rate", self._rates.frame(side, frame))
         self._complaints.judge(side, "effect", self._effects.frame(side, frame))
-        self._telemetry.astray_frames = self._effects.astray_frames
+        self._telemetry.counts.frames_off_setting = self._effects.frames_off_setting
         if frame.setting_source == "chunk":
             self._telling.add(side)
             self._complaints.end(side, "untold")
         elif side in self._telling:
-            self._telemetry.untold_frames += 1
+            self._telemetry.counts.frames_without_exposure_metadata += 1
             self._complaints.begin(side, "untold", _UNTOLD)
 
     def incomplete(self, side: Side) -> None:

@@ -18,11 +18,11 @@ from calibration.response.file import ResponseFile
 from calibration.response.refinement import refine
 from drivers.errors import ConfigurationError
 from drivers.frames import Side, StereoPair
-from drivers.log_throttle import Seldom
+from drivers.log_throttle import LogThrottle
 
 log = logging.getLogger(__name__)
 
-_SELDOM = Seldom(600.0)  # in changing light there is an attempt every second or so
+_THROTTLE = LogThrottle(600.0)  # in changing light there is an attempt every second or so
 
 DOUBTFUL_GREY = 3.0
 """Misfit (grey levels rms) from which a response is doubted: a good one misses by half a grey level."""
@@ -119,9 +119,9 @@ def _refine(side: Side, calibrated: Path, response: ResponseFunction, changes: l
         replace(file, response=better, origin=origin, model="free", parameters={}, residual_grey=after).save(part)
         part.replace(path)
     except (ConfigurationError, OSError) as error:
-        if _SELDOM.due((path, "failed"), time.monotonic_ns()):
+        if _THROTTLE.due((path, "failed"), time.monotonic_ns()):
             log.warning("%s camera: no refined response is kept: %s", side, error)
         return
-    if not _SELDOM.due((path, "refined"), time.monotonic_ns()):
+    if not _THROTTLE.due((path, "refined"), time.monotonic_ns()):
         return
     log.info("%s camera: %s refined: off by %.1f grey levels rms, was %.1f", side, path, after, before)

@@ -26,7 +26,7 @@ from drivers.camera import IncompleteFrame
 from drivers.errors import AutoexposeError
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Frame, Side, StereoPair
-from drivers.log_throttle import Seldom
+from drivers.log_throttle import LogThrottle
 from drivers.rig.events import (
     CameraGone,
     CameraReady,
@@ -114,7 +114,7 @@ class RigControl:
         self._window = WriteWindow()
         self._last_trigger = -1
         self._write_again = False
-        self._seldom = Seldom(_SILENCE_SAID_S)
+        self._throttle = LogThrottle(_SILENCE_SAID_S)
 
     @property
     def tally(self) -> Tally:
@@ -166,7 +166,7 @@ class RigControl:
             newest = max(pairs, key=lambda pair: (pair.trigger, len(pair.frames)))
             for pair in pairs:
                 if pair.trigger != newest.trigger and len(pair.frames) == len(self._config.sides):
-                    self.telemetry.undecided_pairs += 1
+                    self.telemetry.counts.pairs_without_decision += 1
                     self._deliver(pair, None)
             if newest.trigger > self._last_trigger:  # a pair may come after one of its frames was used alone
                 self._last_trigger = newest.trigger
@@ -193,7 +193,7 @@ class RigControl:
                 self._frame_watch.frame(side, frame)
                 return self._account.frame(side, frame)
             case CameraSilent(side):
-                if self._seldom.due(side, self._now_ns()):
+                if self._throttle.due(side, self._now_ns()):
                     log.warning("%s camera: no frames; asking whether it is there", side)
                 self._frame_watch.silent(side)
                 return self._account.silent(side)
@@ -205,7 +205,7 @@ class RigControl:
             case Written():
                 self._on_written(event)
             case WriteFailed(side, asked, error):
-                self.telemetry.refused_writes += 1
+                self.telemetry.counts.refused_writes += 1
                 self._write_again = True
                 self._frame_watch.refused(side)
                 self._complaints.begin(side, "refused", f"{asked} was refused: {error}")
@@ -214,11 +214,11 @@ class RigControl:
     def _on_ready(self, event: CameraReady) -> None:
         side, camera = event.side, event.description
         if side in self._limits:
-            self.telemetry.reconnects += 1
+            self.telemetry.counts.reconnects += 1
         self._complaints.end(side, GONE)
         log.info("%s camera: %s %s %s, ready", side, camera.vendor, camera.model, camera.serial)
-        for lack in camera.lacks:
-            log.warning("%s camera %s: %s", side, camera.serial, lack)
+        for limitation in camera.limitations:
+            log.warning("%s camera %s: %s", side, camera.serial, limitation)
         self.telemetry.cameras[side] = f"{camera.model} {camera.serial}"
         self._limits[side] = event.limits
         self._pixel_formats[side] = camera.pixel_format
@@ -251,7 +251,7 @@ class RigControl:
 
     def _on_written(self, event: Written) -> None:
         self._ledger.written(event, self._account.grid)
-        self.telemetry.late_writes = self._ledger.late
+        self.telemetry.counts.late_writes = self._ledger.late
         if (command := self._way.written(event)) is not None and not command.held:
             self._window.took(event.finished_ns - command.decided_ns)
         self._frame_watch.written(event.side, event.read_back, event.finished_ns)
@@ -259,7 +259,7 @@ class RigControl:
         if event.read_back.agrees_with(event.asked):
             self._complaints.end(event.side, "clipped")
         else:
-            self.telemetry.clipped_writes += 1
+            self.telemetry.counts.adjusted_writes += 1
             taken = f"{event.asked} was asked for, the camera took {event.read_back}"
             self._complaints.begin(event.side, "clipped", taken)
 
@@ -290,8 +290,8 @@ class RigControl:
             if (effect_ns := self._effects.shown(side, frame)) is not None:
                 self.telemetry.command_to_effect_ms.add_ns(effect_ns)
         if self._ledger.mismatched(pair):
-            self.telemetry.mismatched_pairs += 1
-            self.telemetry.unexplained_mismatches += not self._ledger.explains(pair)
+            self.telemetry.counts.mismatched_pairs += 1
+            self.telemetry.counts.unexplained_mismatches += not self._ledger.explains(pair)
         self._drift.see(pair)
         self.telemetry.drift_grey, self.telemetry.misfits = self._drift.residual_grey, self._drift.misfits
         if self._observer is not None:
@@ -301,6 +301,6 @@ class RigControl:
 
     def _publish_tally(self) -> None:
         tally = self._account.tally
-        self.telemetry.pairs = tally.pairs
+        self.telemetry.counts.pairs = tally.pairs
         self.telemetry.lost = dict(tally.lost)
-        self.telemetry.surplus_frames = tally.surplus_frames
+        self.telemetry.counts.surplus_frames = tally.surplus_frames

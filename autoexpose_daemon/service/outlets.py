@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Self
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.publish.keys import response_key, status_key
-from autoexpose_daemon.publish.tally import PublishTally
 from autoexpose_daemon.runtime.daemon import Daemon
 from autoexpose_daemon.status.describe import describe
 from autoexpose_daemon.status.document import response_to_json
+from autoexpose_daemon.status.publishing import PublishTally
 from drivers.frames import StereoPair
 
 if TYPE_CHECKING:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.config.publish import PublishConfig
-from autoexpose_daemon.publish.tally import PublishTally
 from autoexpose_daemon.status.document import VERSION, CameraStatus, Durations, PublishStatus, RecorderStatus, Status
 from autoexpose_daemon.status.durations import DURATIONS
 from autoexpose_daemon.status.fault_log import fault_log
+from autoexpose_daemon.status.publishing import PublishTally
 from autoexpose_daemon.status.states import Expectation, Health, judge
 from autoexpose_daemon.status.telemetry import GONE, Telemetry
 from autoexpose_daemon.status.telemetry import Durations as Measured
@@ -43,20 +44,8 @@ def describe(telemetry: Telemetry, config: Config, ending: bool = False) -> Stat
         reasons=health.reasons,
         cameras={side: _camera(telemetry, side) for side in config.sides},
         rate_hz=round(telemetry.rate_hz(now_ns), 3),
-        pairs=telemetry.pairs,
+        counts=replace(telemetry.counts),
         lost={str(reason): count for reason, count in list(telemetry.lost.items()) if count},
-        surplus_frames=telemetry.surplus_frames,
-        undecided_pairs=telemetry.undecided_pairs,
-        mismatched_pairs=telemetry.mismatched_pairs,
-        unexplained_mismatches=telemetry.unexplained_mismatches,
-        late_writes=telemetry.late_writes,
-        refused_writes=telemetry.refused_writes,
-        clipped_writes=telemetry.clipped_writes,
-        astray_frames=telemetry.astray_frames,
-        untold_frames=telemetry.untold_frames,
-        clock_jumps=telemetry.clock_jumps,
-        clamped_decisions=dict(list(telemetry.clamped_decisions.items())),
-        reconnects=telemetry.reconnects,
         decision=telemetry.decision,
         **{duration.field: _durations(getattr(telemetry, duration.field)) for duration in DURATIONS},
         publishing=None if telemetry.publishing is None else _publishing(telemetry.publishing, now_ns),

@@ -10,7 +10,8 @@ from typing import Annotated
 from pydantic import AfterValidator, Field, TypeAdapter, ValidationError
 
 from autoexpose_daemon.control.decision import Decision
-from autoexpose_daemon.publish.tally import ConsumerTally, Count
+from autoexpose_daemon.status.counters import Count, Counts
+from autoexpose_daemon.status.publishing import ConsumerTally
 from autoexpose_daemon.status.states import Health, State
 from calibration.response import ResponseFunction
 from drivers.errors import ConfigurationError
@@ -136,25 +137,10 @@ class Status:
         Every camera of the configuration.
     rate_hz
         Complete pairs per second at present.
-    pairs, lost
-        Triggers that made a pair, and those that did not, by reason (docs/account.md).
-    surplus_frames
-        Frames that came between the triggers.
-    undecided_pairs
-        Pairs that control had no time for.
-    mismatched_pairs, unexplained_mismatches
-        Pairs taken with a setting that was not one and the same, and those of them without a late write to explain it.
-    late_writes, refused_writes, clipped_writes
-        Settings that missed their exposure, writes that a camera refused, and those of which it took something else.
-    astray_frames, untold_frames
-        Frames taken with a setting that was not written, and those that did not say how they were taken although the
-        camera's frames did before.
-    clock_jumps
-        How often the clock of a camera jumped.
-    clamped_decisions
-        Decisions that the bounds held back, by the bound: `darkest` or `brightest`.
-    reconnects
-        Cameras that were lost and came back.
+    counts
+        See `Counts`.
+    lost
+        Triggers that made no pair, by reason (docs/account.md).
     decision
         The newest; its `setting` is what was last asked for. None before the first.
     pairing_ms, decision_ms, held_ms, write_ms, frame_to_node_ms, command_to_effect_ms
@@ -177,20 +163,8 @@ class Status:
     reasons: Annotated[tuple[str, ...], _Few]
     cameras: dict[Side, CameraStatus]
     rate_hz: _Hertz
-    pairs: Count
+    counts: Counts
     lost: _Counts
-    surplus_frames: Count
-    undecided_pairs: Count
-    mismatched_pairs: Count
-    unexplained_mismatches: Count
-    late_writes: Count
-    refused_writes: Count
-    clipped_writes: Count
-    astray_frames: Count
-    untold_frames: Count
-    clock_jumps: Count
-    clamped_decisions: _Counts
-    reconnects: Count
     decision: Annotated[Decision, AfterValidator(lambda decision: _takes_time(decision.setting) and decision)] | None
     pairing_ms: Durations
     decision_ms: Durations
@@ -206,24 +180,6 @@ class Status:
     def health(self) -> Health:
         """State and reasons."""
         return Health(self.state, self.reasons)
-
-    @property
-    def oddities(self) -> dict[str, int]:
-        """What should not happen and did, in words, with its count."""
-        counts = {
-            "pairs without a decision": self.undecided_pairs,
-            "mismatched pairs": self.mismatched_pairs,
-            "mismatches without a late write": self.unexplained_mismatches,
-            "late writes": self.late_writes,
-            "refused writes": self.refused_writes,
-            "clipped writes": self.clipped_writes,
-            "frames not as written": self.astray_frames,
-            "frames that did not say how they were taken": self.untold_frames,
-            "jumps of a camera's clock": self.clock_jumps,
-            "reconnects": self.reconnects,
-            "surplus frames": self.surplus_frames,
-        }
-        return {name: count for name, count in counts.items() if count}
 
     def to_json(self) -> str:
         """As it is sent."""

@@ -7,28 +7,16 @@ from collections.abc import Iterator, Mapping
 from rich.table import Table
 from rich.text import Text
 
+from autoexpose_daemon.status.counters import anomalies
 from autoexpose_daemon.status.document import CameraStatus, Durations, PublishStatus, Status
 from autoexpose_daemon.status.durations import DURATIONS
+from autoexpose_daemon.status.losses import lost_in_words
 from autoexpose_daemon.status.states import State
 from drivers.exposure import ExposureSetting
-from drivers.triggers.account import LossReason
 
 COLOURS = {State.STARTING: "cyan", State.EXPOSING: "green", State.DEGRADED: "yellow", State.FAILED: "red"}
 _LEVELS = (4.0, 18.0)  # stops: 16 us without gain, 8 ms with 30 dB
 _BAR_WIDTH = 28
-_EDGES: dict[str, str] = {
-    LossReason.STARTUP: "before every camera was open",
-    LossReason.SHUTDOWN: "at the end",
-}
-_LOSSES: dict[str, str] = {
-    LossReason.LEFT_MISSING: "without the left frame",
-    LossReason.RIGHT_MISSING: "without the right frame",
-    LossReason.BOTH_MISSING: "without either frame",
-    LossReason.INCOMPLETE: "with an incomplete frame",
-    LossReason.TRIGGER_IGNORED: "not taken by a camera",
-    LossReason.CAMERA_GONE: "while a camera was gone",
-    LossReason.STALE: "seen too late",
-}
 
 
 def table_of(status: Status) -> Table:
@@ -57,14 +45,14 @@ def duration_text(seconds: float) -> str:
 
 def line_of(status: Status) -> str:
     """The moment in one line."""
-    parts = [f"{status.rate_hz:.1f} pairs/s", f"{status.pairs} pairs", f"lost: {_counts(status.lost)}"]
+    parts = [f"{status.rate_hz:.1f} pairs/s", f"{status.counts.pairs} pairs", f"lost: {_counts(status.lost)}"]
     applied = _applied(status)
     if applied is not None:
         parts.append(f"{applied} (E {applied.level:.2f})")
     if status.decision is not None:
         parts.append(f"metric {status.decision.metric:.4f}")
     parts += [f"{name} {text}" for name, text in _responses(status)]
-    parts += [f"{count} {name}" for name, count in status.oddities.items()]
+    parts += [f"{count} {counter.label}" for counter, count in anomalies(status.counts)]
     parts += [f"{name} {text}" for name, text in _outlets(status)]
     if status.frame_to_node_ms.p50_ms is not None:
         parts.append(f"frame to node {status.frame_to_node_ms.p50_ms:.1f}/{status.frame_to_node_ms.p99_ms:.1f} ms")
@@ -74,9 +62,9 @@ def line_of(status: Status) -> str:
 def _rows(status: Status) -> Iterator[tuple[str, str]]:
     absent = "not open yet" if status.state is State.STARTING else "gone"
     yield from ((f"{side} camera", _camera(camera, absent)) for side, camera in status.cameras.items())
-    yield "pairs", f"{status.pairs}   {status.rate_hz:.1f} per second   for {duration_text(status.open_s)}"
+    yield "pairs", f"{status.counts.pairs}   {status.rate_hz:.1f} per second   for {duration_text(status.open_s)}"
     yield "lost", lost_in_words(status.lost)
-    yield from ((name, str(count)) for name, count in status.oddities.items())
+    yield from ((counter.label, str(count)) for counter, count in anomalies(status.counts))
     applied = _applied(status)
     if applied is not None:
         yield "level E", f"{applied.level:.2f} stops  {_bar(applied.level)}"
@@ -88,13 +76,6 @@ def _rows(status: Status) -> Iterator[tuple[str, str]]:
     yield from _outlets(status)
     for duration in DURATIONS:
         yield from ((duration.label, text) for text in _percentiles(getattr(status, duration.field)))
-
-
-def lost_in_words(lost: Mapping[str, int], note: str = "") -> str:
-    """Losses by reason; apart from them the triggers that a start and an end cost, which are nothing to look into."""
-    while_running = [f"{count} {_LOSSES.get(reason, reason)}" for reason, count in lost.items() if reason not in _EDGES]
-    edges = [f"{lost[reason]} {words}" for reason, words in _EDGES.items() if lost.get(reason)]
-    return "; ".join([(", ".join(while_running) or "none") + note, *([", ".join(edges)] if edges else [])])
 
 
 def _camera(camera: CameraStatus, absent: str) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter, deque
+from collections import deque
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.decision import Decision
-from autoexpose_daemon.publish.tally import PublishTally
+from autoexpose_daemon.status.counters import Counts
+from autoexpose_daemon.status.publishing import PublishTally
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Side, StereoPair
 from drivers.triggers.account import LossReason
@@ -72,20 +73,10 @@ class Telemetry:
         For each side that was tried, model and serial, or `GONE`.
     last_frame_ns, last_pair_ns
         When each camera's newest whole frame, and the newest complete pair, arrived (CLOCK_MONOTONIC).
-    undecided_pairs
-        Pairs that were passed on, but not decided on: a newer one was there before control got to them.
-    clipped_writes
-        Writes of which a camera took something else.
-    astray_frames
-        Frames that were taken with a setting that was not written; see `EffectWatch`.
-    untold_frames
-        Frames that did not say how they were taken, though the camera's frames did before.
-    clock_jumps
-        How often the clock of a camera jumped.
+    lost
+        Triggers that made no pair, by reason.
     complaints
         What is wrong with the cameras at present, in words, by camera and kind.
-    clamped_decisions
-        Decisions that the bounds held back, by the bound: `darkest` or `brightest`.
     misfits
         For each side whose calibration does not fit, why, in words.
     applied, newest
@@ -98,20 +89,8 @@ class Telemetry:
 
     opened_ns: int | None = None
     failure: str | None = None
-    pairs: int = 0
+    counts: Counts = field(default_factory=Counts)
     lost: dict[LossReason, int] = field(default_factory=dict)
-    surplus_frames: int = 0
-    undecided_pairs: int = 0
-    mismatched_pairs: int = 0
-    unexplained_mismatches: int = 0
-    late_writes: int = 0
-    refused_writes: int = 0
-    clipped_writes: int = 0
-    astray_frames: int = 0
-    untold_frames: int = 0
-    clock_jumps: int = 0
-    clamped_decisions: Counter[str] = field(default_factory=Counter)
-    reconnects: int = 0
     cameras: dict[Side, str] = field(default_factory=dict)
     last_frame_ns: dict[Side, int] = field(default_factory=dict)
     last_pair_ns: int | None = None
@@ -152,9 +131,9 @@ class Telemetry:
         """Note a decision made within limits."""
         self.decision = decision
         if decision.level <= limits.darkest.level:
-            self.clamped_decisions["darkest"] += 1
+            self.counts.decisions_at_darkest_limit += 1
         elif decision.level >= limits.brightest.level:
-            self.clamped_decisions["brightest"] += 1
+            self.counts.decisions_at_brightest_limit += 1
 
     def rate_hz(self, now_ns: int) -> float:
         """Complete pairs per second over the last of them; 0 when none came for a second."""

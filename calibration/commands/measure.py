@@ -39,7 +39,7 @@ def measure_camera(mode: CameraMode, gain_db: float, console: Console) -> Result
         datetime.now(UTC).replace(microsecond=0),
         tool(),
     )
-    return calibrate(f"camera {camera.serial}", origin, sweep, camera.lacks)
+    return calibrate(f"camera {camera.serial}", origin, sweep, camera.limitations)
 
 
 def measure_images(source: Path) -> Result:

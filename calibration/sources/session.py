@@ -31,8 +31,8 @@ def session_setup(pixel_format: PixelFormat | None = None, rate_hz: float | None
 class Session:
     """One opened camera (see `session_setup`), started now and closed by `close` or at the end of a ``with`` block.
 
-    Opening has switched off the camera's own auto exposure, auto gain and gamma, or says in `description.lacks` what
-    stands in the way. Every method may raise `CameraError`, in one sentence.
+    Opening has switched off the camera's own auto exposure, auto gain and gamma, or says in `description.limitations`
+    what stands in the way. Every method may raise `CameraError`, in one sentence.
     """
 
     def __init__(self, camera: Camera) -> None:
@@ -51,7 +51,7 @@ class Session:
 
     @property
     def description(self) -> CameraDescription:
-        """Who the camera is, and what it lacks."""
+        """Who the camera is, and its limitations."""
         return self._camera.description
 
     @property

@@ -22,7 +22,7 @@ from drivers.genicam.dialect import find_dialect, switch_auto_off
 from drivers.genicam.gamma import switch_gamma_off
 from drivers.genicam.image_format import choose_pixel_format, decode_pixels, set_binning
 from drivers.genicam.metadata import FrameIdUnwrapper, SettingLedger, enable_chunks
-from drivers.genicam.timing import timing_lacks
+from drivers.genicam.timing import timing_limitations
 from drivers.genicam.trigger import arm_trigger
 from drivers.setup import CameraSetup
 
@@ -49,14 +49,14 @@ class AravisCamera:
         pixel_format = choose_pixel_format(nodes, setup.pixel_format)
         set_binning(nodes, setup.binning)
         switch_auto_off(nodes)
-        trigger_lacks = arm_trigger(nodes, setup.trigger)
+        of_trigger = arm_trigger(nodes, setup.trigger)
         self._dialect = find_dialect(nodes)
-        gamma_lacks = switch_gamma_off(nodes)
-        self._chunk_nodes, chunk_lacks = enable_chunks(nodes, self._dialect.gain is not None)
-        self._clock, clock_lacks = find_clock(nodes)
-        timing = timing_lacks(nodes, setup.trigger)
-        lacks = (*self._dialect.lacks, *trigger_lacks, *timing, *gamma_lacks, *chunk_lacks, *clock_lacks)
-        self._description = CameraDescription(found.vendor, found.model, found.serial, lacks, pixel_format)
+        of_gamma = switch_gamma_off(nodes)
+        self._chunk_nodes, of_chunks = enable_chunks(nodes, self._dialect.gain is not None)
+        self._clock, of_clock = find_clock(nodes)
+        of_timing = timing_limitations(nodes, setup.trigger)
+        limitations = (*self._dialect.limitations, *of_trigger, *of_timing, *of_gamma, *of_chunks, *of_clock)
+        self._description = CameraDescription(found.vendor, found.model, found.serial, limitations, pixel_format)
         self._limits = self._dialect.limits(nodes)
         self._setting: ExposureSetting | None = self._dialect.read(nodes)
         self._ledger = SettingLedger(self._setting)
@@ -70,7 +70,7 @@ class AravisCamera:
 
     @property
     def description(self) -> CameraDescription:
-        """Who the camera is, and what it lacks."""
+        """Who the camera is, and its limitations."""
         return self._description
 
     @property

@@ -142,7 +142,7 @@ class JumpWatch:
 
 
 def find_clock(nodes: NodeMap) -> tuple[DeviceClock, tuple[str, ...]]:
-    """The best clock mapping that this camera allows, and what it lacks in words."""
+    """The best clock mapping that this camera allows, and its limitations in words."""
     if nodes.available("TimestampLatch") and nodes.available("TimestampLatchValue"):
         return LatchedClock(nodes, "TimestampLatch", "TimestampLatchValue", NANOSECONDS), ()
     if nodes.available("GevTimestampControlLatch") and nodes.available("GevTimestampValue"):

@@ -25,14 +25,14 @@ GAIN_ROUNDING_DB = 0.5
 
 @dataclass(frozen=True, slots=True)
 class ExposureDialect:
-    """The nodes that drive exposure time (us) and gain (dB) of one camera, and what it lacks in words.
+    """The nodes that drive exposure time (us) and gain (dB) of one camera, and its limitations in words.
 
     `gain` is None when the camera has no gain in dB: gain is then left alone and counts as 0 dB.
     """
 
     time: Quantity
     gain: Quantity | None
-    lacks: tuple[str, ...]
+    limitations: tuple[str, ...]
 
     def limits(self, nodes: NodeMap) -> ExposureLimits:
         """Bounds and increments as the camera's nodes give them now."""
@@ -96,8 +96,8 @@ def find_dialect(nodes: NodeMap) -> ExposureDialect:
     UnsupportedCameraError
         When no exposure time of a known length is offered.
     """
-    gain, lacks = _find_gain(nodes)
-    return ExposureDialect(_find_time(nodes), gain, lacks)
+    gain, limitations = _find_gain(nodes)
+    return ExposureDialect(_find_time(nodes), gain, limitations)
 
 
 def switch_auto_off(nodes: NodeMap) -> None:

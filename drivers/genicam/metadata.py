@@ -82,7 +82,7 @@ class ChunkNodes:
 
 
 def enable_chunks(nodes: NodeMap, gain_driven: bool) -> tuple[ChunkNodes | None, tuple[str, ...]]:
-    """Have each frame tell its exposure time and gain; None when the camera cannot, with the lack in words."""
+    """Have each frame tell its exposure time and gain; None when the camera cannot, with the limitation in words."""
     wanted = ("ExposureTime", "Gain") if gain_driven else ("ExposureTime",)
     try:
         if nodes.exists("ChunkSelector") and nodes.available("ChunkModeActive"):

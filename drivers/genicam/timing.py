@@ -9,7 +9,7 @@ _READOUT_NODES = ("SensorReadoutTime", "ReadoutTimeAbs")
 """Readout time in us, of cameras that tell it (Basler's names; other makes tell none)."""
 
 
-def timing_lacks(nodes: NodeMap, trigger: TriggerSetup) -> tuple[str, ...]:
+def timing_limitations(nodes: NodeMap, trigger: TriggerSetup) -> tuple[str, ...]:
     """What of the longest exposure and the readout does not fit, in words; nothing of a camera that tells no readout.
 
     The camera must have been armed: with TriggerOverlap ReadOut a frame is read out while the next one is exposed.

@@ -13,7 +13,7 @@ FIXED_RATE = "FixedRate"
 
 
 def arm_trigger(nodes: NodeMap, setup: TriggerSetup) -> tuple[str, ...]:
-    """Set the camera up to be triggered as `setup` says, and return what it lacks for that, in words.
+    """Set the camera up to be triggered as `setup` says, and return its limitations in that, in words.
 
     Raises
     ------

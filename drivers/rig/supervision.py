@@ -25,7 +25,7 @@ from drivers.errors import (
 )
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame, Side
-from drivers.log_throttle import Seldom
+from drivers.log_throttle import LogThrottle
 from drivers.rig.events import (
     CameraGone,
     CameraReady,
@@ -88,7 +88,7 @@ class Supervisor:
         self._poll_s = min(_FRAME_POLL_S, silence_s)
         self._events = events
         self._now_ns = now_ns
-        self._seldom = Seldom(_CLOCK_SAID_S)
+        self._throttle = LogThrottle(_CLOCK_SAID_S)
         self._wanted = start
         self._pending: tuple[ExposureSetting, int] | None = None
         self._camera: Camera | None = None  # while it is open and streams
@@ -248,7 +248,7 @@ class Supervisor:
         except CameraLostError:
             raise
         except CameraError as error:
-            if self._seldom.due("clock", self._now_ns()):
+            if self._throttle.due("clock", self._now_ns()):
                 log.warning("%s camera: its clock was not read: %s", self._side, error)
         self._latch_due_ns = self._now_ns() + _CLOCK_PERIOD_NS
 

@@ -30,12 +30,12 @@ class EffectWatch:
 
     Attributes
     ----------
-    astray_frames
+    frames_off_setting
         Frames, twenty or more in a row, taken with a setting that was not written within the last half second.
     """
 
     def __init__(self) -> None:
-        self.astray_frames = 0
+        self.frames_off_setting = 0
         self._cameras: dict[Side, _Camera] = {}
 
     def written(self, side: Side, read_back: ExposureSetting, time_ns: int) -> None:
@@ -57,9 +57,9 @@ class EffectWatch:
             return None
         camera.astray += 1
         if camera.astray > ASTRAY_FRAMES:
-            self.astray_frames += 1
+            self.frames_off_setting += 1
         elif camera.astray == ASTRAY_FRAMES:
-            self.astray_frames += ASTRAY_FRAMES
+            self.frames_off_setting += ASTRAY_FRAMES
             camera.trouble = (
                 f"its frames do not follow what is written: {writes[-1][1]} stands in its nodes, "
                 f"frames are taken with {frame.setting}; switch the camera off and on"

@@ -27,7 +27,7 @@ def test_a_killed_camera_leaves_the_other_at_work_and_comes_back() -> None:
             run.truths.append(truth)
             run.wait_for_pairs(30)
             assert run.daemon.tally.lost[LossReason.CAMERA_GONE] > 0
-            assert run.daemon.telemetry.reconnects == 1
+            assert run.daemon.telemetry.counts.reconnects == 1
 
 
 def test_both_cameras_gone_and_back_is_counted_by_the_clock() -> None:
@@ -35,6 +35,6 @@ def test_both_cameras_gone_and_back_is_counted_by_the_clock() -> None:
         run.wait_for_pairs(60)
         for camera in (run.left, run.right):
             camera.inject("vanish", count=60)
-        run.wait_until(lambda: run.daemon.telemetry.reconnects == 2, "both cameras back")
+        run.wait_until(lambda: run.daemon.telemetry.counts.reconnects == 2, "both cameras back")
         run.wait_for_pairs(30)
         assert run.daemon.tally.lost[LossReason.CAMERA_GONE] >= 60

@@ -21,7 +21,7 @@ import pytest
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.demo.fakes import read_pulses
 from autoexpose_daemon.runtime.tuning import Tuning
-from autoexpose_daemon.status.describe import describe
+from autoexpose_daemon.status.counters import anomalies
 from autoexpose_daemon.status.states import Expectation, judge
 from calibration.response import ResponseFunction
 from calibration.response.file import ResponseFile
@@ -38,7 +38,7 @@ NOISE = 10
 BUSY_SHARE = 0.5
 """What a busy machine spoils: some frames, writes or pairs, and fewer of them than go well."""
 BUSY = {
-    *("pairs without a decision", "late writes", "mismatched pairs"),
+    *("pairs_without_decision", "late_writes", "mismatched_pairs"),
     *("left_missing", "right_missing", "both_missing", "incomplete", "stale"),
 }
 
@@ -88,19 +88,20 @@ def wait_for_state(run: Run, *words: str) -> None:
 
 
 def counts(run: Run) -> Counter[str]:
-    status = describe(run.daemon.telemetry, run.daemon.tuning.config)
-    return Counter(status.oddities) + Counter(status.lost)
+    telemetry = run.daemon.telemetry
+    lost = {str(reason): count for reason, count in telemetry.lost.items()}
+    return Counter({counter.name: count for counter, count in anomalies(telemetry.counts)} | lost)
 
 
 @contextlib.contextmanager
 def only(run: Run, *counted: str) -> Iterator[Counter[str]]:
     """What is counted meanwhile; nothing but what is named, and all is well at the end."""
-    before, new, pairs = counts(run), Counter[str](), run.daemon.telemetry.pairs
+    before, new, pairs = counts(run), Counter[str](), run.daemon.telemetry.counts.pairs
     yield new
     wait_for_state(run, "exposing")
     run.wait_for_pairs(20)
     new.update(counts(run) - before)
-    busy = NOISE + BUSY_SHARE * (run.daemon.telemetry.pairs - pairs)
+    busy = NOISE + BUSY_SHARE * (run.daemon.telemetry.counts.pairs - pairs)
     disturbed = {name: n for name, n in new.items() if name not in counted and n > busy * (name in BUSY)}
     assert not disturbed, f"{disturbed} beside {counted}"
 
@@ -120,11 +121,11 @@ def test_trigger_stopped(run: Run) -> None:
 
 def test_trigger_doubled(run: Run) -> None:
     since = len(run.seen)
-    with only(run, "surplus frames") as new:
+    with only(run, "surplus_frames") as new:
         order(run, "double_triggers", 70)
         for side in ("left", "right"):
             wait_for_state(run, f"{side} camera: starts 120.0 frames a second where trigger.rate_hz is 60: check")
-    assert 100 <= new["surplus frames"] <= 140
+    assert 100 <= new["surplus_frames"] <= 140
     assert skews(run, since) < 0.1
 
 
@@ -178,41 +179,41 @@ def test_transfer_stalled(run: Run, caplog: pytest.LogCaptureFixture) -> None:
 
 
 def test_chunk_missing(run: Run) -> None:
-    with only(run, "frames that did not say how they were taken", "incomplete") as new:
+    with only(run, "frames_without_exposure_metadata", "incomplete") as new:
         run.left.inject("no_chunks", count=40)
         told = "all its frames arrive incomplete" if ON_USB else "its frames do not say any more how they were taken"
         wait_for_state(run, f"degraded: left camera: {told}")
-    lost = "incomplete" if ON_USB else "frames that did not say how they were taken"  # USB sends whole payloads
+    lost = "incomplete" if ON_USB else "frames_without_exposure_metadata"  # USB sends whole payloads
     assert new[lost] == pytest.approx(40, abs=NOISE)
 
 
 def test_chunks_that_are_no_numbers(run: Run) -> None:
-    with only(run, "frames that did not say how they were taken") as new:
+    with only(run, "frames_without_exposure_metadata") as new:
         run.left.inject("nan_chunks", count=40)
         wait_for_state(run, "degraded: left camera: its frames do not say any more how they were taken")
-    assert new["frames that did not say how they were taken"] == pytest.approx(40, abs=NOISE)
+    assert new["frames_without_exposure_metadata"] == pytest.approx(40, abs=NOISE)
 
 
 def test_node_refuses(run: Run) -> None:
-    with only(run, "refused writes", "late writes", "mismatched pairs") as new:
+    with only(run, "refused_writes", "late_writes", "mismatched_pairs") as new:
         run.left.inject("refuse_writes", count=20)
         ask(run, 1000)
         wait_for_state(run, "degraded: left camera: 1000 us, 0.0 dB was refused: camera ", "could not set ExposureTime")
         wait_for_taken(run, 1000)
-    assert 1 <= new["refused writes"] <= 20
+    assert 1 <= new["refused_writes"] <= 20
 
 
 def test_node_sticks(run: Run) -> None:
-    with only(run, "refused writes", "late writes", "mismatched pairs") as new:
+    with only(run, "refused_writes", "late_writes", "mismatched_pairs") as new:
         run.left.inject("stick", count=40)
         ask(run, 3000)
         wait_for_state(run, "node ExposureTime was set to 3000 us and reads back 2000 us")
         wait_for_taken(run, 3000)
-    assert 1 <= new["refused writes"] <= 40
+    assert 1 <= new["refused_writes"] <= 40
 
 
 def test_node_clips(run: Run, caplog: pytest.LogCaptureFixture) -> None:
-    with only(run, "clipped writes", "mismatched pairs", "mismatches without a late write") as new:
+    with only(run, "adjusted_writes", "mismatched_pairs", "unexplained_mismatches") as new:
         run.left.inject("shrink", count=1)
         ask(run, 4000)
         run.wait_until(
@@ -220,11 +221,11 @@ def test_node_clips(run: Run, caplog: pytest.LogCaptureFixture) -> None:
         )
         ask(run, 2000)
         wait_for_taken(run, 2000)
-    assert new["clipped writes"] == 1
+    assert new["adjusted_writes"] == 1
 
 
 def test_exposure_frozen(run: Run) -> None:
-    with only(run, "frames not as written", "mismatched pairs", "mismatches without a late write") as new:
+    with only(run, "frames_off_setting", "mismatched_pairs", "unexplained_mismatches") as new:
         run.left.inject("freeze_exposure", count=90)
         ask(run, 500)
         wait_for_state(
@@ -233,8 +234,8 @@ def test_exposure_frozen(run: Run) -> None:
             "frames are taken with 2000 us, 0.0 dB",
         )
         wait_for_taken(run, 500)
-    assert new["frames not as written"] >= 20
-    assert new["mismatches without a late write"] >= 20
+    assert new["frames_off_setting"] >= 20
+    assert new["unexplained_mismatches"] >= 20
 
 
 def wait_for_taken(run: Run, exposure_time_us: float) -> None:
@@ -250,13 +251,13 @@ def wait_for_taken(run: Run, exposure_time_us: float) -> None:
 @pytest.mark.parametrize(("fault", "jump"), [("clock_ahead", "+10.0 s"), ("clock_back", "-10.0 s")])
 def test_clock_jumps(run: Run, caplog: pytest.LogCaptureFixture, fault: str, jump: str) -> None:
     since = len(run.seen)
-    with only(run, "jumps of a camera's clock", "surplus frames", "trigger_ignored") as new:
+    with only(run, "clock_jumps", "surplus_frames", "trigger_ignored") as new:
         run.left.inject(fault)
         run.wait_until(
             lambda: f"left camera: its clock jumped by {jump}; its frames keep their place" in caplog.text, jump
         )
-    assert new["jumps of a camera's clock"] == 1
-    assert new["surplus frames"] + new["trigger_ignored"] <= 2 * NOISE  # a busy machine has no quick frame
+    assert new["clock_jumps"] == 1
+    assert new["surplus_frames"] + new["trigger_ignored"] <= 2 * NOISE  # a busy machine has no quick frame
     assert skews(run, since) < 0.5
 
 
@@ -279,7 +280,7 @@ def test_images_without_anything_in_them(run: Run, fault: str) -> None:
 def test_response_file_edited_while_running(run: Run) -> None:
     file = response_file(run.truths)
     whole = file.read_text()
-    with only(run, "camera_gone", "trigger_ignored", "reconnects", "refused writes") as new:
+    with only(run, "camera_gone", "trigger_ignored", "reconnects", "refused_writes") as new:
         file.write_text("log2_exposure: [0, 1,")
         with pytest.raises(ConfigurationError, match=f"{file}: not a YAML file"):
             ask(run, 2000)
@@ -296,7 +297,7 @@ def test_response_file_edited_while_running(run: Run) -> None:
 def test_replaced_by_another_serial(run: Run) -> None:
     """The configured camera stays away."""
     run.left.kill()
-    reconnects = run.daemon.telemetry.reconnects
+    reconnects = run.daemon.telemetry.counts.reconnects
     truth = run.truths[0].with_name("other.jsonl")
     with START_CAMERA(line0=run.left.line0, options=["--truth", str(truth)]) as other:
         run.truths.append(truth)
@@ -306,4 +307,4 @@ def test_replaced_by_another_serial(run: Run) -> None:
         wait_for_state(run, other.serial)
         alone = len(run.seen)
         run.wait_until(lambda: len(run.seen) > alone + 30, "the other camera's frames going on")
-        assert run.daemon.telemetry.reconnects == reconnects
+        assert run.daemon.telemetry.counts.reconnects == reconnects

@@ -44,7 +44,7 @@ class Resources:
 
 
 def _has_reconnected(run: Run, times: int) -> bool:
-    return run.daemon.telemetry.reconnects >= times
+    return run.daemon.telemetry.counts.reconnects >= times
 
 
 def test_unplugged_cameras_come_back_and_leave_nothing_behind() -> None:
@@ -61,7 +61,7 @@ def test_unplugged_cameras_come_back_and_leave_nothing_behind() -> None:
                 warm = Resources.now()
         run.wait_until(lambda: threading.active_count() <= before.threads, "dead cameras closed")
         after = Resources.now()
-        assert run.daemon.telemetry.reconnects == WARM_UP_CYCLES + CYCLES
+        assert run.daemon.telemetry.counts.reconnects == WARM_UP_CYCLES + CYCLES
         assert after.threads == before.threads
         assert after.descriptors <= before.descriptors
         assert after.bytes - warm.bytes < GROWTH_BYTES * CYCLES

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from autoexpose_daemon.control.decision import Decision
-from autoexpose_daemon.publish.tally import ConsumerTally
+from autoexpose_daemon.status.counters import Counts
 from autoexpose_daemon.status.document import (
     VERSION,
     CameraStatus,
@@ -13,6 +13,7 @@ from autoexpose_daemon.status.document import (
     RecorderStatus,
     Status,
 )
+from autoexpose_daemon.status.publishing import ConsumerTally
 from autoexpose_daemon.status.states import State
 from drivers.exposure import ExposureSetting
 
@@ -34,20 +35,22 @@ EXPOSING = Status(
         "right": CameraStatus("FakeCam R2", SETTING, None, None),
     },
     rate_hz=60.0,
-    pairs=432_000,
+    counts=Counts(
+        pairs=432_000,
+        surplus_frames=1,
+        pairs_without_decision=2,
+        mismatched_pairs=4,
+        unexplained_mismatches=1,
+        late_writes=5,
+        refused_writes=6,
+        adjusted_writes=7,
+        frames_off_setting=13,
+        frames_without_exposure_metadata=14,
+        clock_jumps=15,
+        decisions_at_brightest_limit=8,
+        reconnects=9,
+    ),
     lost={"left_missing": 3, "startup": 20},
-    surplus_frames=1,
-    undecided_pairs=2,
-    mismatched_pairs=4,
-    unexplained_mismatches=1,
-    late_writes=5,
-    refused_writes=6,
-    clipped_writes=7,
-    astray_frames=13,
-    untold_frames=14,
-    clock_jumps=15,
-    clamped_decisions={"brightest": 8},
-    reconnects=9,
     decision=Decision(ExposureSetting(1100.0, 6.0), 11.1, "held", 0.25, 0.01, 0.02, 1.5),
     pairing_ms=DURATIONS,
     decision_ms=DURATIONS,

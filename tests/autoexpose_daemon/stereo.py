@@ -62,8 +62,8 @@ class Run:
 
     def wait_for_pairs(self, count: int) -> None:
         """Until that many more stereo pairs have come."""
-        target = self.daemon.telemetry.pairs + count
-        self.wait_until(lambda: self.daemon.telemetry.pairs >= target, f"{count} pairs")
+        target = self.daemon.telemetry.counts.pairs + count
+        self.wait_until(lambda: self.daemon.telemetry.counts.pairs >= target, f"{count} pairs")
 
 
 @contextlib.contextmanager

@@ -158,9 +158,9 @@ def test_run_drives_a_camera_that_we_did_not_write(tmp_path: Path) -> None:
             process.send_signal(signal.SIGTERM)
             _, rest = process.communicate(timeout=30)
     assert process.returncode == 0, [*told, rest]
-    lacks = " ".join(told)
-    assert "gain has no dB scale: left at its present value" in lacks
-    assert "no chunk data" in lacks
+    limitations = " ".join(told)
+    assert "gain has no dB scale: left at its present value" in limitations
+    assert "no chunk data" in limitations
     figures = re.search(r"stopped: .*?; (\d+) pairs; lost: ", rest)
     assert figures is not None, rest
     assert int(figures[1]) > 0

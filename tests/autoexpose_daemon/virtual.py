@@ -10,6 +10,7 @@ from typing import Any
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.runtime.tuning import Tuning
+from autoexpose_daemon.status.counters import counters
 from autoexpose_daemon.status.states import Health
 from autoexpose_daemon.status.telemetry import Telemetry
 from drivers.exposure import ExposureLimits, ExposureSetting
@@ -23,7 +24,6 @@ from tests.soak.wire import Wire
 PATIENCE_NS = 30 * SECOND
 STEP_NS = 10 * MS
 START_US = 2000.0
-COUNTS = [field.name for field in dataclasses.fields(Telemetry) if field.type == "int"]
 
 
 class SteadyLoop:
@@ -98,7 +98,7 @@ class VirtualRun:
         self.wait_until(taken, f"frames of {exposure_time_us:g} us")
 
     def counts(self) -> Counter[str]:
-        counts = Counter({name: getattr(self.telemetry, name) for name in COUNTS})
+        counts = Counter({c.name: n for c, n in counters(self.telemetry.counts) if c.anomaly or c.name == "pairs"})
         counts.update({reason.value: count for reason, count in self.rig.control.tally.lost.items()})
         return +counts
 

@@ -33,13 +33,13 @@ from autoexpose_daemon.page.access import Access, Key
 from autoexpose_daemon.page.history import History
 from autoexpose_daemon.page.metrics import exposition
 from autoexpose_daemon.page.picture import PictureMaker
-from autoexpose_daemon.publish.tally import Consumers, ConsumerTally
 from autoexpose_daemon.recording.plain_json import from_json, to_json
 from autoexpose_daemon.recording.read import Recording
 from autoexpose_daemon.recording.replay import Replay
 from autoexpose_daemon.service.last_exposure import FORMAT, LastExposure
 from autoexpose_daemon.status.document import Status, response_from_json, response_to_json
 from autoexpose_daemon.status.panel import line_of
+from autoexpose_daemon.status.publishing import Consumers, ConsumerTally
 from autoexpose_daemon.status.top import History as SeenInTerminal
 from autoexpose_daemon.status.top import panel_of
 from calibration.findings import Finding

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.status.counters import counters
 from autoexpose_daemon.status.states import Health, State
 from drivers.frames import StereoPair
 from drivers.triggers.account import LossReason
@@ -141,21 +142,9 @@ class Day:
     def _counts(self) -> dict[str, int]:
         telemetry = self.rig.control.telemetry
         losses = {reason: telemetry.lost.get(LossReason(reason), 0) for reason in LOSSES}
-        return {
-            **losses,
-            "pairs": telemetry.pairs,
-            "surplus": telemetry.surplus_frames,
-            "undecided": telemetry.undecided_pairs,
-            "mismatched": telemetry.mismatched_pairs,
-            "unexplained": telemetry.unexplained_mismatches,
-            "late": telemetry.late_writes,
-            "refused": telemetry.refused_writes,
-            "clipped": telemetry.clipped_writes,
-            "astray": telemetry.astray_frames,
-            "untold": telemetry.untold_frames,
-            "jumps": telemetry.clock_jumps,
-            "reconnects": telemetry.reconnects,
-        }
+        counted = counters(telemetry.counts)
+        anomalies = {counter.name: count for counter, count in counted if counter.anomaly}
+        return losses | anomalies | {"pairs": telemetry.counts.pairs}
 
     def _see_pair(self, pair: StereoPair, _decision: Decision | None) -> None:
         if len(pair.frames) < 2:

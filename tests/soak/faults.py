@@ -26,10 +26,10 @@ WRONG_RATE = "frames a second where"
 SURELY_JUDGED = 3 * JUDGED_FRAMES + 5
 """Two whole windows, wherever the first of them begins."""
 
-OVERTAKEN = {"late": (0, 10), "mismatched": (0, 3)}
+OVERTAKEN = {"late_writes": (0, 10), "mismatched_pairs": (0, 3)}
 """A dead camera takes its time until it is known to be, and what is asked for meanwhile does not reach it."""
 
-BEHIND = {"late": (0, 2), "mismatched": (0, 8)}
+BEHIND = {"late_writes": (0, 2), "mismatched_pairs": (0, 8)}
 """Of control that was behind: the grid of triggers, by which it chose when to write, was old."""
 
 
@@ -117,7 +117,11 @@ def both_cameras_lost(script: Script) -> Expected:
 def trigger_stops(script: Script) -> Expected:
     pause_s = script.duration_ns(0.05, 12.0) / SECOND
     script.wire.stop_periods = max(round(pause_s * RATE_HZ), 2) + script.numbers.uniform(-0.45, 0.45)
-    counts = {"late": (0, 2), "mismatched": (0, 2), "unexplained": (0, 1)}  # it goes on in a phase that nobody expects
+    counts = {
+        "late_writes": (0, 2),
+        "mismatched_pairs": (0, 2),
+        "unexplained_mismatches": (0, 1),
+    }  # it goes on in a phase that nobody expects
     return Expected(
         round(pause_s * SECOND), "no triggers" if pause_s > 1.5 else None, ("no triggers", NO_PAIRS), counts
     )
@@ -132,7 +136,7 @@ def trigger_halved(script: Script) -> Expected:
 def trigger_doubled(script: Script) -> Expected:
     script.wire.doubled = pulses = script.numbers.randint(1, 300)
     says = WRONG_RATE if pulses > SURELY_JUDGED else None
-    return Expected(periods_ns(pulses), says, (WRONG_RATE,), {"surplus": (2 * pulses, 2 * pulses)})
+    return Expected(periods_ns(pulses), says, (WRONG_RATE,), {"surplus_frames": (2 * pulses, 2 * pulses)})
 
 
 def frames_lost(script: Script) -> Expected:
@@ -167,7 +171,7 @@ def triggers_ignored(script: Script) -> Expected:
 
 def frame_late(script: Script) -> Expected:
     script.device().delay_ns = script.numbers.randint(5, 240) * MS
-    return Expected(SECOND // 4, counts=BEHIND | {"stale": (0, 16), "undecided": (0, 16)})
+    return Expected(SECOND // 4, counts=BEHIND | {"stale": (0, 16), "pairs_without_decision": (0, 16)})
 
 
 def writes_refused(script: Script) -> Expected:
@@ -178,7 +182,7 @@ def writes_refused(script: Script) -> Expected:
     return Expected(
         duration_ns,
         may_say=("was refused",),
-        counts={"refused": (0, most), "late": (0, most), "mismatched": (0, most + 8)},
+        counts={"refused_writes": (0, most), "late_writes": (0, most), "mismatched_pairs": (0, most + 8)},
     )
 
 
@@ -188,9 +192,8 @@ def writes_clipped(script: Script) -> Expected:
     script.after(duration_ns, lambda: setattr(device, "clips_us", LIMITS.max_time_us))
     duration_ns += LONGEST_REST_NS  # what was clipped stays so until something else is written
     most = frames_in(duration_ns)
-    return Expected(
-        duration_ns, may_say=("the camera took",), counts={"clipped": (0, most), "mismatched": (0, most + 8)}
-    )  # fmt: skip
+    counts = {"adjusted_writes": (0, most), "mismatched_pairs": (0, most + 8)}
+    return Expected(duration_ns, may_say=("the camera took",), counts=counts)
 
 
 def writes_slow(script: Script) -> Expected:
@@ -198,7 +201,10 @@ def writes_slow(script: Script) -> Expected:
     device.write_ns = script.numbers.randint(6, 60) * MS
     script.after(duration_ns, lambda: setattr(device, "write_ns", 0))
     most = frames_in(duration_ns)
-    return Expected(duration_ns, counts={"late": (0, most), "mismatched": (0, most + 16), "astray": (0, most)})
+    return Expected(
+        duration_ns,
+        counts={"late_writes": (0, most), "mismatched_pairs": (0, most + 16), "frames_off_setting": (0, most)},
+    )
 
 
 def exposure_freezes(script: Script) -> Expected:
@@ -207,28 +213,28 @@ def exposure_freezes(script: Script) -> Expected:
     script.after(duration_ns, lambda: setattr(device, "frozen", False))
     duration_ns += LONGEST_REST_NS
     most = frames_in(duration_ns)
-    counts = dict.fromkeys(("astray", "mismatched", "unexplained"), (0, most))
+    counts = dict.fromkeys(("frames_off_setting", "mismatched_pairs", "unexplained_mismatches"), (0, most))
     return Expected(duration_ns, may_say=("do not follow what is written",), counts=counts)
 
 
 def clock_jumps(script: Script) -> Expected:
     device = script.device()
     device.clock_offset_ns += script.numbers.choice((-10, -1, 1, 10)) * SECOND + script.numbers.randrange(SECOND // 2)
-    return Expected(SECOND, counts={"jumps": (1, 1), "incomplete": (0, SURE_FRAMES - 1)})
+    return Expected(SECOND, counts={"clock_jumps": (1, 1), "incomplete": (0, SURE_FRAMES - 1)})
 
 
 def control_stalls(script: Script) -> Expected:
     duration_ns = script.duration_ns(0.02, 5.0)
     script.rig.stall_control(duration_ns)
     frames = frames_in(duration_ns)
-    counts = BEHIND | {"stale": (max(frames - 24, 0) // 2, frames), "undecided": (0, frames)}
+    counts = BEHIND | {"stale": (max(frames - 24, 0) // 2, frames), "pairs_without_decision": (0, frames)}
     return Expected(duration_ns, None, ("no triggers", NO_PAIRS), counts)
 
 
 def process_stops(script: Script) -> Expected:
     duration_ns = script.duration_ns(0.02, 5.0)
     script.rig.stop_process(duration_ns)
-    counts = BEHIND | {"stale": (0, BUFFERS), "undecided": (0, BUFFERS)}
+    counts = BEHIND | {"stale": (0, BUFFERS), "pairs_without_decision": (0, BUFFERS)}
     return Expected(duration_ns, None, ("no triggers", NO_PAIRS), counts)
 
 

@@ -37,20 +37,19 @@ function fill(table, rows, head) {
   table.replaceChildren(...lines);
 }
 
-const counted = (name, number) => [[name, format.count(number)], number > 0 ? "bad" : "none"];
 const byReason = (counts) => Object.entries(counts).filter(([, number]) => number > 0);
 const words = (name) => name.replaceAll("_", " ");
 
-export function showStatus(status) {
+export function showStatus(status, tables) {
   define(byId("headline"), [
     ["rig", status.rig],
     ["pairs/s", status.rate_hz.toFixed(1)],
     ["up", format.lasting(status.uptime_s)],
   ]);
   byId("policy").textContent = `by ${status.policy}`;
-  showTriggers(status);
-  showWrites(status);
-  showLatency(status);
+  showCounts(byId("triggers"), tables.triggers);
+  showCounts(byId("writes"), tables.writes);
+  showLatency(tables.latency);
   showCameras(status.cameras);
   showConsumers(status.publishing);
   showRecorder(status.recorder);
@@ -70,52 +69,19 @@ export function showDecision(decision) {
   ]);
 }
 
-function showTriggers(status) {
-  const lost = byReason(status.lost);
-  const all = status.pairs + lost.reduce((sum, [, number]) => sum + number, 0);
-  fill(byId("triggers"), [
-    [["triggers", format.count(all)]],
-    [["stereo pairs", format.count(status.pairs)]],
-    ...lost.map(([reason, number]) => [
-      [`lost: ${words(reason)}`, format.count(number)],
-      reason !== "startup" && reason !== "shutdown" && "bad",
-    ]),
-    ...(lost.length ? [] : [counted("lost", 0)]),
-    counted("pairs without a decision", status.undecided_pairs),
-    counted("mismatched pairs", status.mismatched_pairs),
-    counted("  of them unexplained", status.unexplained_mismatches),
-    counted("frames between triggers", status.surplus_frames),
-    counted("cameras reconnected", status.reconnects),
-    counted("jumps of a camera's clock", status.clock_jumps),
-  ]);
+// Rows of a label, a count, and whether the count should be 0.
+function showCounts(table, rows) {
+  fill(
+    table,
+    rows.map(([label, number, anomaly]) => [[label, format.count(number)], number === 0 ? "none" : anomaly && "bad"]),
+  );
 }
 
-function showWrites(status) {
-  fill(byId("writes"), [
-    counted("late", status.late_writes),
-    counted("refused", status.refused_writes),
-    counted("clipped by the camera", status.clipped_writes),
-    counted("frames not as written", status.astray_frames),
-    counted("frames that do not tell", status.untold_frames),
-    ...["darkest", "brightest"].map((bound) => {
-      const number = status.clamped_decisions[bound] ?? 0;
-      return [[`decisions held at the ${bound} bound`, format.count(number)], number === 0 && "none"];
-    }),
-  ]);
-}
-
-function showLatency(status) {
-  const rows = [
-    ["pairing", status.pairing_ms],
-    ["one decision", status.decision_ms],
-    ["held for the write window", status.held_ms],
-    ["writing a camera", status.write_ms],
-    ["frame to node", status.frame_to_node_ms],
-    ["command to effect", status.command_to_effect_ms],
-  ];
+// Rows of a label, a median and a 99th percentile.
+function showLatency(rows) {
   fill(
     byId("latency"),
-    rows.map(([name, lasted]) => [[name, format.millis(lasted.p50_ms), format.millis(lasted.p99_ms)]]),
+    rows.map(([label, p50, p99]) => [[label, format.millis(p50), format.millis(p99)]]),
     ["", "median", "99 %"],
   );
 }
@@ -149,7 +115,10 @@ function showConsumers(publishing) {
 
 function showRecorder(recorder) {
   if (!recorder) return fill(byId("recorder"), [[["not recording"], "none"]]);
-  const rows = [[["steps", format.count(recorder.steps)]], counted("dropped", recorder.dropped)];
+  const rows = [
+    [["steps", format.count(recorder.steps)]],
+    [["dropped", format.count(recorder.dropped)], recorder.dropped > 0 ? "bad" : "none"],
+  ];
   if (recorder.failure) rows.push([["ended", recorder.failure], "bad"]);
   return fill(byId("recorder"), rows);
 }

@@ -66,7 +66,7 @@ function takeNumbers(message) {
   const first = message.history[0]?.[0] ?? Infinity;
   const oldest = message.now_s - HISTORY_S;
   rows = rows.filter((row) => row[0] < first && row[0] >= oldest).concat(message.history);
-  if (message.status) showStatus(message.status);
+  if (message.status) showStatus(message.status, message.tables);
   showState();
   showHistory();
   if (message.curve) showCurve(message.curve);

@@ -23,7 +23,7 @@ FIGURES: dict[str, Any] = {
     "pairs": 1186,
     "lost": {"startup": 13, "shutdown": 1},
     "fakes": {"overruns": 0, "cpu_percent": [12.4, 13.6]},
-    "undecided_pairs": 0,
+    "pairs_without_decision": 0,
     "mismatched_pairs": 0,
     "late_writes": 0,
     "settings": [{"lux": 150.0, "exposure_time_us": 99.0, "gain_db": 26.1}],
@@ -63,9 +63,9 @@ def test_every_figure_has_a_unit_and_a_meaning() -> None:
 
 
 def test_what_should_not_happen_is_said_when_it_did() -> None:
-    rows = said(mismatched_pairs=2, late_writes=3, undecided_pairs=1, native=False, published=7)
+    rows = said(mismatched_pairs=2, late_writes=3, pairs_without_decision=1, native=False, published=7)
     assert rows["mixed"] == "2 pairs with different settings left and right: 3 writes came too late for their frame"
-    assert rows["skipped"] == "1 pair without a decision, for a newer one was there"
+    assert rows["skipped"] == "1 pair, because a newer one was already there"
     assert rows["published"] == "7 stereo pairs, for other processes"
     assert "its C part was not compiled" in rows["this machine"]
 

@@ -13,9 +13,10 @@ from prometheus_client.parser import text_string_to_metric_families
 
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.page.metrics import exposition
-from autoexpose_daemon.publish.tally import LAST_COUNT, ConsumerTally
+from autoexpose_daemon.status.counters import LAST_COUNT
 from autoexpose_daemon.status.describe import describe
 from autoexpose_daemon.status.document import Status
+from autoexpose_daemon.status.publishing import ConsumerTally
 from autoexpose_daemon.status.states import State
 from autoexpose_daemon.status.telemetry import Telemetry
 from tests import REPOSITORY
@@ -69,10 +70,10 @@ def test_numbers_arrive_in_base_units() -> None:
         ("autoexpose_pairs_total", ()): 432_000,
         ("autoexpose_lost_triggers_total", ("left_missing",)): 3,
         ("autoexpose_lost_triggers_total", ("stale",)): 0,
-        ("autoexpose_clamped_decisions_total", ("brightest",)): 8,
-        ("autoexpose_loop_seconds", ("0.99",)): 0.008,
-        ("autoexpose_loop_seconds_count", ()): 100,
-        ("autoexpose_loop_seconds_sum", ()): 0.25,
+        ("autoexpose_decisions_at_brightest_limit_total", ()): 8,
+        ("autoexpose_decision_seconds", ("0.99",)): 0.008,
+        ("autoexpose_decision_seconds_count", ()): 100,
+        ("autoexpose_decision_seconds_sum", ()): 0.25,
         ("autoexpose_unpublished_pairs_total", ("behind",)): 10,
         ("autoexpose_consumer_lost_pairs_total", ("slam", "too_slow")): 4,
         ("autoexpose_recorder_dropped_steps_total", ()): 11,
@@ -102,7 +103,7 @@ def test_a_daemon_without_a_frame_yet_can_be_read() -> None:
     config = Config.model_validate({"cameras": {"left": {"serial": "L"}}})
     seen = samples(describe(Telemetry(), config))
     assert seen["autoexpose_camera_up", frozenset({"left"})] == 0
-    assert seen["autoexpose_loop_seconds_count", frozenset()] == 0
+    assert seen["autoexpose_decision_seconds_count", frozenset()] == 0
     assert "autoexpose_published_pairs_total" not in {name for name, _ in seen}
 
 

@@ -16,7 +16,6 @@ from autoexpose_daemon.config.publish import PublishConfig
 from autoexpose_daemon.page.metrics import CONTENT_TYPE
 from autoexpose_daemon.publish.keys import response_key, status_key
 from autoexpose_daemon.publish.publisher import Publisher
-from autoexpose_daemon.publish.tally import ConsumerTally
 from autoexpose_daemon.status.document import (
     CameraStatus,
     Durations,
@@ -26,6 +25,7 @@ from autoexpose_daemon.status.document import (
     Status,
     response_to_json,
 )
+from autoexpose_daemon.status.publishing import ConsumerTally
 from autoexpose_daemon.status.states import State
 from calibration.response import ResponseFunction
 from tests.autoexpose_daemon.page.browser import SHRUNK, Tab, browser
@@ -63,9 +63,8 @@ TROUBLED = replace(
     state=State.DEGRADED,
     reasons=("left camera gone", "calibration of the right camera does not fit: off by 9 grey levels"),
     cameras=EXPOSING.cameras | {"left": CameraStatus(None, None, None, None)},
-    pairs=12345,
+    counts=replace(EXPOSING.counts, pairs=12345, mismatched_pairs=0),
     lost={"startup": 62, "left_missing": 7},
-    mismatched_pairs=0,
     decision=replace(DECISION, motion_px=math.nan),
     command_to_effect_ms=Durations(0, 0.0, None, None),
     publishing=PublishStatus(432_000, 431_990, {"behind": 10}, "", {"slam": ConsumerTally(400_000, 12, 8, 4, 0)}, 1234),
@@ -78,11 +77,11 @@ SHOWN = {
     "triggers": [
         "triggers\t12\u202f414",
         "stereo pairs\t12\u202f345",
-        "lost: left missing\t7",
+        "lost without the left frame\t7",
         "mismatched pairs\t0",
     ],
-    "writes": ["late\t5", "refused\t6", "clipped by the camera\t7", "decisions held at the brightest bound\t8"],
-    "latency": ["median\t99 %", "one decision\t2.00 ms\t8.00 ms", "command to effect\t\u2013"],
+    "writes": ["late writes\t5", "refused writes\t6", "adjusted writes\t7", "decisions at the brightest limit\t8"],
+    "latency": ["median\t99 %", "decision\t2.00 ms\t8.00 ms", "command to effect\t\u2013"],
     "cameras": ["left\tgone", "right\tFakeCam R2", "not tested yet"],
     "consumers": ["slam\t400\u202f000\t8\t4", "1\u202f234 more"],
     "published": ["431\u202f990 pairs sent; dropped: 10 behind"],

@@ -13,7 +13,7 @@ import numpy as np
 from autoexpose_daemon.config.publish import PublishConfig
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.publish.publisher import Publisher, Tell
-from autoexpose_daemon.publish.tally import DropReason
+from autoexpose_daemon.status.publishing import DropReason
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame, StereoPair
 from tests.fakes import loopback_address

@@ -17,7 +17,7 @@ import pytest
 from autoexpose_daemon.client import StereoClient
 from autoexpose_daemon.config.publish import PublishConfig
 from autoexpose_daemon.publish.publisher import MAILBOX_PAIRS, Publisher
-from autoexpose_daemon.publish.tally import ConsumerTally, DropReason, PublishTally
+from autoexpose_daemon.status.publishing import ConsumerTally, DropReason, PublishTally
 from drivers.errors import ConfigurationError
 from tests.autoexpose_daemon.publish.consumer import consumer
 from tests.autoexpose_daemon.publish.steps import (

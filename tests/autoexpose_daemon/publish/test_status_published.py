@@ -32,7 +32,7 @@ def test_the_status_is_told_once_a_second_and_at_the_end() -> None:
     at = endpoint()
     with StatusClient("scout", [at]) as client:
         with scripted_daemon(control={"policy": "neves2009"}, publish={"listen": [at], "rig": "scout"}) as (daemon, *_):
-            wait_until(lambda: latest(client).state is State.EXPOSING and latest(client).pairs > 0, "pairs")
+            wait_until(lambda: latest(client).state is State.EXPOSING and latest(client).counts.pairs > 0, "pairs")
             status = latest(client)
             assert (status.rig, status.policy, status.ending) == ("scout", "neves2009", False)
             assert {side: camera.camera for side, camera in status.cameras.items()} == daemon.telemetry.cameras
@@ -40,7 +40,7 @@ def test_the_status_is_told_once_a_second_and_at_the_end() -> None:
             assert latest(client).rate_hz > 0
             wait_until(lambda: set(client.responses) == {"left", "right"}, "the responses")
         wait_until(lambda: latest(client).ending, "the last word")
-        assert latest(client).pairs == daemon.tally.pairs
+        assert latest(client).counts.pairs == daemon.tally.pairs
 
 
 def latest(client: StatusClient) -> Status:

@@ -61,7 +61,7 @@ def test_a_camera_that_stays_away_is_named_and_the_other_one_goes_on(run: Virtua
     alone = len(run.pairs)
     run.let_pass(60 * RATE_HZ)
     assert len(run.pairs) > alone + 59 * RATE_HZ
-    assert run.telemetry.reconnects == 0
+    assert run.telemetry.counts.reconnects == 0
 
 
 def test_trigger_stopped(run: VirtualRun) -> None:
@@ -115,7 +115,7 @@ def test_frames_late(run: VirtualRun) -> None:
     """They are whole if their partners have not been used alone."""
     run.left.delay_ns = 100 * MS
     run.let_pass(20)
-    assert run.counted().keys() <= {"undecided_pairs"}
+    assert run.counted().keys() <= {"pairs_without_decision"}
 
 
 def test_frame_truncated(run: VirtualRun) -> None:
@@ -148,7 +148,7 @@ def test_chunk_missing(run: VirtualRun) -> None:
         "degraded: left camera: its frames do not say any more how they were taken: "
         "their exposure is inferred from when it was written"
     )
-    assert run.counted() == {"untold_frames": 40}
+    assert run.counted() == {"frames_without_exposure_metadata": 40}
 
 
 @pytest.mark.parametrize(
@@ -174,7 +174,7 @@ def test_node_clips(run: VirtualRun, caplog: pytest.LogCaptureFixture) -> None:
     run.wait_for_taken(2000)
     counted = run.counted()
     assert counted.pop("mismatched_pairs") > 50
-    assert counted == {"clipped_writes": 1}
+    assert counted == {"adjusted_writes": 1}
 
 
 def test_exposure_frozen(run: VirtualRun) -> None:
@@ -188,7 +188,7 @@ def test_exposure_frozen(run: VirtualRun) -> None:
     run.ask(600)
     run.wait_for_taken(600)
     counted = run.counted()
-    assert counted.pop("astray_frames") >= 20
+    assert counted.pop("frames_off_setting") >= 20
     assert counted.pop("unexplained_mismatches") >= 20
     assert counted.keys() == {"mismatched_pairs"}
 
@@ -214,7 +214,7 @@ def test_response_file_edited_while_running(run: VirtualRun, tmp_path: Path) -> 
         run.ask(2000, cameras=cameras)
     run.left.vanish()
     run.left.present = True
-    run.wait_until(lambda: run.telemetry.reconnects == 1, "the camera back")
+    run.wait_until(lambda: run.telemetry.counts.reconnects == 1, "the camera back")
     counted = run.counted()
     assert counted.pop("camera_gone") > 0
     assert counted.pop("reconnects") == 1
@@ -230,11 +230,11 @@ def test_a_pause_of_5_s_heals(run: VirtualRun, forgotten: bool) -> None:
         device.vanish()
         device.present = True
     run.let_pass(2 * RATE_HZ)
-    run.wait_until(lambda: run.telemetry.reconnects == 2 * forgotten, "the cameras")
+    run.wait_until(lambda: run.telemetry.counts.reconnects == 2 * forgotten, "the cameras")
     counted = run.counted()
     if forgotten:
         assert counted.pop("camera_gone") > 3 * RATE_HZ
         assert counted.pop("reconnects") == 2
     else:
         assert counted.pop("both_missing") > 4 * RATE_HZ
-    assert counted.keys() <= {"both_missing", "late_writes", "stale", "undecided_pairs"}
+    assert counted.keys() <= {"both_missing", "late_writes", "stale", "pairs_without_decision"}

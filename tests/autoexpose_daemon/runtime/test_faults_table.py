@@ -7,7 +7,7 @@ import re
 
 import pytest
 
-from autoexpose_daemon.status.telemetry import Telemetry
+from autoexpose_daemon.status.counters import Counts
 from drivers.triggers.account import LossReason
 from tests import REPOSITORY
 
@@ -22,7 +22,7 @@ FAULTS = [
     *("response file missing", "response file wrong", "response file edited while running", "configuration garbage"),
     *("disk full while recording", "consumer stuck", "SIGSTOP for 5 s", "SIGKILL"),
 ]
-COUNTS = {str(reason) for reason in LossReason} | {field.name for field in dataclasses.fields(Telemetry)}
+COUNTS = {str(reason) for reason in LossReason} | {field.name for field in dataclasses.fields(Counts)}
 
 
 def rows() -> list[dict[str, str]]:

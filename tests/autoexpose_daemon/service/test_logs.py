@@ -12,7 +12,7 @@ import pytest
 
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.runtime.rig_control import RigControl
-from drivers.log_throttle import Seldom
+from drivers.log_throttle import LogThrottle
 from drivers.rig.events import CameraSilent
 from drivers.rig.rig import Rig
 from tests.drivers.rig.test_rig import ScriptedCamera
@@ -71,10 +71,10 @@ def test_an_escape_sequence_reaches_neither_log_nor_terminal() -> None:
 
 
 def test_what_comes_again_and_again_is_said_seldom() -> None:
-    seldom = Seldom(10.0)
-    said = [second for second in range(35) if seldom.due("left", second * 10**9)]
+    throttle = LogThrottle(10.0)
+    said = [second for second in range(35) if throttle.due("left", second * 10**9)]
     assert said == [0, 10, 20, 30]
-    assert seldom.due("right", 0)
+    assert throttle.due("right", 0)
 
 
 def test_a_silence_before_every_frame_is_no_line_with_every_frame(caplog: pytest.LogCaptureFixture) -> None:

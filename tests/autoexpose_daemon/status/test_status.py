@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.control.decision import Decision
-from autoexpose_daemon.publish.tally import LAST_COUNT, MOST_LISTED, ConsumerTally
+from autoexpose_daemon.status.counters import LAST_COUNT, Counts
 from autoexpose_daemon.status.describe import describe
 from autoexpose_daemon.status.document import (
     LARGEST_RESPONSE_BYTES,
@@ -31,6 +31,7 @@ from autoexpose_daemon.status.document import (
 from autoexpose_daemon.status.document import Durations as Measured
 from autoexpose_daemon.status.fault_log import KEPT_FAULTS, LONGEST_TEXT, FaultLog
 from autoexpose_daemon.status.panel import duration_text
+from autoexpose_daemon.status.publishing import MOST_LISTED, ConsumerTally
 from autoexpose_daemon.status.states import State
 from autoexpose_daemon.status.telemetry import Durations, Telemetry
 from calibration.response import ResponseFunction
@@ -65,7 +66,7 @@ def fields_of(kind: type) -> Iterator[tuple[type, str]]:
     return ((kind, field.name) for field in fields(kind) if re.match("Count|_Seconds|_Milliseconds|_Hertz", field.type))
 
 
-BOUNDED = [*fields_of(Status), *fields_of(Measured), *fields_of(PublishStatus), *fields_of(RecorderStatus)]
+BOUNDED = [pair for kind in (Status, Counts, Measured, PublishStatus, RecorderStatus) for pair in fields_of(kind)]
 
 
 @pytest.mark.parametrize("value", [-(10**20), 10**400, "1e999", "NaN"])
@@ -73,7 +74,7 @@ BOUNDED = [*fields_of(Status), *fields_of(Measured), *fields_of(PublishStatus), 
 def test_a_number_without_bounds_is_no_status(kind: type, field: str, value: object) -> None:
     """Such numbers would fail where they are shown, far from the door they came in by."""
     said = json.loads(EXPOSING.to_json())
-    parts = {Measured: "write_ms", PublishStatus: "publishing", RecorderStatus: "recorder"}
+    parts = {Counts: "counts", Measured: "write_ms", PublishStatus: "publishing", RecorderStatus: "recorder"}
     (said[parts[kind]] if kind in parts else said)[field] = value
     assert Status.from_json(json.dumps(said)) is None
 
@@ -95,10 +96,9 @@ def test_the_longest_status_that_a_daemon_can_say_is_read() -> None:
     assert Status.from_json(status.to_json()) == status
 
 
-@pytest.mark.parametrize("table", ["lost", "clamped_decisions"])
-def test_a_table_of_a_thousand_rows_is_no_status(table: str) -> None:
+def test_losses_for_a_thousand_reasons_are_no_status() -> None:
     rows = {f"reason{number}": 1 for number in range(1000)}
-    assert Status.from_json(json.dumps(json.loads(EXPOSING.to_json()) | {table: rows})) is None
+    assert Status.from_json(json.dumps(json.loads(EXPOSING.to_json()) | {"lost": rows})) is None
 
 
 def test_a_daemon_of_before_says_nothing_of_consumers_that_are_not_listed() -> None:
@@ -146,7 +146,8 @@ def test_decisions_at_a_bound_are_counted() -> None:
     telemetry = Telemetry()
     for level in (LIMITS.darkest.level, 12.0, LIMITS.brightest.level, LIMITS.brightest.level):
         telemetry.decided(Decision(LIMITS.realise(level, 1000.0), level, "", 0.1, 0.0, 0.0, 0.0), LIMITS)
-    assert telemetry.clamped_decisions == {"darkest": 1, "brightest": 2}
+    counts = telemetry.counts
+    assert (counts.decisions_at_darkest_limit, counts.decisions_at_brightest_limit) == (1, 2)
 
 
 def test_all_durations_count_and_the_latest_make_the_percentiles() -> None:

@@ -132,7 +132,7 @@ def test_an_unknown_serial_is_told_with_those_that_answer(fake: FakeCamera) -> N
 
 def test_the_camera_describes_itself(fake: FakeCamera, camera: AravisCamera) -> None:
     assert camera.description.serial == fake.serial
-    assert camera.description.lacks == ()
+    assert camera.description.limitations == ()
     limits = camera.limits
     assert 0 < limits.min_time_us < 100
     assert limits.max_time_us > 1e5

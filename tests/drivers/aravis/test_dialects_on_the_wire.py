@@ -247,14 +247,14 @@ def check_gain(worn: Worn, camera: AravisCamera) -> None:
 
 def check_words(worn: Worn, camera: AravisCamera) -> None:
     """What the camera lacks is told, and nothing else."""
-    lacks = " / ".join(camera.description.lacks)
+    limitations = " / ".join(camera.description.limitations)
     nodes = worn.description.nodes
     has_gain = any(name in nodes and nodes[name].kind != "Category" for name in ("Gain", "GainRaw"))
-    assert ("gain has no dB scale" in lacks) == (has_gain and not worn.gain_in_db)
-    assert ("no gain node" in lacks) == (not has_gain)
-    assert ("no TriggerOverlap" in lacks) == ("TriggerOverlap" not in nodes)
-    assert ("inferred from when it was written" in lacks) == (not worn.tells_by_chunks)
-    assert "gamma" not in lacks
+    assert ("gain has no dB scale" in limitations) == (has_gain and not worn.gain_in_db)
+    assert ("no gain node" in limitations) == (not has_gain)
+    assert ("no TriggerOverlap" in limitations) == ("TriggerOverlap" not in nodes)
+    assert ("inferred from when it was written" in limitations) == (not worn.tells_by_chunks)
+    assert "gamma" not in limitations
 
 
 @pytest.mark.parametrize("worn", [1, *REAL_ONES], ids=str, indirect=True)

@@ -38,10 +38,10 @@ def outcomes_until(
 
 def test_it_runs_freely_on_exposure_time_alone() -> None:
     with foreign_camera() as serial, contextlib.closing(open_camera(serial, FREE_RUN)) as camera:
-        lacks = " ".join(camera.description.lacks)
-        assert "gain has no dB scale: left at its present value" in lacks
-        assert "no chunk data" in lacks
-        assert "no time stamp latch" in lacks
+        limitations = " ".join(camera.description.limitations)
+        assert "gain has no dB scale: left at its present value" in limitations
+        assert "no chunk data" in limitations
+        assert "no time stamp latch" in limitations
         assert camera.limits.min_gain_db == camera.limits.max_gain_db == 0.0
         camera.start()
         outcomes_until(camera, lambda outcomes: sum(isinstance(outcome, Frame) for outcome in outcomes) >= 20)

@@ -92,18 +92,18 @@ def test_both_dialects_of_latching_are_found(names: tuple[str, str], frequency: 
     if frequency is not None:
         found["GevTimestampTickFrequency"] = IntegerNode(frequency)
     nodes = MemoryNodes(found)
-    earlier, lacks = find_clock(nodes)
+    earlier, limitations = find_clock(nodes)
     found[value] = IntegerNode(1_000_000 + 10**12)
     later, _ = find_clock(nodes)
-    assert lacks == ()
+    assert limitations == ()
     moved_ns = earlier.host_time_ns(0, LATER_NS) - later.host_time_ns(0, LATER_NS)
     assert moved_ns == pytest.approx(scale * 10**12, abs=10**9)
 
 
 def test_a_missing_latch_is_told() -> None:
-    clock, lacks = find_clock(MemoryNodes({}))
+    clock, limitations = find_clock(MemoryNodes({}))
     assert isinstance(clock, ArrivalClock)
-    assert lacks == ("no time stamp latch: host times are inferred from arrival, late by the least delay",)
+    assert limitations == ("no time stamp latch: host times are inferred from arrival, late by the least delay",)
 
 
 @pytest.mark.parametrize("jump_ns", [10**9, -(10**9), 10**10, -(10**10)])

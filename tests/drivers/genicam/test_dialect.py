@@ -23,7 +23,7 @@ def sfnc1() -> MemoryNodes:
 def test_time_and_gain_in_db_are_driven() -> None:
     nodes = sfnc2()
     dialect = find_dialect(nodes)
-    assert dialect.lacks == ()
+    assert dialect.limitations == ()
     assert dialect.limits(nodes) == ExposureLimits(10.0, 1e5, 0.0, 47.0, 1.0, 0.0)
     assert dialect.write(nodes, ExposureSetting(1234.4, 6.0), None) == ExposureSetting(1234.0, 6.0)
 
@@ -31,7 +31,7 @@ def test_time_and_gain_in_db_are_driven() -> None:
 def test_gain_without_db_is_left_alone_and_told() -> None:
     nodes = sfnc1()
     dialect = find_dialect(nodes)
-    assert dialect.lacks == (
+    assert dialect.limitations == (
         "gain has no dB scale: left at its present value, exposure time alone is driven "
         "(GainRaw is in numbers without a unit)",
     )
@@ -50,14 +50,14 @@ def test_a_gain_that_is_not_in_db_is_left_alone(gain: Node) -> None:
 def test_no_gain_at_all_is_told() -> None:
     nodes = sfnc2()
     del nodes.nodes["Gain"]
-    assert find_dialect(nodes).lacks == ("no gain node: exposure time alone is driven",)
+    assert find_dialect(nodes).limitations == ("no gain node: exposure time alone is driven",)
 
 
 def test_a_gain_in_db_is_driven_by_its_other_name_and_as_an_integer() -> None:
     nodes = sfnc2(GainAbs=IntegerNode(3, 0, 24, "dB", 2))
     del nodes.nodes["Gain"]
     dialect = find_dialect(nodes)
-    assert dialect.lacks == ()
+    assert dialect.limitations == ()
     assert dialect.limits(nodes).gain_step_db == 2.0
     assert dialect.write(nodes, ExposureSetting(5000.0, 6.7), None).gain_db == 6.0
 
@@ -177,8 +177,11 @@ def test_automatics_are_switched_off_where_there_are_any() -> None:
 
 
 def test_a_gain_in_another_unit_is_named_with_it() -> None:
-    assert "(Gain is in %)" in find_dialect(sfnc2(Gain=FloatNode(1.0, unit="%"))).lacks[0]
-    assert "(Gain is in numbers without a unit)" in find_dialect(sfnc2(Gain=EnumerationNode("Low", ("Low",)))).lacks[0]
+    assert "(Gain is in %)" in find_dialect(sfnc2(Gain=FloatNode(1.0, unit="%"))).limitations[0]
+    assert (
+        "(Gain is in numbers without a unit)"
+        in find_dialect(sfnc2(Gain=EnumerationNode("Low", ("Low",)))).limitations[0]
+    )
 
 
 @pytest.mark.parametrize(

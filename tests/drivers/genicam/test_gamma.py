@@ -27,13 +27,13 @@ def test_no_gamma_and_a_gamma_of_1_are_left_alone() -> None:
 
 
 def test_what_stands_in_the_way_is_told() -> None:
-    (lack,) = switch_gamma_off(MemoryNodes({"Gamma": FloatNode(0.5, 0.25, 0.7)}))
-    assert "grey levels are not in proportion to light" in lack
-    assert "could not set Gamma to 1" in lack
+    (limitation,) = switch_gamma_off(MemoryNodes({"Gamma": FloatNode(0.5, 0.25, 0.7)}))
+    assert "grey levels are not in proportion to light" in limitation
+    assert "could not set Gamma to 1" in limitation
 
     class Locked(MemoryNodes):
         def write_boolean(self, name: str, value: bool) -> None:
             raise NodeError(f"{name} is locked")
 
-    (lack,) = switch_gamma_off(Locked({"GammaEnable": BooleanNode(True)}))
-    assert "GammaEnable is locked" in lack
+    (limitation,) = switch_gamma_off(Locked({"GammaEnable": BooleanNode(True)}))
+    assert "GammaEnable is locked" in limitation

@@ -126,7 +126,7 @@ def test_chunks_that_cannot_be_switched_on_are_told_with_the_reason() -> None:
             raise NodeError(f"could not set {name}: write-protect")
 
     nodes = Refusing({"ChunkModeActive": BooleanNode(), "ChunkSelector": EnumerationNode("Image", ("Image",))})
-    chunks, (lack,) = enable_chunks(nodes, False)
+    chunks, (limitation,) = enable_chunks(nodes, False)
     assert chunks is None
-    assert lack.startswith("a frame's setting is inferred from when it was written")
-    assert "could not set ChunkModeActive: write-protect" in lack
+    assert limitation.startswith("a frame's setting is inferred from when it was written")
+    assert "could not set ChunkModeActive: write-protect" in limitation

@@ -42,8 +42,8 @@ def test_a_line_is_armed_after_every_trigger_is_off() -> None:
 
 
 def test_a_missing_overlap_is_told() -> None:
-    lacks = arm_trigger(triggered(TriggerOverlap=EnumerationNode("Off", ("Off",))), LINE0)
-    assert lacks == ("no TriggerOverlap ReadOut: exposure and readout together must fit into a trigger period",)
+    limitations = arm_trigger(triggered(TriggerOverlap=EnumerationNode("Off", ("Off",))), LINE0)
+    assert limitations == ("no TriggerOverlap ReadOut: exposure and readout together must fit into a trigger period",)
 
 
 def test_an_unknown_line_is_refused_with_those_there_are() -> None:

@@ -27,7 +27,7 @@ def test_a_camera_that_follows_within_half_a_second_is_not_talked_about() -> Non
     for number in range(PATIENCE):
         assert watch.frame("left", frame(number, OLD)) is None
     assert watch.frame("left", frame(PATIENCE, NEW)) is None
-    assert watch.astray_frames == 0
+    assert watch.frames_off_setting == 0
 
 
 def test_a_camera_that_stays_as_it_was_is_told_until_it_follows() -> None:
@@ -40,7 +40,7 @@ def test_a_camera_that_stays_as_it_was_is_told_until_it_follows() -> None:
         "its frames do not follow what is written: 500 us, 6.0 dB stands in its nodes, "
         "frames are taken with 2000 us, 0.0 dB; switch the camera off and on"
     )
-    assert watch.astray_frames == 2 * ASTRAY_FRAMES
+    assert watch.frames_off_setting == 2 * ASTRAY_FRAMES
     assert watch.frame("left", frame(999, NEW)) is None
 
 

@@ -8,9 +8,8 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
-from typing import Annotated
 
-from pydantic import Field
+from autoexpose_daemon.status.counters import LAST_COUNT, Count
 
 GONE_NS = 5_000_000_000
 """A consumer that has said nothing for so long has left; it speaks once a second."""
@@ -18,12 +17,6 @@ GONE_NS = 5_000_000_000
 MOST_LISTED = 32
 MOST_KNOWN = 1024
 """Consumers that are listed, and remembered: their names come from outside, and anybody can invent some."""
-
-LAST_COUNT = (1 << 63) - 1
-"""The highest count that is believed when it comes from another process."""
-
-Count = Annotated[int, Field(ge=0, le=LAST_COUNT)]
-"""A count that may come from another process."""
 
 LARGEST_REPORT_BYTES = 1024
 """Of what a consumer reports; its five counts take 170 at most."""
@@ -82,8 +75,8 @@ class ConsumerTally:
         return cls(**counts) if believed else None
 
     def __str__(self) -> str:
-        oddities = {"missed": self.missed, "lost": self.lost, "too slow": self.too_slow, "lone frames": self.alone}
-        return ", ".join([f"{self.pairs} pairs", *(f"{count} {name}" for name, count in oddities.items() if count)])
+        losses = {"missed": self.missed, "lost": self.lost, "too slow": self.too_slow, "lone frames": self.alone}
+        return ", ".join([f"{self.pairs} pairs", *(f"{count} {name}" for name, count in losses.items() if count)])
 
 
 @dataclass(slots=True)

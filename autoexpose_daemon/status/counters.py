@@ -1,0 +1,93 @@
+"""What the daemon counts, declared once: telemetry, status, metrics, page, terminal and log follow.
+
+A new counter is a line of `Counts`, and the line that counts: `telemetry.counts.clock_jumps += 1`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, fields
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+LAST_COUNT = (1 << 63) - 1
+"""The highest count that is believed when it comes from another process."""
+
+Count = Annotated[int, Field(ge=0, le=LAST_COUNT)]
+"""A count that may come from another process."""
+
+Topic = Literal["triggers", "writes"]
+
+
+@dataclass(frozen=True, slots=True)
+class Counter:
+    """One of the counters.
+
+    Attributes
+    ----------
+    name
+        Its name in `Counts`, in the status and in metrics; ends or begins with what is counted.
+    topic
+        The table of the page that shows it.
+    label
+        Its name in words, for terminal, page and log.
+    meaning
+        What is counted, in a sentence.
+    anomaly
+        Whether it should stay at 0. Terminal and log show an anomaly that did not, the page marks it.
+    """
+
+    name: str
+    topic: Topic
+    label: str
+    meaning: str
+    anomaly: bool = True
+
+
+def _counter(topic: Topic, label: str, meaning: str, anomaly: bool = True) -> Any:
+    return field(default=0, metadata={"topic": topic, "label": label, "meaning": meaning, "anomaly": anomaly})
+
+
+# fmt: off
+# ruff: noqa: RUF009  (each call makes a field)
+@dataclass(slots=True)
+class Counts:
+    """The counters, in the order in which they are shown; a daemon of another version may not have all of them."""
+
+    pairs: Count = _counter("triggers", "stereo pairs", "Triggers that made a stereo pair.", anomaly=False)
+    pairs_without_decision: Count = _counter(
+        "triggers", "pairs without a decision", "Pairs that control skipped for a newer one.")
+    mismatched_pairs: Count = _counter(
+        "triggers", "mismatched pairs", "Pairs whose frames were taken with different settings.")
+    unexplained_mismatches: Count = _counter(
+        "triggers", "unexplained mismatches", "Mismatched pairs that no late or adjusted write explains.")
+    surplus_frames: Count = _counter(
+        "triggers", "frames between triggers", "Frames that arrived between the expected triggers.")
+    reconnects: Count = _counter("triggers", "reconnects", "Cameras that were lost and came back.")
+    clock_jumps: Count = _counter("triggers", "jumps of a camera's clock", "Jumps of a camera's clock.")
+    late_writes: Count = _counter("writes", "late writes", "Settings written too late for the exposure they were for.")
+    refused_writes: Count = _counter("writes", "refused writes", "Settings that a camera refused.")
+    adjusted_writes: Count = _counter(
+        "writes", "adjusted writes", "Settings that a camera accepted with other values than those written.")
+    frames_off_setting: Count = _counter(
+        "writes", "frames off their setting", "Frames taken with a setting that was not written.")
+    frames_without_exposure_metadata: Count = _counter(
+        "writes", "frames without exposure metadata",
+        "Frames that lacked exposure metadata although the camera had sent them before.")
+    decisions_at_darkest_limit: Count = _counter(
+        "writes", "decisions at the darkest limit", "Decisions held at the darkest setting allowed.", anomaly=False)
+    decisions_at_brightest_limit: Count = _counter(
+        "writes", "decisions at the brightest limit", "Decisions held at the brightest setting allowed.", anomaly=False)
+# fmt: on
+
+
+def counters(counts: Counts) -> Iterator[tuple[Counter, int]]:
+    """Each of the counters, with its count."""
+    for entry in fields(counts):
+        yield Counter(entry.name, **entry.metadata), getattr(counts, entry.name)
+
+
+def anomalies(counts: Counts) -> Iterator[tuple[Counter, int]]:
+    """Those that should be 0 and are not."""
+    return ((counter, count) for counter, count in counters(counts) if counter.anomaly and count)
