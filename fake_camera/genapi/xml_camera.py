@@ -6,6 +6,7 @@ import contextlib
 import threading
 
 from fake_camera.device.device import Device
+from fake_camera.device.faults import Fault
 from fake_camera.device.features import CHUNK_TRAILER_BYTES, FeatureError
 from fake_camera.genapi.description import REGISTERS, Description, NodeError
 from fake_camera.genapi.evaluator import Evaluator
@@ -86,7 +87,7 @@ class XmlCamera:
         """
         if self._device.faults.refuse_write():
             raise FeatureError("locked", "writes are refused, as ordered")
-        if self._device.faults.spoils_command("stick"):
+        if self._device.faults.spoils_command(Fault.STICK):
             return
         with self._lock:
             before = self._memory.read(address, len(data))

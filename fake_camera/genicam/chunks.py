@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from fake_camera.device.device import Device
+from fake_camera.device.faults import Fault
 from fake_camera.genapi.xml_camera import XmlCamera
 from fake_camera.genicam.registers import ByteOrder
 from fake_camera.imaging import ExposedFrame
@@ -64,9 +65,9 @@ def tagged(frame: ExposedFrame, chunks: Sequence[tuple[int, bytes]], byte_order:
 def sent_chunks(frame: ExposedFrame, device: Device, xml: XmlCamera | None, byte_order: ByteOrder) -> bytes:
     """The chunk data that go with a frame: those of the description that the camera wears, else its own; or none."""
     features = device.features
-    if device.faults.spoils_frame("no_chunks"):
+    if device.faults.spoils_frame(Fault.NO_CHUNKS):
         return b""
-    if device.faults.spoils_frame("nan_chunks"):
+    if device.faults.spoils_frame(Fault.NAN_CHUNKS):
         frame = replace(frame, settings=replace(frame.settings, exposure_time_us=math.nan, gain_db=math.nan))
     if xml is not None:
         on = xml.chunks(frame)

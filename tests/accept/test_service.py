@@ -15,6 +15,7 @@ import yaml
 
 from calibration.response import ResponseFunction
 from calibration.response.file import CameraIdentity, Origin, ResponseFile
+from fake_camera.device.faults import Fault
 from tests.autoexpose_daemon.service.service_process import PATIENCE_S, ServiceProcess, running_service
 from tests.autoexpose_daemon.stereo import stereo_cameras
 from tests.fakes import FakeCamera
@@ -73,11 +74,11 @@ def test_a_stopped_trigger_and_a_lost_camera_degrade_and_feed_the_watchdog(rig: 
         service.wait_for("READY=1")
         assert not any(message.startswith("STATUS=degraded") for message in service.heard)
         for camera in rig:
-            camera.inject("ignore_triggers", count=240)
+            camera.inject(Fault.IGNORE_TRIGGERS, count=240)
         service.wait_for("STATUS=degraded: no triggers")
         wait_for_signs_of_life(service)
         wait_for_exposing(service)
-        rig[1].inject("vanish", count=300)
+        rig[1].inject(Fault.VANISH, count=300)
         service.wait_until(lambda message: "right camera gone" in message, "the right camera being gone")
         wait_for_signs_of_life(service)
         wait_for_exposing(service)

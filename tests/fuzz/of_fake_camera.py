@@ -16,7 +16,7 @@ import numpy as np
 
 from fake_camera.device.acquisition import Counters
 from fake_camera.device.control_socket import answers
-from fake_camera.device.faults import NAMES, Fault, Faults
+from fake_camera.device.faults import Fault, FaultOrder, Faults
 from fake_camera.device.features import Features
 from fake_camera.device.line0 import Line0
 from fake_camera.genapi.description import Description
@@ -80,7 +80,7 @@ class GigeCamera:
 
     def __init__(self) -> None:
         device: Any = StillDevice()
-        device.faults.add(Fault("vanish", count=None))  # no stream packet leaves the camera
+        device.faults.add(FaultOrder(Fault.VANISH, count=None))  # no stream packet leaves the camera
         self._features = device.features
         self._stream = StreamChannel("127.0.0.1", device.faults)
         privilege = ControlPrivilege()
@@ -199,7 +199,7 @@ def usb3_seeds() -> Iterator[bytes]:
 def fault_orders(data: bytes) -> None:
     faults = Faults()
     for line in data.splitlines():
-        faults.add(Fault.from_json(line.decode(errors="replace")))
+        faults.add(FaultOrder.from_json(line.decode(errors="replace")))
     faults.on_trigger(1)
 
 
@@ -213,7 +213,7 @@ def control_socket(data: bytes) -> None:
 
 
 def fault_seeds() -> Iterator[bytes]:
-    for name in sorted(NAMES):
+    for name in sorted(Fault):
         yield json.dumps({"fault": name, "after_trigger": None}).encode()
     yield b'{"fault": "freeze", "count": 3, "after_trigger": 7}\n{"fault": "vanish", "count": null}'
 
