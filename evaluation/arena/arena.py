@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evaluation.arena.plan import Split, Task
+from evaluation.arena.race import Series, run
 from evaluation.arena.scores import Score
 from evaluation.pool import over_processes
-from evaluation.stage.closed_loop import Entrant, Series, run
+from evaluation.stage.delayed_loop import Entrant
 
 
 @dataclass(frozen=True, slots=True, eq=False)

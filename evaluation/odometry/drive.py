@@ -9,14 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.response import ResponseFunction
 from drivers.exposure import ExposureSetting
 from drivers.frames import StereoPair
-from evaluation.arena.oracle import Oracle
 from evaluation.odometry.errors import relative_errors_mm
 from evaluation.odometry.stereo import StereoOdometry, images
-from evaluation.stage.closed_loop import Entrant, best_start, take_pair
-from evaluation.stage.stage import LIMITS, Stage
+from evaluation.stage.delayed_loop import DelayedLoop, Entrant
+from evaluation.stage.oracle import Oracle, best_start
+from evaluation.stage.stage import Stage
 from fake_camera.world.simulation import RoomView
 
 EVERY = 2
@@ -28,14 +27,11 @@ FAILED_PAIRS = 5
 
 @dataclass(slots=True, eq=False)
 class Drive:
-    """What became of one entrant.
-
-    `settings` and `metrics` have an entry per frame, `estimate` and `lost` one per pair that odometry got.
-    """
+    """What became of one entrant; `estimate`, `lost` and `truth` have an entry for each pair that odometry got."""
 
     entrant: Entrant
-    settings: list[ExposureSetting]
-    metrics: list[float] = field(default_factory=list)
+    run: DelayedLoop
+    odometry: StereoOdometry
     estimate: list[NDArray[np.float64]] = field(default_factory=list)
     lost: list[bool] = field(default_factory=list)
     truth: list[NDArray[np.float64]] = field(default_factory=list)
@@ -68,24 +64,16 @@ def drive(
         Shown the number of the entrant and each pair that odometry gets.
     """
     start = best_start(Oracle(stage))
-    loops = [entrant.make_loop(ResponseFunction.linear(), LIMITS, start) for entrant in entrants]
-    # A fixed exposure has its own start.
-    drives = [
-        Drive(entrant, [loop.setup.start] * entrant.delay_frames) for entrant, loop in zip(entrants, loops, strict=True)
-    ]
-    trackers = [odometry() for _ in entrants]
+    drives = [Drive(entrant, entrant.enter(start), odometry()) for entrant in entrants]
     for frame in range(frames):
         stage.go_to(frame)
-        for number, (one, loop, tracker) in enumerate(zip(drives, loops, trackers, strict=True)):
-            pair = take_pair(stage, one.settings[frame])
-            decision = loop.step(pair)
-            one.settings.append(decision.setting)
-            one.metrics.append(decision.metric)
+        for number, one in enumerate(drives):
+            pair = one.run.step(stage.take)
             if frame % EVERY == 0:
-                tracked = tracker.track(*images(pair))
+                tracked = one.odometry.track(*images(pair))
                 one.estimate.append(tracked.pose)
                 one.lost.append(tracked.lost)
-                one.truth.append(_pose(stage, one.settings[frame]))
+                one.truth.append(_pose(stage, pair.reference.setting))
                 look(number, pair)
     return drives
 
@@ -98,17 +86,19 @@ def outcome(one: Drive) -> dict[str, Any]:
     pair that odometry got.
     """
     first = np.linalg.inv(one.truth[0])
+    settings = one.run.settings[::EVERY]
+    metrics = [decision.metric for decision in one.run.decisions]
     return {
         "name": one.entrant.name,
         "rpe_mm": float(np.mean(one.errors_mm())),
         "lost_share": float(np.mean(one.lost)),
         "failed": lost_for_good(one.lost),
-        "metric": float(np.median(one.metrics)),
+        "metric": float(np.median(metrics)),
         "truth": [_from_above(first @ pose) for pose in one.truth],
         "path": [_from_above(pose) for pose in one.estimate],
-        "times_us": [round(setting.exposure_time_us, 1) for setting in one.settings[: len(one.metrics) : EVERY]],
-        "gains_db": [round(setting.gain_db, 2) for setting in one.settings[: len(one.metrics) : EVERY]],
-        "metrics": [round(metric, 4) for metric in one.metrics[::EVERY]],
+        "times_us": [round(setting.exposure_time_us, 1) for setting in settings],
+        "gains_db": [round(setting.gain_db, 2) for setting in settings],
+        "metrics": [round(metric, 4) for metric in metrics[::EVERY]],
     }
 
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.exposure import ExposureLimits, ExposureSetting
+from drivers.frames import Frame, StereoPair
 from evaluation.scenes.scenarios import RATE_HZ, Course
 from evaluation.scenes.scenes import Scene
 from fake_camera.imaging import ImageSettings
@@ -18,12 +20,15 @@ from fake_camera.world.simulation import Side
 
 LIMITS = ExposureLimits(min_time_us=20.0, max_time_us=7500.0, min_gain_db=0.0, max_gain_db=30.0)
 
+BOTH: tuple[Side, Side] = ("left", "right")
+
 LAMP_RADIANCE = 2500.0
 """In lux times reflectance: 8 to 10 stops over a wall under the light of `lamp_right`."""
 
 BLUR_STEP_PX = 1.5
 """A moving camera's exposure is rendered as one instant for every so many pixels that the image moves."""
 
+Image = NDArray[np.uint8]
 Radiance = NDArray[np.float32]
 
 
@@ -90,7 +95,7 @@ class Stage:
         """Mean radiance over an exposure of this frame, float32, (height, width); overwritten by the next call."""
         return self._films[side].radiance(exposure_s)
 
-    def expose(self, side: Side, setting: ExposureSetting) -> NDArray[np.uint8]:
+    def expose(self, side: Side, setting: ExposureSetting) -> Image:
         """The image that one camera takes of this frame, uint8, (540, 720)."""
         model = self._sensors[side].model
         settings = ImageSettings(
@@ -99,6 +104,25 @@ class Stage:
         radiance = self.radiance(side, setting.exposure_time_us * 1e-6)
         image = self._sensors[side].expose(radiance, settings, self._seed * 100_000 + self.frame)
         return image.astype(np.uint8, copy=False)
+
+    def take(self, setting: ExposureSetting, sides: Sequence[Side] = BOTH) -> StereoPair:
+        """The pair that the cameras take of this frame, the same setting in both; of one side only, a lone frame."""
+        images = {side: self.expose(side, setting) for side in sides}
+        return pair_of(images, setting, self.frame, self.start_s(self.frame))
+
+
+def pair_of(
+    images: Mapping[Side, NDArray[np.uint8]], setting: ExposureSetting, number: int, time_s: float
+) -> StereoPair:
+    """Simulated images as what control gets: the frames of one trigger, all clocks agreeing."""
+    time_ns = round(time_s * 1e9)
+    frames = {side: Frame(image, 8, number, time_ns, time_ns, time_ns, setting) for side, image in images.items()}
+    return StereoPair(number, frames)
+
+
+def time_first(level: float) -> ExposureSetting:
+    """The setting of an exposure level (stops) that takes time before gain."""
+    return LIMITS.realise(level, math.exp2(level))
 
 
 class _Film:

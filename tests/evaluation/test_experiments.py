@@ -84,9 +84,9 @@ def test_a_result_is_done_anew_when_code_that_it_reaches_changes(
 
 def test_code_is_reached_through_imports() -> None:
     """A change of the renderer touches what is measured in the room, and not what computes statistics."""
-    sources = {module: cache._digest(module) for module in ("evaluation.stage.closed_loop", "evaluation.arena.scores")}
+    sources = {module: cache._digest(module) for module in ("evaluation.arena.race", "evaluation.arena.scores")}
     assert len(set(sources.values())) == 2
-    assert "evaluation.arena.scores" in cache._imports(Path("evaluation/stage/closed_loop.py"))
+    assert "evaluation.arena.scores" in cache._imports(Path("evaluation/arena/race.py"))
 
 
 def test_a_damaged_file_counts_as_none(tmp_path: Path) -> None:

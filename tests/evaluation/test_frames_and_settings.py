@@ -12,11 +12,12 @@ from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlLoop
 from drivers.exposure import ExposureSetting
 from drivers.frames import StereoPair
+from evaluation.arena.race import run
 from evaluation.odometry.course import odometry_stage
 from evaluation.odometry.drive import Drive, drive
 from evaluation.odometry.stereo import Tracked, prepared
 from evaluation.scenes.scenarios import Course
-from evaluation.stage.closed_loop import Entrant, run
+from evaluation.stage.delayed_loop import Entrant
 from evaluation.stage.stage import Stage
 from fake_camera.world.simulation import RoomView
 
@@ -30,7 +31,7 @@ class Watched:
 
     def __init__(self, loop: ControlLoop) -> None:
         self._loop = loop
-        self.balance = loop.balance
+        self.setup, self.balance = loop.setup, loop.balance
         self.decisions: list[Decision] = []
 
     def step(self, pair: StereoPair) -> Decision:

@@ -7,9 +7,10 @@ import pytest
 
 from autoexpose_daemon.control.balance import Balance, BlurNoiseBalance, ExposurePriority, FixedRatio
 from drivers.exposure import ExposureSetting
-from evaluation.arena.oracle import LEVELS, Best, Oracle, rounded_motion
+from evaluation.arena.race import course_of, race
 from evaluation.scenes.scenarios import SCENARIOS
-from evaluation.stage.closed_loop import Entrant, course_of, race
+from evaluation.stage.delayed_loop import Entrant
+from evaluation.stage.oracle import LEVELS, Best, Oracle, rounded_motion
 from evaluation.stage.stage import LIMITS
 from fake_camera.world.simulation import Side
 

@@ -15,7 +15,6 @@ from evaluation.odometry.errors import relative_errors_mm
 from evaluation.odometry.orb_slam3 import OrbSlam3
 from evaluation.odometry.stereo import StereoCamera, images
 from evaluation.odometry.vocabulary import BRANCHES, LEVELS, write_vocabulary
-from evaluation.stage.closed_loop import take_pair
 from fake_camera.world.simulation import RoomView
 
 
@@ -57,7 +56,7 @@ def test_it_follows_a_camera(tmp_path: Path) -> None:
     with closing(OrbSlam3(StereoCamera.simulated(), tmp_path / "vocabulary.txt", tmp_path)) as slam:
         for frame in range(0, 90, 2):
             stage.go_to(frame)
-            found.append(slam.track(*images(take_pair(stage, ExposureSetting(1880.0, 18.0)))))
+            found.append(slam.track(*images(stage.take(ExposureSetting(1880.0, 18.0)))))
             truth.append(view.pose(stage.start_s(frame) + 0.94e-3))
     assert not any(one.lost for one in found)
     assert np.median(relative_errors_mm(truth, [one.pose for one in found])) < 10.0

@@ -26,10 +26,10 @@ from evaluation.experiments.prediction.step_response import (
     WithoutFeedback,
     frames_to_converge,
 )
-from evaluation.experiments.prediction.still_life import StillLife, plateau_centre, setting_of
+from evaluation.experiments.prediction.still_life import StillLife, plateau_centre
 from evaluation.experiments.run import run_jobs
 from evaluation.scenes.responses import FAKE_CAMERAS, CameraResponse
-from evaluation.stage.stage import LIMITS
+from evaluation.stage.stage import LIMITS, time_first
 
 Quick = tuple[list[tuple[dict[str, Any], Any]], Section]
 
@@ -112,7 +112,7 @@ def _end(found: Any, name: str) -> float:
 def test_control_knows_the_response_that_the_simulated_camera_has(camera: CameraResponse) -> None:
     """Grey levels of one scene at two exposures lie as far apart as the response says."""
     life = StillLife("leaves", 0, 50.0, camera)
-    darker, brighter = (np.mean([life.take(setting_of(level), n) for n in range(6)], axis=0) for level in (12.0, 12.5))
+    darker, brighter = (np.mean([life.take(time_first(level), n) for n in range(6)], axis=0) for level in (12.0, 12.5))
     clear = (darker > 40) & (brighter < 240)
     greys = camera.function
     apart = greys.inverse_between(brighter[clear]) - greys.inverse_between(darker[clear])

@@ -16,7 +16,7 @@ from evaluation.odometry.course import odometry_stage
 from evaluation.odometry.drive import drive, outcome
 from evaluation.odometry.orb import in_house
 from evaluation.odometry.proxies import Proxies
-from evaluation.stage.closed_loop import Entrant
+from evaluation.stage.delayed_loop import Entrant
 
 SETTINGS = ((940.0, 24.0), (1880.0, 18.0), (3750.0, 12.0), (7500.0, 6.0))
 """Exposure time (us) and gain (dB), all of one exposure level, right for the light of 20 lux."""

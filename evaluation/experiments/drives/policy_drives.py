@@ -12,7 +12,7 @@ from evaluation.experiments.experiment import Plain
 from evaluation.odometry.course import Light, odometry_stage
 from evaluation.odometry.drive import drive, outcome
 from evaluation.odometry.orb import in_house
-from evaluation.stage.closed_loop import Entrant
+from evaluation.stage.delayed_loop import Entrant
 
 FIXED = ExposureSetting(3000.0, 6.0)
 """Chosen by hand: of 1.5, 3 and 6 ms with 6, 12, 18 and 24 dB, it had the least error over two laps of room 1 in uneven

@@ -20,7 +20,6 @@ from evaluation.odometry.drive import drive, outcome
 from evaluation.odometry.orb_slam3 import OrbSlam3
 from evaluation.odometry.stereo import StereoCamera, images
 from evaluation.odometry.vocabulary import write_vocabulary
-from evaluation.stage.closed_loop import take_pair
 
 TAUGHT_ROOM = 1
 """Not one of those that are driven through."""
@@ -43,7 +42,7 @@ def _descriptors() -> NDArray[np.uint8]:
     stage, orb, seen = odometry_stage("even", TAUGHT_ROOM, 0, 0), cv2.ORB.create(1000), []
     for frame in TAUGHT_FRAMES:
         stage.go_to(frame)
-        left, _ = images(take_pair(stage, ExposureSetting(1880.0, 18.0)))
+        left, _ = images(stage.take(ExposureSetting(1880.0, 18.0)))
         seen.append(np.asarray(orb.detectAndCompute(left, None)[1], np.uint8))
     return np.concatenate(seen)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -13,12 +14,12 @@ from autoexpose_daemon.control.balance import Balance, ExposurePriority
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.policy import ExposurePolicy, Observation, Target
 from drivers.exposure import ExposureSetting
-from drivers.frames import Frame, StereoPair
-from evaluation.arena.oracle import Oracle
 from evaluation.experiments.experiment import Plain
 from evaluation.scenes.responses import CameraResponse
 from evaluation.scenes.scenarios import RATE_HZ, Course
 from evaluation.scenes.scenes import build_views
+from evaluation.stage.delayed_loop import DelayedLoop
+from evaluation.stage.oracle import Oracle
 from evaluation.stage.stage import LIMITS, Stage
 from fake_camera.world.lighting import Change, LightScript
 
@@ -143,19 +144,11 @@ def _run(
     stage: Stage, contestant: Contestant, camera: CameraResponse, start: ExposureSetting
 ) -> tuple[list[float], list[float]]:
     """Level and metric of each frame."""
-    loop = contestant.loop(camera, start)
-    settings = [start] * contestant.delay_frames
-    metrics = []
+    run = DelayedLoop(contestant.loop(camera, start), contestant.delay_frames)
     for number in range(WARM_UP_FRAMES + FRAMES):
         stage.go_to(number)
-        setting = settings[number]
-        time_ns = round(stage.start_s(number) * 1e9)
-        image = stage.expose("left", setting)
-        frame = Frame(image, 8, number, time_ns, time_ns, time_ns, setting)
-        decision = loop.step(StereoPair(number, {"left": frame}))
-        metrics.append(decision.metric)
-        settings.append(decision.setting)
-    return [setting.level for setting in settings[: len(metrics)]], metrics
+        run.step(partial(stage.take, sides=("left",)))
+    return [setting.level for setting in run.settings], [decision.metric for decision in run.decisions]
 
 
 def frames_to_converge(levels: ArrayLike, share: float) -> int | None:

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.exposure import ExposureLimits, ExposureSetting
+from drivers.exposure import ExposureSetting
+from evaluation.stage.stage import LIMITS, time_first
 from fake_camera.imaging import ImageSettings
 from fake_camera.world.render.renderer import Pinhole
 from fake_camera.world.sensor import Sensor, SensorModel
 
 CAMERA = Pinhole()
-
-LIMITS = ExposureLimits(min_time_us=20.0, max_time_us=7500.0, min_gain_db=0.0, max_gain_db=30.0)
 
 BRIGHTNESS = 0.5
 """The mean that the paper's policies hold, and to which its operator sets the fixed exposure (MH 4.2)."""
@@ -45,13 +42,8 @@ def at_half(camera: Camera, radiance: Radiance, *, top_only: bool = False) -> Ex
     rows = CAMERA.height // 2 if top_only else CAMERA.height
     for _ in range(12):
         level = (low + high) / 2
-        if camera.expose(radiance, setting_at(level), 0)[:rows].mean() < BRIGHTNESS * 255:
+        if camera.expose(radiance, time_first(level), 0)[:rows].mean() < BRIGHTNESS * 255:
             low = level
         else:
             high = level
-    return setting_at((low + high) / 2)
-
-
-def setting_at(level: float) -> ExposureSetting:
-    """The setting of an exposure level (stops), exposure time first."""
-    return LIMITS.realise(level, math.exp2(level))
+    return time_first((low + high) / 2)

@@ -4,22 +4,21 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from autoexpose_daemon.control.loop import ControlLoop
-from calibration.response import ResponseFunction
 from drivers.exposure import ExposureSetting
-from drivers.frames import Frame, StereoPair
+from drivers.frames import StereoPair
 from evaluation.experiments.experiment import Plain
-from evaluation.experiments.teach.camera import CAMERA, LIMITS, Camera, Image, Radiance, at_half
+from evaluation.experiments.teach.camera import CAMERA, Camera, Image, Radiance, at_half
 from evaluation.experiments.teach.daylight import REPLAYS, TEACHING
 from evaluation.experiments.teach.park import park
 from evaluation.experiments.teach.path import MAPS, TaughtPath
 from evaluation.experiments.teach.registration import Detector, Features, Part, Truth, register
+from evaluation.stage.delayed_loop import Entrant
+from evaluation.stage.stage import pair_of
 from fake_camera.world.render.renderer import Renderer
 
 POLICIES = ("majer2018-standard", "majer2018-full", "majer2018-fixed", "begin2022", "metric-map")
@@ -43,15 +42,6 @@ WAYS: dict[str, tuple[str | None, Part]] = {
 """By whose exposure the map was taught (None: that of the replaying policy), and where features are looked for."""
 
 
-@dataclass(slots=True, eq=False)
-class Driver:
-    """A policy in closed loop; `settings` are those of the frames to come, the next one first."""
-
-    loop: ControlLoop
-    settings: list[ExposureSetting]
-    levels: list[float] = field(default_factory=list)
-
-
 class Drive:
     """All policies on one drive. The image is not blurred: the robot is slow, it moves less than a pixel in 7.5 ms.
 
@@ -66,24 +56,19 @@ class Drive:
     def __init__(self, camera: Camera, first: Radiance) -> None:
         self._camera = camera
         start = at_half(camera, first)
-        self.drivers = {
-            name: Driver(ControlLoop(name, ResponseFunction.linear(), LIMITS, start), [start] * DELAY_FRAMES)
-            for name in POLICIES
-        }
+        self.loops = {name: Entrant.of(name, DELAY_FRAMES).enter(start) for name in POLICIES}
         self.frame = 0
         for _ in range(FIRST_FRAMES):
             self.step(first)
 
     def step(self, radiance: Radiance) -> dict[str, Image]:
         """One frame: each policy takes it with its own exposure and decides; the images by policy."""
-        images = {}
-        time_ns = round(self.frame / RATE_HZ * 1e9)
-        for name, driver in self.drivers.items():
-            setting = driver.settings.pop(0)
-            images[name] = self._camera.expose(radiance, setting, self.frame)
-            frame = Frame(images[name], 8, self.frame, time_ns, time_ns, time_ns, setting)
-            driver.settings.append(driver.loop.step(StereoPair(self.frame, {"left": frame})).setting)
-            driver.levels.append(setting.level)
+
+        def take(setting: ExposureSetting) -> StereoPair:
+            image = self._camera.expose(radiance, setting, self.frame)
+            return pair_of({"left": image}, setting, self.frame, self.frame / RATE_HZ)
+
+        images = {name: loop.step(take).reference.grey8() for name, loop in self.loops.items()}
         self.frame += 1
         return images
 
@@ -164,7 +149,7 @@ def measure(seed: int, tilt_deg: float, light: str, maps: int) -> Plain:
         where.append(index)
         shift.append(truth.shift(path.taught(index), pose))
         for name, image in images.items():
-            looks[name].append([drive.drivers[name].levels[-1], *_look(image)])
+            looks[name].append([drive.loops[name].settings[-1].level, *_look(image)])
             seen: dict[Part, Features] = {part: detector.find(image, part) for part in taught}
             for way, (teacher, part) in WAYS.items():
                 won = register(taught[part][teacher or name][index], seen[part])

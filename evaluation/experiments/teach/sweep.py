@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from evaluation.experiments.experiment import Plain
-from evaluation.experiments.teach.camera import CAMERA, Camera, at_half, setting_at
+from evaluation.experiments.teach.camera import CAMERA, Camera, at_half
 from evaluation.experiments.teach.daylight import REPLAYS, TEACHING
 from evaluation.experiments.teach.park import park
 from evaluation.experiments.teach.path import TaughtPath
 from evaluation.experiments.teach.registration import Detector, Truth, register
+from evaluation.stage.stage import time_first
 from fake_camera.world.render.renderer import Renderer
 
 OFFSETS = tuple(range(-4, 5))
@@ -44,7 +45,7 @@ def sweep(seed: int, tilt_deg: float, light: str, maps: int) -> Plain:
         whole.append(at_half(camera, radiance).level - middle)
         won = []
         for offset in OFFSETS:
-            image = camera.expose(radiance, setting_at(middle + offset), 2 * index + 1)
+            image = camera.expose(radiance, time_first(middle + offset), 2 * index + 1)
             won.append(register(taught, detector.find(image, "top half")))
         errors.append([None if vote.shift is None else abs(vote.shift - shift) for vote in won])
         votes.append([vote.votes for vote in won])

@@ -6,8 +6,9 @@ import pytest
 from autoexpose_daemon.control.image import ImagePreparation
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
+from evaluation.arena.race import course_of, run, run_one
 from evaluation.scenes.scenarios import SCENARIOS, WARM_UP_FRAMES
-from evaluation.stage.closed_loop import Entrant, course_of, run, run_one
+from evaluation.stage.delayed_loop import Entrant
 from evaluation.stage.stage import BLUR_STEP_PX, LIMITS
 from fake_camera.imaging import ImageSettings
 from fake_camera.world.lighting import LightScript

@@ -1,6 +1,6 @@
-"""Runs of policies in closed loop and virtual time, side by side through one course.
+"""Policies in closed loop and virtual time, side by side through one course, against the best exposure.
 
-    from evaluation.stage.closed_loop import Entrant, run, run_one
+    from evaluation.arena.race import Entrant, run, run_one
 
     series = run_one("begin2022", "step_up", "room", seed=0)           # delay_frames=2
     series.levels, series.metrics, series.ratios                        # one value per frame
@@ -10,8 +10,7 @@
     mine = Entrant("variant-a", 2, lambda response, limits, start: make_my_control_loop(response, limits, start))
     for series in run("tunnel", "leaves", 3, [Entrant.of("begin2022"), mine]): ...
 
-An entrant is a policy id, or anything that makes a `ControlLoop` from (response, limits, start). Scenarios:
-`scenarios.SCENARIOS`; scenes and seeds for tuning: `TUNE_SCENES`, 0 to 99. Not for two threads at once.
+Scenarios: `scenarios.SCENARIOS`; scenes and seeds for tuning: `TUNE_SCENES`, 0 to 99. Not for two threads at once.
 """
 
 from __future__ import annotations
@@ -19,41 +18,20 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from autoexpose_daemon.control.balance import ExposurePriority
-from autoexpose_daemon.control.loop import ControlLoop
-from calibration.response import ResponseFunction
-from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.frames import Frame, StereoPair
-from evaluation.arena.oracle import Best, Oracle
 from evaluation.arena.scores import Score, score
 from evaluation.scenes.scenarios import SCENARIOS
 from evaluation.scenes.scenes import build_views
-from evaluation.stage.stage import LIMITS, Stage
+from evaluation.stage.delayed_loop import DelayedLoop, Entrant, MakeLoop
+from evaluation.stage.oracle import Best, Oracle, best_start
+from evaluation.stage.stage import Stage
 from fake_camera.world.simulation import Side
 
 LIGHT_JUMP_STOPS = 0.2
 """The oracle is asked about both frames where the light changes by more in between."""
-
-MakeLoop = Callable[[ResponseFunction, ExposureLimits, ExposureSetting], ControlLoop]
-
-
-@dataclass(frozen=True, slots=True)
-class Entrant:
-    """Who runs: a name, the delay (a decision on frame k applies from frame k + delay_frames), and the loop."""
-
-    name: str
-    delay_frames: int
-    make_loop: MakeLoop
-
-    @classmethod
-    def of(cls, policy_id: str, delay_frames: int = 2) -> Entrant:
-        """A policy by its id."""
-        return cls(policy_id, delay_frames, partial(ControlLoop, policy_id))
 
 
 @dataclass(slots=True, eq=False)
@@ -68,27 +46,19 @@ class Series:
 
     entrant: Entrant
     first_scored: int
-    settings: list[ExposureSetting]
-    reasons: list[str] = field(default_factory=list)
-    motion_px: list[float] = field(default_factory=list)
-    clipped: list[float] = field(default_factory=list)
+    run: DelayedLoop
     judged: list[tuple[float, ...]] = field(default_factory=list)
     best: dict[int, Best | None] = field(default_factory=dict)
 
     @property
-    def frames(self) -> int:
-        """How many frames were run."""
-        return len(self.judged)
-
-    @property
     def levels(self) -> NDArray[np.float64]:
         """Exposure level of each frame, stops."""
-        return np.array([setting.level for setting in self.settings[: self.frames]])
+        return np.array([setting.level for setting in self.run.settings])
 
     @property
     def gains_db(self) -> NDArray[np.float64]:
         """Gain of each frame."""
-        return np.array([setting.gain_db for setting in self.settings[: self.frames]])
+        return np.array([setting.gain_db for setting in self.run.settings])
 
     @property
     def metrics(self) -> NDArray[np.float64]:
@@ -98,7 +68,7 @@ class Series:
     @property
     def clipped_shares(self) -> NDArray[np.float64]:
         """Share of black and saturated pixels of each left image."""
-        return np.array(self.clipped)
+        return np.array([decision.saturated_share + decision.black_share for decision in self.run.decisions])
 
     @property
     def oracle_metrics(self) -> NDArray[np.float64]:
@@ -132,9 +102,9 @@ class Series:
         """Values of the oracle's answers at all frames, shape (frames, values)."""
         known = {frame: value(best) for frame, best in self.best.items() if best is not None}
         if not known:
-            return np.full((self.frames, len(self.judged[0])), np.nan)
+            return np.full(self.metrics.shape, np.nan)
         columns = np.array(list(known.values())).T
-        return np.stack([np.interp(np.arange(self.frames), list(known), column) for column in columns], axis=1)
+        return np.stack([np.interp(np.arange(len(self.judged)), list(known), column) for column in columns], axis=1)
 
 
 def run_one(
@@ -185,26 +155,16 @@ def race(
     The oracle is asked every so many frames, at the last one, and where the light jumps.
     """
     start = best_start(oracle)
-    response = ResponseFunction.linear()
-    loops = [entrant.make_loop(response, LIMITS, start) for entrant in entrants]
-    runs = [Series(entrant, first_scored, [start] * entrant.delay_frames) for entrant in entrants]
+    race = [Series(entrant, first_scored, entrant.enter(start)) for entrant in entrants]
     for frame in range(frames):
         stage.go_to(frame)
         asked = frame % every == 0 or frame == frames - 1 or _light_jumps_at(stage, frame, frames)
-        for loop, series in zip(loops, runs, strict=True):
-            _step(stage, loop, series)
-            series.judged.append(oracle.judge(series.settings[frame]))
+        for series in race:
+            taken = series.run.step(stage.take).reference.setting
+            series.judged.append(oracle.judge(taken))
             if asked:
-                series.best[frame] = oracle.best(loop.balance, series.motion_px[frame])
-    return runs
-
-
-def best_start(oracle: Oracle) -> ExposureSetting:
-    """The best setting of the first frame, the same for all entrants: they are judged by what comes after."""
-    balance = ExposurePriority()
-    best = oracle.best(balance, 0.0)
-    level = LIMITS.brightest.level if best is None else best.level
-    return LIMITS.realise(level, balance.exposure_time_us(level, 0.0, LIMITS))
+                series.best[frame] = oracle.best(series.run.loop.balance, series.run.decisions[-1].motion_px)
+    return race
 
 
 def _light_jumps_at(stage: Stage, frame: int, frames: int) -> bool:
@@ -213,21 +173,3 @@ def _light_jumps_at(stage: Stage, frame: int, frames: int) -> bool:
         return abs(math.log2((after + 1e-6) / (before + 1e-6))) > LIGHT_JUMP_STOPS
 
     return jump(frame - 1) or (frame + 1 < frames and jump(frame))
-
-
-def take_pair(stage: Stage, setting: ExposureSetting) -> StereoPair:
-    """The pair that the cameras take of the stage's present frame."""
-    frame = stage.frame
-    time_ns = round(stage.start_s(frame) * 1e9)
-    left, right = (
-        Frame(stage.expose(side, setting), 8, frame, time_ns, time_ns, time_ns, setting) for side in ("left", "right")
-    )
-    return StereoPair(frame, {"left": left, "right": right})
-
-
-def _step(stage: Stage, loop: ControlLoop, series: Series) -> None:
-    decision = loop.step(take_pair(stage, series.settings[stage.frame]))
-    series.settings.append(decision.setting)
-    series.reasons.append(decision.reason)
-    series.motion_px.append(decision.motion_px)
-    series.clipped.append(decision.saturated_share + decision.black_share)

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from autoexpose_daemon.control.balance import Balance
+from autoexpose_daemon.control.balance import Balance, ExposurePriority
 from autoexpose_daemon.control.image import ImagePreparation
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
 from drivers.exposure import ExposureSetting
-from evaluation.stage.stage import LIMITS, Stage
+from evaluation.stage.stage import LIMITS, Stage, time_first
 from fake_camera.world.simulation import Side
 
 GRID_STOPS = 0.125
@@ -117,6 +117,12 @@ class Oracle:
         for place in places:
             if np.isnan(curve[place, 0]):
                 curve[place] = self.judge(settings[place])
+
+
+def best_start(oracle: Oracle) -> ExposureSetting:
+    """The best setting of the present frame, time before gain: where all entrants of a course start."""
+    best = oracle.best(ExposurePriority(), 0.0)
+    return time_first(LIMITS.brightest.level if best is None else best.level)
 
 
 def rounded_motion(motion_px: float) -> float:
