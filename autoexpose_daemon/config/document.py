@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 from dataclasses import fields
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -231,14 +232,25 @@ class Config(Section):
             return ExposureSetting(configured.exposure_time_us, configured.gain_db)
         return self.exposure.limits().realise(DEFAULT_START.level, DEFAULT_START.exposure_time_us)
 
-    def response_of(self, side: Side) -> ResponseFunction:
-        """The response function of a camera; that of another camera, or for another image format, is refused."""
-        path = self.sides[side].response
-        if path is None:
-            return ResponseFunction.linear()
-        file = ResponseFile.load(path)
-        file.check_belongs(path, self.sides[side].serial, self.image.pixel_format, self.image.binning)
-        return file.response
+    @cached_property
+    def responses(self) -> dict[Side, ResponseFile]:
+        """The response file of each camera, read once: linear where none is configured.
+
+        Raises
+        ------
+        ConfigurationError
+            Naming key and file of one that cannot be used, or is for another camera or image format.
+        """
+        files: dict[Side, ResponseFile] = {}
+        for side, camera in self.sides.items():
+            try:
+                path = camera.response
+                file = ResponseFile(ResponseFunction.linear()) if path is None else ResponseFile.load(path)
+                file.check_belongs(camera.serial, self.image.pixel_format, self.image.binning)
+            except ConfigurationError as error:
+                raise ConfigurationError(f"cameras.{side}.response: {error}") from error
+            files[side] = file
+        return files
 
 
 def load_config(path: Path) -> Config:
@@ -256,15 +268,7 @@ def load_config(path: Path) -> Config:
         raise ConfigurationError("\n".join(_sentence(path, each) for each in error.errors())) from error
     try:
         config = _with_absolute_paths(config, path.resolve().parent)
-    except ConfigurationError as error:
-        raise ConfigurationError(f"{path}: {error}") from error
-    for side in config.sides:
-        try:
-            config.response_of(side)
-        except ConfigurationError as error:
-            raise ConfigurationError(f"{path}: cameras.{side}.response: {error}") from error
-    try:
-        config.control.roi.regions()
+        _ = config.responses, config.control.roi.regions  # read here, so that what is wrong with them is said here
     except ConfigurationError as error:
         raise ConfigurationError(f"{path}: {error}") from error
     return config

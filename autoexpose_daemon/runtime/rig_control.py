@@ -90,7 +90,7 @@ class RigControl:
         self._cameras = cameras
         self._now_ns = now_ns
         self._tuning = Tuning(config)
-        self._drift = ResponseDrift(config, self._tuning.responses)
+        self._drift = ResponseDrift(config)
         self._newest: StereoPair | None = None
         self._observer = observer
         self._asked = start or config.start
@@ -144,7 +144,7 @@ class RigControl:
         loop = tuning.loop(limits)
         if self._newest is not None:
             loop.step(self._newest)
-        self._tuning, self._drift = tuning, ResponseDrift(tuning.config, tuning.responses)
+        self._tuning, self._drift = tuning, ResponseDrift(tuning.config)
         if self._limits:
             self._install(loop, limits)
 

@@ -66,11 +66,11 @@ def check_camera(path: Path, serial: str, console: Console) -> Check:
     """
     file = ResponseFile.load(path)
     origin = file.origin
-    file.check_belongs(path, serial)
+    file.check_belongs(serial)
     mode = CameraMode(serial, cast(PixelFormat | None, origin.pixel_format), origin.binning)
     gain_db = origin.gain_db or 0.0
     with Session(open_camera(serial, mode.setup())) as session:
-        file.check_belongs(path, serial, session.description.pixel_format)
+        file.check_belongs(serial, session.description.pixel_format)
         check_gain(session, gain_db)
         plan = plan_check(session, file.response, gain_db)
         sweep = Sweep(tuple(take(session, plan, serial, console)))

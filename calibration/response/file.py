@@ -60,6 +60,8 @@ class ResponseFile:
         What was found wrong with the sweep and its solution.
     noise, latency
         What else was measured of this camera, as it stands in the file.
+    path
+        Where it was read from; None: nowhere.
     """
 
     response: ResponseFunction
@@ -72,6 +74,7 @@ class ResponseFile:
     noise: Mapping[str, Any] = field(default_factory=dict)
     latency: Mapping[str, Any] = field(default_factory=dict)
     uncertainty_stops: tuple[float, ...] = ()
+    path: Path | None = None
 
     @classmethod
     def of_solution(
@@ -112,7 +115,7 @@ class ResponseFile:
                 known[key] = tuple(known[key])
         known["findings"] = tuple(Finding(**finding) for finding in known.get("findings", ()))
         origin = Origin(**{part.name: known.pop(part.name, None) for part in fields(Origin)})
-        return cls(response, origin, **known)
+        return cls(response, origin, path=path, **known)
 
     def save(self, path: Path) -> None:
         """Write the file, the curve last; log2 exposures are rounded to a millionth of a stop.
@@ -150,9 +153,7 @@ class ResponseFile:
         except OSError as error:
             raise ConfigurationError(f"{path}: cannot be written ({error.strerror}): choose another place") from error
 
-    def check_belongs(
-        self, path: Path, serial: str, pixel_format: str | None = None, binning: int | None = None
-    ) -> None:
+    def check_belongs(self, serial: str, pixel_format: str | None = None, binning: int | None = None) -> None:
         """Refuse a file of another camera or mode; what the file or the caller does not know is not compared.
 
         Raises
@@ -160,11 +161,12 @@ class ResponseFile:
         ConfigurationError
             Naming file, key, camera and what to do.
         """
-        anew = f"calibrate this one: autoexpose calibrate response --camera {serial}"
+        remedy = f"calibrate this one: autoexpose calibrate response --camera {serial}"
         camera = self.origin.camera
         if camera is not None and camera.serial != serial:
             raise ConfigurationError(
-                f"{path}: camera.serial is {camera.serial}, but this is camera {serial}: name its own file, or {anew}"
+                f"{self.path}: camera.serial is {camera.serial}, but this is camera {serial}: name its own file, "
+                f"or {remedy}"
             )
         for key, measured, present in (
             ("pixel_format", self.origin.pixel_format, pixel_format),
@@ -172,8 +174,8 @@ class ResponseFile:
         ):
             if measured is not None and present is not None and measured != present:
                 raise ConfigurationError(
-                    f"{path}: {key} is {measured}, but camera {serial} runs with {present}: "
-                    f"set image.{key} to {measured}, or {anew}"
+                    f"{self.path}: {key} is {measured}, but camera {serial} runs with {present}: "
+                    f"set image.{key} to {measured}, or {remedy}"
                 )
 
 

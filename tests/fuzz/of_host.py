@@ -101,7 +101,7 @@ def sysfs_seeds() -> Iterator[bytes]:
 def response_file(data: bytes) -> None:
     path = in_file(data, "response.yaml")
     file = ResponseFile.load(path)
-    file.check_belongs(path, file.origin.camera.serial if file.origin.camera else "X", file.origin.pixel_format)
+    file.check_belongs(file.origin.camera.serial if file.origin.camera else "X", file.origin.pixel_format)
     file.save(path.with_name("again.yaml"))
 
 
@@ -130,9 +130,7 @@ def config(data: bytes) -> None:
     in_file(_response_file(), "made.yaml")
     in_file(_mask(), "mask.png")
     path = in_file(data, "rig.yaml")
-    load = load_config(path)
-    for side in load.sides:
-        load.response_of(side)
+    load_config(path)
 
 
 def config_seeds() -> Iterator[bytes]:

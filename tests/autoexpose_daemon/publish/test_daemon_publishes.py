@@ -10,7 +10,7 @@ import zenoh
 
 from autoexpose_daemon.client import StereoClient
 from autoexpose_daemon.messages.read import read_exposure_info
-from autoexpose_daemon.publish.session import Endpoints, open_as_consumer
+from autoexpose_daemon.publish.session import Endpoints, open_session
 from tests.autoexpose_daemon.publish.steps import PATIENCE_S, endpoint, wait_until
 from tests.autoexpose_daemon.scripted import scripted_daemon
 
@@ -45,7 +45,7 @@ def test_frames_of_a_camera_that_is_left_alone_keep_their_name() -> None:
     at = endpoint()
     with scripted_daemon(control=CONTROL, publish={"listen": [at]}) as (daemon, rig, _):
         wait_until(lambda: daemon.telemetry.publishing and daemon.telemetry.publishing.sent, "frames")
-        session = open_as_consumer(Endpoints(connect=[at]))
+        session = open_session("client", Endpoints(connect=[at]))
         lone: list[str] = []
 
         def take(sample: zenoh.Sample) -> None:

@@ -29,10 +29,6 @@ def config(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Config:
     return Config.model_validate({"cameras": cameras, "response": {"refine": True}})
 
 
-def watching(config: Config) -> ResponseDrift:
-    return ResponseDrift(config, {side: config.response_of(side) for side in config.sides})
-
-
 def show(
     drift: ResponseDrift, left: ResponseFunction, changes: int, source: SettingSource = "chunk", stride: int = 1
 ) -> None:
@@ -58,7 +54,7 @@ def finish_refining() -> None:
 
 
 def test_cameras_whose_responses_hold_are_left_alone(config: Config, tmp_path: Path) -> None:
-    drift = watching(config)
+    drift = ResponseDrift(config)
     show(drift, true_response("linear"), 2 * REFINE_EVERY)
     finish_refining()
     assert drift.misfits == {}
@@ -71,7 +67,7 @@ def test_a_response_that_drifted_is_told_and_refined_in_a_copy(
     config: Config, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     before = (tmp_path / "left.response.yaml").read_bytes()
-    drift = watching(config)
+    drift = ResponseDrift(config)
     show(drift, true_response("gamma"), 2 * REFINE_EVERY)
     finish_refining()
     assert set(drift.misfits) == {"left"}
@@ -79,7 +75,7 @@ def test_a_response_that_drifted_is_told_and_refined_in_a_copy(
     assert caplog.text.count("left camera: response off by") == 1
     assert (tmp_path / "left.response.yaml").read_bytes() == before
     refined = ResponseFile.load(tmp_path / "left.response.refined.yaml")
-    refined.check_belongs(tmp_path, "L", "Mono8")
+    refined.check_belongs("L", "Mono8")
     stops = refined.response.log2_exposure[[32, 64, 128]] - true_response("gamma").log2_exposure[[32, 64, 128]]
     assert np.ptp(stops) < 0.15
 
@@ -88,14 +84,14 @@ def test_a_copy_that_cannot_be_written_is_a_line_in_the_log(
     config: Config, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setenv("STATE_DIRECTORY", "/proc/none")
-    drift = watching(config)
+    drift = ResponseDrift(config)
     show(drift, true_response("gamma"), 2 * REFINE_EVERY)
     finish_refining()
     assert "no refined response is kept" in caplog.text
 
 
 def test_pairs_that_lack_a_frame_are_passed_over(config: Config) -> None:
-    drift = watching(config)
+    drift = ResponseDrift(config)
     frame = Frame(np.zeros((8, 8), np.uint8), 8, 0, 0, 0, 0, ExposureSetting(1000.0, 0.0))
     drift.see(StereoPair(0, {"left": frame}))
     assert drift.residual_grey == {}
@@ -103,6 +99,6 @@ def test_pairs_that_lack_a_frame_are_passed_over(config: Config) -> None:
 
 def test_nothing_is_concluded_from_settings_that_are_only_inferred_nor_across_gaps(config: Config) -> None:
     for source, stride in (("ledger", 1), ("chunk", 2)):
-        drift = watching(config)
+        drift = ResponseDrift(config)
         show(drift, true_response("gamma"), REFINE_EVERY, source, stride)
         assert drift.residual_grey == {}

@@ -161,12 +161,12 @@ def test_a_response_file_of_another_pixel_format_is_not_taken(
 ) -> None:
     file = tmp_path / "left.response.yaml"
     ResponseFile(ResponseFunction.linear()).save(file)
-    wanted = config(cameras={"left": {"serial": "L", "response": file}, "right": {"serial": "R"}})
-    running.reload(wanted)
+    cameras = {"left": {"serial": "L", "response": file}, "right": {"serial": "R"}}
+    running.reload(config(cameras=cameras))
     running.manager.wait_for("RELOADING=1")
     running.manager.wait_for("READY=1")
     ResponseFile(ResponseFunction.linear(), Origin(CameraIdentity("ours", "scripted", "L"), "Mono12")).save(file)
-    running.reload(wanted)
+    running.reload(config(cameras=cameras))
     wait_for_words(running, caplog, "pixel_format is Mono12")
 
 
