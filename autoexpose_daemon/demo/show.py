@@ -49,7 +49,7 @@ def show(options: DemoOptions, cameras: FakeCameras, stop: threading.Event, cons
         if file is not None:
             resources.enter_context(file)
         service = Service(
-            config, lambda config, start: add_outlets(Daemon(config, openers(config), recorder, start), config, file)
+            config, lambda config, start: add_outlets(Daemon(config, openers(config), start, [recorder]), config, file)
         )
         took_s, cpu_s = _run_for(options.seconds, service, stop, console, cameras.truths[0])
     cameras.end()

@@ -93,7 +93,7 @@ def scripted_daemon(**sections: Any) -> Iterator[tuple[Daemon, ScriptedRig, Seen
     seen: Seen = []
     configuration = config(**sections)
     with ScriptedRig() as rig:
-        daemon = Daemon(configuration, rig.openers, lambda pair, decision: seen.append((pair, decision)))
+        daemon = Daemon(configuration, rig.openers, outlets=[lambda pair, decision: seen.append((pair, decision))])
         add_outlets(daemon, configuration)
         stop = threading.Event()
         thread = threading.Thread(target=daemon.run, args=(stop,))

@@ -99,7 +99,7 @@ class VirtualRun:
 
     def counts(self) -> Counter[str]:
         counts = Counter({c.name: n for c, n in counters(self.telemetry.counts) if c.anomaly or c.name == "pairs"})
-        counts.update({reason.value: count for reason, count in self.rig.control.tally.lost.items()})
+        counts.update({reason.value: count for reason, count in self.rig.control.record.tally.lost.items()})
         return +counts
 
     def counted(self) -> Counter[str]:

@@ -83,7 +83,7 @@ class Day:
     def close(self) -> str | None:
         """Have the daemon stop; what is then wrong with its account of the whole day, if anything."""
         self.rig.control.close()
-        tally = self.rig.control.tally
+        tally = self.rig.control.record.tally
         beside = tally.lost[LossReason.STARTUP] + tally.lost[LossReason.SHUTDOWN]  # a camera may take longer to open
         if tally.triggers - beside == self.wire.triggers and tally.lost[LossReason.SHUTDOWN] <= 1:
             return None

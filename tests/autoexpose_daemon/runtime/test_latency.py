@@ -7,54 +7,25 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from autoexpose_daemon.runtime.way_to_nodes import Command, WayToNodes
 from autoexpose_daemon.status.document import Durations as StatusDurations
 from autoexpose_daemon.status.document import Status
 from autoexpose_daemon.status.durations import DURATIONS
 from autoexpose_daemon.status.telemetry import Durations, Telemetry
 from drivers.exposure import ExposureSetting
-from drivers.frames import Side
 from drivers.rig.events import Written
+from drivers.triggers.history import Command
 from tests.soak import camera
 from tests.soak.clock import MS, SECOND
 from tests.soak.rig import PERIOD_NS, VirtualRig
 from tests.soak.wire import Wire
 
-SETTING = ExposureSetting(1000.0, 0.0)
-NEWER = ExposureSetting(2000.0, 0.0)
-
-
-def written(side: Side, asked: ExposureSetting, started_ms: float, finished_ms: float) -> Written:
-    return Written(side, asked, asked, round(started_ms * MS), round(finished_ms * MS))
-
-
-def commanded(setting: ExposureSetting, arrival_ms: float, decided_ms: float) -> Command:
-    return Command(setting, round(arrival_ms * MS), round(decided_ms * MS), held=False)
-
 
 def test_a_write_is_timed_from_its_own_frame() -> None:
-    telemetry = Telemetry()
-    way = WayToNodes(telemetry)
-    way.decided(commanded(SETTING, 10.0, 15.0), ["left", "right"])
-    way.decided(commanded(NEWER, 26.0, 31.0), ["left", "right"])
-    assert way.written(written("left", SETTING, 17.0, 34.0)) is not None  # so slow that a newer one is decided on
-    way.written(written("left", NEWER, 34.0, 35.0))
-    way.written(written("right", NEWER, 31.5, 32.0))  # it never got the first
-    assert telemetry.held_ms.sum_ms == 2.0 + 3.0 + 0.5
-    assert telemetry.write_ms.sum_ms == 17.0 + 1.0 + 0.5
-    assert telemetry.frame_to_node_ms.sum_ms == 24.0 + 9.0 + 6.0
-
-
-def test_what_no_decision_caused_is_not_timed() -> None:
-    telemetry = Telemetry()
-    way = WayToNodes(telemetry)
-    assert way.written(written("left", SETTING, 1.0, 2.0)) is None  # the first write
-    way.decided(commanded(SETTING, 10.0, 15.0), ["left"])
-    way.gone("left")
-    assert way.written(written("left", SETTING, 8000.0, 8001.0)) is None
-    way.decided(commanded(NEWER, 9000.0, 9005.0), ["left"])
-    way.written(written("left", NEWER, 9005.0, 9006.0))
-    assert way.written(written("left", NEWER, 9500.0, 9501.0)) is None
+    telemetry, setting = Telemetry(), ExposureSetting(1000.0, 0.0)
+    write = Written("left", setting, setting, 17 * MS, 34 * MS)
+    telemetry.written(write, Command(setting, arrival_ns=10 * MS, decided_ns=15 * MS, due_ns=15 * MS))
+    assert (telemetry.held_ms.sum_ms, telemetry.write_ms.sum_ms, telemetry.frame_to_node_ms.sum_ms) == (2.0, 17.0, 24.0)
+    telemetry.written(write, None)  # no decision caused it
     assert telemetry.frame_to_node_ms.count == telemetry.write_ms.count == telemetry.held_ms.count == 1
 
 
