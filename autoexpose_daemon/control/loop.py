@@ -186,6 +186,7 @@ class ControlLoop:
             black_share=black_share,
             motion_px=self._speed_px(side, look.image, frame, angular_rate_rad_s),
             limits=self._limits,
+            past=self._past,
             realised=self._decision_realised_by(frame.setting),
         )
 

@@ -85,8 +85,10 @@ class Observation:
         Mean speed of image points, pixels of full resolution per 1/60 s.
     limits
         Bounds and increments that the next setting will be cut to.
+    past
+        The latest decisions, oldest first, one for each frame.
     realised
-        The past decision that this frame was taken with; None when no remembered one fits its setting.
+        That of them which this frame was taken with; None when none fits its setting.
     """
 
     looks: Sequence[Look]
@@ -98,7 +100,8 @@ class Observation:
     black_share: float
     motion_px: float
     limits: ExposureLimits
-    realised: PastStep | None
+    past: Sequence[PastStep] = ()
+    realised: PastStep | None = None
 
     @property
     def side(self) -> Side:

@@ -27,7 +27,8 @@ def upgraded_state(state: Any) -> Any:
     unseen = {"shape": [0, 0], "previous": np.empty((0, 0), np.uint8), "previous_level": 0.0, "previous_time_ns": None}
     policy = state.get("policy")
     if isinstance(policy, dict) and isinstance(policy.get("registration"), dict):
-        policy = {**policy, "registration": {"side": "left", **policy["registration"]}}
+        latency = {key: value for key, value in policy.get("latency", {}).items() if key != "targets"}
+        policy = {**policy, "registration": {"side": "left", **policy["registration"]}, "latency": latency}
     return {
         "past": state.get("past"),
         "motions": {"left": state["motion"], "right": unseen},

@@ -196,11 +196,11 @@ def test_looking_at_all_lags_at_once_misses_no_period(
 
 @pytest.mark.parametrize("delay", [1, 2, 3, 6])
 def test_the_delay_is_found_in_the_settings_of_frames(delay: int) -> None:
-    latency, asked = Latency(), [10.0] * delay
+    latency, asked, targets = Latency(), [10.0] * delay, list[float]()
     for index in range(30):
-        latency.see(asked[index])
+        latency.see(asked[index], targets)
         target = 10.0 if index < 12 else 13.0
-        latency.decide(target)
+        targets.append(target)
         asked.append(target)
     assert latency.frames == delay
 

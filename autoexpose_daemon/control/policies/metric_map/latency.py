@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections import deque
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import ClassVar
 
 USUAL_FRAMES = 2
@@ -11,8 +11,6 @@ USUAL_FRAMES = 2
 
 DISTINCT_STOPS = 0.15
 """A change of exposure that cannot be rounding."""
-
-REMEMBERED = 32
 
 
 @dataclass(slots=True)
@@ -23,31 +21,26 @@ class Latency:
     ----------
     frames
         D: 1 when the very next frame shows a decision.
-    targets
-        Levels decided on, one per frame, oldest first.
     level
         Level of the latest frame; None before the first.
     """
 
-    STATE: ClassVar[tuple[str, ...]] = ("frames", "targets", "level")
+    STATE: ClassVar[tuple[str, ...]] = ("frames", "level")
 
     frames: int = USUAL_FRAMES
-    targets: deque[float] = field(default_factory=lambda: deque(maxlen=REMEMBERED))
     level: float | None = None
 
-    def see(self, level: float) -> None:
-        """A frame taken at `level` (stops) has come: if the level is new, since when was it wanted?"""
+    def see(self, level: float, targets: Sequence[float]) -> None:
+        """A frame taken at `level` (stops) has come: if the level is new, since when was it wanted?
+
+        `targets` are the levels decided on, one per frame, oldest first.
+        """
         changed = self.level is not None and abs(level - self.level) > DISTINCT_STOPS
         self.level = level
         if not changed:
             return
-        targets = list(self.targets)
         for index in range(len(targets) - 1, 0, -1):
             agrees = abs(targets[index] - level) < DISTINCT_STOPS / 3
             if agrees and abs(targets[index - 1] - level) > DISTINCT_STOPS:
                 self.frames = len(targets) - index
                 return
-
-    def decide(self, target: float) -> None:
-        """Remember the level decided on upon the frame just seen."""
-        self.targets.append(target)

@@ -104,12 +104,11 @@ class MetricMap:
     def decide(self, observation: Observation) -> Target:
         """The level that promises most, for the frame that will show this decision."""
         level = observation.setting.level
-        self.latency.see(level)
+        self.latency.see(level, [observation.limits.clamp_level(past.target.level) for past in observation.past])
         views = self._views(observation)
         change = self._remember(observation, views)
         target = self._jump(observation, views) or self._best(observation, change)
         self.target = observation.limits.clamp_level(target.level)
-        self.latency.decide(self.target)
         return target
 
     def _views(self, observation: Observation) -> tuple[View, ...]:
