@@ -27,7 +27,7 @@ from evaluation.progress import LongProgress
 experiments_app = typer.Typer(add_completion=False, no_args_is_help=True)
 
 _Folder = Annotated[Path, typer.Option(help="Where report, figures and finished jobs go.")]
-_COLOURS = {"reproduced": "green", "reproduced under conditions": "yellow", "not reproduced": "red"}
+_COLOURS = {"reproduced": "green", "reproduced under conditions": "yellow", "not reproduced": "red", "undecided": "dim"}
 
 
 @experiments_app.callback()

@@ -27,7 +27,6 @@ def write_report(chapters: Sequence[Chapter], preface: str, folder: Path) -> Pat
     )
     environment.filters |= {"prose": _prose, "inline": _inline}
     environment.tests["table"] = lambda part: isinstance(part, Table)
-    environment.tests["figure"] = lambda part: isinstance(part, Figure)
     page = environment.get_template("report.html").render(
         chapters=chapters, preface=preface, count=count_of_verdicts(chapters)
     )
@@ -40,7 +39,7 @@ def count_of_verdicts(chapters: Sequence[Chapter]) -> str:
     counts = Counter(claim.verdict for _, section in chapters for claim in section.claims)
     return (
         f"{counts.total()} claim{'s' if counts.total() != 1 else ''}: "
-        + ", ".join(f"{counts[verdict]} {verdict}" for verdict in Verdict)
+        + ", ".join(f"{counts[verdict]} {verdict}" for verdict in Verdict if counts[verdict] or verdict != "undecided")
         + "."
     )
 
@@ -56,8 +55,6 @@ def _markdown(chapters: Sequence[Chapter], preface: str) -> list[str]:
                     parts += [part.caption, _table(part)]
                 case Figure():
                     parts.append(f"![{part.caption}]({part.file})\n\n*{part.caption}*")
-                case str():
-                    parts.append(part.strip())
     return parts
 
 

@@ -126,7 +126,7 @@ def _section(_results: list[tuple[Mapping[str, Plain], Plain]], _folder: Path) -
 def test_the_report_says_the_verdicts_first_in_both_forms(tmp_path: Path) -> None:
     claim = Claim("B&H Fig. 0", "a < b", "|1| < 2", Verdict.CONDITIONALLY, "only `here`")
     section = Section(
-        "As in the paper, but for `x`.", [claim], ["Plain & simple.", Table("Numbers", ["a", "b"], [["1", "2"]]),
+        "As in the paper, but for `x`.", [claim], [Table("Plain & simple", ["a", "b"], [["1", "2"]]),
         Figure("fig0.png", "The figure")]
     )  # fmt: skip
     path = write_report([(Experiment("fig0", "Title", _jobs, _section), section)], "Preface.", tmp_path)
@@ -136,7 +136,7 @@ def test_the_report_says_the_verdicts_first_in_both_forms(tmp_path: Path) -> Non
     assert "| `fig0` | B&H Fig. 0 | a < b | \\|1\\| < 2 | **reproduced under conditions**: only `here` |" in text
     assert "| a | b |\n|---|---:|\n| 1 | 2 |" in text and "![The figure](fig0.png)" in text
     assert "a &lt; b" in page and '<b class="conditions">' in page and "<code>x</code>" in page
-    assert "Plain &amp; simple." in page and "only <code>here</code>" in page
+    assert "Plain &amp; simple" in page and "only <code>here</code>" in page
 
 
 def test_the_command_refuses_what_it_cannot_do_before_it_works(tmp_path: Path) -> None:

@@ -30,6 +30,7 @@ from evaluation.experiments.prediction.still_life import StillLife, plateau_cent
 from evaluation.experiments.run import run_jobs
 from evaluation.scenes.responses import FAKE_CAMERAS, CameraResponse
 from evaluation.stage.stage import LIMITS, time_first
+from tests.evaluation.sections import check_no_prose
 
 Quick = tuple[list[tuple[dict[str, Any], Any]], Section]
 
@@ -40,6 +41,7 @@ def run_quick(experiment: Experiment, folder: Path, keep: Callable[[dict[str, An
     found = run_jobs(jobs, ResultCache(folder / "jobs"), 1, lambda _job, _took: None)
     results: Results = [(job.arguments, result) for job, result in zip(jobs, found, strict=True)]
     section = experiment.section(results, folder)
+    check_no_prose(section)
     for part in section.parts:
         if isinstance(part, Figure):
             with Image.open(folder / part.file) as picture:

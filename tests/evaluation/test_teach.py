@@ -29,6 +29,7 @@ from evaluation.experiments.teach.registration import Detector, Part, Truth, reg
 from evaluation.experiments.teach.sweep import OFFSETS, sweep
 from evaluation.scenes.stills import leaves
 from fake_camera.world.render.renderer import Renderer, Surface
+from tests.evaluation.sections import check_no_prose
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -230,6 +231,7 @@ def test_the_quick_run_shows_how_the_policies_expose_and_registers(tmp_path: Pat
     for policy in (STANDARD, FULL, FIXED):
         assert errors[policy].share_within(5.0).value > 0.85 and errors[policy].failures == 0
     section = EXPERIMENT.section(results, tmp_path)
+    check_no_prose(section)
     figures = [part.file for part in section.parts if isinstance(part, Figure)]
     assert len(figures) == 2 and section.claims
     assert all(0 < (tmp_path / file).stat().st_size < 120_000 for file in figures)

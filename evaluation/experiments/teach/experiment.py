@@ -36,7 +36,7 @@ def section(results: Results, folder: Path) -> Section:
     views = {light: drives[0]["views"] for light in REPLAYS if (drives := drives_of(results, light, 0.0))}
     plot_views(views, folder / "teach_views.png")
     plot_curves(cases, folder / "teach_curves.png")
-    parts: list[str | Table | Figure] = [
+    parts: list[Table | Figure] = [
         Figure("teach_views.png", "The same view as each policy exposes it in the middle of the drive, camera level."),
         Figure(
             "teach_curves.png",

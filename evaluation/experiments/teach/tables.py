@@ -51,8 +51,8 @@ def comparisons_table(cases: Mapping[Case, Mapping[str, Errors]]) -> Table:
             )  # fmt: skip
     return Table(
         f"`{STANDARD}` less another policy, image by image: below 0 it registers better. Student's paired test takes "
-        "all registrations for independent, as the paper does; the interval draws maps, since the eight registrations "
-        "with one map are alike, and is wider.",
+        "all registrations as independent, as the paper does; the interval draws maps, since the eight registrations "
+        "with one map are alike.",
         ["replay", "against", "difference of mean errors", "t", "p"],
         rows,
     )
