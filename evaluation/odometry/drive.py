@@ -30,7 +30,7 @@ class Drive:
     """What became of one entrant; `estimate`, `lost` and `truth` have an entry for each pair that odometry got."""
 
     entrant: Entrant
-    run: DelayedLoop
+    delayed: DelayedLoop
     odometry: StereoOdometry
     estimate: list[NDArray[np.float64]] = field(default_factory=list)
     lost: list[bool] = field(default_factory=list)
@@ -68,7 +68,7 @@ def drive(
     for frame in range(frames):
         stage.go_to(frame)
         for number, one in enumerate(drives):
-            pair = one.run.step(stage.take)
+            pair = one.delayed.step(stage.take)
             if frame % EVERY == 0:
                 tracked = one.odometry.track(*images(pair))
                 one.estimate.append(tracked.pose)
@@ -86,8 +86,8 @@ def outcome(one: Drive) -> dict[str, Any]:
     pair that odometry got.
     """
     first = np.linalg.inv(one.truth[0])
-    settings = one.run.settings[::EVERY]
-    metrics = [decision.metric for decision in one.run.decisions]
+    settings = one.delayed.settings[::EVERY]
+    metrics = [decision.metric for decision in one.delayed.decisions]
     return {
         "name": one.entrant.name,
         "rpe_mm": float(np.mean(one.errors_mm())),

@@ -48,10 +48,6 @@ class Best:
     metrics: tuple[float, ...]
     joint: float
 
-    def ratio(self, metrics: tuple[float, ...]) -> float:
-        """How good a frame with these metrics is, 1 being the best there is."""
-        return _shares(metrics, self.metrics) / self.joint
-
 
 class Oracle:
     """Finds the best exposure of the stage's present frame, for any rule of splitting.
@@ -141,7 +137,3 @@ def _joint(curve: NDArray[np.float64]) -> NDArray[np.float64]:
     """Mean over the cameras of their shares of their own best, shape (levels,)."""
     best = curve.max(axis=0)
     return np.asarray(np.mean(curve / np.where(best > 0, best, 1.0), axis=1))
-
-
-def _shares(metrics: tuple[float, ...], best: tuple[float, ...]) -> float:
-    return sum(m / b if b > 0 else 0.0 for m, b in zip(metrics, best, strict=True)) / len(best)

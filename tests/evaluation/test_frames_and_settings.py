@@ -12,7 +12,7 @@ from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlLoop
 from drivers.exposure import ExposureSetting
 from drivers.frames import StereoPair
-from evaluation.arena.race import run
+from evaluation.arena.race import run_course
 from evaluation.odometry.course import odometry_stage
 from evaluation.odometry.drive import Drive, drive
 from evaluation.odometry.stereo import Tracked, prepared
@@ -48,7 +48,7 @@ def test_the_arena_judges_the_frame_that_the_policy_saw(delay: int) -> None:
         loops.append(Watched(ControlLoop("begin2022", *setup)))
         return loops[-1]
 
-    (series,) = run("step_down", "leaves", 3, [Entrant("watched", delay, make)], frames=38)
+    (series,) = run_course("step_down", "leaves", 3, [Entrant("watched", delay, make)], frames=38)
     assert np.ptp(series.levels) > 1.0
     assert series.metrics[:, 0] == pytest.approx([decision.metric for decision in loops[0].decisions])
 
