@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 
 from evaluation.arena.scores import Score, score
 from evaluation.scenes.scenarios import SCENARIOS
-from evaluation.scenes.scenes import build_views
+from evaluation.scenes.views import build_views
 from evaluation.stage.delayed_loop import DelayedLoop, Entrant
 from evaluation.stage.oracle import Best, Oracle, best_start
-from evaluation.stage.stage import Stage
+from evaluation.stage.rendering import Stage
 from fake_camera.world.simulation import Side
 
 LIGHT_JUMP_STOPS = 0.2

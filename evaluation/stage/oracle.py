@@ -12,7 +12,8 @@ from autoexpose_daemon.control.balance import Balance, ExposurePriority
 from autoexpose_daemon.control.image import ImagePreparation
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
 from drivers.exposure import ExposureSetting
-from evaluation.stage.stage import LIMITS, Stage, time_first
+from evaluation.stage.camera import LIMITS, time_first
+from evaluation.stage.rendering import Stage
 from fake_camera.world.simulation import Side
 
 GRID_STOPS = 0.125

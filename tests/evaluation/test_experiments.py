@@ -11,12 +11,12 @@ import pytest
 from typer.testing import CliRunner
 
 from drivers.errors import AutoexposeError
-from evaluation.experiments import cache, commands
+from evaluation.experiments import cache, experiments_app
 from evaluation.experiments.cache import ResultCache
-from evaluation.experiments.commands import experiments_app
 from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, Plain, Results, Section, Table, Verdict
-from evaluation.experiments.report import write_report
-from evaluation.experiments.run import run_jobs
+from evaluation.experiments.experiments_app import experiments_app as app
+from evaluation.experiments.experiments_report import write_experiments_report
+from evaluation.experiments.jobs import run_jobs
 from evaluation.experiments.statistics import mean_interval, pearson
 
 CALLS: list[int] = []
@@ -128,7 +128,7 @@ def test_the_report_says_the_verdicts_first_in_both_forms(tmp_path: Path) -> Non
         "As in the paper, but for `x`.", [claim], [Table("Plain & simple", ["a", "b"], [["1", "2"]]),
         Figure("fig0.png", "The figure")]
     )  # fmt: skip
-    path = write_report([(Experiment("fig0", "Title", _jobs, _section), section)], "Preface.", tmp_path)
+    path = write_experiments_report([(Experiment("fig0", "Title", _jobs, _section), section)], "Preface.", tmp_path)
     text, page = path.read_text(), path.with_suffix(".html").read_text()
     assert text.index("## Verdicts") < text.index("## fig0: Title")
     assert "1 claim: 0 reproduced, 1 reproduced under conditions, 0 not reproduced." in text
@@ -147,7 +147,7 @@ def test_the_command_refuses_what_it_cannot_do_before_it_works(tmp_path: Path) -
         (["run", "fig1", "--quick", "--out", str(tmp_path / "file" / "out")], "cannot be written to"),
     ):
         (tmp_path / "file").write_text("")
-        outcome = CliRunner().invoke(experiments_app, arguments)
+        outcome = CliRunner().invoke(app, arguments)
         assert isinstance(outcome.exception, AutoexposeError) and said in str(outcome.exception)
 
 
@@ -159,10 +159,10 @@ def test_the_command_makes_the_report_and_a_second_time_from_what_was_kept(
         return Section("Setting.", [Claim("Us", "squares", seen, Verdict.REPRODUCED)], [])
 
     made = Experiment("squares", "Squares", lambda _quick: [Job(square, {"number": n}) for n in (2, 3)], section)
-    monkeypatch.setattr(commands, "EXPERIMENTS", (made,))
+    monkeypatch.setattr(experiments_app, "EXPERIMENTS", (made,))
     CALLS.clear()
     for _ in range(2):
-        outcome = CliRunner().invoke(experiments_app, ["run", "all", "--full", "--jobs", "1", "--out", str(tmp_path)])
+        outcome = CliRunner().invoke(app, ["run", "all", "--full", "--jobs", "1", "--out", str(tmp_path)])
         assert outcome.exit_code == 0 and "we saw: 4, 9" in outcome.output and "100 %" in outcome.output
         assert "4, 9" in (tmp_path / "experiments.md").read_text()
     assert "all kept from earlier" in outcome.output and sorted(CALLS) == [2, 3]

@@ -16,7 +16,7 @@ from evaluation.experiments.cache import ResultCache
 from evaluation.experiments.drives import fig7, fig12, fixed_drives
 from evaluation.experiments.drives.courses import by_course, over_courses
 from evaluation.experiments.experiment import Experiment, Figure, Results, Section, Verdict
-from evaluation.experiments.run import run_jobs
+from evaluation.experiments.jobs import run_jobs
 from evaluation.experiments.statistics import Interval
 from tests.evaluation.sections import check_no_prose
 
@@ -58,7 +58,7 @@ def test_longer_exposures_cost_odometry_more(tmp_path: Path, monkeypatch: pytest
 @pytest.mark.timeout(300)
 def test_begin2022_sees_more_than_the_built_in_exposure_and_blurs_less(tmp_path: Path) -> None:
     with quick(fig12.EXPERIMENT, tmp_path) as (results, section):
-        runs = fig12.Runs(results)
+        runs = fig12.PolicyRuns(results)
         (ours,), (begin,), (built_in,) = (runs.of("low", policy) for policy in runs.policies)
         assert begin["metric"] > built_in["metric"] + 0.02
         assert ours["metric"] > built_in["metric"] + 0.02
@@ -101,7 +101,7 @@ def test_claims_are_judged_by_their_rules() -> None:
         for room in (1, 2, 3)
         for seed in (0, 1, 2)
     ]
-    runs = fig12.Runs(results)
+    runs = fig12.PolicyRuns(results)
     assert fig12._ours(runs, "uneven").verdict is Verdict.REPRODUCED
     assert "failed 0 and 9 of 9 runs" in fig12._ours(runs, "uneven").ours
     assert fig12._metric_is_higher(runs).verdict is Verdict.REPRODUCED

@@ -9,9 +9,9 @@ from autoexpose_daemon.control.balance import Balance, BlurNoiseBalance, Exposur
 from drivers.exposure import ExposureSetting
 from evaluation.arena.race import course_of, race
 from evaluation.scenes.scenarios import SCENARIOS
+from evaluation.stage.camera import LIMITS
 from evaluation.stage.delayed_loop import Entrant
 from evaluation.stage.oracle import LEVELS, Oracle, rounded_motion
-from evaluation.stage.stage import LIMITS
 from fake_camera.world.simulation import Side
 
 

@@ -8,8 +8,9 @@ from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
 from evaluation.arena.race import Series, course_of, run_course
 from evaluation.scenes.scenarios import SCENARIOS, WARM_UP_FRAMES
+from evaluation.stage.camera import LIMITS
 from evaluation.stage.delayed_loop import Entrant
-from evaluation.stage.stage import BLUR_STEP_PX, LIMITS
+from evaluation.stage.rendering import BLUR_STEP_PX
 from fake_camera.imaging import ImageSettings
 from fake_camera.world.lighting import LightScript
 from fake_camera.world.sensor import Sensor, SensorModel

@@ -44,7 +44,7 @@ LISTED = (
     # A delay that is a frame short.
     ("evaluation/stage/delayed_loop.py", "] * delay_frames", "] * (delay_frames - 1)"),
     # The true pose a frame late.
-    ("evaluation/odometry/drive.py", "stage.start_s(stage.frame) +", "stage.start_s(stage.frame + 1) +"),
+    ("evaluation/odometry/tracking.py", "stage.start_s(stage.frame) +", "stage.start_s(stage.frame + 1) +"),
     # Odometry without its gamma.
     ("evaluation/odometry/stereo.py", "cv2.LUT(cv2.medianBlur(image, 3), _CONTRAST)", "cv2.medianBlur(image, 3)"),
 )

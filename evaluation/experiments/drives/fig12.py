@@ -24,8 +24,8 @@ from evaluation.experiments.experiment import (
     Verdict,
 )
 from evaluation.experiments.statistics import Interval
-from evaluation.odometry.course import Light
-from evaluation.odometry.drive import EVERY
+from evaluation.odometry.lap import Light
+from evaluation.odometry.tracking import EVERY
 from evaluation.scenes.scenarios import RATE_HZ
 
 POLICIES = ("metric-map", "begin2022", "shim2018", "neves2009", "fixed")
@@ -81,8 +81,8 @@ def _job(light: Light, run: tuple[int, int, int], policies: Sequence[str], secon
 
 def section(results: Results, folder: Path) -> Section:
     """Judge Fig. 12 to 14, and our default against `begin2022`."""
-    everything = Runs(results)
-    runs = Runs([(arguments, run) for arguments, run in results if arguments["policies"] == everything.policies])
+    everything = PolicyRuns(results)
+    runs = PolicyRuns([(arguments, run) for arguments, run in results if arguments["policies"] == everything.policies])
     claims = [_ours(everything, light) for light in LIGHTS]
     claims.append(_metric_is_higher(runs))
     claims += [_error_is_lower(runs, light) for light in LIGHTS]
@@ -107,7 +107,7 @@ def section(results: Results, folder: Path) -> Section:
     )
 
 
-class Runs:
+class PolicyRuns:
     """Results by light and policy; every run has the policies of the first one, or those that it begins with."""
 
     def __init__(self, results: Results) -> None:
@@ -152,7 +152,7 @@ def level(run: Mapping[str, Any]) -> float:
     return float(np.mean(np.log2(run["times_us"]) + np.array(run["gains_db"]) / (20 * np.log10(2))))
 
 
-def _ours(runs: Runs, light: Light) -> Claim:
+def _ours(runs: PolicyRuns, light: Light) -> Claim:
     """Reached when the interval ends at 0.05 mm or below, and no more runs fail."""
     apart = runs.difference(light, "metric-map", "begin2022", _error)
     failed = runs.failed(light, "metric-map"), runs.failed(light, "begin2022")
@@ -167,11 +167,11 @@ def _ours(runs: Runs, light: Light) -> Claim:
     )
 
 
-def _others(runs: Runs) -> list[str]:
+def _others(runs: PolicyRuns) -> list[str]:
     return [policy for policy in ("shim2018", "neves2009") if policy in runs.policies]
 
 
-def _metric_is_higher(runs: Runs) -> Claim:
+def _metric_is_higher(runs: PolicyRuns) -> Claim:
     """Reproduced when surely higher than every other active policy in both lights; conditionally, in one."""
     apart = {
         light: {other: runs.difference(light, "begin2022", other, _metric) for other in _others(runs)}
@@ -192,7 +192,7 @@ def _metric_is_higher(runs: Runs) -> Claim:
     )
 
 
-def _error_is_lower(runs: Runs, light: Light) -> Claim:
+def _error_is_lower(runs: PolicyRuns, light: Light) -> Claim:
     """Reproduced when surely lower than with both others; conditionally, with one."""
     apart = {other: runs.difference(light, "begin2022", other, _error) for other in _others(runs)}
     lower = [other for other, one in apart.items() if one.high < 0]
@@ -206,7 +206,7 @@ def _error_is_lower(runs: Runs, light: Light) -> Claim:
     )
 
 
-def _fixed_like(runs: Runs) -> Claim:
+def _fixed_like(runs: PolicyRuns) -> Claim:
     """Reproduced when the interval of the difference holds 0."""
     apart = runs.difference("uneven", "begin2022", "fixed", _error)
     return Claim(
@@ -219,7 +219,7 @@ def _fixed_like(runs: Runs) -> Claim:
     )
 
 
-def _fixed_worse(runs: Runs) -> Claim:
+def _fixed_worse(runs: PolicyRuns) -> Claim:
     """Reproduced when surely worse."""
     apart = runs.difference("low", "begin2022", "fixed", _error)
     return Claim(
@@ -230,7 +230,7 @@ def _fixed_worse(runs: Runs) -> Claim:
     )
 
 
-def _shim_is_darker(runs: Runs) -> Claim:
+def _shim_is_darker(runs: PolicyRuns) -> Claim:
     """Reproduced when the interval of the mean level lies below 0."""
     apart = runs.difference("uneven", "shim2018", "begin2022", level)
     return Claim(
@@ -241,7 +241,7 @@ def _shim_is_darker(runs: Runs) -> Claim:
     )
 
 
-def _table(runs: Runs, light: Light) -> Table:
+def _table(runs: PolicyRuns, light: Light) -> Table:
     rows = []
     for policy in runs.policies:
         all_runs = runs.of(light, policy)
@@ -262,7 +262,7 @@ def _table(runs: Runs, light: Light) -> Table:
     return Table(f"{LIGHTS[light]}; RPE in mm.", heads, rows)
 
 
-def _draw_boxes(runs: Runs, figure: str, title: str, file: Path) -> None:
+def _draw_boxes(runs: PolicyRuns, figure: str, title: str, file: Path) -> None:
     canvas, (left, right) = panels(1, 2, 3.8, sharey=True)
     for axes, (light, name) in zip((left, right), LIGHTS.items(), strict=True):
         values = [[run[figure] for run in runs.of(light, policy)] for policy in runs.policies]
@@ -277,7 +277,7 @@ def _draw_boxes(runs: Runs, figure: str, title: str, file: Path) -> None:
     save(canvas, file)
 
 
-def _draw_exposures(runs: Runs, file: Path) -> None:
+def _draw_exposures(runs: PolicyRuns, file: Path) -> None:
     canvas, (upper, lower) = panels(2, 1, 5.0, sharex=True)
     for place, policy in enumerate(runs.policies):
         run = runs.of("uneven", policy)[0]

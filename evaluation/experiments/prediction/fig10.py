@@ -81,7 +81,7 @@ def jobs(quick: bool) -> list[Job]:
     ]  # fmt: skip
 
 
-Runs: TypeAlias = "Sequence[tuple[Mapping[str, Any], Mapping[str, Any]]]"
+StepRuns: TypeAlias = "Sequence[tuple[Mapping[str, Any], Mapping[str, Any]]]"
 """Arguments and results of jobs."""
 
 
@@ -104,7 +104,7 @@ def section(results: Results, folder: Path) -> Section:
     )
 
 
-def _of(results: Results, camera: CameraResponse, rise_stops: float) -> Runs:
+def _of(results: Results, camera: CameraResponse, rise_stops: float) -> StepRuns:
     wanted = ([camera.curve, camera.gamma], rise_stops)
     return [(a, found) for a, found in results if (a["camera"], a["rise_stops"]) == wanted]
 
@@ -113,11 +113,11 @@ def _frames(found: Mapping[str, Any], name: str) -> int | None:
     return frames_to_converge(found[name]["levels"], found[name]["share"])
 
 
-def _converged(runs: Runs, name: str) -> list[int]:
+def _converged(runs: StepRuns, name: str) -> list[int]:
     return [frames for _, found in runs if (frames := _frames(found, name)) is not None]
 
 
-def _speed_up(runs: Runs, variant: str) -> Interval | None:
+def _speed_up(runs: StepRuns, variant: str) -> Interval | None:
     """Frames without feedback over frames with it, where both converged and had a way to go; None for no such run.
 
     Mean over scenes, of each the mean over its runs.
@@ -133,7 +133,7 @@ def _speed_up(runs: Runs, variant: str) -> Interval | None:
 _FEEDBACK = "B&H 3.2, Fig. 10", "With saturation feedback about 15 frames to converge, without it up to 100"
 
 
-def _feedback_is_faster(results: Results, papers: Runs) -> Claim:
+def _feedback_is_faster(results: Results, papers: StepRuns) -> Claim:
     everywhere = [(a, found) for a, found in results if a["camera"] == [THE_PAPERS.curve, THE_PAPERS.gamma]]
     speed_up = _speed_up(everywhere, ", rule")
     fast, slow = _converged(papers, "feedback, rule"), _converged(papers, "no feedback, rule")
@@ -162,7 +162,7 @@ def _feedback_is_faster(results: Results, papers: Runs) -> Claim:
     )
 
 
-def _gamma_is_as_fast(papers: Runs) -> Claim:
+def _gamma_is_as_fast(papers: StepRuns) -> Claim:
     gamma, fast = _converged(papers, "gamma"), _converged(papers, "feedback, rule")
     as_fast = len(gamma) * 2 > len(papers) and bool(fast) and np.median(gamma) <= 1.5 * np.median(fast)
     return Claim(
@@ -174,7 +174,7 @@ def _gamma_is_as_fast(papers: Runs) -> Claim:
     )
 
 
-def _gamma_ends_elsewhere(papers: Runs) -> Claim:
+def _gamma_ends_elsewhere(papers: StepRuns) -> Claim:
     """Where both converged."""
     ends = [
         [_end(found, name) for name in ("gamma", "feedback, rule")] + [found["best_level"]]

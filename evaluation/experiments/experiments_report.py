@@ -14,7 +14,7 @@ from evaluation.experiments.experiment import Claim, Experiment, Figure, Section
 Chapter = tuple[Experiment, Section]
 
 
-def write_report(chapters: Sequence[Chapter], preface: str, folder: Path) -> Path:
+def write_experiments_report(chapters: Sequence[Chapter], preface: str, folder: Path) -> Path:
     """Write `experiments.md` and `experiments.html` into the folder that holds the figures; returns the first."""
     markdown = folder / "experiments.md"
     markdown.write_text("\n\n".join(_markdown(chapters, preface)) + "\n", encoding="utf-8")
@@ -27,7 +27,7 @@ def write_report(chapters: Sequence[Chapter], preface: str, folder: Path) -> Pat
     )
     environment.filters |= {"prose": _prose, "inline": _inline}
     environment.tests["table"] = lambda part: isinstance(part, Table)
-    page = environment.get_template("report.html").render(
+    page = environment.get_template("experiments_report.html").render(
         chapters=chapters, preface=preface, count=count_of_verdicts(chapters)
     )
     (folder / "experiments.html").write_text(page, encoding="utf-8")
