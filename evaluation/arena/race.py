@@ -1,14 +1,11 @@
 """Policies in closed loop and virtual time, side by side through one course, against the best exposure.
 
-    from evaluation.arena.race import Entrant, run, run_one
+Several variants through the same course share rendering and oracles: far cheaper than one by one.
 
-    series = run_one("begin2022", "step_up", "room", seed=0)           # delay_frames=2
-    series.levels, series.metrics, series.ratios                        # one value per frame
-    series.score()                                                      # settle_frames, metric_ratio_mean, ...
-
-    # Several variants through the same course share rendering and oracles: far cheaper than one by one.
     mine = Entrant("variant-a", 2, lambda response, limits, start: make_my_control_loop(response, limits, start))
-    for series in run("tunnel", "leaves", 3, [Entrant.of("begin2022"), mine]): ...
+    for series in run_course("tunnel", "leaves", 3, [Entrant.of("begin2022"), mine]):
+        series.levels, series.metrics, series.ratios        # one value per frame
+        series.score()                                      # settle_frames, metric_ratio_mean, ...
 
 Scenarios: `scenarios.SCENARIOS`; scenes and seeds for tuning: `TUNE_SCENES`, 0 to 99. Not for two threads at once.
 """
@@ -24,10 +21,10 @@ from numpy.typing import NDArray
 
 from evaluation.arena.scores import Score, score
 from evaluation.scenes.scenarios import SCENARIOS
-from evaluation.scenes.scenes import build_views
-from evaluation.stage.delayed_loop import DelayedLoop, Entrant, MakeLoop
+from evaluation.scenes.views import build_views
+from evaluation.stage.delayed_loop import DelayedLoop, Entrant
 from evaluation.stage.oracle import Best, Oracle, best_start
-from evaluation.stage.stage import Stage
+from evaluation.stage.rendering import Stage
 from fake_camera.world.simulation import Side
 
 LIGHT_JUMP_STOPS = 0.2
@@ -46,19 +43,19 @@ class Series:
 
     entrant: Entrant
     first_scored: int
-    run: DelayedLoop
+    delayed: DelayedLoop
     judged: list[tuple[float, ...]] = field(default_factory=list)
     best: dict[int, Best | None] = field(default_factory=dict)
 
     @property
     def levels(self) -> NDArray[np.float64]:
         """Exposure level of each frame, stops."""
-        return np.array([setting.level for setting in self.run.settings])
+        return np.array([setting.level for setting in self.delayed.settings])
 
     @property
     def gains_db(self) -> NDArray[np.float64]:
         """Gain of each frame."""
-        return np.array([setting.gain_db for setting in self.run.settings])
+        return np.array([setting.gain_db for setting in self.delayed.settings])
 
     @property
     def metrics(self) -> NDArray[np.float64]:
@@ -68,7 +65,7 @@ class Series:
     @property
     def clipped_shares(self) -> NDArray[np.float64]:
         """Share of black and saturated pixels of each left image."""
-        return np.array([decision.saturated_share + decision.black_share for decision in self.run.decisions])
+        return np.array([decision.saturated_share + decision.black_share for decision in self.delayed.decisions])
 
     @property
     def oracle_metrics(self) -> NDArray[np.float64]:
@@ -107,15 +104,7 @@ class Series:
         return np.stack([np.interp(np.arange(len(self.judged)), list(known), column) for column in columns], axis=1)
 
 
-def run_one(
-    policy: str | MakeLoop, scenario: str, scene: str, seed: int, delay_frames: int = 2, *, frames: int | None = None
-) -> Series:
-    """One entrant alone, see `run`."""
-    entrant = Entrant.of(policy, delay_frames) if isinstance(policy, str) else Entrant("custom", delay_frames, policy)
-    return run(scenario, scene, seed, [entrant], frames=frames)[0]
-
-
-def run(
+def run_course(
     scenario: str, scene: str, seed: int, entrants: Sequence[Entrant], *, frames: int | None = None
 ) -> list[Series]:
     """Take all entrants through one course, each in a closed loop of its own.
@@ -160,10 +149,10 @@ def race(
         stage.go_to(frame)
         asked = frame % every == 0 or frame == frames - 1 or _light_jumps_at(stage, frame, frames)
         for series in race:
-            taken = series.run.step(stage.take).reference.setting
+            taken = series.delayed.step(stage.take).reference.setting
             series.judged.append(oracle.judge(taken))
             if asked:
-                series.best[frame] = oracle.best(series.run.loop.balance, series.run.decisions[-1].motion_px)
+                series.best[frame] = oracle.best(series.delayed.loop.balance, series.delayed.decisions[-1].motion_px)
     return race
 
 

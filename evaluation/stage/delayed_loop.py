@@ -11,7 +11,7 @@ from autoexpose_daemon.control.loop import ControlLoop
 from calibration.response import ResponseFunction
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import StereoPair
-from evaluation.stage.stage import LIMITS
+from evaluation.stage.camera import LIMITS
 
 
 class DelayedLoop:

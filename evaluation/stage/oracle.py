@@ -12,7 +12,8 @@ from autoexpose_daemon.control.balance import Balance, ExposurePriority
 from autoexpose_daemon.control.image import ImagePreparation
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
 from drivers.exposure import ExposureSetting
-from evaluation.stage.stage import LIMITS, Stage, time_first
+from evaluation.stage.camera import LIMITS, time_first
+from evaluation.stage.rendering import Stage
 from fake_camera.world.simulation import Side
 
 GRID_STOPS = 0.125
@@ -47,10 +48,6 @@ class Best:
     level: float
     metrics: tuple[float, ...]
     joint: float
-
-    def ratio(self, metrics: tuple[float, ...]) -> float:
-        """How good a frame with these metrics is, 1 being the best there is."""
-        return _shares(metrics, self.metrics) / self.joint
 
 
 class Oracle:
@@ -141,7 +138,3 @@ def _joint(curve: NDArray[np.float64]) -> NDArray[np.float64]:
     """Mean over the cameras of their shares of their own best, shape (levels,)."""
     best = curve.max(axis=0)
     return np.asarray(np.mean(curve / np.where(best > 0, best, 1.0), axis=1))
-
-
-def _shares(metrics: tuple[float, ...], best: tuple[float, ...]) -> float:
-    return sum(m / b if b > 0 else 0.0 for m, b in zip(metrics, best, strict=True)) / len(best)

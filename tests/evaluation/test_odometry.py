@@ -10,13 +10,13 @@ import pytest
 from numpy.typing import NDArray
 
 from drivers.exposure import ExposureSetting
-from evaluation.odometry.course import lap, odometry_stage
-from evaluation.odometry.drive import FAILED_PAIRS, lost_for_good
 from evaluation.odometry.errors import relative_errors_mm
+from evaluation.odometry.lap import lap, odometry_stage
 from evaluation.odometry.orb import OrbOdometry
 from evaluation.odometry.patches import place
 from evaluation.odometry.pose import project, refined_pose, rough_pose, transform, triangulate
 from evaluation.odometry.stereo import StereoCamera, images
+from evaluation.odometry.tracking import FAILED_PAIRS, lost_for_good
 from fake_camera.world.simulation import RoomView
 
 CAMERA = StereoCamera.simulated()

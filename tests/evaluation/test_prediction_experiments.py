@@ -15,6 +15,7 @@ from drivers.exposure import ExposureSetting
 from drivers.frames import Frame, StereoPair
 from evaluation.experiments.cache import ResultCache
 from evaluation.experiments.experiment import Experiment, Figure, Results, Section, Verdict
+from evaluation.experiments.jobs import run_jobs
 from evaluation.experiments.prediction import fig1, fig3, fig10, fig11
 from evaluation.experiments.prediction.noise_coupling import GAINS_DB, coupling, pairs_of
 from evaluation.experiments.prediction.predicted_optimum import rest_level, summary
@@ -27,9 +28,9 @@ from evaluation.experiments.prediction.step_response import (
     frames_to_converge,
 )
 from evaluation.experiments.prediction.still_life import StillLife, plateau_centre
-from evaluation.experiments.run import run_jobs
 from evaluation.scenes.responses import FAKE_CAMERAS, CameraResponse
-from evaluation.stage.stage import LIMITS, time_first
+from evaluation.stage.camera import LIMITS, time_first
+from tests.evaluation.sections import check_no_prose
 
 Quick = tuple[list[tuple[dict[str, Any], Any]], Section]
 
@@ -40,6 +41,7 @@ def run_quick(experiment: Experiment, folder: Path, keep: Callable[[dict[str, An
     found = run_jobs(jobs, ResultCache(folder / "jobs"), 1, lambda _job, _took: None)
     results: Results = [(job.arguments, result) for job, result in zip(jobs, found, strict=True)]
     section = experiment.section(results, folder)
+    check_no_prose(section)
     for part in section.parts:
         if isinstance(part, Figure):
             with Image.open(folder / part.file) as picture:

@@ -6,34 +6,40 @@ import pytest
 from autoexpose_daemon.control.image import ImagePreparation
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
-from evaluation.arena.race import course_of, run, run_one
+from evaluation.arena.race import Series, course_of, run_course
 from evaluation.scenes.scenarios import SCENARIOS, WARM_UP_FRAMES
+from evaluation.stage.camera import LIMITS
 from evaluation.stage.delayed_loop import Entrant
-from evaluation.stage.stage import BLUR_STEP_PX, LIMITS
+from evaluation.stage.rendering import BLUR_STEP_PX
 from fake_camera.imaging import ImageSettings
 from fake_camera.world.lighting import LightScript
 from fake_camera.world.sensor import Sensor, SensorModel
 
 
+def alone(entrant: Entrant, scenario: str, seed: int, frames: int) -> Series:
+    (series,) = run_course(scenario, "leaves", seed, [entrant], frames=frames)
+    return series
+
+
 def test_the_same_course_twice_is_the_same_to_the_bit() -> None:
-    first, second = (run_one("begin2022", "step_down", "leaves", 3, frames=40) for _ in range(2))
+    first, second = (alone(Entrant.of("begin2022"), "step_down", 3, 40) for _ in range(2))
 
     assert np.array_equal(first.levels, second.levels)
     assert np.array_equal(first.ratios, second.ratios)
 
 
 def test_the_result_of_one_does_not_depend_on_the_others() -> None:
-    together = run("pan", "leaves", 3, [Entrant.of("neves2009"), Entrant.of("begin2022", 3)], frames=40)[1]
-    alone = run_one("begin2022", "pan", "leaves", 3, delay_frames=3, frames=40)
+    together = run_course("pan", "leaves", 3, [Entrant.of("neves2009"), Entrant.of("begin2022", 3)], frames=40)[1]
+    single = alone(Entrant.of("begin2022", 3), "pan", 3, 40)
 
-    assert np.array_equal(together.levels, alone.levels)
-    assert np.array_equal(together.metrics, alone.metrics)
-    assert np.array_equal(together.ratios, alone.ratios)
+    assert np.array_equal(together.levels, single.levels)
+    assert np.array_equal(together.metrics, single.metrics)
+    assert np.array_equal(together.ratios, single.ratios)
 
 
 @pytest.mark.parametrize("delay", [1, 2, 3])
 def test_a_decision_on_frame_k_applies_from_frame_k_plus_d(delay: int) -> None:
-    series = run_one("majer2018-full", "step_down", "leaves", 3, delay_frames=delay, frames=45)
+    series = alone(Entrant.of("majer2018-full", delay), "step_down", 3, 45)
     change = series.first_scored + int(np.argmax(np.abs(np.diff(series.levels[series.first_scored - 1 :])) > 0.5))
 
     # It decides on every fifth frame, of which frame 30, the first after the step, is one.
@@ -42,8 +48,8 @@ def test_a_decision_on_frame_k_applies_from_frame_k_plus_d(delay: int) -> None:
 
 
 def test_any_maker_of_loops_may_enter() -> None:
-    by_id = run_one("neves2009", "step_up", "leaves", 1, frames=40)
-    own = run_one(lambda *args: ControlLoop("neves2009", *args), "step_up", "leaves", 1, frames=40)
+    by_id = alone(Entrant.of("neves2009"), "step_up", 1, 40)
+    own = alone(Entrant("own", 2, lambda *args: ControlLoop("neves2009", *args)), "step_up", 1, 40)
 
     assert np.array_equal(by_id.levels, own.levels)
 

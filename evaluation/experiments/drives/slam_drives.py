@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from drivers.exposure import ExposureSetting
 from evaluation.experiments.drives.policy_drives import entrant
 from evaluation.experiments.experiment import Plain
-from evaluation.odometry.course import Light, odometry_stage
-from evaluation.odometry.drive import drive, outcome
+from evaluation.odometry.lap import Light, odometry_stage
 from evaluation.odometry.orb_slam3 import OrbSlam3
 from evaluation.odometry.stereo import StereoCamera, images
+from evaluation.odometry.tracking import outcome, track_entrants
 from evaluation.odometry.vocabulary import write_vocabulary
 
 TAUGHT_ROOM = 1
@@ -33,7 +33,7 @@ def measure(*, light: Light, room: int, seed: int, policy: str, frames: int, ver
         folder = Path(name)
         write_vocabulary(_descriptors(), folder / "vocabulary.txt")
         with closing(OrbSlam3(StereoCamera.simulated(), folder / "vocabulary.txt", folder)) as slam:
-            (one,) = drive(odometry_stage(light, room, seed, 0), [entrant(policy)], lambda: slam, frames)
+            (one,) = track_entrants(odometry_stage(light, room, seed, 0), [entrant(policy)], lambda: slam, frames)
     return outcome(one)
 
 

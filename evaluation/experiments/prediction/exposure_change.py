@@ -12,7 +12,7 @@ from calibration.response.prediction import prediction_table
 from evaluation.experiments.experiment import Plain
 from evaluation.experiments.prediction.still_life import StillLife
 from evaluation.scenes.responses import CameraResponse
-from evaluation.stage.stage import time_first
+from evaluation.stage.camera import time_first
 
 GAMMAS: NDArray[np.float64] = np.exp2(np.arange(-4.0, 4.001, 0.02))
 """Among these the gamma is sought that foretells a change best: 1/16 to 16."""

@@ -16,7 +16,7 @@ from drivers.exposure import ExposureLimits, ExposureSetting
 from evaluation.experiments.experiment import Plain
 from evaluation.experiments.prediction.still_life import StillLife, plateau_centre
 from evaluation.scenes.responses import CameraResponse
-from evaluation.stage.stage import pair_of, time_first
+from evaluation.stage.camera import pair_of, time_first
 
 LAWS = ("begin2022", "shim2018", "mehta2020")
 """One predicts through the response function, two by gamma curves."""

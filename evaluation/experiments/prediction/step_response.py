@@ -17,10 +17,11 @@ from drivers.exposure import ExposureSetting
 from evaluation.experiments.experiment import Plain
 from evaluation.scenes.responses import CameraResponse
 from evaluation.scenes.scenarios import RATE_HZ, Course
-from evaluation.scenes.scenes import build_views
+from evaluation.scenes.views import build_views
+from evaluation.stage.camera import LIMITS
 from evaluation.stage.delayed_loop import DelayedLoop
 from evaluation.stage.oracle import Oracle
-from evaluation.stage.stage import LIMITS, Stage
+from evaluation.stage.rendering import Stage
 from fake_camera.world.lighting import Change, LightScript
 
 WARM_UP_FRAMES = 30

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from drivers.exposure import ExposureSetting
 from evaluation.scenes.responses import CameraResponse
 from evaluation.scenes.scenarios import Course
-from evaluation.scenes.scenes import build_views
-from evaluation.stage.stage import Stage
+from evaluation.scenes.views import build_views
+from evaluation.stage.rendering import Stage
 from fake_camera.world.lighting import Change, LightScript
 
 
@@ -19,7 +19,7 @@ class StillLife:
     Parameters
     ----------
     scene, seed
-        As for `evaluation.scenes.scenes.build_views`.
+        As for `evaluation.scenes.views.build_views`.
     lux
         Illumination.
     camera

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from evaluation.experiments.experiment import Plain
-from evaluation.experiments.teach.camera import CAMERA, Camera, at_half
 from evaluation.experiments.teach.daylight import REPLAYS, TEACHING
+from evaluation.experiments.teach.operator_setting import at_half
 from evaluation.experiments.teach.park import park
 from evaluation.experiments.teach.path import TaughtPath
 from evaluation.experiments.teach.registration import Detector, Truth, register
-from evaluation.stage.stage import time_first
+from evaluation.scenes.views import CAMERA
+from evaluation.stage.camera import SimulatedCamera, time_first
 from fake_camera.world.render.renderer import Renderer
 
 OFFSETS = tuple(range(-4, 5))
@@ -21,14 +22,14 @@ AHEAD = 0.2
 def sweep(seed: int, tilt_deg: float, light: str, maps: int) -> Plain:
     """Register one view near each map at all offsets.
 
-    The map is taught with the top half at 0.5. Arguments as those of `drive.measure`.
+    The map is taught with the top half at 0.5. Arguments as those of `replay.measure`.
 
     Returns
     -------
     By map, from the first on: `errors` (pixels, None where no shift was found) and `votes` at each of the `offsets`,
     and at which offset the mean of the `whole` image is 0.5.
     """
-    path, detector, camera = TaughtPath(seed, tilt_deg), Detector(), Camera(2 * seed)
+    path, detector, camera = TaughtPath(seed, tilt_deg), Detector(), SimulatedCamera(2 * seed, 2 * seed)
     surfaces = park(seed, TEACHING)
     truth, before = Truth(surfaces), Renderer(surfaces, CAMERA)
     after, number = Renderer(park(seed, REPLAYS[light]), CAMERA), 1 + list(REPLAYS).index(light)

@@ -16,10 +16,10 @@ from rich.table import Table
 
 from autoexpose_daemon.control.policies import DEFAULT_POLICY, POLICY_IDS, check_policy_id
 from drivers.errors import AutoexposeError, ConfigurationError
-from evaluation.arena.arena import Run, run_plan
+from evaluation.arena.arena_report import cells, mean_ratios, write_arena_report
 from evaluation.arena.plan import Task, full_plan, quick_plan
-from evaluation.arena.report import cells, mean_ratios, write_report
 from evaluation.arena.results import document
+from evaluation.arena.runs import Run, run_plan
 from evaluation.effort import check_chosen
 from evaluation.progress import LongProgress
 from evaluation.scenes.scenarios import SCENARIOS
@@ -59,7 +59,7 @@ def arena(
         json_file.write_text(json.dumps(figures, indent=1, allow_nan=False) + "\n", encoding="utf-8")
     _print(figures["results"], console)
     if report is not None:
-        console.print(f"report: {write_report(runs, DEFAULT_POLICY, report)}")
+        console.print(f"report: {write_arena_report(runs, DEFAULT_POLICY, report)}")
 
 
 def _chosen(policies: str, scenarios: str) -> tuple[list[str], list[str]]:

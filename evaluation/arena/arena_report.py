@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from evaluation.arena.arena import Run
 from evaluation.arena.plan import MAIN_DELAY, OTHER_DELAYS
 from evaluation.arena.plots import plot_table, plot_traces
 from evaluation.arena.results import results
+from evaluation.arena.runs import Run
 from evaluation.arena.targets import outcomes
 from evaluation.scenes.scenarios import SCENARIOS
 
@@ -47,7 +47,7 @@ def mean_ratios(rows: Sequence[dict[str, Any]]) -> list[tuple[str, float]]:
     return sorted(averages, key=lambda item: -item[1])
 
 
-def write_report(runs: Sequence[Run], default_policy: str, folder: Path) -> Path:
+def write_arena_report(runs: Sequence[Run], default_policy: str, folder: Path) -> Path:
     """Write `arena.md` and its pictures into a folder; returns the report's path."""
     folder.mkdir(parents=True, exist_ok=True)
     held_out = [run for run in runs if run.split == "heldout"]

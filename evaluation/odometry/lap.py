@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evaluation.scenes.scenarios import Course
-from evaluation.scenes.scenes import CAMERA
-from evaluation.stage.stage import Stage
+from evaluation.scenes.views import CAMERA
+from evaluation.stage.rendering import Stage
 from fake_camera.world.lighting import Change, LightScript
 from fake_camera.world.render.renderer import Renderer, Surface
 from fake_camera.world.scene.path import CameraPath

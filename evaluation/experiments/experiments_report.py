@@ -14,7 +14,7 @@ from evaluation.experiments.experiment import Claim, Experiment, Figure, Section
 Chapter = tuple[Experiment, Section]
 
 
-def write_report(chapters: Sequence[Chapter], preface: str, folder: Path) -> Path:
+def write_experiments_report(chapters: Sequence[Chapter], preface: str, folder: Path) -> Path:
     """Write `experiments.md` and `experiments.html` into the folder that holds the figures; returns the first."""
     markdown = folder / "experiments.md"
     markdown.write_text("\n\n".join(_markdown(chapters, preface)) + "\n", encoding="utf-8")
@@ -27,8 +27,7 @@ def write_report(chapters: Sequence[Chapter], preface: str, folder: Path) -> Pat
     )
     environment.filters |= {"prose": _prose, "inline": _inline}
     environment.tests["table"] = lambda part: isinstance(part, Table)
-    environment.tests["figure"] = lambda part: isinstance(part, Figure)
-    page = environment.get_template("report.html").render(
+    page = environment.get_template("experiments_report.html").render(
         chapters=chapters, preface=preface, count=count_of_verdicts(chapters)
     )
     (folder / "experiments.html").write_text(page, encoding="utf-8")
@@ -40,7 +39,7 @@ def count_of_verdicts(chapters: Sequence[Chapter]) -> str:
     counts = Counter(claim.verdict for _, section in chapters for claim in section.claims)
     return (
         f"{counts.total()} claim{'s' if counts.total() != 1 else ''}: "
-        + ", ".join(f"{counts[verdict]} {verdict}" for verdict in Verdict)
+        + ", ".join(f"{counts[verdict]} {verdict}" for verdict in Verdict if counts[verdict] or verdict != "undecided")
         + "."
     )
 
@@ -56,8 +55,6 @@ def _markdown(chapters: Sequence[Chapter], preface: str) -> list[str]:
                     parts += [part.caption, _table(part)]
                 case Figure():
                     parts.append(f"![{part.caption}]({part.file})\n\n*{part.caption}*")
-                case str():
-                    parts.append(part.strip())
     return parts
 
 

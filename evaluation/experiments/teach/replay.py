@@ -12,13 +12,14 @@ from numpy.typing import NDArray
 from drivers.exposure import ExposureSetting
 from drivers.frames import StereoPair
 from evaluation.experiments.experiment import Plain
-from evaluation.experiments.teach.camera import CAMERA, Camera, Image, Radiance, at_half
 from evaluation.experiments.teach.daylight import REPLAYS, TEACHING
+from evaluation.experiments.teach.operator_setting import at_half
 from evaluation.experiments.teach.park import park
 from evaluation.experiments.teach.path import MAPS, TaughtPath
-from evaluation.experiments.teach.registration import Detector, Features, Part, Truth, register
+from evaluation.experiments.teach.registration import Detector, MapFeatures, Part, Truth, register
+from evaluation.scenes.views import CAMERA
+from evaluation.stage.camera import Image, Radiance, SimulatedCamera, pair_of
 from evaluation.stage.delayed_loop import Entrant
-from evaluation.stage.stage import pair_of
 from fake_camera.world.render.renderer import Renderer
 
 POLICIES = ("majer2018-standard", "majer2018-full", "majer2018-fixed", "begin2022", "metric-map")
@@ -42,8 +43,10 @@ WAYS: dict[str, tuple[str | None, Part]] = {
 """By whose exposure the map was taught (None: that of the replaying policy), and where features are looked for."""
 
 
-class Drive:
-    """All policies on one drive. The image is not blurred: the robot is slow, it moves less than a pixel in 7.5 ms.
+class Robot:
+    """Carries every policy: each exposes the same view with its own setting.
+
+    Images are not blurred: the robot is slow, it moves less than a pixel in 7.5 ms.
 
     Parameters
     ----------
@@ -53,11 +56,11 @@ class Drive:
         Radiance of the first frame: what the operator sets the exposure by that all start with, and `fixed` keeps.
     """
 
-    def __init__(self, camera: Camera, first: Radiance) -> None:
+    def __init__(self, camera: SimulatedCamera, first: Radiance) -> None:
         self._camera = camera
         start = at_half(camera, first)
         self.loops = {name: Entrant.of(name, DELAY_FRAMES).enter(start) for name in POLICIES}
-        self.frame = 0
+        self._frame = 0
         for _ in range(FIRST_FRAMES):
             self.step(first)
 
@@ -65,29 +68,29 @@ class Drive:
         """One frame: each policy takes it with its own exposure and decides; the images by policy."""
 
         def take(setting: ExposureSetting) -> StereoPair:
-            image = self._camera.expose(radiance, setting, self.frame)
-            return pair_of({"left": image}, setting, self.frame, self.frame / RATE_HZ)
+            image = self._camera.expose(radiance, setting, self._frame)
+            return pair_of({"left": image}, setting, self._frame, self._frame / RATE_HZ)
 
         images = {name: loop.step(take).reference.grey8() for name, loop in self.loops.items()}
-        self.frame += 1
+        self._frame += 1
         return images
 
 
 def taught_maps(
-    path: TaughtPath, renderer: Renderer, camera: Camera, maps: int
-) -> dict[Part, dict[str, list[Features]]]:
+    path: TaughtPath, renderer: Renderer, camera: SimulatedCamera, maps: int
+) -> dict[Part, dict[str, list[MapFeatures]]]:
     """Features of every map by part of the image and policy; the robot rests at each before its image is taken."""
     detector = Detector()
-    taught: dict[Part, dict[str, list[Features]]] = {
+    taught: dict[Part, dict[str, list[MapFeatures]]] = {
         "top half": {name: [] for name in POLICIES},
         "whole image": {name: [] for name in POLICIES},
     }
-    drive: Drive | None = None
+    robot: Robot | None = None
     for index in range(maps):
         radiance = renderer.render(path.taught(index)[None], TEACHING.lux(0.0))
-        drive = drive or Drive(camera, radiance)
+        robot = robot or Robot(camera, radiance)
         for _ in range(STILL_FRAMES):
-            images = drive.step(radiance)
+            images = robot.step(radiance)
         for part, features in taught.items():
             for name, image in images.items():
                 features[name].append(detector.find(image, part))
@@ -95,20 +98,20 @@ def taught_maps(
 
 
 def replayed(
-    path: TaughtPath, renderer: Renderer, camera: Camera, *, light: str, maps: int
-) -> Iterator[tuple[int, NDArray[np.float64], dict[str, Image], Drive]]:
-    """The images of one replay: index of the nearest map, pose, image by policy, and the drive so far."""
-    drive: Drive | None = None
+    path: TaughtPath, renderer: Renderer, camera: SimulatedCamera, *, light: str, maps: int
+) -> Iterator[tuple[int, NDArray[np.float64], dict[str, Image], Robot]]:
+    """The images of one replay: index of the nearest map, pose, image by policy, and the robot."""
+    robot: Robot | None = None
     daylight, number = REPLAYS[light], 1 + list(REPLAYS).index(light)
     for frame in range(maps * IMAGES_PER_MAP * FRAMES_PER_IMAGE):
         distance = (frame / (IMAGES_PER_MAP * FRAMES_PER_IMAGE) - 0.5) * path.spacing_m
         pose = path.repeated(number, distance)
         progress = frame / (MAPS * IMAGES_PER_MAP * FRAMES_PER_IMAGE)
         radiance = renderer.render(pose[None], daylight.lux(progress))
-        drive = drive or Drive(camera, radiance)
-        images = drive.step(radiance)
+        robot = robot or Robot(camera, radiance)
+        images = robot.step(radiance)
         if frame % FRAMES_PER_IMAGE == FRAMES_PER_IMAGE - 1:
-            yield frame // (IMAGES_PER_MAP * FRAMES_PER_IMAGE), pose, images, drive
+            yield frame // (IMAGES_PER_MAP * FRAMES_PER_IMAGE), pose, images, robot
 
 
 def measure(seed: int, tilt_deg: float, light: str, maps: int) -> Plain:
@@ -134,7 +137,7 @@ def measure(seed: int, tilt_deg: float, light: str, maps: int) -> Plain:
     path = TaughtPath(seed, tilt_deg)
     surfaces = park(seed, TEACHING)
     truth = Truth(surfaces)
-    taught = taught_maps(path, Renderer(surfaces, CAMERA), Camera(2 * seed), maps)
+    taught = taught_maps(path, Renderer(surfaces, CAMERA), SimulatedCamera(2 * seed, 2 * seed), maps)
     detector = Detector()
     where: list[int] = []
     shift: list[float] = []
@@ -143,14 +146,16 @@ def measure(seed: int, tilt_deg: float, light: str, maps: int) -> Plain:
     looks: dict[str, list[list[float]]] = {name: [] for name in POLICIES}
     views: dict[str, str] = {}
     renderer = Renderer(park(seed, REPLAYS[light]), CAMERA)
-    for index, pose, images, drive in replayed(path, renderer, Camera(2 * seed + 1), light=light, maps=maps):
+    for index, pose, images, robot in replayed(
+        path, renderer, SimulatedCamera(2 * seed + 1, 2 * seed + 1), light=light, maps=maps
+    ):
         if len(where) == maps * IMAGES_PER_MAP // 2:
             views = {name: _small(image) for name, image in images.items()}
         where.append(index)
         shift.append(truth.shift(path.taught(index), pose))
         for name, image in images.items():
-            looks[name].append([drive.loops[name].settings[-1].level, *_look(image)])
-            seen: dict[Part, Features] = {part: detector.find(image, part) for part in taught}
+            looks[name].append([robot.loops[name].settings[-1].level, *_look(image)])
+            seen: dict[Part, MapFeatures] = {part: detector.find(image, part) for part in taught}
             for way, (teacher, part) in WAYS.items():
                 won = register(taught[part][teacher or name][index], seen[part])
                 shifts[way][name].append(won.shift)

@@ -15,7 +15,7 @@ from evaluation.odometry.errors import relative_errors_mm
 from evaluation.odometry.stereo import StereoOdometry, images
 from evaluation.stage.delayed_loop import DelayedLoop, Entrant
 from evaluation.stage.oracle import Oracle, best_start
-from evaluation.stage.stage import Stage
+from evaluation.stage.rendering import Stage
 from fake_camera.world.simulation import RoomView
 
 EVERY = 2
@@ -26,11 +26,11 @@ FAILED_PAIRS = 5
 
 
 @dataclass(slots=True, eq=False)
-class Drive:
+class TrackedRun:
     """What became of one entrant; `estimate`, `lost` and `truth` have an entry for each pair that odometry got."""
 
     entrant: Entrant
-    run: DelayedLoop
+    delayed: DelayedLoop
     odometry: StereoOdometry
     estimate: list[NDArray[np.float64]] = field(default_factory=list)
     lost: list[bool] = field(default_factory=list)
@@ -41,13 +41,13 @@ class Drive:
         return relative_errors_mm(self.truth, self.estimate)
 
 
-def drive(
+def track_entrants(
     stage: Stage,
     entrants: Sequence[Entrant],
     odometry: Callable[[], StereoOdometry],
     frames: int,
     look: Callable[[int, StereoPair], None] = lambda _entrant, _pair: None,
-) -> list[Drive]:
+) -> list[TrackedRun]:
     """Take all entrants through the first frames of a course, each from the best exposure of the first one.
 
     Parameters
@@ -64,21 +64,21 @@ def drive(
         Shown the number of the entrant and each pair that odometry gets.
     """
     start = best_start(Oracle(stage))
-    drives = [Drive(entrant, entrant.enter(start), odometry()) for entrant in entrants]
+    runs = [TrackedRun(entrant, entrant.enter(start), odometry()) for entrant in entrants]
     for frame in range(frames):
         stage.go_to(frame)
-        for number, one in enumerate(drives):
-            pair = one.run.step(stage.take)
+        for number, one in enumerate(runs):
+            pair = one.delayed.step(stage.take)
             if frame % EVERY == 0:
                 tracked = one.odometry.track(*images(pair))
                 one.estimate.append(tracked.pose)
                 one.lost.append(tracked.lost)
                 one.truth.append(_pose(stage, pair.reference.setting))
                 look(number, pair)
-    return drives
+    return runs
 
 
-def outcome(one: Drive) -> dict[str, Any]:
+def outcome(one: TrackedRun) -> dict[str, Any]:
     """The figures of one run, in plain JSON.
 
     rpe_mm: mean over sub-trajectories, guesses for lost pairs included; lost_share, failed; metric: median M_g;
@@ -86,8 +86,8 @@ def outcome(one: Drive) -> dict[str, Any]:
     pair that odometry got.
     """
     first = np.linalg.inv(one.truth[0])
-    settings = one.run.settings[::EVERY]
-    metrics = [decision.metric for decision in one.run.decisions]
+    settings = one.delayed.settings[::EVERY]
+    metrics = [decision.metric for decision in one.delayed.decisions]
     return {
         "name": one.entrant.name,
         "rpe_mm": float(np.mean(one.errors_mm())),

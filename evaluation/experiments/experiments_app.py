@@ -19,15 +19,15 @@ from drivers.errors import AutoexposeError, ConfigurationError
 from evaluation.effort import check_chosen
 from evaluation.experiments.cache import ResultCache
 from evaluation.experiments.experiment import Experiment, Job, Plain
+from evaluation.experiments.experiments_report import Chapter, count_of_verdicts, write_experiments_report
+from evaluation.experiments.jobs import run_jobs
 from evaluation.experiments.registry import EXPERIMENTS
-from evaluation.experiments.report import Chapter, count_of_verdicts, write_report
-from evaluation.experiments.run import run_jobs
 from evaluation.progress import LongProgress
 
 experiments_app = typer.Typer(add_completion=False, no_args_is_help=True)
 
 _Folder = Annotated[Path, typer.Option(help="Where report, figures and finished jobs go.")]
-_COLOURS = {"reproduced": "green", "reproduced under conditions": "yellow", "not reproduced": "red"}
+_COLOURS = {"reproduced": "green", "reproduced under conditions": "yellow", "not reproduced": "red", "undecided": "dim"}
 
 
 @experiments_app.callback()
@@ -66,7 +66,7 @@ def run(
         pairs = [(job.arguments, result) for job, result in zip(mine, measured, strict=True)]
         chapters.append((experiment, experiment.section(pairs, out)))
     _show(chapters, console)
-    report = write_report(chapters, _preface(names, quick), out)
+    report = write_experiments_report(chapters, _preface(names, quick), out)
     console.print(f"report: {report}, {report.with_suffix('.html').name} ({(time.monotonic() - begun_s) / 60:.1f} min)")
 
 

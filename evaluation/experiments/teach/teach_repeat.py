@@ -5,12 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 from evaluation.experiments.experiment import Experiment, Figure, Job, Results, Section, Table
-from evaluation.experiments.teach.cases import STANDARD, TILTS, cases_of, drives_of, sweeps_of
+from evaluation.experiments.teach.cases import STANDARD, TILTS, cases_of, replays_of, sweeps_of
 from evaluation.experiments.teach.claims import claims
 from evaluation.experiments.teach.daylight import REPLAYS
-from evaluation.experiments.teach.drive import measure
 from evaluation.experiments.teach.figures import plot_curves, plot_sweeps, plot_views
 from evaluation.experiments.teach.path import MAPS
+from evaluation.experiments.teach.replay import measure
 from evaluation.experiments.teach.sweep import sweep
 from evaluation.experiments.teach.tables import comparisons_table, looks_table, shares_table, sweeps_table, ways_table
 
@@ -33,10 +33,10 @@ def jobs(quick: bool) -> list[Job]:
 def section(results: Results, folder: Path) -> Section:
     """Curves, tests, and the verdicts on section 4.2."""
     cases, sweeps = cases_of(results), sweeps_of(results)
-    views = {light: drives[0]["views"] for light in REPLAYS if (drives := drives_of(results, light, 0.0))}
+    views = {light: replays[0]["views"] for light in REPLAYS if (replays := replays_of(results, light, 0.0))}
     plot_views(views, folder / "teach_views.png")
     plot_curves(cases, folder / "teach_curves.png")
-    parts: list[str | Table | Figure] = [
+    parts: list[Table | Figure] = [
         Figure("teach_views.png", "The same view as each policy exposes it in the middle of the drive, camera level."),
         Figure(
             "teach_curves.png",

@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.frames import Frame, StereoPair
+from drivers.exposure import ExposureSetting
+from drivers.frames import StereoPair
 from evaluation.scenes.scenarios import RATE_HZ, Course
-from evaluation.scenes.scenes import Scene
-from fake_camera.imaging import ImageSettings
+from evaluation.scenes.views import Scene
+from evaluation.stage.camera import LIMITS, Image, Radiance, SimulatedCamera, pair_of
 from fake_camera.world.lighting import LightScript
-from fake_camera.world.sensor import Sensor, SensorModel
 from fake_camera.world.simulation import Side
-
-LIMITS = ExposureLimits(min_time_us=20.0, max_time_us=7500.0, min_gain_db=0.0, max_gain_db=30.0)
 
 BOTH: tuple[Side, Side] = ("left", "right")
 
@@ -27,9 +24,6 @@ LAMP_RADIANCE = 2500.0
 
 BLUR_STEP_PX = 1.5
 """A moving camera's exposure is rendered as one instant for every so many pixels that the image moves."""
-
-Image = NDArray[np.uint8]
-Radiance = NDArray[np.float32]
 
 
 class Stage:
@@ -64,10 +58,8 @@ class Stage:
         response: str = "linear",
         gamma: float = 1.0,
     ) -> None:
-        self._gamma = gamma
         self._start_times_s = start_times_s
-        self._seed = seed
-        self._sensors = {side: Sensor(SensorModel(), 2 * seed + (side == "right"), response) for side in views}
+        self._cameras = {side: SimulatedCamera(2 * seed + (side == "right"), seed, response, gamma) for side in views}
         self._films = {
             side: _Film(view, course.light, course.lamp if side == "right" else None) for side, view in views.items()
         }
@@ -97,32 +89,12 @@ class Stage:
 
     def expose(self, side: Side, setting: ExposureSetting) -> Image:
         """The image that one camera takes of this frame, uint8, (540, 720)."""
-        model = self._sensors[side].model
-        settings = ImageSettings(
-            setting.exposure_time_us, setting.gain_db, 0.0, self._gamma, "Mono8", 0, 0, model.width, model.height, 1, 1
-        )
-        radiance = self.radiance(side, setting.exposure_time_us * 1e-6)
-        image = self._sensors[side].expose(radiance, settings, self._seed * 100_000 + self.frame)
-        return image.astype(np.uint8, copy=False)
+        return self._cameras[side].expose(self.radiance(side, setting.exposure_time_us * 1e-6), setting, self.frame)
 
     def take(self, setting: ExposureSetting, sides: Sequence[Side] = BOTH) -> StereoPair:
         """The pair that the cameras take of this frame, the same setting in both; of one side only, a lone frame."""
         images = {side: self.expose(side, setting) for side in sides}
         return pair_of(images, setting, self.frame, self.start_s(self.frame))
-
-
-def pair_of(
-    images: Mapping[Side, NDArray[np.uint8]], setting: ExposureSetting, number: int, time_s: float
-) -> StereoPair:
-    """Simulated images as what control gets: the frames of one trigger, all clocks agreeing."""
-    time_ns = round(time_s * 1e9)
-    frames = {side: Frame(image, 8, number, time_ns, time_ns, time_ns, setting) for side, image in images.items()}
-    return StereoPair(number, frames)
-
-
-def time_first(level: float) -> ExposureSetting:
-    """The setting of an exposure level (stops) that takes time before gain."""
-    return LIMITS.realise(level, math.exp2(level))
 
 
 class _Film:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evaluation.arena.plan import Split, Task
-from evaluation.arena.race import Series, run
+from evaluation.arena.race import Series, run_course
 from evaluation.arena.scores import Score
 from evaluation.pool import over_processes
 from evaluation.stage.delayed_loop import Entrant
@@ -43,7 +43,7 @@ class Run:
 def run_task(task: Task, policies: Sequence[str]) -> list[Run]:
     """All policies through one course, with all of its delays."""
     entrants = [Entrant.of(policy, delay) for delay in task.delays for policy in policies]
-    return [_run_of(task, series) for series in run(task.scenario, task.scene, task.seed, entrants)]
+    return [_run_of(task, series) for series in run_course(task.scenario, task.scene, task.seed, entrants)]
 
 
 def run_plan(tasks: Sequence[Task], policies: Sequence[str], jobs: int) -> Generator[tuple[Task, list[Run]]]:
