@@ -17,14 +17,13 @@ from fake_camera.genapi.xml_power_on import (
     FRAME_RATES,
     GAINS,
     GAMMA_SWITCHES,
-    PIXEL_FORMATS,
     in_db,
     limits,
     spoken,
     time_unit_us,
     trigger_lines,
 )
-from fake_camera.imaging import ExposedFrame
+from fake_camera.imaging import PIXEL_FORMATS, ExposedFrame
 
 RAW_GAIN_RANGE_DB = 24.0
 """What a gain without dB spans from its least to its greatest value, linear in dB."""

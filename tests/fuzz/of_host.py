@@ -47,10 +47,11 @@ from calibration.response import ResponseFunction
 from calibration.response.file import CameraIdentity, Origin, ResponseFile
 from calibration.sources.exposure_times import timed_files
 from calibration.sources.images import read_images
-from drivers.genicam.image_format import PFNC_CODES, decode_pixels
+from drivers.genicam.image_format import decode_pixels
 from drivers.host import gvcp
 from drivers.host.network import NetworkInterface, find_interfaces, largest_socket_buffer_bytes
 from drivers.host.sysfs import read_number
+from drivers.pixel_format import PixelFormat
 from fake_camera.device.line0 import Line0
 from fake_camera.device.truth import TruthFile
 from tests.autoexpose_daemon.publish.test_pairs import messages
@@ -81,8 +82,8 @@ def image_bytes(data: bytes) -> None:
 
 
 def image_bytes_seeds() -> Iterator[bytes]:
-    for code in PFNC_CODES:
-        yield struct.pack(">III", code, 4, 3) + bytes(24)
+    for pixel_format in PixelFormat:
+        yield struct.pack(">III", pixel_format.pfnc_code, 4, 3) + bytes(24)
 
 
 def sysfs(data: bytes) -> None:
@@ -107,7 +108,7 @@ def response_file(data: bytes) -> None:
 
 @cache
 def _response_file() -> bytes:
-    origin = Origin(CameraIdentity("Acme", "M1", "0042"), "Mono8", 1, 0.0, None, "autoexpose 0.1")
+    origin = Origin(CameraIdentity("Acme", "M1", "0042"), PixelFormat.MONO8, 1, 0.0, None, "autoexpose 0.1")
     found = (Finding("warned", "light_drift", "The light fell by 0.1 stops."),)
     path = in_file(b"", "made.yaml")
     uncertainty = tuple(np.linspace(0.1, 0.2, 256).tolist())
