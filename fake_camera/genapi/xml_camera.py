@@ -85,7 +85,7 @@ class XmlCamera:
         FeatureError
             "locked" by a fault that was ordered; "out_of_range" when a number would leave its limits.
         """
-        if self._device.faults.refuse_write():
+        if self._device.faults.spoils_command(Fault.REFUSE_WRITES):
             raise FeatureError("locked", "writes are refused, as ordered")
         if self._device.faults.spoils_command(Fault.STICK):
             return

@@ -8,10 +8,10 @@ import socket
 import threading
 from collections.abc import Callable
 
-from fake_camera.usb3.usb import usbip
 from fake_camera.usb3.usb.descriptors import INTERFACE_OF, INTERFACES
 from fake_camera.usb3.usb.endpoint import InEndpoint, Request
 from fake_camera.usb3.usb_device import Setup, StallError, UsbDevice
+from fake_camera.usb3.usbip import messages
 
 _LONGEST_TRANSFER_BYTES = 64 << 20
 
@@ -65,10 +65,10 @@ class Connection:
 
     def serve(self) -> None:
         """Answer until the client hangs up or talks nonsense."""
-        with self._socket, contextlib.suppress(OSError, EOFError, usbip.ProtocolError):
+        with self._socket, contextlib.suppress(OSError, EOFError, messages.ProtocolError):
             if self._imported():
                 while not self._hung_up:
-                    self._answer(usbip.parse(self._receive(usbip.HEADER_BYTES)))
+                    self._answer(messages.parse(self._receive(messages.HEADER_BYTES)))
         for sequence in list(self._pending):
             self._cancel(sequence)
         self._claims.release(self, *INTERFACES)
@@ -81,36 +81,36 @@ class Connection:
 
     def _imported(self) -> bool:
         """Answer what comes before transfers; whether these may follow."""
-        _version, code, _status = usbip.OPERATION.unpack(self._receive(usbip.OPERATION.size))
-        if code == usbip.REQUEST_DEVICE_LIST:
-            self._send(usbip.device_list_reply())
+        _version, code, _status = messages.OPERATION.unpack(self._receive(messages.OPERATION.size))
+        if code == messages.REQUEST_DEVICE_LIST:
+            self._send(messages.device_list_reply())
             return False
-        if code != usbip.REQUEST_IMPORT:
-            raise usbip.ProtocolError(f"operation {code:#x}")
-        bus_id = self._receive(usbip.BUS_ID_BYTES).rstrip(b"\0").decode("ascii", "replace")
-        accepted = bus_id == usbip.BUS_ID and (self._local or self._claims.claim(self, *INTERFACES))
+        if code != messages.REQUEST_IMPORT:
+            raise messages.ProtocolError(f"operation {code:#x}")
+        bus_id = self._receive(messages.BUS_ID_BYTES).rstrip(b"\0").decode("ascii", "replace")
+        accepted = bus_id == messages.BUS_ID and (self._local or self._claims.claim(self, *INTERFACES))
         if not self._local:
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self._send(usbip.import_reply(accepted))
+        self._send(messages.import_reply(accepted))
         return accepted
 
-    def _answer(self, word: usbip.Submit | usbip.Unlink | usbip.Claim) -> None:
+    def _answer(self, word: messages.Submit | messages.Unlink | messages.Claim) -> None:
         match word:
-            case usbip.Submit():
+            case messages.Submit():
                 if word.length > _LONGEST_TRANSFER_BYTES:
-                    raise usbip.ProtocolError(f"{word.length} bytes")
+                    raise messages.ProtocolError(f"{word.length} bytes")
                 if word.sequence in self._pending:
-                    raise usbip.ProtocolError(f"sequence number {word.sequence} twice")
+                    raise messages.ProtocolError(f"sequence number {word.sequence} twice")
                 self._submit(word, self._receive(word.data_bytes))
-            case usbip.Unlink():
+            case messages.Unlink():
                 taken_back = self._cancel(word.unlinked)
-                self._send(usbip.unlinked(word.sequence, -errno.ECONNRESET if taken_back else 0))
-            case usbip.Claim():
+                self._send(messages.unlinked(word.sequence, -errno.ECONNRESET if taken_back else 0))
+            case messages.Claim():
                 self._claim(word)
 
-    def _claim(self, word: usbip.Claim) -> None:
+    def _claim(self, word: messages.Claim) -> None:
         if not self._local:
-            raise usbip.ProtocolError("a claim over TCP")
+            raise messages.ProtocolError("a claim over TCP")
         status = 0
         if not word.claims:
             self._claims.release(self, word.interface)
@@ -118,9 +118,9 @@ class Connection:
             status = -errno.ENOENT
         elif not self._claims.claim(self, word.interface):
             status = -errno.EBUSY
-        self._send(usbip.claimed(word.sequence, status))
+        self._send(messages.claimed(word.sequence, status))
 
-    def _submit(self, submit: usbip.Submit, data: bytes) -> None:
+    def _submit(self, submit: messages.Submit, data: bytes) -> None:
         if submit.endpoint & 0x0F == 0:
             self._request(submit)
             return
@@ -134,7 +134,7 @@ class Connection:
         else:
             self._write(submit, data)
 
-    def _request(self, submit: usbip.Submit) -> None:
+    def _request(self, submit: messages.Submit) -> None:
         setup = Setup.from_bytes(submit.setup)
         try:
             answer = self._device.request(setup)
@@ -143,7 +143,7 @@ class Connection:
             return
         self._complete(submit.sequence, 0, answer, 0 if setup.request_type & 0x80 else setup.length)
 
-    def _read(self, submit: usbip.Submit) -> None:
+    def _read(self, submit: messages.Submit) -> None:
         def complete(status: int, data: memoryview) -> None:
             del self._pending[submit.sequence]
             self._complete(submit.sequence, status, data)
@@ -153,7 +153,7 @@ class Connection:
         self._pending[submit.sequence] = endpoint, request
         endpoint.submit(request)
 
-    def _write(self, submit: usbip.Submit, data: bytes) -> None:
+    def _write(self, submit: messages.Submit, data: bytes) -> None:
         status = self._device.write(data)
         if status is None:
             self._pending[submit.sequence] = None, Request(submit.length, lambda _status, _data: None)
@@ -170,7 +170,7 @@ class Connection:
 
     def _complete(self, sequence: int, status: int, data: bytes | memoryview = b"", accepted_bytes: int = 0) -> None:
         with contextlib.suppress(OSError):  # the client has gone: its own thread finds out
-            self._send(usbip.submitted(sequence, status, len(data) or accepted_bytes), data)
+            self._send(messages.submitted(sequence, status, len(data) or accepted_bytes), data)
 
     def _send(self, header: bytes, data: bytes | memoryview = b"") -> None:
         with self._sending:
