@@ -11,7 +11,7 @@ from fake_camera.genapi.description import NodeError
 from fake_camera.genapi.evaluator import Evaluator
 from fake_camera.genapi.solve import assign
 from fake_camera.genapi.xml_power_on import (
-    CHUNKS,
+    CHUNK_CONTENTS,
     EXPOSURE_TIMES,
     FRAME_RATE_SWITCHES,
     FRAME_RATES,
@@ -180,7 +180,7 @@ class Animation:
             return
         yield from self._watch("ChunkModeActive", apply_mode)
         for entry in self._evaluator.node("ChunkSelector").entries:
-            if entry in CHUNKS and self._evaluator.kind(f"Chunk{entry}"):
+            if entry in CHUNK_CONTENTS and self._evaluator.kind(f"Chunk{entry}"):
 
                 def apply(entry: str = entry) -> None:
                     self._chunks[entry] = bool(self._evaluator.value("ChunkEnable"))

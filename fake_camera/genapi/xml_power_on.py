@@ -20,12 +20,12 @@ FRAME_RATES = ("AcquisitionFrameRate", "AcquisitionFrameRateAbs")
 FRAME_RATE_SWITCHES = ("AcquisitionFrameRateEnable", "AcquisitionFrameRateEnabled")
 GAMMA_SWITCHES = ("GammaEnable", "GammaEnabled")
 """Names that vendors give these features, those in physical units first."""
-CHUNKS = {
+CHUNK_CONTENTS = {
     "ExposureTime": "ExposureTime", "Gain": "Gain", "GainAll": "Gain", "FrameID": "FrameID", "FrameCounter": "FrameID",
     "Framecounter": "FrameID", "Timestamp": "Timestamp",
 }  # fmt: skip
 """What the chunks hold that are filled, by the names that vendors give the entries of ChunkSelector."""
-COMMANDS = ("AcquisitionStart", "AcquisitionStop", "TimestampLatch", "TriggerSoftware")
+LIVE_COMMANDS = ("AcquisitionStart", "AcquisitionStop", "TimestampLatch", "TriggerSoftware")
 LOCKED = "TLParamsLocked"
 
 
@@ -124,7 +124,7 @@ class PowerOn:
     def _chunks(self) -> None:
         self._switch("ChunkModeActive", True)  # some selectors are there only while chunks are on
         if self._evaluator.kind("ChunkSelector") == "Enumeration":
-            for entry in CHUNKS:
+            for entry in CHUNK_CONTENTS:
                 with self._selecting("ChunkSelector", entry) as offered:
                     if offered:
                         self._switch("ChunkEnable", False)

@@ -9,7 +9,7 @@ import threading
 from collections.abc import Callable
 
 from fake_camera.usb3.usb.descriptors import INTERFACE_OF, INTERFACES
-from fake_camera.usb3.usb.endpoint import InEndpoint, Request
+from fake_camera.usb3.usb.endpoint import InEndpoint, ReadRequest
 from fake_camera.usb3.usb_device import Setup, StallError, UsbDevice
 from fake_camera.usb3.usbip import messages
 
@@ -54,14 +54,14 @@ class Connection:
     which takes all of it.
     """
 
-    def __init__(self, stream: socket.socket, device: UsbDevice, claims: Claims) -> None:
+    def __init__(self, stream: socket.socket, usb: UsbDevice, claims: Claims) -> None:
         self._socket = stream
-        self._device = device
+        self._usb = usb
         self._claims = claims
         self._local = stream.family == socket.AF_UNIX
         self._hung_up = False
         self._sending = threading.Lock()
-        self._pending: dict[int, tuple[InEndpoint | None, Request]] = {}
+        self._pending: dict[int, tuple[InEndpoint | None, ReadRequest]] = {}
 
     def serve(self) -> None:
         """Answer until the client hangs up or talks nonsense."""
@@ -94,31 +94,31 @@ class Connection:
         self._send(messages.import_reply(accepted))
         return accepted
 
-    def _answer(self, word: messages.Submit | messages.Unlink | messages.Claim) -> None:
-        match word:
+    def _answer(self, message: messages.Submit | messages.Unlink | messages.Claim) -> None:
+        match message:
             case messages.Submit():
-                if word.length > _LONGEST_TRANSFER_BYTES:
-                    raise messages.ProtocolError(f"{word.length} bytes")
-                if word.sequence in self._pending:
-                    raise messages.ProtocolError(f"sequence number {word.sequence} twice")
-                self._submit(word, self._receive(word.data_bytes))
+                if message.length > _LONGEST_TRANSFER_BYTES:
+                    raise messages.ProtocolError(f"{message.length} bytes")
+                if message.sequence in self._pending:
+                    raise messages.ProtocolError(f"sequence number {message.sequence} twice")
+                self._submit(message, self._receive(message.data_bytes))
             case messages.Unlink():
-                taken_back = self._cancel(word.unlinked)
-                self._send(messages.unlinked(word.sequence, -errno.ECONNRESET if taken_back else 0))
+                taken_back = self._cancel(message.unlinked)
+                self._send(messages.unlinked(message.sequence, -errno.ECONNRESET if taken_back else 0))
             case messages.Claim():
-                self._claim(word)
+                self._claim(message)
 
-    def _claim(self, word: messages.Claim) -> None:
+    def _claim(self, message: messages.Claim) -> None:
         if not self._local:
             raise messages.ProtocolError("a claim over TCP")
         status = 0
-        if not word.claims:
-            self._claims.release(self, word.interface)
-        elif word.interface not in INTERFACES:
+        if not message.claims:
+            self._claims.release(self, message.interface)
+        elif message.interface not in INTERFACES:
             status = -errno.ENOENT
-        elif not self._claims.claim(self, word.interface):
+        elif not self._claims.claim(self, message.interface):
             status = -errno.EBUSY
-        self._send(messages.claimed(word.sequence, status))
+        self._send(messages.claimed(message.sequence, status))
 
     def _submit(self, submit: messages.Submit, data: bytes) -> None:
         if submit.endpoint & 0x0F == 0:
@@ -137,7 +137,7 @@ class Connection:
     def _request(self, submit: messages.Submit) -> None:
         setup = Setup.from_bytes(submit.setup)
         try:
-            answer = self._device.request(setup)
+            answer = self._usb.request(setup)
         except StallError:
             self._complete(submit.sequence, -errno.EPIPE)
             return
@@ -148,15 +148,15 @@ class Connection:
             del self._pending[submit.sequence]
             self._complete(submit.sequence, status, data)
 
-        endpoint = self._device.endpoints[submit.endpoint]
-        request = Request(submit.length, complete)
+        endpoint = self._usb.endpoints[submit.endpoint]
+        request = ReadRequest(submit.length, complete)
         self._pending[submit.sequence] = endpoint, request
         endpoint.submit(request)
 
     def _write(self, submit: messages.Submit, data: bytes) -> None:
-        status = self._device.write(data)
+        status = self._usb.write(data)
         if status is None:
-            self._pending[submit.sequence] = None, Request(submit.length, lambda _status, _data: None)
+            self._pending[submit.sequence] = None, ReadRequest(submit.length, lambda _status, _data: None)
         else:
             self._complete(submit.sequence, status, accepted_bytes=len(data) if status == 0 else 0)
 
