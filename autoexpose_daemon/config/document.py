@@ -38,6 +38,7 @@ from drivers.config.strict_yaml import load_mapping
 from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Side
+from drivers.pixel_format import PixelFormat
 
 DEFAULT_START = ExposureSetting(2000.0, 0.0)
 """Right for an office, and six stops from either end of the range."""
@@ -158,7 +159,7 @@ class TransportConfig(Section):
 class ImageConfig(Section):
     """What the cameras send; None leaves a camera as it is."""
 
-    pixel_format: Literal["Mono8", "Mono12", "Mono16"] | None = None
+    pixel_format: PixelFormat | None = None
     binning: Binning | None = None
 
 

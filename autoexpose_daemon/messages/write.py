@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 
 from autoexpose_daemon.control.decision import Decision
-from autoexpose_daemon.messages.types import CAMERA_INFO, EXPOSURE_INFO, IMAGE, TYPESTORE
+from autoexpose_daemon.messages.types import CAMERA_INFO, EXPOSURE_INFO, IMAGE, TYPESTORE, encoding
 from drivers.frames import Frame, Side, StereoPair
 
 TOPICS = {"image": IMAGE, "camera_info": CAMERA_INFO, "exposure": EXPOSURE_INFO}
@@ -118,9 +118,8 @@ def _serialise(message: object, message_type: str) -> bytearray:
 
 def _image(header: Any, frame: Frame) -> Any:
     height, width = frame.pixels.shape
-    encoding = "mono8" if frame.bit_depth == 8 else "mono16"
     data = frame.pixels.reshape(-1).view(np.uint8)
-    return _Image(header, height, width, encoding, 0, width * frame.pixels.itemsize, data)
+    return _Image(header, height, width, encoding(frame.pixels.dtype), 0, width * frame.pixels.itemsize, data)
 
 
 def _camera_info(header: Any, frame: Frame) -> Any:

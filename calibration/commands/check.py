@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import cast
 
 import numpy as np
 from rich.console import Console
@@ -22,7 +21,6 @@ from calibration.sources.session import Session
 from calibration.sweep import Sweep
 from drivers.aravis import open_camera
 from drivers.exposure import ExposureSetting
-from drivers.setup import PixelFormat
 
 GOOD_GREY = 1.5
 """Residual up to which a file is believed: one grey level of the curve, and what noise adds."""
@@ -67,7 +65,7 @@ def check_camera(path: Path, serial: str, console: Console) -> Check:
     file = ResponseFile.load(path)
     origin = file.origin
     file.check_belongs(serial)
-    mode = CameraMode(serial, cast(PixelFormat | None, origin.pixel_format), origin.binning)
+    mode = CameraMode(serial, origin.pixel_format, origin.binning)
     gain_db = origin.gain_db or 0.0
     with Session(open_camera(serial, mode.setup())) as session:
         file.check_belongs(serial, session.description.pixel_format)

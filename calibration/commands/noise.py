@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, cast
+from typing import Annotated, Any
 
 import typer
 from rich.console import Console
@@ -22,7 +22,7 @@ from calibration.sources.session import Session, session_setup
 from calibration.sweep import Sweep
 from drivers.aravis import AravisCamera, open_camera
 from drivers.errors import AutoexposeError, ConfigurationError
-from drivers.setup import PixelFormat
+from drivers.pixel_format import PixelFormat
 
 log = logging.getLogger(__name__)
 
@@ -33,7 +33,7 @@ COLUMNS = (
     ("black", "DN"),
     ("full well", "e"),
 )
-DEEPER: tuple[PixelFormat, ...] = ("Mono12", "Mono16")
+DEEPER = (PixelFormat.MONO12, PixelFormat.MONO16)
 
 
 def noise(
@@ -110,7 +110,7 @@ def _session(serial: str, pixel_format: PixelFormat | None) -> Iterator[Session]
             yield session
     finally:
         try:
-            open_camera(serial, session_setup(cast(PixelFormat, former))).close()
+            open_camera(serial, session_setup(former)).close()
         except AutoexposeError as error:  # it must not hide why the measurement ended
             log.warning("camera %s: its pixel format is no longer %s: %s", serial, former, error)
 
@@ -124,7 +124,7 @@ def _open(serial: str, pixel_format: PixelFormat | None) -> AravisCamera:
             return open_camera(serial, session_setup(deeper))
         except ConfigurationError:
             continue
-    return open_camera(serial, session_setup("Mono8"))
+    return open_camera(serial, session_setup(PixelFormat.MONO8))
 
 
 def _measure(session: Session, gains_db: Sequence[float] | None, console: Console) -> dict[float, PhotonTransfer]:

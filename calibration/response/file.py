@@ -17,7 +17,7 @@ from calibration.findings import Finding
 from calibration.response import FORMAT, GREY_LEVELS, ResponseFunction, is_number, load_response_document
 from calibration.solution import ResponseModel, ResponseSolution
 from drivers.errors import ConfigurationError
-from drivers.genicam.image_format import BIT_DEPTHS
+from drivers.pixel_format import PIXEL_FORMATS, PixelFormat
 
 _DECIMALS = 6
 """A millionth of a stop is far below what any sweep resolves, and keeps the file readable."""
@@ -37,7 +37,7 @@ class Origin:
     """The camera and the mode in which it was measured (gain in dB), when, and by which version of this program."""
 
     camera: CameraIdentity | None = None
-    pixel_format: str | None = None
+    pixel_format: PixelFormat | None = None
     binning: int | None = None
     gain_db: float | None = None
     date: datetime | None = None
@@ -110,6 +110,8 @@ class ResponseFile:
                 raise ConfigurationError(f"{path}: {key} is {reprlib.repr(value)}: {advice}, or remove it")
         if "camera" in known:
             known["camera"] = CameraIdentity(**known["camera"])
+        if "pixel_format" in known:
+            known["pixel_format"] = PIXEL_FORMATS[known["pixel_format"]]
         for key in ("covered", "uncertainty_stops"):
             if key in known:
                 known[key] = tuple(known[key])
@@ -129,7 +131,7 @@ class ResponseFile:
         document = {
             "format": FORMAT,
             "camera": camera and {"vendor": camera.vendor, "model": camera.model, "serial": camera.serial},
-            "pixel_format": origin.pixel_format,
+            "pixel_format": origin.pixel_format and str(origin.pixel_format),
             "binning": origin.binning,
             "gain_db": origin.gain_db,
             "date": origin.date,
@@ -228,7 +230,7 @@ def _are_uncertainties(value: Any) -> bool:
 
 _CHECKS: dict[str, tuple[Callable[[Any], bool], str]] = {
     "camera": (_is_camera, 'give {vendor: ..., model: ..., serial: "..."}, each in quotes'),
-    "pixel_format": (lambda value: _is_text(value) and value in BIT_DEPTHS, f"give one of {', '.join(BIT_DEPTHS)}"),
+    "pixel_format": (lambda value: value in list(PIXEL_FORMATS), f"give one of {', '.join(PIXEL_FORMATS)}"),
     "binning": (lambda value: type(value) is int and value > 0, "give a whole number of pixels"),
     "gain_db": (_is_finite, "give a number of dB"),
     "date": (lambda value: isinstance(value, datetime), "give date and time, such as 2026-11-21 12:00:00"),

@@ -17,7 +17,7 @@ from fake_camera.device.faults import DELAY_NS, JUMP_NS, Fault, Faults
 from fake_camera.device.features import Features
 from fake_camera.device.line0 import Line0
 from fake_camera.device.truth import TruthFile
-from fake_camera.imaging import MAX_GREY, ExposedFrame, ImageSource, Pixels
+from fake_camera.imaging import PIXEL_FORMATS, ExposedFrame, ImageSource, Pixels
 
 _TOO_LATE_NS = 500_000_000  # a pulse this old (the process was stopped) makes no exposure
 _OVERRUN_NS = 100_000_000  # a frame that would be sent this late is dropped, so that a slow machine stays in time
@@ -261,5 +261,5 @@ def _spoilt(pixels: Pixels, exposure: Exposure) -> Pixels:
     if Fault.BLACK in exposure.faults:
         return np.zeros_like(pixels)
     if Fault.WHITE in exposure.faults:
-        return np.full_like(pixels, MAX_GREY[exposure.settings.pixel_format])
+        return np.full_like(pixels, PIXEL_FORMATS[exposure.settings.pixel_format].max_grey)
     return pixels

@@ -266,10 +266,6 @@ class Faults:
         with self._lock:
             return self._spend(fault, self._trigger)
 
-    def refuse_write(self) -> bool:
-        """Whether the write just received is to be answered with an access error; asked once for each write."""
-        return self.spoils_command(Fault.REFUSE_WRITES)
-
     def _spend(self, fault: Fault, trigger: int) -> bool:
         for order in self._orders:
             if order.fault is fault and order.left is not None and order.begun(trigger):

@@ -189,7 +189,7 @@ def feature_registers(device: Device, byte_order: ByteOrder) -> Iterator[Registe
 
 def _value(device: Device, spec: Spec, address: int, byte_order: ByteOrder) -> Register:
     def write(data: bytes) -> None:
-        if device.faults.refuse_write():
+        if device.faults.spoils_command(Fault.REFUSE_WRITES):
             raise CommandError(Status.ACCESS_DENIED)
         if device.faults.spoils_command(Fault.STICK):
             return
@@ -211,7 +211,7 @@ def _value(device: Device, spec: Spec, address: int, byte_order: ByteOrder) -> R
 
 def _command(device: Device, name: str, address: int, byte_order: ByteOrder) -> Register:
     def write(value: int) -> None:
-        if device.faults.refuse_write():
+        if device.faults.spoils_command(Fault.REFUSE_WRITES):
             raise CommandError(Status.ACCESS_DENIED)
         if value:
             device.execute(name)

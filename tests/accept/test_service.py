@@ -15,6 +15,7 @@ import yaml
 
 from calibration.response import ResponseFunction
 from calibration.response.file import CameraIdentity, Origin, ResponseFile
+from drivers.pixel_format import PixelFormat
 from fake_camera.device.faults import Fault
 from tests.autoexpose_daemon.service.service_process import PATIENCE_S, ServiceProcess, running_service
 from tests.autoexpose_daemon.stereo import stereo_cameras
@@ -105,7 +106,7 @@ def test_sighup_takes_what_can_be_and_says_why_not(rig: Rig, file: Path) -> None
         service.wait_for("RELOADING=1")
         service.wait_for("READY=1")
         identity = CameraIdentity("Autoexpose", "FakeGV287M", rig[0].serial)
-        ResponseFile(ResponseFunction.linear(), Origin(identity, "Mono12")).save(response)
+        ResponseFile(ResponseFunction.linear(), Origin(identity, PixelFormat.MONO12)).save(response)
         service.reload()
         service.wait_until(lambda _: "pixel_format is Mono12" in service.log, "a refusal of the response file")
         wait_for_exposing(service)

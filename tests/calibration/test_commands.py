@@ -18,6 +18,7 @@ from calibration.response.prediction import prediction_tables
 from calibration.sources.capture import SweepPlan
 from drivers.errors import AutoexposeError
 from drivers.exposure import ExposureSetting
+from drivers.pixel_format import PixelFormat
 from tests.calibration.made_up_camera import MadeUpCamera
 from tests.calibration.true_response import true_response
 from tests.fakes import FakeCamera, fake_camera
@@ -70,7 +71,7 @@ def test_a_refused_sweep_leaves_a_report_and_no_file(tmp_path: Path) -> None:
 def test_check_tells_what_a_file_is(tmp_path: Path) -> None:
     file = tmp_path / "r.yaml"
     identity = CameraIdentity("Maker", "Model 7", "0012")
-    ResponseFile(ResponseFunction.linear(), Origin(identity, "Mono8"), "linear", covered=(4, 250)).save(file)
+    ResponseFile(ResponseFunction.linear(), Origin(identity, PixelFormat.MONO8), "linear", covered=(4, 250)).save(file)
     code, output = calibrate("check", str(file))
     assert code == 0
     assert "Maker Model 7, serial 0012" in output

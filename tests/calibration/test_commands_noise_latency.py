@@ -26,6 +26,7 @@ from calibration.sources.session import session_setup
 from drivers.aravis import open_camera
 from drivers.errors import CameraError, ConfigurationError
 from drivers.exposure import ExposureLimits
+from drivers.pixel_format import PixelFormat
 from drivers.setup import CameraSetup
 from fake_camera.world.sensor import SensorModel
 from tests.calibration.made_up_camera import LIMITS, MadeUpCamera, linear
@@ -92,7 +93,7 @@ def test_latency_is_told_in_time_as_well(delay_us: tuple[float, float], text: st
 
 def response_file(path: Path, serial: str) -> Path:
     identity = CameraIdentity("Autoexpose", "FakeGV287M", serial)
-    ResponseFile(ResponseFunction.linear(0), Origin(identity, "Mono8")).save(path)
+    ResponseFile(ResponseFunction.linear(0), Origin(identity, PixelFormat.MONO8)).save(path)
     return path
 
 

@@ -31,10 +31,10 @@ from fake_camera.gige.control_channel import ControlChannel
 from fake_camera.gige.gvcp import Command
 from fake_camera.gige.stream_channel import StreamChannel
 from fake_camera.usb3 import u3vcp
-from fake_camera.usb3.usb import usbip
-from fake_camera.usb3.usb.connection import Claims, Connection
 from fake_camera.usb3.usb.descriptors import CONTROL_IN, CONTROL_OUT, STREAM_IN
 from fake_camera.usb3.usb_device import UsbDevice
+from fake_camera.usb3.usbip import messages
+from fake_camera.usb3.usbip.connection import Claims, Connection
 from fake_camera.world.lighting import LightScript
 from fake_camera.world.scene.panorama import load_radiance
 from tests.fake_camera.gige.gige_client import command
@@ -43,7 +43,7 @@ from tests.xml_cameras import COMBINATIONS, xml_camera
 
 PEERS = ("10.0.0.1", 5000), ("10.0.0.2", 5000)
 WIRE = "wire"
-ATTACH = usbip.OPERATION.pack(0x0111, usbip.REQUEST_IMPORT, 0) + usbip.BUS_ID.encode().ljust(32, b"\0")
+ATTACH = messages.OPERATION.pack(0x0111, messages.REQUEST_IMPORT, 0) + messages.BUS_ID.encode().ljust(32, b"\0")
 
 
 class StillDevice:
@@ -193,7 +193,7 @@ def usb3_seeds() -> Iterator[bytes]:
     unlink = struct.pack(">IIIIII24x", 2, 20, 0, 0, 0, 21)
     claim = struct.pack(">IIIII28x", 0x0AE1, 22, 0, 1, 0)
     yield ATTACH + claim + reads + writes + requests + submit(21, STREAM_IN, 4096) + unlink
-    yield usbip.OPERATION.pack(0x0111, usbip.REQUEST_DEVICE_LIST, 0)
+    yield messages.OPERATION.pack(0x0111, messages.REQUEST_DEVICE_LIST, 0)
 
 
 def fault_orders(data: bytes) -> None:

@@ -12,7 +12,7 @@
 enum { HEADER_BYTES = 48 };
 enum { VERSION = 0x0111, REQUEST_IMPORT = 0x8003, BUS_ID_BYTES = 32, DEVICE_BYTES = 312 };
 enum { SUBMIT = 1, UNLINK = 2, RETURN_SUBMIT = 3, RETURN_UNLINK = 4 };
-enum { CLAIM = 0x0AE1, RETURN_CLAIM = 0x0AE2 }; /* not part of USB/IP: see fake_camera/usb3/usb/usbip.py */
+enum { CLAIM = 0x0AE1, RETURN_CLAIM = 0x0AE2 }; /* not part of USB/IP: see fake_camera/usb3/usbip/messages.py */
 enum { HANDSHAKE_S = 2 };
 
 struct header {

@@ -182,7 +182,7 @@ def test_a_packet_of_an_earlier_frame_is_not_lost_though_the_trigger_has_passed(
 def test_refuses_a_count_of_writes() -> None:
     faults = Faults()
     faults.add(FaultOrder(Fault.REFUSE_WRITES, count=2))
-    assert [faults.refuse_write() for _ in range(4)] == [True, True, False, False]
+    assert [faults.spoils_command(Fault.REFUSE_WRITES) for _ in range(4)] == [True, True, False, False]
 
 
 @pytest.fixture

@@ -15,7 +15,7 @@ from fake_camera.genicam.status import CommandError
 from fake_camera.gige.gvcp import Resend
 from fake_camera.gige.gvsp import Block, block_id
 from fake_camera.gige.stream_channel import StreamChannel
-from fake_camera.imaging import ExposedFrame, ImageSettings
+from fake_camera.imaging import PIXEL_FORMATS, ExposedFrame, ImageSettings
 from tests.fake_camera.gige.gige_client import ramp
 
 LEADER, TRAILER, PAYLOAD = 1, 2, 3
@@ -44,7 +44,7 @@ def test_block_ids_skip_zero() -> None:
 @given(
     width=st.integers(1, 200),
     height=st.integers(1, 60),
-    pixel_format=st.sampled_from(["Mono8", "Mono12", "Mono16"]),
+    pixel_format=st.sampled_from(sorted(PIXEL_FORMATS)),
     packet_bytes=st.integers(220, 9000),
     names=st.none() | st.lists(st.sampled_from(sorted(CHUNKS)), unique=True),
 )

@@ -20,7 +20,7 @@ from fake_camera.device.device import Device
 from fake_camera.device.faults import Fault, FaultOrder
 from fake_camera.device.line0 import Line0
 from fake_camera.usb3.run import CAMERAS_VARIABLE
-from fake_camera.usb3.usb.server import Usb3Server
+from fake_camera.usb3.usbip.server import Usb3Server
 from tests.fake_camera.gige.gige_client import Ramp, ramp
 from tests.fake_camera.usb3.libusb_client import LibusbCamera
 from tests.fakes import unique

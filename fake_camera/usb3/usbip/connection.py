@@ -8,10 +8,10 @@ import socket
 import threading
 from collections.abc import Callable
 
-from fake_camera.usb3.usb import usbip
 from fake_camera.usb3.usb.descriptors import INTERFACE_OF, INTERFACES
-from fake_camera.usb3.usb.endpoint import InEndpoint, Request
+from fake_camera.usb3.usb.endpoint import InEndpoint, ReadRequest
 from fake_camera.usb3.usb_device import Setup, StallError, UsbDevice
+from fake_camera.usb3.usbip import messages
 
 _LONGEST_TRANSFER_BYTES = 64 << 20
 
@@ -54,21 +54,21 @@ class Connection:
     which takes all of it.
     """
 
-    def __init__(self, stream: socket.socket, device: UsbDevice, claims: Claims) -> None:
+    def __init__(self, stream: socket.socket, usb: UsbDevice, claims: Claims) -> None:
         self._socket = stream
-        self._device = device
+        self._usb = usb
         self._claims = claims
         self._local = stream.family == socket.AF_UNIX
         self._hung_up = False
         self._sending = threading.Lock()
-        self._pending: dict[int, tuple[InEndpoint | None, Request]] = {}
+        self._pending: dict[int, tuple[InEndpoint | None, ReadRequest]] = {}
 
     def serve(self) -> None:
         """Answer until the client hangs up or talks nonsense."""
-        with self._socket, contextlib.suppress(OSError, EOFError, usbip.ProtocolError):
+        with self._socket, contextlib.suppress(OSError, EOFError, messages.ProtocolError):
             if self._imported():
                 while not self._hung_up:
-                    self._answer(usbip.parse(self._receive(usbip.HEADER_BYTES)))
+                    self._answer(messages.parse(self._receive(messages.HEADER_BYTES)))
         for sequence in list(self._pending):
             self._cancel(sequence)
         self._claims.release(self, *INTERFACES)
@@ -81,46 +81,46 @@ class Connection:
 
     def _imported(self) -> bool:
         """Answer what comes before transfers; whether these may follow."""
-        _version, code, _status = usbip.OPERATION.unpack(self._receive(usbip.OPERATION.size))
-        if code == usbip.REQUEST_DEVICE_LIST:
-            self._send(usbip.device_list_reply())
+        _version, code, _status = messages.OPERATION.unpack(self._receive(messages.OPERATION.size))
+        if code == messages.REQUEST_DEVICE_LIST:
+            self._send(messages.device_list_reply())
             return False
-        if code != usbip.REQUEST_IMPORT:
-            raise usbip.ProtocolError(f"operation {code:#x}")
-        bus_id = self._receive(usbip.BUS_ID_BYTES).rstrip(b"\0").decode("ascii", "replace")
-        accepted = bus_id == usbip.BUS_ID and (self._local or self._claims.claim(self, *INTERFACES))
+        if code != messages.REQUEST_IMPORT:
+            raise messages.ProtocolError(f"operation {code:#x}")
+        bus_id = self._receive(messages.BUS_ID_BYTES).rstrip(b"\0").decode("ascii", "replace")
+        accepted = bus_id == messages.BUS_ID and (self._local or self._claims.claim(self, *INTERFACES))
         if not self._local:
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self._send(usbip.import_reply(accepted))
+        self._send(messages.import_reply(accepted))
         return accepted
 
-    def _answer(self, word: usbip.Submit | usbip.Unlink | usbip.Claim) -> None:
-        match word:
-            case usbip.Submit():
-                if word.length > _LONGEST_TRANSFER_BYTES:
-                    raise usbip.ProtocolError(f"{word.length} bytes")
-                if word.sequence in self._pending:
-                    raise usbip.ProtocolError(f"sequence number {word.sequence} twice")
-                self._submit(word, self._receive(word.data_bytes))
-            case usbip.Unlink():
-                taken_back = self._cancel(word.unlinked)
-                self._send(usbip.unlinked(word.sequence, -errno.ECONNRESET if taken_back else 0))
-            case usbip.Claim():
-                self._claim(word)
+    def _answer(self, message: messages.Submit | messages.Unlink | messages.Claim) -> None:
+        match message:
+            case messages.Submit():
+                if message.length > _LONGEST_TRANSFER_BYTES:
+                    raise messages.ProtocolError(f"{message.length} bytes")
+                if message.sequence in self._pending:
+                    raise messages.ProtocolError(f"sequence number {message.sequence} twice")
+                self._submit(message, self._receive(message.data_bytes))
+            case messages.Unlink():
+                taken_back = self._cancel(message.unlinked)
+                self._send(messages.unlinked(message.sequence, -errno.ECONNRESET if taken_back else 0))
+            case messages.Claim():
+                self._claim(message)
 
-    def _claim(self, word: usbip.Claim) -> None:
+    def _claim(self, message: messages.Claim) -> None:
         if not self._local:
-            raise usbip.ProtocolError("a claim over TCP")
+            raise messages.ProtocolError("a claim over TCP")
         status = 0
-        if not word.claims:
-            self._claims.release(self, word.interface)
-        elif word.interface not in INTERFACES:
+        if not message.claims:
+            self._claims.release(self, message.interface)
+        elif message.interface not in INTERFACES:
             status = -errno.ENOENT
-        elif not self._claims.claim(self, word.interface):
+        elif not self._claims.claim(self, message.interface):
             status = -errno.EBUSY
-        self._send(usbip.claimed(word.sequence, status))
+        self._send(messages.claimed(message.sequence, status))
 
-    def _submit(self, submit: usbip.Submit, data: bytes) -> None:
+    def _submit(self, submit: messages.Submit, data: bytes) -> None:
         if submit.endpoint & 0x0F == 0:
             self._request(submit)
             return
@@ -134,29 +134,29 @@ class Connection:
         else:
             self._write(submit, data)
 
-    def _request(self, submit: usbip.Submit) -> None:
+    def _request(self, submit: messages.Submit) -> None:
         setup = Setup.from_bytes(submit.setup)
         try:
-            answer = self._device.request(setup)
+            answer = self._usb.request(setup)
         except StallError:
             self._complete(submit.sequence, -errno.EPIPE)
             return
         self._complete(submit.sequence, 0, answer, 0 if setup.request_type & 0x80 else setup.length)
 
-    def _read(self, submit: usbip.Submit) -> None:
+    def _read(self, submit: messages.Submit) -> None:
         def complete(status: int, data: memoryview) -> None:
             del self._pending[submit.sequence]
             self._complete(submit.sequence, status, data)
 
-        endpoint = self._device.endpoints[submit.endpoint]
-        request = Request(submit.length, complete)
+        endpoint = self._usb.endpoints[submit.endpoint]
+        request = ReadRequest(submit.length, complete)
         self._pending[submit.sequence] = endpoint, request
         endpoint.submit(request)
 
-    def _write(self, submit: usbip.Submit, data: bytes) -> None:
-        status = self._device.write(data)
+    def _write(self, submit: messages.Submit, data: bytes) -> None:
+        status = self._usb.write(data)
         if status is None:
-            self._pending[submit.sequence] = None, Request(submit.length, lambda _status, _data: None)
+            self._pending[submit.sequence] = None, ReadRequest(submit.length, lambda _status, _data: None)
         else:
             self._complete(submit.sequence, status, accepted_bytes=len(data) if status == 0 else 0)
 
@@ -170,7 +170,7 @@ class Connection:
 
     def _complete(self, sequence: int, status: int, data: bytes | memoryview = b"", accepted_bytes: int = 0) -> None:
         with contextlib.suppress(OSError):  # the client has gone: its own thread finds out
-            self._send(usbip.submitted(sequence, status, len(data) or accepted_bytes), data)
+            self._send(messages.submitted(sequence, status, len(data) or accepted_bytes), data)
 
     def _send(self, header: bytes, data: bytes | memoryview = b"") -> None:
         with self._sending:

@@ -11,8 +11,8 @@ from pathlib import Path
 from fake_camera.device.device import Device
 from fake_camera.device.unix_socket import listen
 from fake_camera.genapi.xml_camera import XmlCamera
-from fake_camera.usb3.usb.connection import Claims, Connection
 from fake_camera.usb3.usb_device import UsbDevice
+from fake_camera.usb3.usbip.connection import Claims, Connection
 
 
 class Usb3Server:
