@@ -15,11 +15,10 @@ from autoexpose_daemon.control.balance import Balance
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.image import ImagePreparation
 from autoexpose_daemon.control.metrics.gradient import ExtremeShares, GradientMetric, mean_signal
-from autoexpose_daemon.control.motion import DisMotion, FarnebackMotion, FlowMotion
-from autoexpose_daemon.control.parameters import ControlParameters, MotionId
-from autoexpose_daemon.control.policies import PolicySetup, build_policy
-from autoexpose_daemon.control.policies.metric_map.policy import MetricMap
-from autoexpose_daemon.control.policy import Observation, PastStep
+from autoexpose_daemon.control.motion import DisMotion, FarnebackMotion
+from autoexpose_daemon.control.parameters import ControlParameters
+from autoexpose_daemon.control.policies.table import build_policy
+from autoexpose_daemon.control.policy import Observation, PastStep, PolicySetup
 from autoexpose_daemon.control.region import Region
 from autoexpose_daemon.control.snapshot import Plain, restore, take
 from calibration.response import ResponseFunction
@@ -32,9 +31,6 @@ REMEMBERED_STEPS = 32
 
 REFERENCE_RATE_HZ = 60.0
 """Image speeds are in pixels per 1/60 s, the unit of the paper's tuning."""
-
-FARNEBACK_POLICIES = ("begin2022", "mehta2020")
-"""Those that Begin & Hunter ran with their own balance, and so with Farneback's flow."""
 
 _DEFAULT_PARAMETERS = ControlParameters()
 
@@ -106,12 +102,13 @@ class ControlLoop:
         self._response = response
         self._focal_length_px = parameters.focal_length_px
         self._metric = GradientMetric(parameters.metric_delta, parameters.metric_lambda)
-        self._policy = build_policy(policy_id, PolicySetup(response, self._metric, start, parameters))
+        self._policy = build_policy(PolicySetup(policy_id, response, self._metric, start, parameters))
         self._views = {"left": View(), "right": View()}
         for side, region in self.setup.regions.items():
             self._views[side] = View(region)
         self._shares = ExtremeShares(response)
-        self._motion = _flow(parameters.motion, policy_id, response)
+        flow = self._policy.FLOW if parameters.motion == "policy" else parameters.motion
+        self._motion = FarnebackMotion(response) if flow == "farneback" else DisMotion(response)
         self._past = deque(maxlen=REMEMBERED_STEPS)
 
     @property
@@ -122,7 +119,7 @@ class ControlLoop:
     @property
     def shortfall(self) -> str | None:
         """What the policy does less of than it could, and why; None for nothing."""
-        return self._policy.shortfall if isinstance(self._policy, MetricMap) else None
+        return self._policy.shortfall
 
     def state(self) -> dict[str, Plain]:
         """All that later decisions depend on beside `setup`, as plain data (a copy)."""
@@ -222,13 +219,6 @@ class View:
             self._weights = self._region.weights(frame.pixels.shape)
             self._shape = frame.pixels.shape
         return image, self._weights
-
-
-def _flow(motion: MotionId, policy_id: str, response: ResponseFunction) -> FlowMotion:
-    """The optical flow that was configured, or else that of the policy."""
-    if motion == "policy":
-        motion = "farneback" if policy_id in FARNEBACK_POLICIES else "dis"
-    return FarnebackMotion(response) if motion == "farneback" else DisMotion(response)
 
 
 def _limited(reason: str, above: bool) -> str:

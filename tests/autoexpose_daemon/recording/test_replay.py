@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from autoexpose_daemon.control.policies import POLICY_IDS
+from autoexpose_daemon.control.policies.ids import POLICY_IDS
 from autoexpose_daemon.recording import recorder as recorder_module
 from autoexpose_daemon.recording.file import RecordingFile
 from autoexpose_daemon.recording.read import Recording

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +15,8 @@ from autoexpose_daemon.control.policies.metric_map.latency import Latency
 from autoexpose_daemon.control.policies.metric_map.memory import TRUSTED_RISE, MetricMemory, Sighting
 from autoexpose_daemon.control.policies.metric_map.registration import Registration
 from autoexpose_daemon.control.policies.metric_map.search import dark_jump, plateau_centre, probe_bonus
-from autoexpose_daemon.control.policies.metric_map.view import DELTAS, FEWER_DELTAS, FEWEST_DELTAS, View, Viewer
-from autoexpose_daemon.control.policy import Observation, Target
+from autoexpose_daemon.control.policies.metric_map.view import DELTAS, FEWER_DELTAS, FEWEST_DELTAS, MetricView, Viewer
+from autoexpose_daemon.control.policy import ExposurePolicy, Observation, PolicySetup, Target
 from calibration.response import ResponseFunction
 from drivers.exposure import ExposureLimits
 
@@ -62,7 +62,7 @@ LEAST_CAMERA = 0.1
 """A camera that sees less than this share of the other's metric does not get a full vote."""
 
 
-class MetricMap:
+class MetricMap(ExposurePolicy):
     """Goes where the map promises most, for both cameras of a pair; docs/policy.md tells why.
 
     All targets are absolute levels, and the map is one of absolute levels, so frames in flight are never corrected
@@ -81,12 +81,11 @@ class MetricMap:
         self.balance = balance
         self._response = response
         left, right = (DELTAS, FEWER_DELTAS) if metric.native else (FEWER_DELTAS, FEWEST_DELTAS)
-        self.shortfall = (
-            None
-            if metric.native
-            else f"the C extension is not built: predicts {len(left)} and {len(right)} exposures of the left and right "
-            f"image, not {len(DELTAS)} and {len(FEWER_DELTAS)}, to stay inside a third of the frame period"
-        )
+        if not metric.native:
+            self.shortfall = (
+                f"the C extension is not built: predicts {len(left)} and {len(right)} exposures of the left and right "
+                f"image, not {len(DELTAS)} and {len(FEWER_DELTAS)}, to stay inside a third of the frame period"
+            )
         self._left = Viewer(response, metric, list(left))
         self._right = Viewer(response, metric, list(right))
         self.registration = Registration(response)
@@ -97,6 +96,11 @@ class MetricMap:
         self.ahead = 0.0
         self.densities = []
         self.motion_px = 0.0
+
+    @classmethod
+    def build(cls, setup: PolicySetup) -> Self:
+        """With Begin & Hunter's balance, unless another is configured."""
+        return cls(setup.response, setup.metric, setup.balance())
 
     def decide(self, observation: Observation) -> Target:
         """The level that promises most, for the frame that will show this decision."""
@@ -109,13 +113,13 @@ class MetricMap:
         self.latency.decide(self.target)
         return target
 
-    def _views(self, observation: Observation) -> tuple[View, ...]:
+    def _views(self, observation: Observation) -> tuple[MetricView, ...]:
         left = self._left.view(observation.image, observation.weights)
         if observation.right_image is None:
             return (left,)
         return left, self._right.view(observation.right_image, observation.right_weights)
 
-    def _remember(self, observation: Observation, views: tuple[View, ...]) -> float:
+    def _remember(self, observation: Observation, views: tuple[MetricView, ...]) -> float:
         """Take the frame into the map; returns by how much the light has risen since the last one, stops."""
         level = observation.setting.level
         level_change = level - self.registration.previous_level
@@ -136,7 +140,7 @@ class MetricMap:
             self.densities[camera] = max(DENSITY_DECAY * self.densities[camera], density, LEAST_DENSITY)
         return change
 
-    def _jump(self, level: float, views: tuple[View, ...]) -> Target | None:
+    def _jump(self, level: float, views: tuple[MetricView, ...]) -> Target | None:
         """Out of the dark, where nothing brighter has been seen yet; None when this is not so."""
         jump = dark_jump(min(view.signal for view in views), self._response)
         if jump == 0 or self.memory.highest().level > level + 1.0:
