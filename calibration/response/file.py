@@ -15,7 +15,7 @@ from pydantic_core import ErrorDetails
 
 from calibration.findings import Finding
 from calibration.response import GREY_LEVELS, CurveDocument, ResponseFunction
-from calibration.solution import ResponseModel, ResponseSolution
+from calibration.response.solution import ResponseModel, ResponseSolution
 from drivers.config.strict_yaml import load_mapping
 from drivers.errors import ConfigurationError
 from drivers.setup import PixelFormat
@@ -70,7 +70,7 @@ class ResponseFile:
     origin
         Where it comes from.
     model, parameters, covered, residual_grey, uncertainty_stops
-        See `calibration.solution.ResponseSolution`.
+        See `calibration.response.solution.ResponseSolution`.
     findings
         What was found wrong with the sweep and its solution.
     noise, latency

@@ -11,7 +11,7 @@ import yaml
 from calibration.findings import Finding
 from calibration.response import ResponseFunction
 from calibration.response.file import CameraIdentity, Origin, ResponseFile
-from calibration.solution import ResponseSolution
+from calibration.response.solution import ResponseSolution
 from drivers.errors import ConfigurationError
 
 SOLUTION = ResponseSolution(

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
 from autoexpose_daemon.control.policies.metric_map.forecast import LEAST_CHANGE, LEAST_FRAMES, RESIDUE, Forecast
-from autoexpose_daemon.control.policies.metric_map.latency import Latency
+from autoexpose_daemon.control.policies.metric_map.loop_delay import LoopDelay
 from autoexpose_daemon.control.policies.metric_map.memory import FORGOTTEN, LEAST_GAP, MetricMemory, Sighting
 from autoexpose_daemon.control.policies.metric_map.registration import Registration
 from autoexpose_daemon.control.policies.metric_map.search import dark_jump, plateau_centre, probe_bonus
@@ -195,7 +195,7 @@ def test_looking_at_all_lags_at_once_misses_no_period(
 
 @pytest.mark.parametrize("delay", [1, 2, 3, 6])
 def test_the_delay_is_found_in_the_settings_of_frames(delay: int) -> None:
-    latency, asked = Latency(), [10.0] * delay
+    latency, asked = LoopDelay(), [10.0] * delay
     for index in range(30):
         latency.see(asked[index])
         target = 10.0 if index < 12 else 13.0

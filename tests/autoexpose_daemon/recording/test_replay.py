@@ -13,7 +13,7 @@ from autoexpose_daemon.recording import recorder as recorder_module
 from autoexpose_daemon.recording.file import RecordingFile
 from autoexpose_daemon.recording.read import Recording
 from autoexpose_daemon.recording.recorder import ContinuousRecorder, LastSecondsRecorder
-from autoexpose_daemon.recording.report import report
+from autoexpose_daemon.recording.replay_report import report
 from autoexpose_daemon.recording.step import Setup, State, Step
 from drivers.frames import StereoPair
 from tests.autoexpose_daemon.recording.runs import VirtualRun, record, replayed

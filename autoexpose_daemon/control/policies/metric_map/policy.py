@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from autoexpose_daemon.control.balance import Balance
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
 from autoexpose_daemon.control.policies.metric_map.forecast import Forecast
-from autoexpose_daemon.control.policies.metric_map.latency import Latency
+from autoexpose_daemon.control.policies.metric_map.loop_delay import LoopDelay
 from autoexpose_daemon.control.policies.metric_map.memory import TRUSTED_RISE, MetricMemory, Sighting
 from autoexpose_daemon.control.policies.metric_map.registration import Registration
 from autoexpose_daemon.control.policies.metric_map.search import dark_jump, plateau_centre, probe_bonus
@@ -90,7 +90,7 @@ class MetricMap(ExposurePolicy):
         self._right = Viewer(response, metric, list(right))
         self.registration = Registration(response)
         self.forecast = Forecast()
-        self.latency = Latency()
+        self.latency = LoopDelay()
         self.memory = MetricMemory()
         self.target = None
         self.ahead = 0.0

@@ -16,7 +16,7 @@ REMEMBERED = 32
 
 
 @dataclass(slots=True)
-class Latency:
+class LoopDelay:
     """The delay D of the loop, by finding past targets again in what frames were really taken with.
 
     Attributes
