@@ -81,7 +81,7 @@ def replay(
 ) -> None:
     """Play a recording again: the recorded policy, bit for bit, or what another one would have decided."""
     check_recording_extra()
-    from autoexpose_daemon.recording.report import report  # noqa: PLC0415
+    from autoexpose_daemon.recording.replay_report import report  # noqa: PLC0415
 
     if policy is not None:
         check_policy_id(policy)

@@ -30,7 +30,7 @@ from autoexpose_daemon.config.section import (
     Section,
 )
 from autoexpose_daemon.control.parameters import BalanceId, ControlParameters, MotionId
-from autoexpose_daemon.control.policies import DEFAULT_POLICY, check_policy_id
+from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, check_policy_id
 from calibration.response import ResponseFunction
 from calibration.response.file import ResponseFile
 from drivers.config.readable import readable

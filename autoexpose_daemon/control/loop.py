@@ -16,10 +16,9 @@ from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.image import ImagePreparation
 from autoexpose_daemon.control.metrics.gradient import ExtremeShares, GradientMetric, mean_signal
 from autoexpose_daemon.control.motion import DisMotion, FarnebackMotion, FlowMotion
-from autoexpose_daemon.control.parameters import ControlParameters, MotionId
-from autoexpose_daemon.control.policies import PolicySetup, build_policy
-from autoexpose_daemon.control.policies.metric_map.policy import MetricMap
-from autoexpose_daemon.control.policy import Look, Observation, PastStep
+from autoexpose_daemon.control.parameters import ControlParameters
+from autoexpose_daemon.control.policies.table import build_policy
+from autoexpose_daemon.control.policy import Look, Observation, PastStep, PolicySetup
 from autoexpose_daemon.control.region import Region
 from autoexpose_daemon.control.snapshot import Plain, restore, take
 from calibration.response import ResponseFunction
@@ -32,9 +31,6 @@ REMEMBERED_STEPS = 32
 
 REFERENCE_RATE_HZ = 60.0
 """Image speeds are in pixels per 1/60 s, the unit of the paper's tuning."""
-
-FARNEBACK_POLICIES = ("begin2022", "mehta2020")
-"""Those that Begin & Hunter ran with their own balance, and so with Farneback's flow."""
 
 _DEFAULT_PARAMETERS = ControlParameters()
 
@@ -108,9 +104,11 @@ class ControlLoop:
         self._limits = limits
         self._focal_length_px = parameters.focal_length_px
         self._metric = GradientMetric(parameters.metric_delta, parameters.metric_lambda)
-        self._policy = build_policy(policy_id, PolicySetup(of_sides, self._metric, start, parameters))
+        self._policy = build_policy(PolicySetup(policy_id, of_sides, self._metric, start, parameters))
         self._views = {side: View(response, self.setup.regions.get(side)) for side, response in of_sides.items()}
-        self._motions = {side: _flow(parameters.motion, policy_id, response) for side, response in of_sides.items()}
+        flow = self._policy.FLOW if parameters.motion == "policy" else parameters.motion
+        motion = FarnebackMotion if flow == "farneback" else DisMotion
+        self._motions: dict[Side, FlowMotion] = {side: motion(response) for side, response in of_sides.items()}
         self._motion_side = None
         self._motion_px = 0.0
         self._past = deque(maxlen=REMEMBERED_STEPS)
@@ -123,7 +121,7 @@ class ControlLoop:
     @property
     def shortfall(self) -> str | None:
         """What the policy does less of than it could, and why; None for nothing."""
-        return self._policy.shortfall if isinstance(self._policy, MetricMap) else None
+        return self._policy.shortfall
 
     def state(self) -> dict[str, Plain]:
         """All that later decisions depend on beside `setup`, as plain data (a copy)."""
@@ -231,13 +229,6 @@ class View:
             self._weights = self._region.weights(frame.pixels.shape)
             self._shape = frame.pixels.shape
         return Look(side, image, self._response, self._weights)
-
-
-def _flow(motion: MotionId, policy_id: str, response: ResponseFunction) -> FlowMotion:
-    """The optical flow that was configured, or else that of the policy."""
-    if motion == "policy":
-        motion = "farneback" if policy_id in FARNEBACK_POLICIES else "dis"
-    return FarnebackMotion(response) if motion == "farneback" else DisMotion(response)
 
 
 def _limited(reason: str, above: bool) -> str:

@@ -1,15 +1,18 @@
-"""What a policy sees of a frame, and what it answers."""
+"""What a policy is built from, what it sees of a frame, and what it answers."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Protocol
+from typing import ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from autoexpose_daemon.control.balance import Balance
+from autoexpose_daemon.control.balance import Balance, BlurNoiseBalance, ExposurePriority, FixedRatio, FlickerBalance
+from autoexpose_daemon.control.metrics.gradient import GradientMetric
+from autoexpose_daemon.control.parameters import ControlParameters
 from calibration.response import ResponseFunction
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Side
@@ -154,18 +157,57 @@ class Target:
     exposure_time_us: float | None = None
 
 
-class ExposurePolicy(Protocol):
+@dataclass(frozen=True, slots=True)
+class PolicySetup:
+    """What policies are built from. `metric` is shared with the loop: its buffers are needed once."""
+
+    policy_id: str
+    responses: Mapping[Side, ResponseFunction]
+    metric: GradientMetric
+    start: ExposureSetting
+    parameters: ControlParameters
+
+    def balance(self, of_the_paper: Balance | None = None) -> Balance:
+        """The configured balance, or else that of the policy's paper; None: Begin & Hunter's."""
+        match self.parameters.balance:
+            case "policy" if of_the_paper is not None:
+                return of_the_paper
+            case "policy" | "blur_noise":
+                return BlurNoiseBalance(self.parameters.balance_weight, self.parameters.balance_offset)
+            case "exposure_priority":
+                return ExposurePriority()
+            case "fixed_ratio":
+                return FixedRatio()
+            case "flicker":
+                return FlickerBalance(self.parameters.flicker_hz)
+
+
+class ExposurePolicy(ABC):
     """Decides on one exposure level per stereo pair.
 
     The state that a policy carries from frame to frame is plain data in its own attributes, named in `STATE`: see
     `snapshot`.
+
+    Attributes
+    ----------
+    FLOW
+        The optical flow that its paper measures motion with, and that is used unless another is configured.
+    balance
+        How the level is split into time and gain.
+    shortfall
+        What it does less of than it could, and why; None for nothing.
     """
 
-    STATE: ClassVar[tuple[str, ...]]
+    STATE: ClassVar[tuple[str, ...]] = ()
+    FLOW: ClassVar[Literal["dis", "farneback"]] = "dis"
+    balance: Balance
+    shortfall: str | None = None
 
-    @property
-    def balance(self) -> Balance:
-        """How the level is split into time and gain."""
+    @classmethod
+    def build(cls, setup: PolicySetup) -> Self:
+        """A fresh one; every policy of the table has this."""
+        raise NotImplementedError
 
+    @abstractmethod
     def decide(self, observation: Observation) -> Target:
         """The target for the frame to be taken next."""

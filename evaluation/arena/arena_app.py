@@ -14,7 +14,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from autoexpose_daemon.control.policies import DEFAULT_POLICY, POLICY_IDS, check_policy_id
+from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, POLICY_IDS, check_policy_id
 from drivers.errors import AutoexposeError, ConfigurationError
 from evaluation.arena.arena_report import cells, mean_ratios, write_arena_report
 from evaluation.arena.plan import Task, full_plan, quick_plan

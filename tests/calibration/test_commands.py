@@ -15,7 +15,7 @@ from calibration.commands.app import calibrate_app
 from calibration.response import ResponseFunction
 from calibration.response.file import CameraIdentity, Origin, ResponseFile
 from calibration.response.prediction import prediction_tables
-from calibration.sources.capture import SweepPlan
+from calibration.sources.sweep_plan import SweepPlan
 from drivers.errors import AutoexposeError
 from drivers.exposure import ExposureSetting
 from drivers.pixel_format import PixelFormat
@@ -128,7 +128,7 @@ def test_what_cannot_be_is_one_sentence(
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Half the exposures, for half the time."""
-    monkeypatch.setattr("calibration.sources.capture.STEP_STOPS", 1.0)
+    monkeypatch.setattr("calibration.sources.sweep_plan.STEP_STOPS", 1.0)
 
 
 @contextlib.contextmanager

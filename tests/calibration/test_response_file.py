@@ -11,7 +11,7 @@ import yaml
 from calibration.findings import Finding
 from calibration.response import ResponseFunction
 from calibration.response.file import CameraIdentity, Origin, ResponseFile
-from calibration.solution import ResponseSolution
+from calibration.response.solution import ResponseSolution
 from drivers.errors import ConfigurationError
 
 SOLUTION = ResponseSolution(
@@ -91,7 +91,8 @@ def test_a_bad_value_is_refused_with_file_and_key(tmp_path: Path, key: str, valu
     path.write_text(yaml.safe_dump(document | {key: value}), encoding="utf-8")
     with pytest.raises(ConfigurationError) as error:
         ResponseFile.load(path)
-    assert str(error.value).startswith(f"{path}: {key} is ")
+    assert str(error.value).startswith((f"{path}: {key} is ", f"{path}: {key}["))
+    assert str(error.value).endswith(", or remove it")
     assert len(str(error.value)) < len(str(path)) + 200  # 256 numbers are not quoted
 
 

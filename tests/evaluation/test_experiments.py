@@ -107,7 +107,7 @@ def test_intervals_cover_what_they_estimate() -> None:
     assert mean_interval([1.0, 1.0, 1.0]).text(".1f", "mm") == "1.0 mm [1.0, 1.0]"
 
 
-def test_the_correlation_is_that_of_definition() -> None:
+def test_the_correlation_is_that_of_its_definition() -> None:
     x = np.array([1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0])
     assert pearson(x, np.exp(x)).value == pytest.approx(np.corrcoef(x, np.exp(x))[0, 1])
     noisy = pearson(x, -x + np.array([0.0, 2.5, 0.0, 0.0, -2.5, 0.0, 0.0, 0.0]))

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from autoexpose_daemon.control.balance import Balance, ExposurePriority
+from autoexpose_daemon.control.balance import ExposurePriority
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.policy import ExposurePolicy, Observation, Target
 from drivers.exposure import ExposureSetting
@@ -40,37 +40,25 @@ USEFUL_SHARE = 0.5
 """A law that ends with less of the best metric than this has not converged but is stuck."""
 
 
-@dataclass(frozen=True, slots=True)
-class WithoutFeedback:
+class WithoutFeedback(ExposurePolicy):
     """A law that never learns which decision a frame realises: for `begin2022`, eq. (22) with its first case only."""
 
-    law: ExposurePolicy
-    STATE: ClassVar[tuple[str, ...]] = ()
-
-    @property
-    def balance(self) -> Balance:
-        """That of the law."""
-        return self.law.balance
+    def __init__(self, law: ExposurePolicy) -> None:
+        self.law, self.balance = law, law.balance
 
     def decide(self, observation: Observation) -> Target:
         """What the law would decide."""
         return self.law.decide(replace(observation, realised=None))
 
 
-@dataclass(frozen=True, slots=True)
-class LeavesWhiteAndBlack:
+class LeavesWhiteAndBlack(ExposurePolicy):
     """A law with the rule that the paper's published code has and its text has not.
 
     From an image whose mean grey is above 245 or below 10 the exposure goes 2 stops down or up, whatever is predicted.
     """
 
-    law: ExposurePolicy
-    STATE: ClassVar[tuple[str, ...]] = ()
-
-    @property
-    def balance(self) -> Balance:
-        """That of the law."""
-        return self.law.balance
+    def __init__(self, law: ExposurePolicy) -> None:
+        self.law, self.balance = law, law.balance
 
     def decide(self, observation: Observation) -> Target:
         """The rule where it holds, else what the law decides."""

@@ -16,7 +16,7 @@ from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
 from autoexpose_daemon.control.policies.metric_map.memory import Sighting
 from autoexpose_daemon.control.policies.metric_map.policy import MetricMap
-from autoexpose_daemon.control.policies.metric_map.view import DELTAS, View, Viewer
+from autoexpose_daemon.control.policies.metric_map.view import DELTAS, MetricView, Viewer
 from autoexpose_daemon.control.policy import Look, Observation
 from calibration.response import ResponseFunction
 from drivers.exposure import ExposureSetting
@@ -254,4 +254,4 @@ def test_sightings_are_plain_data() -> None:
     chosen.decide(observe(ImagePreparation().prepare(expose(SCENE, START, 10.5).grey8())))
     (sighting,) = chosen.memory.sightings
     assert isinstance(sighting, Sighting)
-    assert isinstance(sighting.views[0], View)
+    assert isinstance(sighting.views[0], MetricView)

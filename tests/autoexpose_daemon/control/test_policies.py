@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 import math
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -164,3 +166,8 @@ def test_lu_looks_first_where_the_middle_of_the_scale_lies(stops: float, brighte
     image = view(stops)
     assert (image.mean() < 127) == brighter
     assert (Lu2010(ExposurePriority()).decide(observe(image)).level > SETTING.level) == brighter
+
+
+def test_ids_are_known_without_loading_what_decides() -> None:
+    code = "import sys, autoexpose_daemon.cli; print('numpy' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout == "False\n"

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control.image import ImagePreparation
 from autoexpose_daemon.control.loop import ControlLoop
-from autoexpose_daemon.control.policies import POLICY_IDS
+from autoexpose_daemon.control.policies.ids import POLICY_IDS
 from autoexpose_daemon.control.region import Rectangle, Region
 from calibration.response import ResponseFunction
 from drivers.errors import ConfigurationError

@@ -18,7 +18,7 @@ from autoexpose_daemon.doctor.facts import Facts, GigeFacts
 from autoexpose_daemon.doctor.finding import Finding, Severity
 from autoexpose_daemon.doctor.judge import judge
 from autoexpose_daemon.doctor.need import Need
-from autoexpose_daemon.doctor.report import as_json, show
+from autoexpose_daemon.doctor.output import as_json, show
 from drivers.host.gvcp import Control, GigeCamera
 from drivers.host.network import SOCKET_BUFFER_BYTES, NetworkInterface
 from drivers.host.usb import DeviceNode, Process, UsbCamera, UsbFacts, find_usb

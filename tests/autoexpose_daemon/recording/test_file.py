@@ -24,7 +24,7 @@ from autoexpose_daemon.recording.file import RESERVE_BYTES, RecordingFile
 from autoexpose_daemon.recording.read import Recording
 from autoexpose_daemon.recording.recorder import ContinuousRecorder, LastSecondsRecorder, new_recorder
 from autoexpose_daemon.recording.replay import Replay
-from autoexpose_daemon.recording.report import report
+from autoexpose_daemon.recording.replay_report import report
 from autoexpose_daemon.recording.step import Item, RecordingError, Step
 from tests.autoexpose_daemon.recording.runs import VirtualRun, record, replayed
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from autoexpose_daemon.recording.read import Recording
-from autoexpose_daemon.recording.report import report
+from autoexpose_daemon.recording.replay_report import report
 from autoexpose_daemon.recording.step import Setup, State, Step
 from tests.autoexpose_daemon.service.service_process import AUTOEXPOSE, PATIENCE_S, running_service
 from tests.autoexpose_daemon.stereo import stereo_cameras

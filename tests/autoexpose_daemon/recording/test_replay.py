@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from autoexpose_daemon.control.policies import POLICY_IDS
+from autoexpose_daemon.control.policies.ids import POLICY_IDS
 from autoexpose_daemon.recording import recorder as recorder_module
 from autoexpose_daemon.recording.file import RecordingFile
 from autoexpose_daemon.recording.read import Recording
 from autoexpose_daemon.recording.recorder import ContinuousRecorder, LastSecondsRecorder
-from autoexpose_daemon.recording.report import report
+from autoexpose_daemon.recording.replay_report import report
 from autoexpose_daemon.recording.step import Setup, State, Step
 from drivers.frames import StereoPair
 from tests.autoexpose_daemon.recording.runs import VirtualRun, record, replayed

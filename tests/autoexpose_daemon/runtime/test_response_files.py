@@ -34,13 +34,13 @@ def config_file(tmp_path: Path) -> Path:
 def reads(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """The response files read so far."""
     read: list[str] = []
-    load = response_file.load_response_document
+    load = response_file.load_mapping
 
-    def counted(path: Path) -> object:
+    def counted(path: Path, hint: str) -> object:
         read.append(path.name)
-        return load(path)
+        return load(path, hint)
 
-    monkeypatch.setattr(response_file, "load_response_document", counted)
+    monkeypatch.setattr(response_file, "load_mapping", counted)
     monkeypatch.setattr(cameras, "open_camera", lambda serial, _: TriggeredCamera(serial))
     return read
 

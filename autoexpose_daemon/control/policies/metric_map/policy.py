@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from autoexpose_daemon.control.balance import Balance
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
 from autoexpose_daemon.control.policies.metric_map.forecast import Forecast
-from autoexpose_daemon.control.policies.metric_map.latency import Latency
+from autoexpose_daemon.control.policies.metric_map.loop_delay import LoopDelay
 from autoexpose_daemon.control.policies.metric_map.memory import TRUSTED_RISE, MetricMemory, Sighting
 from autoexpose_daemon.control.policies.metric_map.registration import Registration
 from autoexpose_daemon.control.policies.metric_map.search import dark_jump, plateau_centre, probe_bonus
-from autoexpose_daemon.control.policies.metric_map.view import DELTAS, FEWER_DELTAS, FEWEST_DELTAS, View, Viewer
-from autoexpose_daemon.control.policy import Observation, Target
+from autoexpose_daemon.control.policies.metric_map.view import DELTAS, FEWER_DELTAS, FEWEST_DELTAS, MetricView, Viewer
+from autoexpose_daemon.control.policy import ExposurePolicy, Observation, PolicySetup, Target
 from calibration.response import ResponseFunction
 from drivers.exposure import ExposureLimits
 from drivers.frames import Side
@@ -64,7 +64,7 @@ LEAST_CAMERA = 0.1
 """A camera that sees less than this share of the other's metric does not get a full vote."""
 
 
-class MetricMap:
+class MetricMap(ExposurePolicy):
     """Goes where the map promises most, for both cameras of a pair; docs/policy.md tells why.
 
     All targets are absolute levels, and the map is one of absolute levels, so frames in flight are never corrected
@@ -82,24 +82,28 @@ class MetricMap:
     def __init__(self, responses: Mapping[Side, ResponseFunction], metric: GradientMetric, balance: Balance) -> None:
         self.balance = balance
         reference, other = (DELTAS, FEWER_DELTAS) if metric.native else (FEWER_DELTAS, FEWEST_DELTAS)
-        self.shortfall = (
-            None
-            if metric.native
-            else f"the C extension is not built: predicts {len(reference)} and {len(other)} exposures of the left and "
-            f"right image, not {len(DELTAS)} and {len(FEWER_DELTAS)}, to stay inside a third of the frame period"
-        )
+        if not metric.native:
+            self.shortfall = (
+                f"the C extension is not built: predicts {len(reference)} and {len(other)} exposures of the left and "
+                f"right image, not {len(DELTAS)} and {len(FEWER_DELTAS)}, to stay inside a third of the frame period"
+            )
         self._viewers = {
             side: (Viewer(response, metric, list(reference)), Viewer(response, metric, list(other)))
             for side, response in responses.items()
         }
         self.registration = Registration(responses)
         self.forecast = Forecast()
-        self.latency = Latency()
+        self.latency = LoopDelay()
         self.memory = MetricMemory()
         self.target = None
         self.ahead = 0.0
         self.densities = []
         self.motion_px = 0.0
+
+    @classmethod
+    def build(cls, setup: PolicySetup) -> Self:
+        """With Begin & Hunter's balance, unless another is configured."""
+        return cls(setup.responses, setup.metric, setup.balance())
 
     def decide(self, observation: Observation) -> Target:
         """The level that promises most, for the frame that will show this decision."""
@@ -111,14 +115,14 @@ class MetricMap:
         self.target = observation.limits.clamp_level(target.level)
         return target
 
-    def _views(self, observation: Observation) -> tuple[View, ...]:
+    def _views(self, observation: Observation) -> tuple[MetricView, ...]:
         """The reference camera's, predicted at more exposures, and the others'."""
         return tuple(
             self._viewers[look.side][place > 0].view(look.image, look.weights)
             for place, look in enumerate(observation.looks)
         )
 
-    def _remember(self, observation: Observation, views: tuple[View, ...]) -> float:
+    def _remember(self, observation: Observation, views: tuple[MetricView, ...]) -> float:
         """Take the frame into the map; returns by how much the light has risen since the last one, stops."""
         level = observation.setting.level
         level_change = level - self.registration.previous_level
@@ -139,7 +143,7 @@ class MetricMap:
             self.densities[camera] = max(DENSITY_DECAY * self.densities[camera], density, LEAST_DENSITY)
         return change
 
-    def _jump(self, observation: Observation, views: tuple[View, ...]) -> Target | None:
+    def _jump(self, observation: Observation, views: tuple[MetricView, ...]) -> Target | None:
         """Out of the dark, where nothing brighter has been seen yet; None when this is not so."""
         level = observation.setting.level
         jump = max(dark_jump(view.signal, look.response) for view, look in zip(views, observation.looks, strict=True))

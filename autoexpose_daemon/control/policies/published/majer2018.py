@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, Self
 
-from autoexpose_daemon.control.balance import Balance
+from autoexpose_daemon.control.balance import Balance, ExposurePriority
 from autoexpose_daemon.control.metrics.gradient import mean_signal
-from autoexpose_daemon.control.policy import Observation, Target
+from autoexpose_daemon.control.policy import ExposurePolicy, Observation, PolicySetup, Target
 from drivers.errors import ConfigurationError
 
 DESIRED_BRIGHTNESS = 0.5
@@ -25,7 +25,7 @@ SMALLEST_SIGNAL = 0.5 / 255
 
 
 @dataclass(slots=True)
-class Majer2018:
+class Majer2018(ExposurePolicy):
     """``e <- e + c_e e (b_d / b - 1)`` once per five frames (Majer et al. 2018, eq. 1), e the linear exposure t g.
 
     Attributes
@@ -44,6 +44,12 @@ class Majer2018:
     balance: Balance
     frames: int = 0
     level: float | None = None
+
+    @classmethod
+    def build(cls, setup: PolicySetup) -> Self:
+        """With exposure priority, unless another balance is configured: the paper sets one "exposure"."""
+        region: Literal["top_half", "full"] = "full" if setup.policy_id == "majer2018-full" else "top_half"
+        return cls(region, setup.balance(ExposurePriority()))
 
     def decide(self, observation: Observation) -> Target:
         """Eq. (1) at every fifth frame; else the target that stands."""

@@ -13,7 +13,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from calibration.commands.additions import response_file_of
-from calibration.latency.capture import TRIALS, capture_latency
+from calibration.latency.trials import TRIALS, capture_latency
 from calibration.latency.write_effect import WriteEffect
 from calibration.sources.session import Session, session_setup
 from drivers.aravis import open_camera

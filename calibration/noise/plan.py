@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from calibration.sources.capture import FIRST_TIME_US, StaticCamera, SweepPlan, time_bounds_us
+from calibration.sources.sweep_plan import FIRST_TIME_US, StaticCamera, SweepPlan, time_bounds_us
 from drivers.exposure import ExposureLimits, ExposureSetting
 
 DARKEST_STOPS, BRIGHTEST_STOPS = -9.0, 2.0

@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from calibration.latency import capture as capture_module
-from calibration.latency.capture import capture_latency
+from calibration.latency import trials as trials_module
+from calibration.latency.trials import capture_latency
 from calibration.latency.write_effect import WriteEffect
 from calibration.sources import session as session_module
 from calibration.sources.session import Session
@@ -90,7 +90,7 @@ def calls() -> list[tuple[int, int]]:
 @pytest.fixture
 def measure(monkeypatch: pytest.MonkeyPatch, calls: list[tuple[int, int]]) -> Measure:
     def run(camera: VirtualCamera) -> list[WriteEffect]:
-        for module in (session_module, capture_module):
+        for module in (session_module, trials_module):
             monkeypatch.setattr(module, "time", camera)
         with Session(camera) as session:
             return capture_latency(session, RATE_HZ, 20, lambda done, total: calls.append((done, total)))

@@ -14,7 +14,7 @@ DISTINCT_STOPS = 0.15
 
 
 @dataclass(slots=True)
-class Latency:
+class LoopDelay:
     """The delay D of the loop, by finding past targets again in what frames were really taken with.
 
     Attributes

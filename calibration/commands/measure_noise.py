@@ -15,9 +15,9 @@ from rich.table import Table
 
 from calibration.commands.additions import response_file_of
 from calibration.commands.measure import check_gain, take
-from calibration.noise.capture import default_gains_db, plan_noise
 from calibration.noise.model import Estimate, NoiseModel
 from calibration.noise.photon_transfer import PhotonTransfer, photon_transfer
+from calibration.noise.plan import default_gains_db, plan_noise
 from calibration.sources.session import Session, session_setup
 from calibration.sweep import Sweep
 from drivers.aravis import AravisCamera, open_camera
