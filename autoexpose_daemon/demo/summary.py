@@ -10,10 +10,10 @@ from rich.table import Table
 from rich.text import Text
 
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
+from autoexpose_daemon.demo.analysis import LightStep, delay_frames, light_settings
 from autoexpose_daemon.demo.fakes import FakeCamera, Pulse
 from autoexpose_daemon.demo.options import DemoOptions
-from autoexpose_daemon.demo.record import Recorder
-from autoexpose_daemon.demo.report import LightStep, delay_frames, light_settings
+from autoexpose_daemon.demo.step_log import StepLog
 from autoexpose_daemon.runtime.daemon import Daemon
 from autoexpose_daemon.status.losses import lost_in_words
 
@@ -36,7 +36,7 @@ class Run:
     daemon: Daemon
     cameras: Sequence[FakeCamera]
     pulses: Sequence[Pulse]
-    recorder: Recorder
+    step_log: StepLog
     took_s: float
     daemon_cpu_s: float
     reference_step_ms: float
@@ -65,10 +65,10 @@ def figures(run: Run, steps: Sequence[LightStep]) -> dict[str, Any]:
         "unexplained_mismatches": telemetry.counts.unexplained_mismatches,
         "late_writes": telemetry.counts.late_writes,
         "steps": [_step_as_json(step) for step in steps],
-        "settings": [asdict(setting) for setting in light_settings(run.pulses, run.recorder.steps)],
+        "settings": [asdict(setting) for setting in light_settings(run.pulses, run.step_log.steps)],
         **{field: getattr(telemetry, field).percentiles() for field, _, _ in _DURATIONS},
         "published": None if telemetry.publishing is None else telemetry.publishing.sent,
-        "delay_frames": delay_frames(run.recorder.steps),
+        "delay_frames": delay_frames(run.step_log.steps),
         "first_trigger": run.pulses[0].trigger if run.pulses else None,
         "daemon_cpu_percent": round(100 * run.daemon_cpu_s / run.took_s, 1),
         "reference_step_ms": round(run.reference_step_ms, 3),

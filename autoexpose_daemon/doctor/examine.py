@@ -11,7 +11,7 @@ from autoexpose_daemon.config.document import load_config
 from autoexpose_daemon.doctor.facts import gather
 from autoexpose_daemon.doctor.judge import judge
 from autoexpose_daemon.doctor.need import Need
-from autoexpose_daemon.doctor.report import as_json, show, stops
+from autoexpose_daemon.doctor.output import as_json, show, stops
 
 
 def examine(config: Path | None, as_document: bool) -> bool:

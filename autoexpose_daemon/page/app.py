@@ -19,7 +19,7 @@ from starlette.websockets import WebSocket
 from autoexpose_daemon.client.status_client import StatusClient
 from autoexpose_daemon.page.access import Access, Key
 from autoexpose_daemon.page.history import History
-from autoexpose_daemon.page.live import watch
+from autoexpose_daemon.page.live import serve_browser
 from autoexpose_daemon.page.metrics import CONTENT_TYPE, exposition
 from autoexpose_daemon.page.pair_views import PairViews
 
@@ -45,7 +45,7 @@ def page_app(rig: str, connect: Sequence[str], key: Key | None) -> ASGIApp:
             remembering.cancel()
 
     async def live(socket: WebSocket) -> None:
-        await watch(socket, client, socket.app.state.views, history)
+        await serve_browser(socket, client, socket.app.state.views, history)
 
     async def metrics(_request: Request) -> Response:
         heard = client.status if client.silent_s < SILENT_S else None

@@ -17,7 +17,7 @@ from autoexpose_daemon.page.tables import tables
 NUMBERS_PERIOD_S = 0.5
 
 
-async def watch(socket: WebSocket, client: StatusClient, views: PairViews, history: History) -> None:
+async def serve_browser(socket: WebSocket, client: StatusClient, views: PairViews, history: History) -> None:
     """Serve one web socket until it is closed.
 
     Text messages to the browser hold the numbers, binary ones a pair. Each message from the browser asks for the next

@@ -10,7 +10,7 @@ from prometheus_client.exposition import CONTENT_TYPE_PLAIN_0_0_4, generate_late
 from prometheus_client.registry import Collector
 
 from autoexpose_daemon.status.counters import counters
-from autoexpose_daemon.status.document import CameraStatus, Durations, PublishStatus, RecorderStatus, Status
+from autoexpose_daemon.status.document import CameraStatus, DurationStatus, PublishStatus, RecorderStatus, Status
 from autoexpose_daemon.status.durations import DURATIONS
 from autoexpose_daemon.status.publishing import DropReason
 from autoexpose_daemon.status.states import State
@@ -130,7 +130,7 @@ class _Collector(Collector):
             metric.add_metric([self._rig, *label_values], count)
         return metric
 
-    def _summary(self, name: str, help_text: str, durations: Durations) -> Metric:
+    def _summary(self, name: str, help_text: str, durations: DurationStatus) -> Metric:
         metric = SummaryMetricFamily(f"autoexpose_{name}", help_text, labels=["rig"])
         metric.add_metric([self._rig], durations.count, durations.sum_ms / _MS_PER_S)
         for quantile, value_ms in (("0.5", durations.p50_ms), ("0.99", durations.p99_ms)):

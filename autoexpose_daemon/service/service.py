@@ -14,15 +14,15 @@ from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.runtime.control_thread import ControlThread
 from autoexpose_daemon.runtime.daemon import Daemon
 from autoexpose_daemon.runtime.tuning import Tuning
+from autoexpose_daemon.service.announcer import Announcer
 from autoexpose_daemon.service.last_exposure import LastExposure
 from autoexpose_daemon.service.logs import set_up_logging
 from autoexpose_daemon.service.notify import Notifier
-from autoexpose_daemon.service.watch import Watch
 from autoexpose_daemon.status.describe import describe
+from autoexpose_daemon.status.display import Show, display
 from autoexpose_daemon.status.document import Status
 from autoexpose_daemon.status.panel import line_of
 from autoexpose_daemon.status.states import State
-from autoexpose_daemon.status.view import Show, display
 from drivers.errors import AutoexposeError, ConfigurationError
 from drivers.exposure import ExposureSetting
 
@@ -76,7 +76,7 @@ class Service:
     ) -> None:
         self._build = build
         self._last_exposure = last_exposure or LastExposure(None)
-        self._watch = Watch(notifier or Notifier(None))
+        self._announcer = Announcer(notifier or Notifier(None))
         self._config = config
         self._former: Config | None = None  # to fall back on when the cameras cannot take the new one
         self._dead: list[BaseException] = []
@@ -95,15 +95,15 @@ class Service:
         try:
             while not stop.wait(_TURN_S):
                 self._look_for_failures()
-                self._watch.look()
+                self._announcer.look()
                 show(self.status)
                 self._take_note()
                 self._look_for_reload(new_config)
         except BaseException as error:
-            self._watch.failed(error)
+            self._announcer.failed(error)
             raise
         finally:
-            self._watch.stopping()
+            self._announcer.stopping()
             self._end()
             threading.excepthook = former_hook
             self._last_exposure.save(time.monotonic())
@@ -117,13 +117,13 @@ class Service:
         return self._build(config, self._last_exposure.recall(config.exposure.limits()))
 
     def _begin(self) -> None:
-        self._watch.begin(self.daemon, self._config)
+        self._announcer.begin(self.daemon, self._config)
         self._control = ControlThread(self.daemon)
 
     def _end(self) -> None:
         self._control.ask_to_stop()
         while not self._control.ended(_TURN_S):
-            self._watch.feed()
+            self._announcer.feed()
 
     def _on_dead_thread(self, args: Any) -> None:
         self._dead.append(args.exc_value or RuntimeError(f"{args.thread} died"))
@@ -144,9 +144,9 @@ class Service:
         self._begin()
 
     def _take_note(self) -> None:
-        if self._watch.health.state is not State.STARTING:
+        if self._announcer.health.state is not State.STARTING:
             self._former = None
-        if self._watch.health.state is State.EXPOSING:
+        if self._announcer.health.state is State.EXPOSING:
             self._last_exposure.keep(self.daemon.telemetry, time.monotonic())
 
     def _look_for_reload(self, new_config: NewConfig) -> None:
@@ -154,7 +154,7 @@ class Service:
             config = new_config()
             if config is None:
                 return
-            self._watch.reloading()
+            self._announcer.reloading()
             if _same_cameras(config, self._config):
                 self.daemon.tune(Tuning(config)).result(_TUNE_PATIENCE_S)
                 self._config = config

@@ -7,13 +7,19 @@ from dataclasses import replace
 
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.config.publish import PublishConfig
-from autoexpose_daemon.status.document import VERSION, CameraStatus, Durations, PublishStatus, RecorderStatus, Status
+from autoexpose_daemon.status.document import (
+    VERSION,
+    CameraStatus,
+    DurationStatus,
+    PublishStatus,
+    RecorderStatus,
+    Status,
+)
 from autoexpose_daemon.status.durations import DURATIONS
 from autoexpose_daemon.status.fault_log import fault_log
 from autoexpose_daemon.status.publishing import PublishTally
 from autoexpose_daemon.status.states import Expectation, Health, judge
-from autoexpose_daemon.status.telemetry import GONE, Telemetry
-from autoexpose_daemon.status.telemetry import Durations as Measured
+from autoexpose_daemon.status.telemetry import GONE, DurationSamples, Telemetry
 from drivers.frames import Side
 
 _STARTED_NS = time.monotonic_ns()  # of the process, but for the second that its imports take
@@ -68,9 +74,9 @@ def _camera(telemetry: Telemetry, side: Side) -> CameraStatus:
     )
 
 
-def _durations(measured: Measured) -> Durations:
+def _durations(measured: DurationSamples) -> DurationStatus:
     percentiles = measured.percentiles()
-    return Durations(measured.count, round(measured.sum_ms, 3), percentiles["p50"], percentiles["p99"])
+    return DurationStatus(measured.count, round(measured.sum_ms, 3), percentiles["p50"], percentiles["p99"])
 
 
 def _publishing(tally: PublishTally, now_ns: int) -> PublishStatus:

@@ -41,7 +41,7 @@ def _takes_time(setting: ExposureSetting) -> ExposureSetting:
 
 
 @dataclass(frozen=True, slots=True)
-class Durations:
+class DurationStatus:
     """How long something took: all of them counted and summed up, median and 99th percentile of the last minutes (ms).
 
     The percentiles are None before the first.
@@ -166,12 +166,12 @@ class Status:
     counts: Counts
     lost: _Counts
     decision: Annotated[Decision, AfterValidator(lambda decision: _takes_time(decision.setting) and decision)] | None
-    pairing_ms: Durations
-    decision_ms: Durations
-    held_ms: Durations
-    write_ms: Durations
-    frame_to_node_ms: Durations
-    command_to_effect_ms: Durations
+    pairing_ms: DurationStatus
+    decision_ms: DurationStatus
+    held_ms: DurationStatus
+    write_ms: DurationStatus
+    frame_to_node_ms: DurationStatus
+    command_to_effect_ms: DurationStatus
     publishing: PublishStatus | None
     recorder: RecorderStatus | None
     faults: Annotated[tuple[Fault, ...], _Few]

@@ -8,7 +8,7 @@ from rich.table import Table
 from rich.text import Text
 
 from autoexpose_daemon.status.counters import anomalies
-from autoexpose_daemon.status.document import CameraStatus, Durations, PublishStatus, Status
+from autoexpose_daemon.status.document import CameraStatus, DurationStatus, PublishStatus, Status
 from autoexpose_daemon.status.durations import DURATIONS
 from autoexpose_daemon.status.losses import lost_in_words
 from autoexpose_daemon.status.states import State
@@ -115,7 +115,7 @@ def _counts(counts: Mapping[str, int]) -> str:
     return ", ".join(f"{count} {reason}" for reason, count in counts.items() if count) or "none"
 
 
-def _percentiles(durations: Durations) -> Iterator[str]:
+def _percentiles(durations: DurationStatus) -> Iterator[str]:
     if durations.p50_ms is not None:
         yield f"{durations.p50_ms:.2f} ms   p99 {durations.p99_ms:.2f} ms"
 

@@ -23,7 +23,7 @@ GONE = "gone"
 """In `Telemetry.cameras`: not open, and tried again."""
 
 
-class Durations:
+class DurationSamples:
     """Durations in ms: all of them counted and summed up, the latest of them kept. One thread adds, others read."""
 
     def __init__(self) -> None:
@@ -100,12 +100,12 @@ class Telemetry:
     newest: dict[Side, ExposureSetting] = field(default_factory=dict)
     decision: Decision | None = None
     drift_grey: dict[Side, float] = field(default_factory=dict)
-    pairing_ms: Durations = field(default_factory=Durations)
-    decision_ms: Durations = field(default_factory=Durations)
-    held_ms: Durations = field(default_factory=Durations)
-    write_ms: Durations = field(default_factory=Durations)
-    frame_to_node_ms: Durations = field(default_factory=Durations)
-    command_to_effect_ms: Durations = field(default_factory=Durations)
+    pairing_ms: DurationSamples = field(default_factory=DurationSamples)
+    decision_ms: DurationSamples = field(default_factory=DurationSamples)
+    held_ms: DurationSamples = field(default_factory=DurationSamples)
+    write_ms: DurationSamples = field(default_factory=DurationSamples)
+    frame_to_node_ms: DurationSamples = field(default_factory=DurationSamples)
+    command_to_effect_ms: DurationSamples = field(default_factory=DurationSamples)
     publishing: PublishTally | None = None
     recorder: RecorderCounts | None = None
     _recent_ns: deque[int] = field(default_factory=lambda: deque(maxlen=120))

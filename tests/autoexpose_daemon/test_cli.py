@@ -66,7 +66,7 @@ def test_top_without_a_daemon_is_one_sentence_that_says_what_is_needed(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     at = f"tcp/{loopback_address()}:7448"
-    monkeypatch.setattr("autoexpose_daemon.status.top._PATIENCE_S", 0.1)
+    monkeypatch.setattr("autoexpose_daemon.client.top._PATIENCE_S", 0.1)
     monkeypatch.setattr("sys.argv", ["autoexpose", "top", "--once", "--connect", at])
     with pytest.raises(SystemExit, match="1"):
         main()

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from autoexpose_daemon.demo.report import LightStep
+from autoexpose_daemon.demo.analysis import LightStep
 from autoexpose_daemon.demo.summary import in_words
 from autoexpose_daemon.status.panel import lost_in_words
 

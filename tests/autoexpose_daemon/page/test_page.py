@@ -18,7 +18,7 @@ from autoexpose_daemon.publish.keys import response_key, status_key
 from autoexpose_daemon.publish.publisher import Publisher
 from autoexpose_daemon.status.document import (
     CameraStatus,
-    Durations,
+    DurationStatus,
     Fault,
     PublishStatus,
     RecorderStatus,
@@ -66,7 +66,7 @@ TROUBLED = replace(
     counts=replace(EXPOSING.counts, pairs=12345, mismatched_pairs=0),
     lost={"startup": 62, "left_missing": 7},
     decision=replace(DECISION, motion_px=math.nan),
-    command_to_effect_ms=Durations(0, 0.0, None, None),
+    command_to_effect_ms=DurationStatus(0, 0.0, None, None),
     publishing=PublishStatus(432_000, 431_990, {"behind": 10}, "", {"slam": ConsumerTally(400_000, 12, 8, 4, 0)}, 1234),
     recorder=RecorderStatus(600, 4, "the disk is full"),
     faults=(*EXPOSING.faults, *EXPOSING.faults, Fault(1.7e9, "ERROR", HOSTILE)),

@@ -84,7 +84,7 @@ def _open(camera: TriggeredCamera, wanted: Config) -> Camera:
 
 @pytest.fixture
 def running(caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch) -> Iterator[RunningService]:
-    monkeypatch.setattr("autoexpose_daemon.service.watch._NEWS_PERIOD_S", 0.1)
+    monkeypatch.setattr("autoexpose_daemon.service.announcer._NEWS_PERIOD_S", 0.1)
     monkeypatch.setattr("autoexpose_daemon.service.service._TURN_S", 0.05)
     caplog.set_level("INFO")
     with service_manager(lambda: caplog.text) as (manager, address), ScriptedRig() as rig:
@@ -137,7 +137,7 @@ def test_a_failure_that_is_not_over_when_it_is_seen_leaves_all_as_it_was(
 ) -> None:
     """The telemetry says so before the control thread has closed the cameras and ended."""
     service, seen = running.service, threading.Event()
-    look, close = service._watch.look, Daemon._stop_rig
+    look, close = service._announcer.look, Daemon._stop_rig
 
     def look_and_say_so() -> None:
         look()
@@ -149,7 +149,7 @@ def test_a_failure_that_is_not_over_when_it_is_seen_leaves_all_as_it_was(
             seen.wait(LONG_S)
         close(daemon)
 
-    monkeypatch.setattr(service._watch, "look", look_and_say_so)
+    monkeypatch.setattr(service._announcer, "look", look_and_say_so)
     monkeypatch.setattr(Daemon, "_stop_rig", close_late)
     running.reload(config(trigger={"line": "Line9"}))
     wait_for_words(running, caplog, "is not taken")

@@ -33,25 +33,25 @@ def show_once(rig: str, connect: Sequence[str], console: Console) -> None:
         status = client.wait(_PATIENCE_S)
         if status is None:
             raise AutoexposeError(nobody(client, rig, connect))
-        console.print(panel_of(status, History(), client.silent_s, _TALL))
+        console.print(panel_of(status, Sparklines(), client.silent_s, _TALL))
 
 
 def follow(rig: str, connect: Sequence[str], console: Console, stop: threading.Event) -> None:
     """Show the status in the terminal until `stop` is set; raises AutoexposeError where there is no terminal."""
     if not console.is_terminal:
         raise AutoexposeError("top needs a terminal: add --once to print the status of the moment")
-    history = History()
+    sparklines = Sparklines()
     with StatusClient(rig, connect) as client, Live(console=console, auto_refresh=False) as live:
         while not stop.wait(_TURN_S):
             status = client.status
             if status is None:
                 live.update(plain(nobody(client, rig, connect)), refresh=True)
             else:
-                history.add(status)
-                live.update(panel_of(status, history, client.silent_s, console.height), refresh=True)
+                sparklines.add(status)
+                live.update(panel_of(status, sparklines, client.silent_s, console.height), refresh=True)
 
 
-class History:
+class Sparklines:
     """Exposure time, gain and metric of the last minute."""
 
     def __init__(self) -> None:
@@ -83,7 +83,7 @@ def sparkline(values: Sequence[float]) -> str:
     return "".join(_BLOCKS[round((value - low) * scale)] for value in values)
 
 
-def panel_of(status: Status, history: History, silent_s: float, height: int) -> Panel:
+def panel_of(status: Status, sparklines: Sparklines, silent_s: float, height: int) -> Panel:
     """All there is to say of a status that came some seconds ago, in so many lines at most."""
     title = f"autoexpose {status.rig}, {status.policy}, up {duration_text(status.uptime_s)}"
     colour = COLOURS[status.state]
@@ -91,7 +91,7 @@ def panel_of(status: Status, history: History, silent_s: float, height: int) -> 
         colour = "red"
         title += f": {'ended' if status.ending else 'silent'} for {duration_text(silent_s)}, these are its last words"
     table = table_of(status)
-    history.add_rows(table)
+    sparklines.add_rows(table)
     parts: list[RenderableType] = [table]
     if status.faults:
         room = height - table.row_count - 3  # the border, and the title of the faults

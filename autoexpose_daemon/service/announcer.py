@@ -22,7 +22,7 @@ _LEVELS = {
 _NEWS_PERIOD_S = 1.0
 
 
-class Watch:
+class Announcer:
     """Follows one daemon after the other; its methods belong to one thread, which is not the control thread."""
 
     def __init__(self, notifier: Notifier) -> None:
