@@ -1,4 +1,4 @@
-"""The daemon as a process: one control thread at a time, its state, reloads, and what to do when a thread dies."""
+"""The daemon as a process: one control thread at a time, its state, reloads, and the death of a thread."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ _TURN_S = 0.25
 _TUNE_PATIENCE_S = 5.0
 
 Build = Callable[[Config, ExposureSetting | None], Daemon]
-"""Makes the daemon of a configuration, which begins with a setting, or None for the configured one."""
+"""Makes the daemon for a configuration; it begins with the given setting, or at None with the configured one."""
 
 NewConfig = Callable[[], Config | None]
-"""Asked now and then whether there is a new configuration; raises ConfigurationError for one that cannot be."""
+"""Polled for a new configuration; raises ConfigurationError for an invalid one."""
 
 
 def _none() -> None:
@@ -45,7 +45,7 @@ def _none() -> None:
 def run_until_stopped(
     service: Service, stop: threading.Event, console: Console, title: str, new_config: NewConfig = _none
 ) -> None:
-    """Run a service with the live view, or log lines where there is no terminal; raises what `Service.run` raises."""
+    """Run a service with the live view, or with log lines without a terminal; raises what `Service.run` raises."""
     set_up_logging(console)
     with display(console, lambda: title) as show:
         service.run(stop, show, new_config)
@@ -53,7 +53,7 @@ def run_until_stopped(
 
 
 class Service:
-    """Runs the daemon of a configuration, and of those that follow it.
+    """Runs the daemon for a configuration, and for those that replace it.
 
     Parameters
     ----------
@@ -62,9 +62,9 @@ class Service:
     build
         Makes its daemon.
     notifier
-        Who is told of readiness and state.
+        Notified of readiness and state.
     last_exposure
-        Where the cameras begin.
+        The setting that the cameras begin with.
     """
 
     def __init__(
@@ -78,7 +78,7 @@ class Service:
         self._last_exposure = last_exposure or LastExposure(None)
         self._announcer = Announcer(notifier or Notifier(None))
         self._config = config
-        self._former: Config | None = None  # to fall back on when the cameras cannot take the new one
+        self._former: Config | None = None  # to fall back on if the cameras refuse the new one
         self._dead: list[BaseException] = []
         self.daemon = self._make(config)
 
@@ -88,7 +88,7 @@ class Service:
         Raises
         ------
         Exception
-            Whatever ended any thread: a daemon with a dead thread must not look alive.
+            Whatever ended a thread: a daemon with a dead thread must not look alive.
         """
         former_hook, threading.excepthook = threading.excepthook, self._on_dead_thread
         self._begin()
@@ -110,7 +110,7 @@ class Service:
         self._raise_failure()
 
     def status(self) -> Status:
-        """How the daemon is."""
+        """The present status of the daemon."""
         return describe(self.daemon.telemetry, self._config)
 
     def _make(self, config: Config) -> Daemon:
@@ -138,7 +138,7 @@ class Service:
         if self._former is None or not isinstance(error, AutoexposeError):
             self._raise_failure()
             return
-        log.warning("the new configuration is not taken, back to the one before: %s", error)
+        log.warning("new configuration rejected, going back to the old one: %s", error)
         self._config, self._former = self._former, None
         self.daemon = self._make(self._config)
         self._begin()
@@ -158,17 +158,19 @@ class Service:
             if _same_cameras(config, self._config):
                 self.daemon.tune(Tuning(config)).result(_TUNE_PATIENCE_S)
                 self._config = config
-                log.info("the new configuration is taken; the cameras went on")
+                log.info("new configuration in use; the cameras kept running")
             else:
                 self._restart(config)
         except ConfigurationError as error:
-            log.warning("the new configuration is not taken, the old one stays: %s", error)
+            log.warning("new configuration rejected, keeping the old one: %s", error)
         except TimeoutError:
-            log.warning("the new configuration is not taken, the old one stays: control does not answer")
+            log.warning("new configuration rejected, keeping the old one: control does not respond")
 
     def _restart(self, config: Config) -> None:
-        log.info("the new configuration changes cameras, trigger, image, transport or publishing: all are opened anew")
-        daemon = self._make(config)  # may raise, while the old one still runs
+        log.info(
+            "the new configuration changes cameras, trigger, image, transport or publishing: reopening all of them"
+        )
+        daemon = self._make(config)  # may raise while the old one still runs
         self._end()
         self._raise_failure()
         self._former, self._config, self.daemon = self._config, config, daemon
@@ -176,7 +178,7 @@ class Service:
 
 
 def _same_cameras(one: Config, other: Config) -> bool:
-    """Whether the cameras, and the way out of the frames, would be opened the same way."""
+    """Whether cameras and publishing would be opened the same way."""
 
     def opening(config: Config) -> tuple[object, ...]:
         return config.cameras, config.trigger, config.image, config.transport, config.publish

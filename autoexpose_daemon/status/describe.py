@@ -22,11 +22,11 @@ from autoexpose_daemon.status.states import Expectation, Health, judge
 from autoexpose_daemon.status.telemetry import GONE, DurationSamples, Telemetry
 from drivers.frames import Side
 
-_STARTED_NS = time.monotonic_ns()  # of the process, but for the second that its imports take
+_STARTED_NS = time.monotonic_ns()  # of the process, a second late: its imports come first
 
 
 def health_of(telemetry: Telemetry, config: Config) -> Health:
-    """The state at this moment."""
+    """The present state."""
     now_ns = time.monotonic_ns()
     triggered = config.trigger.mode == "external"
     opened_ns = now_ns if telemetry.opened_ns is None else telemetry.opened_ns
@@ -35,7 +35,7 @@ def health_of(telemetry: Telemetry, config: Config) -> Health:
 
 
 def describe(telemetry: Telemetry, config: Config, ending: bool = False) -> Status:
-    """How a daemon is at this moment; on any thread."""
+    """The present status of a daemon; callable on any thread."""
     now_ns = time.monotonic_ns()
     health = health_of(telemetry, config)
     return Status(

@@ -71,7 +71,7 @@ def test_top_without_a_daemon_is_one_sentence_that_says_what_is_needed(
     with pytest.raises(SystemExit, match="1"):
         main()
     told = capsys.readouterr().err
-    assert told.startswith(f"autoexpose: nobody answers at {at}")
+    assert told.startswith(f"autoexpose: no answer from {at}")
     assert "`publish: {}`" in told
     assert told.count("\n") == 1
 

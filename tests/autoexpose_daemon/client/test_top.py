@@ -16,7 +16,7 @@ from rich.console import Console
 from rich.table import Table
 
 from autoexpose_daemon.client.status_client import StatusClient
-from autoexpose_daemon.client.top import Sparklines, follow, nobody, show_once, sparkline
+from autoexpose_daemon.client.top import Sparklines, follow, no_status, show_once, sparkline
 from autoexpose_daemon.config.publish import PublishConfig
 from autoexpose_daemon.publish.keys import status_key
 from autoexpose_daemon.publish.publisher import Publisher
@@ -89,10 +89,10 @@ def test_it_follows_a_daemon_and_says_when_that_is_silent(monkeypatch: pytest.Mo
     thread = threading.Thread(target=follow, args=("rig", [at], console, stop))
     thread.start()
     try:
-        wait_until(lambda: f"nobody answers at {at}" in screen.text, "the complaint")
+        wait_until(lambda: f"no answer from {at}" in screen.text, "the complaint")
         with daemon(EXPOSING, at):
             wait_until(lambda: "exposure, us" in screen.text, "curves")
-        wait_until(lambda: "ended for 1 s" in screen.text, "the silence to be noticed")
+        wait_until(lambda: "ended 1 s ago" in screen.text, "the silence to be noticed")
     finally:
         stop.set()
         thread.join()
@@ -102,7 +102,7 @@ def test_nobody_there_is_said_in_a_sentence(monkeypatch: pytest.MonkeyPatch) -> 
     """However little time a busy machine has left for the attempt to connect."""
     monkeypatch.setattr("autoexpose_daemon.client.top._PATIENCE_S", 0.1)
     at = endpoint()
-    with pytest.raises(AutoexposeError, match=f"nobody answers at {at}.*`publish: {{rig: scout}}` in its config"):
+    with pytest.raises(AutoexposeError, match=f"no answer from {at}.*`publish: {{rig: scout}}` in its config"):
         show_once("scout", [at], screen_of()[1])
 
 
@@ -111,7 +111,7 @@ def test_a_daemon_of_another_rig_is_not_the_one_asked_for() -> None:
     at = endpoint()
     with daemon(EXPOSING, at), StatusClient("scout", [at]) as client:
         wait_until(lambda: not client.trouble, "a connection")
-        assert f"no daemon of a rig named scout says anything at {at}" in nobody(client, "scout", [at])
+        assert f"no status from a rig named scout at {at}" in no_status(client, "scout", [at])
 
 
 def test_without_a_terminal_it_names_the_way() -> None:

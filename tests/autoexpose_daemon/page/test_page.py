@@ -101,7 +101,7 @@ def test_it_tells_state_reasons_and_counts_in_words(tab: Tab, page: PageProcess,
     tab.open(page.url)
     tab.wait_for(f"{STATE} === 'waiting'", "a page without a daemon")
     tab.wait_for(f"{REASONS}.includes('{at}')", "where nobody answers")
-    assert "does the daemon run" in tab.text("reasons")
+    assert "is the daemon running" in tab.text("reasons")
     with published(at, TROUBLED):
         tab.wait_for(f"{STATE} === 'degraded'", "the state")
         status, metrics, headers = page.get("/metrics")
@@ -113,7 +113,7 @@ def test_it_tells_state_reasons_and_counts_in_words(tab: Tab, page: PageProcess,
             assert [word for word in words if word not in tab.text(place)] == [], place
     assert tab.value("document.querySelectorAll('img').length") == 0
     tab.wait_for(f"{STATE} === 'silent'", "the silence to be told")
-    assert "nothing heard of the daemon for" in tab.text("reasons")
+    assert "nothing heard from the daemon for" in tab.text("reasons")
     assert tab.complaints == []
     wait_until(lambda: 'autoexpose_up{rig="rig"} 0.0' in page.get("/metrics")[1], "silence in the metrics")
 
