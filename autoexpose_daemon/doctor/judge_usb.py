@@ -92,7 +92,7 @@ def _open_node(camera: UsbCamera, udev_rule: str | None) -> str:
         return _INSTALL_RULE
     if camera.node.group == "root":  # the rule came after the camera
         return "sudo udevadm control --reload && sudo udevadm trigger --subsystem-match=usb"
-    return f"sudo usermod -aG {camera.node.group} $USER   # then log in anew"
+    return f"sudo usermod -aG {camera.node.group} $USER   # then log in again"
 
 
 def _judge_holders(camera: UsbCamera, need: Need) -> Iterator[Finding]:
