@@ -25,9 +25,9 @@ class Duration:
 
 
 DURATIONS = (
-    Duration("pairing_ms", "pairing", "From a pair in memory to the step of control on it."),
-    Duration("decision_ms", "decision", "One step of control."),
-    Duration("held_ms", "hold before writing", "From a decision to the start of writing it, held for the safe window."),
+    Duration("pairing_ms", "pairing", "From a pair in memory to the control step on it."),
+    Duration("decision_ms", "decision", "One control step."),
+    Duration("held_ms", "hold", "From a decision to the start of the safe write window."),
     Duration("write_ms", "write", "Writing exposure time and gain to a camera."),
     Duration("frame_to_node_ms", "frame to node", "From a pair in memory to the end of that write."),
     Duration("command_to_effect_ms", "command to effect", "From a decision to the first exposure taken with it."),
