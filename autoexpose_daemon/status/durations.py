@@ -29,7 +29,7 @@ DURATIONS = (
     Duration("decision_ms", "decision", "One control step."),
     Duration("held_ms", "hold", "From a decision to the start of the safe write window."),
     Duration("write_ms", "write", "Writing exposure time and gain to a camera."),
-    Duration("frame_to_node_ms", "frame to node", "From a pair in memory to the end of that write."),
+    Duration("frame_to_node_ms", "frame to node", "From a pair in memory to the end of writing the decision on it."),
     Duration("command_to_effect_ms", "command to effect", "From a decision to the first exposure taken with it."),
 )
 """In the order of a frame's way. The first four follow each other without a gap, and add up to frame to node."""
