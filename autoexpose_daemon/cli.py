@@ -81,11 +81,11 @@ def replay(
 ) -> None:
     """Play a recording again: the recorded policy, bit for bit, or what another one would have decided."""
     check_recording_extra()
-    from autoexpose_daemon.recording.replay_report import report  # noqa: PLC0415
+    from autoexpose_daemon.recording.replay_report import report_replay  # noqa: PLC0415
 
     if policy is not None:
         check_policy_id(policy)
-    if not report(file, policy, typer.echo):
+    if not report_replay(file, policy, typer.echo):
         raise typer.Exit(1)
 
 
@@ -197,7 +197,7 @@ def top(
 ) -> None:
     """Watch a running daemon: state, exposure, losses, consumers, faults; Ctrl-C ends."""
     try:
-        from autoexpose_daemon.status.top import follow, show_once  # noqa: PLC0415  an extra
+        from autoexpose_daemon.client.top import follow, show_once  # noqa: PLC0415  an extra
     except ImportError as error:
         raise AutoexposeError(f"{error.name} is missing: pip install 'autoexpose-daemon[publish]'") from error
     check_endpoints(connect or [])

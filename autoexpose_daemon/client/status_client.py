@@ -1,4 +1,4 @@
-"""The status of a daemon, in this process or another, on this machine or another."""
+"""The status of a daemon on this machine or another."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ _RING_MESSAGES = 4
 
 
 class StatusClient:
-    """Follows the status that a rig's daemon sends once a second, while its context lasts.
+    """Follows the status that a rig's daemon sends once a second, while its context is entered.
 
-    It waits for a daemon that is not there yet, and finds it again after a restart. Readable from any thread.
+    It waits for a daemon that has not started yet, and finds it again after a restart. Readable from any thread.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ class StatusClient:
     connect
         Endpoints of daemons or routers.
     zenoh_file
-        A configuration file of zenoh, which then names the endpoints.
+        A configuration file of zenoh, which then has the endpoints.
 
     Attributes
     ----------
@@ -41,12 +41,12 @@ class StatusClient:
     responses
         The response function of each camera.
     trouble
-        Why there is no connection, in words; empty when there is one.
+        Why there is no connection, in words; empty if there is one.
 
     Raises
     ------
     ConfigurationError
-        When `rig` cannot be a name.
+        If `rig` is not a valid name.
     """
 
     def __init__(self, rig: str = "rig", connect: Sequence[str] = (LOOPBACK,), zenoh_file: Path | None = None) -> None:
@@ -63,11 +63,11 @@ class StatusClient:
 
     @property
     def silent_s(self) -> float:
-        """Since the last status, or, before the first, since this client began."""
+        """Time since the last status, or before the first, since this client was made."""
         return time.monotonic() - self._heard_s
 
     def wait(self, timeout_s: float) -> Status | None:
-        """The next status to come; None when none came in time, or the client is closed."""
+        """The next status; None if none came in time, or the client was closed."""
         with self._news:
             seen = self._count
             self._news.wait_for(lambda: self._count != seen or self._holder.closed.is_set(), timeout_s)

@@ -12,8 +12,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from autoexpose_daemon.demo.record import Recorder
-from autoexpose_daemon.demo.report import LightStep, lost_pulses
+from autoexpose_daemon.demo.analysis import LightStep, lost_pulses
+from autoexpose_daemon.demo.step_log import StepLog
 from autoexpose_daemon.demo.summary import Run
 
 _PICTURES = 8
@@ -43,10 +43,10 @@ def draw(path: Path, run: Run, steps: Sequence[LightStep]) -> None:
         pulse_s = _seconds([pulse.host_time_ns for pulse in run.pulses], start_ns)
         lux = np.array([pulse.lux for pulse in run.pulses])
         end_s = float(pulse_s[-1]) if len(pulse_s) > 1 else 1.0
-        _strip(strip, run.recorder, start_ns, end_s)
+        _strip(strip, run.step_log, start_ns, end_s)
         _light(curves[0], pulse_s, lux, steps)
-        _exposure(curves[1:], run.recorder, start_ns)
-        lost_s = _seconds(lost_pulses(run.pulses, run.recorder.pairs_ns), start_ns)
+        _exposure(curves[1:], run.step_log, start_ns)
+        lost_s = _seconds(lost_pulses(run.pulses, run.step_log.pairs_ns), start_ns)
         _mark_losses(curves[-1], lost_s, sum(camera.overruns for camera in run.cameras))
         curves[-1].set_xlabel("seconds")
         curves[-1].set_xlim(0, end_s)
@@ -93,25 +93,25 @@ def _light(axes: Axes, pulse_s: NDArray[np.float64], lux: NDArray[np.float64], s
         )
 
 
-def _exposure(curves: Sequence[Axes], recorder: Recorder, start_ns: int) -> None:
+def _exposure(curves: Sequence[Axes], step_log: StepLog, start_ns: int) -> None:
     """Time, gain, both together, and what came of it."""
     time, gain, level, worth = curves
-    times_s = _seconds([step.host_time_ns for step in recorder.steps], start_ns)
+    times_s = _seconds([step.host_time_ns for step in step_log.steps], start_ns)
     time.set_title("Exposure time: a longer one gathers more light, and blurs what moves")
-    time.semilogy(times_s, [step.applied.exposure_time_us / 1e3 for step in recorder.steps], color="tab:green")
+    time.semilogy(times_s, [step.applied.exposure_time_us / 1e3 for step in step_log.steps], color="tab:green")
     _label(time, "ms")
     gain.set_title("Gain: amplifies the image, and its noise")
-    gain.plot(times_s, [step.applied.gain_db for step in recorder.steps], color="tab:red")
+    gain.plot(times_s, [step.applied.gain_db for step in step_log.steps], color="tab:red")
     gain.set_ylabel("dB")
     level.set_title("Both together: one stop more, and the image is twice as bright")
-    decided = [step.decided_level for step in recorder.steps]
+    decided = [step.decided_level for step in step_log.steps]
     level.plot(times_s, decided, "--", color="tab:orange", label="decided")
-    applied = [step.applied.level for step in recorder.steps]
+    applied = [step.applied.level for step in step_log.steps]
     level.plot(times_s, applied, color="tab:blue", lw=1.8, label="what frames were taken with")
     level.set_ylabel("stops")
     level.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=2, frameon=False, borderpad=0, borderaxespad=0.2)
     worth.set_title("Gradient information in the image, 0 to 1: the daemon seeks the most")
-    worth.plot(times_s, [step.metric for step in recorder.steps], color="tab:purple")
+    worth.plot(times_s, [step.metric for step in step_log.steps], color="tab:purple")
     worth.set_ylabel("metric")
 
 
@@ -126,7 +126,7 @@ def _seconds(times_ns: Sequence[int], start_ns: int) -> NDArray[np.float64]:
     return np.asarray((np.array(times_ns, np.int64) - start_ns) * 1e-9, np.float64)
 
 
-def _strip(axes: Axes, recorder: Recorder, start_ns: int, end_s: float) -> None:
+def _strip(axes: Axes, step_log: StepLog, start_ns: int, end_s: float) -> None:
     """Frames side by side, each above the time it was taken at."""
     axes.set_title("What the left camera saw")
     axes.set_yticks([])
@@ -134,14 +134,14 @@ def _strip(axes: Axes, recorder: Recorder, start_ns: int, end_s: float) -> None:
     axes.spines[:].set_visible(False)
     axes.grid(visible=False)
     axes.tick_params(bottom=False)
-    if not recorder.pictures:
+    if not step_log.pictures:
         return
-    times_s = _seconds([time_ns for time_ns, _ in recorder.pictures], start_ns)
+    times_s = _seconds([time_ns for time_ns, _ in step_log.pictures], start_ns)
     width_s = end_s / _PICTURES
     for slot in range(_PICTURES):
         nearest = int(np.argmin(abs(times_s - (slot + 0.5) * width_s)))
         extent = (slot * width_s, (slot + 0.98) * width_s, 0.0, 1.0)
-        axes.imshow(recorder.pictures[nearest][1], cmap="gray", vmin=0, vmax=255, aspect="auto", extent=extent)
+        axes.imshow(step_log.pictures[nearest][1], cmap="gray", vmin=0, vmax=255, aspect="auto", extent=extent)
 
 
 def _shade_the_dark(axes: Axes, pulse_s: NDArray[np.float64], lux: NDArray[np.float64]) -> None:

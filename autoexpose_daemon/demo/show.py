@@ -14,24 +14,24 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 
 from autoexpose_daemon.config.document import Config
+from autoexpose_daemon.demo.analysis import light_steps, pulses_in_window
 from autoexpose_daemon.demo.fakes import SERIALS, FakeCameras, newest_lux, read_pulses
 from autoexpose_daemon.demo.options import DemoOptions
 from autoexpose_daemon.demo.rate import cores, held_rate_hz, pairs_per_s, shortfall
-from autoexpose_daemon.demo.record import Recorder
 from autoexpose_daemon.demo.reference_step import reference_step_ms
-from autoexpose_daemon.demo.report import light_steps, pulses_in_window
+from autoexpose_daemon.demo.step_log import StepLog
 from autoexpose_daemon.demo.summary import Run, figures, in_words
 from autoexpose_daemon.runtime.cameras import openers
 from autoexpose_daemon.runtime.daemon import Daemon
 from autoexpose_daemon.service.logs import set_up_logging
 from autoexpose_daemon.service.outlets import add_outlets
 from autoexpose_daemon.service.service import Service
-from autoexpose_daemon.status.view import display
+from autoexpose_daemon.status.display import display
 from drivers.aravis import find_cameras
 from drivers.errors import AutoexposeError
 
 if TYPE_CHECKING:
-    from autoexpose_daemon.recording.recorder import Recorder as FileRecorder
+    from autoexpose_daemon.recording.recorder import Recorder
 
 _LONGEST_US = 7500.0
 _PICTURES = 80
@@ -43,21 +43,22 @@ def show(options: DemoOptions, cameras: FakeCameras, stop: threading.Event, cons
     """Run the daemon on cameras that are starting, and end them."""
     rate_hz = _start(cameras, options.rate_hz, console)
     config = _configuration(options, rate_hz)
-    recorder = Recorder(options.seconds / _PICTURES)
+    step_log = StepLog(options.seconds / _PICTURES)
     with ExitStack() as resources:
-        file = _recorder(options, config)
-        if file is not None:
-            resources.enter_context(file)
+        recorder = _recorder(options, config)
+        if recorder is not None:
+            resources.enter_context(recorder)
         service = Service(
-            config, lambda config, start: add_outlets(Daemon(config, openers(config), start, [recorder]), config, file)
+            config,
+            lambda config, start: add_outlets(Daemon(config, openers(config), start, [step_log]), config, recorder),
         )
         took_s, cpu_s = _run_for(options.seconds, service, stop, console, cameras.truths[0])
     cameras.end()
-    if file is not None:
-        console.print(file.summary)
+    if recorder is not None:
+        console.print(recorder.summary)
     pulses = pulses_in_window(read_pulses(cameras.truths), service.daemon.tally)
     reference_ms = reference_step_ms(_REFERENCE_REPEATS)
-    return Run(options, rate_hz, service.daemon, cameras.both, pulses, recorder, took_s, cpu_s, reference_ms)
+    return Run(options, rate_hz, service.daemon, cameras.both, pulses, step_log, took_s, cpu_s, reference_ms)
 
 
 def report(run: Run, console: Console) -> None:
@@ -69,7 +70,7 @@ def report(run: Run, console: Console) -> None:
         When the daemon's account of triggers disagrees with the wire's.
     """
     options = run.options
-    steps = light_steps(run.pulses, run.recorder.steps)
+    steps = light_steps(run.pulses, run.step_log.steps)
     result = figures(run, steps)
     console.print(in_words(result, steps))
     if options.summary is not None:
@@ -129,7 +130,7 @@ def _configuration(options: DemoOptions, rate_hz: float) -> Config:
     )
 
 
-def _recorder(options: DemoOptions, config: Config) -> FileRecorder | None:
+def _recorder(options: DemoOptions, config: Config) -> Recorder | None:
     if options.record is None:
         return None
     from autoexpose_daemon.recording.recorder import new_recorder  # noqa: PLC0415

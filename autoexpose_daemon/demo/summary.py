@@ -1,4 +1,4 @@
-"""What the demo says at its end: figures for programs, and the same in words."""
+"""The figures of a demo run: as data for programs, and in words."""
 
 from __future__ import annotations
 
@@ -10,40 +10,35 @@ from rich.table import Table
 from rich.text import Text
 
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
+from autoexpose_daemon.demo.analysis import LightStep, delay_frames, light_settings
 from autoexpose_daemon.demo.fakes import FakeCamera, Pulse
 from autoexpose_daemon.demo.options import DemoOptions
-from autoexpose_daemon.demo.record import Recorder
-from autoexpose_daemon.demo.report import LightStep, delay_frames, light_settings
+from autoexpose_daemon.demo.step_log import StepLog
 from autoexpose_daemon.runtime.daemon import Daemon
+from autoexpose_daemon.status.counters import Counts, anomalies
+from autoexpose_daemon.status.durations import DURATIONS
 from autoexpose_daemon.status.losses import lost_in_words
 
 _TRANSPORTS = {"gige": "GigE Vision", "usb3": "USB3 Vision"}
-_DURATIONS = (
-    ("pairing_ms", "pairing", "from a pair's arrival until it is looked at"),
-    ("decision_ms", "decision", "choosing an exposure"),
-    ("held_ms", "held", "waiting until both cameras may be written"),
-    ("write_ms", "writing", "putting it into a camera, and reading it back"),
-    ("frame_to_node_ms", "frame to camera", "from a frame's arrival until that is done"),
-)
 
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """A run that has ended: `took_s` and the daemon's CPU time in it, and the literal step's time on this machine."""
+    """A finished run: how long it took, the daemon's CPU time in it, and the published algorithm's step time here."""
 
     options: DemoOptions
     rate_hz: float
     daemon: Daemon
     cameras: Sequence[FakeCamera]
     pulses: Sequence[Pulse]
-    recorder: Recorder
+    step_log: StepLog
     took_s: float
     daemon_cpu_s: float
     reference_step_ms: float
 
 
 def figures(run: Run, steps: Sequence[LightStep]) -> dict[str, Any]:
-    """The figures of a run, as they are written to the summary."""
+    """The figures of a run, as written to the summary file."""
     tally, telemetry = run.daemon.tally, run.daemon.telemetry
     seconds = ((tally.window_end_ns or 0) - (tally.window_start_ns or 0)) * 1e-9
     return {
@@ -60,15 +55,12 @@ def figures(run: Run, steps: Sequence[LightStep]) -> dict[str, Any]:
             "overruns": sum(camera.overruns for camera in run.cameras),
             "cpu_percent": [round(100 * camera.cpu_s / run.took_s, 1) for camera in run.cameras],
         },
-        "pairs_without_decision": telemetry.counts.pairs_without_decision,
-        "mismatched_pairs": telemetry.counts.mismatched_pairs,
-        "unexplained_mismatches": telemetry.counts.unexplained_mismatches,
-        "late_writes": telemetry.counts.late_writes,
+        "counts": asdict(telemetry.counts),
         "steps": [_step_as_json(step) for step in steps],
-        "settings": [asdict(setting) for setting in light_settings(run.pulses, run.recorder.steps)],
-        **{field: getattr(telemetry, field).percentiles() for field, _, _ in _DURATIONS},
+        "settings": [asdict(setting) for setting in light_settings(run.pulses, run.step_log.steps)],
+        **{duration.field: getattr(telemetry, duration.field).percentiles() for duration in DURATIONS},
         "published": None if telemetry.publishing is None else telemetry.publishing.sent,
-        "delay_frames": delay_frames(run.recorder.steps),
+        "delay_frames": delay_frames(run.step_log.steps),
         "first_trigger": run.pulses[0].trigger if run.pulses else None,
         "daemon_cpu_percent": round(100 * run.daemon_cpu_s / run.took_s, 1),
         "reference_step_ms": round(run.reference_step_ms, 3),
@@ -81,7 +73,7 @@ def _step_as_json(step: LightStep) -> dict[str, float | int | None]:
 
 
 def in_words(figures: Mapping[str, Any], steps: Sequence[LightStep]) -> Table:
-    """The figures, each with its unit and what it means."""
+    """The figures in words, with units."""
     table = Table.grid(padding=(0, 3))
     table.add_column(no_wrap=True)
     table.add_column(overflow="fold")
@@ -100,33 +92,23 @@ def _rows(figures: Mapping[str, Any], steps: Sequence[LightStep]) -> Iterator[tu
     pairs = f"{figures['pairs']} stereo pairs in {figures['seconds']:.1f} s, {figures['fps']:.1f} per second"
     yield "seen", f"{pairs}, from two fake {_TRANSPORTS[figures['transport']]} cameras"
     yield "lost", f"{_lost(figures)}; of {figures['triggers']} triggers on the cameras' wire"
-    yield from _anomalies(figures)
+    unusual = [f"{count} {counter.label}" for counter, count in anomalies(Counts(**figures["counts"]))]
+    if unusual:
+        yield "anomalies", ", ".join(unusual)
     if figures["published"] is not None:
         yield "published", f"{figures['published']} stereo pairs, for other processes"
-    for key, name, meaning in _DURATIONS:
-        p50, p99 = figures[key]["p50"], figures[key]["p99"]
+    for duration in DURATIONS:
+        p50, p99 = figures[duration.field]["p50"], figures[duration.field]["p99"]
         if p50 is not None:
-            yield name, f"{p50:.1f} ms, 99 of 100 within {p99:.1f} ms: {meaning}"
+            yield duration.label, f"{p50:.1f} ms, 99 of 100 within {p99:.1f} ms: {duration.meaning}"
     left, right = figures["fakes"]["cpu_percent"]
     yield "processor", f"daemon {figures['daemon_cpu_percent']:.0f} % of a core, fakes {left:.0f} % and {right:.0f} %"
-    made = "ours is compiled" if figures["native"] else "ours is slow here: its C part was not compiled"
+    made = "ours is compiled" if figures["native"] else "ours is slow here, because its C part was not compiled"
     yield "this machine", f"{figures['reference_step_ms']:.1f} ms for a step of the published algorithm; {made}"
 
 
-def _anomalies(figures: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    if figures["mismatched_pairs"]:
-        late = f"{_count(figures['late_writes'], 'write')} came too late for their frame"
-        yield "mixed", f"{_count(figures['mismatched_pairs'], 'pair')} with different settings left and right: {late}"
-    if skipped := figures["pairs_without_decision"]:
-        yield "skipped", f"{_count(skipped, 'pair')}, because a newer one was already there"
-
-
-def _count(number: int, noun: str) -> str:
-    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
-
-
 def _lost(figures: Mapping[str, Any]) -> str:
-    """The losses, and how many of the missing frames are the simulation's."""
+    """The losses, and how many of the missing frames the simulation failed to send in time."""
     lost = figures["lost"]
     frames = sum(lost.get(reason, 0) for reason in ("left_missing", "right_missing", "trigger_ignored"))
     frames += 2 * lost.get("both_missing", 0)

@@ -11,9 +11,9 @@ Severity = Literal["ok", "warning", "stops"]
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One sentence on one thing; `check` names the kind of thing, `mend` is the command that mends it."""
+    """One sentence on one thing; `check` names the kind of thing, `fix` is the command that fixes it."""
 
     check: str
     severity: Severity
     sentence: str
-    mend: str | None = None
+    fix: str | None = None

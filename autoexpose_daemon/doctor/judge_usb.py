@@ -35,13 +35,13 @@ _BLIND = {
 def judge_usb(usb: UsbFacts, need: Need, there: Sequence[str]) -> Iterator[Finding]:
     """Findings on the USB3 Vision cameras; `there` are the serials of all cameras that are."""
     if usb.blind is not None:
-        why, mend = _BLIND[usb.blind]
+        why, fix = _BLIND[usb.blind]
         complete = bool(need.serials) and set(need.serials.values()) <= set(there)
         sentence = f"USB3 Vision cameras cannot be seen: {why}"
         yield (
             Finding("usb-bus", "ok", f"{sentence}; the configuration names none")
             if complete
-            else Finding("usb-bus", "warning", sentence, mend)
+            else Finding("usb-bus", "warning", sentence, fix)
         )
     for camera in usb.cameras:
         yield _judge_link(camera, need)
@@ -92,7 +92,7 @@ def _open_node(camera: UsbCamera, udev_rule: str | None) -> str:
         return _INSTALL_RULE
     if camera.node.group == "root":  # the rule came after the camera
         return "sudo udevadm control --reload && sudo udevadm trigger --subsystem-match=usb"
-    return f"sudo usermod -aG {camera.node.group} $USER   # then log in anew"
+    return f"sudo usermod -aG {camera.node.group} $USER   # then log in again"
 
 
 def _judge_holders(camera: UsbCamera, need: Need) -> Iterator[Finding]:
@@ -125,8 +125,8 @@ def _judge_bandwidth(cameras: Sequence[UsbCamera], need: Need) -> Iterator[Findi
         if needed <= available:
             yield Finding("usb-bandwidth", "ok", sentence)
         else:
-            mend = "lsusb -t   # shows the controllers; give each camera one of its own, or lower trigger.rate_hz"
-            yield Finding("usb-bandwidth", "warning", f"{sentence}: frames will be lost", mend)
+            fix = "lsusb -t   # shows the controllers; give each camera one of its own, or lower trigger.rate_hz"
+            yield Finding("usb-bandwidth", "warning", f"{sentence}: frames will be lost", fix)
 
 
 def _judge_memory(limit_mb: float | None, used: bool) -> Finding:

@@ -28,14 +28,14 @@ def stops(findings: Sequence[Finding]) -> bool:
 
 
 def show(findings: Sequence[Finding], console: Console) -> None:
-    """Print each finding, the command that mends it unbroken on a line of its own, and the sum of it all."""
+    """Print each finding, the command that fixes it unbroken on a line of its own, and the sum of it all."""
     for finding in findings:
         lines = textwrap.wrap(finding.sentence, console.width - _INDENT, break_on_hyphens=False)
         sentence = ("\n" + " " * _INDENT).join(lines)
         severity = (f"{finding.severity:<{_INDENT}}", _COLOURS[finding.severity])
         console.print(Text.assemble(severity, sentence), soft_wrap=True)
-        if finding.mend is not None:
-            console.print(Text(f"{'':{_INDENT}}$ {finding.mend}", "cyan"), soft_wrap=True)
+        if finding.fix is not None:
+            console.print(Text(f"{'':{_INDENT}}$ {finding.fix}", "cyan"), soft_wrap=True)
     count = Counter(finding.severity for finding in findings)
     verdict = "The daemon would not run" if stops(findings) else "Nothing stops the daemon"
     sums = ", ".join(f"{count[severity]} {severity}" for severity in _COLOURS)

@@ -1,4 +1,4 @@
-"""Who may see the page: programs of this machine, or whoever has the token; never another site's script."""
+"""Who may see the page: programs on this machine, or anyone with the token; never a script of another site."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from drivers.errors import ConfigurationError
 
 COOKIE = "autoexpose_page"
 LEAST_TOKEN = 16
-"""Characters. A token is never typed, so it can be long enough not to be guessed."""
+"""Characters. A token is never typed, so it can be too long to guess."""
 
 _MOST_TOKEN_BYTES = 1 << 12
 _COOKIE_AGE_S = 30 * 24 * 3600
@@ -34,7 +34,7 @@ _HEADERS = {
 
 
 def is_loopback(host: str | None) -> bool:
-    """Whether a name or address is this machine's own; a name but `localhost` may be anybody's."""
+    """Whether a name or address is this machine's own; any name other than `localhost` may belong to anyone."""
     try:
         return host == "localhost" or ipaddress.ip_address(host or "").is_loopback
     except ValueError:
@@ -47,16 +47,16 @@ def read_token(file: Path) -> str:
     Raises
     ------
     ConfigurationError
-        When it cannot be read, or could be guessed.
+        If it cannot be read, or is short enough to guess.
     """
-    make_one = f"make one: openssl rand -hex 32 > {file}"
+    create = f"create one: openssl rand -hex 32 > {file}"
     try:
         token = read_regular(file, _MOST_TOKEN_BYTES).decode("utf-8").strip()
     except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "it is no text"
-        raise ConfigurationError(f"--token-file {file} cannot be read: {reason}; {make_one}") from error
+        reason = error.strerror if isinstance(error, OSError) else "it is not text"
+        raise ConfigurationError(f"--token-file {file} cannot be read: {reason}; {create}") from error
     if len(token) < LEAST_TOKEN:
-        raise ConfigurationError(f"--token-file {file} holds less than {LEAST_TOKEN} characters; {make_one}")
+        raise ConfigurationError(f"--token-file {file} has fewer than {LEAST_TOKEN} characters; {create}")
     return token
 
 
@@ -68,7 +68,7 @@ class Key:
         self._cookie = hmac.new(self._token, b"autoexpose page", hashlib.sha256).hexdigest()
 
     def fits(self, token: str) -> bool:
-        """Whether this is the token; takes the same time whatever is wrong with it."""
+        """Whether this is the token, compared in constant time."""
         return hmac.compare_digest(token.encode(), self._token)
 
     def opens(self, connection: HTTPConnection) -> bool:
@@ -79,7 +79,7 @@ class Key:
         return hmac.compare_digest(connection.cookies.get(COOKIE, "").encode(), self._cookie.encode())
 
     async def log_in(self, request: Request) -> Response:
-        """Answer the login form: a cookie for the right token."""
+        """Answer the login form, with a cookie for the right token."""
         body = b""
         async for chunk in request.stream():
             body += chunk
@@ -95,10 +95,10 @@ class Key:
 
 
 class Access:
-    """Lets a request through to `app`, or answers it with a refusal.
+    """Passes a request on to `app`, or refuses it.
 
-    Without a key the page answers to loopback names only: a site whose name suddenly means 127.0.0.1 (DNS rebinding)
-    is refused by its name, and a web socket opened by another site's script by its origin.
+    Without a key the page answers to loopback names only. A site whose name suddenly means 127.0.0.1 (DNS rebinding)
+    is refused by its name; a web socket that a script of another site opens is refused by its origin.
     """
 
     def __init__(self, app: ASGIApp, key: Key | None) -> None:
@@ -106,7 +106,7 @@ class Access:
         self._key = key
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """As ASGI has it."""
+        """The ASGI application."""
         if scope["type"] == "lifespan":
             return await self._app(scope, receive, send)
         answer = self.refusal(HTTPConnection(scope))
@@ -123,15 +123,17 @@ class Access:
         return await answer(scope, receive, send_with_headers)
 
     def refusal(self, connection: HTTPConnection) -> Response | None:
-        """The answer to a request that is not let through; None to one that is."""
+        """The answer that refuses a request; None if the request is allowed."""
         host = connection.headers.get("host", "")
         origin = connection.headers.get("origin")
         changes = connection.scope["type"] == "websocket" or connection.scope["method"] != "GET"
         if changes and origin is not None and _after_scheme(origin) != host:
-            return PlainTextResponse(f"refused: asked for by a page of {origin}, which is another site\n", 403)
+            return PlainTextResponse(f"refused: requested by a page of {origin}, another site\n", 403)
         if self._key is None:
             if not is_loopback(_name_of(host)):
-                return PlainTextResponse("refused: without a token this page is 127.0.0.1 or localhost only\n", 403)
+                return PlainTextResponse(
+                    "refused: without a token this page answers to 127.0.0.1 and localhost only\n", 403
+                )
             return None
         if self._key.opens(connection) or connection.scope["path"].startswith(("/static/", "/login")):
             return None
@@ -145,6 +147,6 @@ def _after_scheme(origin: str) -> str:
 
 
 def _name_of(host: str) -> str | None:
-    """The name or address in a Host header; None in what is no such header: what a URL may hold besides is refused."""
+    """The name or address in a Host header; None if it is malformed or holds anything else that a URL may."""
     found = _HOST.fullmatch(host)
     return None if found is None else (found["name"] or found["address"]).lower()

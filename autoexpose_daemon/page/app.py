@@ -1,4 +1,4 @@
-"""What the page's server answers, and where it keeps what it shows."""
+"""The page as an ASGI application: its routes, and the state behind them."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ from starlette.websockets import WebSocket
 from autoexpose_daemon.client.status_client import StatusClient
 from autoexpose_daemon.page.access import Access, Key
 from autoexpose_daemon.page.history import History
-from autoexpose_daemon.page.live import watch
+from autoexpose_daemon.page.live import serve_browser
 from autoexpose_daemon.page.metrics import CONTENT_TYPE, exposition
 from autoexpose_daemon.page.pair_views import PairViews
 
 STATIC = Path(__file__).with_name("static")
 
 SILENT_S = 5.0
-"""A daemon that has said nothing for so long is not up; it speaks once a second."""
+"""A daemon that has been silent this long counts as down; it sends its status once a second."""
 
 _STATUS_PERIOD_S = 1.0
 
 
 def page_app(rig: str, connect: Sequence[str], key: Key | None) -> ASGIApp:
-    """The page of a rig as an ASGI application; with a key only for those who have it."""
+    """The page of a rig as an ASGI application; with a key, only for requests that carry it."""
     history = History()
     client = StatusClient(rig, connect)
 
@@ -40,12 +40,12 @@ def page_app(rig: str, connect: Sequence[str], key: Key | None) -> ASGIApp:
     async def fed(app: Starlette) -> AsyncIterator[None]:
         with client, PairViews(rig, connect, client, history) as views:
             app.state.views = views
-            remembering = asyncio.create_task(_remember(client, history))
+            recording = asyncio.create_task(_record_status(client, history))
             yield
-            remembering.cancel()
+            recording.cancel()
 
     async def live(socket: WebSocket) -> None:
-        await watch(socket, client, socket.app.state.views, history)
+        await serve_browser(socket, client, socket.app.state.views, history)
 
     async def metrics(_request: Request) -> Response:
         heard = client.status if client.silent_s < SILENT_S else None
@@ -62,8 +62,8 @@ def page_app(rig: str, connect: Sequence[str], key: Key | None) -> ASGIApp:
     return Access(Starlette(routes=routes, lifespan=fed), key)
 
 
-async def _remember(client: StatusClient, history: History) -> None:
-    """Keep the history going while nobody watches: what the daemon says of itself is a point a second."""
+async def _record_status(client: StatusClient, history: History) -> None:
+    """Keep the history going from the status, one point a second, while nobody watches."""
     seen = None
     while True:
         await asyncio.sleep(_STATUS_PERIOD_S)

@@ -1,4 +1,4 @@
-"""The last minutes of exposure and metric, every pair of them, in few enough numbers to draw."""
+"""Exposure and metric of every pair in the last minutes, in few enough numbers to draw."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from autoexpose_daemon.control.decision import Decision
 from drivers.exposure import ExposureSetting
 
 BUCKET_S = 0.5
-"""Finer than a pixel of the drawing; of each bucket the least and the greatest value are kept, so no spike is lost."""
+"""Finer than a pixel of the chart; each bucket keeps its least and greatest value, so no spike is lost."""
 
 LENGTH_S = 300.0
 
 SERIES = (
     "exposure_time_us", "gain_db", "level", "metric", "asked_time_us", "asked_gain_db", "asked_level",
 )  # fmt: skip
-"""What the values of a row are: what pairs were taken with and measured, and what was asked for on them."""
+"""The columns of a row: what pairs were taken with and measured, and what was requested."""
 
 Range = tuple[float, float] | None
-"""The least and the greatest value; None where there was none."""
+"""The least and the greatest value; None without any."""
 
 
 class _Bucket:
@@ -40,14 +40,14 @@ class _Bucket:
 
 
 class History:
-    """Rows of the last five minutes, oldest first. Any thread may add, and any may read."""
+    """Rows of the last five minutes, oldest first. Any thread may add or read."""
 
     def __init__(self) -> None:
         self._rows: deque[_Bucket] = deque(maxlen=round(LENGTH_S / BUCKET_S))
         self._lock = threading.Lock()
 
     def add(self, now_s: float, applied: ExposureSetting, decision: Decision | None) -> None:
-        """Note what a pair was taken with, and what was decided on it; `now_s` is of CLOCK_MONOTONIC."""
+        """Add the setting of a pair and the decision on it; `now_s` is of CLOCK_MONOTONIC."""
         asked = None if decision is None else decision.setting
         values = (
             applied.exposure_time_us,

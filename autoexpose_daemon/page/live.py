@@ -1,4 +1,4 @@
-"""One browser that watches: numbers twice a second, and pictures as fast as it asks for them."""
+"""Serving one browser: numbers twice a second, and pictures as fast as it asks for them."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from autoexpose_daemon.page.tables import tables
 NUMBERS_PERIOD_S = 0.5
 
 
-async def watch(socket: WebSocket, client: StatusClient, views: PairViews, history: History) -> None:
-    """Serve one web socket until it is closed.
+async def serve_browser(socket: WebSocket, client: StatusClient, views: PairViews, history: History) -> None:
+    """Serve one web socket until it closes.
 
     Text messages to the browser hold the numbers, binary ones a pair. Each message from the browser asks for the next
-    pair: one that is slow, or far away, gets fewer of them, and no queue of old ones.
+    pair: a slow or distant browser gets fewer pairs, never a queue of old ones.
     """
     if views.crowded:
         return await socket.close()
@@ -39,7 +39,7 @@ async def watch(socket: WebSocket, client: StatusClient, views: PairViews, histo
                 for sender in senders:
                     sender.cancel()
         except* WebSocketDisconnect:
-            pass  # noticed by a sender first
+            pass  # a sender noticed it first
 
 
 async def _send_numbers(socket: WebSocket, client: StatusClient, views: PairViews, history: History) -> None:

@@ -1,4 +1,4 @@
-"""A daemon's status for Prometheus; every name, with alerts to begin with: docs/metrics.md."""
+"""A daemon's status for Prometheus; all names, and alerts to start from: docs/metrics.md."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from prometheus_client.exposition import CONTENT_TYPE_PLAIN_0_0_4, generate_late
 from prometheus_client.registry import Collector
 
 from autoexpose_daemon.status.counters import counters
-from autoexpose_daemon.status.document import CameraStatus, Durations, PublishStatus, RecorderStatus, Status
+from autoexpose_daemon.status.document import CameraStatus, DurationStatus, PublishStatus, RecorderStatus, Status
 from autoexpose_daemon.status.durations import DURATIONS
 from autoexpose_daemon.status.publishing import DropReason
 from autoexpose_daemon.status.states import State
@@ -24,7 +24,7 @@ _MS_PER_S = 1e3
 
 
 def exposition(rig: str, status: Status | None) -> bytes:
-    """The metrics of a rig in Prometheus' text format, to be sent as `CONTENT_TYPE`; None: its daemon is silent."""
+    """The metrics of a rig in Prometheus' text format, of type `CONTENT_TYPE`; without a status its daemon is down."""
     registry = CollectorRegistry()
     registry.register(_Collector(rig, status))
     return generate_latest(registry)
@@ -38,7 +38,7 @@ class _Collector(Collector):
     def collect(self) -> Iterator[Metric]:
         status = self._status
         running = status is not None and not status.ending
-        yield self._gauge("up", "Whether the daemon tells its status.", [((), float(running))])
+        yield self._gauge("up", "Whether the daemon reports its status.", [((), float(running))])
         if status is None:
             return
         yield from self._condition(status)
@@ -54,9 +54,9 @@ class _Collector(Collector):
         states = [((state,), float(state is status.state)) for state in State]
         yield self._gauge("state", "1 for the state that the daemon is in.", states, "state")
         for name, help_text, value in (
-            ("status_timestamp_seconds", "When the daemon last told its status.", status.unix_time_s),
-            ("uptime_seconds", "Since the daemon started.", status.uptime_s),
-            ("open_seconds", "Since it opened its cameras: all counts begin there.", status.open_s),
+            ("status_timestamp_seconds", "When the daemon last reported its status.", status.unix_time_s),
+            ("uptime_seconds", "Time since the daemon started.", status.uptime_s),
+            ("open_seconds", "Time since it opened its cameras; counters start there.", status.open_s),
         ):
             yield self._gauge(name, help_text, [((), value)])
         if status.decision is not None:
@@ -75,8 +75,12 @@ class _Collector(Collector):
             ("applied_exposure_time_seconds", "Exposure time of the newest frame.", lambda it: _time_s(it.applied)),
             ("requested_gain_decibels", "Gain last decided on.", lambda _: _gain_db(requested)),
             ("applied_gain_decibels", "Gain of the newest frame.", lambda camera: _gain_db(camera.applied)),
-            ("response_drift_grey_levels", "By how much the camera's response misses.", lambda it: it.drift_grey),
-            ("calibration_misfit", "Whether its calibration does not fit.", lambda it: float(it.misfit is not None)),
+            ("response_drift_grey_levels", "Error of the camera's response function.", lambda it: it.drift_grey),
+            (
+                "calibration_misfit",
+                "Whether the camera's calibration does not fit.",
+                lambda it: float(it.misfit is not None),
+            ),
         ]
         for name, help_text, value_of in tables:
             values = {side: value_of(camera) for side, camera in status.cameras.items()}
@@ -87,7 +91,7 @@ class _Collector(Collector):
         for counter, count in counters(status.counts):
             yield self._counter(counter.name, counter.meaning, [((), count)])
         lost = _of_all(LossReason, status.lost)
-        yield self._counter("lost_triggers", "Triggers that made no pair.", lost, "reason")
+        yield self._counter("lost_triggers", "Triggers that made no stereo pair.", lost, "reason")
 
     def _durations(self, status: Status) -> Iterator[Metric]:
         for duration in DURATIONS:
@@ -100,19 +104,21 @@ class _Collector(Collector):
         yield self._counter("unpublished_pairs", "Pairs that were not sent.", dropped, "reason")
         consumers = publishing.consumers.items()
         there = len(consumers) + publishing.unlisted_consumers
-        yield self._gauge("consumers", "Consumers that report, those not listed among them.", [((), there)])
+        yield self._gauge("consumers", "Consumers that report, including those not listed.", [((), there)])
         pairs = [((name,), tally.pairs) for name, tally in consumers]
-        yield self._counter("consumer_pairs", "Pairs that a consumer got, by its own count.", pairs, "consumer")
+        yield self._counter("consumer_pairs", "Pairs that a consumer received, by its own count.", pairs, "consumer")
         missed = [((name,), tally.missed) for name, tally in consumers]
-        yield self._counter("consumer_missed_frames", "Gaps in the frame id between them.", missed, "consumer")
+        yield self._counter(
+            "consumer_missed_frames", "Frames missed between them, by gaps in the frame id.", missed, "consumer"
+        )
         lost = [((name, "in_transit"), tally.lost) for name, tally in consumers]
         lost += [((name, "too_slow"), tally.too_slow) for name, tally in consumers]
-        yield self._counter("consumer_lost_pairs", "Pairs sent that it did not get.", lost, "consumer", "reason")
+        yield self._counter("consumer_lost_pairs", "Pairs sent that it did not receive.", lost, "consumer", "reason")
 
     def _recorder(self, recorder: RecorderStatus) -> Iterator[Metric]:
         yield self._gauge("recorder_up", "Whether the recorder works.", [((), float(recorder.failure is None))])
-        yield self._counter("recorder_steps", "Steps of control it was given.", [((), recorder.steps)])
-        yield self._counter("recorder_dropped_steps", "Steps it had no room for.", [((), recorder.dropped)])
+        yield self._counter("recorder_steps", "Control steps it was given.", [((), recorder.steps)])
+        yield self._counter("recorder_dropped_steps", "Steps dropped for lack of room.", [((), recorder.dropped)])
 
     def _gauge(
         self, name: str, help_text: str, values: Iterable[tuple[tuple[str, ...], float]], *labels: str
@@ -130,7 +136,7 @@ class _Collector(Collector):
             metric.add_metric([self._rig, *label_values], count)
         return metric
 
-    def _summary(self, name: str, help_text: str, durations: Durations) -> Metric:
+    def _summary(self, name: str, help_text: str, durations: DurationStatus) -> Metric:
         metric = SummaryMetricFamily(f"autoexpose_{name}", help_text, labels=["rig"])
         metric.add_metric([self._rig], durations.count, durations.sum_ms / _MS_PER_S)
         for quantile, value_ms in (("0.5", durations.p50_ms), ("0.99", durations.p99_ms)):
@@ -140,7 +146,7 @@ class _Collector(Collector):
 
 
 def _of_all(reasons: Iterable[str], counts: Mapping[str, int]) -> list[tuple[tuple[str, ...], int]]:
-    """A count for each reason there can be: an alert must not wait for the first."""
+    """A count for every possible reason: an alert must not wait for the first."""
     return [((str(reason),), counts.get(str(reason), 0)) for reason in reasons]
 
 

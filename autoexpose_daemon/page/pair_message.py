@@ -1,4 +1,4 @@
-"""One pair as a browser gets it."""
+"""One pair in a message to a browser."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pictures and prediction curves of the newest pairs, made only while somebody watches."""
+"""Pictures and prediction curves of the newest pairs, made only while someone watches."""
 
 from __future__ import annotations
 
@@ -31,23 +31,23 @@ CURVE_PERIOD_NS = 1_000_000_000
 _PATIENCE_S = 0.25
 _JOIN_S = 3.0
 _LINEAR = ResponseFunction.linear()
-"""Until the daemon has said otherwise, which it does once a second."""
+"""Until the daemon has sent its responses, which it does once a second."""
 
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """What the metric of the newest left image would be at other exposures.
+    """The metric of the newest left image as predicted at other exposures.
 
     Attributes
     ----------
     delta_levels
         Changes of exposure level, stops.
     metrics
-        M_g predicted there.
+        The M_g predicted there.
     level
         The image's own exposure level, stops.
     decided_level
-        The level that the daemon decided on for this image, stops; None when it had no time for it.
+        The level that the daemon decided on for this image, stops; None if it skipped the pair.
     """
 
     delta_levels: tuple[float, ...]
@@ -57,9 +57,9 @@ class Curve:
 
 
 class PairViews:
-    """The newest pair as a browser gets it. A thread of its own consumes pairs while there are viewers, and only then.
+    """The newest pair as a message to browsers. A thread consumes pairs, only while there are viewers.
 
-    Made and watched on an event loop, whose coroutines it wakes.
+    Created and watched on an event loop, whose coroutines it wakes.
 
     Attributes
     ----------
@@ -102,12 +102,12 @@ class PairViews:
 
     @property
     def crowded(self) -> bool:
-        """Whether there are viewers enough."""
+        """Whether there are too many viewers for another one."""
         return self._watching >= MOST_VIEWERS
 
     @contextmanager
     def watched(self) -> Iterator[None]:
-        """While this lasts, somebody watches."""
+        """Count as a viewer while this context is entered."""
         with self._watched:
             self._watching += 1
             self._watched.notify_all()
@@ -118,7 +118,7 @@ class PairViews:
                 self._watching -= 1
 
     async def next_view(self, after: int) -> tuple[int, bytes]:
-        """The newest pair as a message, with its number, when that is more than `after`."""
+        """The newest pair as a message, with its number, as soon as that exceeds `after`."""
         while self._newest[0] <= after:
             await self._rung.wait()
         return self._newest
@@ -147,7 +147,7 @@ class PairViews:
                 if pair.received_ns >= curve_ns:
                     curve_ns = pair.received_ns + CURVE_PERIOD_NS
                     self.curve = self._curve(pair)
-            except ConfigurationError as error:  # too small
+            except ConfigurationError as error:  # the frames are too small
                 if str(error) != self._complaint:
                     self._complaint = str(error)
                     log.warning("no pictures: %s", error)
@@ -175,6 +175,6 @@ class PairViews:
 
 
 def _same(one: ResponseFunction, other: ResponseFunction) -> bool:
-    """Whether they are one and the same curve; the daemon sends it once a second."""
+    """Whether they are the same curve; the daemon sends it once a second."""
     levels = (one.black_level, one.saturation) == (other.black_level, other.saturation)
     return levels and np.array_equal(one.log2_exposure, other.log2_exposure)

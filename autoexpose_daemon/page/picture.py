@@ -1,4 +1,4 @@
-"""What the page shows of one frame: a picture with its extremes marked, its metric, and its prediction curve."""
+"""What the page shows of a frame: a picture with its extremes marked, its metric, and its prediction curve."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from calibration.response import ResponseFunction
 from calibration.response.prediction import prediction_tables
 
 DISPLAY_SIZE = (720, 720)
-"""Width and height that a picture has at most on its way to a browser."""
+"""Largest width and height of a picture sent to a browser."""
 
 DELTA_LEVELS = np.linspace(-2.0, 2.0, 17)
 """Changes of level (stops) at which the metric is predicted: the range of algorithm 1."""
@@ -28,12 +28,12 @@ _JPEG = (
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """A frame for a browser, and what control would measure of all of it.
+    """A frame for a browser, and what control would measure on the whole of it.
 
     Attributes
     ----------
     jpeg
-        Saturated pixels are red, black ones blue: those that the shares count, in the image that control looks at.
+        Saturated pixels are red, black ones blue: the pixels that the shares count, in the image that control uses.
     metric
         M_g, 0..1 per pixel (eq. 5).
     saturated_share, black_share
@@ -47,7 +47,7 @@ class Picture:
 
 
 class PictureMaker:
-    """Looks at the frames of one camera, by its response: with the paper's metric, and at all of them."""
+    """Measures whole frames of one camera with the paper's metric, by the camera's response."""
 
     def __init__(self, response: ResponseFunction) -> None:
         self.response = response
@@ -67,7 +67,7 @@ class PictureMaker:
         return [float(m) for m in self._metric.measure_predictions(self._preparation.prepare(grey), self._tables)]
 
     def _marked(self, grey: NDArray[np.uint8], image: NDArray[np.uint8]) -> bytes:
-        """`grey` as JPEG, marked where its prepared `image` is counted."""
+        """`grey` as JPEG, marked where the shares count pixels of its prepared `image`."""
         size = fit(grey.shape, DISPLAY_SIZE)
         small = grey if size == grey.shape[::-1] else cv2.resize(grey, size, interpolation=cv2.INTER_AREA)
         colours = cv2.cvtColor(small, cv2.COLOR_GRAY2BGR)

@@ -1,4 +1,4 @@
-"""The page's process, from its first look at the options to Ctrl-C."""
+"""The page's process, from its options to Ctrl-C."""
 
 from __future__ import annotations
 
@@ -24,29 +24,29 @@ from drivers.errors import AutoexposeError, ConfigurationError
 log = logging.getLogger(__name__)
 
 _PING_S = 5.0
-"""A browser that does not answer for so long is gone."""
+"""A browser that has not answered for this long is gone."""
 _STOP_S = 2
-_SAID_AGAIN_S = 60.0
+_REPEAT_S = 60.0
 
 
 class OnceAMinute(logging.Filter):
-    """Says what is wrong with a request once a minute, in one line: whoever sends nonsense is not to fill the log."""
+    """Logs what is wrong with requests at most once a minute, in one line: bad requests must not fill the log."""
 
     def __init__(self, now_s: Callable[[], float] = time.monotonic) -> None:
         super().__init__()
         self._now_s = now_s
-        self._said_s: dict[str, float] = {}
+        self._logged_s: dict[str, float] = {}
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Whether a line of uvicorn's goes to the log; one about bytes that are no text goes without its traceback."""
+        """Whether to log a record of uvicorn's; one about bytes that are not text loses its traceback."""
         if record.exc_info and isinstance(record.exc_info[1], UnicodeDecodeError):
             record.exc_info, record.levelno, record.levelname = None, logging.WARNING, "WARNING"
         if record.exc_info or record.levelno != logging.WARNING:
             return True
         now_s, message = self._now_s(), str(record.msg)
-        if now_s - self._said_s.get(message, -math.inf) < _SAID_AGAIN_S:
+        if now_s - self._logged_s.get(message, -math.inf) < _REPEAT_S:
             return False
-        self._said_s[message] = now_s
+        self._logged_s[message] = now_s
         return True
 
 
@@ -56,12 +56,14 @@ def serve(rig: str, connect: Sequence[str], host: str, port: int, token_file: Pa
     Raises
     ------
     ConfigurationError
-        Without a token for an address that others can reach, or with one that will not do.
+        Without a token for an address that others can reach, or with an unusable token.
     AutoexposeError
-        When the port cannot be had, or a thread died.
+        If the port is not available, or a thread died.
     """
     if token_file is None and not is_loopback(host):
-        raise ConfigurationError(f"--host {host} lets others see the page: add --token-file FILE, or stay on 127.0.0.1")
+        raise ConfigurationError(
+            f"--host {host} makes the page visible to others: add --token-file FILE, or stay on 127.0.0.1"
+        )
     key = None if token_file is None else Key(read_token(token_file))
     app = page_app(rig, connect, key)
     with _listening(host, port) as listener:
@@ -72,7 +74,7 @@ def serve(rig: str, connect: Sequence[str], host: str, port: int, token_file: Pa
                 app,
                 ws="websockets-sansio",
                 ws_max_size=1024,
-                ws_per_message_deflate=False,  # JPEGs do not get smaller
+                ws_per_message_deflate=False,  # JPEGs do not compress
                 ws_ping_interval=_PING_S,
                 ws_ping_timeout=_PING_S,
                 lifespan="on",
@@ -97,13 +99,13 @@ def _run(server: uvicorn.Server, listener: socket.socket) -> None:
 
     former_hook, threading.excepthook = threading.excepthook, on_dead_thread
     for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: None)  # uvicorn stops at them, and raises them again when it has
+        signal.signal(number, lambda *_: None)  # uvicorn stops at them, then raises them again
     try:
         server.run(sockets=[listener])
     finally:
         threading.excepthook = former_hook
     if dead:
-        raise AutoexposeError(f"the thread {dead[0]} died, see above")
+        raise AutoexposeError(f"the thread {dead[0]} died; its traceback is above")
 
 
 def _listening(host: str, port: int) -> socket.socket:
@@ -114,6 +116,6 @@ def _listening(host: str, port: int) -> socket.socket:
     try:
         return socket.create_server((host, port), family=family)
     except OSError as error:
-        number = error.errno or 0  # below 0 it is the resolver's, as of a name that nobody knows
-        reason = os.strerror(number) if number > 0 else "there is no address of that name"
+        number = error.errno or 0  # negative numbers are the resolver's, such as for an unknown name
+        reason = os.strerror(number) if number > 0 else "there is no address for that name"
         raise AutoexposeError(f"the page cannot listen on {host} port {port}: {reason}") from error

@@ -18,7 +18,7 @@ Say = Callable[[str], None]
 """Takes a line of text."""
 
 
-def report(path: Path, policy_id: str | None, say: Say) -> bool:
+def report_replay(path: Path, policy_id: str | None, say: Say) -> bool:
     """Play a recording again and print what comes of it.
 
     Returns

@@ -1,4 +1,4 @@
-"""The last good exposure, kept over restarts: after a crash the robot sees well from its first frame on."""
+"""The last good exposure, kept across restarts: after a crash the robot sees well from the first frame on."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ log = logging.getLogger(__name__)
 
 FORMAT = "autoexpose-last-exposure/1"
 LONGEST_AGE_S = 3600.0
-"""After an hour the light is another, and the configured start as good a guess."""
-_MOST_BYTES = 1 << 12  # it has a hundred
+"""After an hour the light has changed, and the configured start is as good a guess."""
+_MOST_BYTES = 1 << 12  # it has about 100
 _WRITE_PERIOD_S = 5.0
 _REFRESH_PERIOD_S = 600.0
-_CLOCK_STEP_S = 5.0  # by which the wall clock may have been set back meanwhile
-_GOOD_SHARE = 0.5  # a picture that is black or saturated by half says little about the right exposure
+_CLOCK_STEP_S = 5.0  # the wall clock may have been set back by this much meanwhile
+_GOOD_SHARE = 0.5  # an image half black or half saturated says little about the right exposure
 
 
 class LastExposure:
-    """Remembers the last good exposure, and keeps it in a file if there is one.
+    """Remembers the last good exposure, and keeps it in a file if one is named.
 
-    A file that is missing, too old, damaged or not writable costs a line of the log and nothing else.
+    A file that is too old, damaged or not writable costs a log line and nothing else.
 
     Parameters
     ----------
     file
-        Where to keep it; None: in memory only.
+        Where to keep it; None keeps it in memory only.
     """
 
     def __init__(self, file: Path | None) -> None:
@@ -45,12 +45,12 @@ class LastExposure:
 
     @classmethod
     def in_state_directory(cls) -> LastExposure:
-        """In the directory that systemd gives the service for its state; in memory only where there is none."""
+        """In the state directory that systemd gives the service; in memory only without one."""
         folder = os.environ.get("STATE_DIRECTORY", "").split(":")[0]
         return cls(Path(folder) / "last-exposure.json" if folder else None)
 
     def recall(self, limits: ExposureLimits) -> ExposureSetting | None:
-        """The last good exposure within `limits`, from memory or file; None when there is none to rely on."""
+        """The last good exposure, from memory or file; None without a reliable one within `limits`."""
         if self._setting is None and self._file is not None:
             self._setting = _read(self._file, time.time())
         if self._setting is not None and limits.contain(self._setting):
@@ -58,7 +58,7 @@ class LastExposure:
         return None
 
     def keep(self, telemetry: Telemetry, now_s: float) -> None:
-        """Remember how the newest frame was taken, if it came out well; written when it changed, at most every 5 s.
+        """Remember the setting of the newest frame if it was well exposed; save a changed one at most every 5 s.
 
         `now_s` is of a monotonic clock.
         """
@@ -72,7 +72,7 @@ class LastExposure:
             self.save(now_s)
 
     def save(self, now_s: float) -> None:
-        """Write what is remembered, all or nothing."""
+        """Write the remembered exposure to the file, atomically."""
         if self._file is None or self._setting is None:
             return
         self._written, self._written_s = self._setting, now_s
@@ -88,7 +88,7 @@ class LastExposure:
             part.replace(self._file)
         except OSError as error:
             if not self._said_unwritable:
-                log.warning("the last exposure is not kept for a restart: %s", error)
+                log.warning("the last exposure cannot be saved for a restart: %s", error)
             self._said_unwritable = True
 
 
@@ -104,9 +104,9 @@ def _read(file: Path, now_s: float) -> ExposureSetting | None:
     except FileNotFoundError:
         return None
     except (OSError, ValueError, TypeError, LookupError, OverflowError, RecursionError) as error:
-        log.warning("%s is damaged, so the start is the configured one: %s: %s", file, type(error).__name__, error)
+        log.warning("%s is damaged, starting with the configured exposure: %s: %s", file, type(error).__name__, error)
         return None
     if not -_CLOCK_STEP_S <= age_s <= LONGEST_AGE_S:
-        log.info("the last exposure is %.0f s old, so the start is the configured one", age_s)
+        log.info("the last exposure is %.0f s old, starting with the configured one", age_s)
         return None
     return setting

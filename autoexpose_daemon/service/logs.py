@@ -1,4 +1,4 @@
-"""The log: in colours for a terminal, with priorities for systemd's journal, else as plain lines."""
+"""The log: coloured for a terminal, with priorities for systemd's journal, else as plain lines."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ log = logging.getLogger(__name__)
 _LAYOUT = "\n\t"
 
 _PRIORITIES = ((logging.CRITICAL, 2), (logging.ERROR, 3), (logging.WARNING, 4), (logging.INFO, 6))
-"""Of syslog, by the least level; what is below is 7."""
+"""Syslog priorities by lowest log level; anything below has 7."""
 
 
 def set_up_logging(console: Console) -> None:
-    """Log INFO and above of ours, WARNING and above of others; what ends the program with a traceback, too."""
+    """Log INFO and above from our packages, WARNING and above from others, and the traceback that ends the program."""
     if console.is_terminal:
         handler: logging.Handler = RichHandler(console=console, show_path=False, log_time_format="%H:%M:%S")
         handler.setFormatter(ReadableFormatter("%(message)s"))
@@ -38,7 +38,7 @@ def set_up_logging(console: Console) -> None:
 
 
 def complain(sentence: str) -> None:
-    """Tell on standard error why the program ends."""
+    """Say on standard error why the program ends."""
     text = readable(f"autoexpose: {sentence}", _LAYOUT)
     print(_with_priority(logging.ERROR, text) if _journal_reads() else text, file=sys.stderr)
 
@@ -47,7 +47,7 @@ class ReadableFormatter(logging.Formatter):
     """Lets no escape sequence through: names of cameras, consumers and files come from outside."""
 
     def format(self, record: logging.LogRecord) -> str:
-        """The lines of an event."""
+        """The lines of a record."""
         return readable(super().format(record), _LAYOUT)
 
 
@@ -55,18 +55,18 @@ class JournalFormatter(ReadableFormatter):
     """Puts the priority before each line."""
 
     def format(self, record: logging.LogRecord) -> str:
-        """The lines of an event."""
+        """The lines of a record."""
         return _with_priority(record.levelno, super().format(record))
 
 
 def _with_priority(level: int, text: str) -> str:
-    """Each line with its priority, as sd-daemon(3) has it: the journal takes every line for an entry."""
+    """The text with its priority before each line (sd-daemon(3)): the journal makes each line an entry."""
     priority = next((priority for least, priority in _PRIORITIES if level >= least), 7)
     return "\n".join(f"<{priority}>{line}" for line in text.splitlines())
 
 
 def _journal_reads() -> bool:
-    """Whether standard error goes to the journal, which then names its device and inode in the environment."""
+    """Whether standard error goes to the journal; its device and inode are then in the environment."""
     try:
         stream = os.fstat(sys.stderr.fileno())
     except (OSError, ValueError):  # no such descriptor

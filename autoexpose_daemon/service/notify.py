@@ -1,4 +1,4 @@
-"""What systemd is told: readiness, state, and signs of life, over the datagram socket that it names."""
+"""Notifications to systemd: readiness, state and watchdog, over the datagram socket that it names."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from typing import Self
 
 log = logging.getLogger(__name__)
 
-_PATIENCE_S = 1.0  # for a service manager that is slow to read; what it misses is said again or not worth waiting for
+_PATIENCE_S = 1.0  # for a slow service manager; what it misses is repeated, or not worth waiting for
 
 
 class Notifier:
-    """Speaks the protocol of sd_notify(3); silent when nobody listens.
+    """Speaks the protocol of sd_notify(3); does nothing without a listener.
 
     Parameters
     ----------
     address
-        Path of the socket, or with a leading `@` its name in the abstract namespace; None: nobody listens.
+        Path of the socket, or with a leading `@` its name in the abstract namespace; None: no listener.
     """
 
     def __init__(self, address: str | None) -> None:
@@ -28,11 +28,11 @@ class Notifier:
 
     @classmethod
     def from_environment(cls) -> Self:
-        """To whoever started this process, and not to what this process starts."""
+        """A notifier to the service manager, which child processes do not inherit."""
         return cls(os.environ.pop("NOTIFY_SOCKET", None))
 
     def ready(self) -> None:
-        """The start, or a reload, is over."""
+        """The start or a reload is complete."""
         self._send("READY=1")
 
     def reloading(self) -> None:
@@ -44,11 +44,11 @@ class Notifier:
         self._send("STOPPING=1")
 
     def alive(self) -> None:
-        """A sign of life, which the watchdog waits for."""
+        """Feed the watchdog."""
         self._send("WATCHDOG=1")
 
     def status(self, text: str) -> None:
-        """The state in one line, for `systemctl status`; sent when it differs from the last."""
+        """The state in one line, for `systemctl status`; sent if it differs from the last."""
         line = text.replace("\n", " ")
         if line != self._status and self._send(f"STATUS={line}"):
             self._status = line
@@ -61,6 +61,6 @@ class Notifier:
                 connection.settimeout(_PATIENCE_S)
                 connection.sendto(message.encode(), self._address)
         except OSError as error:
-            log.debug("the service manager was not told %s: %s", message, error)
+            log.debug("the service manager did not receive %s: %s", message, error)
             return False
         return True

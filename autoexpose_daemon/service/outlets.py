@@ -1,4 +1,4 @@
-"""What the steps of control go out through, as configured."""
+"""The outlets of a daemon's control steps: recorder and publisher, as configured."""
 
 from __future__ import annotations
 
@@ -31,15 +31,15 @@ class RecorderTap:
     cameras: int
 
     def __call__(self, pair: StereoPair, decision: Decision | None) -> None:
-        """Record a step, with the loop that has just made it; what control did not look at is no step."""
+        """Record a step and the loop that has just made it; a pair without a decision is not a step."""
         if decision is not None and self.daemon.loop is not None:
             self.recorder.take(pair, decision, self.daemon.loop, self.cameras)
 
 
 def add_outlets(daemon: Daemon, config: Config, recorder: Recorder | None = None) -> Daemon:
-    """Have a daemon record, if asked, and publish, if configured.
+    """Have a daemon record, given a recorder, and publish, if configured.
 
-    Without the Python packages for publishing the daemon goes on and says so.
+    Without the Python packages for publishing, the daemon runs on and says so.
     """
     daemon.telemetry.recorder = recorder
     if recorder is not None:
@@ -53,14 +53,14 @@ def add_outlets(daemon: Daemon, config: Config, recorder: Recorder | None = None
         log.warning("frames are not published: %s", trouble)
         daemon.telemetry.publishing = PublishTally(trouble=trouble)
         return daemon
-    publisher = Publisher(config.publish, len(config.sides), partial(_tell, daemon))
+    publisher = Publisher(config.publish, len(config.sides), partial(_texts, daemon))
     daemon.outlets.append(publisher)
     daemon.telemetry.publishing = publisher.tally
     return daemon
 
 
-def _tell(daemon: Daemon, last: bool) -> dict[str, str]:
-    """The status, and the response of each camera; `last`: before the session closes."""
+def _texts(daemon: Daemon, last: bool) -> dict[str, str]:
+    """The status and the response of each camera, by key; `last`: before the session closes."""
     tuning = daemon.tuning
     status = describe(daemon.telemetry, tuning.config, ending=last)
     responses = {response_key(status.rig, side): response_to_json(it) for side, it in tuning.responses.items()}

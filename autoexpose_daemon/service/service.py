@@ -1,4 +1,4 @@
-"""The daemon as a process: one control thread at a time, its state, reloads, and what to do when a thread dies."""
+"""The daemon as a process: one control thread at a time, its state, reloads, and the death of a thread."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.runtime.control_thread import ControlThread
 from autoexpose_daemon.runtime.daemon import Daemon
 from autoexpose_daemon.runtime.tuning import Tuning
+from autoexpose_daemon.service.announcer import Announcer
 from autoexpose_daemon.service.last_exposure import LastExposure
 from autoexpose_daemon.service.logs import set_up_logging
 from autoexpose_daemon.service.notify import Notifier
-from autoexpose_daemon.service.watch import Watch
 from autoexpose_daemon.status.describe import describe
+from autoexpose_daemon.status.display import Show, display
 from autoexpose_daemon.status.document import Status
 from autoexpose_daemon.status.panel import line_of
 from autoexpose_daemon.status.states import State
-from autoexpose_daemon.status.view import Show, display
 from drivers.errors import AutoexposeError, ConfigurationError
 from drivers.exposure import ExposureSetting
 
@@ -32,10 +32,10 @@ _TURN_S = 0.25
 _TUNE_PATIENCE_S = 5.0
 
 Build = Callable[[Config, ExposureSetting | None], Daemon]
-"""Makes the daemon of a configuration, which begins with a setting, or None for the configured one."""
+"""Makes the daemon for a configuration; it begins with the given setting, or at None with the configured one."""
 
 NewConfig = Callable[[], Config | None]
-"""Asked now and then whether there is a new configuration; raises ConfigurationError for one that cannot be."""
+"""Polled for a new configuration; raises ConfigurationError for an invalid one."""
 
 
 def _none() -> None:
@@ -45,7 +45,7 @@ def _none() -> None:
 def run_until_stopped(
     service: Service, stop: threading.Event, console: Console, title: str, new_config: NewConfig = _none
 ) -> None:
-    """Run a service with the live view, or log lines where there is no terminal; raises what `Service.run` raises."""
+    """Run a service with the live view, or with log lines without a terminal; raises what `Service.run` raises."""
     set_up_logging(console)
     with display(console, lambda: title) as show:
         service.run(stop, show, new_config)
@@ -53,7 +53,7 @@ def run_until_stopped(
 
 
 class Service:
-    """Runs the daemon of a configuration, and of those that follow it.
+    """Runs the daemon for a configuration, and for those that replace it.
 
     Parameters
     ----------
@@ -62,9 +62,9 @@ class Service:
     build
         Makes its daemon.
     notifier
-        Who is told of readiness and state.
+        Notified of readiness and state.
     last_exposure
-        Where the cameras begin.
+        The setting that the cameras begin with.
     """
 
     def __init__(
@@ -76,9 +76,9 @@ class Service:
     ) -> None:
         self._build = build
         self._last_exposure = last_exposure or LastExposure(None)
-        self._watch = Watch(notifier or Notifier(None))
+        self._announcer = Announcer(notifier or Notifier(None))
         self._config = config
-        self._former: Config | None = None  # to fall back on when the cameras cannot take the new one
+        self._former: Config | None = None  # to fall back on if the cameras refuse the new one
         self._dead: list[BaseException] = []
         self.daemon = self._make(config)
 
@@ -88,42 +88,42 @@ class Service:
         Raises
         ------
         Exception
-            Whatever ended any thread: a daemon with a dead thread must not look alive.
+            Whatever ended a thread: a daemon with a dead thread must not look alive.
         """
         former_hook, threading.excepthook = threading.excepthook, self._on_dead_thread
         self._begin()
         try:
             while not stop.wait(_TURN_S):
                 self._look_for_failures()
-                self._watch.look()
+                self._announcer.look()
                 show(self.status)
                 self._take_note()
                 self._look_for_reload(new_config)
         except BaseException as error:
-            self._watch.failed(error)
+            self._announcer.failed(error)
             raise
         finally:
-            self._watch.stopping()
+            self._announcer.stopping()
             self._end()
             threading.excepthook = former_hook
             self._last_exposure.save(time.monotonic())
         self._raise_failure()
 
     def status(self) -> Status:
-        """How the daemon is."""
+        """The present status of the daemon."""
         return describe(self.daemon.telemetry, self._config)
 
     def _make(self, config: Config) -> Daemon:
         return self._build(config, self._last_exposure.recall(config.exposure.limits()))
 
     def _begin(self) -> None:
-        self._watch.begin(self.daemon, self._config)
+        self._announcer.begin(self.daemon, self._config)
         self._control = ControlThread(self.daemon)
 
     def _end(self) -> None:
         self._control.ask_to_stop()
         while not self._control.ended(_TURN_S):
-            self._watch.feed()
+            self._announcer.feed()
 
     def _on_dead_thread(self, args: Any) -> None:
         self._dead.append(args.exc_value or RuntimeError(f"{args.thread} died"))
@@ -138,15 +138,15 @@ class Service:
         if self._former is None or not isinstance(error, AutoexposeError):
             self._raise_failure()
             return
-        log.warning("the new configuration is not taken, back to the one before: %s", error)
+        log.warning("new configuration rejected, going back to the old one: %s", error)
         self._config, self._former = self._former, None
         self.daemon = self._make(self._config)
         self._begin()
 
     def _take_note(self) -> None:
-        if self._watch.health.state is not State.STARTING:
+        if self._announcer.health.state is not State.STARTING:
             self._former = None
-        if self._watch.health.state is State.EXPOSING:
+        if self._announcer.health.state is State.EXPOSING:
             self._last_exposure.keep(self.daemon.telemetry, time.monotonic())
 
     def _look_for_reload(self, new_config: NewConfig) -> None:
@@ -154,21 +154,23 @@ class Service:
             config = new_config()
             if config is None:
                 return
-            self._watch.reloading()
+            self._announcer.reloading()
             if _same_cameras(config, self._config):
                 self.daemon.tune(Tuning(config)).result(_TUNE_PATIENCE_S)
                 self._config = config
-                log.info("the new configuration is taken; the cameras went on")
+                log.info("new configuration in use; the cameras kept running")
             else:
                 self._restart(config)
         except ConfigurationError as error:
-            log.warning("the new configuration is not taken, the old one stays: %s", error)
+            log.warning("new configuration rejected, keeping the old one: %s", error)
         except TimeoutError:
-            log.warning("the new configuration is not taken, the old one stays: control does not answer")
+            log.warning("new configuration rejected, keeping the old one: control does not respond")
 
     def _restart(self, config: Config) -> None:
-        log.info("the new configuration changes cameras, trigger, image, transport or publishing: all are opened anew")
-        daemon = self._make(config)  # may raise, while the old one still runs
+        log.info(
+            "the new configuration changes cameras, trigger, image, transport or publishing: reopening all of them"
+        )
+        daemon = self._make(config)  # may raise while the old one still runs
         self._end()
         self._raise_failure()
         self._former, self._config, self.daemon = self._config, config, daemon
@@ -176,7 +178,7 @@ class Service:
 
 
 def _same_cameras(one: Config, other: Config) -> bool:
-    """Whether the cameras, and the way out of the frames, would be opened the same way."""
+    """Whether cameras and publishing would be opened the same way."""
 
     def opening(config: Config) -> tuple[object, ...]:
         return config.cameras, config.trigger, config.image, config.transport, config.publish

@@ -1,1 +1,1 @@
-"""How the daemon is: counted, measured, described, and shown in a terminal."""
+"""How the daemon is: counted, measured, judged, described, and shown in a terminal."""

@@ -7,20 +7,26 @@ from dataclasses import replace
 
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.config.publish import PublishConfig
-from autoexpose_daemon.status.document import VERSION, CameraStatus, Durations, PublishStatus, RecorderStatus, Status
+from autoexpose_daemon.status.document import (
+    VERSION,
+    CameraStatus,
+    DurationStatus,
+    PublishStatus,
+    RecorderStatus,
+    Status,
+)
 from autoexpose_daemon.status.durations import DURATIONS
 from autoexpose_daemon.status.fault_log import fault_log
 from autoexpose_daemon.status.publishing import PublishTally
 from autoexpose_daemon.status.states import Expectation, Health, judge
-from autoexpose_daemon.status.telemetry import GONE, Telemetry
-from autoexpose_daemon.status.telemetry import Durations as Measured
+from autoexpose_daemon.status.telemetry import GONE, DurationSamples, Telemetry
 from drivers.frames import Side
 
-_STARTED_NS = time.monotonic_ns()  # of the process, but for the second that its imports take
+_STARTED_NS = time.monotonic_ns()  # of the process, a second late: its imports come first
 
 
 def health_of(telemetry: Telemetry, config: Config) -> Health:
-    """The state at this moment."""
+    """The present state."""
     now_ns = time.monotonic_ns()
     triggered = config.trigger.mode == "external"
     opened_ns = now_ns if telemetry.opened_ns is None else telemetry.opened_ns
@@ -29,7 +35,7 @@ def health_of(telemetry: Telemetry, config: Config) -> Health:
 
 
 def describe(telemetry: Telemetry, config: Config, ending: bool = False) -> Status:
-    """How a daemon is at this moment; on any thread."""
+    """The present status of a daemon; callable on any thread."""
     now_ns = time.monotonic_ns()
     health = health_of(telemetry, config)
     return Status(
@@ -68,9 +74,9 @@ def _camera(telemetry: Telemetry, side: Side) -> CameraStatus:
     )
 
 
-def _durations(measured: Measured) -> Durations:
+def _durations(measured: DurationSamples) -> DurationStatus:
     percentiles = measured.percentiles()
-    return Durations(measured.count, round(measured.sum_ms, 3), percentiles["p50"], percentiles["p99"])
+    return DurationStatus(measured.count, round(measured.sum_ms, 3), percentiles["p50"], percentiles["p99"])
 
 
 def _publishing(tally: PublishTally, now_ns: int) -> PublishStatus:

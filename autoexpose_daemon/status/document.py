@@ -1,4 +1,4 @@
-"""What a daemon says of itself to other processes, once a second: plain data, sent as JSON."""
+"""The status that a daemon sends to other processes once a second: plain data, as JSON."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from drivers.exposure import ExposureSetting
 from drivers.frames import Side
 
 VERSION = 1
-"""Grows when a field changes its meaning; a field that is new does not change it."""
+"""Changes when a field changes its meaning, not when a field is added."""
 
 LARGEST_STATUS_BYTES = 1 << 20
-"""Of a status: three times what the longest faults take."""
+"""Three times what the longest faults take."""
 
 LARGEST_RESPONSE_BYTES = 1 << 16
-"""Of a response function, whose 256 numbers take 6 KB."""
+"""The 256 numbers of a response function take 6 KB."""
 
 _Few = Field(max_length=100)
 _Counts = Annotated[dict[str, Count], _Few]
@@ -35,15 +35,15 @@ _Hertz = Annotated[float, Field(ge=0, le=1e6)]
 
 def _takes_time(setting: ExposureSetting) -> ExposureSetting:
     if not setting.is_physical:
-        raise ValueError(f"{setting} is no exposure")
+        raise ValueError(f"{setting} is not an exposure")
     return setting
 
 
 @dataclass(frozen=True, slots=True)
-class Durations:
-    """How long something took: all of them counted and summed up, median and 99th percentile of the last minutes (ms).
+class DurationStatus:
+    """How long something took: count and sum of all durations, percentiles of those of the last minutes (ms).
 
-    The percentiles are None before the first.
+    The percentiles are None before the first duration.
     """
 
     count: Count
@@ -59,13 +59,13 @@ class CameraStatus:
     Attributes
     ----------
     camera
-        Model and serial; None: not open, and tried again.
+        Model and serial; None while it is not open.
     applied
-        How its newest frame was taken; None before the first.
+        The setting of its newest frame; None before the first.
     drift_grey
-        By how much its response misses (grey levels rms); None without a verdict.
+        Error of its response (grey levels rms); None without a verdict.
     misfit
-        Why its calibration does not fit, in words; None when nothing is wrong with it.
+        Why its calibration does not fit, in words; None if it fits.
     """
 
     camera: str | None
@@ -76,18 +76,18 @@ class CameraStatus:
 
 @dataclass(frozen=True, slots=True)
 class PublishStatus:
-    """What became of the pairs on their way to other processes.
+    """What happened to the pairs on their way to other processes.
 
     Attributes
     ----------
     offered, sent, dropped
         Pairs; `dropped` by reason.
     trouble
-        Why there is no session, in words; empty when there is one.
+        Why there is no session, in words; empty if there is one.
     consumers
-        Those that are there, with their own counts since each of them started.
+        Those that report, each with its own counts since it started.
     unlisted_consumers
-        How many there are besides.
+        How many more report.
     """
 
     offered: Count
@@ -100,7 +100,7 @@ class PublishStatus:
 
 @dataclass(frozen=True, slots=True)
 class RecorderStatus:
-    """The recorder: steps of control it was given since the process started, those it dropped, and what ended it."""
+    """The recorder: control steps it was given since the process started, those it dropped, and what ended it."""
 
     steps: Count
     dropped: Count
@@ -109,7 +109,7 @@ class RecorderStatus:
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """A line of the log at WARNING or above: when (seconds since 1970), its level, its text without line breaks."""
+    """A log line at WARNING or above: its time (seconds since 1970), its level, its text without line breaks."""
 
     unix_time_s: _Seconds
     level: str
@@ -118,35 +118,34 @@ class Fault:
 
 @dataclass(frozen=True, slots=True)
 class Status:
-    """How a daemon is. Counts and durations are since its cameras were opened, by a start or a reload.
+    """How a daemon is. Counts and durations begin when its cameras are opened, by a start or a reload.
 
     Attributes
     ----------
     rig, policy
-        Name of the rig, and who decides.
+        Name of the rig, and the policy that decides.
     unix_time_s
-        When this was said, by the wall clock of the daemon's machine.
+        When this was sent, by the wall clock of the daemon's machine.
     uptime_s, open_s
         Since the process started, and since its cameras were opened.
     ending
-        Whether this is the last one: the daemon stops, or opens its cameras anew after a reload.
+        Whether this is the last one, before the daemon stops or reopens its cameras for a reload.
     state, reasons
-        The state, and why it is no better.
+        The state, and why it is not better.
     cameras
         Every camera of the configuration.
     rate_hz
-        Complete pairs per second at present.
+        Complete pairs per second, at present.
     counts
         See `Counts`.
     lost
         Triggers that made no pair, by reason (docs/account.md).
     decision
-        The newest; its `setting` is what was last asked for. None before the first.
+        The newest; its `setting` is the last one requested. None before the first.
     pairing_ms, decision_ms, held_ms, write_ms, frame_to_node_ms, command_to_effect_ms
-        See `DURATIONS`. Those of writes are of each camera that a decision was written to; `command_to_effect_ms` is of
-        each camera with chunk data.
+        See `DURATIONS`. Writes count once per camera; `command_to_effect_ms` covers the cameras with chunk data.
     publishing, recorder
-        None where frames are not published, or not recorded.
+        None if frames are not published, or not recorded.
     faults
         The latest, oldest first.
     """
@@ -165,12 +164,12 @@ class Status:
     counts: Counts
     lost: _Counts
     decision: Annotated[Decision, AfterValidator(lambda decision: _takes_time(decision.setting) and decision)] | None
-    pairing_ms: Durations
-    decision_ms: Durations
-    held_ms: Durations
-    write_ms: Durations
-    frame_to_node_ms: Durations
-    command_to_effect_ms: Durations
+    pairing_ms: DurationStatus
+    decision_ms: DurationStatus
+    held_ms: DurationStatus
+    write_ms: DurationStatus
+    frame_to_node_ms: DurationStatus
+    command_to_effect_ms: DurationStatus
     publishing: PublishStatus | None
     recorder: RecorderStatus | None
     faults: Annotated[tuple[Fault, ...], _Few]
@@ -181,12 +180,12 @@ class Status:
         return Health(self.state, self.reasons)
 
     def to_json(self) -> str:
-        """As it is sent."""
-        return json.dumps(asdict(self))  # a number that is none (NaN) as such: it must not hide the rest
+        """The text that is sent."""
+        return json.dumps(asdict(self))  # NaN is sent as NaN: it must not hide the rest
 
     @classmethod
     def from_json(cls, text: str | bytes) -> Status | None:
-        """What a daemon sent, or None when it is nothing of the kind, or of a version that means something else."""
+        """The status in a message; None if the message is damaged or of another version."""
         if len(text) > LARGEST_STATUS_BYTES:
             return None
         try:
@@ -200,13 +199,13 @@ _ADAPTER = TypeAdapter(Status)
 
 
 def response_to_json(response: ResponseFunction) -> str:
-    """A camera's response function, as it is sent beside the status."""
+    """The text for a camera's response function, which is sent beside the status."""
     curve = response.log2_exposure.tolist()
     return json.dumps({"log2_exposure": curve, "black_level": response.black_level, "saturation": response.saturation})
 
 
 def response_from_json(text: str | bytes) -> ResponseFunction | None:
-    """What a daemon sent, or None when it is nothing of the kind."""
+    """The response function in a message; None if the message is damaged."""
     if len(text) > LARGEST_RESPONSE_BYTES:
         return None
     try:

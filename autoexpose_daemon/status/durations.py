@@ -1,4 +1,4 @@
-"""What the daemon measures of its own speed, declared once: telemetry, status, terminal and metrics follow."""
+"""The durations that the daemon measures, declared once: telemetry, status, terminal, page and metrics follow."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ class Duration:
     field
         Its name in `Telemetry`, in `Status`, in the demo's summary and, without the unit, in metrics.
     label
-        Its name in a terminal.
+        Its name in words, for terminal and page.
     meaning
-        From when to when, in a sentence.
+        What is measured, in a sentence.
     """
 
     field: str
@@ -25,12 +25,11 @@ class Duration:
 
 
 DURATIONS = (
-    Duration("pairing_ms", "pairing", "From a pair in memory to the step of control on it."),
-    Duration("decision_ms", "decision", "One step of control."),
-    Duration("held_ms", "hold before writing", "From a decision to the start of writing it, held for the safe window."),
+    Duration("pairing_ms", "pairing", "From a pair in memory to the control step on it."),
+    Duration("decision_ms", "decision", "One control step."),
+    Duration("held_ms", "hold", "From a decision to the start of the safe write window."),
     Duration("write_ms", "write", "Writing exposure time and gain to a camera."),
-    Duration("frame_to_node_ms", "frame to node", "From a pair in memory to the end of that write."),
+    Duration("frame_to_node_ms", "frame to node", "From a pair in memory to the end of writing the decision on it."),
     Duration("command_to_effect_ms", "command to effect", "From a decision to the first exposure taken with it."),
 )
-"""In their order on the way of a frame. Pairing, decision, held and write follow each other without a gap, and together
-are frame to node."""
+"""In the order of a frame's way. The first four follow each other without a gap, and add up to frame to node."""

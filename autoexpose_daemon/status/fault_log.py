@@ -1,4 +1,4 @@
-"""The latest faults in the log, kept in memory for whoever asks how the daemon is."""
+"""The latest faults in the log, kept in memory for the status."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from drivers.config.readable import readable
 
 KEPT_FAULTS = 50
 LONGEST_TEXT = 500
-"""Characters of a fault."""
+"""Characters of a fault; the rest is cut off."""
 
 
 class FaultLog(logging.Handler):
-    """Keeps the last events of the log at WARNING and above, a line each."""
+    """Keeps the last log records at WARNING and above, a line each."""
 
     def __init__(self) -> None:
         super().__init__(logging.WARNING)
@@ -23,20 +23,20 @@ class FaultLog(logging.Handler):
     @property
     def faults(self) -> tuple[Fault, ...]:
         """Oldest first."""
-        return tuple(self._faults.copy())  # copied at one stroke: other threads add to it
+        return tuple(self._faults.copy())  # an atomic copy: other threads append
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Keep an event."""
+        """Keep a record."""
         try:
             text = readable(" ".join(record.getMessage().split()))
-        except Exception:  # a message that does not fit its arguments; the log goes on
+        except Exception:  # a message that does not fit its arguments must not stop the log
             self.handleError(record)
             return
         self._faults.append(Fault(round(record.created, 3), record.levelname, text[:LONGEST_TEXT]))
 
 
 def fault_log() -> FaultLog:
-    """The one of this process, which begins to listen when it is first asked for."""
+    """The fault log of this process; it starts listening at the first call."""
     root = logging.getLogger()
     for handler in root.handlers:
         if isinstance(handler, FaultLog):

@@ -8,7 +8,7 @@ from rich.table import Table
 from rich.text import Text
 
 from autoexpose_daemon.status.counters import anomalies
-from autoexpose_daemon.status.document import CameraStatus, Durations, PublishStatus, Status
+from autoexpose_daemon.status.document import CameraStatus, DurationStatus, PublishStatus, Status
 from autoexpose_daemon.status.durations import DURATIONS
 from autoexpose_daemon.status.losses import lost_in_words
 from autoexpose_daemon.status.states import State
@@ -20,7 +20,7 @@ _BAR_WIDTH = 28
 
 
 def table_of(status: Status) -> Table:
-    """All there is to say of one moment, as rows of a name and a text."""
+    """A status as rows of a name and a text."""
     table = Table.grid(padding=(0, 3))
     table.add_row("state", plain(str(status.health), COLOURS[status.state]))
     for name, text in _rows(status):
@@ -29,12 +29,12 @@ def table_of(status: Status) -> Table:
 
 
 def plain(text: str, style: str = "") -> Text:
-    """A text as it is: no markup, and nothing that a terminal would take for a command."""
+    """The text as it is: no markup, and nothing that a terminal would take for a command."""
     return Text("".join(letter if letter.isprintable() else "?" for letter in text), style)
 
 
 def duration_text(seconds: float) -> str:
-    """A duration in the unit that suits it."""
+    """A duration in a unit that suits its length."""
     minutes, hours = int(seconds // 60), int(seconds // 3600)
     if hours >= 48:
         return f"{hours // 24} d {hours % 24} h"
@@ -44,7 +44,7 @@ def duration_text(seconds: float) -> str:
 
 
 def line_of(status: Status) -> str:
-    """The moment in one line."""
+    """A status in one line."""
     parts = [f"{status.rate_hz:.1f} pairs/s", f"{status.counts.pairs} pairs", f"lost: {_counts(status.lost)}"]
     applied = _applied(status)
     if applied is not None:
@@ -84,7 +84,7 @@ def _camera(camera: CameraStatus, absent: str) -> str:
 
 
 def _applied(status: Status) -> ExposureSetting | None:
-    """How the newest frame of the first camera that has one was taken."""
+    """The setting of the newest frame, of the first camera that has one."""
     return next((camera.applied for camera in status.cameras.values() if camera.applied is not None), None)
 
 
@@ -115,7 +115,7 @@ def _counts(counts: Mapping[str, int]) -> str:
     return ", ".join(f"{count} {reason}" for reason, count in counts.items() if count) or "none"
 
 
-def _percentiles(durations: Durations) -> Iterator[str]:
+def _percentiles(durations: DurationStatus) -> Iterator[str]:
     if durations.p50_ms is not None:
         yield f"{durations.p50_ms:.2f} ms   p99 {durations.p99_ms:.2f} ms"
 

@@ -1,4 +1,4 @@
-"""What became of the frames that were to be published, and what consumers say of themselves."""
+"""What happened to the pairs to be published, and what consumers report."""
 
 from __future__ import annotations
 
@@ -12,25 +12,25 @@ from enum import StrEnum
 from autoexpose_daemon.status.counters import LAST_COUNT, Count
 
 GONE_NS = 5_000_000_000
-"""A consumer that has said nothing for so long has left; it speaks once a second."""
+"""A consumer that has been silent this long has left; consumers report once a second."""
 
 MOST_LISTED = 32
 MOST_KNOWN = 1024
-"""Consumers that are listed, and remembered: their names come from outside, and anybody can invent some."""
+"""How many consumers are listed, and remembered: anyone can send names, and invent some."""
 
 LARGEST_REPORT_BYTES = 1024
-"""Of what a consumer reports; its five counts take 170 at most."""
+"""The five counts of a report take at most 170."""
 
 
 class DropReason(StrEnum):
-    """Why a pair was not published; the names are fixed for the log and metrics."""
+    """Why a pair was not published; the names are fixed for log and metrics."""
 
     NOT_OPEN = "not_open"
     """There was no session."""
     BEHIND = "behind"
-    """The publisher was still busy with pairs before it, and newer ones came."""
+    """The publisher was still busy with earlier pairs when newer ones came."""
     REFUSED = "refused"
-    """zenoh did not take it."""
+    """zenoh rejected it."""
 
 
 @dataclass(slots=True)
@@ -42,13 +42,13 @@ class ConsumerTally:
     pairs
         Handed to the consumer.
     missed
-        Frames of the left camera between these pairs, by gaps in its frame id: lost anywhere, for whatever reason.
+        Frames of the left camera between these pairs, by gaps in its frame id: lost anywhere, for any reason.
     lost
-        Pairs that the daemon sent and that never came whole.
+        Pairs that the daemon sent and that never arrived complete.
     too_slow
-        Pairs that came and made place for newer ones before the consumer asked.
+        Pairs that arrived, and were replaced by newer ones before the consumer asked.
     alone
-        Triggers of which the daemon had one camera's frame only.
+        Triggers with a frame of only one camera.
     """
 
     pairs: Count = 0
@@ -58,12 +58,12 @@ class ConsumerTally:
     alone: Count = 0
 
     def to_json(self) -> str:
-        """As it is sent to the daemon."""
+        """The text that is sent to the daemon."""
         return json.dumps(asdict(self))
 
     @classmethod
     def from_json(cls, text: str | bytes) -> ConsumerTally | None:
-        """What a consumer sent, or None when it is nothing of the kind."""
+        """The counts in a report; None if it is damaged."""
         if len(text) > LARGEST_REPORT_BYTES:
             return None
         try:
@@ -88,23 +88,23 @@ class _Consumer:
 
 
 class Consumers:
-    """Those that report what they got, while they do. Any thread may add, and any may read; times: CLOCK_MONOTONIC.
+    """The consumers that report, as long as they do. Any thread may add or read; times are of CLOCK_MONOTONIC.
 
-    A name says nothing of who sent it, and zenoh does not either. So those whose count of pairs has grown come first,
-    then those that were known first; names that are made up and do not report again make place for others.
+    Neither a name nor zenoh says who sent a report. So consumers whose count of pairs has grown come first, then those
+    known longest; invented names that do not report again make room for others.
     """
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._known: dict[str, _Consumer] = {}  # that which was heard longest ago is the first
+        self._known: dict[str, _Consumer] = {}  # the one heard longest ago comes first
 
     def heard(self, name: str, tally: ConsumerTally, now_ns: int) -> bool:
-        """Note a report; whether it is the first that shows that a consumer takes pairs, and all of them are listed."""
+        """Note a report; True if it first shows that this consumer takes pairs, and all consumers are listed."""
         with self._lock:
             self._forget(now_ns)
             consumer = self._known.pop(name, None)
             if consumer is None:
-                self._make_place()
+                self._make_room()
                 consumer = _Consumer(now_ns, now_ns, tally)
             begins = not consumer.takes_pairs and tally.pairs > consumer.tally.pairs
             self._known[name] = consumer
@@ -113,14 +113,14 @@ class Consumers:
             return begins and len(self._known) <= MOST_LISTED
 
     def listed(self, now_ns: int) -> Mapping[str, ConsumerTally]:
-        """Those that are there, at most `MOST_LISTED` of them, and what they last reported."""
+        """At most `MOST_LISTED` consumers that report, and their last reports."""
         with self._lock:
             self._forget(now_ns)
             order = sorted(self._known.items(), key=lambda item: (not item[1].takes_pairs, item[1].since_ns))
             return {name: consumer.tally for name, consumer in order[:MOST_LISTED]}
 
     def unlisted(self, now_ns: int) -> int:
-        """How many there are besides."""
+        """How many more report."""
         with self._lock:
             self._forget(now_ns)
             return max(0, len(self._known) - MOST_LISTED)
@@ -129,7 +129,7 @@ class Consumers:
         while self._known and now_ns - self._known[first := next(iter(self._known))].heard_ns >= GONE_NS:
             del self._known[first]
 
-    def _make_place(self) -> None:
+    def _make_room(self) -> None:
         if len(self._known) == MOST_KNOWN:
             idle = (name for name, consumer in self._known.items() if not consumer.takes_pairs)
             del self._known[next(idle, next(iter(self._known)))]
@@ -137,14 +137,14 @@ class Consumers:
 
 @dataclass(slots=True)
 class PublishTally:
-    """Counts of one publisher: every pair offered was sent, dropped for one reason, or waits.
+    """Counts of one publisher: each pair offered was sent, was dropped for one reason, or is waiting.
 
     Attributes
     ----------
     trouble
-        Why there is no session, in words; empty when there is one.
+        Why there is no session, in words; empty if there is one.
     consumers
-        Those that report what they got.
+        The consumers that report.
     """
 
     offered: int = 0

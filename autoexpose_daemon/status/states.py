@@ -1,4 +1,4 @@
-"""The state of the daemon as seen from outside, judged from its telemetry alone."""
+"""The state of the daemon, judged from its telemetry alone."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from autoexpose_daemon.status.telemetry import GONE, Telemetry
 from drivers.frames import Side
 
 START_PATIENCE_NS = 10_000_000_000
-"""A rig that exposes nothing for so long after its start is no longer starting. A GigE Vision camera keeps a killed
-controller for 3 s, and two searches of a second and the pauses between them come on top."""
+"""A rig without a pair this long after its start is no longer starting. A GigE Vision camera stays with a killed
+controller for 3 s; two searches of a second each and the pauses between them come on top."""
 
 CLIPPED = "clipped"
-"""Of the kinds of complaints the one that degrades nothing: cameras round, and frames tell what they took."""
+"""The kind of complaint that does not degrade: cameras round, and frames carry the setting they were taken with."""
 
 SILENCE_NS = 1_000_000_000
 SILENCE_PERIODS = 5.0
-"""Without frames for a second, and for five trigger periods, something is wrong."""
+"""A camera that sends nothing for a second and for five trigger periods is silent."""
 
 
 class State(StrEnum):
@@ -32,7 +32,7 @@ class State(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Health:
-    """A state, and the reasons why it is no better, each in words for the operator."""
+    """A state, and the reasons why it is not better, each in words for the operator."""
 
     state: State
     reasons: tuple[str, ...] = ()
@@ -43,7 +43,7 @@ class Health:
 
 @dataclass(frozen=True, slots=True)
 class Expectation:
-    """What the rig should do: its cameras, the period of their frames (s), and since when (CLOCK_MONOTONIC, ns)."""
+    """What a rig should deliver: its cameras, the period of their frames (s), and since when (CLOCK_MONOTONIC)."""
 
     sides: Sequence[Side]
     period_s: float
@@ -52,12 +52,12 @@ class Expectation:
 
     @property
     def silence_ns(self) -> float:
-        """Without frames for so long, something is wrong."""
+        """A camera without frames for longer than this is silent."""
         return max(SILENCE_NS, SILENCE_PERIODS * self.period_s * 1e9)
 
 
 def judge(telemetry: Telemetry, expected: Expectation, now_ns: int) -> Health:
-    """The state at one moment. A trigger that stands still, or a camera that is lost, degrades and never fails."""
+    """The state at `now_ns`. A stopped trigger or a lost camera degrades, and never fails."""
     if telemetry.failure is not None:
         return Health(State.FAILED, (telemetry.failure,))
     if telemetry.last_pair_ns is None and now_ns - expected.since_ns < max(START_PATIENCE_NS, expected.silence_ns):
@@ -80,12 +80,12 @@ def _shortcomings(telemetry: Telemetry, expected: Expectation, now_ns: int) -> I
         yield "no triggers" if expected.triggered else "no frames"
     else:
         for side in silent:
-            yield f"no frames of the {side} camera"
+            yield f"no frames from the {side} camera"
     # Twice as patient: when a trigger stops, one camera's last frame may be a little later than the last pair.
     if not (gone or silent or incomplete) and _silent(
         telemetry.last_pair_ns, expected, now_ns - round(expected.silence_ns)
     ):
-        yield "frames make no stereo pairs"
+        yield "frames form no stereo pairs"
     for (side, kind), complaint in complaints.items():
         if kind not in (GONE, CLIPPED):
             yield f"{side} camera: {complaint}"

@@ -1,4 +1,4 @@
-"""What the daemon knows about itself: counts, rates and latencies, for the terminal, the log and the summary."""
+"""What the daemon measures of itself while it runs: counts, rates and durations."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from drivers.triggers.account import LossReason
 from drivers.triggers.history import Command
 from drivers.triggers.record import RigRecord
 
-_KEPT = 1 << 14  # four and a half minutes at 60 Hz: percentiles of the recent past in bounded memory
+_KEPT = 1 << 14  # four and a half minutes at 60 Hz
 _PAUSE_NS = 1_000_000_000
 
 GONE = "gone"
-"""In `Telemetry.cameras`: not open, and tried again."""
+"""In `Telemetry.cameras`: not open; opening it is retried."""
 
 
-class Durations:
-    """Durations in ms: all of them counted and summed up, the latest of them kept. One thread adds, others read."""
+class DurationSamples:
+    """Durations in ms: count and sum of all, and the latest of them. One thread adds, others read."""
 
     def __init__(self) -> None:
         self.count = 0
@@ -55,7 +55,7 @@ class Durations:
 
 
 class RecorderCounts(Protocol):
-    """What a recorder tells of itself; itself it is an extra."""
+    """What a recorder counts; a protocol, because the recorder is an optional extra."""
 
     steps: int
     dropped: int
@@ -64,30 +64,30 @@ class RecorderCounts(Protocol):
 
 @dataclass(slots=True)
 class Telemetry:
-    """Counters and latest values. Written by the control thread, read by any other.
+    """Counts and latest values. Written by the control thread, read by any other.
 
     Attributes
     ----------
     opened_ns
-        When the cameras began to be opened (CLOCK_MONOTONIC): all counts are since then.
+        When opening the cameras began (CLOCK_MONOTONIC): all counts begin there.
     failure
-        What ends the daemon, in words; None: nothing has.
+        What ended the daemon, in words; None while it runs.
     cameras
-        For each side that was tried, model and serial, or `GONE`.
+        Model and serial of each camera that was tried, or `GONE`.
     last_frame_ns, last_pair_ns
-        When each camera's newest whole frame, and the newest complete pair, arrived (CLOCK_MONOTONIC).
+        Arrival of each camera's newest whole frame, and of the newest complete pair (CLOCK_MONOTONIC).
     lost
         Triggers that made no pair, by reason.
     complaints
-        What is wrong with the cameras at present, in words, by camera and kind.
+        What is wrong with the cameras now, in words, by camera and kind.
     misfits
-        For each side whose calibration does not fit, why, in words.
+        Why a camera's calibration does not fit, in words, for each camera where it does not.
     applied, newest
-        The setting of the newest frame that control saw, and of each camera's newest.
+        The setting of the newest frame that control saw, and of the newest frame of each camera.
     pairing_ms, decision_ms, held_ms, write_ms, frame_to_node_ms, command_to_effect_ms
         See `DURATIONS`.
     publishing, recorder
-        What became of the frames on their way out, and to disk; None when there is no such way.
+        Counts of the publisher and of the recorder; None without one.
     """
 
     opened_ns: int | None = None
@@ -103,12 +103,12 @@ class Telemetry:
     newest: dict[Side, ExposureSetting] = field(default_factory=dict)
     decision: Decision | None = None
     drift_grey: dict[Side, float] = field(default_factory=dict)
-    pairing_ms: Durations = field(default_factory=Durations)
-    decision_ms: Durations = field(default_factory=Durations)
-    held_ms: Durations = field(default_factory=Durations)
-    write_ms: Durations = field(default_factory=Durations)
-    frame_to_node_ms: Durations = field(default_factory=Durations)
-    command_to_effect_ms: Durations = field(default_factory=Durations)
+    pairing_ms: DurationSamples = field(default_factory=DurationSamples)
+    decision_ms: DurationSamples = field(default_factory=DurationSamples)
+    held_ms: DurationSamples = field(default_factory=DurationSamples)
+    write_ms: DurationSamples = field(default_factory=DurationSamples)
+    frame_to_node_ms: DurationSamples = field(default_factory=DurationSamples)
+    command_to_effect_ms: DurationSamples = field(default_factory=DurationSamples)
     publishing: PublishTally | None = None
     recorder: RecorderCounts | None = None
     _recent_ns: deque[int] = field(default_factory=lambda: deque(maxlen=120))
@@ -119,7 +119,7 @@ class Telemetry:
         return [side for side, camera in self.cameras.items() if camera != GONE]
 
     def failed(self, error: BaseException) -> None:
-        """Note what ends the daemon."""
+        """Note the error that ends the daemon."""
         self.failure = str(error) or type(error).__name__
 
     def account(self, record: RigRecord) -> None:
@@ -137,7 +137,7 @@ class Telemetry:
             self.frame_to_node_ms.add_ns(write.finished_ns - command.arrival_ns)
 
     def delivered(self, pair: StereoPair, record: RigRecord, complete: bool) -> None:
-        """Note what control saw: a `complete` pair, or what one camera of two gave."""
+        """Note a pair that control saw; not `complete`: one of two cameras is missing."""
         if record.mismatched(pair):
             self.counts.mismatched_pairs += 1
             self.counts.unexplained_mismatches += not record.explains_mismatch(pair)
@@ -159,13 +159,13 @@ class Telemetry:
             self.counts.decisions_at_brightest_limit += 1
 
     def rate_hz(self, now_ns: int) -> float:
-        """Complete pairs per second over the last of them; 0 when none came for a second."""
+        """Complete pairs per second over the last two seconds at 60 Hz; 0 if none came for a second."""
         times_ns = list(self._recent_ns)
         if len(times_ns) < 2 or times_ns[-1] <= times_ns[0] or now_ns - times_ns[-1] > _PAUSE_NS:
             return 0.0
         return (len(times_ns) - 1) * 1e9 / (times_ns[-1] - times_ns[0])
 
     def brief(self, now_ns: int) -> str:
-        """Rate and exposure, in a few words."""
+        """Rate and exposure in a few words."""
         rate = f"{self.rate_hz(now_ns):.1f} pairs/s"
         return rate if self.applied is None else f"{rate}, {self.applied}"

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from autoexpose_daemon.control.loop import ControlLoop
+from autoexpose_daemon.demo.analysis import LightStep, light_steps
 from autoexpose_daemon.demo.fakes import Pulse
-from autoexpose_daemon.demo.record import StepRecord
-from autoexpose_daemon.demo.report import LightStep, light_steps
+from autoexpose_daemon.demo.step_log import StepRecord
 from calibration.response import ResponseFunction
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Frame, StereoPair

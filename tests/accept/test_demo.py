@@ -49,8 +49,8 @@ def test_a_minute_of_demo(tmp_path: Path, policy: str, transport: str) -> None:
     figures = demo(tmp_path, 60, "--policy", policy, "--transport", transport)
     assert figures["transport"] == transport
     assert lost_on_the_way(figures) <= figures["triggers"] / 1000
-    assert figures["mismatched_pairs"] <= figures["triggers"] / 1000
-    assert figures["unexplained_mismatches"] == 0
+    assert figures["counts"]["mismatched_pairs"] <= figures["triggers"] / 1000
+    assert figures["counts"]["unexplained_mismatches"] == 0
     settled = [step["frames_to_settle"] is not None for step in figures["steps"]]
     assert len(settled) >= 10
     if policy in ("neves2009", "metric-map"):
@@ -67,8 +67,8 @@ def test_both_cameras_follow_light_that_steps_every_two_seconds(tmp_path: Path, 
     light.write_text(STEPS)
     figures = demo(tmp_path, 60, "--transport", transport, "--light", str(light))
     assert len(figures["steps"]) >= 28
-    assert figures["mismatched_pairs"] <= figures["triggers"] / 1000
-    assert figures["unexplained_mismatches"] == 0
+    assert figures["counts"]["mismatched_pairs"] <= figures["triggers"] / 1000
+    assert figures["counts"]["unexplained_mismatches"] == 0
 
 
 @pytest.mark.parametrize("transport", ["gige", "usb3"])

@@ -174,7 +174,7 @@ def test_transfer_stalled(run: Run, caplog: pytest.LogCaptureFixture) -> None:
     """Aravis 0.8.26 never clears the halt, and needs half a processor not to: what a busy rig loses does not matter."""
     with only(run, "camera_gone", "trigger_ignored", "reconnects", *BUSY) as new:
         run.left.inject(Fault.STALL)
-        wait_for_state(run, "degraded: no frames of the left camera")
+        wait_for_state(run, "degraded: no frames from the left camera")
         wait_for_state(run, "degraded: left camera gone")
         told = f"left camera: camera {run.left.serial} sends no frames while the other one does; it is opened anew"
         run.wait_until(lambda: told in caplog.text, told)

@@ -67,7 +67,7 @@ def wait_for_signs_of_life(service: ServiceProcess) -> None:
 
 
 def wait_for_refusals(service: ServiceProcess, count: int) -> None:
-    service.wait_until(lambda _: service.log.count("is not taken") == count, f"{count} refusals")
+    service.wait_until(lambda _: service.log.count("configuration rejected") == count, f"{count} refusals")
 
 
 def test_a_stopped_trigger_and_a_lost_camera_degrade_and_feed_the_watchdog(rig: Rig, file: Path) -> None:
@@ -96,7 +96,7 @@ def test_sighup_takes_what_can_be_and_says_why_not(rig: Rig, file: Path) -> None
             configure(file, rig, **sections)
             service.reload()
             wait_for_refusals(service, count)
-            assert why in next(line for line in reversed(service.log.splitlines()) if "is not taken" in line)
+            assert why in next(line for line in reversed(service.log.splitlines()) if "configuration rejected" in line)
             wait_for_exposing(service)
         response = file.with_name("left.response.yaml")
         ResponseFile(ResponseFunction.linear()).save(response)

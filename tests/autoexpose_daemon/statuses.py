@@ -7,7 +7,7 @@ from autoexpose_daemon.status.counters import Counts
 from autoexpose_daemon.status.document import (
     VERSION,
     CameraStatus,
-    Durations,
+    DurationStatus,
     Fault,
     PublishStatus,
     RecorderStatus,
@@ -18,7 +18,7 @@ from autoexpose_daemon.status.states import State
 from drivers.exposure import ExposureSetting
 
 SETTING = ExposureSetting(1000.0, 6.0)
-DURATIONS = Durations(100, 250.0, 2.0, 8.0)
+DURATIONS = DurationStatus(100, 250.0, 2.0, 8.0)
 
 EXPOSING = Status(
     version=VERSION,

@@ -16,8 +16,8 @@ import pytest
 
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.demo.analysis import pulses_in_window
 from autoexpose_daemon.demo.fakes import read_pulses
-from autoexpose_daemon.demo.report import pulses_in_window
 from autoexpose_daemon.runtime.cameras import openers
 from autoexpose_daemon.runtime.daemon import Daemon
 from autoexpose_daemon.service.outlets import add_outlets

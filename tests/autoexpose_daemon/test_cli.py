@@ -67,12 +67,12 @@ def test_top_without_a_daemon_is_one_sentence_that_says_what_is_needed(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     at = f"tcp/{loopback_address()}:7448"
-    monkeypatch.setattr("autoexpose_daemon.status.top._PATIENCE_S", 0.1)
+    monkeypatch.setattr("autoexpose_daemon.client.top._PATIENCE_S", 0.1)
     monkeypatch.setattr("sys.argv", ["autoexpose", "top", "--once", "--connect", at])
     with pytest.raises(SystemExit, match="1"):
         main()
     told = capsys.readouterr().err
-    assert told.startswith(f"autoexpose: nobody answers at {at}")
+    assert told.startswith(f"autoexpose: no answer from {at}")
     assert "`publish: {}`" in told
     assert told.count("\n") == 1
 

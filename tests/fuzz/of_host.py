@@ -24,6 +24,7 @@ from starlette.requests import HTTPConnection
 from starlette.responses import PlainTextResponse
 
 from autoexpose_daemon.client.pairs import PairAssembler, PairQueue
+from autoexpose_daemon.client.top import Sparklines, panel_of
 from autoexpose_daemon.config.document import load_config
 from autoexpose_daemon.control.loop import ControlSetup
 from autoexpose_daemon.control.snapshot import parse, plain
@@ -40,8 +41,6 @@ from autoexpose_daemon.service.last_exposure import FORMAT, LastExposure
 from autoexpose_daemon.status.document import Status, response_from_json, response_to_json
 from autoexpose_daemon.status.panel import line_of
 from autoexpose_daemon.status.publishing import Consumers, ConsumerTally
-from autoexpose_daemon.status.top import History as SeenInTerminal
-from autoexpose_daemon.status.top import panel_of
 from calibration.findings import Finding
 from calibration.response import ResponseFunction
 from calibration.response.file import CameraIdentity, Origin, ResponseFile
@@ -250,11 +249,11 @@ def tally(data: bytes) -> None:
 
 def show(status: Status) -> None:
     """A status wherever it is shown: terminal, log, metrics, page."""
-    history, table = SeenInTerminal(), Table()
+    curves, table = Sparklines(), Table()
     for _ in range(2):
-        history.add(status)
-    history.add_rows(table)
-    panel_of(status, history, 0.0, 50)
+        curves.add(status)
+    curves.add_rows(table)
+    panel_of(status, curves, 0.0, 50)
     line_of(status)
     list(text_string_to_metric_families(exposition("rig", status).decode()))
     to_bytes(status, inf_nan_mode="null")

@@ -47,7 +47,7 @@ def as_user(*groups: str) -> dict[str, Any]:
 
 def follow(finding: dict[str, Any]) -> None:
     """Do what the doctor says; the tests are root already."""
-    output("bash", "-c", finding["mend"].replace("sudo ", ""))
+    output("bash", "-c", finding["fix"].replace("sudo ", ""))
     output("udevadm", "settle")
 
 
@@ -57,7 +57,7 @@ def test_what_the_doctor_tells_to_do_mends_it(fake: FakeCamera) -> None:
     assert findings["usb-link"]["sentence"].endswith(f"{fake.serial} (Autoexpose FakeU3V287M) is linked at 5000 Mbit/s")
     assert (findings["usb-bandwidth"]["severity"], findings["usbfs-memory"]["severity"]) == ("ok", "warning")
     assert findings["usb-node"]["severity"] == "stops"
-    assert findings["usb-node"]["mend"] == findings["udev-rule"]["mend"]
+    assert findings["usb-node"]["fix"] == findings["udev-rule"]["fix"]
 
     follow(findings["usb-node"])
     follow(findings["usbfs-memory"])
@@ -70,7 +70,7 @@ def test_what_the_doctor_tells_to_do_mends_it(fake: FakeCamera) -> None:
 def test_a_user_outside_the_group_is_told_to_join_it(fake: FakeCamera) -> None:
     could_run, findings = examined(**as_user())
     assert not could_run
-    assert findings["usb-node"]["mend"].startswith("sudo usermod -aG video ")
+    assert findings["usb-node"]["fix"].startswith("sudo usermod -aG video ")
 
 
 def test_the_holder_of_a_camera_is_named(fake: FakeCamera) -> None:

@@ -19,7 +19,7 @@ from tests.soak.wire import Wire
 STUCK_FRAMES = 180
 """After three seconds a camera that sends nothing while the other one does is opened anew."""
 
-NO_PAIRS = "frames make no stereo pairs"
+NO_PAIRS = "frames form no stereo pairs"
 """Also said for a moment when frames come again, between the first one and its partner."""
 
 WRONG_RATE = "frames a second where"
@@ -85,7 +85,7 @@ class Script:
 
 
 def no_frames(device: Device) -> tuple[str, ...]:
-    return f"no frames of the {device.side} camera", NO_PAIRS
+    return f"no frames from the {device.side} camera", NO_PAIRS
 
 
 def periods_ns(periods: int) -> int:
@@ -111,7 +111,7 @@ def both_cameras_lost(script: Script) -> Expected:
         device.vanish()
         script.after(back_ns, partial(setattr, device, "present", True))
     counts = OVERTAKEN | {"reconnects": (2, 2)}
-    return Expected(duration_ns, None, ("camera gone", "no triggers", "no frames of the", NO_PAIRS), counts)
+    return Expected(duration_ns, None, ("camera gone", "no triggers", "no frames from the", NO_PAIRS), counts)
 
 
 def trigger_stops(script: Script) -> Expected:
@@ -149,7 +149,7 @@ def frames_of_both_lost(script: Script) -> Expected:
     frames = script.numbers.randint(1, 300)
     for device in script.rig.devices:
         device.lose = frames
-    return Expected(periods_ns(frames), None, ("no triggers", "no frames of the", NO_PAIRS))
+    return Expected(periods_ns(frames), None, ("no triggers", "no frames from the", NO_PAIRS))
 
 
 def frames_truncated(script: Script) -> Expected:
@@ -161,7 +161,7 @@ def frames_truncated(script: Script) -> Expected:
 def triggers_ignored(script: Script) -> Expected:
     device = script.device()
     device.ignore = triggers = round(script.duration_ns(0.01, 14.0) / SECOND * RATE_HZ) + 1
-    says = f"no frames of the {device.side} camera" if triggers > 2 * RATE_HZ else None
+    says = f"no frames from the {device.side} camera" if triggers > 2 * RATE_HZ else None
     may_say, counts = no_frames(device), {}
     if triggers > STUCK_FRAMES:  # it is opened anew, and what it ignored before counts as lost by that
         may_say = (*may_say, f"{device.side} camera gone")

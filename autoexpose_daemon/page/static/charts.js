@@ -2,15 +2,15 @@
 
 import * as format from "./format.js";
 
-// Lengths of the drawing, with the steps of its time axis: as long as there is something to show.
+// Lengths of the time axis with their steps: the shortest that holds the history.
 const STEPS_S = new Map([[30, 10], [60, 15], [120, 30], [300, 60]]);
 const LENGTHS_S = [...STEPS_S.keys()];
-const GAP_S = 2.5; // the daemon's own word, once a second, is all there is while nobody watches
+const GAP_S = 2.5; // while nobody watches, points come once a second, from the status
 const LEFT = 52;
 const BOTTOM = 17;
 const FONT = "11px system-ui, sans-serif";
 
-// Columns of a row: 0 the time, then [least, greatest] of the applied values and of those asked for.
+// Columns of a row: 0 the time, then [least, greatest] of the applied values and of those requested.
 export const LANES = [
   { name: "exposure time", applied: 1, asked: 5, words: format.micros, log: true, span: 1.4 },
   { name: "gain", applied: 2, asked: 6, words: format.decibels, span: 2, floor: 0 },

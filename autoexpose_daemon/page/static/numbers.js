@@ -1,4 +1,4 @@
-// The tables and words of the page, from the daemon's status. Text only: names come from outside.
+// The page's tables and texts, from the daemon's status. Text only: names come from outside.
 
 import * as format from "./format.js";
 
@@ -57,7 +57,7 @@ export function showStatus(status, tables) {
 }
 
 export function showDecision(decision) {
-  byId("decision-reason").textContent = decision ? decision.reason : "none: control had no time for this pair";
+  byId("decision-reason").textContent = decision ? decision.reason : "none: control skipped this pair for a newer one";
   if (!decision) return;
   define(byId("decision-values"), [
     ["next", `${format.micros(decision.exposure_time_us)}, ${format.decibels(decision.gain_db)}`],
@@ -123,15 +123,15 @@ function showRecorder(recorder) {
   return fill(byId("recorder"), rows);
 }
 
-// The latest first; what was said several times is one line.
+// The latest first; repeated messages share a line.
 function showFaults(faults) {
-  const told = new Map();
+  const known = new Map();
   for (const fault of [...faults].reverse()) {
-    const known = told.get(fault.message);
-    if (known) known.times += 1;
-    else told.set(fault.message, { ...fault, times: 1 });
+    const line = known.get(fault.message);
+    if (line) line.times += 1;
+    else known.set(fault.message, { ...fault, times: 1 });
   }
-  const lines = [...told.values()].map((fault) => {
+  const lines = [...known.values()].map((fault) => {
     const line = element("li", undefined, fault.level);
     const text = element("span", fault.message);
     if (fault.times > 1) text.append(" ", element("small", `${fault.times} times`));

@@ -1,10 +1,10 @@
-// One web socket: numbers come twice a second, pictures when asked for. A hidden tab closes it.
+// One web socket: numbers come twice a second, pictures on request. A hidden tab closes it.
 
 import { LANES, at, drawCurve, drawLane, lengthOf, timeAt } from "./charts.js";
 import * as format from "./format.js";
 import { define, element, showDecision, showStatus } from "./numbers.js";
 
-const SILENT_S = 3; // the daemon speaks once a second
+const SILENT_S = 3; // the daemon sends its status once a second
 const STALE_S = 2;
 const HISTORY_S = 300;
 const byId = (id) => document.getElementById(id);
@@ -47,7 +47,7 @@ function connect() {
   };
 }
 
-// A token that is not good any more: the page itself would say so.
+// If the token is no longer valid, the page itself redirects to the login.
 async function askForLogin() {
   const answer = await fetch("/", { headers: { accept: "text/html" } }).catch(() => null);
   if (answer?.redirected) location.assign(answer.url);
@@ -74,17 +74,17 @@ function takeNumbers(message) {
 
 // Word, colour and reasons.
 function judged() {
-  if (!numbers) return ["offline", "no connection", ["the page's own process does not answer; trying again"]];
+  if (!numbers) return ["offline", "no connection", ["the page's server does not answer; trying again"]];
   const { status, silent_s: saidS, trouble, rig } = numbers;
   if (!status && trouble) {
-    return ["waiting", "waiting", ["does the daemon run, with publish: {} in its configuration?", trouble]];
+    return ["waiting", "waiting", ["is the daemon running, with publish: {} in its configuration?", trouble]];
   }
   if (!status) {
-    return ["waiting", "waiting", [`no daemon of a rig named ${rig} says anything: is that its publish.rig?`]];
+    return ["waiting", "waiting", [`no status from a rig named ${rig}: is that its publish.rig?`]];
   }
   const silentS = saidS + sinceMs(heardMs) / 1000;
-  if (status.ending && silentS > 1) return ["ended", "ended", [`the daemon left ${format.lasting(silentS)} ago`]];
-  if (silentS > SILENT_S) return ["silent", "silent", [`nothing heard of the daemon for ${format.lasting(silentS)}`]];
+  if (status.ending && silentS > 1) return ["ended", "ended", [`the daemon stopped ${format.lasting(silentS)} ago`]];
+  if (silentS > SILENT_S) return ["silent", "silent", [`nothing heard from the daemon for ${format.lasting(silentS)}`]];
   return [status.state, status.state, status.reasons];
 }
 
@@ -155,7 +155,7 @@ function showCurve(curve) {
   const decided = curve.decided_level === null ? "" : `, decided ${format.signed(curve.decided_level - curve.level)}`;
   byId("curve-words").textContent =
     `taken at level ${format.stops(curve.level)} with metric ${format.metric(at(curve, 0))}${decided}; ` +
-    (greatest > 0 ? `most promised at ${format.signed(best)} stops` : "no gradient at any exposure");
+    (greatest > 0 ? `predicted best at ${format.signed(best)} stops` : "no gradient at any exposure");
 }
 
 const lanes = LANES.map((lane) => {
@@ -191,7 +191,7 @@ function valueWords(lane, row) {
   const words = (range) => (range ? [...new Set(range.map(lane.words))].join(" to ") : "–");
   const asked = lane.asked ? words(row[lane.asked]) : "";
   const applied = words(row[lane.applied]);
-  return asked && asked !== applied && asked !== "–" ? `${applied}, asked for ${asked}` : applied;
+  return asked && asked !== applied && asked !== "–" ? `${applied}, requested ${asked}` : applied;
 }
 
 function redraw() {

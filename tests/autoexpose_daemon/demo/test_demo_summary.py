@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from autoexpose_daemon.demo.report import LightStep
+from autoexpose_daemon.demo.analysis import LightStep
 from autoexpose_daemon.demo.summary import in_words
-from autoexpose_daemon.status.panel import lost_in_words
+from autoexpose_daemon.status.losses import lost_in_words
 
 FIGURES: dict[str, Any] = {
     "transport": "gige",
@@ -23,15 +23,14 @@ FIGURES: dict[str, Any] = {
     "pairs": 1186,
     "lost": {"startup": 13, "shutdown": 1},
     "fakes": {"overruns": 0, "cpu_percent": [12.4, 13.6]},
-    "pairs_without_decision": 0,
-    "mismatched_pairs": 0,
-    "late_writes": 0,
+    "counts": {"pairs": 1186, "decisions_at_darkest_limit": 3},
     "settings": [{"lux": 150.0, "exposure_time_us": 99.0, "gain_db": 26.1}],
     "pairing_ms": {"p50": 0.2, "p99": 1.1},
     "decision_ms": {"p50": 3.1, "p99": 7.4},
     "held_ms": {"p50": 0.1, "p99": 3.0},
     "write_ms": {"p50": 1.2, "p99": 3.0},
     "frame_to_node_ms": {"p50": None, "p99": None},
+    "command_to_effect_ms": {"p50": None, "p99": None},
     "published": None,
     "daemon_cpu_percent": 31.2,
     "reference_step_ms": 3.256,
@@ -53,19 +52,19 @@ def test_every_figure_has_a_unit_and_a_meaning() -> None:
         "under 150 lux": "0.10 ms of exposure, 26.1 dB of gain (medians)",
         "seen": "1186 stereo pairs in 20.0 s, 59.3 per second, from two fake GigE Vision cameras",
         "lost": "none; 13 before every camera was open, 1 at the end; of 1200 triggers on the cameras' wire",
-        "pairing": "0.2 ms, 99 of 100 within 1.1 ms: from a pair's arrival until it is looked at",
-        "decision": "3.1 ms, 99 of 100 within 7.4 ms: choosing an exposure",
-        "held": "0.1 ms, 99 of 100 within 3.0 ms: waiting until both cameras may be written",
-        "writing": "1.2 ms, 99 of 100 within 3.0 ms: putting it into a camera, and reading it back",
+        "pairing": "0.2 ms, 99 of 100 within 1.1 ms: From a pair in memory to the control step on it.",
+        "decision": "3.1 ms, 99 of 100 within 7.4 ms: One control step.",
+        "hold": "0.1 ms, 99 of 100 within 3.0 ms: From a decision to the start of the safe write window.",
+        "write": "1.2 ms, 99 of 100 within 3.0 ms: Writing exposure time and gain to a camera.",
         "processor": "daemon 31 % of a core, fakes 12 % and 14 %",
         "this machine": "3.3 ms for a step of the published algorithm; ours is compiled",
     }
 
 
 def test_what_should_not_happen_is_said_when_it_did() -> None:
-    rows = said(mismatched_pairs=2, late_writes=3, pairs_without_decision=1, native=False, published=7)
-    assert rows["mixed"] == "2 pairs with different settings left and right: 3 writes came too late for their frame"
-    assert rows["skipped"] == "1 pair, because a newer one was already there"
+    counts = {"mismatched_pairs": 2, "late_writes": 3, "pairs_without_decision": 1}
+    rows = said(counts=counts, native=False, published=7)
+    assert rows["anomalies"] == "1 pairs without a decision, 2 mismatched pairs, 3 late writes"
     assert rows["published"] == "7 stereo pairs, for other processes"
     assert "its C part was not compiled" in rows["this machine"]
 

@@ -169,12 +169,12 @@ GIGE_TROUBLES: list[tuple[GigeFacts, *Trouble]] = [
     + [(Facts(SOUND_USB, trouble[0]), trouble[1:]) for trouble in GIGE_TROUBLES],
 )
 def test_each_trouble_is_found_alone_with_what_mends_it(facts: Facts, trouble: Trouble) -> None:
-    wanted, check, severity, sentence, mend = trouble
+    wanted, check, severity, sentence, fix = trouble
     assert troubles(facts, wanted) == {check: severity}
     (found,) = (finding for finding in judge(facts, wanted) if finding.severity != "ok")
     assert re.search(sentence, found.sentence), found
-    assert found.mend is not None
-    assert re.search(mend, found.mend), found
+    assert found.fix is not None
+    assert re.search(fix, found.fix), found
 
 
 def test_a_configured_camera_that_is_missing_stops_and_the_others_are_named() -> None:
@@ -188,7 +188,7 @@ def test_a_node_out_of_reach_without_a_rule_is_mended_by_the_rule() -> None:
     usb = replace(usb_facts(node=replace(NODE, usable=False, group="root")), udev_rule=None)
     findings = judge(Facts(usb, gige_facts()), need())
     assert troubles(Facts(usb, gige_facts()), need()) == {"usb-node": "stops", "udev-rule": "warning"}
-    assert len({finding.mend for finding in findings if finding.severity != "ok"}) == 1
+    assert len({finding.fix for finding in findings if finding.severity != "ok"}) == 1
 
 
 def test_no_camera_at_all_stops() -> None:
@@ -243,7 +243,7 @@ def test_what_is_read_from_a_host_is_judged(tmp_path: Path) -> None:
 
 def test_commands_name_files_that_are_shipped() -> None:
     findings = judge(Facts(replace(SOUND_USB, usbfs_memory_mb=16, udev_rule=None), gige_facts()), need())
-    files = re.findall(r"systemd/\S+", " ".join(finding.mend or "" for finding in findings))
+    files = re.findall(r"systemd/\S+", " ".join(finding.fix or "" for finding in findings))
     assert sorted(files) == ["systemd/60-usb3-vision.rules", "systemd/usbfs-memory.conf"]
     assert all((FOLDER / file).is_file() for file in files)
 

@@ -68,7 +68,7 @@ NOT_THIS_MACHINE = (
 def test_a_name_that_suddenly_means_this_machine_is_refused(open_page: PageProcess) -> None:
     for host in NOT_THIS_MACHINE:
         status, body, _ = open_page.get("/", {"Host": host})
-        assert (status, "127.0.0.1 or localhost only" in body) == (403, True), host
+        assert (status, "127.0.0.1 and localhost only" in body) == (403, True), host
 
 
 def test_whatever_comes_over_the_web_socket_leaves_no_traceback() -> None:
@@ -162,11 +162,11 @@ def test_a_browser_logs_in(locked_page: PageProcess) -> None:
 @pytest.mark.parametrize(
     ("rig", "host", "token_file", "words"),
     [
-        ("rig", "0.0.0.0", None, ["--host 0.0.0.0 lets others see the page", "--token-file FILE"]),
+        ("rig", "0.0.0.0", None, ["--host 0.0.0.0 makes the page visible to others", "--token-file FILE"]),
         ("rig", "0.0.0.0", "missing", ["missing cannot be read", "openssl rand -hex 32 > "]),
-        ("rig", "0.0.0.0", "short", ["short holds less than 16 characters"]),
+        ("rig", "0.0.0.0", "short", ["short has fewer than 16 characters"]),
         ("rig", "203.0.113.1", "good", ["cannot listen on 203.0.113.1 port 8420"]),
-        ("rig", "no.such.host.invalid", "good", ["cannot listen on no.such.host.invalid", "no address of that name"]),
+        ("rig", "no.such.host.invalid", "good", ["cannot listen on no.such.host.invalid", "no address for that name"]),
         ("a/b", "127.0.0.1", None, ["a/b is no name for a rig"]),
     ],
 )

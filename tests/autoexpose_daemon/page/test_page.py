@@ -18,7 +18,7 @@ from autoexpose_daemon.publish.keys import response_key, status_key
 from autoexpose_daemon.publish.publisher import Publisher
 from autoexpose_daemon.status.document import (
     CameraStatus,
-    Durations,
+    DurationStatus,
     Fault,
     PublishStatus,
     RecorderStatus,
@@ -66,7 +66,7 @@ TROUBLED = replace(
     counts=replace(EXPOSING.counts, pairs=12345, mismatched_pairs=0),
     lost={"startup": 62, "left_missing": 7},
     decision=replace(DECISION, motion_px=math.nan),
-    command_to_effect_ms=Durations(0, 0.0, None, None),
+    command_to_effect_ms=DurationStatus(0, 0.0, None, None),
     publishing=PublishStatus(432_000, 431_990, {"behind": 10}, "", {"slam": ConsumerTally(400_000, 12, 8, 4, 0)}, 1234),
     recorder=RecorderStatus(600, 4, "the disk is full"),
     faults=(*EXPOSING.faults, *EXPOSING.faults, Fault(1.7e9, "ERROR", HOSTILE)),
@@ -101,7 +101,7 @@ def test_it_tells_state_reasons_and_counts_in_words(tab: Tab, page: PageProcess,
     tab.open(page.url)
     tab.wait_for(f"{STATE} === 'waiting'", "a page without a daemon")
     tab.wait_for(f"{REASONS}.includes('{at}')", "where nobody answers")
-    assert "does the daemon run" in tab.text("reasons")
+    assert "is the daemon running" in tab.text("reasons")
     with published(at, TROUBLED):
         tab.wait_for(f"{STATE} === 'degraded'", "the state")
         status, metrics, headers = page.get("/metrics")
@@ -113,7 +113,7 @@ def test_it_tells_state_reasons_and_counts_in_words(tab: Tab, page: PageProcess,
             assert [word for word in words if word not in tab.text(place)] == [], place
     assert tab.value("document.querySelectorAll('img').length") == 0
     tab.wait_for(f"{STATE} === 'silent'", "the silence to be told")
-    assert "nothing heard of the daemon for" in tab.text("reasons")
+    assert "nothing heard from the daemon for" in tab.text("reasons")
     assert tab.complaints == []
     wait_until(lambda: 'autoexpose_up{rig="rig"} 0.0' in page.get("/metrics")[1], "silence in the metrics")
 

@@ -24,7 +24,7 @@ from autoexpose_daemon.recording.file import RESERVE_BYTES, RecordingFile
 from autoexpose_daemon.recording.read import Recording
 from autoexpose_daemon.recording.recorder import ContinuousRecorder, LastSecondsRecorder, new_recorder
 from autoexpose_daemon.recording.replay import Replay
-from autoexpose_daemon.recording.replay_report import report
+from autoexpose_daemon.recording.replay_report import report_replay
 from autoexpose_daemon.recording.step import Item, RecordingError, Step
 from tests.autoexpose_daemon.recording.runs import VirtualRun, record, replayed
 
@@ -85,7 +85,7 @@ def test_a_file_cut_off_says_so(whole: Path) -> None:
     path = whole.with_name("cut.mcap")
     path.write_bytes(whole.read_bytes()[: whole.stat().st_size - 1_000_000])
     said: list[str] = []
-    assert report(path, None, said.append)
+    assert report_replay(path, None, said.append)
     assert "the file ends in the middle of a record: what comes before that has been read" in said
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from autoexpose_daemon.recording.read import Recording
-from autoexpose_daemon.recording.replay_report import report
+from autoexpose_daemon.recording.replay_report import report_replay
 from autoexpose_daemon.recording.step import Setup, State, Step
 from tests.autoexpose_daemon.service.service_process import AUTOEXPOSE, PATIENCE_S, running_service
 from tests.autoexpose_daemon.stereo import stereo_cameras
@@ -52,7 +52,7 @@ def test_the_last_second_is_written_on_a_signal_and_at_the_end_and_replayed_bit_
     for file in files:
         assert [type(item) for item in list(Recording(file))[:3]] == [Setup, Step, State]
     said: list[str] = []
-    assert report(files[1], None, said.append), said
+    assert report_replay(files[1], None, said.append), said
     assert re.search(r"replayed: (\d+), of which \1 are bit for bit as recorded", "\n".join(said))
 
 

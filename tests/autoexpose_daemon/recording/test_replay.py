@@ -13,7 +13,7 @@ from autoexpose_daemon.recording import recorder as recorder_module
 from autoexpose_daemon.recording.file import RecordingFile
 from autoexpose_daemon.recording.read import Recording
 from autoexpose_daemon.recording.recorder import ContinuousRecorder, LastSecondsRecorder
-from autoexpose_daemon.recording.replay_report import report
+from autoexpose_daemon.recording.replay_report import report_replay
 from autoexpose_daemon.recording.step import Setup, State, Step
 from drivers.frames import StereoPair
 from tests.autoexpose_daemon.recording.runs import VirtualRun, record, replayed
@@ -91,7 +91,7 @@ def test_a_recorder_drop_is_named_and_the_replay_goes_on_at_the_next_snapshot(
     assert all(each.same for each in (*steps[1:70], *steps[71:]))
 
     said: list[str] = []
-    assert report(path, None, said.append)
+    assert report_replay(path, None, said.append)
     assert f"the recorder dropped 12 steps before trigger {steps[70].step.pair.trigger}; the replay goes on" in "".join(
         said
     )
@@ -147,7 +147,7 @@ def test_another_policy_decides_on_all_the_frames(tmp_path: Path) -> None:
     alone = VirtualRun("majer2018-full").loop
     assert [each.decision for each in steps] == [alone.step(each.step.pair) for each in steps]
     said: list[str] = []
-    assert report(path, "majer2018-full", said.append)
+    assert report_replay(path, "majer2018-full", said.append)
     assert "majer2018-full on the same frames: " in said[-1]
     assert all(each.same for each in replayed(path, "neves2009")[1:])
 
@@ -157,7 +157,7 @@ def test_a_decision_that_differs_is_shown(tmp_path: Path, monkeypatch: pytest.Mo
     monkeypatch.setattr("autoexpose_daemon.control.policies.published.neves2009.INTEGRAL_GAIN", 0.61)
     monkeypatch.setattr("cv2.__version__", "9.9.9")
     said: list[str] = []
-    assert not report(path, None, said.append)
+    assert not report_replay(path, None, said.append)
     assert any(line.startswith("first other decision at trigger 10") for line in said)
     assert said[-1].endswith("replayed with opencv 9.9.9") or "replayed with 9.9.9" in said[-1]
 

@@ -130,7 +130,7 @@ def test_frame_truncated(run: VirtualRun) -> None:
 def test_transfer_stalled(run: VirtualRun) -> None:
     began_ns = run.rig.clock.now_ns
     run.left.halted = True
-    run.wait_for_state("degraded: no frames of the left camera")
+    run.wait_for_state("degraded: no frames from the left camera")
     run.wait_for_state(
         "left camera gone: camera left sends no frames while the other one does; it is opened anew; trying again"
     )

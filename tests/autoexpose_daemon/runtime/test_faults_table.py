@@ -12,7 +12,7 @@ from drivers.triggers.account import LossReason
 from tests import REPOSITORY
 
 PAGE = REPOSITORY / "docs" / "faults.md"
-COLUMNS = ["fault", "what happens", "what the user reads", "counted", "test"]
+COLUMNS = ["fault", "what happens", "what the user sees", "counted", "test"]
 FAULTS = [
     *("camera lost", "camera back", "replaced by another serial"),
     *("trigger stopped", "trigger doubled", "trigger halved"),

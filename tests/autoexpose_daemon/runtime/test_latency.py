@@ -7,10 +7,9 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from autoexpose_daemon.status.document import Durations as StatusDurations
-from autoexpose_daemon.status.document import Status
+from autoexpose_daemon.status.document import DurationStatus, Status
 from autoexpose_daemon.status.durations import DURATIONS
-from autoexpose_daemon.status.telemetry import Durations, Telemetry
+from autoexpose_daemon.status.telemetry import DurationSamples, Telemetry
 from drivers.exposure import ExposureSetting
 from drivers.rig.events import Written
 from drivers.triggers.history import Command
@@ -72,7 +71,7 @@ def test_quick_writes_shorten_the_time_that_decisions_are_held(monkeypatch: pyte
 
 def test_every_duration_is_declared_and_kept() -> None:
     declared = [duration.field for duration in DURATIONS]
-    assert [name for name in declared if isinstance(getattr(Telemetry(), name), Durations)] == declared
-    kept = [name for name in Telemetry.__slots__ if isinstance(getattr(Telemetry(), name), Durations)]
+    assert [name for name in declared if isinstance(getattr(Telemetry(), name), DurationSamples)] == declared
+    kept = [name for name in Telemetry.__slots__ if isinstance(getattr(Telemetry(), name), DurationSamples)]
     assert kept == declared
-    assert [field.name for field in fields(Status) if field.type == StatusDurations.__name__] == declared
+    assert [field.name for field in fields(Status) if field.type == DurationStatus.__name__] == declared

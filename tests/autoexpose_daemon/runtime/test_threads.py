@@ -12,9 +12,9 @@ import pytest
 
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.runtime.daemon import Daemon
+from autoexpose_daemon.service.announcer import Announcer
 from autoexpose_daemon.service.notify import Notifier
 from autoexpose_daemon.service.service import Service
-from autoexpose_daemon.service.watch import Watch
 from autoexpose_daemon.status.document import Status
 from autoexpose_daemon.status.states import State
 from drivers.camera import Camera
@@ -125,16 +125,16 @@ def test_a_stuck_control_thread_starves_the_watchdog(manager: socket.socket) -> 
     camera = ScriptedCamera(shape=(90, 120))
     config = Config.model_validate({"cameras": {"left": {"serial": "L"}}, "control": {"policy": "fixed"}})
     daemon = Daemon(config, {"left": lambda: camera}, outlets=[hang])
-    watch = Watch(Notifier(manager.getsockname()))
-    watch.begin(daemon, config)
+    announcer = Announcer(Notifier(manager.getsockname()))
+    announcer.begin(daemon, config)
     thread = threading.Thread(target=daemon.run, args=(stop,))
     thread.start()
     try:
         camera.expose()
         assert stuck.wait(LONG_S)
-        watch.feed()
+        announcer.feed()
         assert heard(manager) == ["WATCHDOG=1"]
-        watch.feed()
+        announcer.feed()
         assert heard(manager) == []
     finally:
         free.set()
@@ -147,15 +147,15 @@ def test_the_state_is_told_once_and_readiness_with_the_first_that_is_not_startin
 ) -> None:
     caplog.set_level("INFO")
     daemon = Daemon(CONFIG, {"left": ScriptedCamera, "right": ScriptedCamera})
-    watch = Watch(Notifier(manager.getsockname()))
-    watch.begin(daemon, CONFIG)
-    watch.look()
+    announcer = Announcer(Notifier(manager.getsockname()))
+    announcer.begin(daemon, CONFIG)
+    announcer.look()
     assert "READY=1" not in heard(manager)
     daemon.telemetry.last_pair_ns = 0
-    watch.look()
-    watch.look()
-    assert watch.health.state is State.DEGRADED
-    watch.failed(RuntimeError("died"))
+    announcer.look()
+    announcer.look()
+    assert announcer.health.state is State.DEGRADED
+    announcer.failed(RuntimeError("died"))
     messages = heard(manager)
     assert messages.count("READY=1") == 1
     assert messages[-1] == "STATUS=failed: died"

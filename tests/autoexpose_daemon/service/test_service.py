@@ -85,7 +85,7 @@ def _open(camera: TriggeredCamera, wanted: Config) -> Camera:
 
 @pytest.fixture
 def running(caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch) -> Iterator[RunningService]:
-    monkeypatch.setattr("autoexpose_daemon.service.watch._NEWS_PERIOD_S", 0.1)
+    monkeypatch.setattr("autoexpose_daemon.service.announcer._STATUS_PERIOD_S", 0.1)
     monkeypatch.setattr("autoexpose_daemon.service.service._TURN_S", 0.05)
     caplog.set_level("INFO")
     with service_manager(lambda: caplog.text) as (manager, address), ScriptedRig() as rig:
@@ -128,8 +128,8 @@ def test_a_reload_that_cannot_be_leaves_all_as_it_was(
     running: RunningService, caplog: pytest.LogCaptureFixture, sections: dict[str, Any], why: str
 ) -> None:
     running.reload(config(**sections))
-    wait_for_words(running, caplog, "is not taken")
-    assert why in next(line for line in caplog.text.splitlines() if "is not taken" in line)
+    wait_for_words(running, caplog, "configuration rejected")
+    assert why in next(line for line in caplog.text.splitlines() if "configuration rejected" in line)
     running.manager.wait_until(lambda _: running.service.status().state is State.EXPOSING, "exposing again")
 
 
@@ -138,7 +138,7 @@ def test_a_failure_that_is_not_over_when_it_is_seen_leaves_all_as_it_was(
 ) -> None:
     """The telemetry says so before the control thread has closed the cameras and ended."""
     service, seen = running.service, threading.Event()
-    look, close = service._watch.look, Daemon._stop_rig
+    look, close = service._announcer.look, Daemon._stop_rig
 
     def look_and_say_so() -> None:
         look()
@@ -150,10 +150,10 @@ def test_a_failure_that_is_not_over_when_it_is_seen_leaves_all_as_it_was(
             seen.wait(LONG_S)
         close(daemon)
 
-    monkeypatch.setattr(service._watch, "look", look_and_say_so)
+    monkeypatch.setattr(service._announcer, "look", look_and_say_so)
     monkeypatch.setattr(Daemon, "_stop_rig", close_late)
     running.reload(config(trigger={"line": "Line9"}))
-    wait_for_words(running, caplog, "is not taken")
+    wait_for_words(running, caplog, "configuration rejected")
     running.manager.wait_until(lambda _: service.status().state is State.EXPOSING, "exposing again")
 
 
@@ -207,7 +207,7 @@ def test_a_process_is_ready_reloads_and_stops(tmp_path: Path) -> None:
         service.wait_for("READY=1")
         file.write_text(yaml.safe_dump({**rig, "exposure": {"max_time": 1}}))
         service.reload()
-        service.wait_until(lambda _: "is not taken" in service.log, "a refusal")
+        service.wait_until(lambda _: "configuration rejected" in service.log, "a refusal")
         assert "exposure.max_time: unknown key" in service.log
         file.unlink()
         os.mkfifo(file)  # whoever opens it waits for somebody to write

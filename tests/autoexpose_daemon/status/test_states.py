@@ -36,8 +36,8 @@ def telemetry(
             telemetry(GONE, GONE, LONG_AGO_NS, LONG_AGO_NS, LONG_AGO_NS),
             "degraded: left camera gone; right camera gone",
         ),
-        (telemetry(left_ns=LONG_AGO_NS, pair_ns=LONG_AGO_NS), "degraded: no frames of the left camera"),
-        (telemetry(pair_ns=LONG_AGO_NS), "degraded: frames make no stereo pairs"),
+        (telemetry(left_ns=LONG_AGO_NS, pair_ns=LONG_AGO_NS), "degraded: no frames from the left camera"),
+        (telemetry(pair_ns=LONG_AGO_NS), "degraded: frames form no stereo pairs"),
     ],
 )
 def test_the_state_names_what_is_missing(seen: Telemetry, health: str) -> None:

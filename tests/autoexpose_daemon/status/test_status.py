@@ -21,6 +21,7 @@ from autoexpose_daemon.status.document import (
     LARGEST_RESPONSE_BYTES,
     LARGEST_STATUS_BYTES,
     VERSION,
+    DurationStatus,
     Fault,
     PublishStatus,
     RecorderStatus,
@@ -28,12 +29,11 @@ from autoexpose_daemon.status.document import (
     response_from_json,
     response_to_json,
 )
-from autoexpose_daemon.status.document import Durations as Measured
 from autoexpose_daemon.status.fault_log import KEPT_FAULTS, LONGEST_TEXT, FaultLog
 from autoexpose_daemon.status.panel import duration_text
 from autoexpose_daemon.status.publishing import MOST_LISTED, ConsumerTally
 from autoexpose_daemon.status.states import State
-from autoexpose_daemon.status.telemetry import Durations, Telemetry
+from autoexpose_daemon.status.telemetry import DurationSamples, Telemetry
 from calibration.response import ResponseFunction
 from drivers.exposure import ExposureLimits, ExposureSetting
 from tests.autoexpose_daemon.statuses import EXPOSING
@@ -66,7 +66,7 @@ def fields_of(kind: type) -> Iterator[tuple[type, str]]:
     return ((kind, field.name) for field in fields(kind) if re.match("Count|_Seconds|_Milliseconds|_Hertz", field.type))
 
 
-BOUNDED = [pair for kind in (Status, Counts, Measured, PublishStatus, RecorderStatus) for pair in fields_of(kind)]
+BOUNDED = [pair for kind in (Status, Counts, DurationStatus, PublishStatus, RecorderStatus) for pair in fields_of(kind)]
 
 
 @pytest.mark.parametrize("value", [-(10**20), 10**400, "1e999", "NaN"])
@@ -74,7 +74,7 @@ BOUNDED = [pair for kind in (Status, Counts, Measured, PublishStatus, RecorderSt
 def test_a_number_without_bounds_is_no_status(kind: type, field: str, value: object) -> None:
     """Such numbers would fail where they are shown, far from the door they came in by."""
     said = json.loads(EXPOSING.to_json())
-    parts = {Counts: "counts", Measured: "write_ms", PublishStatus: "publishing", RecorderStatus: "recorder"}
+    parts = {Counts: "counts", DurationStatus: "write_ms", PublishStatus: "publishing", RecorderStatus: "recorder"}
     (said[parts[kind]] if kind in parts else said)[field] = value
     assert Status.from_json(json.dumps(said)) is None
 
@@ -151,7 +151,7 @@ def test_decisions_at_a_bound_are_counted() -> None:
 
 
 def test_all_durations_count_and_the_latest_make_the_percentiles() -> None:
-    durations = Durations()
+    durations = DurationSamples()
     assert durations.percentiles() == {"p50": None, "p99": None}
     for _ in range(1 << 14):
         durations.add_ns(1_000_000)

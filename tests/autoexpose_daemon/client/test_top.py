@@ -16,11 +16,11 @@ from rich.console import Console
 from rich.table import Table
 
 from autoexpose_daemon.client.status_client import StatusClient
+from autoexpose_daemon.client.top import Sparklines, follow, no_status, show_once, sparkline
 from autoexpose_daemon.config.publish import PublishConfig
 from autoexpose_daemon.publish.keys import status_key
 from autoexpose_daemon.publish.publisher import Publisher
 from autoexpose_daemon.status.document import Fault, Status
-from autoexpose_daemon.status.top import History, follow, nobody, show_once, sparkline
 from drivers.errors import AutoexposeError
 from tests.autoexpose_daemon.publish.steps import endpoint, wait_until
 from tests.autoexpose_daemon.statuses import EXPOSING
@@ -50,11 +50,11 @@ def daemon(status: Status, at: str) -> Iterator[None]:
 @pytest.mark.parametrize("metric", [math.nan, math.inf, 1e308])
 def test_a_metric_that_is_no_number_is_left_out_of_the_curves(metric: float) -> None:
     assert EXPOSING.decision is not None
-    history, table = History(), Table()
+    curves, table = Sparklines(), Table()
     for at_s, value in enumerate((metric, 0.5, -metric)):
         odd = replace(EXPOSING.decision, metric=value)
-        history.add(replace(EXPOSING, unix_time_s=float(at_s), decision=odd))
-    history.add_rows(table)
+        curves.add(replace(EXPOSING, unix_time_s=float(at_s), decision=odd))
+    curves.add_rows(table)
     assert table.row_count == 3
 
 
@@ -82,17 +82,17 @@ def test_the_moment_is_printed_once() -> None:
 
 @pytest.mark.wire
 def test_it_follows_a_daemon_and_says_when_that_is_silent(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("autoexpose_daemon.status.top._SILENT_S", 1.0)
+    monkeypatch.setattr("autoexpose_daemon.client.top._SILENT_S", 1.0)
     at = endpoint()
     screen, console = screen_of()
     stop = threading.Event()
     thread = threading.Thread(target=follow, args=("rig", [at], console, stop))
     thread.start()
     try:
-        wait_until(lambda: f"nobody answers at {at}" in screen.text, "the complaint")
+        wait_until(lambda: f"no answer from {at}" in screen.text, "the complaint")
         with daemon(EXPOSING, at):
-            wait_until(lambda: "exposure, us" in screen.text, "a history")
-        wait_until(lambda: "ended for 1 s" in screen.text, "the silence to be noticed")
+            wait_until(lambda: "exposure, us" in screen.text, "curves")
+        wait_until(lambda: "ended 1 s ago" in screen.text, "the silence to be noticed")
     finally:
         stop.set()
         thread.join()
@@ -100,9 +100,9 @@ def test_it_follows_a_daemon_and_says_when_that_is_silent(monkeypatch: pytest.Mo
 
 def test_nobody_there_is_said_in_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
     """However little time a busy machine has left for the attempt to connect."""
-    monkeypatch.setattr("autoexpose_daemon.status.top._PATIENCE_S", 0.1)
+    monkeypatch.setattr("autoexpose_daemon.client.top._PATIENCE_S", 0.1)
     at = endpoint()
-    with pytest.raises(AutoexposeError, match=f"nobody answers at {at}.*`publish: {{rig: scout}}` in its config"):
+    with pytest.raises(AutoexposeError, match=f"no answer from {at}.*`publish: {{rig: scout}}` in its config"):
         show_once("scout", [at], screen_of()[1])
 
 
@@ -111,7 +111,7 @@ def test_a_daemon_of_another_rig_is_not_the_one_asked_for() -> None:
     at = endpoint()
     with daemon(EXPOSING, at), StatusClient("scout", [at]) as client:
         wait_until(lambda: not client.trouble, "a connection")
-        assert f"no daemon of a rig named scout says anything at {at}" in nobody(client, "scout", [at])
+        assert f"no status from a rig named scout at {at}" in no_status(client, "scout", [at])
 
 
 def test_without_a_terminal_it_names_the_way() -> None:

@@ -1,4 +1,4 @@
-"""The live view: a panel that follows the daemon in a terminal, plain log lines everywhere else."""
+"""The live view: a panel in a terminal, plain log lines elsewhere."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ _LONGEST_PAUSE_S = 3600.0  # a log that is kept for months
 
 
 Show = Callable[[Callable[[], Status]], None]
-"""Given what tells the status of the moment: it is asked for only when it is shown."""
+"""Takes a function that returns the status; it is called only when the status is shown."""
 
 
 @contextmanager
 def display(console: Console, title: Callable[[], str]) -> Iterator[Show]:
-    """What shows the status of a moment: a panel in a terminal, else a line of the log, more and more seldom.
+    """A function that shows the status: in a panel in a terminal, else in log lines that come less and less often.
 
-    `title` is asked for each time that the panel is drawn.
+    `title` is called each time the panel is drawn.
     """
     started_s = time.monotonic()
     if console.is_terminal:
         with Live(console=console, auto_refresh=False, transient=False) as live:
 
-            def show(tell: Callable[[], Status]) -> None:
-                status = tell()
+            def show(read: Callable[[], Status]) -> None:
+                status = read()
                 heading = f"{title()}, {time.monotonic() - started_s:.0f} s"
                 colour = COLOURS[status.state]
                 live.update(Panel(table_of(status), title=heading, expand=False, border_style=colour), refresh=True)
@@ -44,11 +44,11 @@ def display(console: Console, title: Callable[[], str]) -> Iterator[Show]:
     else:
         next_s, pause_s = started_s + _FIRST_LINE_S, _FIRST_LINE_S
 
-        def say(tell: Callable[[], Status]) -> None:
+        def say(read: Callable[[], Status]) -> None:
             nonlocal next_s, pause_s
             if time.monotonic() >= next_s:
                 pause_s = min(2 * pause_s, _LONGEST_PAUSE_S)
                 next_s = time.monotonic() + pause_s
-                log.info("%s", line_of(tell()))
+                log.info("%s", line_of(read()))
 
         yield say

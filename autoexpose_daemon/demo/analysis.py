@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 
 from autoexpose_daemon.demo.fakes import Pulse
-from autoexpose_daemon.demo.record import StepRecord
+from autoexpose_daemon.demo.step_log import StepRecord
 from drivers.exposure import ExposureSetting
 from drivers.triggers.account import Tally
 

@@ -29,7 +29,7 @@ class StepRecord:
     reason: str
 
 
-class Recorder:
+class StepLog:
     """Observes the daemon's steps.
 
     Attributes

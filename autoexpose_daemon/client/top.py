@@ -28,38 +28,38 @@ _BLOCKS = "\u2581\u2582\u2583\u2584\u2585\u2586\u2587\u2588"
 
 
 def show_once(rig: str, connect: Sequence[str], console: Console) -> None:
-    """Print the next status; raises AutoexposeError when none comes for some seconds."""
+    """Print the next status; raises AutoexposeError if none comes for some seconds."""
     with StatusClient(rig, connect) as client:
         status = client.wait(_PATIENCE_S)
         if status is None:
-            raise AutoexposeError(nobody(client, rig, connect))
-        console.print(panel_of(status, History(), client.silent_s, _TALL))
+            raise AutoexposeError(no_status(client, rig, connect))
+        console.print(panel_of(status, Sparklines(), client.silent_s, _TALL))
 
 
 def follow(rig: str, connect: Sequence[str], console: Console, stop: threading.Event) -> None:
-    """Show the status in the terminal until `stop` is set; raises AutoexposeError where there is no terminal."""
+    """Show the status in the terminal until `stop` is set; raises AutoexposeError without a terminal."""
     if not console.is_terminal:
-        raise AutoexposeError("top needs a terminal: add --once to print the status of the moment")
-    history = History()
+        raise AutoexposeError("top needs a terminal: add --once to print the current status")
+    sparklines = Sparklines()
     with StatusClient(rig, connect) as client, Live(console=console, auto_refresh=False) as live:
         while not stop.wait(_TURN_S):
             status = client.status
             if status is None:
-                live.update(plain(nobody(client, rig, connect)), refresh=True)
+                live.update(plain(no_status(client, rig, connect)), refresh=True)
             else:
-                history.add(status)
-                live.update(panel_of(status, history, client.silent_s, console.height), refresh=True)
+                sparklines.add(status)
+                live.update(panel_of(status, sparklines, client.silent_s, console.height), refresh=True)
 
 
-class History:
-    """Exposure time, gain and metric of the last minute."""
+class Sparklines:
+    """Curves of exposure time, gain and metric over the last minute."""
 
     def __init__(self) -> None:
         self._time_s = 0.0
         self._rows: dict[str, deque[float]] = {}
 
     def add(self, status: Status) -> None:
-        """Note a status, once."""
+        """Add a status; one that was added before is ignored."""
         if status.unix_time_s == self._time_s:
             return
         self._time_s = status.unix_time_s
@@ -67,31 +67,32 @@ class History:
         values = {} if applied is None else {"exposure, us": applied.exposure_time_us, "gain, dB": applied.gain_db}
         values |= {} if status.decision is None else {"metric": status.decision.metric}
         for name, value in values.items():
-            if abs(value) < _LARGEST:  # and a number
+            if abs(value) < _LARGEST:  # and not NaN
                 self._rows.setdefault(name, deque(maxlen=_HISTORY)).append(value)
 
     def add_rows(self, table: Table) -> None:
-        """A row for each: name, curve and range."""
+        """Add a row for each curve: name, curve and range."""
         for name, values in self._rows.items():
             table.add_row(name, f"[cyan]{sparkline(values)}[/cyan]   {min(values):.4g} to {max(values):.4g}")
 
 
 def sparkline(values: Sequence[float]) -> str:
-    """A curve in blocks, the lowest value the lowest block."""
+    """A curve drawn in block characters."""
     low, high = min(values), max(values)
     scale = (len(_BLOCKS) - 1) / (high - low) if high > low else 0.0
     return "".join(_BLOCKS[round((value - low) * scale)] for value in values)
 
 
-def panel_of(status: Status, history: History, silent_s: float, height: int) -> Panel:
-    """All there is to say of a status that came some seconds ago, in so many lines at most."""
+def panel_of(status: Status, sparklines: Sparklines, silent_s: float, height: int) -> Panel:
+    """A panel of at most `height` lines for a status received `silent_s` ago."""
     title = f"autoexpose {status.rig}, {status.policy}, up {duration_text(status.uptime_s)}"
     colour = COLOURS[status.state]
     if silent_s > _SILENT_S:
         colour = "red"
-        title += f": {'ended' if status.ending else 'silent'} for {duration_text(silent_s)}, these are its last words"
+        since = duration_text(silent_s)
+        title += f": {f'ended {since} ago' if status.ending else f'silent for {since}'}; this is its last status"
     table = table_of(status)
-    history.add_rows(table)
+    sparklines.add_rows(table)
     parts: list[RenderableType] = [table]
     if status.faults:
         room = height - table.row_count - 3  # the border, and the title of the faults
@@ -107,12 +108,10 @@ def _faults(faults: Sequence[Fault]) -> Table:
     return table
 
 
-def nobody(client: StatusClient, rig: str, connect: Sequence[str]) -> str:
-    """Why there is no status to show, in words."""
+def no_status(client: StatusClient, rig: str, connect: Sequence[str]) -> str:
+    """Why there is no status, in words."""
     where, since = ", ".join(connect), f"for {client.silent_s:.0f} s"
     if client.trouble:
         section = "{}" if rig == "rig" else f"{{rig: {rig}}}"
-        return (
-            f"nobody answers at {where} {since}: does the daemon run, with `publish: {section}` in its configuration?"
-        )
-    return f"no daemon of a rig named {rig} says anything at {where} {since}: is that its publish.rig, and does it run?"
+        return f"no answer from {where} {since}: is the daemon running, with `publish: {section}` in its configuration?"
+    return f"no status from a rig named {rig} at {where} {since}: is that its publish.rig, and is the daemon running?"

@@ -11,10 +11,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from autoexpose_daemon.demo.fakes import Pulse
-from autoexpose_daemon.demo.plot import draw
-from autoexpose_daemon.demo.record import Recorder, StepRecord
-from autoexpose_daemon.demo.report import (
+from autoexpose_daemon.demo.analysis import (
     LightSetting,
     LightStep,
     delay_frames,
@@ -25,6 +22,9 @@ from autoexpose_daemon.demo.report import (
     lost_pulses,
     pulses_in_window,
 )
+from autoexpose_daemon.demo.fakes import Pulse
+from autoexpose_daemon.demo.plot import draw
+from autoexpose_daemon.demo.step_log import StepLog, StepRecord
 from drivers.exposure import ExposureSetting
 from drivers.triggers.account import Tally
 
@@ -141,16 +141,16 @@ def test_pulses_without_a_pair_between_the_first_and_the_last_are_lost() -> None
 
 @pytest.mark.parametrize(("pulses", "steps"), [(0, 0), (1, 0), (400, 6), (400, 50)])
 def test_a_picture_of_any_run_can_be_drawn(tmp_path: Path, pulses: int, steps: int) -> None:
-    recorder = Recorder(1.0)
-    recorder.steps = [record(n, 10.0) for n in range(5, pulses)]
-    recorder.pairs_ns = [step.host_time_ns for step in recorder.steps if step.trigger % 7]
-    recorder.pictures = [(step.host_time_ns, np.zeros((3, 4), np.uint8)) for step in recorder.steps[:3]]
+    step_log = StepLog(1.0)
+    step_log.steps = [record(n, 10.0) for n in range(5, pulses)]
+    step_log.pairs_ns = [step.host_time_ns for step in step_log.steps if step.trigger % 7]
+    step_log.pictures = [(step.host_time_ns, np.zeros((3, 4), np.uint8)) for step in step_log.steps[:3]]
     seen = [Pulse(n, n * PERIOD_NS, 150.0 if n % 60 < 30 else 0.0) for n in range(pulses)]
     run = SimpleNamespace(
         options=SimpleNamespace(policy="fixed", scene="room"),
         rate_hz=60.0,
         pulses=seen,
-        recorder=recorder,
+        step_log=step_log,
         cameras=[SimpleNamespace(overruns=steps)],
     )
     frames = itertools.cycle([1, 4, None])
