@@ -176,7 +176,7 @@ def test_transfer_stalled(run: Run, caplog: pytest.LogCaptureFixture) -> None:
         run.left.inject(Fault.STALL)
         wait_for_state(run, "degraded: no frames from the left camera")
         wait_for_state(run, "degraded: left camera gone")
-        told = f"left camera: camera {run.left.serial} sends no frames while the other one does; it is opened anew"
+        told = f"left camera: camera {run.left.serial} sends no frames while the other one does; it is reopened"
         run.wait_until(lambda: told in caplog.text, told)
     assert new["reconnects"] == 1
 
@@ -233,7 +233,7 @@ def test_exposure_frozen(run: Run) -> None:
         ask(run, 500)
         wait_for_state(
             run,
-            "degraded: left camera: its frames do not follow what is written: 500 us, 0.0 dB stands in its nodes, "
+            "degraded: left camera: its frames do not follow what is written: its nodes hold 500 us, 0.0 dB, "
             "frames are taken with 2000 us, 0.0 dB",
         )
         wait_for_taken(run, 500)

@@ -132,7 +132,7 @@ def test_transfer_stalled(run: VirtualRun) -> None:
     run.left.halted = True
     run.wait_for_state("degraded: no frames from the left camera")
     run.wait_for_state(
-        "left camera gone: camera left sends no frames while the other one does; it is opened anew; trying again"
+        "left camera gone: camera left sends no frames while the other one does; it is reopened; trying again"
     )
     assert run.rig.clock.now_ns - began_ns > FIRST_PAUSE_NS
     counted = run.counted()
@@ -181,7 +181,7 @@ def test_exposure_frozen(run: VirtualRun) -> None:
     run.left.frozen = True
     run.ask(500)
     run.wait_for_state(
-        "degraded: left camera: its frames do not follow what is written: 500 us, 0.0 dB stands in its nodes, "
+        "degraded: left camera: its frames do not follow what is written: its nodes hold 500 us, 0.0 dB, "
         "frames are taken with 2000 us, 0.0 dB; switch the camera off and on"
     )
     run.left.frozen = False
