@@ -1,6 +1,6 @@
-"""The daemon as a service: what it tells systemd, and reloads.
+"""The daemon as a service: its messages to systemd, and reloads.
 
-As a process on fake cameras once; states and reloads on cameras that do as they are told. tests/accept/test_service.py
+As a process on fake cameras once; states and reloads on scripted cameras. tests/accept/test_service.py
 has all of it on fake cameras, in real time.
 """
 
@@ -208,7 +208,7 @@ def test_a_process_is_ready_reloads_and_stops(tmp_path: Path) -> None:
         service.wait_until(lambda _: "configuration rejected" in service.log, "a refusal")
         assert "exposure.max_time: unknown key" in service.log
         file.unlink()
-        os.mkfifo(file)  # whoever opens it waits for somebody to write
+        os.mkfifo(file)  # opening it would wait for a writer
         service.reload()
         service.wait_until(lambda _: "a named pipe, no regular file" in service.log, "a refusal of the pipe")
         file.unlink()
