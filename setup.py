@@ -22,10 +22,10 @@ setup(
             libraries=["m"],
             optional=True,
         ),
-        # No module of Python's: it is preloaded into programs that use libusb.
+        # Not a Python module: it is preloaded into programs that use libusb.
         Extension(
             "fake_camera.usb3._shim",
-            sources=[f"{SHIM}/{part}.c" for part in ("bus", "handle", "interpose", "link", "udev", "usbip")],
+            sources=[f"{SHIM}/{part}.c" for part in ("bus", "handle", "host", "interpose", "link", "udev", "usbip")],
             depends=[f"{SHIM}/shim.h"],
             extra_compile_args=["-std=gnu11", "-fvisibility=hidden", "-Wall", "-Wextra"],
             optional=True,

@@ -60,7 +60,7 @@ def publishing() -> Iterator[None]:
             trigger += 1
             now_ns = time.monotonic_ns()
             frame = Frame(pixels, 8, trigger, now_ns, now_ns, now_ns, SETTING)
-            publisher(StereoPair(trigger, frame, frame), DECISION)
+            publisher(StereoPair(trigger, {"left": frame, "right": frame}), DECISION)
 
     telemetry = Telemetry()
     config = PublishConfig(listen=(ENDPOINT,))

@@ -30,7 +30,7 @@ def median_us(work: Callable[[], object]) -> float:
 def main() -> None:
     pixels = np.random.default_rng(0).integers(0, 256, (540, 720)).astype(np.uint8)
     frame = Frame(pixels, 8, 1, 1, 1, 1, SETTING)
-    pair = StereoPair(1, frame, frame)
+    pair = StereoPair(1, {"left": frame, "right": frame})
     writer = MessageWriter("rig", 2)
 
     def write() -> dict[str, bytes]:

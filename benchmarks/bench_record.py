@@ -53,7 +53,7 @@ def views(setting: ExposureSetting) -> list[StereoPair]:
             Frame(source.take(index / 10, taken, noise_seed=index), 8, index, index, index, index, setting)
             for source in sources
         )
-        pairs.append(StereoPair(index, left, right))
+        pairs.append(StereoPair(index, {"left": left, "right": right}))
     return pairs
 
 

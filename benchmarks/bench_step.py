@@ -48,7 +48,7 @@ def step_of(frames: tuple[np.ndarray, ...], native: bool, motion: MotionId) -> C
 
     def step(turn: int) -> None:
         frame = Frame(frames[turn % 2], 8, turn, turn * FRAME_NS, 0, 0, SETTING)
-        loop.step(StereoPair(turn, frame, None))
+        loop.step(StereoPair(turn, {"left": frame}))
 
     return step
 
@@ -61,7 +61,7 @@ def step_of_default(frames: tuple[np.ndarray, ...]) -> Callable[[int], object]:
         left, right = (
             Frame(frames[side], 8, turn, turn * FRAME_NS, 0, 0, SETTING) for side in (turn % 2, 1 - turn % 2)
         )
-        loop.step(StereoPair(turn, left, right))
+        loop.step(StereoPair(turn, {"left": left, "right": right}))
 
     return step
 

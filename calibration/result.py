@@ -10,7 +10,7 @@ from calibration.findings import Finding
 from calibration.judges.solution import judge_solution
 from calibration.judges.sweep import judge_sweep
 from calibration.response.file import Origin, ResponseFile
-from calibration.solution import ResponseSolution
+from calibration.response.solution import ResponseSolution
 from calibration.solver.agreement import Agreement, agreement
 from calibration.solver.solve import solve_response
 from calibration.solver.tones import Tones, tones_by_exposure, tones_by_shot

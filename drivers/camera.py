@@ -7,6 +7,7 @@ from typing import Protocol
 
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Frame
+from drivers.pixel_format import PixelFormat
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,13 +20,13 @@ class IncompleteFrame:
 
 @dataclass(frozen=True, slots=True)
 class CameraDescription:
-    """Who a camera is, the PixelFormat it sends, and its limitations, in words for the user."""
+    """Who a camera is, the pixel format it sends, and its limitations, in words for the user."""
 
     vendor: str
     model: str
     serial: str
     limitations: tuple[str, ...] = ()
-    pixel_format: str | None = None
+    pixel_format: PixelFormat | None = None
 
 
 class Camera(Protocol):

@@ -20,11 +20,6 @@ def linear_gain(gain_db: float) -> float:
     return math.exp2(gain_db / DB_PER_STOP)
 
 
-def decibels(gain: float) -> float:
-    """Gain in dB of a linear gain (> 0)."""
-    return math.log2(gain) * DB_PER_STOP
-
-
 @dataclass(frozen=True, slots=True)
 class ExposureSetting:
     """An exposure time (us) and a gain (dB), as a camera takes one frame with."""

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Final, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from drivers.exposure import ExposureSetting
 
 Side = Literal["left", "right"]
+SIDES: Final[tuple[Side, ...]] = get_args(Side)
 SettingSource = Literal["chunk", "ledger"]
 Pixels = NDArray[np.uint8] | NDArray[np.uint16]
 
@@ -56,28 +58,26 @@ class Frame:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StereoPair:
-    """The frames that both cameras took at one trigger.
+    """The frames of one trigger, by camera, left first; at least one.
 
-    `right` is None in a rig of one camera, and for a frame whose partner is missing: `left` is then that frame, of
-    whichever camera, which `lone_side` names.
+    A camera is missing in a rig that does not have it, and where its frame did not come.
     """
 
     trigger: int
-    left: Frame
-    right: Frame | None
-    lone_side: Side = "left"
+    frames: Mapping[Side, Frame]
 
     @property
-    def frames(self) -> tuple[Frame, ...]:
-        """The frames there are, left first."""
-        return (self.left,) if self.right is None else (self.left, self.right)
+    def reference_side(self) -> Side:
+        """The camera that decisions refer to: the left one, or else the one that there is."""
+        return next(iter(self.frames))
 
     @property
-    def by_side(self) -> dict[Side, Frame]:
-        """The frames there are, each with its camera, left first."""
-        return {self.lone_side: self.left} if self.right is None else {"left": self.left, "right": self.right}
+    def reference(self) -> Frame:
+        """The frame of `reference_side`."""
+        return self.frames[self.reference_side]
 
     @property
     def mismatched(self) -> bool:
-        """Whether the two frames were taken with different settings."""
-        return self.right is not None and not self.right.setting.agrees_with(self.left.setting)
+        """Whether the frames were taken with different settings."""
+        setting = self.reference.setting
+        return not all(frame.setting.agrees_with(setting) for frame in self.frames.values())

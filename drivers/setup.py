@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from drivers.pixel_format import PixelFormat
+
 TriggerMode = Literal["external", "free_run"]
-PixelFormat = Literal["Mono8", "Mono12", "Mono16"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +46,7 @@ class CameraSetup:
     trigger
         What starts an exposure.
     pixel_format
-        Name of the PixelFormat entry.
+        Its PixelFormat.
     binning
         `binning` x `binning` pixels are read as one, over the whole sensor.
     packet_size_bytes

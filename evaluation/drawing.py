@@ -26,10 +26,10 @@ def panels(rows: int, columns: int, height_in: float, **options: Any) -> tuple[F
     return figure, axes
 
 
-def save(figure: Figure, file: Path, dpi: int = 100) -> None:
-    """As a PNG in 64 colours: a third of the size, and it cannot be seen. Closes the figure."""
+def save(figure: Figure, file: Path, dpi: int = 100, colours: int = 64) -> None:
+    """As a PNG in few colours: a third of the size, and it cannot be seen. Closes the figure."""
     canvas = io.BytesIO()
     figure.savefig(canvas, dpi=dpi)
     plt.close(figure)
     with Image.open(canvas) as picture:
-        picture.convert("RGB").quantize(64).save(file, optimize=True)
+        picture.convert("RGB").quantize(colours).save(file, optimize=True)

@@ -27,8 +27,8 @@ from fake_camera.genapi.xml_camera import XmlCamera
 from fake_camera.gige.server import AddressTakenError, GigeServer
 from fake_camera.imaging import ImageSource
 from fake_camera.usb3.run import ShimError, run, shim_path
-from fake_camera.usb3.usb.server import Usb3Server
-from fake_camera.usb3.usb.usbip import TCP_PORT
+from fake_camera.usb3.usbip.messages import TCP_PORT
+from fake_camera.usb3.usbip.server import Usb3Server
 from fake_camera.warm_up import Unpainted, frame_s, warm_up
 from fake_camera.world.lighting import LightScript
 from fake_camera.world.scene.kept_room import kept_room

@@ -3,15 +3,43 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 Pixels = NDArray[np.uint8] | NDArray[np.uint16]
 
-MAX_GREY = {"Mono8": 255, "Mono12": 4095, "Mono16": 65535}
-"""Grey level of full scale by pixel format: Mono12 lies in the low bits of 16, Mono16 uses all of them."""
+
+@dataclass(frozen=True, slots=True)
+class PixelFormat:
+    """A pixel format: its code in the GenICam Pixel Format Naming Convention (PFNC), and its significant bits."""
+
+    pfnc_code: int
+    bit_depth: int
+
+    @property
+    def max_grey(self) -> int:
+        """Grey level of full scale; the significant bits are the low ones."""
+        return (1 << self.bit_depth) - 1
+
+    @property
+    def bits_per_pixel(self) -> int:
+        """Bits of a pixel on the wire, which PFNC puts into the code."""
+        return self.pfnc_code >> 16 & 0xFF
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Of its grey levels: uint8 or uint16."""
+        return np.dtype(np.uint8 if self.bit_depth <= 8 else np.uint16)
+
+
+PIXEL_FORMATS = {
+    "Mono8": PixelFormat(0x01080001, 8),
+    "Mono12": PixelFormat(0x01100005, 12),
+    "Mono16": PixelFormat(0x01100007, 16),
+}
+"""The pixel formats that are simulated."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,7 +47,7 @@ class ImageSettings:
     """The settings of one image, latched at the start of its exposure.
 
     The region (`offset_x`, `offset_y`, `width`, `height`) is in pixels after binning. `pixel_format` is
-    "Mono8", "Mono12" or "Mono16". `gamma` is 1 when the camera applies none.
+    a name in `PIXEL_FORMATS`. `gamma` is 1 when the camera applies none.
     """
 
     exposure_time_us: float
@@ -44,8 +72,8 @@ class ImageSource(Protocol):
     def take(self, start_s: float, settings: ImageSettings, noise_seed: int) -> Pixels:
         """The image of an exposure that starts `start_s` seconds after the epoch of Line0.
 
-        Returns grey levels of shape (settings.height, settings.width): uint8 for Mono8, uint16 for Mono12 and
-        Mono16. The same arguments give the same image.
+        Returns grey levels of shape (settings.height, settings.width), of the `dtype` of the pixel format. The same
+        arguments give the same image.
         """
         ...
 

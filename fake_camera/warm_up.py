@@ -8,8 +8,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from fake_camera.device.features import ENUM_ENTRIES, Features
-from fake_camera.imaging import ImageSettings, ImageSource, Pixels
+from fake_camera.device.features import Features
+from fake_camera.imaging import PIXEL_FORMATS, ImageSettings, ImageSource, Pixels
 from fake_camera.world.sensor import SensorModel
 
 _LONGEST_US = 7500.0  # of the daemon's demo: motion blur costs most in a long exposure
@@ -27,8 +27,7 @@ class Unpainted:
 
     def take(self, start_s: float, settings: ImageSettings, noise_seed: int) -> Pixels:
         """A black image."""
-        shape = settings.height, settings.width
-        return np.zeros(shape, np.uint8) if settings.pixel_format == "Mono8" else np.zeros(shape, np.uint16)
+        return np.zeros((settings.height, settings.width), PIXEL_FORMATS[settings.pixel_format].dtype)
 
     def lux(self, time_s: float) -> float:
         """No light."""
@@ -38,7 +37,7 @@ class Unpainted:
 def warm_up(source: ImageSource) -> None:
     """Render once in each pixel format: compilation and caches are not to delay the first frames."""
     settings = _settings(source)
-    for pixel_format in ENUM_ENTRIES["PixelFormat"]:
+    for pixel_format in PIXEL_FORMATS:
         source.take(0.0, dataclasses.replace(settings, pixel_format=pixel_format), 0)
     source.lux(0.0)
 

@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from fake_camera.__main__ import main
+from fake_camera.device.faults import Fault
 from fake_camera.usb3.run import CAMERAS_VARIABLE, client_environment
 
 # Each fake camera is forked from a process in which the second of imports and of painting a room is already over.
@@ -60,10 +61,10 @@ class FakeCamera:
     process: BaseProcess
     socket: Path | None = None
 
-    def inject(self, fault: str, after_trigger: int | None = None, count: int | None = 1) -> int:
+    def inject(self, fault: Fault, after_trigger: int | None = None, count: int | None = 1) -> int:
         """Order a fault and wait for the acknowledgement; the number of the last trigger before it."""
         order = {"fault": fault, "after_trigger": after_trigger}
-        if fault != "come_back":
+        if fault is not Fault.COME_BACK:
             order["count"] = count
         with socket.socket(socket.AF_UNIX) as connection:
             connection.settimeout(CONTROL_TIMEOUT_S)

@@ -9,10 +9,10 @@ from typing import Any
 
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.messages.read import decision_of, frame_of, read_exposure_info, read_image, stamp_ns
+from autoexpose_daemon.publish.keys import SIDES
 from autoexpose_daemon.status.publishing import ConsumerTally
 from drivers.frames import Frame, Pixels, Side, StereoPair
 
-_SIDES: tuple[Side, ...] = ("left", "right")
 _KEPT_STAMPS = 64
 """Triggers whose messages wait for the rest, about a second: images of the two cameras queue by themselves."""
 
@@ -55,7 +55,10 @@ class ReceivedPair:
     @property
     def stereo(self) -> StereoPair:
         """The pair as control and drivers know it."""
-        return StereoPair(self.trigger, self.left, self.right)
+        frames: dict[Side, Frame] = {"left": self.left}
+        if self.right is not None:
+            frames["right"] = self.right
+        return StereoPair(self.trigger, frames)
 
 
 @dataclass(slots=True)
@@ -66,7 +69,7 @@ class _Parts:
     def whole(self) -> bool:
         """Whether every camera's image and exposure are there."""
         info = self.infos.get("left")
-        sides = _SIDES[: info.cameras] if info is not None else ()
+        sides = SIDES[: info.cameras] if info is not None else ()
         return bool(sides) and all(side in self.infos and side in self.pixels for side in sides)
 
 
@@ -161,7 +164,7 @@ class PairAssembler:
             self._forget(older)
         info = parts.infos["left"]
         self._sequence.pair(info.sequence)
-        frames = [frame_of(parts.infos[side], parts.pixels[side]) for side in _SIDES[: info.cameras]]
+        frames = [frame_of(parts.infos[side], parts.pixels[side]) for side in SIDES[: info.cameras]]
         right = frames[1] if len(frames) > 1 else None
         return ReceivedPair(frames[0], right, stamp, info.trigger, info.sequence, decision_of(info), now_ns)
 

@@ -10,21 +10,14 @@ from types import TracebackType
 from typing import Self
 
 import zenoh
-from zenoh.handlers import Handler, RingChannel
 
-from autoexpose_daemon.publish.keys import LOOPBACK, check_rig_name, last_but, response_key, status_key
-from autoexpose_daemon.publish.session import Endpoints, SessionError, open_as_consumer
+from autoexpose_daemon.publish.keys import LOOPBACK, check_rig_name, response_key, side_of, status_key
+from autoexpose_daemon.publish.session import Endpoints, SessionHolder
 from autoexpose_daemon.status.document import LARGEST_RESPONSE_BYTES, LARGEST_STATUS_BYTES, Status, response_from_json
 from calibration.response import ResponseFunction
 from drivers.frames import Side
 
-_AGAIN_S = 0.5
-_JOIN_S = 2.0
 _RING_MESSAGES = 4
-_LOOK_S = 0.1
-_SIDES: dict[str, Side] = {"left": "left", "right": "right"}
-
-_Subscriber = zenoh.Subscriber[Handler[zenoh.Sample]]
 
 
 class StatusClient:
@@ -62,13 +55,11 @@ class StatusClient:
         self.responses: dict[Side, ResponseFunction] = {}
         self.trouble = "not connected yet"
         self._rig = rig
-        self._endpoints = Endpoints(connect=() if zenoh_file is not None else connect, file=zenoh_file)
         self._heard_s = time.monotonic()
         self._count = 0
         self._news = threading.Condition()
-        self._closed = threading.Event()
-        # A thread of our own: the threads of zenoh's callbacks keep a process from ending.
-        self._thread = threading.Thread(target=self._run, name="status", daemon=True)
+        endpoints = Endpoints(connect=() if zenoh_file is not None else connect, file=zenoh_file)
+        self._holder = SessionHolder("client", endpoints, self._serve, self._on_trouble)
 
     @property
     def silent_s(self) -> float:
@@ -79,52 +70,39 @@ class StatusClient:
         """The next status; None if none came in time, or the client was closed."""
         with self._news:
             seen = self._count
-            self._news.wait_for(lambda: self._count != seen or self._closed.is_set(), timeout_s)
+            self._news.wait_for(lambda: self._count != seen or self._holder.closed.is_set(), timeout_s)
             return self.status if self._count != seen else None
 
     def __enter__(self) -> Self:
-        self._thread.start()
+        self._holder.start()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
+        self._holder.closed.set()
         with self._news:
-            self._closed.set()
             self._news.notify_all()
-        self._thread.join(_JOIN_S)
+        self._holder.close()
 
-    def _run(self) -> None:
-        while not self._closed.is_set():
-            try:
-                session = open_as_consumer(self._endpoints)
-            except SessionError as error:
-                self.trouble = str(error)
-                self._closed.wait(_AGAIN_S)
-                continue
-            self.trouble = ""
-            with session:
-                responses = session.declare_subscriber(response_key(self._rig, "*"), RingChannel(_RING_MESSAGES))
-                self._follow(session.declare_subscriber(status_key(self._rig), RingChannel(_RING_MESSAGES)), responses)
+    def _on_trouble(self, trouble: str) -> None:
+        self.trouble = trouble
 
-    def _follow(self, statuses: _Subscriber, responses: _Subscriber) -> None:
-        while not self._closed.wait(_LOOK_S):
-            while (sample := responses.try_recv()) is not None:
-                self._take_response(sample)
-            while (sample := statuses.try_recv()) is not None:
-                if len(sample.payload) <= LARGEST_STATUS_BYTES:
-                    status = Status.from_json(sample.payload.to_bytes())
-                    if status is not None:
-                        self._take(status)
+    def _serve(self, session: zenoh.Session) -> None:
+        status, responses = status_key(self._rig), response_key(self._rig, "*")
+        self._holder.subscribe(session, status, self._take_status, _RING_MESSAGES, LARGEST_STATUS_BYTES)
+        self._holder.subscribe(session, responses, self._take_response, _RING_MESSAGES, LARGEST_RESPONSE_BYTES)
+        self._holder.closed.wait()
 
-    def _take_response(self, sample: zenoh.Sample) -> None:
-        side = _SIDES.get(last_but(str(sample.key_expr), 1))
-        if side is not None and len(sample.payload) <= LARGEST_RESPONSE_BYTES:
-            response = response_from_json(sample.payload.to_bytes())
-            if response is not None:
-                self.responses[side] = response
+    def _take_response(self, key: str, data: bytes) -> None:
+        side, response = side_of(key), response_from_json(data)
+        if side is not None and response is not None:
+            self.responses[side] = response
 
-    def _take(self, status: Status) -> None:
+    def _take_status(self, _key: str, data: bytes) -> None:
+        status = Status.from_json(data)
+        if status is None:
+            return
         with self._news:
             self.status, self._heard_s = status, time.monotonic()
             self._count += 1

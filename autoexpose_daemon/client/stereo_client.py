@@ -17,26 +17,30 @@ from types import TracebackType
 from typing import Self
 
 import zenoh
-from zenoh.handlers import Handler, RingChannel
 
 from autoexpose_daemon.client.pairs import PairAssembler, PairQueue, ReceivedPair
 from autoexpose_daemon.messages.read import DamagedMessageError
-from autoexpose_daemon.publish.keys import CONSUMER_NAME, LOOPBACK, all_of_rig, check_rig_name, consumer_key, last_but
-from autoexpose_daemon.publish.session import LARGEST_MESSAGE_BYTES, Endpoints, SessionError, open_as_consumer
+from autoexpose_daemon.publish.keys import (
+    CONSUMER_NAME,
+    LOOPBACK,
+    all_of_rig,
+    check_rig_name,
+    consumer_key,
+    last_but,
+    side_of,
+)
+from autoexpose_daemon.publish.session import Endpoints, SessionHolder
 from autoexpose_daemon.status.publishing import ConsumerTally
 from drivers.errors import ConfigurationError
 from drivers.frames import Side
 
 log = logging.getLogger(__name__)
 
-_AGAIN_S = 0.5
 _REPORT_S = 1.0
-_JOIN_S = 2.0
 _QUEUE_PAIRS = 8
 _RING_MESSAGES = 96
 """Of 16 pairs; zenoh drops the oldest when this process has no time to look at them."""
 
-_SIDES: dict[str, Side] = {"left": "left", "right": "right"}
 _Take = Callable[[Side, bytes, int], ReceivedPair | None]
 
 
@@ -74,13 +78,13 @@ class StereoClient:
         if name is not None and not CONSUMER_NAME.fullmatch(name):
             raise ConfigurationError(f"{name} is no name for a consumer: up to 64 letters, digits, and any of _ . -")
         self._rig = rig
-        self._endpoints = Endpoints(connect=() if zenoh_file is not None else connect, file=zenoh_file)
         self._name = name or f"{re.sub('[^A-Za-z0-9_]', '_', Path(sys.argv[0]).stem)[:40]}-{os.getpid()}"
         self._tally = ConsumerTally()
         self._news = threading.Condition()
         self._assembler = PairAssembler(self._tally)
         self._queue = PairQueue(self._tally, _QUEUE_PAIRS)
-        self._closed = threading.Event()
+        endpoints = Endpoints(connect=() if zenoh_file is not None else connect, file=zenoh_file)
+        self._holder = SessionHolder("client", endpoints, self._serve, self._on_trouble)
         self._close_session: Callable[[], object] | None = None
 
     @property
@@ -98,13 +102,13 @@ class StereoClient:
         """The next pair; None when the client is closed, or none came within `timeout_s`."""
         self._open()
         with self._news:
-            self._news.wait_for(lambda: len(self._queue) or self._closed.is_set(), timeout_s)
-            return self._queue.take() if len(self._queue) and not self._closed.is_set() else None
+            self._news.wait_for(lambda: len(self._queue) or self._holder.closed.is_set(), timeout_s)
+            return self._queue.take() if len(self._queue) and not self._holder.closed.is_set() else None
 
     def close(self) -> None:
         """Leave the daemon; iterations end."""
+        self._holder.closed.set()
         with self._news:
-            self._closed.set()
             self._news.notify_all()
         if self._close_session is not None:
             self._close_session()
@@ -118,44 +122,31 @@ class StereoClient:
         self.close()
 
     def _open(self) -> None:
-        """Connect, once; waits until somebody is there."""
-        if self._close_session is not None:
-            return
-        complaint = ""
-        while not self._closed.is_set():
-            try:
-                session = open_as_consumer(self._endpoints)
-            except SessionError as error:
-                if str(error) != complaint:
-                    complaint = str(error)
-                    log.warning("no frames yet: %s; trying again", complaint)
-                self._closed.wait(_AGAIN_S)
-                continue
-            messages = session.declare_subscriber(all_of_rig(self._rig), RingChannel(_RING_MESSAGES))
-            # Threads of our own, for those of zenoh's callbacks keep a process from ending.
-            threads = [
-                threading.Thread(target=self._receive, args=(messages,), name="receive", daemon=True),
-                threading.Thread(target=self._report, args=(session,), name="report", daemon=True),
-            ]
+        """Begin to connect, once."""
+        if self._close_session is None:
             # At the latest when the interpreter ends, which a thread inside zenoh would not survive.
-            self._close_session = weakref.finalize(self, _end, session, self._closed, threads)
-            for thread in threads:
-                thread.start()
-            return
+            self._close_session = weakref.finalize(self, self._holder.close)
+            self._holder.start()
 
-    def _receive(self, messages: zenoh.Subscriber[Handler[zenoh.Sample]]) -> None:
-        takes: dict[str, _Take] = {"image": self._assembler.image, "exposure": self._assembler.exposure}
-        while not self._closed.is_set():
-            try:
-                sample = messages.recv()
-            except zenoh.ZError:  # closed
+    def _on_trouble(self, trouble: str) -> None:
+        if trouble:
+            log.warning("no frames yet: %s; trying again", trouble)
+
+    def _serve(self, session: zenoh.Session) -> None:
+        self._holder.subscribe(session, all_of_rig(self._rig), self._receive, _RING_MESSAGES)
+        key = consumer_key(self._rig, self._name)
+        while True:
+            with contextlib.suppress(zenoh.ZError):  # the next report holds these counts too
+                session.put(key, self._tally.to_json())
+            if self._holder.closed.wait(_REPORT_S):
                 return
-            key = str(sample.key_expr)
-            take, side = takes.get(last_but(key, 0)), _SIDES.get(last_but(key, 1))
-            if take is not None and side is not None and len(sample.payload) <= LARGEST_MESSAGE_BYTES:
-                self._take(take, side, sample.payload.to_bytes())
 
-    def _take(self, take: _Take, side: Side, data: bytes) -> None:
+    def _receive(self, key: str, data: bytes) -> None:
+        takes: dict[str, _Take] = {"image": self._assembler.image, "exposure": self._assembler.exposure}
+        take = takes.get(last_but(key, 0))
+        side = None if take is None else side_of(key)
+        if take is None or side is None:
+            return
         with self._news:
             try:
                 pair = take(side, data, time.monotonic_ns())
@@ -164,22 +155,3 @@ class StereoClient:
             if pair is not None:
                 self._queue.put(pair)
                 self._news.notify()
-
-    def _report(self, session: zenoh.Session) -> None:
-        key = consumer_key(self._rig, self._name)
-        while not session.is_closed():
-            try:
-                session.put(key, self._tally.to_json())
-            except zenoh.ZError:  # closed meanwhile
-                return
-            self._closed.wait(_REPORT_S)
-            if self._closed.is_set():
-                return
-
-
-def _end(session: zenoh.Session, closed: threading.Event, threads: list[threading.Thread]) -> None:
-    with contextlib.closing(session):
-        closed.set()
-    for thread in threads:
-        if thread is not threading.current_thread():
-            thread.join(_JOIN_S)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 from dataclasses import fields
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -29,7 +30,7 @@ from autoexpose_daemon.config.section import (
     Section,
 )
 from autoexpose_daemon.control.parameters import BalanceId, ControlParameters, MotionId
-from autoexpose_daemon.control.policies import DEFAULT_POLICY, check_policy_id
+from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, check_policy_id
 from calibration.response import ResponseFunction
 from calibration.response.file import ResponseFile
 from drivers.config.readable import readable
@@ -37,6 +38,7 @@ from drivers.config.strict_yaml import load_mapping
 from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Side
+from drivers.pixel_format import PixelFormat
 
 DEFAULT_START = ExposureSetting(2000.0, 0.0)
 """Right for an office, and six stops from either end of the range."""
@@ -157,7 +159,7 @@ class TransportConfig(Section):
 class ImageConfig(Section):
     """What the cameras send; None leaves a camera as it is."""
 
-    pixel_format: Literal["Mono8", "Mono12", "Mono16"] | None = None
+    pixel_format: PixelFormat | None = None
     binning: Binning | None = None
 
 
@@ -231,14 +233,25 @@ class Config(Section):
             return ExposureSetting(configured.exposure_time_us, configured.gain_db)
         return self.exposure.limits().realise(DEFAULT_START.level, DEFAULT_START.exposure_time_us)
 
-    def response_of(self, side: Side) -> ResponseFunction:
-        """The response function of a camera; that of another camera, or for another image format, is refused."""
-        path = self.sides[side].response
-        if path is None:
-            return ResponseFunction.linear()
-        file = ResponseFile.load(path)
-        file.check_belongs(path, self.sides[side].serial, self.image.pixel_format, self.image.binning)
-        return file.response
+    @cached_property
+    def responses(self) -> dict[Side, ResponseFile]:
+        """The response file of each camera, read once: linear where none is configured.
+
+        Raises
+        ------
+        ConfigurationError
+            Naming key and file of one that cannot be used, or is for another camera or image format.
+        """
+        files: dict[Side, ResponseFile] = {}
+        for side, camera in self.sides.items():
+            try:
+                path = camera.response
+                file = ResponseFile(ResponseFunction.linear()) if path is None else ResponseFile.load(path)
+                file.check_belongs(camera.serial, self.image.pixel_format, self.image.binning)
+            except ConfigurationError as error:
+                raise ConfigurationError(f"cameras.{side}.response: {error}") from error
+            files[side] = file
+        return files
 
 
 def load_config(path: Path) -> Config:
@@ -256,15 +269,7 @@ def load_config(path: Path) -> Config:
         raise ConfigurationError("\n".join(_sentence(path, each) for each in error.errors())) from error
     try:
         config = _with_absolute_paths(config, path.resolve().parent)
-    except ConfigurationError as error:
-        raise ConfigurationError(f"{path}: {error}") from error
-    for side in config.sides:
-        try:
-            config.response_of(side)
-        except ConfigurationError as error:
-            raise ConfigurationError(f"{path}: cameras.{side}.response: {error}") from error
-    try:
-        config.control.roi.regions()
+        _ = config.responses, config.control.roi.regions  # read here, so that what is wrong with them is said here
     except ConfigurationError as error:
         raise ConfigurationError(f"{path}: {error}") from error
     return config

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated
 
@@ -48,8 +49,9 @@ class RoiConfig(Section):
         both: dict[Side, RegionConfig | None] = {"left": self.left, "right": self.right}
         return {side: region for side, region in both.items() if region is not None}
 
+    @cached_property
     def regions(self) -> dict[Side, Region]:
-        """The regions there are, their masks read.
+        """The regions there are, their masks read once.
 
         Raises
         ------

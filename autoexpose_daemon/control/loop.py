@@ -16,16 +16,15 @@ from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.image import ImagePreparation
 from autoexpose_daemon.control.metrics.gradient import ExtremeShares, GradientMetric, mean_signal
 from autoexpose_daemon.control.motion import DisMotion, FarnebackMotion, FlowMotion
-from autoexpose_daemon.control.parameters import ControlParameters, MotionId
-from autoexpose_daemon.control.policies import PolicySetup, build_policy
-from autoexpose_daemon.control.policies.metric_map.policy import MetricMap
-from autoexpose_daemon.control.policy import Observation, PastStep
+from autoexpose_daemon.control.parameters import ControlParameters
+from autoexpose_daemon.control.policies.table import build_policy
+from autoexpose_daemon.control.policy import Look, Observation, PastStep, PolicySetup
 from autoexpose_daemon.control.region import Region
 from autoexpose_daemon.control.snapshot import Plain, restore, take
 from calibration.response import ResponseFunction
 from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.frames import Frame, Side, StereoPair
+from drivers.frames import SIDES, Frame, Side, StereoPair
 
 REMEMBERED_STEPS = 32
 """Half a second at 60 Hz: the slowest camera reported takes 0.4 s from write to effect."""
@@ -33,13 +32,10 @@ REMEMBERED_STEPS = 32
 REFERENCE_RATE_HZ = 60.0
 """Image speeds are in pixels per 1/60 s, the unit of the paper's tuning."""
 
-FARNEBACK_POLICIES = ("begin2022", "mehta2020")
-"""Those that Begin & Hunter ran with their own balance, and so with Farneback's flow."""
-
 _DEFAULT_PARAMETERS = ControlParameters()
 
 
-STATE_FORMAT = "autoexpose-control/2"
+STATE_FORMAT = "autoexpose-control/3"
 """Of `ControlSetup` and `ControlLoop.state` as plain data: another number when names, types or meaning change."""
 
 
@@ -48,7 +44,7 @@ class ControlSetup:
     """What a control loop is built from: the parameters of `ControlLoop`."""
 
     policy_id: str
-    response: ResponseFunction
+    responses: dict[Side, ResponseFunction]
     limits: ExposureLimits
     start: ExposureSetting
     parameters: ControlParameters
@@ -57,7 +53,7 @@ class ControlSetup:
     def loop(self) -> ControlLoop:
         """A loop that knows nothing yet."""
         return ControlLoop(
-            self.policy_id, self.response, self.limits, self.start, self.parameters, regions=self.regions
+            self.policy_id, self.responses, self.limits, self.start, self.parameters, regions=self.regions
         )
 
 
@@ -71,8 +67,8 @@ class ControlLoop:
     ----------
     policy_id
         One of `POLICY_IDS`.
-    response
-        Response function of the left camera.
+    responses
+        Response function of each camera; one alone is that of all.
     limits
         Bounds and increments that both cameras can take.
     start
@@ -88,30 +84,33 @@ class ControlLoop:
         For a policy that does not exist.
     """
 
-    STATE: ClassVar[tuple[str, ...]] = ("_past", "_motion", "_policy")
+    STATE: ClassVar[tuple[str, ...]] = ("_past", "_motions", "_motion_side", "_motion_px", "_policy")
     _past: deque[PastStep]
+    _motion_side: Side | None
+    _motion_px: float
 
     def __init__(
         self,
         policy_id: str,
-        response: ResponseFunction,
+        responses: ResponseFunction | Mapping[Side, ResponseFunction],
         limits: ExposureLimits,
         start: ExposureSetting,
         parameters: ControlParameters = _DEFAULT_PARAMETERS,
         *,
         regions: Mapping[Side, Region] | None = None,
     ) -> None:
-        self.setup = ControlSetup(policy_id, response, limits, start, parameters, dict(regions or {}))
+        of_sides = dict.fromkeys(SIDES, responses) if isinstance(responses, ResponseFunction) else dict(responses)
+        self.setup = ControlSetup(policy_id, of_sides, limits, start, parameters, dict(regions or {}))
         self._limits = limits
-        self._response = response
         self._focal_length_px = parameters.focal_length_px
         self._metric = GradientMetric(parameters.metric_delta, parameters.metric_lambda)
-        self._policy = build_policy(policy_id, PolicySetup(response, self._metric, start, parameters))
-        self._views = {"left": View(), "right": View()}
-        for side, region in self.setup.regions.items():
-            self._views[side] = View(region)
-        self._shares = ExtremeShares(response)
-        self._motion = _flow(parameters.motion, policy_id, response)
+        self._policy = build_policy(PolicySetup(policy_id, of_sides, self._metric, start, parameters))
+        self._views = {side: View(response, self.setup.regions.get(side)) for side, response in of_sides.items()}
+        flow = self._policy.FLOW if parameters.motion == "policy" else parameters.motion
+        motion = FarnebackMotion if flow == "farneback" else DisMotion
+        self._motions: dict[Side, FlowMotion] = {side: motion(response) for side, response in of_sides.items()}
+        self._motion_side = None
+        self._motion_px = 0.0
         self._past = deque(maxlen=REMEMBERED_STEPS)
 
     @property
@@ -122,7 +121,7 @@ class ControlLoop:
     @property
     def shortfall(self) -> str | None:
         """What the policy does less of than it could, and why; None for nothing."""
-        return self._policy.shortfall if isinstance(self._policy, MetricMap) else None
+        return self._policy.shortfall
 
     def state(self) -> dict[str, Plain]:
         """All that later decisions depend on beside `setup`, as plain data (a copy)."""
@@ -135,8 +134,8 @@ class ControlLoop:
     def step(self, pair: StereoPair, angular_rate_rad_s: float | None = None) -> Decision:
         """Look at a pair and decide on the next setting of both cameras.
 
-        The left frame must have at least 90x68 pixels. Left and right may have been taken with different settings:
-        everything refers to the left frame and its own setting.
+        Frames must have at least 90x68 pixels. They may have been taken with different settings: everything refers to
+        the pair's reference frame, the left one where there is one, and to its own setting.
 
         Parameters
         ----------
@@ -171,35 +170,41 @@ class ControlLoop:
         )
 
     def _observe(self, pair: StereoPair, angular_rate_rad_s: float | None) -> Observation:
-        left, right = pair.left, pair.right
-        image, weights = self._views["left"].look(left)
-        right_image, right_weights = (None, None) if right is None else self._views["right"].look(right)
-        saturated_share, black_share = self._shares.measure(image, weights)
+        side, frame = pair.reference_side, pair.reference
+        looks = [self._views[each].look(each, other) for each, other in pair.frames.items()]
+        look = looks[0]
+        saturated_share, black_share = self._views[side].shares.measure(look.image, look.weights)
         return Observation(
-            image=image,
-            right_image=right_image,
-            setting=left.setting,
-            device_time_ns=left.device_time_ns,
-            metric=self._metric.measure(image, weights),
-            mean=mean_signal(image, self._response, weights),
+            looks=looks,
+            setting=frame.setting,
+            device_time_ns=frame.device_time_ns,
+            metric=self._metric.measure(look.image, look.weights),
+            mean=mean_signal(look.image, look.response, look.weights),
             saturated_share=saturated_share,
             black_share=black_share,
-            motion_px=self._speed_px(image, left, angular_rate_rad_s),
+            motion_px=self._speed_px(side, look.image, frame, angular_rate_rad_s),
             limits=self._limits,
-            realised=self._decision_realised_by(left.setting),
-            weights=weights,
-            right_weights=right_weights,
+            past=self._past,
+            realised=self._decision_realised_by(frame.setting),
         )
 
-    def _speed_px(self, image: NDArray[np.uint8], frame: Frame, angular_rate_rad_s: float | None) -> float:
+    def _speed_px(self, side: Side, image: NDArray[np.uint8], frame: Frame, angular_rate_rad_s: float | None) -> float:
         """Mean speed of image points, pixels of full resolution per 1/60 s."""
         if angular_rate_rad_s is None:
-            return self._motion.measure(image, frame.pixels.shape[1], frame.setting.level, frame.device_time_ns)
+            return self._flow_px(side, image, frame)
         if self._focal_length_px is None:
             raise ConfigurationError("an angular rate needs control.focal_length_px: give the focal length in pixels")
         if not math.isfinite(angular_rate_rad_s):
             raise ConfigurationError(f"the angular rate is {angular_rate_rad_s}: give a finite number of rad/s")
         return abs(angular_rate_rad_s) * self._focal_length_px / REFERENCE_RATE_HZ
+
+    def _flow_px(self, side: Side, image: NDArray[np.uint8], frame: Frame) -> float:
+        """The speed by optical flow; where another camera takes over, which has no recent frame, that of the last."""
+        speed_px = self._motions[side].measure(image, frame.pixels.shape[1], frame.setting.level, frame.device_time_ns)
+        if speed_px is None:
+            speed_px = self._motion_px if self._motion_side not in {None, side} else 0.0
+        self._motion_side, self._motion_px = side, speed_px
+        return speed_px
 
     def _decision_realised_by(self, setting: ExposureSetting) -> PastStep | None:
         """The latest remembered step that decided on `setting`."""
@@ -207,28 +212,23 @@ class ControlLoop:
 
 
 class View:
-    """How control looks at one camera: the prepared image, and the weights of its region."""
+    """How control looks at one camera: the prepared image, by its response function, and the weights of its region."""
 
-    def __init__(self, region: Region | None = None) -> None:
+    def __init__(self, response: ResponseFunction, region: Region | None = None) -> None:
+        self.shares = ExtremeShares(response)
+        self._response = response
         self._preparation = ImagePreparation()
         self._region = region
         self._weights: NDArray[np.uint8] | None = None
         self._shape: tuple[int, ...] = ()
 
-    def look(self, frame: Frame) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
-        """The prepared image of a frame, valid until the next call, and its weights."""
+    def look(self, side: Side, frame: Frame) -> Look:
+        """What a policy sees of a frame, valid until the next call."""
         image = self._preparation.prepare(frame.grey8())
         if self._region is not None and frame.pixels.shape != self._shape:
             self._weights = self._region.weights(frame.pixels.shape)
             self._shape = frame.pixels.shape
-        return image, self._weights
-
-
-def _flow(motion: MotionId, policy_id: str, response: ResponseFunction) -> FlowMotion:
-    """The optical flow that was configured, or else that of the policy."""
-    if motion == "policy":
-        motion = "farneback" if policy_id in FARNEBACK_POLICIES else "dis"
-    return FarnebackMotion(response) if motion == "farneback" else DisMotion(response)
+        return Look(side, image, self._response, self._weights)
 
 
 def _limited(reason: str, above: bool) -> str:

@@ -52,8 +52,8 @@ class FlowMotion(ABC):
     def _calculate(self, previous: NDArray[np.uint8], current: NDArray[np.uint8], flow: NDArray[np.float32]) -> None:
         """Write into `flow`, (height, width, 2), how far each pixel of `previous` has moved, in pixels."""
 
-    def measure(self, image: NDArray[np.uint8], full_width: int, level: float, device_time_ns: int) -> float:
-        """Mean speed in pixels of full resolution per 1/60 s; 0 for a frame without a usable predecessor.
+    def measure(self, image: NDArray[np.uint8], full_width: int, level: float, device_time_ns: int) -> float | None:
+        """Mean speed in pixels of full resolution per 1/60 s; None for a frame without a usable predecessor.
 
         Parameters
         ----------
@@ -76,7 +76,7 @@ class FlowMotion(ABC):
         if image.shape != self._allocated_for:
             self._allocate(image.shape)
         self._shrink(image)
-        speed = 0.0
+        speed = None
         if self._previous_time_ns is not None:
             interval_ns = device_time_ns - self._previous_time_ns
             if 0 < interval_ns <= LONGEST_INTERVAL_NS:

@@ -1,15 +1,21 @@
-"""What a policy sees of a frame, and what it answers."""
+"""What a policy is built from, what it sees of a frame, and what it answers."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Protocol
+from typing import ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from autoexpose_daemon.control.balance import Balance
+from autoexpose_daemon.control.balance import Balance, BlurNoiseBalance, ExposurePriority, FixedRatio, FlickerBalance
+from autoexpose_daemon.control.metrics.gradient import GradientMetric
+from autoexpose_daemon.control.parameters import ControlParameters
+from calibration.response import ResponseFunction
 from drivers.exposure import ExposureLimits, ExposureSetting
+from drivers.frames import Side
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,19 +44,40 @@ class PastStep:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Look:
+    """What control sees of one camera's frame.
+
+    Attributes
+    ----------
+    side
+        Which camera it is.
+    image
+        The frame made small (`ImagePreparation`), uint8, (height, width). Valid during this step only.
+    response
+        The camera's response function.
+    weights
+        How much each pixel of `image` counts, uint8 of its shape; None: all alike. The figures of an `Observation`
+        honour them; a policy that looks at pixels must, too.
+    """
+
+    side: Side
+    image: NDArray[np.uint8]
+    response: ResponseFunction
+    weights: NDArray[np.uint8] | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Observation:
     """Everything a policy may look at.
 
     Attributes
     ----------
-    image
-        The left frame made small (`ImagePreparation`), uint8, (height, width). Valid during this step only.
-    right_image
-        The right frame made small in the same way; None in a rig of one camera, or while one is gone.
+    looks
+        The frames, the reference first: that of the left camera, or of the only one there is. All else is of it.
     setting
-        Exposure time and gain which this frame was really taken with.
+        Exposure time and gain which the frame was really taken with.
     device_time_ns
-        Time stamp of the left frame on its camera's clock.
+        Its time stamp on its camera's clock.
     metric
         M_g of `image`, 0..1 per pixel.
     mean
@@ -61,15 +88,13 @@ class Observation:
         Mean speed of image points, pixels of full resolution per 1/60 s.
     limits
         Bounds and increments that the next setting will be cut to.
+    past
+        The latest decisions, oldest first, one for each frame.
     realised
-        The past decision that this frame was taken with; None when no remembered one fits its setting.
-    weights, right_weights
-        How much each pixel of `image` and `right_image` counts, uint8 of their shapes; None: all alike. The figures
-        above honour them; a policy that looks at pixels must, too.
+        That of them which this frame was taken with; None when none fits its setting.
     """
 
-    image: NDArray[np.uint8]
-    right_image: NDArray[np.uint8] | None
+    looks: Sequence[Look]
     setting: ExposureSetting
     device_time_ns: int
     metric: float
@@ -78,9 +103,23 @@ class Observation:
     black_share: float
     motion_px: float
     limits: ExposureLimits
-    realised: PastStep | None
-    weights: NDArray[np.uint8] | None = None
-    right_weights: NDArray[np.uint8] | None = None
+    past: Sequence[PastStep] = ()
+    realised: PastStep | None = None
+
+    @property
+    def side(self) -> Side:
+        """The camera of the reference frame."""
+        return self.looks[0].side
+
+    @property
+    def image(self) -> NDArray[np.uint8]:
+        """The reference frame made small."""
+        return self.looks[0].image
+
+    @property
+    def weights(self) -> NDArray[np.uint8] | None:
+        """How much each pixel of `image` counts."""
+        return self.looks[0].weights
 
     def realises(self, target: Target) -> bool:
         """Whether this frame was taken because `target` was asked for.
@@ -118,18 +157,57 @@ class Target:
     exposure_time_us: float | None = None
 
 
-class ExposurePolicy(Protocol):
+@dataclass(frozen=True, slots=True)
+class PolicySetup:
+    """What policies are built from. `metric` is shared with the loop: its buffers are needed once."""
+
+    policy_id: str
+    responses: Mapping[Side, ResponseFunction]
+    metric: GradientMetric
+    start: ExposureSetting
+    parameters: ControlParameters
+
+    def balance(self, of_the_paper: Balance | None = None) -> Balance:
+        """The configured balance, or else that of the policy's paper; None: Begin & Hunter's."""
+        match self.parameters.balance:
+            case "policy" if of_the_paper is not None:
+                return of_the_paper
+            case "policy" | "blur_noise":
+                return BlurNoiseBalance(self.parameters.balance_weight, self.parameters.balance_offset)
+            case "exposure_priority":
+                return ExposurePriority()
+            case "fixed_ratio":
+                return FixedRatio()
+            case "flicker":
+                return FlickerBalance(self.parameters.flicker_hz)
+
+
+class ExposurePolicy(ABC):
     """Decides on one exposure level per stereo pair.
 
     The state that a policy carries from frame to frame is plain data in its own attributes, named in `STATE`: see
     `snapshot`.
+
+    Attributes
+    ----------
+    FLOW
+        The optical flow that its paper measures motion with, and that is used unless another is configured.
+    balance
+        How the level is split into time and gain.
+    shortfall
+        What it does less of than it could, and why; None for nothing.
     """
 
-    STATE: ClassVar[tuple[str, ...]]
+    STATE: ClassVar[tuple[str, ...]] = ()
+    FLOW: ClassVar[Literal["dis", "farneback"]] = "dis"
+    balance: Balance
+    shortfall: str | None = None
 
-    @property
-    def balance(self) -> Balance:
-        """How the level is split into time and gain."""
+    @classmethod
+    def build(cls, setup: PolicySetup) -> Self:
+        """A fresh one; every policy of the table has this."""
+        raise NotImplementedError
 
+    @abstractmethod
     def decide(self, observation: Observation) -> Target:
         """The target for the frame to be taken next."""

@@ -49,6 +49,9 @@ def restore(holder: Stateful, state: Plain) -> None:
         current = getattr(holder, name)
         if hasattr(current, "STATE"):
             restore(current, value)
+        elif _holds_stateful(current):
+            for key, member in zip(current, _members(value, list(current), name), strict=True):
+                restore(current[key], member)
         elif isinstance(current, deque):  # how much it remembers follows from how it was built
             current.clear()
             current.extend(parse(value, hints[name]))
@@ -119,7 +122,13 @@ def _collection(data: list[Plain] | dict[str, Plain], hint: Any) -> Any:
 
 
 def _state_or_plain(value: Any) -> Plain:
+    if _holds_stateful(value):
+        return {key: take(holder) for key, holder in value.items()}
     return take(value) if hasattr(value, "STATE") else plain(value)
+
+
+def _holds_stateful(value: Any) -> bool:
+    return isinstance(value, dict) and any(hasattr(holder, "STATE") for holder in value.values())
 
 
 @cache

@@ -50,7 +50,7 @@ def show(options: DemoOptions, cameras: FakeCameras, stop: threading.Event, cons
             resources.enter_context(recorder)
         service = Service(
             config,
-            lambda config, start: add_outlets(Daemon(config, openers(config), step_log, start), config, recorder),
+            lambda config, start: add_outlets(Daemon(config, openers(config), start, [step_log]), config, recorder),
         )
         took_s, cpu_s = _run_for(options.seconds, service, stop, console, cameras.truths[0])
     cameras.end()

@@ -50,8 +50,8 @@ class StepLog:
 
     def __call__(self, pair: StereoPair, decision: Decision | None) -> None:
         """Keep one step, if it is one."""
-        frame = pair.left
-        if pair.right is not None:
+        frame = pair.reference
+        if len(pair.frames) > 1:
             self.pairs_ns.append(frame.host_time_ns)
         if decision is None:
             return

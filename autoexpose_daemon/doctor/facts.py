@@ -44,7 +44,7 @@ class Facts:
 
 def gather(root: Path = Path("/")) -> Facts:
     """Look at the host, which takes about a second; files are read below `root`."""
-    found = search(find_interfaces(root))
+    found = search(find_interfaces())
     reachable = [camera.address for camera in found.cameras if camera.reachable]
     return Facts(
         usb=find_usb(root),

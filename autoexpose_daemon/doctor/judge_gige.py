@@ -53,11 +53,12 @@ def _interface_name(camera: GigeCamera) -> str:
 
 def _foreign(camera: GigeCamera, name: str) -> Finding:
     interface = camera.interface
+    subnets = " and ".join(str(own.network) for own in interface.addresses)
     return Finding(
         "gige-subnet",
         "stops",
-        f"{name} has the address {camera.address.ip}, outside the subnet {interface.address.network} of "
-        f"{interface.name}: it can be seen but not spoken to",
+        f"{name} has the address {camera.address.ip}, outside the subnet{'s' * (len(interface.addresses) > 1)} "
+        f"{subnets} of {interface.name}: it can be seen but not spoken to",
         f"sudo ip address add {_neighbour(camera.address)} dev {interface.name}"
         "   # or give the camera an address of this subnet",
     )

@@ -8,6 +8,7 @@ from typing import Self
 
 from autoexpose_daemon.config.document import Config, TriggerConfig
 from drivers.frames import Side
+from drivers.pixel_format import PixelFormat
 
 ASSUMED_WIDTH, ASSUMED_HEIGHT = 720, 540
 """A frame's size is known only once a camera is open; this is that of the sensors this project is made for."""
@@ -21,7 +22,7 @@ class Need:
     rate_hz: float = TriggerConfig().rate_hz
     width: int = ASSUMED_WIDTH
     height: int = ASSUMED_HEIGHT
-    bytes_per_pixel: int = 1
+    bits_per_pixel: int = PixelFormat.MONO8.bits_per_pixel
     packet_size_bytes: int | None = None
 
     @classmethod
@@ -35,19 +36,19 @@ class Need:
             rate_hz=config.trigger.rate_hz,
             width=ASSUMED_WIDTH // binning,
             height=ASSUMED_HEIGHT // binning,
-            bytes_per_pixel=2 if config.image.pixel_format in ("Mono12", "Mono16") else 1,
+            bits_per_pixel=(config.image.pixel_format or PixelFormat.MONO8).bits_per_pixel,
             packet_size_bytes=config.transport.packet_size_bytes,
         )
 
     @property
     def frame_bytes(self) -> int:
         """Size of one frame."""
-        return self.width * self.height * self.bytes_per_pixel
+        return self.width * self.height * self.bits_per_pixel // 8
 
     @property
     def assumption(self) -> str:
         """What `bandwidth_mb_per_s` rests on."""
-        return f"assuming {self.width}x{self.height} pixels of {8 * self.bytes_per_pixel} bits at {self.rate_hz:g} Hz"
+        return f"assuming {self.width}x{self.height} pixels of {self.bits_per_pixel} bits at {self.rate_hz:g} Hz"
 
     def bandwidth_mb_per_s(self, cameras: int) -> float:
         """What so many cameras send, in 10^6 bytes per second."""

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 from autoexpose_daemon.control.decision import Decision
-from autoexpose_daemon.messages.types import EXPOSURE_INFO, IMAGE, TYPESTORE
+from autoexpose_daemon.messages.types import ENCODINGS, EXPOSURE_INFO, IMAGE, TYPESTORE
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame, Pixels
-from drivers.genicam.image_format import BIT_DEPTHS
+from drivers.pixel_format import PixelFormat
+
+_PIXELS = {(pixel_format.bit_depth, pixel_format.dtype) for pixel_format in PixelFormat}
 
 
 class DamagedMessageError(ValueError):
@@ -26,12 +26,12 @@ def read_image(data: bytes) -> tuple[int, Pixels]:
         When it is no grey image, or not whole.
     """
     message = _deserialise(data, IMAGE)
-    dtype = {"mono8": np.uint8, "mono16": np.uint16}.get(message.encoding)
+    dtype = ENCODINGS.get(message.encoding)
     if dtype is None or message.data.size != message.height * message.step:
         raise DamagedMessageError(f"an Image of {message.data.size} bytes, {message.height} rows, {message.encoding}")
     if message.data.size == 0:
         raise DamagedMessageError(f"an Image of {message.width}x{message.height} pixels")
-    if message.step != message.width * np.dtype(dtype).itemsize or message.is_bigendian:
+    if message.step != message.width * dtype.itemsize or message.is_bigendian:
         raise DamagedMessageError(f"an Image of {message.width} pixels in rows of {message.step} bytes")
     return stamp_ns(message), message.data.view(dtype).reshape(message.height, message.width)
 
@@ -54,7 +54,7 @@ def frame_of(info: Any, pixels: Pixels) -> Frame:
     DamagedMessageError
         When the two do not belong together, or no image can be taken so.
     """
-    if info.bit_depth not in BIT_DEPTHS.values() or (info.bit_depth == 8) != (pixels.dtype == np.uint8):
+    if (info.bit_depth, pixels.dtype) not in _PIXELS:
         raise DamagedMessageError(f"{info.bit_depth} significant bits in pixels of {8 * pixels.itemsize}")
     return Frame(
         pixels,

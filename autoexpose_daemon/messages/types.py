@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from importlib.resources import files
 
+import numpy as np
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from drivers.pixel_format import PixelFormat
 
 IMAGE = "sensor_msgs/msg/Image"
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
@@ -16,6 +19,15 @@ TYPESTORE = get_typestore(Stores.ROS2_HUMBLE)
 TYPESTORE.register(
     get_types_from_msg(files(__package__).joinpath(f"{EXPOSURE_INFO}.msg").read_text(encoding="utf-8"), EXPOSURE_INFO)
 )
+
+
+def encoding(dtype: np.dtype[np.uint8] | np.dtype[np.uint16]) -> str:
+    """What an Image calls grey pixels of this type."""
+    return f"mono{8 * dtype.itemsize}"
+
+
+ENCODINGS = {encoding(pixel_format.dtype): pixel_format.dtype for pixel_format in PixelFormat}
+"""The encodings of an Image, and the types of their pixels."""
 
 
 def definition(message_type: str) -> str:

@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 
 from autoexpose_daemon.control.decision import Decision
-from autoexpose_daemon.messages.types import CAMERA_INFO, EXPOSURE_INFO, IMAGE, TYPESTORE
+from autoexpose_daemon.messages.types import CAMERA_INFO, EXPOSURE_INFO, IMAGE, TYPESTORE, encoding
 from drivers.frames import Frame, Side, StereoPair
 
 TOPICS = {"image": IMAGE, "camera_info": CAMERA_INFO, "exposure": EXPOSURE_INFO}
@@ -89,7 +89,7 @@ class MessageWriter:
         wanted
             Side and topic of those that are made.
         """
-        stamp_ns = min(max(pair.left.host_time_ns + offset_ns, 0), LAST_STAMP_NS)
+        stamp_ns = min(max(pair.reference.host_time_ns + offset_ns, 0), LAST_STAMP_NS)
         stamp = _Time(*divmod(stamp_ns, 1_000_000_000))
         of_pair: dict[str, float | str] = {
             "trigger": pair.trigger,
@@ -98,7 +98,7 @@ class MessageWriter:
             "alone": len(pair.frames) < self._cameras,
             **(_NOTHING_DECIDED if decision is None else _of_decision(decision)),
         }
-        for side, frame in pair.by_side.items():
+        for side, frame in pair.frames.items():
             header = _Header(stamp, f"{self._rig}_{side}_optical_frame")
             info = _ExposureInfo(header=header, **of_pair, **_of_frame(frame))
             if (side, "exposure") in wanted:
@@ -118,9 +118,8 @@ def _serialise(message: object, message_type: str) -> bytearray:
 
 def _image(header: Any, frame: Frame) -> Any:
     height, width = frame.pixels.shape
-    encoding = "mono8" if frame.bit_depth == 8 else "mono16"
     data = frame.pixels.reshape(-1).view(np.uint8)
-    return _Image(header, height, width, encoding, 0, width * frame.pixels.itemsize, data)
+    return _Image(header, height, width, encoding(frame.pixels.dtype), 0, width * frame.pixels.itemsize, data)
 
 
 def _camera_info(header: Any, frame: Frame) -> Any:

@@ -16,7 +16,7 @@ from drivers.frames import Frame, Side
 
 def pair_message(pair: ReceivedPair, pictures: Mapping[Side, Picture]) -> bytes:
     """Length of the text (4 bytes, little-endian), the text in JSON, then the JPEGs in its order."""
-    frames = pair.stereo.by_side
+    frames = pair.stereo.frames
     text = {
         "trigger": pair.trigger,
         "pictures": [_described(side, frames[side], picture) for side, picture in pictures.items()],

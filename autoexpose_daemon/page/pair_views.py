@@ -165,7 +165,7 @@ class PairViews:
         return Curve(tuple(DELTA_LEVELS), tuple(metrics), pair.left.setting.level, decided)
 
     def _show(self, pair: ReceivedPair) -> None:
-        pictures = {side: self._maker(side).picture(frame.grey8()) for side, frame in pair.stereo.by_side.items()}
+        pictures = {side: self._maker(side).picture(frame.grey8()) for side, frame in pair.stereo.frames.items()}
         self._newest = self._newest[0] + 1, pair_message(pair, pictures)
         self._loop.call_soon_threadsafe(self._ring)
 

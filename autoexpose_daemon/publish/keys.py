@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import logging
 import re
+import time
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Literal
 
 from drivers.errors import ConfigurationError
+from drivers.log_throttle import LogThrottle
 
 if TYPE_CHECKING:
     from drivers.frames import Side
+
+SIDES: tuple[Side, ...] = ("left", "right")
 
 LOOPBACK = "tcp/127.0.0.1:7448"
 """Where a daemon listens unless configured otherwise; next to 7447, which is that of zenoh routers."""
@@ -19,6 +24,9 @@ RIG_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
 LAST_ROS2_DOMAIN = 232
 """The highest ROS_DOMAIN_ID that ROS 2 knows."""
+
+log = logging.getLogger(__name__)
+_SELDOM = LogThrottle(60.0)
 
 CONSUMER_NAME = re.compile(r"[A-Za-z0-9_.-]{1,64}")
 _ENDPOINT = re.compile(r"[a-z][a-z0-9_-]*/\S+")
@@ -60,6 +68,17 @@ def status_key(rig: str) -> str:
 def response_key(rig: str, side: Side | Literal["*"]) -> str:
     """Where the response function of a camera goes; `*` for all of them."""
     return f"autoexpose/{rig}/{side}/response"
+
+
+def side_of(key: str) -> Side | None:
+    """The camera of a `frame_key` or `response_key`; None, and a line in the log, for one that is not known here."""
+    name = last_but(key, 1)
+    for side in SIDES:
+        if name == side:
+            return side
+    if _SELDOM.due("camera", time.monotonic_ns()):
+        log.warning("messages of a camera named %a are ignored: known are %s", name, " and ".join(SIDES))
+    return None
 
 
 def last_but(key: str, parts: int) -> str:

@@ -19,7 +19,7 @@ from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.messages.write import TOPICS, MessageWriter, realtime_offset_ns
 from autoexpose_daemon.publish.keys import CONSUMER_NAME, consumer_key, frame_key, last_but
 from autoexpose_daemon.publish.ros2_keys import Attachments, Ros2Node
-from autoexpose_daemon.publish.session import Endpoints, SessionError, open_as_publisher
+from autoexpose_daemon.publish.session import Endpoints, SessionHolder
 from autoexpose_daemon.status.publishing import LARGEST_REPORT_BYTES, ConsumerTally, DropReason, PublishTally
 from drivers.frames import Side, StereoPair
 
@@ -27,8 +27,6 @@ log = logging.getLogger(__name__)
 
 MAILBOX_PAIRS = 12
 """0.2 s at 60 Hz: longer than consumers that get stuck, or a busy machine, hold the thread up; 9 MB of 720 x 540."""
-_AGAIN_S = 2.0
-_STOP_S = 5.0
 _TELL_S = 1.0
 _PRIORITIES: dict[Side, zenoh.Priority] = {"left": zenoh.Priority.DATA, "right": zenoh.Priority.DATA_LOW}
 """Each priority has a queue of its own, which makes room for twice as many images."""
@@ -69,10 +67,10 @@ class Publisher:
         self._open = False
         self._stopping = False
         self._sequence = 0
-        self._thread = threading.Thread(target=self._run, name="publish", daemon=True)
+        self._holder = SessionHolder("peer", self._endpoints, self._serve, self._on_trouble)
 
     def __enter__(self) -> Self:
-        self._thread.start()
+        self._holder.start()
         return self
 
     def __exit__(
@@ -81,9 +79,8 @@ class Publisher:
         with self._news:
             self._stopping = True
             self._news.notify()
-        self._thread.join(_STOP_S)
-        if self._thread.is_alive():
-            log.error("zenoh did not close its session within %g s", _STOP_S)
+        if not self._holder.close():
+            log.error("zenoh did not close its session in time")
 
     def __call__(self, pair: StereoPair, decision: Decision | None) -> None:
         """Take a pair; the oldest that waits makes place when there is no more."""
@@ -98,23 +95,13 @@ class Publisher:
             self._mailbox.append((pair, decision))
             self._news.notify()
 
-    def _run(self) -> None:
-        while not self._stopping:
-            try:
-                session = open_as_publisher(self._endpoints)
-            except SessionError as error:
-                if str(error) != self.tally.trouble:
-                    log.warning("frames are not published: %s; trying again", error)
-                self.tally.trouble = str(error)
-                with self._news:
-                    self._news.wait_for(lambda: self._stopping, _AGAIN_S)
-                continue
-            self.tally.trouble = ""
-            log.info("publishing autoexpose/%s, %s", self._config.rig, self._endpoints)
-            with contextlib.closing(session):
-                self._serve(session)
+    def _on_trouble(self, trouble: str) -> None:
+        self.tally.trouble = trouble
+        if trouble:
+            log.warning("frames are not published: %s; trying again", trouble)
 
     def _serve(self, session: zenoh.Session) -> None:
+        log.info("publishing autoexpose/%s, %s", self._config.rig, self._endpoints)
         outlets: _Outlets = {
             (side, topic): [_Outlet(session, frame_key(self._config.rig, side, topic), side)]
             for side in _PRIORITIES

@@ -1,19 +1,25 @@
-"""Sessions of zenoh that stay on this machine unless told otherwise."""
+"""Sessions of zenoh, which stay on this machine unless configured otherwise: opened, retried and closed."""
 
 from __future__ import annotations
 
+import contextlib
 import json
-from collections.abc import Sequence
+import threading
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 import zenoh
+from zenoh.handlers import Handler, RingChannel
 
 from drivers.errors import AutoexposeError
 
 LARGEST_MESSAGE_BYTES = 64 << 20
 """Of an image with its header. What is larger is dropped; zenoh's own limit, 1 GB, fills a small computer's memory."""
+
+_RETRY_S = 0.5
+_JOIN_S = 5.0
 
 _QUEUE = "transport/link/tx/queue"
 _TUNING = {
@@ -27,6 +33,13 @@ _TUNING = {
     # By default zenoh looks for others on all networks.
     "scouting/multicast/enabled": False,
 }
+
+
+Mode = Literal["peer", "client"]
+"""A peer is what consumers connect to; a client connects to a daemon or a router, and finds it again after a loss."""
+
+Take = Callable[[str, bytes], None]
+"""Takes a message and its key."""
 
 
 class SessionError(AutoexposeError):
@@ -58,17 +71,92 @@ class Endpoints:
         return ", ".join([*self.listen, *self.connect]) or "no endpoint"
 
 
-def open_as_publisher(endpoints: Endpoints) -> zenoh.Session:
-    """A session that consumers connect to; raises `SessionError`."""
-    return _open("peer", endpoints)
+class SessionHolder:
+    """Holds a session on a thread of its own: opens it, retries until that succeeds, and closes it at the end.
+
+    Its threads, unlike those of zenoh's callbacks, do not keep a process from ending.
+
+    Parameters
+    ----------
+    mode, endpoints
+        What to open.
+    serve
+        Called once the session is open; the session closes when this returns, which it must soon after `closed` is set.
+    on_trouble
+        Called when the reason why there is no session changes; empty: there is one.
+
+    Attributes
+    ----------
+    closed
+        Set by `close`.
+    """
+
+    def __init__(
+        self,
+        mode: Mode,
+        endpoints: Endpoints,
+        serve: Callable[[zenoh.Session], None],
+        on_trouble: Callable[[str], None],
+    ) -> None:
+        self.closed = threading.Event()
+        self._mode: Mode = mode
+        self._endpoints = endpoints
+        self._serve = serve
+        self._on_trouble = on_trouble
+        self._threads = [threading.Thread(target=self._run, name="session", daemon=True)]
+
+    def start(self) -> None:
+        """Begin to open the session."""
+        self._threads[0].start()
+
+    def close(self) -> bool:
+        """Close the session, or give up opening it; returns whether zenoh was done in time. Call it after `start`."""
+        self.closed.set()
+        for thread in self._threads:
+            thread.join(_JOIN_S)
+        return not any(thread.is_alive() for thread in self._threads)
+
+    def subscribe(
+        self, session: zenoh.Session, key: str, take: Take, waiting: int, largest_bytes: int = LARGEST_MESSAGE_BYTES
+    ) -> None:
+        """Hand messages to `take` on a thread of their own until the session closes; larger ones are dropped.
+
+        zenoh drops the oldest when more than `waiting` have not been taken yet.
+        """
+        messages = session.declare_subscriber(key, RingChannel(waiting))
+        thread = threading.Thread(target=_receive, args=(messages, take, largest_bytes), name="receive", daemon=True)
+        self._threads.append(thread)
+        thread.start()
+
+    def _run(self) -> None:
+        trouble = ""
+        while not self.closed.is_set():
+            try:
+                session = open_session(self._mode, self._endpoints)
+            except SessionError as error:
+                if str(error) != trouble:
+                    trouble = str(error)
+                    self._on_trouble(trouble)
+                self.closed.wait(_RETRY_S)
+                continue
+            self._on_trouble("")
+            with contextlib.closing(session):
+                self._serve(session)
+            return
 
 
-def open_as_consumer(endpoints: Endpoints) -> zenoh.Session:
-    """A session that connects to a daemon or a router and finds it again when it was gone; raises `SessionError`."""
-    return _open("client", endpoints)
+def _receive(messages: zenoh.Subscriber[Handler[zenoh.Sample]], take: Take, largest_bytes: int) -> None:
+    while True:
+        try:
+            sample = messages.recv()
+        except zenoh.ZError:  # the session was closed
+            return
+        if len(sample.payload) <= largest_bytes:
+            take(str(sample.key_expr), sample.payload.to_bytes())
 
 
-def _open(mode: Literal["peer", "client"], endpoints: Endpoints) -> zenoh.Session:
+def open_session(mode: Mode, endpoints: Endpoints) -> zenoh.Session:
+    """A session; raises `SessionError`."""
     try:
         return zenoh.open(_configuration(mode, endpoints))
     except zenoh.ZError as error:

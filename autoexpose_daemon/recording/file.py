@@ -82,7 +82,7 @@ class RecordingFile:
         space = os.fstatvfs(self._stream.fileno())
         if space.f_bavail * space.f_frsize < RESERVE_BYTES:
             raise RecordingError(f"{self._path}: less than {RESERVE_BYTES >> 20} MiB are left on its disk: make room")
-        self._time_ns = max(frame.arrival_time_ns for frame in step.pair.frames) + self._offset_ns
+        self._time_ns = max(frame.arrival_time_ns for frame in step.pair.frames.values()) + self._offset_ns
         try:
             if setup is not self._setup:
                 self._setup = setup

@@ -17,10 +17,9 @@ from autoexpose_daemon.messages.types import EXPOSURE_INFO, TYPESTORE, definitio
 from autoexpose_daemon.recording.file import METADATA, STATE, STRING
 from autoexpose_daemon.recording.plain_json import from_json
 from autoexpose_daemon.recording.step import Item, RecordingError, Setup, State, Step
+from autoexpose_daemon.recording.upgrade import FORMER_FORMAT, upgraded_setup, upgraded_state
 from drivers.config.files import open_regular
-from drivers.frames import Pixels, Side, StereoPair
-
-_SIDES: tuple[Side, ...] = ("left", "right")
+from drivers.frames import SIDES, Pixels, Side, StereoPair
 
 
 class Recording:
@@ -121,13 +120,14 @@ class Recording:
         except Exception as error:  # rosbags checks nothing
             raise DamagedMessageError(f"control/{what} is no String") from error
         content = from_json(text)
-        if not isinstance(content, dict) or content.get("format") != STATE_FORMAT:
+        if not isinstance(content, dict) or content.get("format") not in (STATE_FORMAT, FORMER_FORMAT):
             found = content.get("format") if isinstance(content, dict) else None
             raise self._error(f"holds a state of control of format {found!r}: only {STATE_FORMAT!r} can be read")
+        former = content["format"] == FORMER_FORMAT
         if what == STATE:
-            return State(content.get("state"))
-        made_with = parse(content.get("made_with"), dict[str, str])
-        return Setup(parse(content.get("setup"), ControlSetup), made_with)
+            return State(upgraded_state(content.get("state")) if former else content.get("state"))
+        setup = upgraded_setup(content.get("setup")) if former else content.get("setup")
+        return Setup(parse(setup, ControlSetup), parse(content.get("made_with"), dict[str, str]))
 
     def _exposure(self, side: Side, data: bytes) -> None:
         info = read_exposure_info(data)
@@ -144,10 +144,9 @@ class Recording:
         info = self._infos[side]
         if len(self._frames) < (1 if info.alone else info.cameras):
             return None
-        frames = {each: frame_of(*self._frames[each]) for each in _SIDES if each in self._frames}
+        frames = {each: frame_of(*self._frames[each]) for each in SIDES if each in self._frames}
         self._infos, self._frames = {}, {}
-        first, *rest = frames.values()
-        pair = StereoPair(info.trigger, first, rest[0] if rest else None, next(iter(frames)))
+        pair = StereoPair(info.trigger, frames)
         decision = decision_of(info)
         if decision is None:
             raise ValueError(f"step {info.sequence} has no decision")

@@ -36,7 +36,7 @@ def report_replay(path: Path, policy_id: str | None, say: Say) -> bool:
     start_ns: int | None = None
     end_ns = 0
     for replayed in player.steps(recording):
-        time_ns = replayed.step.pair.left.host_time_ns
+        time_ns = replayed.step.pair.reference.host_time_ns
         if start_ns is None:
             say("     s  trigger  frame taken with   recorded E  replayed E  apart  same     of")
             start_ns = time_ns
@@ -88,8 +88,9 @@ def _print_second(say: Say, figures: _Figures, start_ns: int, faithful: bool) ->
     replayed = "-" if decision is None else f"{decision.level:.2f}"
     same = figures.same if faithful else figures.settings_agree
     apart = f"{np.mean(figures.apart):.2f}" if figures.apart else "-"
+    frame = step.pair.reference
     say(
-        f"{(step.pair.left.host_time_ns - start_ns) * 1e-9:6.1f}  {step.pair.trigger:7d}  {step.pair.left.setting!s:17}"
+        f"{(frame.host_time_ns - start_ns) * 1e-9:6.1f}  {step.pair.trigger:7d}  {frame.setting!s:17}"
         f"  {step.decision.level:10.2f}  {replayed:>10}  {apart:>5}  {same:4d}  {figures.steps:5d}"
     )
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 
 from autoexpose_daemon.config.document import Config
 from calibration.response.file import ResponseFile
@@ -21,8 +20,7 @@ def openers(config: Config) -> dict[Side, Callable[[], Camera]]:
         side: partial(
             _open,
             camera.serial,
-            camera.response,
-            None if camera.response is None else ResponseFile.load(camera.response),
+            config.responses[side],
             CameraSetup(
                 trigger=_trigger(config, side),
                 pixel_format=config.image.pixel_format,
@@ -34,15 +32,14 @@ def openers(config: Config) -> dict[Side, Callable[[], Camera]]:
     }
 
 
-def _open(serial: str, path: Path | None, response: ResponseFile | None, setup: CameraSetup) -> Camera:
+def _open(serial: str, response: ResponseFile, setup: CameraSetup) -> Camera:
     """Open a camera, and refuse a response file for another pixel format than it turns out to send."""
     camera = open_camera(serial, setup)
-    if path is not None and response is not None:
-        try:
-            response.check_belongs(path, serial, camera.description.pixel_format)
-        except ConfigurationError:
-            camera.close()
-            raise
+    try:
+        response.check_belongs(serial, camera.description.pixel_format)
+    except ConfigurationError:
+        camera.close()
+        raise
     return camera
 
 

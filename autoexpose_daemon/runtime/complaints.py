@@ -15,8 +15,8 @@ Kind = str
 class Complaints:
     """Keeps the complaints of a rig; `present` is read by other threads."""
 
-    def __init__(self) -> None:
-        self.present: dict[tuple[Side, Kind], str] = {}
+    def __init__(self, present: dict[tuple[Side, Kind], str]) -> None:
+        self.present = present
         self._said: set[tuple[Side, Kind, str]] = set()
 
     def begin(self, side: Side, kind: Kind, sentence: str) -> None:

@@ -7,16 +7,16 @@ import queue
 import sys
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import replace
 
 import numpy as np
 
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.control.loop import ControlLoop
-from autoexpose_daemon.runtime.observer import Observer
+from autoexpose_daemon.runtime.outlet import Outlet
 from autoexpose_daemon.runtime.rig_control import RigControl
 from autoexpose_daemon.runtime.tuning import Tuning
 from calibration.response import ResponseFunction
@@ -54,25 +54,26 @@ class Daemon:
         The checked configuration.
     openers
         For each side, what opens its camera.
-    observer
-        Told of every pair, on the control thread.
     start
         The setting the cameras begin with; None: as configured.
+    outlets
+        Take every pair, on the control thread.
     """
 
     def __init__(
         self,
         config: Config,
         openers: Mapping[Side, Callable[[], Camera]],
-        observer: Observer | None = None,
         start: ExposureSetting | None = None,
+        outlets: Sequence[Outlet] = (),
     ) -> None:
         self._config = config
         self._rig = Rig(openers, silence_s(config), start or config.start)
-        self._control = RigControl(config, self._rig, observer, start)
+        self._control = RigControl(config, self._rig, start)
         self._tunings: queue.SimpleQueue[tuple[Tuning, Future[None]]] = queue.SimpleQueue()
         self.telemetry = self._control.telemetry
         self.outlets = self._control.outlets
+        self.outlets += outlets
         """Opened and closed by `run`, and told of every step."""
         self.beat_ns = 0
         """When the control thread last began a turn (CLOCK_MONOTONIC); it does ten times a second, come what may."""
@@ -80,17 +81,17 @@ class Daemon:
     @property
     def tally(self) -> Tally:
         """The account of triggers so far."""
-        return self._control.tally
+        return self._control.record.tally
 
     @property
     def tuning(self) -> Tuning:
         """What control goes by at present."""
-        return self._control.tuning
+        return self._control.active.tuning
 
     @property
     def loop(self) -> ControlLoop | None:
         """What decides at present: for observers, who are called on its thread."""
-        return self._control.loop
+        return self._control.active.loop
 
     def run(self, stop: threading.Event) -> None:
         """Run until `stop` is set, then leave the cameras stopped and free.
@@ -105,7 +106,8 @@ class Daemon:
         self.telemetry.opened_ns = time.monotonic_ns()
         with ExitStack() as outlets:
             for outlet in self.outlets:
-                outlets.enter_context(outlet)
+                if isinstance(outlet, AbstractContextManager):
+                    outlets.enter_context(outlet)
             self._rig.start()
             try:
                 self._warm_up()
@@ -153,8 +155,8 @@ class Daemon:
         loop = ControlLoop(
             self._config.control.policy, ResponseFunction.linear(), self._config.exposure.limits(), self._config.start
         )
-        loop.step(StereoPair(0, black, black))
-        loop.step(StereoPair(1, replace(black, device_time_ns=1), None))
+        loop.step(StereoPair(0, {"left": black, "right": black}))
+        loop.step(StereoPair(1, {"left": replace(black, device_time_ns=1)}))
 
     def _next_events(self) -> list[RigEvent]:
         """All that has happened, waiting a moment for the first."""

@@ -1,18 +1,18 @@
-"""What the frames of a running rig tell of its cameras' troubles."""
+"""What the frames of a running rig reveal of its cameras' troubles."""
 
 from __future__ import annotations
 
 import logging
 from collections import Counter
-from collections.abc import Collection
 
+from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.runtime.complaints import Complaints
 from autoexpose_daemon.status.telemetry import Telemetry
-from drivers.exposure import ExposureSetting
 from drivers.frames import Frame, Side
 from drivers.genicam.clock import JumpWatch
 from drivers.triggers.effect import EffectWatch
 from drivers.triggers.rate import RateWatch
+from drivers.triggers.record import RigRecord
 
 log = logging.getLogger(__name__)
 
@@ -26,24 +26,19 @@ _UNTOLD = "its frames do not say any more how they were taken: their exposure is
 class FrameWatch:
     """Looks at every whole frame; counts in `telemetry`, complains in `complaints`."""
 
-    def __init__(
-        self, telemetry: Telemetry, complaints: Complaints, rate_hz: float, triggered: Collection[Side]
-    ) -> None:
+    def __init__(self, telemetry: Telemetry, complaints: Complaints, record: RigRecord, config: Config) -> None:
         self._telemetry = telemetry
         self._complaints = complaints
-        self._rates = RateWatch(rate_hz, triggered)
-        self._effects = EffectWatch()
+        self._record = record
+        self._rates = RateWatch(config.trigger.rate_hz, config.triggered_sides)
+        self._effects = {side: EffectWatch() for side in config.sides}
         self._jumps = JumpWatch()
         self._telling: set[Side] = set()
         self._incomplete: Counter[Side] = Counter()
 
-    def written(self, side: Side, read_back: ExposureSetting, time_ns: int) -> None:
-        """A camera's nodes hold this setting since `time_ns` (CLOCK_MONOTONIC)."""
-        self._effects.written(side, read_back, time_ns)
-
     def refused(self, side: Side) -> None:
         """A camera refused a setting, and may have taken part of it."""
-        self._effects.gone(side)
+        self._effects[side].gone()
 
     def frame(self, side: Side, frame: Frame) -> None:
         """The next whole frame of a camera."""
@@ -54,8 +49,8 @@ class FrameWatch:
             self._telemetry.counts.clock_jumps += 1
             log.warning("%s camera: its clock jumped by %+.1f s; its frames keep their place", side, jump_s)
         self._complaints.judge(side, "rate", self._rates.frame(side, frame))
-        self._complaints.judge(side, "effect", self._effects.frame(side, frame))
-        self._telemetry.counts.frames_off_setting = self._effects.frames_off_setting
+        self._complaints.judge(side, "effect", self._effects[side].frame(frame, self._record.history(side)))
+        self._telemetry.counts.frames_off_setting = sum(watch.frames_off_setting for watch in self._effects.values())
         if frame.setting_source == "chunk":
             self._telling.add(side)
             self._complaints.end(side, "untold")
@@ -77,7 +72,8 @@ class FrameWatch:
             self._complaints.end(side, kind)
 
     def gone(self, side: Side) -> None:
-        """The camera is lost: all is looked at anew when it is back."""
-        for watch in (self._rates, self._effects, self._jumps):
+        """The camera is lost: everything is judged afresh when it is back."""
+        for watch in (self._rates, self._jumps):
             watch.gone(side)
+        self._effects[side].gone()
         self._telling.discard(side)

@@ -6,13 +6,11 @@ import logging
 import os
 import threading
 import time
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
 from autoexpose_daemon.config.document import Config
-from calibration.response import ResponseFunction
 from calibration.response.drift import Change, ResponseWatch, misfit_grey
 from calibration.response.file import ResponseFile
 from calibration.response.refinement import refine
@@ -37,17 +35,16 @@ REFINE_EVERY = 64
 @dataclass(slots=True)
 class _Camera:
     serial: str
-    response: ResponseFunction
-    file: Path | None
+    file: ResponseFile
     watch: ResponseWatch = field(init=False)
     next_attempt: int = REFINE_EVERY
 
     def __post_init__(self) -> None:
-        self.watch = ResponseWatch(self.response)
+        self.watch = ResponseWatch(self.file.response)
 
 
 class ResponseDrift:
-    """Watches the cameras of a configuration, which have these responses; for one thread.
+    """Watches the responses of a configuration's cameras; for one thread.
 
     Attributes
     ----------
@@ -57,21 +54,19 @@ class ResponseDrift:
         For each side whose response does not hold, by how much, in words.
     """
 
-    def __init__(self, config: Config, responses: Mapping[Side, ResponseFunction]) -> None:
+    def __init__(self, config: Config) -> None:
         self.residual_grey: dict[Side, float] = {}
         self.misfits: dict[Side, str] = {}
         self._refines = config.response.refine
         self._last_trigger = -1
-        self._cameras = {
-            side: _Camera(camera.serial, responses[side], camera.response) for side, camera in config.sides.items()
-        }
+        self._cameras = {side: _Camera(camera.serial, config.responses[side]) for side, camera in config.sides.items()}
 
     def see(self, pair: StereoPair) -> None:
         """The next pair; of frames that do not say themselves how they were taken nothing is concluded."""
         follows, self._last_trigger = pair.trigger == self._last_trigger + 1, pair.trigger
-        complete = len(pair.frames) == len(self._cameras)  # else the right frame may stand as the left one
-        for (side, camera), frame in zip(self._cameras.items(), pair.frames, strict=complete):
-            if not (follows and complete and frame.setting_source == "chunk"):
+        for side, camera in self._cameras.items():
+            frame = pair.frames.get(side)
+            if frame is None or not follows or frame.setting_source != "chunk":
                 camera.watch.interrupt()
                 continue
             counted = camera.watch.counted
@@ -93,9 +88,9 @@ class ResponseDrift:
         elif side in self.misfits and residual < TRUSTED_GREY:
             del self.misfits[side]
             log.info("%s camera: its response holds again", side)
-        if self._refines and camera.file is not None and camera.watch.counted >= camera.next_attempt:
+        if self._refines and camera.file.path is not None and camera.watch.counted >= camera.next_attempt:
             camera.next_attempt = camera.watch.counted + REFINE_EVERY
-            arguments = side, camera.file, camera.response, list(camera.watch.changes)
+            arguments = side, camera.file, refined_path(camera.file.path), list(camera.watch.changes)
             threading.Thread(target=_refine, args=arguments, name=f"refine-{side}", daemon=True).start()
 
 
@@ -105,16 +100,14 @@ def refined_path(calibrated: Path) -> Path:
     return Path(folder, f"{calibrated.stem}.refined.yaml")
 
 
-def _refine(side: Side, calibrated: Path, response: ResponseFunction, changes: list[Change]) -> None:
-    """Write a better response than the calibrated one, if the changes tell of one."""
-    better = refine(response, changes)
+def _refine(side: Side, file: ResponseFile, path: Path, changes: list[Change]) -> None:
+    """Write a better response than the calibrated one, if the changes show one."""
+    better = refine(file.response, changes)
     if better is None:
         return
-    before, after = misfit_grey(response, changes), misfit_grey(better, changes)
-    path = refined_path(calibrated)
+    before, after = misfit_grey(file.response, changes), misfit_grey(better, changes)
     part = path.with_suffix(".part")
     try:
-        file = ResponseFile.load(calibrated)
         origin = replace(file.origin, date=datetime.now(UTC))
         replace(file, response=better, origin=origin, model="free", parameters={}, residual_grey=after).save(part)
         part.replace(path)

@@ -6,13 +6,12 @@ from collections.abc import Iterable, Mapping
 
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.control.loop import ControlLoop
-from calibration.response.file import ResponseFile
 from drivers.exposure import ExposureLimits
 from drivers.frames import Side
 
 
 class Tuning:
-    """Bounds, policy, parameters, response and regions; their files are read here, once.
+    """Bounds, policy, parameters, response and regions; their files are read here, if the configuration has not yet.
 
     Raises
     ------
@@ -22,15 +21,13 @@ class Tuning:
 
     def __init__(self, config: Config) -> None:
         self.config = config
-        self.responses = {side: config.response_of(side) for side in config.sides}
-        self._regions = config.control.roi.regions()
+        self.responses = {side: file.response for side, file in config.responses.items()}
+        self._regions = config.control.roi.regions
 
     def check_belongs(self, pixel_formats: Mapping[Side, str | None]) -> None:
         """Refuse a response file for another pixel format than a camera sends; raises ConfigurationError."""
         for side, pixel_format in pixel_formats.items():
-            camera = self.config.sides[side]
-            if camera.response is not None:
-                ResponseFile.load(camera.response).check_belongs(camera.response, camera.serial, pixel_format)
+            self.config.responses[side].check_belongs(self.config.sides[side].serial, pixel_format)
 
     def limits(self, cameras: Iterable[ExposureLimits]) -> ExposureLimits:
         """The bounds, cut to those of the cameras; raises ConfigurationError when that leaves nothing."""
@@ -44,7 +41,7 @@ class Tuning:
         control = self.config.control
         return ControlLoop(
             control.policy,
-            self.responses["left"],
+            self.responses,
             limits,
             self.config.start,
             parameters=control.parameters(),

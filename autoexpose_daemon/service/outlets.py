@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING
 
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.control.decision import Decision
@@ -24,17 +24,11 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class RecorderTap:
-    """A recorder as the outlet of one daemon; it outlives the daemon, so there is nothing to open or close."""
+    """A recorder as the outlet of one daemon, which it outlives."""
 
     recorder: Recorder
     daemon: Daemon
     cameras: int
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Nothing: see above."""
 
     def __call__(self, pair: StereoPair, decision: Decision | None) -> None:
         """Record a step and the loop that has just made it; a pair without a decision is not a step."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Annotated
 
 from pydantic import AfterValidator, Field, TypeAdapter, ValidationError
@@ -13,7 +12,7 @@ from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.status.counters import Count, Counts
 from autoexpose_daemon.status.publishing import ConsumerTally
 from autoexpose_daemon.status.states import Health, State
-from calibration.response import ResponseFunction
+from calibration.response import CurveDocument, ResponseFunction
 from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureSetting
 from drivers.frames import Side
@@ -210,6 +209,6 @@ def response_from_json(text: str | bytes) -> ResponseFunction | None:
     if len(text) > LARGEST_RESPONSE_BYTES:
         return None
     try:
-        return ResponseFunction.from_document(json.loads(text), Path("response"))
-    except (ConfigurationError, ValueError, TypeError, LookupError, RecursionError):
+        return CurveDocument.model_validate_json(text).response()
+    except (ValidationError, ConfigurationError):
         return None

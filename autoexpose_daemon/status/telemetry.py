@@ -14,7 +14,10 @@ from autoexpose_daemon.status.counters import Counts
 from autoexpose_daemon.status.publishing import PublishTally
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Side, StereoPair
+from drivers.rig.events import Written
 from drivers.triggers.account import LossReason
+from drivers.triggers.history import Command
+from drivers.triggers.record import RigRecord
 
 _KEPT = 1 << 14  # four and a half minutes at 60 Hz
 _PAUSE_NS = 1_000_000_000
@@ -119,13 +122,33 @@ class Telemetry:
         """Note the error that ends the daemon."""
         self.failure = str(error) or type(error).__name__
 
-    def delivered(self, pair: StereoPair, complete: bool) -> None:
+    def account(self, record: RigRecord) -> None:
+        """Note how the account of triggers and writes stands."""
+        self.counts.pairs = record.tally.pairs
+        self.counts.surplus_frames = record.tally.surplus_frames
+        self.counts.late_writes = record.late_writes
+        self.lost = dict(record.tally.lost)
+
+    def written(self, write: Written, command: Command | None) -> None:
+        """Note how long a write took that a decision caused; a camera is also written when it is opened."""
+        if command is not None:
+            self.held_ms.add_ns(write.started_ns - command.decided_ns)
+            self.write_ms.add_ns(write.finished_ns - write.started_ns)
+            self.frame_to_node_ms.add_ns(write.finished_ns - command.arrival_ns)
+
+    def delivered(self, pair: StereoPair, record: RigRecord, complete: bool) -> None:
         """Note a pair that control saw; not `complete`: one of two cameras is missing."""
-        self.applied = pair.left.setting
-        self.newest.update({side: frame.setting for side, frame in pair.by_side.items()})
+        if record.mismatched(pair):
+            self.counts.mismatched_pairs += 1
+            self.counts.unexplained_mismatches += not record.explains_mismatch(pair)
+        for side, frame in pair.frames.items():
+            if (effect_ns := record.history(side).first_effect_ns(frame)) is not None:
+                self.command_to_effect_ms.add_ns(effect_ns)
+        self.applied = pair.reference.setting
+        self.newest.update({side: frame.setting for side, frame in pair.frames.items()})
         if complete:
-            self._recent_ns.append(pair.left.host_time_ns)
-            self.last_pair_ns = max(frame.arrival_time_ns for frame in pair.frames)
+            self._recent_ns.append(pair.reference.host_time_ns)
+            self.last_pair_ns = max(frame.arrival_time_ns for frame in pair.frames.values())
 
     def decided(self, decision: Decision, limits: ExposureLimits) -> None:
         """Note a decision made within limits."""

@@ -22,5 +22,5 @@ def response_file_of(path: Path, serial: str) -> ResponseFile:
             f"--camera {serial} -o {path}"
         )
     file = ResponseFile.load(path)
-    file.check_belongs(path, serial)
+    file.check_belongs(serial)
     return file

@@ -12,14 +12,14 @@ import typer
 from rich.console import Console
 
 from calibration.commands.check import REACH_STOPS, Check, check_camera
-from calibration.commands.facts import curve_facts, origin_facts
-from calibration.commands.latency import latency
 from calibration.commands.measure import measure_camera, measure_images
-from calibration.commands.noise import noise
+from calibration.commands.measure_latency import latency
+from calibration.commands.measure_noise import noise
 from calibration.commands.rig import CameraMode, rig_of_config
 from calibration.commands.tum import tum_table
 from calibration.findings import Finding
 from calibration.report import check_extra, facts, write_report
+from calibration.response.facts import curve_facts, origin_facts
 from calibration.response.file import ResponseFile
 from calibration.result import Result, Verdict, verdict
 from calibration.solver.comparison import compare

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import cast
 
 import numpy as np
 from rich.console import Console
@@ -17,12 +16,11 @@ from calibration.response import ResponseFunction
 from calibration.response.file import ResponseFile
 from calibration.solver.agreement import Agreement, agreement
 from calibration.solver.tones import grey8, tones_by_exposure
-from calibration.sources.capture import FIRST_TIME_US, StaticCamera, SweepPlan, time_bounds_us
 from calibration.sources.session import Session
+from calibration.sources.sweep_plan import FIRST_TIME_US, StaticCamera, SweepPlan, time_bounds_us
 from calibration.sweep import Sweep
 from drivers.aravis import open_camera
 from drivers.exposure import ExposureSetting
-from drivers.setup import PixelFormat
 
 GOOD_GREY = 1.5
 """Residual up to which a file is believed: one grey level of the curve, and what noise adds."""
@@ -66,11 +64,11 @@ def check_camera(path: Path, serial: str, console: Console) -> Check:
     """
     file = ResponseFile.load(path)
     origin = file.origin
-    file.check_belongs(path, serial)
-    mode = CameraMode(serial, cast(PixelFormat | None, origin.pixel_format), origin.binning)
+    file.check_belongs(serial)
+    mode = CameraMode(serial, origin.pixel_format, origin.binning)
     gain_db = origin.gain_db or 0.0
     with Session(open_camera(serial, mode.setup())) as session:
-        file.check_belongs(path, serial, session.description.pixel_format)
+        file.check_belongs(serial, session.description.pixel_format)
         check_gain(session, gain_db)
         plan = plan_check(session, file.response, gain_db)
         sweep = Sweep(tuple(take(session, plan, serial, console)))

@@ -12,8 +12,8 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from calibration.commands.rig import CameraMode
 from calibration.response.file import CameraIdentity, Origin
 from calibration.result import Result, calibrate
-from calibration.sources.capture import SweepPlan, plan_sweep
 from calibration.sources.session import Session
+from calibration.sources.sweep_plan import SweepPlan, plan_sweep
 from calibration.sweep import Shot, Sweep
 from drivers.aravis import open_camera
 from drivers.errors import AutoexposeError, ConfigurationError

@@ -10,7 +10,8 @@ from calibration.sources.session import session_setup
 from drivers.config.strict_yaml import load_mapping
 from drivers.errors import ConfigurationError
 from drivers.frames import Side
-from drivers.setup import CameraSetup, PixelFormat
+from drivers.pixel_format import PIXEL_FORMATS, PixelFormat
+from drivers.setup import CameraSetup
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +38,7 @@ def rig_of_config(path: Path) -> list[CameraMode]:
     document = load_mapping(path, "begin with `cameras:`; see docs/configuration.md")
     cameras, image = _section(path, document, "cameras"), _section(path, document, "image")
     pixel_format, binning = image.get("pixel_format"), image.get("binning")
-    if pixel_format is not None and pixel_format not in get_args(PixelFormat):
+    if pixel_format is not None and pixel_format not in list(PIXEL_FORMATS):
         raise ConfigurationError(f"{path}: image.pixel_format is {pixel_format!r}: see autoexpose config check")
     if binning is not None and type(binning) is not int:
         raise ConfigurationError(f"{path}: image.binning is {binning!r}: give a whole number of pixels")
@@ -49,7 +50,7 @@ def rig_of_config(path: Path) -> list[CameraMode]:
             serial = _section(path, cameras, side, "cameras.").get("serial")
             if not isinstance(serial, str) or not serial:
                 raise ConfigurationError(f"{path}: cameras.{side}.serial is {serial!r}: give it in quotes")
-            rig.append(CameraMode(serial, pixel_format, binning))
+            rig.append(CameraMode(serial, pixel_format and PIXEL_FORMATS[pixel_format], binning))
     return rig
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from calibration.findings import Finding
 from calibration.judges.motion import moved_share_between_exposures
 from calibration.response import ResponseFunction
-from calibration.solution import ResponseSolution
+from calibration.response.solution import ResponseSolution
 from calibration.solver.inverse_curve import Ends, usable
 from calibration.solver.tones import Tones, tones_by_exposure
 from calibration.sweep import Sweep

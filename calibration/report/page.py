@@ -9,8 +9,8 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from calibration.commands.facts import Fact, curve_facts, origin_facts
 from calibration.noise.model import Estimate
+from calibration.response.facts import Fact, curve_facts, origin_facts
 from calibration.response.file import ResponseFile
 from calibration.result import Result
 from calibration.solver.comparison import Comparison

@@ -14,8 +14,8 @@ from matplotlib.figure import Figure
 
 from calibration.response import GREY_LEVELS, ResponseFunction
 from calibration.response.prediction import prediction_table
+from calibration.response.solution import ResponseSolution
 from calibration.result import Result
-from calibration.solution import ResponseSolution
 
 DASHES: Sequence[tuple[float, str, str, str]] = (
     (-2.0, "#0072b2", ":", "v"),

@@ -2,34 +2,49 @@
 
 from __future__ import annotations
 
-import math
 import reprlib
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from datetime import datetime
 from pathlib import Path
-from typing import Any, get_args
+from typing import Annotated, Any, Literal, get_args
 
-import numpy as np
 import yaml
+from pydantic import ConfigDict, Field, Strict, ValidationError, field_validator, with_config
+from pydantic_core import ErrorDetails
 
 from calibration.findings import Finding
-from calibration.response import FORMAT, GREY_LEVELS, ResponseFunction, is_number, load_response_document
-from calibration.solution import ResponseModel, ResponseSolution
+from calibration.response import GREY_LEVELS, CurveDocument, ResponseFunction
+from calibration.response.solution import ResponseModel, ResponseSolution
+from drivers.config.strict_yaml import load_mapping
 from drivers.errors import ConfigurationError
-from drivers.genicam.image_format import BIT_DEPTHS
+from drivers.pixel_format import PIXEL_FORMATS, PixelFormat
 
+FORMAT = "autoexpose-response/1"
 _DECIMALS = 6
 """A millionth of a stop is far below what any sweep resolves, and keeps the file readable."""
 
 
+_Text = Annotated[str, Strict()]
+_Name = Annotated[str, Strict(), Field(min_length=1)]
+_Number = Annotated[float, Strict()]
+_NotNegative = Annotated[float, Strict(), Field(ge=0)]
+_Uncertainties = Annotated[tuple[_NotNegative, ...], Field(min_length=GREY_LEVELS, max_length=GREY_LEVELS)]
+_Grey = Annotated[int, Strict(), Field(ge=0, lt=GREY_LEVELS)]
+
+
+def _optional(advice: str) -> Any:
+    return Field(None, description=f"{advice}, or remove it")
+
+
+@with_config(ConfigDict(extra="forbid"))
 @dataclass(frozen=True, slots=True)
 class CameraIdentity:
     """Which camera a file is of."""
 
-    vendor: str
-    model: str
-    serial: str
+    vendor: _Name
+    model: _Name
+    serial: _Name
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +52,7 @@ class Origin:
     """The camera and the mode in which it was measured (gain in dB), when, and by which version of this program."""
 
     camera: CameraIdentity | None = None
-    pixel_format: str | None = None
+    pixel_format: PixelFormat | None = None
     binning: int | None = None
     gain_db: float | None = None
     date: datetime | None = None
@@ -55,11 +70,13 @@ class ResponseFile:
     origin
         Where it comes from.
     model, parameters, covered, residual_grey, uncertainty_stops
-        See `calibration.solution.ResponseSolution`.
+        See `calibration.response.solution.ResponseSolution`.
     findings
         What was found wrong with the sweep and its solution.
     noise, latency
         What else was measured of this camera, as it stands in the file.
+    path
+        Where it was read from; None: nowhere.
     """
 
     response: ResponseFunction
@@ -72,6 +89,7 @@ class ResponseFile:
     noise: Mapping[str, Any] = field(default_factory=dict)
     latency: Mapping[str, Any] = field(default_factory=dict)
     uncertainty_stops: tuple[float, ...] = ()
+    path: Path | None = None
 
     @classmethod
     def of_solution(
@@ -98,21 +116,18 @@ class ResponseFile:
         ConfigurationError
             Naming the file, the key and what to do.
         """
-        document = load_response_document(path)
-        response = ResponseFunction.from_document(document, path)
-        known = {key: document[key] for key in _CHECKS if document.get(key) is not None}
-        for key, value in known.items():
-            valid, advice = _CHECKS[key]
-            if not valid(value):
-                raise ConfigurationError(f"{path}: {key} is {reprlib.repr(value)}: {advice}, or remove it")
-        if "camera" in known:
-            known["camera"] = CameraIdentity(**known["camera"])
-        for key in ("covered", "uncertainty_stops"):
-            if key in known:
-                known[key] = tuple(known[key])
-        known["findings"] = tuple(Finding(**finding) for finding in known.get("findings", ()))
-        origin = Origin(**{part.name: known.pop(part.name, None) for part in fields(Origin)})
-        return cls(response, origin, **known)
+        content = load_mapping(path, f"begin with 'format: {FORMAT}'")
+        try:
+            document = _Document.model_validate(content)
+            response = document.response()
+        except ValidationError as error:
+            raise ConfigurationError(f"{path}: {_complaint(error.errors()[0], content)}") from None
+        except ConfigurationError as error:
+            raise ConfigurationError(f"{path}: {error}") from None
+        known = {key: value for key, value in document if value is not None}
+        origin = Origin(**{part.name: known[part.name] for part in fields(Origin) if part.name in known})
+        rest = {part.name: known[part.name] for part in fields(cls) if part.name in known}
+        return cls(response, origin, path=path, **rest)
 
     def save(self, path: Path) -> None:
         """Write the file, the curve last; log2 exposures are rounded to a millionth of a stop.
@@ -126,7 +141,7 @@ class ResponseFile:
         document = {
             "format": FORMAT,
             "camera": camera and {"vendor": camera.vendor, "model": camera.model, "serial": camera.serial},
-            "pixel_format": origin.pixel_format,
+            "pixel_format": origin.pixel_format and str(origin.pixel_format),
             "binning": origin.binning,
             "gain_db": origin.gain_db,
             "date": origin.date,
@@ -150,9 +165,7 @@ class ResponseFile:
         except OSError as error:
             raise ConfigurationError(f"{path}: cannot be written ({error.strerror}): choose another place") from error
 
-    def check_belongs(
-        self, path: Path, serial: str, pixel_format: str | None = None, binning: int | None = None
-    ) -> None:
+    def check_belongs(self, serial: str, pixel_format: str | None = None, binning: int | None = None) -> None:
         """Refuse a file of another camera or mode; what the file or the caller does not know is not compared.
 
         Raises
@@ -160,11 +173,12 @@ class ResponseFile:
         ConfigurationError
             Naming file, key, camera and what to do.
         """
-        anew = f"calibrate this one: autoexpose calibrate response --camera {serial}"
+        remedy = f"calibrate this one: autoexpose calibrate response --camera {serial}"
         camera = self.origin.camera
         if camera is not None and camera.serial != serial:
             raise ConfigurationError(
-                f"{path}: camera.serial is {camera.serial}, but this is camera {serial}: name its own file, or {anew}"
+                f"{self.path}: camera.serial is {camera.serial}, but this is camera {serial}: name its own file, "
+                f"or {remedy}"
             )
         for key, measured, present in (
             ("pixel_format", self.origin.pixel_format, pixel_format),
@@ -172,74 +186,55 @@ class ResponseFile:
         ):
             if measured is not None and present is not None and measured != present:
                 raise ConfigurationError(
-                    f"{path}: {key} is {measured}, but camera {serial} runs with {present}: "
-                    f"set image.{key} to {measured}, or {anew}"
+                    f"{self.path}: {key} is {measured}, but camera {serial} runs with {present}: "
+                    f"set image.{key} to {measured}, or {remedy}"
                 )
+
+
+class _Document(CurveDocument):
+    """All keys of a response file, of which those of the curve must be there.
+
+    A key this version does not know is refused: it may change what the others mean.
+    """
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+    format: Literal["autoexpose-response/1"] = Field(description=f"only {FORMAT!r} can be read")
+    camera: CameraIdentity | None = _optional('give {vendor: ..., model: ..., serial: "..."}, each in quotes')
+    pixel_format: PixelFormat | None = _optional(f"give one of {', '.join(PIXEL_FORMATS)}")
+    binning: Annotated[int, Strict(), Field(gt=0)] | None = _optional("give a whole number of pixels")
+    gain_db: _Number | None = _optional("give a number of dB")
+    date: Annotated[datetime, Strict()] | None = _optional("give date and time, such as 2026-11-21 12:00:00")
+    tool: _Text | None = _optional("give name and version in quotes")
+    model: ResponseModel | None = _optional(f"give one of {', '.join(get_args(ResponseModel))}")
+    parameters: dict[_Text, _Number] | None = _optional("give numbers by name")
+    covered: tuple[_Grey, _Grey] | None = _optional("give the first and the last grey level, such as [4, 250]")
+    residual_grey: _Number | None = _optional("give a number of grey levels")
+    findings: tuple[Finding, ...] | None = _optional("keep it as it was written")
+    noise: dict[Any, Any] | None = _optional("keep it as it was written")
+    latency: dict[Any, Any] | None = _optional("keep it as it was written")
+    uncertainty_stops: _Uncertainties | None = _optional("give 256 numbers that are not negative")
+
+    @field_validator("covered")
+    @classmethod
+    def _rises(cls, covered: tuple[int, int] | None) -> tuple[int, int] | None:
+        if covered is not None and covered[0] > covered[1]:
+            raise ValueError("the first grey level is above the last")
+        return covered
+
+
+def _complaint(error: ErrorDetails, content: Mapping[Any, Any]) -> str:
+    """What is wrong with a response file, and what to do about it."""
+    key, *places = error["loc"]
+    if error["type"] in ("extra_forbidden", "invalid_key") and not places:
+        return f"unknown key {key!r}: remove it, or update this program"
+    if error["type"] == "missing" and not places:
+        return f"the key {key!r} is missing: add it"
+    value = content[key]
+    if places and isinstance(places[0], int) and isinstance(value, list):
+        key, value = f"{key}[{places[0]}]", value[places[0]]
+    return f"{key} is {reprlib.repr(value)}: {_Document.model_fields[str(error['loc'][0])].description}"
 
 
 def _rounded(value: float) -> float:
     return round(float(value), _DECIMALS)
-
-
-def _is_camera(value: Any) -> bool:
-    return (
-        isinstance(value, dict)
-        and value.keys() == {"vendor", "model", "serial"}
-        and all(isinstance(part, str) and part for part in value.values())
-    )
-
-
-def _is_finding(value: Any) -> bool:
-    return (
-        isinstance(value, dict)
-        and value.keys() == {"severity", "reason", "text"}
-        and value["severity"] in ("refused", "warned")
-        and all(isinstance(part, str) for part in value.values())
-    )
-
-
-def _is_finite(value: Any) -> bool:
-    return is_number(value) and math.isfinite(value)
-
-
-def _is_text(value: Any) -> bool:
-    return isinstance(value, str)
-
-
-def _is_range(value: Any) -> bool:
-    return (
-        isinstance(value, list)
-        and len(value) == 2
-        and all(type(grey) is int for grey in value)
-        and 0 <= value[0] <= value[1] < GREY_LEVELS
-    )
-
-
-def _are_uncertainties(value: Any) -> bool:
-    return (
-        isinstance(value, list)
-        and len(value) == GREY_LEVELS
-        and all(_is_finite(stops) for stops in value)
-        and bool((np.array(value) >= 0).all())
-    )
-
-
-_CHECKS: dict[str, tuple[Callable[[Any], bool], str]] = {
-    "camera": (_is_camera, 'give {vendor: ..., model: ..., serial: "..."}, each in quotes'),
-    "pixel_format": (lambda value: _is_text(value) and value in BIT_DEPTHS, f"give one of {', '.join(BIT_DEPTHS)}"),
-    "binning": (lambda value: type(value) is int and value > 0, "give a whole number of pixels"),
-    "gain_db": (_is_finite, "give a number of dB"),
-    "date": (lambda value: isinstance(value, datetime), "give date and time, such as 2026-11-21 12:00:00"),
-    "tool": (_is_text, "give name and version in quotes"),
-    "model": (lambda value: value in get_args(ResponseModel), f"give one of {', '.join(get_args(ResponseModel))}"),
-    "parameters": (
-        lambda value: isinstance(value, dict) and all(map(_is_text, value)) and all(map(_is_finite, value.values())),
-        "give numbers by name",
-    ),
-    "covered": (_is_range, "give the first and the last grey level, such as [4, 250]"),
-    "residual_grey": (_is_finite, "give a number of grey levels"),
-    "findings": (lambda value: isinstance(value, list) and all(map(_is_finding, value)), "keep it as it was written"),
-    "noise": (lambda value: isinstance(value, dict), "keep it as it was written"),
-    "latency": (lambda value: isinstance(value, dict), "keep it as it was written"),
-    "uncertainty_stops": (_are_uncertainties, "give 256 numbers that are not negative"),
-}

@@ -1,29 +1,17 @@
-"""The photometric response function of a camera, and the file it is kept in."""
+"""The photometric response function of a camera, and how it is written down."""
 
 from __future__ import annotations
 
-import math
-import reprlib
-from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel, Field, Strict
 
-from drivers.config.strict_yaml import load_mapping
 from drivers.errors import ConfigurationError
 
-FORMAT = "autoexpose-response/1"
 GREY_LEVELS = 256
-
-_KEYS = ("format", "log2_exposure", "black_level", "saturation")
-ORIGIN_KEYS = (
-    "camera", "pixel_format", "binning", "gain_db", "date", "tool", "model", "parameters", "covered", "residual_grey",
-    "findings", "noise", "latency", "uncertainty_stops",
-)  # fmt: skip
-"""Keys that a response file may have besides: where the curve comes from, see `calibration.response.file`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,7 +33,7 @@ class ResponseFunction:
     Raises
     ------
     ConfigurationError
-        When the values cannot be a response function; the message begins with the key at fault.
+        When the values are not those of a response function; the message begins with the key at fault.
     """
 
     log2_exposure: NDArray[np.float64]
@@ -68,7 +56,7 @@ class ResponseFunction:
                 "the black level the lower one"
             )
         if curve[self.black_level] == curve[self.saturation]:
-            raise ConfigurationError("log2_exposure does not rise from black_level to saturation: measure it anew")
+            raise ConfigurationError("log2_exposure does not rise from black_level to saturation: measure it again")
         curve.setflags(write=False)
         object.__setattr__(self, "log2_exposure", curve)
 
@@ -96,53 +84,14 @@ class ResponseFunction:
         levels = np.arange(GREY_LEVELS)
         return np.asarray(np.interp(grey, levels, self.inverse(levels)))
 
-    @classmethod
-    def from_document(cls, document: Mapping[Any, Any], path: Path) -> ResponseFunction:
-        """The response function in the content of a response file; `path` is for the messages."""
-        curve = document["log2_exposure"]
-        if not isinstance(curve, list):
-            raise ConfigurationError(f"{path}: log2_exposure is not a list: give 256 numbers, for grey 0 to 255")
-        for grey, stops in enumerate(curve):
-            if not is_number(stops):
-                told = reprlib.repr(stops)
-                raise ConfigurationError(f"{path}: log2_exposure[{grey}] is {told}: give a number of stops")
-        for key in ("black_level", "saturation"):
-            if type(document[key]) is not int:
-                raise ConfigurationError(f"{path}: {key} is {reprlib.repr(document[key])}: give a grey level, 0 to 255")
-        try:
-            return cls(np.array(curve, dtype=np.float64), document["black_level"], document["saturation"])
-        except ConfigurationError as error:
-            raise ConfigurationError(f"{path}: {error}") from None
 
+class CurveDocument(BaseModel):
+    """A response function as files and messages hold it; what describes a field is the advice after a bad value."""
 
-def load_response_document(path: Path) -> dict[Any, Any]:
-    """The content of a response file with all the keys that a response function needs, values unchecked.
+    log2_exposure: list[Annotated[float, Strict()]] = Field(description="give 256 numbers of stops, for grey 0 to 255")
+    black_level: Annotated[int, Strict()] = Field(description="give a grey level, 0 to 255")
+    saturation: Annotated[int, Strict()] = Field(description="give a grey level, 0 to 255")
 
-    A key this version does not know is refused: it may change what the others mean.
-
-    Raises
-    ------
-    ConfigurationError
-        Naming the file, the key and what to do.
-    """
-    document = load_mapping(path, f"begin with 'format: {FORMAT}'")
-    for key in document:
-        if key not in (*_KEYS, *ORIGIN_KEYS):
-            raise ConfigurationError(f"{path}: unknown key {key!r}: remove it, or update this program")
-    for key in _KEYS:
-        if key not in document:
-            raise ConfigurationError(f"{path}: the key {key!r} is missing: add it")
-    if document["format"] != FORMAT:
-        raise ConfigurationError(f"{path}: format is {reprlib.repr(document['format'])}: only {FORMAT!r} can be read")
-    return document
-
-
-def is_number(value: object) -> bool:
-    """Whether a value of a YAML file is a number that fits a float, finite or not: its integers have no bound."""
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return False
-    try:
-        math.isfinite(value)
-    except OverflowError:
-        return False
-    return True
+    def response(self) -> ResponseFunction:
+        """The response function; raises ConfigurationError, as that does."""
+        return ResponseFunction(np.array(self.log2_exposure), self.black_level, self.saturation)

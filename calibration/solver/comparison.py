@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.response.prediction import prediction_tables
-from calibration.solution import ResponseSolution
+from calibration.response.solution import ResponseSolution
 from calibration.solver.agreement import CLIPPED_GREY
 
 DELTA_LEVELS = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0)

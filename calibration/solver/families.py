@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.solution import ResponseModel
+from calibration.response.solution import ResponseModel
 from calibration.solver.inverse_curve import Ends, InverseCurve, misfit, nodes, residuals
 from calibration.solver.tones import Curve, Tones
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.response import GREY_LEVELS, ResponseFunction
-from calibration.solution import ResponseSolution
+from calibration.response.solution import ResponseSolution
 from calibration.solver.families import FamilyFit, families, fit_family
 from calibration.solver.free_curve import fit_free
 from calibration.solver.inverse_curve import (

@@ -11,7 +11,8 @@ from drivers.errors import CameraError
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Frame, SettingSource
 from drivers.genicam.write_latency import FRAMES_AFTER
-from drivers.setup import CameraSetup, PixelFormat, TriggerSetup
+from drivers.pixel_format import PixelFormat
+from drivers.setup import CameraSetup, TriggerSetup
 
 PATIENCE_S = 3.0
 """A frame may be late by so much, besides its own exposure and that of the setting before."""

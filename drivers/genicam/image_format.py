@@ -2,39 +2,35 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from drivers.errors import ConfigurationError, UnsupportedCameraError
 from drivers.frames import Pixels
 from drivers.genicam.nodes import NodeMap
-from drivers.setup import PixelFormat
+from drivers.pixel_format import PIXEL_FORMATS, PixelFormat
 
-BIT_DEPTHS = {"Mono8": 8, "Mono12": 12, "Mono16": 16}
-"""The pixel formats that can be driven, with their significant bits; 12 and 16 arrive as little-endian 16-bit words."""
-PFNC_CODES = {0x01080001: "Mono8", 0x01100005: "Mono12", 0x01100007: "Mono16"}
-"""Codes of the GenICam Pixel Format Naming Convention, as frames carry them."""
+_BY_PFNC_CODE = {pixel_format.pfnc_code: pixel_format for pixel_format in PixelFormat}
 
 
-def choose_pixel_format(nodes: NodeMap, wanted: PixelFormat | None) -> str:
-    """Set the pixel format, or check the one that the camera stands at, and return its name.
+def choose_pixel_format(nodes: NodeMap, wanted: PixelFormat | None) -> PixelFormat:
+    """Set the pixel format, or accept the camera's present one, and return it.
 
     Raises
     ------
     ConfigurationError
         When the camera does not offer the wanted one.
     UnsupportedCameraError
-        When the one that it stands at cannot be driven.
+        When its present one cannot be driven.
     """
     offered = nodes.entries("PixelFormat")
     if wanted is None:
         present = nodes.read_entry("PixelFormat")
-        if present not in BIT_DEPTHS:
+        if present not in PIXEL_FORMATS:
             raise UnsupportedCameraError(f"camera {nodes.serial}: {_refusal(present, offered)}")
-        return present
-    if wanted not in BIT_DEPTHS or wanted not in offered:
-        reason = f"no pixel format {wanted} here; it offers {', '.join(offered)}"
-        raise ConfigurationError(f"camera {nodes.serial}: {_refusal(wanted, offered) if wanted in offered else reason}")
-    nodes.write_entry("PixelFormat", wanted)
+        return PIXEL_FORMATS[present]
+    if wanted not in offered:
+        raise ConfigurationError(
+            f"camera {nodes.serial}: no pixel format {wanted} here; it offers {', '.join(offered)}"
+        )
+    nodes.write_entry("PixelFormat", wanted.value)
     return wanted
 
 
@@ -45,8 +41,8 @@ def _refusal(pixel_format: str, offered: tuple[str, ...]) -> str:
         why = "packs pixels across bytes"
     else:
         why = "is not plain grey"
-    usable = [name for name in BIT_DEPTHS if name in offered]
-    advice = f"set pixel_format to {' or '.join(usable)}" if usable else f"it offers none of {', '.join(BIT_DEPTHS)}"
+    usable = [name for name in PixelFormat if name in offered]
+    advice = f"set pixel_format to {' or '.join(usable)}" if usable else f"it offers none of {', '.join(PixelFormat)}"
     return f"pixel format {pixel_format} {why}; {advice}"
 
 
@@ -56,7 +52,7 @@ def set_binning(nodes: NodeMap, binning: int | None) -> None:
     Raises
     ------
     ConfigurationError
-        When the camera cannot bin so.
+        When the camera cannot bin like that.
     """
     if binning is None:
         return
@@ -78,24 +74,22 @@ def set_binning(nodes: NodeMap, binning: int | None) -> None:
 
 
 def decode_pixels(data: bytes, pfnc_code: int, width: int, height: int) -> tuple[Pixels, int]:
-    """Pixels, shape (height, width), and their bit depth, out of received `data`; chunk bytes behind them are cut off.
+    """Pixels, shape (height, width), and their bit depth, from received `data`, without the chunks at its end.
 
-    The pixels are a read-only view of `data`.
+    The pixels are a read-only view of `data` where they need no unpacking.
 
     Raises
     ------
     ValueError
-        When the image has no pixels, the bytes are fewer than it needs, or the format is none of the known ones.
+        When the image has no pixels, the bytes are fewer than it needs, or the format is unknown.
     """
     if width < 1 or height < 1:
         raise ValueError(f"an image of {width}x{height} pixels")
-    if pfnc_code not in PFNC_CODES:
+    pixel_format = _BY_PFNC_CODE.get(pfnc_code)
+    if pixel_format is None:
         raise ValueError(f"unknown pixel format code {pfnc_code:#010x}")
-    bit_depth = BIT_DEPTHS[PFNC_CODES[pfnc_code]]
-    needed = width * height * (1 if bit_depth == 8 else 2)
+    needed = -(-width * height * pixel_format.bits_per_pixel // 8)
     if len(data) < needed:
         raise ValueError(f"{len(data)} bytes for an image of {needed}")
-    image = memoryview(data)[:needed]
-    if bit_depth == 8:
-        return np.frombuffer(image, np.uint8).reshape(height, width), bit_depth
-    return np.frombuffer(image, np.dtype("<u2")).astype(np.uint16, copy=False).reshape(height, width), bit_depth
+    pixels = pixel_format.unpack(memoryview(data)[:needed])
+    return pixels[: width * height].reshape(height, width), pixel_format.bit_depth

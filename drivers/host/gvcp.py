@@ -50,8 +50,8 @@ class GigeCamera:
 
     @property
     def reachable(self) -> bool:
-        """Whether camera and interface are in one subnet: packets to any other address go elsewhere."""
-        return self.address.ip in self.interface.address.network
+        """Whether the camera is in a subnet of the interface: packets to any other address go elsewhere."""
+        return any(self.address.ip in own.network for own in self.interface.addresses)
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,9 +114,10 @@ def _ask_everyone(asker: socket.socket, interface: NetworkInterface) -> None:
     asker.setsockopt(socket.SOL_SOCKET, socket.SO_BINDTODEVICE, interface.name.encode())
     asker.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
     # Left to itself, the kernel does not send a broadcast from 127.0.0.1.
-    sender = struct.pack("=i4s4x", 0, interface.address.ip.packed)
     discovery = _command(_DISCOVERY, b"", 1, _BROADCAST_ANSWER)
-    asker.sendmsg([discovery], [(socket.IPPROTO_IP, _IP_PKTINFO, sender)], 0, ("255.255.255.255", PORT))
+    for own in interface.addresses:
+        sender = struct.pack("=i4s4x", 0, own.ip.packed)
+        asker.sendmsg([discovery], [(socket.IPPROTO_IP, _IP_PKTINFO, sender)], 0, ("255.255.255.255", PORT))
 
 
 def _command(number: int, payload: bytes, request_id: int, flags: int = 0) -> bytes:

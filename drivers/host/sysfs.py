@@ -1,4 +1,4 @@
-"""How Linux tells of its devices and settings: one value a file, under /sys and /proc."""
+"""Facts about devices and settings that Linux gives as files under /sys and /proc, one value each."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from pathlib import Path
 
 
 def read_value(file: Path) -> str | None:
-    """What a file holds, without white space around it; None when it is absent, empty or refuses to be read."""
+    """The content of a file without surrounding white space; None when it is absent, empty or cannot be read."""
     try:
         return file.read_text(encoding="utf-8", errors="replace").strip() or None
-    except OSError:  # some files are there and fail when read: `speed` of a network interface without a link
+    except OSError:  # some files exist but fail when they are read
         return None
 
 

@@ -256,8 +256,7 @@ class TriggerAccount:
             frames = {side: outcome for side, outcome in outcomes.items() if isinstance(outcome, Frame)}
             if len(frames) == len(self._tracks):
                 self.tally.pairs += 1
-                first, *rest = frames.values()
-                pairs.append(StereoPair(trigger, first, rest[0] if rest else None))
+                pairs.append(StereoPair(trigger, frames))
             elif any(outcome is not Fate.SILENT for outcome in outcomes.values()):
                 self.tally.lost[_reason(outcomes)] += count
                 pairs += self._alone(trigger, frames)
@@ -284,7 +283,7 @@ class TriggerAccount:
             track = self._tracks[side]
             if trigger > track.alone:
                 track.alone = trigger
-                return [StereoPair(trigger, frame, None, side)]
+                return [StereoPair(trigger, {side: frame})]
         return []
 
 

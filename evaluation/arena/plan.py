@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from evaluation.scenes.scenarios import SCENARIOS
-from evaluation.scenes.scenes import HELD_OUT_SCENES, TUNE_SCENES
+from evaluation.scenes.views import HELD_OUT_SCENES, TUNE_SCENES
 
 Split = Literal["tune", "heldout"]
 

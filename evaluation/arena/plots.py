@@ -9,8 +9,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 from numpy.typing import NDArray
 
-from evaluation.arena.arena import Run
 from evaluation.arena.plan import MAIN_DELAY
+from evaluation.arena.runs import Run
 from evaluation.drawing import save
 from evaluation.scenes.scenarios import RATE_HZ
 

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from evaluation.arena.arena import Run
 from evaluation.arena.plan import MAIN_DELAY
+from evaluation.arena.runs import Run
 
 MEANS = (
     "overshoot_stops",

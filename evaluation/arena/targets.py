@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from evaluation.arena.arena import Run
+from evaluation.arena.runs import Run
 
 
 @dataclass(frozen=True, slots=True)

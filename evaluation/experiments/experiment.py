@@ -37,6 +37,7 @@ class Verdict(StrEnum):
     REPRODUCED = "reproduced"
     CONDITIONALLY = "reproduced under conditions"
     NOT_REPRODUCED = "not reproduced"
+    UNDECIDED = "undecided"
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,12 +93,13 @@ class Section:
     claims
         The paper's, each with its verdict.
     parts
-        Paragraphs, tables and figures, in their order.
+        Tables and figures, in their order. No prose: a conclusion must follow from the numbers by a rule, as verdicts
+        do, or it stands in docs/experiments/discussion.md.
     """
 
     setting: str
     claims: Sequence[Claim]
-    parts: Sequence[str | Table | Figure]
+    parts: Sequence[Table | Figure]
 
 
 Results: TypeAlias = "Sequence[tuple[Mapping[str, Plain], Any]]"

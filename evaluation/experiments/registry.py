@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from evaluation.experiments.drives import fig7, fig12, orb_slam3
+from evaluation.experiments.drives import fig7, fig12, fig13_orb_slam3
 from evaluation.experiments.experiment import Experiment
 from evaluation.experiments.prediction import fig1, fig3, fig10, fig11
-from evaluation.experiments.teach.experiment import EXPERIMENT as TEACH
+from evaluation.experiments.teach.teach_repeat import EXPERIMENT as TEACH
 
 EXPERIMENTS: tuple[Experiment, ...] = (
     fig1.EXPERIMENT,
@@ -14,7 +14,7 @@ EXPERIMENTS: tuple[Experiment, ...] = (
     fig10.EXPERIMENT,
     fig11.EXPERIMENT,
     fig12.EXPERIMENT,
-    orb_slam3.EXPERIMENT,
+    fig13_orb_slam3.EXPERIMENT,
     TEACH,
 )
 """In the order of the papers."""

@@ -32,15 +32,6 @@ def mean_interval(values: ArrayLike, seed: int = 0) -> Interval:
     return Interval(float(sample.mean()), float(low), float(high))
 
 
-def spearman(first: ArrayLike, second: ArrayLike, seed: int = 0) -> Interval:
-    """Rank correlation with its percentile bootstrap interval."""
-    a, b = np.asarray(first, np.float64), np.asarray(second, np.float64)
-    draws = _draws(len(a), seed)
-    values = _correlation(_ranks(a[draws]), _ranks(b[draws]))
-    low, high = np.nanpercentile(values, [2.5, 97.5])
-    return Interval(float(_correlation(_ranks(a[None]), _ranks(b[None]))[0]), float(low), float(high))
-
-
 def pearson(first: ArrayLike, second: ArrayLike, seed: int = 0) -> Interval:
     """Linear correlation with its percentile bootstrap interval."""
     a, b = np.asarray(first, np.float64), np.asarray(second, np.float64)
@@ -51,13 +42,6 @@ def pearson(first: ArrayLike, second: ArrayLike, seed: int = 0) -> Interval:
 
 def _draws(size: int, seed: int) -> NDArray[np.int64]:
     return np.random.default_rng(seed).integers(0, size, (_DRAWS, size))
-
-
-def _ranks(rows: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Ranks within each row, ties sharing their mean."""
-    below = (rows[:, :, None] > rows[:, None, :]).sum(axis=2)
-    equal = (rows[:, :, None] == rows[:, None, :]).sum(axis=2)
-    return np.asarray(below + 0.5 * (equal - 1))
 
 
 def _correlation(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:

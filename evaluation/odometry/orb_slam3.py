@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from evaluation.odometry.drive import EVERY
 from evaluation.odometry.stereo import StereoCamera, Tracked
+from evaluation.odometry.tracking import EVERY
 from evaluation.scenes.scenarios import RATE_HZ
 
 PACKAGE = "orbslam3-python"

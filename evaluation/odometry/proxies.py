@@ -50,5 +50,5 @@ class Proxies:
             self._quality.measure(image),
             float(matches.count),
             1.0 if lowe is None else lowe,
-            self._gradient.measure(self._preparation.prepare(pair.left.grey8())),
+            self._gradient.measure(self._preparation.prepare(pair.reference.grey8())),
         ]

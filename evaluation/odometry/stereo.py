@@ -72,8 +72,7 @@ class StereoOdometry(Protocol):
 
 def images(pair: StereoPair) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
     """Both images of a whole pair as odometry gets them."""
-    assert pair.right is not None
-    return prepared(pair.left.grey8()), prepared(pair.right.grey8())
+    return prepared(pair.frames["left"].grey8()), prepared(pair.frames["right"].grey8())
 
 
 def prepared(image: NDArray[np.uint8]) -> NDArray[np.uint8]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from evaluation.scenes.scenes import Gaze
+from evaluation.scenes.views import Gaze
 from fake_camera.world.lighting import Change, Flicker, LightScript
 
 RATE_HZ = 60.0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from fake_camera.device.faults import Fault
 from fake_camera.device.features import Features, readout_ns
 from fake_camera.imaging import ImageSettings
 
@@ -23,7 +24,7 @@ class Exposure:
     start_ns: int
     ready_ns: int
     settings: ImageSettings
-    faults: frozenset[str]
+    faults: frozenset[Fault]
 
 
 @dataclass(slots=True)
@@ -53,7 +54,7 @@ class Acquisition:
         self._started_ns = 0
         self._frame_id = 0
         self._pulse = -1
-        self._faults: frozenset[str] = frozenset()
+        self._faults: frozenset[Fault] = frozenset()
         self._last_start_ns: int | None = None
         self._last_settings: ImageSettings | None = None
         self._free_since_ns: int | None = None
@@ -81,14 +82,14 @@ class Acquisition:
         self._end()
         self.run += 1
 
-    def pulse(self, pulse: int, time_ns: int, faults: frozenset[str], wired: bool) -> Exposure | None:
+    def pulse(self, pulse: int, time_ns: int, faults: frozenset[Fault], wired: bool) -> Exposure | None:
         """Line0 has risen: the exposure it starts, if the camera is wired to it, waits for it and is ready for it."""
         self.counters.pulses += 1
         self._pulse = pulse
         self._faults = faults
-        if not (wired and self._waits_for("Line0")) or time_ns < self._started_ns or "vanish" in faults:
+        if not (wired and self._waits_for("Line0")) or time_ns < self._started_ns or Fault.VANISH in faults:
             return None
-        if "ignore_triggers" in faults or ("halve_triggers" in faults and pulse % 2):
+        if Fault.IGNORE_TRIGGERS in faults or (Fault.HALVE_TRIGGERS in faults and pulse % 2):
             self.counters.ignored += 1
             return None
         return self._triggered(time_ns, pulse)
@@ -99,9 +100,9 @@ class Acquisition:
 
     def line3_pulse(self, time_ns: int) -> Exposure | None:
         """Line3 has risen: the exposure it starts, if the camera waits for it and is ready for it."""
-        if not self._waits_for("Line3") or time_ns < self._started_ns or "vanish" in self._faults:
+        if not self._waits_for("Line3") or time_ns < self._started_ns or Fault.VANISH in self._faults:
             return None
-        if "ignore_triggers" in self._faults:
+        if Fault.IGNORE_TRIGGERS in self._faults:
             self.counters.ignored += 1
             return None
         return self._triggered(time_ns, None)
@@ -146,7 +147,7 @@ class Acquisition:
 
     def _expose(self, start_ns: int, trigger: int | None) -> Exposure:
         settings = self._features.image_settings(start_ns)
-        if "freeze_exposure" in self._faults and self._last_settings is not None:
+        if Fault.FREEZE_EXPOSURE in self._faults and self._last_settings is not None:
             settings = self._last_settings
         self._last_start_ns, self._last_settings = start_ns, settings
         self._exposure_end_ns = start_ns + round(settings.exposure_time_us * 1e3)

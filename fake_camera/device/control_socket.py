@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
 
-from fake_camera.device.faults import Fault, FaultError, Faults
+from fake_camera.device.faults import FaultError, FaultOrder, Faults
 from fake_camera.device.unix_socket import listen
 
 _LONGEST_ORDER_BYTES = 1 << 12
@@ -60,15 +60,15 @@ def _answer(line: bytes, faults: Faults) -> dict[str, object]:
     if len(line) > _LONGEST_ORDER_BYTES:
         return {"ok": False, "error": f"the line is longer than {_LONGEST_ORDER_BYTES} bytes: no order is"}
     try:
-        fault = Fault.from_json(line.decode(errors="replace"))
-        last_trigger = faults.add(fault)
+        order = FaultOrder.from_json(line.decode(errors="replace"))
+        last_trigger = faults.add(order)
     except FaultError as error:
         return {"ok": False, "error": str(error)}
     return {
         "ok": True,
-        "fault": fault.name,
-        "after_trigger": fault.after_trigger,
-        "count": fault.count,
+        "fault": order.fault,
+        "after_trigger": order.after_trigger,
+        "count": order.count,
         "last_trigger": last_trigger,
     }
 

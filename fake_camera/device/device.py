@@ -13,11 +13,11 @@ from queue import SimpleQueue
 import numpy as np
 
 from fake_camera.device.acquisition import Acquisition, Counters, Exposure
-from fake_camera.device.faults import DELAY_NS, JUMP_NS, Faults
+from fake_camera.device.faults import DELAY_NS, JUMP_NS, Fault, Faults
 from fake_camera.device.features import Features
 from fake_camera.device.line0 import Line0
 from fake_camera.device.truth import TruthFile
-from fake_camera.imaging import MAX_GREY, ExposedFrame, ImageSource, Pixels
+from fake_camera.imaging import PIXEL_FORMATS, ExposedFrame, ImageSource, Pixels
 
 _TOO_LATE_NS = 500_000_000  # a pulse this old (the process was stopped) makes no exposure
 _OVERRUN_NS = 100_000_000  # a frame that would be sent this late is dropped, so that a slow machine stays in time
@@ -191,15 +191,15 @@ class Device:
 
     def _on_pulse(self, pulse: int, pulse_ns: int, now_ns: int) -> None:
         faults = self.faults.on_trigger(pulse)
-        if "stop_triggers" in faults:
+        if Fault.STOP_TRIGGERS in faults:
             return
         if self._truth is not None:
             self._truth.record(pulse)
-        if "clock_ahead" in faults:
+        if Fault.CLOCK_AHEAD in faults:
             self._clock_offset_ns += JUMP_NS
-        if "clock_back" in faults:
+        if Fault.CLOCK_BACK in faults:
             self._clock_offset_ns -= min(JUMP_NS, self.now_ns())
-        if "double_triggers" in faults:
+        if Fault.DOUBLE_TRIGGERS in faults:
             self._echo_ns = (pulse_ns + self._line0.pulse_time_ns(pulse + 1)) // 2
         with self._lock:
             if now_ns - pulse_ns > _TOO_LATE_NS:
@@ -221,8 +221,8 @@ class Device:
         due_ns = 0
         while (exposure := self._exposures.get()) is not None:
             # A frame that is delayed delays those behind it: frames stay in order.
-            due_ns = max(due_ns, exposure.ready_ns + (DELAY_NS if "delay" in exposure.faults else 0))
-            if "freeze" not in exposure.faults and self._wanted(exposure) and self._in_time(due_ns):
+            due_ns = max(due_ns, exposure.ready_ns + (DELAY_NS if Fault.DELAY in exposure.faults else 0))
+            if Fault.FREEZE not in exposure.faults and self._wanted(exposure) and self._in_time(due_ns):
                 self._frames.put((due_ns, exposure, self._render(exposure)))
         self._frames.put(None)
 
@@ -258,8 +258,8 @@ class Device:
 
 def _spoilt(pixels: Pixels, exposure: Exposure) -> Pixels:
     """The image as the sensor's faults leave it."""
-    if "black" in exposure.faults:
+    if Fault.BLACK in exposure.faults:
         return np.zeros_like(pixels)
-    if "white" in exposure.faults:
-        return np.full_like(pixels, MAX_GREY[exposure.settings.pixel_format])
+    if Fault.WHITE in exposure.faults:
+        return np.full_like(pixels, PIXEL_FORMATS[exposure.settings.pixel_format].max_grey)
     return pixels

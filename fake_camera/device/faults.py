@@ -8,32 +8,93 @@ import reprlib
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import Self
 
-OF_THE_WIRE = frozenset({"double_triggers", "halve_triggers", "ignore_triggers", "stop_triggers"})
-OF_THE_SENSOR = frozenset({"black", "freeze_exposure", "white"})
-OF_THE_CLOCK = frozenset({"clock_ahead", "clock_back"})
 
-PER_TRIGGER = frozenset({"freeze", "delay", "vanish"}) | OF_THE_WIRE | OF_THE_SENSOR | OF_THE_CLOCK
+class Fault(StrEnum):
+    """What can go wrong, by the name that an order gives it.
+
+    ``delay``             the frames of `count` triggers are sent 0.2 s late, and no frame overtakes them
+    ``freeze``            the frames of `count` triggers are taken but not sent; the control channel answers
+    ``vanish``            cable and power are out for `count` triggers, or until ``come_back`` if `count` is None
+    ``come_back``         the camera is back, in its power-on state
+    ``refuse_writes``     `count` writes are answered with an access error
+    ``stick``             `count` writes are acknowledged and change nothing
+    ``shrink``            `count` writes of numbers are acknowledged but take 5 % less, within the limits
+    ``ignore_triggers``   `count` triggers make no frame, and the frame id does not advance
+    ``stop_triggers``     `count` pulses do not rise, nor do they appear in the truth
+    ``halve_triggers``    of `count` triggers those with odd numbers make no frame
+    ``double_triggers``   each of `count` triggers is followed by another pulse half a period later
+    ``freeze_exposure``   `count` triggers are exposed like the one before them, whatever was written
+    ``black``, ``white``  the images of `count` triggers are uniform: 0 or full scale
+    ``clock_ahead``, ``clock_back``  at each of `count` triggers the device's clock jumps by 10 s (never below 0)
+    ``truncate``          `count` frames end halfway through their payload
+    ``no_chunks``         `count` frames come without chunk data
+    ``nan_chunks``        the chunk data of `count` frames give NaN as exposure time and gain
+
+    GigE Vision only:
+
+    ``lose_packets``      `count` stream packets are not sent, from the next trigger's frame on
+    ``lose_half``         the same, but every other packet on average gets through
+
+    USB3 Vision only:
+
+    ``nak``                  `count` commands are never taken: the host's transfer waits until the host gives up
+    ``pending_acknowledge``  `count` commands are answered 0.1 s late, after a pending acknowledge
+    ``stall``                the stream endpoint halts in place of each of `count` frames, until the host clears it
+    ``short_trailer``        `count` frames have a trailer of 8 bytes
+    """
+
+    DELAY = "delay"
+    FREEZE = "freeze"
+    VANISH = "vanish"
+    COME_BACK = "come_back"
+    REFUSE_WRITES = "refuse_writes"
+    STICK = "stick"
+    SHRINK = "shrink"
+    IGNORE_TRIGGERS = "ignore_triggers"
+    STOP_TRIGGERS = "stop_triggers"
+    HALVE_TRIGGERS = "halve_triggers"
+    DOUBLE_TRIGGERS = "double_triggers"
+    FREEZE_EXPOSURE = "freeze_exposure"
+    BLACK = "black"
+    WHITE = "white"
+    CLOCK_AHEAD = "clock_ahead"
+    CLOCK_BACK = "clock_back"
+    TRUNCATE = "truncate"
+    NO_CHUNKS = "no_chunks"
+    NAN_CHUNKS = "nan_chunks"
+    LOSE_PACKETS = "lose_packets"
+    LOSE_HALF = "lose_half"
+    NAK = "nak"
+    PENDING_ACKNOWLEDGE = "pending_acknowledge"
+    STALL = "stall"
+    SHORT_TRAILER = "short_trailer"
+
+
+PER_TRIGGER = frozenset(
+    {
+        *(Fault.FREEZE, Fault.DELAY, Fault.VANISH, Fault.FREEZE_EXPOSURE, Fault.BLACK, Fault.WHITE),
+        *(Fault.STOP_TRIGGERS, Fault.IGNORE_TRIGGERS, Fault.HALVE_TRIGGERS, Fault.DOUBLE_TRIGGERS),
+        *(Fault.CLOCK_AHEAD, Fault.CLOCK_BACK),
+    }
+)
 """Faults whose count is of triggers."""
 
-_ANYWHERE = frozenset({"come_back", "nan_chunks", "no_chunks", "refuse_writes", "shrink", "stick", "truncate"})
-_ANYWHERE |= PER_TRIGGER
+_ALL = frozenset(Fault)
 
-GIGE = frozenset({"lose_half", "lose_packets"}) | _ANYWHERE
+GIGE = _ALL - {Fault.NAK, Fault.PENDING_ACKNOWLEDGE, Fault.STALL, Fault.SHORT_TRAILER}
 """Faults of a GigE Vision camera."""
 
-USB3 = frozenset({"nak", "pending_acknowledge", "short_trailer", "stall"}) | _ANYWHERE
+USB3 = _ALL - {Fault.LOSE_PACKETS, Fault.LOSE_HALF}
 """Faults of a USB3 Vision camera."""
 
-NOT_DESCRIBED = frozenset({"nan_chunks", "shrink"})
-"""Faults that a camera in the description of a real one does not know."""
-
-NAMES = GIGE | USB3
-"""All faults there are."""
+NOT_DESCRIBED = frozenset({Fault.NAN_CHUNKS, Fault.SHRINK})
+"""Faults that a camera wearing a real one's description does not have."""
 
 MOST_ORDERS = 1000
-"""Orders that may wait or be in force at once: each trigger looks at all of them."""
+"""Orders that may wait or be in force at once: each trigger goes through all of them."""
 
 DELAY_NS = 200_000_000
 """How late the frames of the fault ``delay`` are sent."""
@@ -42,7 +103,7 @@ JUMP_NS = 10_000_000_000
 """By how much ``clock_ahead`` and ``clock_back`` set the device's clock at each trigger that they meet."""
 
 SHRUNK = 0.95
-"""The part of a number that is taken of a write that meets ``shrink``."""
+"""What the fault ``shrink`` multiplies written numbers by."""
 
 
 _LAST_NUMBER = 10**15  # triggers: half a million years
@@ -53,41 +114,10 @@ class FaultError(Exception):
 
 
 @dataclass(frozen=True, slots=True)
-class Fault:
-    """One order: a fault, the trigger after which it begins (None: now) and how much of it.
+class FaultOrder:
+    """A fault, the trigger after which it begins (None: now) and how much of it (None: no end)."""
 
-    ``delay``             the frames of `count` triggers are sent 0.2 s late, and no frame overtakes them
-    ``freeze``            the frames of `count` triggers are taken but not sent; the control channel answers
-    ``vanish``            cable and power are out for `count` triggers, or until ``come_back`` when it is None
-    ``come_back``         the camera is there again, in its power-on state
-    ``refuse_writes``     `count` writes are answered with an access error
-    ``stick``             `count` writes are acknowledged and change nothing
-    ``shrink``            `count` writes of numbers are acknowledged, and 5 % less is taken, within its limits
-    ``ignore_triggers``   `count` triggers make no frame, and the frame id does not advance
-    ``stop_triggers``     `count` pulses do not rise: they are not in the truth either
-    ``halve_triggers``    of `count` triggers those with odd numbers make no frame
-    ``double_triggers``   each of `count` triggers is followed by another pulse half a period later
-    ``freeze_exposure``   `count` triggers are exposed as the one before them, whatever was written
-    ``black``, ``white``  the images of `count` triggers are even, 0 or full scale
-    ``clock_ahead``, ``clock_back``  at each of `count` triggers the device's clock jumps by 10 s (never below 0)
-    ``truncate``          `count` frames end halfway through their payload
-    ``no_chunks``         `count` frames come without chunk data
-    ``nan_chunks``        the chunk data of `count` frames tell no numbers (NaN) for exposure time and gain
-
-    Of GigE Vision only:
-
-    ``lose_packets``      `count` stream packets are not sent, from the next trigger's frame on
-    ``lose_half``         the same, but of every two packets one goes through, on average
-
-    Of USB3 Vision only:
-
-    ``nak``                  `count` commands are never taken: the host's transfer waits until the host gives up
-    ``pending_acknowledge``  `count` commands are answered 0.1 s late, after a pending acknowledge
-    ``stall``                the stream endpoint halts in place of each of `count` frames, until the host clears it
-    ``short_trailer``        `count` frames have a trailer of 8 bytes
-    """
-
-    name: str
+    fault: Fault
     after_trigger: int | None = None
     count: int | None = 1
 
@@ -110,15 +140,19 @@ class Fault:
             raise FaultError('the line must be a JSON object such as {"fault": "freeze", "count": 3}')
         for key in order.keys() - {"fault", "after_trigger", "count"}:
             raise FaultError(f"unknown key {reprlib.repr(key)}: the keys are fault, after_trigger and count")
-        name = order.get("fault")
-        if not isinstance(name, str) or name not in NAMES:
-            raise FaultError(f"unknown fault {reprlib.repr(name)}: the faults are {', '.join(sorted(NAMES))}")
+        fault = _fault(order.get("fault"))
         count = _whole_number(order, "count", 1)
-        if count is not None and name == "come_back":
+        if count is not None and fault is Fault.COME_BACK:
             raise FaultError("come_back has no count: leave it out")
-        if count is None and name != "vanish":
+        if count is None and fault is not Fault.VANISH:
             count = 1
-        return cls(name, _whole_number(order, "after_trigger", 0), count)
+        return cls(fault, _whole_number(order, "after_trigger", 0), count)
+
+
+def _fault(name: object) -> Fault:
+    if isinstance(name, str) and name in _ALL:
+        return Fault(name)
+    raise FaultError(f"unknown fault {reprlib.repr(name)}: the faults are {', '.join(sorted(_ALL))}")
 
 
 def _whole_number(order: dict[str, object], key: str, minimum: int) -> int | None:
@@ -126,26 +160,27 @@ def _whole_number(order: dict[str, object], key: str, minimum: int) -> int | Non
     if value is None:
         return None
     if not isinstance(value, int) or isinstance(value, bool) or not minimum <= value <= _LAST_NUMBER:
-        told = reprlib.repr(value)
-        raise FaultError(f"{key} must be a whole number from {minimum} to {_LAST_NUMBER} or null, not {told}")
+        given = reprlib.repr(value)
+        raise FaultError(f"{key} must be a whole number from {minimum} to {_LAST_NUMBER} or null, not {given}")
     return value
 
 
 @dataclass(slots=True, eq=False)
-class _Order:
+class _OpenOrder:
     fault: Fault
+    after_trigger: int | None
     left: int | None
 
     def begun(self, trigger: int) -> bool:
         """Whether the fault reaches the trigger of this number."""
-        return self.fault.after_trigger is None or trigger > self.fault.after_trigger
+        return self.after_trigger is None or trigger > self.after_trigger
 
 
 class Faults:
     """The faults in force; safe to use from any thread.
 
-    The device itself does what concerns exposures: ``freeze``, ``delay`` and ``ignore_triggers`` show in the sink as
-    frames that do not come or come late. The protocol asks for the others when it does what they spoil.
+    The device itself carries out what concerns exposures: ``freeze``, ``delay`` and ``ignore_triggers`` show in the
+    sink as frames that come late or not at all. The protocol asks for the others as it does what they spoil.
 
     `power_off` is called when the camera vanishes, `power_on` before a vanished camera answers again.
     """
@@ -156,51 +191,51 @@ class Faults:
         self._power_on = power_on
         self._power_off = power_off
         self._gone = False
-        self._names = NAMES
+        self._allowed = _ALL
         self._lock = threading.Lock()
         self._restart = threading.Lock()  # held while the camera restarts
-        self._orders: list[_Order] = []
+        self._orders: list[_OpenOrder] = []
         self._trigger = -1  # the last pulse of Line0
         self._sent = -1  # the last pulse before the exposure of the frame that is being sent
         self._coin = random.Random(0)
 
-    def restrict(self, names: frozenset[str]) -> None:
-        """Refuse all faults but those of `names`: a transport knows only its own."""
-        self._names = names
+    def restrict(self, faults: frozenset[Fault]) -> None:
+        """Refuse all other faults: a transport knows only its own."""
+        self._allowed = faults
 
-    def add(self, fault: Fault) -> int:
-        """Order a fault; the answer is the number of the last trigger before it (-1 before the first).
+    def add(self, order: FaultOrder) -> int:
+        """Take an order; returns the number of the last trigger before it (-1 before the first).
 
         Raises
         ------
         FaultError
-            The camera's transport has no such fault, or too many orders wait.
+            This camera cannot have the fault, or too many orders wait.
         """
-        if fault.name not in self._names:
-            names = ", ".join(sorted(self._names))
-            raise FaultError(f"{fault.name} is no fault of this camera's transport: its faults are {names}")
+        if order.fault not in self._allowed:
+            names = ", ".join(sorted(self._allowed))
+            raise FaultError(f"this camera cannot have the fault {order.fault}: its faults are {names}")
         with self._lock:
-            at_once = fault.name == "come_back" and fault.after_trigger is None
+            at_once = order.fault is Fault.COME_BACK and order.after_trigger is None
             if len(self._orders) >= MOST_ORDERS and not at_once:
-                raise FaultError(f"{MOST_ORDERS} orders wait or are in force: let some be over first")
-            self._orders.append(_Order(fault, fault.count))
+                raise FaultError(f"{MOST_ORDERS} orders wait or are in force: wait until some are over")
+            self._orders.append(_OpenOrder(order.fault, order.after_trigger, order.count))
             trigger = self._trigger
         self._come_back(trigger)
         self._go_away()
         return trigger
 
-    def on_trigger(self, trigger: int) -> frozenset[str]:
-        """Count a pulse of Line0; the names of the faults in `PER_TRIGGER` that it meets."""
+    def on_trigger(self, trigger: int) -> frozenset[Fault]:
+        """Count a pulse of Line0; the faults in `PER_TRIGGER` that it meets."""
         self._come_back(trigger)
         with self._lock:
             self._trigger = trigger
-            met = [order for order in self._orders if order.fault.name in PER_TRIGGER and order.begun(trigger)]
+            met = [order for order in self._orders if order.fault in PER_TRIGGER and order.begun(trigger)]
             for order in met:
                 if order.left is not None:
                     order.left -= 1
-            self._orders = [order for order in self._orders if order.left != 0 or order.fault.name == "vanish"]
+            self._orders = [order for order in self._orders if order.left != 0 or order.fault is Fault.VANISH]
         self._go_away()
-        return frozenset(order.fault.name for order in met)
+        return frozenset(order.fault for order in met)
 
     def on_send(self, trigger: int) -> None:
         """Note that the frame of a trigger (or of an exposure after it) is sent now."""
@@ -215,27 +250,25 @@ class Faults:
 
     def lose_packet(self) -> bool:
         """Whether the stream packet about to be sent is to be lost; asked once for each packet."""
-        if not self._orders:  # as a rule: a frame has dozens of packets
+        if not self._orders:  # nearly always, and a frame has dozens of packets
             return False
-        return self.spoils_frame("lose_packets") or (self._coin.random() < 0.5 and self.spoils_frame("lose_half"))
+        return self.spoils_frame(Fault.LOSE_PACKETS) or (
+            self._coin.random() < 0.5 and self.spoils_frame(Fault.LOSE_HALF)
+        )
 
-    def spoils_frame(self, name: str) -> bool:
+    def spoils_frame(self, fault: Fault) -> bool:
         """Whether the frame that is being sent meets this fault; asked once for each unit that the fault counts."""
         with self._lock:
-            return self._spend(name, self._sent)
+            return self._spend(fault, self._sent)
 
-    def spoils_command(self, name: str) -> bool:
+    def spoils_command(self, fault: Fault) -> bool:
         """Whether the command just received meets this fault; asked once for each."""
         with self._lock:
-            return self._spend(name, self._trigger)
+            return self._spend(fault, self._trigger)
 
-    def refuse_write(self) -> bool:
-        """Whether the write just received is to be answered with an access error; asked once for each write."""
-        return self.spoils_command("refuse_writes")
-
-    def _spend(self, name: str, trigger: int) -> bool:
+    def _spend(self, fault: Fault, trigger: int) -> bool:
         for order in self._orders:
-            if order.fault.name == name and order.left is not None and order.begun(trigger):
+            if order.fault is fault and order.left is not None and order.begun(trigger):
                 order.left -= 1
                 if order.left == 0:
                     self._orders.remove(order)
@@ -246,11 +279,11 @@ class Faults:
         """End the absences that are over by `trigger`; the camera restarts, once, before it answers again."""
         with self._restart:
             with self._lock:
-                called = [order for order in self._orders if order.fault.name == "come_back" and order.begun(trigger)]
+                called = [order for order in self._orders if order.fault is Fault.COME_BACK and order.begun(trigger)]
                 over = [
                     order
                     for order in self._orders
-                    if order.fault.name == "vanish"
+                    if order.fault is Fault.VANISH
                     and (called or (order.left == 0 and trigger > self._trigger))
                     and order.begun(trigger)
                 ]
@@ -268,4 +301,4 @@ class Faults:
             self._power_off()
 
     def _vanished(self) -> bool:
-        return any(order.fault.name == "vanish" and order.begun(self._trigger) for order in self._orders)
+        return any(order.fault is Fault.VANISH and order.begun(self._trigger) for order in self._orders)

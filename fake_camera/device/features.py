@@ -13,13 +13,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
-from fake_camera.imaging import ImageSettings
+from fake_camera.imaging import PIXEL_FORMATS, ImageSettings
 
 Value = int | float | bool | str
 Type = Literal["integer", "float", "boolean", "string", "enumeration"]
 
 ENUM_ENTRIES: dict[str, dict[str, int]] = {
-    "PixelFormat": {"Mono8": 0x01080001, "Mono12": 0x01100005, "Mono16": 0x01100007},
+    "PixelFormat": {name: pixel_format.pfnc_code for name, pixel_format in PIXEL_FORMATS.items()},
     "AcquisitionMode": {"Continuous": 0, "SingleFrame": 1},
     "ExposureMode": {"Timed": 0},
     "ExposureAuto": {"Off": 0, "Once": 1, "Continuous": 2},
@@ -321,8 +321,8 @@ class Features:
         }
 
     def _payload_bytes(self) -> int:
-        pixel_bytes = 1 if self._values["PixelFormat"] == "Mono8" else 2
-        image = int(self._values["Width"]) * int(self._values["Height"]) * pixel_bytes
+        bits_per_pixel = PIXEL_FORMATS[str(self._values["PixelFormat"])].bits_per_pixel
+        image = int(self._values["Width"]) * int(self._values["Height"]) * bits_per_pixel // 8
         if not self._values["ChunkModeActive"]:
             return image
         chunks = sum(CHUNK_BYTES[name] + CHUNK_TRAILER_BYTES for name in self.enabled_chunks())

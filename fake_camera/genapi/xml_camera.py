@@ -6,6 +6,7 @@ import contextlib
 import threading
 
 from fake_camera.device.device import Device
+from fake_camera.device.faults import Fault
 from fake_camera.device.features import CHUNK_TRAILER_BYTES, FeatureError
 from fake_camera.genapi.description import REGISTERS, Description, NodeError
 from fake_camera.genapi.evaluator import Evaluator
@@ -13,7 +14,7 @@ from fake_camera.genapi.field import Field
 from fake_camera.genapi.memory import Fixed, Memory
 from fake_camera.genapi.solve import assign
 from fake_camera.genapi.xml_features import Animation, Watch
-from fake_camera.genapi.xml_power_on import CHUNKS, COMMANDS, PowerOn, trigger_lines
+from fake_camera.genapi.xml_power_on import CHUNK_CONTENTS, LIVE_COMMANDS, PowerOn, trigger_lines
 from fake_camera.imaging import ExposedFrame
 
 _BANKS = {
@@ -84,9 +85,9 @@ class XmlCamera:
         FeatureError
             "locked" by a fault that was ordered; "out_of_range" when a number would leave its limits.
         """
-        if self._device.faults.refuse_write():
+        if self._device.faults.spoils_command(Fault.REFUSE_WRITES):
             raise FeatureError("locked", "writes are refused, as ordered")
-        if self._device.faults.spoils_command("stick"):
+        if self._device.faults.spoils_command(Fault.STICK):
             return
         with self._lock:
             before = self._memory.read(address, len(data))
@@ -114,7 +115,7 @@ class XmlCamera:
 
     def _chunk(self, entry: str, frame: ExposedFrame) -> tuple[int, bytes]:
         port, chunk_id = self._chunk_port(entry)
-        value = self._animation.chunk_value(CHUNKS[entry], frame)
+        value = self._animation.chunk_value(CHUNK_CONTENTS[entry], frame)
         known = self._chunk_data.get(entry)
         if known is None or known[0] != value:
             assign(self._evaluator, f"Chunk{entry}", value)
@@ -186,7 +187,7 @@ class XmlCamera:
     def _find_commands(self) -> list[tuple[Field, int, str]]:
         """The register of each command, the number that gives it, and its name."""
         found = []
-        for name in COMMANDS:
+        for name in LIVE_COMMANDS:
             if self._evaluator.kind(name) != "Command":
                 continue
             with contextlib.suppress(NodeError), self._evaluator.selecting_entry("TriggerSelector", "FrameStart"):

@@ -11,20 +11,19 @@ from fake_camera.genapi.description import NodeError
 from fake_camera.genapi.evaluator import Evaluator
 from fake_camera.genapi.solve import assign
 from fake_camera.genapi.xml_power_on import (
-    CHUNKS,
+    CHUNK_CONTENTS,
     EXPOSURE_TIMES,
     FRAME_RATE_SWITCHES,
     FRAME_RATES,
     GAINS,
     GAMMA_SWITCHES,
-    PIXEL_FORMATS,
     in_db,
     limits,
     spoken,
     time_unit_us,
     trigger_lines,
 )
-from fake_camera.imaging import ExposedFrame
+from fake_camera.imaging import PIXEL_FORMATS, ExposedFrame
 
 RAW_GAIN_RANGE_DB = 24.0
 """What a gain without dB spans from its least to its greatest value, linear in dB."""
@@ -181,7 +180,7 @@ class Animation:
             return
         yield from self._watch("ChunkModeActive", apply_mode)
         for entry in self._evaluator.node("ChunkSelector").entries:
-            if entry in CHUNKS and self._evaluator.kind(f"Chunk{entry}"):
+            if entry in CHUNK_CONTENTS and self._evaluator.kind(f"Chunk{entry}"):
 
                 def apply(entry: str = entry) -> None:
                     self._chunks[entry] = bool(self._evaluator.value("ChunkEnable"))

@@ -10,6 +10,7 @@ from fake_camera.genapi.description import NodeError
 from fake_camera.genapi.evaluator import Evaluator
 from fake_camera.genapi.formula import Number
 from fake_camera.genapi.solve import Wish, achieve, assign
+from fake_camera.imaging import PIXEL_FORMATS
 
 TIME_UNITS_US = {"s": 1e6, "ms": 1e3, "ns": 1e-3}
 """Microseconds in the units of time that descriptions name; other texts and none mean microseconds."""
@@ -19,13 +20,12 @@ FRAME_RATES = ("AcquisitionFrameRate", "AcquisitionFrameRateAbs")
 FRAME_RATE_SWITCHES = ("AcquisitionFrameRateEnable", "AcquisitionFrameRateEnabled")
 GAMMA_SWITCHES = ("GammaEnable", "GammaEnabled")
 """Names that vendors give these features, those in physical units first."""
-PIXEL_FORMATS = ("Mono8", "Mono12", "Mono16")
-CHUNKS = {
+CHUNK_CONTENTS = {
     "ExposureTime": "ExposureTime", "Gain": "Gain", "GainAll": "Gain", "FrameID": "FrameID", "FrameCounter": "FrameID",
     "Framecounter": "FrameID", "Timestamp": "Timestamp",
 }  # fmt: skip
 """What the chunks hold that are filled, by the names that vendors give the entries of ChunkSelector."""
-COMMANDS = ("AcquisitionStart", "AcquisitionStop", "TimestampLatch", "TriggerSoftware")
+LIVE_COMMANDS = ("AcquisitionStart", "AcquisitionStop", "TimestampLatch", "TriggerSoftware")
 LOCKED = "TLParamsLocked"
 
 
@@ -92,7 +92,7 @@ class PowerOn:
             self._number(name, Wished(8, size, step, size))
         for name in ("OffsetX", "OffsetY"):
             self._open(name)
-        self._choice("PixelFormat", PIXEL_FORMATS)
+        self._choice("PixelFormat", tuple(PIXEL_FORMATS))
         self._number("GevSCPSPacketSize", _PACKET_BYTES)
 
     def _exposure(self) -> None:
@@ -124,7 +124,7 @@ class PowerOn:
     def _chunks(self) -> None:
         self._switch("ChunkModeActive", True)  # some selectors are there only while chunks are on
         if self._evaluator.kind("ChunkSelector") == "Enumeration":
-            for entry in CHUNKS:
+            for entry in CHUNK_CONTENTS:
                 with self._selecting("ChunkSelector", entry) as offered:
                     if offered:
                         self._switch("ChunkEnable", False)

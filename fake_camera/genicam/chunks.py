@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import math
 import struct
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
-from fake_camera.device.device import Device
-from fake_camera.genapi.xml_camera import XmlCamera
 from fake_camera.genicam.registers import ByteOrder
 from fake_camera.imaging import ExposedFrame
 
@@ -59,16 +56,3 @@ def tagged(frame: ExposedFrame, chunks: Sequence[tuple[int, bytes]], byte_order:
     for chunk_id, data in chunks:
         pieces += [data, tag.pack(chunk_id, len(data))]
     return b"".join(pieces)
-
-
-def sent_chunks(frame: ExposedFrame, device: Device, xml: XmlCamera | None, byte_order: ByteOrder) -> bytes:
-    """The chunk data that go with a frame: those of the description that the camera wears, else its own; or none."""
-    features = device.features
-    if device.faults.spoils_frame("no_chunks"):
-        return b""
-    if device.faults.spoils_frame("nan_chunks"):
-        frame = replace(frame, settings=replace(frame.settings, exposure_time_us=math.nan, gain_db=math.nan))
-    if xml is not None:
-        on = xml.chunks(frame)
-        return b"" if on is None else tagged(frame, on, byte_order)
-    return chunk_bytes(frame, features.enabled_chunks(), byte_order) if features.get("ChunkModeActive") else b""

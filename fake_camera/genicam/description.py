@@ -19,7 +19,7 @@ from fake_camera.genicam.registers import (
     slots,
     value_bytes,
 )
-from fake_camera.genicam.transport import Field, Transport
+from fake_camera.genicam.transport import RegisterField, Transport
 
 _ELEMENT = {
     "integer": "Integer",
@@ -160,7 +160,7 @@ def _command(root: Element, name: str, address: int, value: int = 1) -> None:
     _int_reg(root, f"{name}_Value", address, 4, "RW")
 
 
-def _bootstrap_field(root: Element, field: Field, byte_order: ByteOrder) -> None:
+def _bootstrap_field(root: Element, field: RegisterField, byte_order: ByteOrder) -> None:
     element = {"integer": "Integer", "boolean": "Boolean", "command": "Command"}[field.type]
     node = SubElement(root, element, Name=field.name, NameSpace="Standard")
     access = "RW" if field.writable else "RO"

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from fake_camera.device.device import Device
-from fake_camera.device.faults import SHRUNK
+from fake_camera.device.faults import SHRUNK, Fault
 from fake_camera.device.features import ENUM_ENTRIES, FeatureError, Features, Spec, Value
 from fake_camera.genicam.status import CommandError, Status
 
@@ -189,12 +189,12 @@ def feature_registers(device: Device, byte_order: ByteOrder) -> Iterator[Registe
 
 def _value(device: Device, spec: Spec, address: int, byte_order: ByteOrder) -> Register:
     def write(data: bytes) -> None:
-        if device.faults.refuse_write():
+        if device.faults.spoils_command(Fault.REFUSE_WRITES):
             raise CommandError(Status.ACCESS_DENIED)
-        if device.faults.spoils_command("stick"):
+        if device.faults.spoils_command(Fault.STICK):
             return
         value = decode(spec, data, byte_order)
-        if has_limits(spec) and device.faults.spoils_command("shrink"):
+        if has_limits(spec) and device.faults.spoils_command(Fault.SHRINK):
             value = max(float(value) * SHRUNK, device.features.limits(spec.name).minimum)
         try:
             device.features.set(spec.name, value)
@@ -211,7 +211,7 @@ def _value(device: Device, spec: Spec, address: int, byte_order: ByteOrder) -> R
 
 def _command(device: Device, name: str, address: int, byte_order: ByteOrder) -> Register:
     def write(value: int) -> None:
-        if device.faults.refuse_write():
+        if device.faults.spoils_command(Fault.REFUSE_WRITES):
             raise CommandError(Status.ACCESS_DENIED)
         if value:
             device.execute(name)

@@ -9,7 +9,7 @@ from fake_camera.genicam.registers import ByteOrder
 
 
 @dataclass(frozen=True, slots=True)
-class Field:
+class RegisterField:
     """Bits `msb` to `lsb` (bit 0 is the highest, whatever the byte order) of a bootstrap register."""
 
     name: str
@@ -31,4 +31,4 @@ class Transport:
 
     name_space: Literal["GEV", "U3V"]
     byte_order: ByteOrder
-    fields: tuple[Field, ...]
+    fields: tuple[RegisterField, ...]

@@ -12,7 +12,7 @@ from fake_camera.device.features import FeatureError
 from fake_camera.genicam.privilege import ControlPrivilege
 from fake_camera.genicam.registers import Register, constant, unsigned
 from fake_camera.genicam.status import CommandError, Status
-from fake_camera.genicam.transport import Field, Transport
+from fake_camera.genicam.transport import RegisterField, Transport
 from fake_camera.gige.stream_channel import MAX_PACKET_BYTES, MAX_PACKET_DELAY_NS, MIN_PACKET_BYTES, StreamChannel
 
 CONTROL_PRIVILEGE = 0x0A00
@@ -37,20 +37,20 @@ GIGE_VISION = Transport(
     "GEV",
     "big",
     (
-        Field("GevVersionMajor", 0x0000, lsb=15),
-        Field("GevVersionMinor", 0x0000, msb=16),
-        Field("GevMACAddress", 0x0008, length=8),
-        Field("GevCurrentIPAddress", 0x0024),
-        Field("GevCurrentSubnetMask", 0x0034),
-        Field("GevStreamChannelCount", 0x0904),
-        Field("GevHeartbeatTimeout", 0x0938, writable=True, limits=(500, 0xFFFFFFFF, 1), unit="ms"),
-        Field("GevTimestampTickFrequency", 0x093C, length=8, unit="Hz"),
-        Field("GevTimestampControlLatch", 0x0944, "command", writable=True, command_value=LATCH_TIMESTAMP),
-        Field("GevTimestampValue", 0x0948, length=8, unit="ns"),
-        Field("GevSCPHostPort", 0x0D00, writable=True, msb=16, locked=True),
-        Field("GevSCPSFireTestPacket", 0x0D04, "command", writable=True, lsb=0, locked=True),
-        Field("GevSCPSDoNotFragment", 0x0D04, "boolean", writable=True, msb=1, lsb=1, locked=True),
-        Field(
+        RegisterField("GevVersionMajor", 0x0000, lsb=15),
+        RegisterField("GevVersionMinor", 0x0000, msb=16),
+        RegisterField("GevMACAddress", 0x0008, length=8),
+        RegisterField("GevCurrentIPAddress", 0x0024),
+        RegisterField("GevCurrentSubnetMask", 0x0034),
+        RegisterField("GevStreamChannelCount", 0x0904),
+        RegisterField("GevHeartbeatTimeout", 0x0938, writable=True, limits=(500, 0xFFFFFFFF, 1), unit="ms"),
+        RegisterField("GevTimestampTickFrequency", 0x093C, length=8, unit="Hz"),
+        RegisterField("GevTimestampControlLatch", 0x0944, "command", writable=True, command_value=LATCH_TIMESTAMP),
+        RegisterField("GevTimestampValue", 0x0948, length=8, unit="ns"),
+        RegisterField("GevSCPHostPort", 0x0D00, writable=True, msb=16, locked=True),
+        RegisterField("GevSCPSFireTestPacket", 0x0D04, "command", writable=True, lsb=0, locked=True),
+        RegisterField("GevSCPSDoNotFragment", 0x0D04, "boolean", writable=True, msb=1, lsb=1, locked=True),
+        RegisterField(
             "GevSCPSPacketSize",
             0x0D04,
             writable=True,
@@ -59,9 +59,9 @@ GIGE_VISION = Transport(
             unit="bytes",
             locked=True,
         ),
-        Field("GevSCPD", 0x0D08, writable=True, limits=(0, MAX_PACKET_DELAY_NS, 1), unit="ns"),
-        Field("GevSCDA", 0x0D18, writable=True, locked=True),
-        Field("GevSCSP", 0x0D1C, msb=16),
+        RegisterField("GevSCPD", 0x0D08, writable=True, limits=(0, MAX_PACKET_DELAY_NS, 1), unit="ns"),
+        RegisterField("GevSCDA", 0x0D18, writable=True, locked=True),
+        RegisterField("GevSCSP", 0x0D1C, msb=16),
     ),
 )
 """How a description speaks of the registers below."""

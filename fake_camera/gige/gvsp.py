@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fake_camera.device.features import ENUM_ENTRIES
 from fake_camera.genicam.status import Status
-from fake_camera.imaging import ExposedFrame
+from fake_camera.imaging import PIXEL_FORMATS, ExposedFrame
 
 PACKET_OVERHEAD = 20 + 8 + 8
 """Bytes of a packet that carry no payload: headers of IP, UDP and GVSP. Packet sizes include them."""
@@ -54,7 +53,7 @@ class Block:
             0,
             payload_type,
             frame.device_time_ns,
-            ENUM_ENTRIES["PixelFormat"][settings.pixel_format],
+            PIXEL_FORMATS[settings.pixel_format].pfnc_code,
             width,
             height,
             settings.offset_x,

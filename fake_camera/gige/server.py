@@ -11,9 +11,9 @@ import time
 
 from fake_camera.device.device import Device
 from fake_camera.device.faults import GIGE, NOT_DESCRIBED
+from fake_camera.genapi.sent_chunks import sent_chunks
 from fake_camera.genapi.xml_camera import XmlCamera
 from fake_camera.genapi.xml_registers import XmlRegisters, free_address
-from fake_camera.genicam.chunks import sent_chunks
 from fake_camera.genicam.description import genicam_xml, zipped
 from fake_camera.genicam.privilege import ControlPrivilege
 from fake_camera.genicam.registers import RegisterMap, feature_registers

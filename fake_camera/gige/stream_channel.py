@@ -8,7 +8,7 @@ import struct
 import time
 from collections import deque
 
-from fake_camera.device.faults import Faults
+from fake_camera.device.faults import Fault, Faults
 from fake_camera.genicam.status import CommandError, Status
 from fake_camera.gige.gvcp import Resend
 from fake_camera.gige.gvsp import Block, trial_packet, unavailable_packet
@@ -120,7 +120,7 @@ class StreamChannel:
             return
         block = Block.from_frame(frame, chunks, self._packet_bytes)
         packet_ids = list(range(block.last_packet_id + 1))
-        if self._faults.spoils_frame("truncate"):
+        if self._faults.spoils_frame(Fault.TRUNCATE):
             del packet_ids[len(packet_ids) // 2 : -1]  # of the rest nothing is kept to be sent again
         else:
             self._kept.append(block)

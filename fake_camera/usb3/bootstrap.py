@@ -10,7 +10,7 @@ from fake_camera.device.device import Device
 from fake_camera.device.features import FeatureError
 from fake_camera.genicam.registers import Register, constant, unsigned
 from fake_camera.genicam.status import CommandError, Status
-from fake_camera.genicam.transport import Field, Transport
+from fake_camera.genicam.transport import RegisterField, Transport
 from fake_camera.usb3.event_channel import EventChannel
 from fake_camera.usb3.stream_channel import StreamChannel
 from fake_camera.usb3.u3vcp import MAX_TRANSFER_BYTES
@@ -43,13 +43,13 @@ USB3_VISION = Transport(
     "U3V",
     "little",
     (
-        Field("U3VVersionMajor", SBRM, lsb=15),
-        Field("U3VVersionMinor", SBRM, msb=16),
-        Field("U3VMaxDeviceResponseTime", 0x01CC, unit="ms"),
-        Field("U3VMaxCommandTransferLength", SBRM + 0x14, unit="bytes"),
-        Field("U3VMaxAcknowledgeTransferLength", SBRM + 0x18, unit="bytes"),
-        Field("U3VNumberOfStreamChannels", SBRM + 0x1C),
-        Field("U3VCurrentSpeed", SBRM + 0x40),
+        RegisterField("U3VVersionMajor", SBRM, lsb=15),
+        RegisterField("U3VVersionMinor", SBRM, msb=16),
+        RegisterField("U3VMaxDeviceResponseTime", 0x01CC, unit="ms"),
+        RegisterField("U3VMaxCommandTransferLength", SBRM + 0x14, unit="bytes"),
+        RegisterField("U3VMaxAcknowledgeTransferLength", SBRM + 0x18, unit="bytes"),
+        RegisterField("U3VNumberOfStreamChannels", SBRM + 0x1C),
+        RegisterField("U3VCurrentSpeed", SBRM + 0x40),
     ),
 )
 """How a description speaks of the registers below."""

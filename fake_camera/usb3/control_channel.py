@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 
-from fake_camera.device.faults import Faults
+from fake_camera.device.faults import Fault, Faults
 from fake_camera.genicam.registers import RegisterMap
 from fake_camera.genicam.status import CommandError, Status
 from fake_camera.usb3 import u3vcp
@@ -26,12 +26,12 @@ class ControlChannel:
 
     def take(self, transfer: bytes) -> bool:
         """Execute the command in a transfer and acknowledge it; False when the camera does not take it (NAK)."""
-        if self._faults.spoils_command("nak"):
+        if self._faults.spoils_command(Fault.NAK):
             return False
         request = Request.from_bytes(transfer)
         if request is None:
             return True
-        if self._faults.spoils_command("pending_acknowledge"):
+        if self._faults.spoils_command(Fault.PENDING_ACKNOWLEDGE):
             self._acknowledgements.write(request.pending(_PENDING_MS))
             later = threading.Timer(_PENDING_ANSWER_S, self._answer, (request,))
             later.daemon = True

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fake_camera.device.acquisition import Counters
-from fake_camera.device.faults import Faults
+from fake_camera.device.faults import Fault, Faults
 from fake_camera.genicam.status import CommandError, Status
 from fake_camera.imaging import ExposedFrame
 from fake_camera.usb3 import u3vsp
@@ -94,19 +94,19 @@ class StreamChannel:
                 return
             if self._endpoint.backlog_bytes + len(payload) > MEMORY_BYTES:
                 self._counters.discarded += 1
-            elif self._faults.spoils_frame("stall"):
+            elif self._faults.spoils_frame(Fault.STALL):
                 self._endpoint.halt()
             else:
                 self._endpoint.write(*self._transfers(frame, payload, bool(chunks)))
 
     def _transfers(self, frame: ExposedFrame, payload: memoryview, has_chunks: bool) -> list[bytes | memoryview]:
         sent = payload
-        if self._faults.spoils_frame("truncate"):
+        if self._faults.spoils_frame(Fault.TRUNCATE):
             sent = payload[: len(payload) // 2]
         pieces = self._cut(sent)
         sent_bytes = sum(len(piece) for piece in pieces)
         trailer = u3vsp.trailer(frame, has_chunks, sent_bytes, len(payload))
-        if self._faults.spoils_frame("short_trailer"):
+        if self._faults.spoils_frame(Fault.SHORT_TRAILER):
             trailer = trailer[:8]
         return [u3vsp.leader(frame, has_chunks), *pieces, trailer]
 

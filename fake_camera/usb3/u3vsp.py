@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import struct
 
-from fake_camera.device.features import ENUM_ENTRIES
-from fake_camera.imaging import ExposedFrame
+from fake_camera.imaging import PIXEL_FORMATS, ExposedFrame
 
 LEADER_BYTES = 52
 MAX_TRAILER_BYTES = 36
@@ -28,7 +27,7 @@ def leader(frame: ExposedFrame, has_chunks: bool) -> bytes:
         0,
         _IMAGE | (_EXTENDED_CHUNKS if has_chunks else 0),
         frame.device_time_ns,
-        ENUM_ENTRIES["PixelFormat"][settings.pixel_format],
+        PIXEL_FORMATS[settings.pixel_format].pfnc_code,
         width,
         height,
         settings.offset_x,

@@ -9,9 +9,9 @@ from enum import IntEnum
 
 from fake_camera.device.device import Device
 from fake_camera.device.faults import NOT_DESCRIBED, USB3
+from fake_camera.genapi.sent_chunks import sent_chunks
 from fake_camera.genapi.xml_camera import XmlCamera
 from fake_camera.genapi.xml_registers import XmlRegisters
-from fake_camera.genicam.chunks import sent_chunks
 from fake_camera.genicam.description import genicam_xml, zipped
 from fake_camera.genicam.registers import RegisterMap, feature_registers
 from fake_camera.imaging import ExposedFrame

@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from fake_camera.imaging import MAX_GREY, ImageSettings
+from fake_camera.imaging import PIXEL_FORMATS, ImageSettings
 from fake_camera.world.response import response_table
 
 _STEPS = 1 << 16
@@ -40,7 +40,7 @@ class SensorModel:
 
     def system_gain(self, pixel_format: str, gain_db: float) -> float:
         """EMVA 1288's overall system gain K, in grey levels per electron."""
-        return MAX_GREY[pixel_format] / self.full_well_e * math.pow(10.0, gain_db / 20.0)
+        return PIXEL_FORMATS[pixel_format].max_grey / self.full_well_e * math.pow(10.0, gain_db / 20.0)
 
 
 class Sensor:
@@ -80,7 +80,7 @@ class Sensor:
 
         Returns
         -------
-        Grey levels, shape (settings.height, settings.width), uint8 for Mono8 and uint16 for Mono12 and Mono16.
+        Grey levels, shape (settings.height, settings.width), of the `dtype` of the pixel format.
 
         Raises
         ------
@@ -124,8 +124,8 @@ class Sensor:
     def _greys(self, pixel_format: str, gamma: float) -> NDArray[np.uint8] | NDArray[np.uint16]:
         """Grey level of every converter step: response function, then the Gamma node, then quantisation."""
         if self._table_of != (pixel_format, gamma):
-            greys = np.rint(self._response**gamma * MAX_GREY[pixel_format])
-            self._table = greys.astype(np.uint8) if pixel_format == "Mono8" else greys.astype(np.uint16)
+            greys = np.rint(self._response**gamma * PIXEL_FORMATS[pixel_format].max_grey)
+            self._table = greys.astype(PIXEL_FORMATS[pixel_format].dtype)
             self._table_of = (pixel_format, gamma)
         return self._table
 

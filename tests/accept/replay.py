@@ -45,7 +45,7 @@ def replay_demo(
         start_s = trigger / rate_hz
         time_ns = round(start_s * 1e9)
         left, right = (_frame(source, settings[index], start_s, index) for source in sources)
-        decision = loop.step(StereoPair(trigger, left, right))
+        decision = loop.step(StereoPair(trigger, {"left": left, "right": right}))
         settings.append(decision.setting)
         pulses.append(Pulse(trigger, time_ns, light.lux(start_s)))
         records.append(

@@ -26,6 +26,7 @@ from autoexpose_daemon.status.states import Expectation, judge
 from calibration.response import ResponseFunction
 from calibration.response.file import ResponseFile
 from drivers.errors import ConfigurationError
+from fake_camera.device.faults import Fault
 from tests.autoexpose_daemon.stereo import JOIN_WARNING, ON_USB, START_CAMERA, Run, running_daemon, stereo_cameras
 from tests.fakes import FakeCamera
 
@@ -72,7 +73,7 @@ def ask(run: Run, exposure_time_us: float, policy: str = "fixed") -> None:
     run.daemon.tune(Tuning(Config.model_validate(wanted))).result(5)
 
 
-def order(run: Run, fault: str, count: int) -> None:
+def order(run: Run, fault: Fault, count: int) -> None:
     """Order a fault of the trigger wire of both cameras, from the same pulse on."""
     after = read_pulses(run.truths)[-1].trigger + SOON_TRIGGERS
     for camera in (run.left, run.right):
@@ -108,22 +109,21 @@ def only(run: Run, *counted: str) -> Iterator[Counter[str]]:
 
 def skews(run: Run, since: int) -> float:
     """The largest time between the frames of a pair, in periods."""
-    pairs = [pair for pair, _ in run.seen[since:] if pair.right is not None]
-    assert pairs
-    return max(abs(p.left.host_time_ns - p.right.host_time_ns) for p in pairs if p.right) * 1e-9 * RATE_HZ
+    starts_ns = [[frame.host_time_ns for frame in pair.frames.values()] for pair, _ in run.seen[since:]]
+    return max(abs(left - right) for left, right in (pair for pair in starts_ns if len(pair) == 2)) * 1e-9 * RATE_HZ
 
 
 def test_trigger_stopped(run: Run) -> None:
     """That the triggers that were not there are none is for the account at the end to show."""
     with only(run, *BUSY):
-        order(run, "stop_triggers", 110)
+        order(run, Fault.STOP_TRIGGERS, 110)
         wait_for_state(run, "degraded: no triggers")
 
 
 def test_trigger_doubled(run: Run) -> None:
     since = len(run.seen)
     with only(run, "surplus_frames") as new:
-        order(run, "double_triggers", 70)
+        order(run, Fault.DOUBLE_TRIGGERS, 70)
         for side in ("left", "right"):
             wait_for_state(run, f"{side} camera: starts 120.0 frames a second where trigger.rate_hz is 60: check")
     assert 100 <= new["surplus_frames"] <= 140
@@ -132,13 +132,15 @@ def test_trigger_doubled(run: Run) -> None:
 
 def test_trigger_halved(run: Run) -> None:
     with only(run, "trigger_ignored") as new:
-        order(run, "halve_triggers", 200)
+        order(run, Fault.HALVE_TRIGGERS, 200)
         wait_for_state(run, "right camera: starts 30.0 frames a second", "exposure and readout fit into one period")
     assert new["trigger_ignored"] == pytest.approx(100, abs=NOISE)
 
 
-@pytest.mark.parametrize(("fault", "reason"), [("ignore_triggers", "trigger_ignored"), ("freeze", "left_missing")])
-def test_frames_lost(run: Run, fault: str, reason: str) -> None:
+@pytest.mark.parametrize(
+    ("fault", "reason"), [(Fault.IGNORE_TRIGGERS, "trigger_ignored"), (Fault.FREEZE, "left_missing")]
+)
+def test_frames_lost(run: Run, fault: Fault, reason: str) -> None:
     with only(run, reason) as new:
         run.left.inject(fault, count=3)
         run.wait_for_pairs(20)
@@ -148,21 +150,21 @@ def test_frames_lost(run: Run, fault: str, reason: str) -> None:
 def test_frames_late(run: Run) -> None:
     """They are whole if their partners have not been used alone."""
     with only(run):
-        run.left.inject("delay", count=3)
+        run.left.inject(Fault.DELAY, count=3)
         run.wait_for_pairs(20)
 
 
 @pytest.mark.gige_only  # USB sends again by itself, below what a camera knows
 def test_half_the_packets_lost(run: Run) -> None:
     with only(run, "incomplete", "left_missing") as new:
-        run.left.inject("lose_half", count=1500)
+        run.left.inject(Fault.LOSE_HALF, count=1500)
         run.wait_for_pairs(30)
     assert new["incomplete"] + new["left_missing"] <= 30
 
 
 def test_frame_truncated(run: Run) -> None:
     with only(run, "incomplete") as new:
-        run.left.inject("truncate", count=40)
+        run.left.inject(Fault.TRUNCATE, count=40)
         wait_for_state(run, "degraded: left camera: all its frames arrive incomplete: check its cable")
     assert new["incomplete"] == pytest.approx(40, abs=NOISE)
 
@@ -171,7 +173,7 @@ def test_frame_truncated(run: Run) -> None:
 def test_transfer_stalled(run: Run, caplog: pytest.LogCaptureFixture) -> None:
     """Aravis 0.8.26 never clears the halt, and needs half a processor not to: what a busy rig loses does not matter."""
     with only(run, "camera_gone", "trigger_ignored", "reconnects", *BUSY) as new:
-        run.left.inject("stall")
+        run.left.inject(Fault.STALL)
         wait_for_state(run, "degraded: no frames from the left camera")
         wait_for_state(run, "degraded: left camera gone")
         told = f"left camera: camera {run.left.serial} sends no frames while the other one does; it is opened anew"
@@ -181,7 +183,7 @@ def test_transfer_stalled(run: Run, caplog: pytest.LogCaptureFixture) -> None:
 
 def test_chunk_missing(run: Run) -> None:
     with only(run, "frames_without_exposure_metadata", "incomplete") as new:
-        run.left.inject("no_chunks", count=40)
+        run.left.inject(Fault.NO_CHUNKS, count=40)
         told = "all its frames arrive incomplete" if ON_USB else "its frames do not say any more how they were taken"
         wait_for_state(run, f"degraded: left camera: {told}")
     lost = "incomplete" if ON_USB else "frames_without_exposure_metadata"  # USB sends whole payloads
@@ -190,14 +192,14 @@ def test_chunk_missing(run: Run) -> None:
 
 def test_chunks_that_are_no_numbers(run: Run) -> None:
     with only(run, "frames_without_exposure_metadata") as new:
-        run.left.inject("nan_chunks", count=40)
+        run.left.inject(Fault.NAN_CHUNKS, count=40)
         wait_for_state(run, "degraded: left camera: its frames do not say any more how they were taken")
     assert new["frames_without_exposure_metadata"] == pytest.approx(40, abs=NOISE)
 
 
 def test_node_refuses(run: Run) -> None:
     with only(run, "refused_writes", "late_writes", "mismatched_pairs") as new:
-        run.left.inject("refuse_writes", count=20)
+        run.left.inject(Fault.REFUSE_WRITES, count=20)
         ask(run, 1000)
         wait_for_state(run, "degraded: left camera: 1000 us, 0.0 dB was refused: camera ", "could not set ExposureTime")
         wait_for_taken(run, 1000)
@@ -206,7 +208,7 @@ def test_node_refuses(run: Run) -> None:
 
 def test_node_sticks(run: Run) -> None:
     with only(run, "refused_writes", "late_writes", "mismatched_pairs") as new:
-        run.left.inject("stick", count=40)
+        run.left.inject(Fault.STICK, count=40)
         ask(run, 3000)
         wait_for_state(run, "node ExposureTime was set to 3000 us and reads back 2000 us")
         wait_for_taken(run, 3000)
@@ -215,7 +217,7 @@ def test_node_sticks(run: Run) -> None:
 
 def test_node_clips(run: Run, caplog: pytest.LogCaptureFixture) -> None:
     with only(run, "adjusted_writes", "mismatched_pairs", "unexplained_mismatches") as new:
-        run.left.inject("shrink", count=1)
+        run.left.inject(Fault.SHRINK, count=1)
         ask(run, 4000)
         run.wait_until(
             lambda: "left camera: 4000 us, 0.0 dB was asked for, the camera took 3800 us" in caplog.text, "it"
@@ -227,7 +229,7 @@ def test_node_clips(run: Run, caplog: pytest.LogCaptureFixture) -> None:
 
 def test_exposure_frozen(run: Run) -> None:
     with only(run, "frames_off_setting", "mismatched_pairs", "unexplained_mismatches") as new:
-        run.left.inject("freeze_exposure", count=90)
+        run.left.inject(Fault.FREEZE_EXPOSURE, count=90)
         ask(run, 500)
         wait_for_state(
             run,
@@ -244,13 +246,13 @@ def wait_for_taken(run: Run, exposure_time_us: float) -> None:
 
     def taken() -> bool:
         frames = run.seen[-1][0].frames
-        return len(frames) == 2 and all(frame.setting.exposure_time_us == exposure_time_us for frame in frames)
+        return len(frames) == 2 and all(frame.setting.exposure_time_us == exposure_time_us for frame in frames.values())
 
     run.wait_until(taken, f"frames of {exposure_time_us:g} us")
 
 
-@pytest.mark.parametrize(("fault", "jump"), [("clock_ahead", "+10.0 s"), ("clock_back", "-10.0 s")])
-def test_clock_jumps(run: Run, caplog: pytest.LogCaptureFixture, fault: str, jump: str) -> None:
+@pytest.mark.parametrize(("fault", "jump"), [(Fault.CLOCK_AHEAD, "+10.0 s"), (Fault.CLOCK_BACK, "-10.0 s")])
+def test_clock_jumps(run: Run, caplog: pytest.LogCaptureFixture, fault: Fault, jump: str) -> None:
     since = len(run.seen)
     with only(run, "clock_jumps", "surplus_frames", "trigger_ignored") as new:
         run.left.inject(fault)
@@ -262,8 +264,8 @@ def test_clock_jumps(run: Run, caplog: pytest.LogCaptureFixture, fault: str, jum
     assert skews(run, since) < 0.5
 
 
-@pytest.mark.parametrize("fault", ["black", "white"])
-def test_images_without_anything_in_them(run: Run, fault: str) -> None:
+@pytest.mark.parametrize("fault", [Fault.BLACK, Fault.WHITE])
+def test_images_without_anything_in_them(run: Run, fault: Fault) -> None:
     ask(run, 2000, "metric-map")
     since = len(run.seen)
     with only(run):
@@ -271,7 +273,7 @@ def test_images_without_anything_in_them(run: Run, fault: str) -> None:
             camera.inject(fault, count=30)
         run.wait_for_pairs(40)
     decisions = [decision for _, decision in run.seen[since:]]
-    shares = {decision.black_share if fault == "black" else decision.saturated_share for decision in decisions}
+    shares = {decision.black_share if fault is Fault.BLACK else decision.saturated_share for decision in decisions}
     assert 1.0 in shares
     assert all(math.isfinite(value) for d in decisions for value in (d.level, d.metric, d.motion_px))
     assert np.ptp([decision.level for decision in decisions]) < 20
@@ -288,7 +290,7 @@ def test_response_file_edited_while_running(run: Run) -> None:
         file.unlink()
         with pytest.raises(ConfigurationError, match=f"{file}: cannot be read"):
             ask(run, 2000)
-        run.left.inject("vanish", count=40)
+        run.left.inject(Fault.VANISH, count=40)
         wait_for_state(run, "degraded: left camera gone")
     assert new["reconnects"] == 1
     file.write_text(whole)

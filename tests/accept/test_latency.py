@@ -8,6 +8,7 @@ import pytest
 
 from calibration.response import ResponseFunction
 from calibration.response.file import CameraIdentity, Origin, ResponseFile
+from drivers.pixel_format import PixelFormat
 from tests.calibration.test_commands import calibrate
 from tests.fakes import fake_camera
 
@@ -20,7 +21,7 @@ def test_a_write_shows_in_the_next_exposure(tmp_path: Path) -> None:
     light.write_text("light: [{at_s: 0, lux: 60}]")
     with fake_camera(options=["--still", "--light", str(light)]) as camera:
         identity = CameraIdentity("Autoexpose", "FakeGV287M", camera.serial)
-        ResponseFile(ResponseFunction.linear(0), Origin(identity, "Mono8")).save(file)
+        ResponseFile(ResponseFunction.linear(0), Origin(identity, PixelFormat.MONO8)).save(file)
         code, output = calibrate("latency", "--camera", camera.serial, "-o", str(file))
     assert code == 0, output
     latency = ResponseFile.load(file).latency

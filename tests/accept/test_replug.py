@@ -12,6 +12,7 @@ from typing import Self
 
 import pytest
 
+from fake_camera.device.faults import Fault
 from tests.autoexpose_daemon.stereo import JOIN_WARNING, Run, running_daemon, stereo_cameras
 
 CYCLES = int(os.environ.get("REPLUG_CYCLES", "5"))
@@ -52,7 +53,7 @@ def test_unplugged_cameras_come_back_and_leave_nothing_behind() -> None:
         run.wait_for_pairs(60)
         before = Resources.now()
         for cycle in range(WARM_UP_CYCLES + CYCLES):
-            (run.left, run.right)[cycle % 2].inject("vanish", count=TRIGGERS_OUT)
+            (run.left, run.right)[cycle % 2].inject(Fault.VANISH, count=TRIGGERS_OUT)
             run.wait_until(partial(_has_reconnected, run, cycle + 1), f"return {cycle}")
             run.wait_for_pairs(20)
             run.seen.clear()  # it holds on to the frames

@@ -15,6 +15,8 @@ import yaml
 
 from calibration.response import ResponseFunction
 from calibration.response.file import CameraIdentity, Origin, ResponseFile
+from drivers.pixel_format import PixelFormat
+from fake_camera.device.faults import Fault
 from tests.autoexpose_daemon.service.service_process import PATIENCE_S, ServiceProcess, running_service
 from tests.autoexpose_daemon.stereo import stereo_cameras
 from tests.fakes import FakeCamera
@@ -73,11 +75,11 @@ def test_a_stopped_trigger_and_a_lost_camera_degrade_and_feed_the_watchdog(rig: 
         service.wait_for("READY=1")
         assert not any(message.startswith("STATUS=degraded") for message in service.heard)
         for camera in rig:
-            camera.inject("ignore_triggers", count=240)
+            camera.inject(Fault.IGNORE_TRIGGERS, count=240)
         service.wait_for("STATUS=degraded: no triggers")
         wait_for_signs_of_life(service)
         wait_for_exposing(service)
-        rig[1].inject("vanish", count=300)
+        rig[1].inject(Fault.VANISH, count=300)
         service.wait_until(lambda message: "right camera gone" in message, "the right camera being gone")
         wait_for_signs_of_life(service)
         wait_for_exposing(service)
@@ -104,7 +106,7 @@ def test_sighup_takes_what_can_be_and_says_why_not(rig: Rig, file: Path) -> None
         service.wait_for("RELOADING=1")
         service.wait_for("READY=1")
         identity = CameraIdentity("Autoexpose", "FakeGV287M", rig[0].serial)
-        ResponseFile(ResponseFunction.linear(), Origin(identity, "Mono12")).save(response)
+        ResponseFile(ResponseFunction.linear(), Origin(identity, PixelFormat.MONO12)).save(response)
         service.reload()
         service.wait_until(lambda _: "pixel_format is Mono12" in service.log, "a refusal of the response file")
         wait_for_exposing(service)

@@ -18,6 +18,7 @@ from autoexpose_daemon.service.outlets import add_outlets
 from drivers.camera import Camera
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame, Side, StereoPair
+from drivers.pixel_format import PixelFormat
 from tests.autoexpose_daemon.control.scene import expose, radiance
 from tests.drivers.rig.test_rig import ScriptedCamera
 
@@ -34,7 +35,7 @@ class TriggeredCamera(ScriptedCamera):
 
     def __init__(self, serial: str) -> None:
         super().__init__(SHAPE)
-        self.description = type(self.description)("ours", "scripted", serial, pixel_format="Mono8")
+        self.description = type(self.description)("ours", "scripted", serial, pixel_format=PixelFormat.MONO8)
         self.starts = 0
         self._scene = radiance(ord(serial))
         self._noise = np.random.default_rng(ord(serial))
@@ -93,7 +94,7 @@ def scripted_daemon(**sections: Any) -> Iterator[tuple[Daemon, ScriptedRig, Seen
     seen: Seen = []
     configuration = config(**sections)
     with ScriptedRig() as rig:
-        daemon = Daemon(configuration, rig.openers, lambda pair, decision: seen.append((pair, decision)))
+        daemon = Daemon(configuration, rig.openers, outlets=[lambda pair, decision: seen.append((pair, decision))])
         add_outlets(daemon, configuration)
         stop = threading.Event()
         thread = threading.Thread(target=daemon.run, args=(stop,))

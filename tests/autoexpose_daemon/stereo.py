@@ -101,7 +101,7 @@ def running_daemon(
         if decision is not None:
             seen.append((pair, decision))
 
-    daemon = add_outlets(Daemon(config, openers(config), see), config)
+    daemon = add_outlets(Daemon(config, openers(config), outlets=[see]), config)
     run = Run(left, right, truths, daemon, seen)
     stop = threading.Event()
 

@@ -18,6 +18,7 @@ from autoexpose_daemon.cli import main
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
 from calibration.response import ResponseFunction
 from calibration.response.file import CameraIdentity, Origin, ResponseFile
+from drivers.pixel_format import PixelFormat
 from tests.autoexpose_daemon.stereo import stereo_cameras
 from tests.fake_camera.gige.gige_client import CCP, GvcpClient
 from tests.fakes import FOREIGN_ADDRESS, fake_camera, foreign_camera, loopback_address
@@ -123,7 +124,7 @@ def test_run_refuses_a_response_file_for_another_pixel_format(tmp_path: Path) ->
     with fake_camera() as camera:
         file.write_text(f"cameras: {{left: {{serial: {camera.serial}, response: {response.name}}}}}")
         identity = CameraIdentity("Autoexpose", "FakeGV287M", camera.serial)
-        ResponseFile(ResponseFunction.linear(), Origin(identity, "Mono12")).save(response)
+        ResponseFile(ResponseFunction.linear(), Origin(identity, PixelFormat.MONO12)).save(response)
         result = autoexpose("run", "-c", str(file))
     assert result.returncode == os.EX_CONFIG
     sentence = f"autoexpose: {response}: pixel_format is Mono12, but camera {camera.serial} runs with Mono8: set "

@@ -91,13 +91,15 @@ class VirtualRun:
 
         def taken() -> bool:
             frames = self.pairs[-1].frames
-            return len(frames) == 2 and all(frame.setting.exposure_time_us == exposure_time_us for frame in frames)
+            return len(frames) == 2 and all(
+                frame.setting.exposure_time_us == exposure_time_us for frame in frames.values()
+            )
 
         self.wait_until(taken, f"frames of {exposure_time_us:g} us")
 
     def counts(self) -> Counter[str]:
         counts = Counter({c.name: n for c, n in counters(self.telemetry.counts) if c.anomaly or c.name == "pairs"})
-        counts.update({reason.value: count for reason, count in self.rig.control.tally.lost.items()})
+        counts.update({reason.value: count for reason, count in self.rig.control.record.tally.lost.items()})
         return +counts
 
     def counted(self) -> Counter[str]:
@@ -120,7 +122,7 @@ class VirtualRun:
 
     def _see_pair(self, pair: StereoPair, _decision: Decision | None) -> None:
         self.pairs.append(pair)
-        pulses = {frame.pulse for frame in pair.frames if isinstance(frame, VirtualFrame)}
+        pulses = {frame.pulse for frame in pair.frames.values() if isinstance(frame, VirtualFrame)}
         assert len(pulses) == 1, f"a pair of the pulses {pulses}"
 
     def _see_health(self, _now_ns: int, health: Health) -> None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.sources.capture import SweepPlan
+from calibration.sources.sweep_plan import SweepPlan
 from calibration.sweep import Shot, Sweep
 from drivers.exposure import ExposureLimits, ExposureSetting
 

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from calibration.sweep import Shot, Sweep
 from drivers.exposure import ExposureSetting, linear_gain
+from drivers.pixel_format import PIXEL_FORMATS
 from fake_camera.imaging import ImageSettings
 from fake_camera.world.sensor import Sensor, SensorModel
 
 MODEL = SensorModel(width=480, height=360)
-BIT_DEPTHS = {"Mono8": 8, "Mono12": 12, "Mono16": 16}
 Scene = Literal["flat", "textured"]
 
 
@@ -55,5 +55,6 @@ def noisy_sweep(
         )
         seen = np.roll(lit, moved(index), axis=1) * np.asarray(light(index), np.float32)
         setting = ExposureSetting(float(time_us), gain_db)
-        shots.append(Shot(sensor.expose(seen, settings, index), BIT_DEPTHS[pixel_format], setting, 0.1 * index))
+        bit_depth = PIXEL_FORMATS[pixel_format].bit_depth
+        shots.append(Shot(sensor.expose(seen, settings, index), bit_depth, setting, 0.1 * index))
     return Sweep(tuple(shots))

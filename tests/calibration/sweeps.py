@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from calibration.sweep import Shot, Sweep
 from drivers.exposure import ExposureSetting
+from drivers.pixel_format import PIXEL_FORMATS
 from fake_camera.imaging import ImageSettings
 from fake_camera.world.lighting import LightScript
 from fake_camera.world.sensor import Sensor, SensorModel
 
 WIDTH, HEIGHT = 240, 176
-BIT_DEPTH = {"Mono8": 8, "Mono12": 12, "Mono16": 16}
 TIMES_US = tuple(float(time) for time in np.geomspace(20, 200_000, 20))
 UP_DOWN_UP = (*TIMES_US, *TIMES_US[::-1], *TIMES_US)
 
@@ -72,7 +72,8 @@ class Bench:
         )
         noise_seed = 1_000_003 * self._seed + round(start_s * 1e6)
         image = self._sensor.expose(np.ascontiguousarray(radiance), settings, noise_seed)
-        return Shot(image, BIT_DEPTH[self._pixel_format], ExposureSetting(exposure_time_us, gain_db), start_s)
+        bit_depth = PIXEL_FORMATS[self._pixel_format].bit_depth
+        return Shot(image, bit_depth, ExposureSetting(exposure_time_us, gain_db), start_s)
 
     def sweep(
         self,

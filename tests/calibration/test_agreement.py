@@ -5,7 +5,7 @@ import pytest
 
 from calibration.commands.check import judge_agreement, plan_check
 from calibration.response import ResponseFunction
-from calibration.solution import ResponseSolution
+from calibration.response.solution import ResponseSolution
 from calibration.solver.agreement import agreement
 from calibration.solver.comparison import compare
 from calibration.solver.tones import tones_by_exposure

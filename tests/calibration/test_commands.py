@@ -15,9 +15,10 @@ from calibration.commands.app import calibrate_app
 from calibration.response import ResponseFunction
 from calibration.response.file import CameraIdentity, Origin, ResponseFile
 from calibration.response.prediction import prediction_tables
-from calibration.sources.capture import SweepPlan
+from calibration.sources.sweep_plan import SweepPlan
 from drivers.errors import AutoexposeError
 from drivers.exposure import ExposureSetting
+from drivers.pixel_format import PixelFormat
 from tests.calibration.made_up_camera import MadeUpCamera
 from tests.calibration.true_response import true_response
 from tests.fakes import FakeCamera, fake_camera
@@ -70,7 +71,7 @@ def test_a_refused_sweep_leaves_a_report_and_no_file(tmp_path: Path) -> None:
 def test_check_tells_what_a_file_is(tmp_path: Path) -> None:
     file = tmp_path / "r.yaml"
     identity = CameraIdentity("Maker", "Model 7", "0012")
-    ResponseFile(ResponseFunction.linear(), Origin(identity, "Mono8"), "linear", covered=(4, 250)).save(file)
+    ResponseFile(ResponseFunction.linear(), Origin(identity, PixelFormat.MONO8), "linear", covered=(4, 250)).save(file)
     code, output = calibrate("check", str(file))
     assert code == 0
     assert "Maker Model 7, serial 0012" in output
@@ -127,7 +128,7 @@ def test_what_cannot_be_is_one_sentence(
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Half the exposures, for half the time."""
-    monkeypatch.setattr("calibration.sources.capture.STEP_STOPS", 1.0)
+    monkeypatch.setattr("calibration.sources.sweep_plan.STEP_STOPS", 1.0)
 
 
 @contextlib.contextmanager
@@ -180,7 +181,7 @@ def test_both_cameras_of_a_rig_are_calibrated_and_compared(tmp_path: Path) -> No
     assert "each needs its own file" in output
     for side, camera, model in (("left", left, "gamma"), ("right", right, "linear")):
         loaded = ResponseFile.load(folder / f"{side}.response.yaml")
-        loaded.check_belongs(folder, camera.serial, "Mono12", 2)
+        loaded.check_belongs(camera.serial, "Mono12", 2)
         assert loaded.model == model
         report = (folder / f"{side}.response.html").read_text(encoding="utf-8")
         assert "Left and right predict" in report

@@ -12,20 +12,20 @@ import pytest
 from rich.console import Console
 from rich.table import Table
 
-from calibration.commands import latency as commands_latency
-from calibration.commands import noise as commands_noise
-from calibration.commands.latency import latency_document, latency_table, when_it_shows
-from calibration.commands.noise import noise_document, noise_table
+from calibration.commands import measure_latency, measure_noise
+from calibration.commands.measure_latency import latency_document, latency_table, when_it_shows
+from calibration.commands.measure_noise import noise_document, noise_table
 from calibration.findings import Finding
 from calibration.latency.write_effect import WriteEffect
-from calibration.noise.capture import default_gains_db, plan_noise
 from calibration.noise.model import Estimate, NoiseModel
+from calibration.noise.plan import default_gains_db, plan_noise
 from calibration.response import ResponseFunction
 from calibration.response.file import CameraIdentity, Origin, ResponseFile
 from calibration.sources.session import session_setup
 from drivers.aravis import open_camera
 from drivers.errors import CameraError, ConfigurationError
 from drivers.exposure import ExposureLimits
+from drivers.pixel_format import PixelFormat
 from drivers.setup import CameraSetup
 from fake_camera.world.sensor import SensorModel
 from tests.calibration.made_up_camera import LIMITS, MadeUpCamera, linear
@@ -92,7 +92,7 @@ def test_latency_is_told_in_time_as_well(delay_us: tuple[float, float], text: st
 
 def response_file(path: Path, serial: str) -> Path:
     identity = CameraIdentity("Autoexpose", "FakeGV287M", serial)
-    ResponseFile(ResponseFunction.linear(0), Origin(identity, "Mono8")).save(path)
+    ResponseFile(ResponseFunction.linear(0), Origin(identity, PixelFormat.MONO8)).save(path)
     return path
 
 
@@ -129,11 +129,11 @@ def test_noise_is_measured_in_the_deepest_format(offered: str, monkeypatch: pyte
             raise ConfigurationError(f"camera {serial}: no pixel format {setup.pixel_format} here")
         opened.append(setup)
 
-    monkeypatch.setattr(commands_noise, "open_camera", open_camera)
-    commands_noise._open("S", None)
+    monkeypatch.setattr(measure_noise, "open_camera", open_camera)
+    measure_noise._open("S", None)
     assert opened == [session_setup(offered)]
     with pytest.raises(ConfigurationError, match="no pixel format"):
-        commands_noise._open("S", "Mono16" if offered == "Mono12" else "Mono12")
+        measure_noise._open("S", "Mono16" if offered == "Mono12" else "Mono12")
 
 
 @pytest.mark.parametrize(
@@ -223,10 +223,10 @@ def test_a_camera_lost_while_it_is_measured_is_told_as_such(fake: FakeCamera, mo
         def lost(*arguments: object) -> None:
             raise ConfigurationError("no such camera")
 
-        monkeypatch.setattr(commands_noise, "open_camera", lost)
+        monkeypatch.setattr(measure_noise, "open_camera", lost)
         raise CameraError("no whole frame arrived")
 
-    monkeypatch.setattr(commands_noise, "_measure", measure)
+    monkeypatch.setattr(measure_noise, "_measure", measure)
     assert calibrate("noise", "--camera", fake.serial) == (1, "autoexpose: no whole frame arrived")
 
 
@@ -234,7 +234,7 @@ def test_a_camera_lost_while_it_is_measured_is_told_as_such(fake: FakeCamera, mo
 def test_a_scene_too_dark_is_told_once_and_without_a_table(fake: FakeCamera, monkeypatch: pytest.MonkeyPatch) -> None:
     dark = Finding("refused", "too_dark", "the scene is too dark")
     effects = [WriteEffect(quantity, {}, 0, None, None, (dark,)) for quantity in ("exposure", "gain")]
-    monkeypatch.setattr(commands_latency, "_measure", lambda *arguments: effects)
+    monkeypatch.setattr(measure_latency, "_measure", lambda *arguments: effects)
     assert calibrate("latency", "--camera", fake.serial) == (1, "refused: the scene is too dark\n")
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -13,7 +14,7 @@ from calibration.judges.solution import judge_solution
 from calibration.judges.sweep import judge_sweep
 from calibration.solver.solve import solve_response
 from calibration.sweep import Shot, Sweep
-from drivers.exposure import ExposureSetting, decibels
+from drivers.exposure import DB_PER_STOP, ExposureSetting
 from fake_camera.world.lighting import Change, Flicker, LightScript
 from tests.calibration.sweeps import TIMES_US, UP_DOWN_UP, WIDTH, Bench, Radiance, duration_s, scene
 
@@ -53,7 +54,7 @@ def auto_gain(most_db: float) -> Spoil:
     """Gain makes up for exposure at once, within its range."""
 
     def really(said: ExposureSetting, last: Shot | None) -> ExposureSetting:
-        gain_db = decibels(5000.0 / said.exposure_time_us)
+        gain_db = DB_PER_STOP * math.log2(5000.0 / said.exposure_time_us)
         return ExposureSetting(said.exposure_time_us, min(max(gain_db, 0.0), most_db))
 
     return lambda curve: Bench(curve).sweep(really=really)

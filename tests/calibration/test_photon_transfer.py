@@ -15,7 +15,7 @@ from calibration.noise.photon_transfer import PhotonTransfer, _weighted_line, ph
 from calibration.noise.variance_curve import VarianceCurve, quantised, variance_curve, without_quantisation
 from calibration.sweep import Shot, Sweep
 from drivers.exposure import ExposureSetting
-from fake_camera.imaging import MAX_GREY
+from fake_camera.imaging import PIXEL_FORMATS
 from tests.calibration.noisy_shots import MODEL, Scene, noisy_sweep
 from tests.data import data
 
@@ -46,7 +46,7 @@ def test_noise_is_that_of_the_sensor(
     result = photon_transfer(noisy_sweep(pixel_format, gain_db, black_level_percent, scene))
     model = result.model
     assert model is not None, result.findings
-    top = MAX_GREY[pixel_format]
+    top = PIXEL_FORMATS[pixel_format].max_grey
     black = top * black_level_percent / 100.0
     system_gain = MODEL.system_gain(pixel_format, gain_db)
     assert model.system_gain.value == pytest.approx(system_gain, rel=0.03)

@@ -17,10 +17,11 @@ from calibration.report.plots import DASHES
 from calibration.response.file import CameraIdentity, Origin
 from calibration.result import Result, calibrate
 from calibration.solver.comparison import compare
+from drivers.pixel_format import PixelFormat
 from tests.calibration.made_up_camera import MadeUpCamera, gamma, linear, sweep
 
 ORIGIN = Origin(
-    CameraIdentity("Maker", "Model 7", "0012"), "Mono8", None, 0.0, datetime(2026, 11, 21, tzinfo=UTC), "ours"
+    CameraIdentity("Maker", "Model 7", "0012"), PixelFormat.MONO8, None, 0.0, datetime(2026, 11, 21, tzinfo=UTC), "ours"
 )
 TIMES_US = np.geomspace(60, 120_000, 20)
 COUNT = """<script>addEventListener("load", () => {

@@ -10,12 +10,12 @@ import pytest
 from typer.testing import CliRunner
 
 from drivers.errors import AutoexposeError, ConfigurationError
-from evaluation.arena import commands, plan
-from evaluation.arena.arena import Run, run_plan
-from evaluation.arena.commands import arena_app
+from evaluation.arena import arena_app, plan
+from evaluation.arena.arena_app import arena_app as app
+from evaluation.arena.arena_report import mean_ratios
 from evaluation.arena.plan import Task, full_plan, quick_plan
-from evaluation.arena.report import mean_ratios
 from evaluation.arena.results import document, results
+from evaluation.arena.runs import Run, run_plan
 from evaluation.arena.scores import Score
 from evaluation.arena.targets import outcomes
 from evaluation.scenes.scenarios import SCENARIOS
@@ -48,7 +48,7 @@ def short_scenarios(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_quick_arena_writes_json_and_report(tmp_path: Path) -> None:
     out, folder = tmp_path / "out.json", tmp_path / "report"
     options = ["--quick", "--jobs", "1", "--policies", "begin2022,fixed", "--scenarios", "step_down,flicker"]
-    result = CliRunner().invoke(arena_app, [*options, "--json", str(out), "--report", str(folder)])
+    result = CliRunner().invoke(app, [*options, "--json", str(out), "--report", str(folder)])
 
     assert result.exit_code == 0, result.output
     figures = json.loads(out.read_text())
@@ -83,9 +83,9 @@ def test_ctrl_c_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(commands, "run_plan", interrupted)
+    monkeypatch.setattr(arena_app, "run_plan", interrupted)
     with pytest.raises(AutoexposeError, match="stopped before it was done"):
-        arena_app(["--quick", "--jobs", "1"], standalone_mode=False)
+        app(["--quick", "--jobs", "1"], standalone_mode=False)
 
 
 @pytest.mark.parametrize(
@@ -99,7 +99,7 @@ def test_ctrl_c_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
 )
 def test_bad_options_are_one_sentence(options: list[str], message: str) -> None:
     with pytest.raises(ConfigurationError, match=message):
-        arena_app([*options, "--quick"], standalone_mode=False)
+        app([*options, "--quick"], standalone_mode=False)
 
 
 @pytest.mark.parametrize(
@@ -111,7 +111,7 @@ def test_bad_options_are_one_sentence(options: list[str], message: str) -> None:
 )
 def test_most_of_an_hour_is_not_begun_unasked(options: list[str], message: str) -> None:
     with pytest.raises(ConfigurationError, match=message):
-        arena_app(options, standalone_mode=False)
+        app(options, standalone_mode=False)
 
 
 def test_median_of_settling_counts_stuck_runs_as_latest() -> None:

@@ -12,12 +12,13 @@ from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlLoop
 from drivers.exposure import ExposureSetting
 from drivers.frames import StereoPair
-from evaluation.odometry.course import odometry_stage
-from evaluation.odometry.drive import Drive, drive
+from evaluation.arena.race import run_course
+from evaluation.odometry.lap import odometry_stage
 from evaluation.odometry.stereo import Tracked, prepared
+from evaluation.odometry.tracking import TrackedRun, track_entrants
 from evaluation.scenes.scenarios import Course
-from evaluation.stage.closed_loop import Entrant, run
-from evaluation.stage.stage import Stage
+from evaluation.stage.delayed_loop import Entrant
+from evaluation.stage.rendering import Stage
 from fake_camera.world.simulation import RoomView
 
 START = ExposureSetting(500.0, 20.0)
@@ -30,7 +31,7 @@ class Watched:
 
     def __init__(self, loop: ControlLoop) -> None:
         self._loop = loop
-        self.balance = loop.balance
+        self.setup, self.balance = loop.setup, loop.balance
         self.decisions: list[Decision] = []
 
     def step(self, pair: StereoPair) -> Decision:
@@ -47,7 +48,7 @@ def test_the_arena_judges_the_frame_that_the_policy_saw(delay: int) -> None:
         loops.append(Watched(ControlLoop("begin2022", *setup)))
         return loops[-1]
 
-    (series,) = run("step_down", "leaves", 3, [Entrant("watched", delay, make)], frames=38)
+    (series,) = run_course("step_down", "leaves", 3, [Entrant("watched", delay, make)], frames=38)
     assert np.ptp(series.levels) > 1.0
     assert series.metrics[:, 0] == pytest.approx([decision.metric for decision in loops[0].decisions])
 
@@ -71,32 +72,32 @@ class Nowhere:
         return Tracked(np.eye(4), lost=True)
 
 
-def driven(delays: tuple[int, ...], frames: int) -> tuple[Stage, list[Drive], list[list[StereoPair]]]:
+def driven(delays: tuple[int, ...], frames: int) -> tuple[Stage, list[TrackedRun], list[list[StereoPair]]]:
     """The stage, what became of the entrants with these delays, and the pairs that odometry got of each."""
     views, light = (stage := odometry_stage("even", 1, 0, 0)).views, stage.light
     times_s = FIRST_S + np.arange(frames) / 60.0
     stage = Stage(views, Course(light, lambda _: 0.0, 0), 0, times_s)
     shown: list[list[StereoPair]] = [[] for _ in delays]
     entrants = [Entrant(f"delay {delay}", delay, Ladder) for delay in delays]
-    drives = drive(stage, entrants, Nowhere, frames, lambda entrant, pair: shown[entrant].append(pair))
-    return stage, drives, shown
+    runs = track_entrants(stage, entrants, Nowhere, frames, lambda entrant, pair: shown[entrant].append(pair))
+    return stage, runs, shown
 
 
 def test_odometry_gets_pairs_taken_with_decisions_of_d_frames_ago_and_the_poses_in_their_middle(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("evaluation.odometry.drive.best_start", lambda _: START)  # dear, and not what this is about
-    stage, drives, shown = driven((1, 3), 8)
+    monkeypatch.setattr("evaluation.odometry.tracking.best_start", lambda _: START)  # dear, and not what this is about
+    stage, runs, shown = driven((1, 3), 8)
     view = stage.views["left"]
     assert isinstance(view, RoomView)
-    for one, pairs in zip(drives, shown, strict=True):
+    for one, pairs in zip(runs, shown, strict=True):
         delay = one.entrant.delay_frames
-        assert [pair.left.frame_id for pair in pairs] == [0, 2, 4, 6]
+        assert [pair.frames["left"].frame_id for pair in pairs] == [0, 2, 4, 6]
         for pair, pose in zip(pairs, one.truth, strict=True):
-            decided_on = pair.left.frame_id - delay
+            decided_on = pair.frames["left"].frame_id - delay
             time_us = 500.0 if decided_on < 0 else 1000.0 + 20.0 * decided_on
-            assert pair.left.setting == pair.right.setting == ExposureSetting(time_us, 20.0)
-            middle_s = FIRST_S + pair.left.frame_id / 60.0 + time_us / 2e6
+            assert pair.frames["left"].setting == pair.frames["right"].setting == ExposureSetting(time_us, 20.0)
+            middle_s = FIRST_S + pair.frames["left"].frame_id / 60.0 + time_us / 2e6
             assert np.allclose(pose, view.pose(middle_s), atol=1e-6)  # it moves by 1.4 mm in a frame
 
 

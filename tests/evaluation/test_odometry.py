@@ -10,14 +10,13 @@ import pytest
 from numpy.typing import NDArray
 
 from drivers.exposure import ExposureSetting
-from evaluation.odometry.course import lap, odometry_stage
-from evaluation.odometry.drive import FAILED_PAIRS, lost_for_good
 from evaluation.odometry.errors import relative_errors_mm
+from evaluation.odometry.lap import lap, odometry_stage
 from evaluation.odometry.orb import OrbOdometry
 from evaluation.odometry.patches import place
 from evaluation.odometry.pose import project, refined_pose, rough_pose, transform, triangulate
 from evaluation.odometry.stereo import StereoCamera, images
-from evaluation.stage.closed_loop import take_pair
+from evaluation.odometry.tracking import FAILED_PAIRS, lost_for_good
 from fake_camera.world.simulation import RoomView
 
 CAMERA = StereoCamera.simulated()
@@ -101,7 +100,7 @@ def track(setting: ExposureSetting, first: int, pairs: int, seed: int = 0) -> tu
     truth, tracked = [], []
     for frame in range(first, first + 2 * pairs, 2):
         stage.go_to(frame)
-        tracked.append(odometry.track(*images(take_pair(stage, setting))))
+        tracked.append(odometry.track(*images(stage.take(setting))))
         truth.append(view.pose(stage.start_s(frame) + setting.exposure_time_us / 2e6))
     errors = relative_errors_mm(truth, [one.pose for one in tracked])
     return errors, [one.lost for one in tracked], float(tracked[7].pose[0, 3])

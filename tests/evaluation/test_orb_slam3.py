@@ -9,13 +9,12 @@ import numpy as np
 import pytest
 
 from drivers.exposure import ExposureSetting
-from evaluation.experiments.drives import orb_slam3
-from evaluation.odometry.course import odometry_stage
+from evaluation.experiments.drives import fig13_orb_slam3
 from evaluation.odometry.errors import relative_errors_mm
+from evaluation.odometry.lap import odometry_stage
 from evaluation.odometry.orb_slam3 import OrbSlam3
 from evaluation.odometry.stereo import StereoCamera, images
 from evaluation.odometry.vocabulary import BRANCHES, LEVELS, write_vocabulary
-from evaluation.stage.closed_loop import take_pair
 from fake_camera.world.simulation import RoomView
 
 
@@ -39,16 +38,16 @@ def test_a_vocabulary_is_a_tree_whose_words_lie_near_what_it_was_made_from(tmp_p
 
 
 def test_without_it_the_report_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(orb_slam3, "installed", lambda: False)
-    assert orb_slam3.jobs(quick=False) == []
-    section = orb_slam3.section([], tmp_path)
+    monkeypatch.setattr(fig13_orb_slam3, "installed", lambda: False)
+    assert fig13_orb_slam3.jobs(quick=False) == []
+    section = fig13_orb_slam3.section([], tmp_path)
     assert "not installed" in section.setting
     assert not section.parts
 
 
 @pytest.mark.orbslam3
 def test_it_follows_a_camera(tmp_path: Path) -> None:
-    assert orb_slam3.installed(), "orbslam3-python is not installed"
+    assert fig13_orb_slam3.installed(), "orbslam3-python is not installed"
     stage = odometry_stage("even", 1, 0, 0)
     view = stage.views["left"]
     assert isinstance(view, RoomView)
@@ -57,7 +56,7 @@ def test_it_follows_a_camera(tmp_path: Path) -> None:
     with closing(OrbSlam3(StereoCamera.simulated(), tmp_path / "vocabulary.txt", tmp_path)) as slam:
         for frame in range(0, 90, 2):
             stage.go_to(frame)
-            found.append(slam.track(*images(take_pair(stage, ExposureSetting(1880.0, 18.0)))))
+            found.append(slam.track(*images(stage.take(ExposureSetting(1880.0, 18.0)))))
             truth.append(view.pose(stage.start_s(frame) + 0.94e-3))
     assert not any(one.lost for one in found)
     assert np.median(relative_errors_mm(truth, [one.pose for one in found])) < 10.0

@@ -15,6 +15,7 @@ from drivers.exposure import ExposureSetting
 from drivers.frames import Frame, StereoPair
 from evaluation.experiments.cache import ResultCache
 from evaluation.experiments.experiment import Experiment, Figure, Results, Section, Verdict
+from evaluation.experiments.jobs import run_jobs
 from evaluation.experiments.prediction import fig1, fig3, fig10, fig11
 from evaluation.experiments.prediction.noise_coupling import GAINS_DB, coupling, pairs_of
 from evaluation.experiments.prediction.predicted_optimum import rest_level, summary
@@ -26,10 +27,10 @@ from evaluation.experiments.prediction.step_response import (
     WithoutFeedback,
     frames_to_converge,
 )
-from evaluation.experiments.prediction.still_life import StillLife, plateau_centre, setting_of
-from evaluation.experiments.run import run_jobs
+from evaluation.experiments.prediction.still_life import StillLife, plateau_centre
 from evaluation.scenes.responses import FAKE_CAMERAS, CameraResponse
-from evaluation.stage.stage import LIMITS
+from evaluation.stage.camera import LIMITS, time_first
+from tests.evaluation.sections import check_no_prose
 
 Quick = tuple[list[tuple[dict[str, Any], Any]], Section]
 
@@ -40,6 +41,7 @@ def run_quick(experiment: Experiment, folder: Path, keep: Callable[[dict[str, An
     found = run_jobs(jobs, ResultCache(folder / "jobs"), 1, lambda _job, _took: None)
     results: Results = [(job.arguments, result) for job, result in zip(jobs, found, strict=True)]
     section = experiment.section(results, folder)
+    check_no_prose(section)
     for part in section.parts:
         if isinstance(part, Figure):
             with Image.open(folder / part.file) as picture:
@@ -112,7 +114,7 @@ def _end(found: Any, name: str) -> float:
 def test_control_knows_the_response_that_the_simulated_camera_has(camera: CameraResponse) -> None:
     """Grey levels of one scene at two exposures lie as far apart as the response says."""
     life = StillLife("leaves", 0, 50.0, camera)
-    darker, brighter = (np.mean([life.take(setting_of(level), n) for n in range(6)], axis=0) for level in (12.0, 12.5))
+    darker, brighter = (np.mean([life.take(time_first(level), n) for n in range(6)], axis=0) for level in (12.0, 12.5))
     clear = (darker > 40) & (brighter < 240)
     greys = camera.function
     apart = greys.inverse_between(brighter[clear]) - greys.inverse_between(darker[clear])
@@ -166,7 +168,7 @@ def test_feedback_can_be_switched_off_and_nothing_else_with_it() -> None:
         setting = ExposureSetting(1000.0, 0.0)
         loop = CONTESTANTS[name].loop(CameraResponse(), setting)
         for number, image in enumerate((dull, rich)):
-            decision = loop.step(StereoPair(number, Frame(image, 8, number, number, 0, 0, setting), None))
+            decision = loop.step(StereoPair(number, {"left": Frame(image, 8, number, number, 0, 0, setting)}))
             reasons.setdefault(name, []).append(decision.reason)
             setting = decision.setting
     assert reasons["feedback"] == ["metric rises with exposure", "metric rises with exposure, more than predicted"]
@@ -179,7 +181,7 @@ def test_the_rule_of_the_published_code_leaves_white_and_black_images_only() -> 
     start = ExposureSetting(1000.0, 0.0)
     steps = []
     for number, image in enumerate((np.full_like(grey, 255), np.zeros_like(grey), grey)):
-        decision = loop.step(StereoPair(number, Frame(image, 8, number, number, 0, 0, start), None))
+        decision = loop.step(StereoPair(number, {"left": Frame(image, 8, number, number, 0, 0, start)}))
         steps.append(decision.level - start.level)
     assert steps == pytest.approx([-2.0, 2.0, 0.0])
 

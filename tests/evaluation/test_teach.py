@@ -16,19 +16,22 @@ from numpy.typing import NDArray
 
 from evaluation.experiments.cache import ResultCache
 from evaluation.experiments.experiment import Figure, Verdict
-from evaluation.experiments.run import run_jobs
-from evaluation.experiments.teach.camera import BRIGHTNESS, CAMERA, Camera, at_half
+from evaluation.experiments.jobs import run_jobs
 from evaluation.experiments.teach.cases import FIXED, FULL, STANDARD, cases_of, errors_of
 from evaluation.experiments.teach.daylight import REPLAYS, TEACHING, Daylight
-from evaluation.experiments.teach.drive import IMAGES_PER_MAP
-from evaluation.experiments.teach.experiment import EXPERIMENT
 from evaluation.experiments.teach.judge import LOST_PX, Errors, better_everywhere, compare, paired_t
+from evaluation.experiments.teach.operator_setting import BRIGHTNESS, at_half
 from evaluation.experiments.teach.park import park
 from evaluation.experiments.teach.path import MAPS, TaughtPath
 from evaluation.experiments.teach.registration import Detector, Part, Truth, register, vote
+from evaluation.experiments.teach.replay import IMAGES_PER_MAP
 from evaluation.experiments.teach.sweep import OFFSETS, sweep
+from evaluation.experiments.teach.teach_repeat import EXPERIMENT
 from evaluation.scenes.stills import leaves
+from evaluation.scenes.views import CAMERA
+from evaluation.stage.camera import SimulatedCamera
 from fake_camera.world.render.renderer import Renderer, Surface
+from tests.evaluation.sections import check_no_prose
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -36,7 +39,7 @@ def parks() -> Iterator[Callable[[int, Daylight], list[Surface]]]:
     """Each park is grown once."""
     kept = functools.cache(park)
     with pytest.MonkeyPatch.context() as patch:
-        for module in ("drive", "sweep"):
+        for module in ("replay", "sweep"):
             patch.setattr(f"evaluation.experiments.teach.{module}.park", kept)
         yield kept
 
@@ -113,14 +116,14 @@ def _grey(radiance: NDArray[np.float32]) -> NDArray[np.uint8]:
 
 
 def test_the_operator_sets_the_mean_to_one_half() -> None:
-    camera = Camera(5)
+    camera = SimulatedCamera(5, 5)
     radiance = leaves(np.random.default_rng(3), 720, 540) * np.float32(500.0)
     image = camera.expose(radiance, at_half(camera, radiance), 7)
     assert image.mean() / 255 == pytest.approx(BRIGHTNESS, abs=0.01)
 
 
 def test_the_top_half_alone_can_be_held_at_one_half() -> None:
-    camera, radiance = Camera(5), np.full((540, 720), 300.0, np.float32)
+    camera, radiance = SimulatedCamera(5, 5), np.full((540, 720), 300.0, np.float32)
     radiance[270:] = 30.0
     top = camera.expose(radiance, at_half(camera, radiance, top_only=True), 7)
     whole = camera.expose(radiance, at_half(camera, radiance), 7)
@@ -230,6 +233,7 @@ def test_the_quick_run_shows_how_the_policies_expose_and_registers(tmp_path: Pat
     for policy in (STANDARD, FULL, FIXED):
         assert errors[policy].share_within(5.0).value > 0.85 and errors[policy].failures == 0
     section = EXPERIMENT.section(results, tmp_path)
+    check_no_prose(section)
     figures = [part.file for part in section.parts if isinstance(part, Figure)]
     assert len(figures) == 2 and section.claims
     assert all(0 < (tmp_path / file).stat().st_size < 120_000 for file in figures)

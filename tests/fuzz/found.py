@@ -61,7 +61,7 @@ def _doubling() -> str:
 def _published(bits: int, exposure_time_us: float) -> bytes:
     """One frame as it is sent, with what no camera has."""
     frame = Frame(np.ones((2, 3), np.uint16), bits, 1, 1, 1, 0, ExposureSetting(exposure_time_us, 0.0))
-    return received(MessageWriter("rig", 1).messages(StereoPair(1, frame, None), DECISION, 0, 0))
+    return received(MessageWriter("rig", 1).messages(StereoPair(1, {"left": frame}), DECISION, 0, 0))
 
 
 def _report(pairs: bytes) -> bytes:
@@ -72,7 +72,7 @@ def _decided(frame_id: int, sequence: int, decided_us: float, shape: tuple[int, 
     """One frame with numbers that no daemon sends."""
     frame = Frame(np.ones(shape, np.uint8), 8, frame_id, 1, 1, 0, ExposureSetting(100.0, 0.0))
     decision = replace(DECISION, setting=ExposureSetting(decided_us, 0.0))
-    return received(MessageWriter("rig", 1).messages(StereoPair(1, frame, None), decision, sequence, 0))
+    return received(MessageWriter("rig", 1).messages(StereoPair(1, {"left": frame}), decision, sequence, 0))
 
 
 FOUND: dict[str, Iterable[bytes]] = {

@@ -16,7 +16,7 @@ import numpy as np
 
 from fake_camera.device.acquisition import Counters
 from fake_camera.device.control_socket import answers
-from fake_camera.device.faults import NAMES, Fault, Faults
+from fake_camera.device.faults import Fault, FaultOrder, Faults
 from fake_camera.device.features import Features
 from fake_camera.device.line0 import Line0
 from fake_camera.genapi.description import Description
@@ -31,10 +31,10 @@ from fake_camera.gige.control_channel import ControlChannel
 from fake_camera.gige.gvcp import Command
 from fake_camera.gige.stream_channel import StreamChannel
 from fake_camera.usb3 import u3vcp
-from fake_camera.usb3.usb import usbip
-from fake_camera.usb3.usb.connection import Claims, Connection
 from fake_camera.usb3.usb.descriptors import CONTROL_IN, CONTROL_OUT, STREAM_IN
 from fake_camera.usb3.usb_device import UsbDevice
+from fake_camera.usb3.usbip import messages
+from fake_camera.usb3.usbip.connection import Claims, Connection
 from fake_camera.world.lighting import LightScript
 from fake_camera.world.scene.panorama import load_radiance
 from tests.fake_camera.gige.gige_client import command
@@ -43,7 +43,7 @@ from tests.xml_cameras import COMBINATIONS, xml_camera
 
 PEERS = ("10.0.0.1", 5000), ("10.0.0.2", 5000)
 WIRE = "wire"
-ATTACH = usbip.OPERATION.pack(0x0111, usbip.REQUEST_IMPORT, 0) + usbip.BUS_ID.encode().ljust(32, b"\0")
+ATTACH = messages.OPERATION.pack(0x0111, messages.REQUEST_IMPORT, 0) + messages.BUS_ID.encode().ljust(32, b"\0")
 
 
 class StillDevice:
@@ -80,7 +80,7 @@ class GigeCamera:
 
     def __init__(self) -> None:
         device: Any = StillDevice()
-        device.faults.add(Fault("vanish", count=None))  # no stream packet leaves the camera
+        device.faults.add(FaultOrder(Fault.VANISH, count=None))  # no stream packet leaves the camera
         self._features = device.features
         self._stream = StreamChannel("127.0.0.1", device.faults)
         privilege = ControlPrivilege()
@@ -193,13 +193,13 @@ def usb3_seeds() -> Iterator[bytes]:
     unlink = struct.pack(">IIIIII24x", 2, 20, 0, 0, 0, 21)
     claim = struct.pack(">IIIII28x", 0x0AE1, 22, 0, 1, 0)
     yield ATTACH + claim + reads + writes + requests + submit(21, STREAM_IN, 4096) + unlink
-    yield usbip.OPERATION.pack(0x0111, usbip.REQUEST_DEVICE_LIST, 0)
+    yield messages.OPERATION.pack(0x0111, messages.REQUEST_DEVICE_LIST, 0)
 
 
 def fault_orders(data: bytes) -> None:
     faults = Faults()
     for line in data.splitlines():
-        faults.add(Fault.from_json(line.decode(errors="replace")))
+        faults.add(FaultOrder.from_json(line.decode(errors="replace")))
     faults.on_trigger(1)
 
 
@@ -213,7 +213,7 @@ def control_socket(data: bytes) -> None:
 
 
 def fault_seeds() -> Iterator[bytes]:
-    for name in sorted(NAMES):
+    for name in sorted(Fault):
         yield json.dumps({"fault": name, "after_trigger": None}).encode()
     yield b'{"fault": "freeze", "count": 3, "after_trigger": 7}\n{"fault": "vanish", "count": null}'
 

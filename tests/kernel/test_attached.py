@@ -20,6 +20,7 @@ from drivers.errors import CameraLostError
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame
 from drivers.setup import CameraSetup, TriggerSetup
+from fake_camera.device.faults import Fault
 from tests.fakes import FakeCamera
 from tests.kernel.usbip import PATIENCE_S, Cable, camera_with_cable, output, wait_until
 
@@ -154,10 +155,10 @@ def test_a_camera_that_loses_power_is_gone_and_comes_back_in_power_on_state(fake
     with streaming(fake) as camera:
         camera.write(BRIGHT)
         next_frames(camera, 2)
-        fake.inject("vanish", count=None)
+        fake.inject(Fault.VANISH, count=None)
         until_lost(camera)
     wait_until(lambda: cable.root_hub_port is None and not is_found(fake), "the kernel to let go of the camera")
-    fake.inject("come_back")
+    fake.inject(Fault.COME_BACK)
     cable.plug_in()
     wait_until(lambda: is_found(fake), "the camera")
     assert "ExposureAuto = Continuous" in output(
@@ -170,7 +171,7 @@ def test_a_camera_that_loses_power_is_gone_and_comes_back_in_power_on_state(fake
 def test_a_stalled_stream_works_again_when_the_camera_is_opened_again(fake: FakeCamera) -> None:
     with streaming(fake) as camera:
         next_frames(camera, 2)
-        fake.inject("stall", count=1)
+        fake.inject(Fault.STALL, count=1)
         assert any(camera.next_frame(SILENCE_S) is None for _ in range(FRAMES))
     with streaming(fake) as camera:
         next_frames(camera, 5)

@@ -40,11 +40,11 @@ LISTED = (
     ("autoexpose_daemon/control/policies/metric_map/policy.py", "DENSITY_DECAY = 0.98", "DENSITY_DECAY = 0.5"),
     ("autoexpose_daemon/control/policies/metric_map/memory.py", "CONTRADICTION = 0.3", "CONTRADICTION = 0.95"),
     # The arena judges the setting just decided instead of the one that the frame was taken with.
-    ("evaluation/stage/closed_loop.py", "oracle.judge(series.settings[frame])", "oracle.judge(series.settings[-1])"),
+    ("evaluation/arena/race.py", "oracle.judge(taken)", "oracle.judge(series.delayed.decisions[-1].setting)"),
     # A delay that is a frame short.
-    ("evaluation/odometry/drive.py", "* entrant.delay_frames)", "* (entrant.delay_frames - 1))"),
+    ("evaluation/stage/delayed_loop.py", "] * delay_frames", "] * (delay_frames - 1)"),
     # The true pose a frame late.
-    ("evaluation/odometry/drive.py", "stage.start_s(stage.frame) +", "stage.start_s(stage.frame + 1) +"),
+    ("evaluation/odometry/tracking.py", "stage.start_s(stage.frame) +", "stage.start_s(stage.frame + 1) +"),
     # Odometry without its gamma.
     ("evaluation/odometry/stereo.py", "cv2.LUT(cv2.medianBlur(image, 3), _CONTRAST)", "cv2.medianBlur(image, 3)"),
 )

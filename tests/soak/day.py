@@ -83,7 +83,7 @@ class Day:
     def close(self) -> str | None:
         """Have the daemon stop; what is then wrong with its account of the whole day, if anything."""
         self.rig.control.close()
-        tally = self.rig.control.tally
+        tally = self.rig.control.record.tally
         beside = tally.lost[LossReason.STARTUP] + tally.lost[LossReason.SHUTDOWN]  # a camera may take longer to open
         if tally.triggers - beside == self.wire.triggers and tally.lost[LossReason.SHUTDOWN] <= 1:
             return None
@@ -147,10 +147,10 @@ class Day:
         return losses | anomalies | {"pairs": telemetry.counts.pairs}
 
     def _see_pair(self, pair: StereoPair, _decision: Decision | None) -> None:
-        if pair.right is None:
+        if len(pair.frames) < 2:
             return
-        assert isinstance(pair.left, VirtualFrame) and isinstance(pair.right, VirtualFrame)
-        left, right = pair.left.pulse, pair.right.pulse
+        assert isinstance(pair.frames["left"], VirtualFrame) and isinstance(pair.frames["right"], VirtualFrame)
+        left, right = pair.frames["left"].pulse, pair.frames["right"].pulse
         if left != right:
             self._mispaired.append(f"a pair of the pulses {left} and {right}")
         elif left >= 0:

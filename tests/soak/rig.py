@@ -11,6 +11,7 @@ from types import SimpleNamespace
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.runtime.daemon import silence_s
+from autoexpose_daemon.runtime.outlet import Outlet
 from autoexpose_daemon.runtime.rig_control import RigControl
 from autoexpose_daemon.runtime.tuning import Tuning
 from autoexpose_daemon.status.states import Expectation, Health, State, judge
@@ -53,7 +54,7 @@ class ScriptedLoop:
 
     def step(self, pair: StereoPair) -> Decision:
         self._clock.now_ns += (1 + pair.trigger % 5) * MS
-        tenths = pair.left.host_time_ns // (100 * MS)
+        tenths = pair.reference.host_time_ns // (100 * MS)
         level = 10.0 + round(1.5 * math.sin(tenths * math.tau / 200), 1) + (0.5 if tenths // 70 % 2 else 0.0)
         decision = self._decision.get(round(10 * level))
         if decision is None:
@@ -144,8 +145,8 @@ class VirtualRig:
     ----------
     seed
         Of the jitter of cameras and wire.
-    observer
-        Told of every pair.
+    outlet
+        Takes every pair.
     see_health
         Told of the state of the daemon at every change.
     tuning
@@ -155,7 +156,7 @@ class VirtualRig:
     def __init__(
         self,
         seed: int,
-        observer: Callable[[StereoPair, Decision | None], None],
+        outlet: Outlet,
         see_health: Callable[[int, Health], None],
         tuning: Tuning | None = None,
     ) -> None:
@@ -164,7 +165,8 @@ class VirtualRig:
         self.units = {side: Unit(Device(side, self.clock, seed), self._events, self.clock) for side in SIDES}
         self.devices = [unit.device for unit in self.units.values()]
         tuning = tuning or ScriptedTuning(CONFIG, self.clock)
-        self.control = RigControl(tuning.config, self, observer, now_ns=self.clock)
+        self.control = RigControl(tuning.config, self, now_ns=self.clock)
+        self.control.outlets.append(outlet)
         self.control.tune(tuning)
         self._control = self._events.control = Actor(self._take, self.clock.now_ns)
         self._see_health = see_health

@@ -1,4 +1,4 @@
-"""The names of the policies, apart from the policies: a command line knows them before it loads what decides."""
+"""The table of policies by id. It loads none of them: a command line knows their ids without loading numpy."""
 
 from __future__ import annotations
 
@@ -8,22 +8,24 @@ from drivers.errors import ConfigurationError
 
 DEFAULT_POLICY = "metric-map"
 
-POLICY_IDS = (
-    "fixed",
-    "neves2009",
-    "lu2010",
-    "zhang2017",
-    "shim2018",
-    "kim2018",
-    "shin2019",
-    "mehta2020",
-    "begin2022",
-    "majer2018-standard",
-    "majer2018-full",
-    "majer2018-fixed",
-    DEFAULT_POLICY,
-)
-"""Every policy there is."""
+PLACES = {
+    "fixed": "published.fixed.Fixed",
+    "neves2009": "published.neves2009.Neves2009",
+    "lu2010": "published.lu2010.Lu2010",
+    "zhang2017": "published.zhang2017.Zhang2017",
+    "shim2018": "published.shim2018.Shim2018",
+    "kim2018": "published.kim2018.Kim2018",
+    "shin2019": "published.shin2019.Shin2019",
+    "mehta2020": "published.mehta2020.Mehta2020",
+    "begin2022": "published.begin2022.Begin2022",
+    "majer2018-standard": "published.majer2018.Majer2018",
+    "majer2018-full": "published.majer2018.Majer2018",
+    "majer2018-fixed": "published.fixed.Fixed",
+    DEFAULT_POLICY: "metric_map.policy.MetricMap",
+}
+"""Where the class of each policy is, below this package."""
+
+POLICY_IDS = tuple(PLACES)
 
 
 def check_policy_id(policy_id: str) -> None:

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from evaluation.experiments.experiment import Claim, Verdict
 from evaluation.experiments.statistics import Interval, mean_interval
 
 ROOMS = (11, 12, 13)
@@ -24,6 +27,13 @@ def over_courses(values: NDArray[np.float64]) -> Interval:
     if len(values) < FEWEST_COURSES:
         return Interval(float(values.mean()), -math.inf, math.inf)
     return mean_interval(values)
+
+
+def unless_few(claims: Sequence[Claim], courses: NDArray[np.int64]) -> list[Claim]:
+    """The claims as judged; undecided where the runs went through fewer than three courses."""
+    if len(np.unique(courses)) >= FEWEST_COURSES:
+        return list(claims)
+    return [replace(claim, verdict=Verdict.UNDECIDED, condition="too few courses") for claim in claims]
 
 
 def by_course(courses: NDArray[np.int64], values: NDArray[np.float64]) -> NDArray[np.float64]:

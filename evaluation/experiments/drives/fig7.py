@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from evaluation.drawing import COLOURS, panels, save
 from evaluation.experiments.boxes import boxes
-from evaluation.experiments.drives.courses import ROOMS, SEEDS, by_course, over_courses
+from evaluation.experiments.drives.courses import ROOMS, SEEDS, by_course, over_courses, unless_few
 from evaluation.experiments.drives.fixed_drives import SETTINGS, measure
 from evaluation.experiments.experiment import (
     Claim,
@@ -45,15 +45,6 @@ Each point of Fig. 9 is one setting in one course, the mean over its repeats: me
 a run against its error; images are measured as odometry gets them. The paper had one scene; rooms differ in what there
 is to see, so correlations are of deviations from the mean over the settings in one course."""
 
-_ON_GAMMA = """\
-What the correlation of M_g rests on: our settings are of one exposure level, and M_g changes little between them. As
-the paper's frames were, after a gamma of 0.3, it falls by 2 % at 7.5 ms, and so foretells the error. Without the gamma,
-as our control sees frames, it rises by 5 % from the shortest time to the longest, since noise falls: the
-correlation has the other sign. Settings that lie on one line from noise to blur make much correlate: stereo matches
-grow in number as noise falls, while the error grows with blur. So M_g tells levels apart, which is what policies use
-it for; how to split a level into time and gain is better decided by a rule of its own, as the paper does (eq. 23 to
-26)."""
-
 
 def jobs(quick: bool) -> list[Job]:
     """One for each room and heading; its four settings run side by side."""
@@ -81,16 +72,16 @@ def section(results: Results, folder: Path) -> Section:
     _draw_errors(errors, folder / "fig7.png")
     _draw_paths(results, folder / "fig8.png")
     _draw_proxies(of_course, error_of_course, correlations, folder / "fig9.png")
+    claims = [_time_hurts(errors, error_of_course), _best_proxy(correlations), _poor_proxies(correlations)]
     return Section(
         _SETTING,
-        [_time_hurts(errors, error_of_course), _best_proxy(correlations), _poor_proxies(correlations)],
+        unless_few(claims, courses),
         [
             _table(results, errors),
             Figure("fig7.png", "Error of odometry by setting, over all rooms, headings and repeats."),
             Figure("fig8.png", "The way of the left camera from above in one course, and the best and worst estimate."),
             Figure("fig9.png", "Seven measures of images against the error, as deviations from the course's mean."),
             _proxy_table(correlations),
-            _ON_GAMMA,
         ],
     )
 

@@ -12,11 +12,11 @@ from calibration.response import ResponseFunction
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import StereoPair
 from evaluation.experiments.experiment import Plain
-from evaluation.odometry.course import odometry_stage
-from evaluation.odometry.drive import drive, outcome
+from evaluation.odometry.lap import odometry_stage
 from evaluation.odometry.orb import in_house
 from evaluation.odometry.proxies import Proxies
-from evaluation.stage.closed_loop import Entrant
+from evaluation.odometry.tracking import outcome, track_entrants
+from evaluation.stage.delayed_loop import Entrant
 
 SETTINGS = ((940.0, 24.0), (1880.0, 18.0), (3750.0, 12.0), (7500.0, 6.0))
 """Exposure time (us) and gain (dB), all of one exposure level, right for the light of 20 lux."""
@@ -30,9 +30,9 @@ def measure(room: int, seed: int, repeat: int, frames: int) -> Plain:
     entrants = [Entrant(f"{time_us:g} us", 2, partial(_fixed, time_us, gain_db)) for time_us, gain_db in SETTINGS]
     looks: list[list[list[float]]] = [[] for _ in SETTINGS]
     stage = odometry_stage("even", room, seed, repeat)
-    drives = drive(stage, entrants, in_house, frames, _looker(looks))
+    runs = track_entrants(stage, entrants, in_house, frames, _looker(looks))
     return [
-        {**outcome(one), "proxies": np.median(seen, axis=0).tolist()} for one, seen in zip(drives, looks, strict=True)
+        {**outcome(one), "proxies": np.median(seen, axis=0).tolist()} for one, seen in zip(runs, looks, strict=True)
     ]
 
 

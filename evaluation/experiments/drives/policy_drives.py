@@ -9,10 +9,10 @@ from autoexpose_daemon.control.parameters import ControlParameters
 from calibration.response import ResponseFunction
 from drivers.exposure import ExposureLimits, ExposureSetting
 from evaluation.experiments.experiment import Plain
-from evaluation.odometry.course import Light, odometry_stage
-from evaluation.odometry.drive import drive, outcome
+from evaluation.odometry.lap import Light, odometry_stage
 from evaluation.odometry.orb import in_house
-from evaluation.stage.closed_loop import Entrant
+from evaluation.odometry.tracking import outcome, track_entrants
+from evaluation.stage.delayed_loop import Entrant
 
 FIXED = ExposureSetting(3000.0, 6.0)
 """Chosen by hand: of 1.5, 3 and 6 ms with 6, 12, 18 and 24 dB, it had the least error over two laps of room 1 in uneven
@@ -22,8 +22,8 @@ light, and lost no pair. Room 1 is not one of the report's."""
 def measure(*, light: Light, room: int, seed: int, repeat: int, policies: list[str], frames: int) -> Plain:
     """What `outcome` says of each policy."""
     stage = odometry_stage(light, room, seed, repeat)
-    drives = drive(stage, [entrant(policy) for policy in policies], in_house, frames)
-    return [outcome(one) for one in drives]
+    runs = track_entrants(stage, [entrant(policy) for policy in policies], in_house, frames)
+    return [outcome(one) for one in runs]
 
 
 def entrant(policy: str) -> Entrant:

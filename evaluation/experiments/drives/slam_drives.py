@@ -15,12 +15,11 @@ from numpy.typing import NDArray
 from drivers.exposure import ExposureSetting
 from evaluation.experiments.drives.policy_drives import entrant
 from evaluation.experiments.experiment import Plain
-from evaluation.odometry.course import Light, odometry_stage
-from evaluation.odometry.drive import drive, outcome
+from evaluation.odometry.lap import Light, odometry_stage
 from evaluation.odometry.orb_slam3 import OrbSlam3
 from evaluation.odometry.stereo import StereoCamera, images
+from evaluation.odometry.tracking import outcome, track_entrants
 from evaluation.odometry.vocabulary import write_vocabulary
-from evaluation.stage.closed_loop import take_pair
 
 TAUGHT_ROOM = 1
 """Not one of those that are driven through."""
@@ -34,7 +33,7 @@ def measure(*, light: Light, room: int, seed: int, policy: str, frames: int, ver
         folder = Path(name)
         write_vocabulary(_descriptors(), folder / "vocabulary.txt")
         with closing(OrbSlam3(StereoCamera.simulated(), folder / "vocabulary.txt", folder)) as slam:
-            (one,) = drive(odometry_stage(light, room, seed, 0), [entrant(policy)], lambda: slam, frames)
+            (one,) = track_entrants(odometry_stage(light, room, seed, 0), [entrant(policy)], lambda: slam, frames)
     return outcome(one)
 
 
@@ -43,7 +42,7 @@ def _descriptors() -> NDArray[np.uint8]:
     stage, orb, seen = odometry_stage("even", TAUGHT_ROOM, 0, 0), cv2.ORB.create(1000), []
     for frame in TAUGHT_FRAMES:
         stage.go_to(frame)
-        left, _ = images(take_pair(stage, ExposureSetting(1880.0, 18.0)))
+        left, _ = images(stage.take(ExposureSetting(1880.0, 18.0)))
         seen.append(np.asarray(orb.detectAndCompute(left, None)[1], np.uint8))
     return np.concatenate(seen)
 

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from calibration.response import GREY_LEVELS
 from calibration.response.prediction import prediction_table
 from evaluation.experiments.experiment import Plain
-from evaluation.experiments.prediction.still_life import StillLife, setting_of
+from evaluation.experiments.prediction.still_life import StillLife
 from evaluation.scenes.responses import CameraResponse
+from evaluation.stage.camera import time_first
 
 GAMMAS: NDArray[np.float64] = np.exp2(np.arange(-4.0, 4.001, 0.02))
 """Among these the gamma is sought that foretells a change best: 1/16 to 16."""
@@ -64,7 +65,7 @@ def measure(
 
 
 def _mean_of(life: StillLife, level: float, shots: int) -> NDArray[np.float64]:
-    setting = setting_of(level)
+    setting = time_first(level)
     total = np.zeros(life.take(setting).shape)
     for shot in range(shots):
         total += life.take(setting, shot)

@@ -95,8 +95,6 @@ def section(results: Results, folder: Path) -> Section:
                 "seen, dashes the best gamma curve of the same room.",
             ),
             _table(by_camera),
-            "A change of exposure scales light, and its curve reaches white at a grey level below 255, or ends below "
-            "white. Every gamma curve runs from corner to corner, so none fits.",
         ],
     )
 

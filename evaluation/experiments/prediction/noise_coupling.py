@@ -16,7 +16,7 @@ from drivers.exposure import DB_PER_STOP, ExposureSetting
 from evaluation.experiments.experiment import Plain
 from evaluation.experiments.prediction.still_life import StillLife
 from evaluation.scenes.responses import CameraResponse
-from evaluation.stage.stage import LIMITS
+from evaluation.stage.camera import LIMITS, Image
 
 DELTAS = (0.06, 0.30)
 """Activation thresholds: Shim's and that of Begin & Hunter."""
@@ -24,7 +24,6 @@ DELTAS = (0.06, 0.30)
 GAINS_DB = tuple(range(0, 49, 6))
 """Up to what the paper's camera can give; the daemon's bound in the arena is 30."""
 
-Image = NDArray[np.uint8]
 Rows: TypeAlias = "Sequence[Mapping[str, Any]]"
 """What `measure` returns."""
 

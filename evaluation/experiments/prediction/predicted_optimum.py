@@ -13,10 +13,10 @@ from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
 from calibration.response import ResponseFunction
 from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.frames import Frame, StereoPair
 from evaluation.experiments.experiment import Plain
-from evaluation.experiments.prediction.still_life import StillLife, plateau_centre, setting_of
+from evaluation.experiments.prediction.still_life import StillLife, plateau_centre
 from evaluation.scenes.responses import CameraResponse
+from evaluation.stage.camera import pair_of, time_first
 
 LAWS = ("begin2022", "shim2018", "mehta2020")
 """One predicts through the response function, two by gamma curves."""
@@ -47,7 +47,7 @@ def measure(scene: str, seed: int, lux: float, camera: list[Any], levels: list[f
     metrics: list[float] = []
     steps: dict[str, list[float]] = {law: [] for law in LAWS}
     for level in levels:
-        setting = setting_of(level)
+        setting = time_first(level)
         image = life.take(setting)
         metrics.append(metric.measure(preparation.prepare(image)))
         for law in LAWS:
@@ -58,8 +58,7 @@ def measure(scene: str, seed: int, lux: float, camera: list[Any], levels: list[f
 def step_of(law: str, response: ResponseFunction, image: NDArray[np.uint8], setting: ExposureSetting) -> float:
     """The change of level (stops) that a law wants after one image, knowing nothing of others."""
     loop = ControlLoop(law, response, _UNBOUNDED, setting)
-    frame = Frame(image, 8, 0, 0, 0, 0, setting)
-    return loop.step(StereoPair(0, frame, None)).level - setting.level
+    return loop.step(pair_of({"left": image}, setting, 0, 0.0)).level - setting.level
 
 
 def rest_level(levels: NDArray[np.float64], steps: NDArray[np.float64], near: float) -> float:

@@ -4,22 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from autoexpose_daemon.control.balance import Balance, ExposurePriority
+from autoexpose_daemon.control.balance import ExposurePriority
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.policy import ExposurePolicy, Observation, Target
 from drivers.exposure import ExposureSetting
-from drivers.frames import Frame, StereoPair
-from evaluation.arena.oracle import Oracle
 from evaluation.experiments.experiment import Plain
 from evaluation.scenes.responses import CameraResponse
 from evaluation.scenes.scenarios import RATE_HZ, Course
-from evaluation.scenes.scenes import build_views
-from evaluation.stage.stage import LIMITS, Stage
+from evaluation.scenes.views import build_views
+from evaluation.stage.camera import LIMITS
+from evaluation.stage.delayed_loop import DelayedLoop
+from evaluation.stage.oracle import Oracle
+from evaluation.stage.rendering import Stage
 from fake_camera.world.lighting import Change, LightScript
 
 WARM_UP_FRAMES = 30
@@ -38,37 +40,25 @@ USEFUL_SHARE = 0.5
 """A law that ends with less of the best metric than this has not converged but is stuck."""
 
 
-@dataclass(frozen=True, slots=True)
-class WithoutFeedback:
+class WithoutFeedback(ExposurePolicy):
     """A law that never learns which decision a frame realises: for `begin2022`, eq. (22) with its first case only."""
 
-    law: ExposurePolicy
-    STATE: ClassVar[tuple[str, ...]] = ()
-
-    @property
-    def balance(self) -> Balance:
-        """That of the law."""
-        return self.law.balance
+    def __init__(self, law: ExposurePolicy) -> None:
+        self.law, self.balance = law, law.balance
 
     def decide(self, observation: Observation) -> Target:
         """What the law would decide."""
         return self.law.decide(replace(observation, realised=None))
 
 
-@dataclass(frozen=True, slots=True)
-class LeavesWhiteAndBlack:
+class LeavesWhiteAndBlack(ExposurePolicy):
     """A law with the rule that the paper's published code has and its text has not.
 
     From an image whose mean grey is above 245 or below 10 the exposure goes 2 stops down or up, whatever is predicted.
     """
 
-    law: ExposurePolicy
-    STATE: ClassVar[tuple[str, ...]] = ()
-
-    @property
-    def balance(self) -> Balance:
-        """That of the law."""
-        return self.law.balance
+    def __init__(self, law: ExposurePolicy) -> None:
+        self.law, self.balance = law, law.balance
 
     def decide(self, observation: Observation) -> Target:
         """The rule where it holds, else what the law decides."""
@@ -143,19 +133,11 @@ def _run(
     stage: Stage, contestant: Contestant, camera: CameraResponse, start: ExposureSetting
 ) -> tuple[list[float], list[float]]:
     """Level and metric of each frame."""
-    loop = contestant.loop(camera, start)
-    settings = [start] * contestant.delay_frames
-    metrics = []
+    run = DelayedLoop(contestant.loop(camera, start), contestant.delay_frames)
     for number in range(WARM_UP_FRAMES + FRAMES):
         stage.go_to(number)
-        setting = settings[number]
-        time_ns = round(stage.start_s(number) * 1e9)
-        image = stage.expose("left", setting)
-        frame = Frame(image, 8, number, time_ns, time_ns, time_ns, setting)
-        decision = loop.step(StereoPair(number, frame, None))
-        metrics.append(decision.metric)
-        settings.append(decision.setting)
-    return [setting.level for setting in settings[: len(metrics)]], metrics
+        run.step(partial(stage.take, sides=("left",)))
+    return [setting.level for setting in run.settings], [decision.metric for decision in run.decisions]
 
 
 def frames_to_converge(levels: ArrayLike, share: float) -> int | None:

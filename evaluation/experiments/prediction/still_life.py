@@ -5,16 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from autoexpose_daemon.control.balance import ExposurePriority
 from drivers.exposure import ExposureSetting
 from evaluation.scenes.responses import CameraResponse
 from evaluation.scenes.scenarios import Course
-from evaluation.scenes.scenes import build_views
-from evaluation.stage.stage import LIMITS, Stage
+from evaluation.scenes.views import build_views
+from evaluation.stage.rendering import Stage
 from fake_camera.world.lighting import Change, LightScript
-
-SCENES = ("room", "leaves", "street", "hall")
-"""A furnished room, and three kinds of painted stills: few large shadows, or content at all brightnesses."""
 
 
 class StillLife:
@@ -23,7 +19,7 @@ class StillLife:
     Parameters
     ----------
     scene, seed
-        As for `evaluation.scenes.scenes.build_views`.
+        As for `evaluation.scenes.views.build_views`.
     lux
         Illumination.
     camera
@@ -40,11 +36,6 @@ class StillLife:
         if shot != self._stage.frame:
             self._stage.go_to(shot)
         return self._stage.expose("left", setting)
-
-
-def setting_of(level: float) -> ExposureSetting:
-    """The setting of an exposure level (stops) that takes time before gain."""
-    return LIMITS.realise(level, ExposurePriority().exposure_time_us(level, 0.0, LIMITS))
 
 
 def plateau_centre(levels: NDArray[np.float64], metrics: NDArray[np.float64], share: float = 0.99) -> float:

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from evaluation.experiments.experiment import Results
 from evaluation.experiments.teach.daylight import REPLAYS
-from evaluation.experiments.teach.drive import POLICIES, WAYS
 from evaluation.experiments.teach.judge import Errors
+from evaluation.experiments.teach.replay import POLICIES, WAYS
 
 STANDARD, FULL, FIXED = POLICIES[:3]
 
@@ -48,8 +48,8 @@ class Sweep:
     whole: NDArray[np.float64]
 
 
-def drives_of(results: Results, light: str, tilt_deg: float | None = None) -> list[Any]:
-    """Results of `drive.measure` under a light, of one tilt or of all."""
+def replays_of(results: Results, light: str, tilt_deg: float | None = None) -> list[Any]:
+    """Results of `replay.measure` under a light, of one tilt or of all."""
     return [
         result
         for arguments, result in results
@@ -60,22 +60,22 @@ def drives_of(results: Results, light: str, tilt_deg: float | None = None) -> li
 def cases_of(results: Results, way: str = AS_PAPER) -> dict[Case, dict[str, Errors]]:
     """Errors by policy of all cases that were run."""
     return {
-        (light, placement): {policy: errors_of(drives, way, policy) for policy in POLICIES}
+        (light, placement): {policy: errors_of(replays, way, policy) for policy in POLICIES}
         for light in REPLAYS
         for placement, tilt in TILTS.items()
-        if (drives := drives_of(results, light, tilt))
+        if (replays := replays_of(results, light, tilt))
     }
 
 
-def errors_of(drives: list[Any], way: str, policy: str) -> Errors:
-    """One policy's errors over several drives; registrations without a true shift are left out for all policies."""
+def errors_of(replays: list[Any], way: str, policy: str) -> Errors:
+    """One policy's errors over several replays; registrations without a true shift are left out for all policies."""
     errors: list[NDArray[np.float64]] = []
     places: list[NDArray[np.int64]] = []
     first = 0
-    for drive in drives:
-        truth, maps = np.array(drive["shift"]), np.array(drive["map"], np.int64)
+    for replay in replays:
+        truth, maps = np.array(replay["shift"]), np.array(replay["map"], np.int64)
         known = ~np.isnan(truth)
-        errors.append(np.abs(_or_infinite(drive["shifts"][way][policy]) - truth)[known])
+        errors.append(np.abs(_or_infinite(replay["shifts"][way][policy]) - truth)[known])
         places.append(first + maps[known])
         first += int(maps.max()) + 1
     return Errors(np.concatenate(errors), np.concatenate(places))

@@ -3,25 +3,21 @@
 from __future__ import annotations
 
 import base64
-import io
 from collections.abc import Mapping
 from pathlib import Path
 
 import cv2
-import matplotlib as mpl
-
-mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from PIL import Image
 
+from evaluation.drawing import save
 from evaluation.experiments.teach.cases import Case, Sweep, name
 from evaluation.experiments.teach.judge import WITHIN_PX, Errors
 
-COLOURS = {
+POLICY_COLOURS = {
     "majer2018-standard": "#0072B2",
     "majer2018-full": "#D55E00",
     "majer2018-fixed": "#009E73",
@@ -49,7 +45,7 @@ def plot_views(views: Mapping[str, Mapping[str, str]], file: Path) -> None:
             if axes in grid[0]:
                 axes.set_title(policy, fontsize=9)
         row[0].set_ylabel(light, fontsize=9)
-    _save(figure, file, colours=16)
+    save(figure, file, dpi=110, colours=16)
 
 
 def plot_curves(cases: Mapping[Case, Mapping[str, Errors]], file: Path) -> None:
@@ -77,13 +73,13 @@ def plot_curves(cases: Mapping[Case, Mapping[str, Errors]], file: Path) -> None:
         axes.set_ylabel("p(error ≤ x)")
     grid[0, 0].set(xlim=(0, PIXELS[-1]), ylim=(0, 1.01))
     _legend(figure, grid[0, 0])
-    _save(figure, file)
+    save(figure, file, dpi=110, colours=128)
 
 
 def _draw_curve(axes: Axes, policy: str, errors: Errors) -> None:
     middle, low, high = errors.curve(PIXELS)
-    axes.fill_between(PIXELS, low, high, color=COLOURS[policy], alpha=0.15, linewidth=0)
-    axes.plot(PIXELS, middle, color=COLOURS[policy], linewidth=1.4, label=policy)
+    axes.fill_between(PIXELS, low, high, color=POLICY_COLOURS[policy], alpha=0.15, linewidth=0)
+    axes.plot(PIXELS, middle, color=POLICY_COLOURS[policy], linewidth=1.4, label=policy)
 
 
 def plot_sweeps(sweeps: Mapping[Case, Sweep], file: Path) -> None:
@@ -111,7 +107,7 @@ def plot_sweeps(sweeps: Mapping[Case, Sweep], file: Path) -> None:
     grid[0, 0].set(ylabel="votes", ylim=(0, None))
     grid[1, 0].set(ylabel=f"p(error ≤ {WITHIN_PX:g} px)", ylim=(0, 1.02))
     _legend(figure, grid[0, 0])
-    _save(figure, file)
+    save(figure, file, dpi=110, colours=128)
 
 
 def _legend(figure: Figure, axes: Axes) -> None:
@@ -123,12 +119,3 @@ def _legend(figure: Figure, axes: Axes) -> None:
 def _decoded(text: str) -> NDArray[np.uint8]:
     content = np.frombuffer(base64.b64decode(text), np.uint8)
     return np.asarray(cv2.imdecode(content, cv2.IMREAD_GRAYSCALE), np.uint8)
-
-
-def _save(figure: Figure, file: Path, colours: int = 128) -> None:
-    """In few colours: a half to a quarter of the size, and it can hardly be seen."""
-    canvas = io.BytesIO()
-    figure.savefig(canvas, dpi=110)
-    plt.close(figure)
-    with Image.open(canvas) as picture:
-        picture.convert("RGB").quantize(colours, dither=Image.Dither.NONE).save(file, optimize=True)

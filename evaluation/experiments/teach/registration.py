@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from evaluation.experiments.teach.camera import CAMERA
+from evaluation.scenes.views import CAMERA
 from fake_camera.world.render.renderer import Surface
 
 FEATURES = 500
@@ -39,7 +39,7 @@ Part = Literal["top half", "whole image"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Features:
+class MapFeatures:
     """Columns (pixels, float64, (n,)) and ORB descriptors (uint8, (n, 32)) of the features of an image."""
 
     columns: NDArray[np.float64]
@@ -52,14 +52,14 @@ class Detector:
     def __init__(self) -> None:
         self._orb = cv2.ORB.create(nfeatures=FEATURES, fastThreshold=FAST_THRESHOLD, edgeThreshold=BORDER_PX)
 
-    def find(self, image: NDArray[np.uint8], part: Part) -> Features:
+    def find(self, image: NDArray[np.uint8], part: Part) -> MapFeatures:
         """Features of an image, uint8, (height, width)."""
         if part == "top half":  # with a border below it, so that features reach down to its edge
             image = image[: image.shape[0] // 2 + BORDER_PX]
         points, descriptors = self._orb.detectAndCompute(np.ascontiguousarray(image), None)
         if descriptors is None:
-            return Features(np.empty(0), np.empty((0, 32), np.uint8))
-        return Features(np.array([point.pt[0] for point in points]), np.asarray(descriptors, np.uint8))
+            return MapFeatures(np.empty(0), np.empty((0, 32), np.uint8))
+        return MapFeatures(np.array([point.pt[0] for point in points]), np.asarray(descriptors, np.uint8))
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +70,7 @@ class Vote:
     votes: int
 
 
-def register(taught: Features, seen: Features) -> Vote:
+def register(taught: MapFeatures, seen: MapFeatures) -> Vote:
     """By how much the seen image lies to the right of the taught one."""
     if min(len(taught.columns), len(seen.columns)) < 2:
         return Vote(None, 0)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from evaluation.experiments.experiment import Plain
-from evaluation.experiments.teach.camera import CAMERA, Camera, at_half, setting_at
 from evaluation.experiments.teach.daylight import REPLAYS, TEACHING
+from evaluation.experiments.teach.operator_setting import at_half
 from evaluation.experiments.teach.park import park
 from evaluation.experiments.teach.path import TaughtPath
 from evaluation.experiments.teach.registration import Detector, Truth, register
+from evaluation.scenes.views import CAMERA
+from evaluation.stage.camera import SimulatedCamera, time_first
 from fake_camera.world.render.renderer import Renderer
 
 OFFSETS = tuple(range(-4, 5))
@@ -20,14 +22,14 @@ AHEAD = 0.2
 def sweep(seed: int, tilt_deg: float, light: str, maps: int) -> Plain:
     """Register one view near each map at all offsets.
 
-    The map is taught with the top half at 0.5. Arguments as those of `drive.measure`.
+    The map is taught with the top half at 0.5. Arguments as those of `replay.measure`.
 
     Returns
     -------
     By map, from the first on: `errors` (pixels, None where no shift was found) and `votes` at each of the `offsets`,
     and at which offset the mean of the `whole` image is 0.5.
     """
-    path, detector, camera = TaughtPath(seed, tilt_deg), Detector(), Camera(2 * seed)
+    path, detector, camera = TaughtPath(seed, tilt_deg), Detector(), SimulatedCamera(2 * seed, 2 * seed)
     surfaces = park(seed, TEACHING)
     truth, before = Truth(surfaces), Renderer(surfaces, CAMERA)
     after, number = Renderer(park(seed, REPLAYS[light]), CAMERA), 1 + list(REPLAYS).index(light)
@@ -44,7 +46,7 @@ def sweep(seed: int, tilt_deg: float, light: str, maps: int) -> Plain:
         whole.append(at_half(camera, radiance).level - middle)
         won = []
         for offset in OFFSETS:
-            image = camera.expose(radiance, setting_at(middle + offset), 2 * index + 1)
+            image = camera.expose(radiance, time_first(middle + offset), 2 * index + 1)
             won.append(register(taught, detector.find(image, "top half")))
         errors.append([None if vote.shift is None else abs(vote.shift - shift) for vote in won])
         votes.append([vote.votes for vote in won])

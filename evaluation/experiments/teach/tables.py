@@ -15,13 +15,13 @@ from evaluation.experiments.teach.cases import (
     Case,
     Sweep,
     cases_of,
-    drives_of,
     name,
+    replays_of,
     short,
 )
 from evaluation.experiments.teach.daylight import REPLAYS
-from evaluation.experiments.teach.drive import POLICIES, WAYS
 from evaluation.experiments.teach.judge import LOST_PX, WITHIN_PX, Errors, compare, probability
+from evaluation.experiments.teach.replay import POLICIES, WAYS
 
 
 def shares_table(cases: Mapping[Case, Mapping[str, Errors]]) -> Table:
@@ -51,8 +51,8 @@ def comparisons_table(cases: Mapping[Case, Mapping[str, Errors]]) -> Table:
             )  # fmt: skip
     return Table(
         f"`{STANDARD}` less another policy, image by image: below 0 it registers better. Student's paired test takes "
-        "all registrations for independent, as the paper does; the interval draws maps, since the eight registrations "
-        "with one map are alike, and is wider.",
+        "all registrations as independent, as the paper does; the interval draws maps, since the eight registrations "
+        "with one map are alike.",
         ["replay", "against", "difference of mean errors", "t", "p"],
         rows,
     )
@@ -62,10 +62,10 @@ def looks_table(results: Results) -> Table:
     """How each policy exposes."""
     rows = []
     for light in REPLAYS:
-        drives = drives_of(results, light)
-        for policy in POLICIES if drives else ():
-            looks = np.concatenate([drive["looks"][policy] for drive in drives])
-            votes = np.concatenate([drive["votes"][AS_PAPER][policy] for drive in drives])
+        replays = replays_of(results, light)
+        for policy in POLICIES if replays else ():
+            looks = np.concatenate([replay["looks"][policy] for replay in replays])
+            votes = np.concatenate([replay["votes"][AS_PAPER][policy] for replay in replays])
             level, upper, whole, saturated = looks.mean(axis=0)
             rows.append(
                 [light, policy, f"{level:.2f}", f"{upper:.2f}", f"{whole:.2f}", f"{saturated:.0%}",

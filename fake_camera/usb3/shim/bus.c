@@ -1,4 +1,4 @@
-/* Which cameras are plugged in. To each hangs a connection: as long as it stands, the camera is there. */
+/* Which cameras are plugged in. Each has a connection: while that is open, the camera is plugged in. */
 #define _GNU_SOURCE
 #include "shim.h"
 
@@ -25,14 +25,14 @@ struct camera {
     int device; /* 0: nothing is plugged in */
     size_t descriptor_bytes;
     unsigned char descriptors[MAX_DESCRIPTOR_BYTES];
-    char strings[STRINGS][MAX_STRING_BYTES / 2 + 2]; /* as sysfs has them, with a line feed */
+    char strings[STRINGS][MAX_STRING_BYTES / 2 + 2]; /* as in sysfs, with a line feed */
 };
 
 static pthread_once_t once = PTHREAD_ONCE_INIT;
 static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER; /* guards all below */
 static struct camera cameras[MAX_CAMERAS];
 static int ports;
-static int last_device = 1; /* the root hub's, if there were one */
+static int last_device = 1; /* a root hub would have this address */
 static struct bus_event events[MAX_EVENTS];
 static unsigned first_event, next_event;
 
@@ -61,15 +61,15 @@ static void read_list(void)
     free(copy);
 }
 
-static void tell(int port, bool arrived)
+static void add_event(int port, bool arrived)
 {
     if (next_event - first_event == MAX_EVENTS) {
-        complain("the program has not asked for %d USB events", MAX_EVENTS);
+        complain("the program has left %d USB events unread: one is dropped", MAX_EVENTS);
         return;
     }
     events[next_event++ % MAX_EVENTS] = (struct bus_event){port, cameras[port - 1].device, arrived};
     if (event_pipe[1] >= 0 && write(event_pipe[1], "", 1) < 0)
-        complain("a USB event got lost: %s", strerror(errno));
+        complain("cannot signal a USB event: %s", strerror(errno));
 }
 
 static void read_strings(struct camera *camera)
@@ -102,14 +102,14 @@ static void look_at(int port)
     struct camera *camera = &cameras[port - 1];
     char byte;
     if (camera->device && (recv(camera->connection, &byte, 1, MSG_PEEK | MSG_DONTWAIT) >= 0 || errno != EAGAIN)) {
-        tell(port, false);
+        add_event(port, false);
         real_close(camera->connection);
         camera->device = 0;
     }
     if (!camera->device && (camera->connection = usbip_import(camera->path)) >= 0) {
         if (read_descriptors(camera)) {
             camera->device = last_device = last_device % 127 + 1; /* a new address each time, as Linux gives them */
-            tell(port, true);
+            add_event(port, true);
         } else
             real_close(camera->connection);
     }
@@ -145,13 +145,13 @@ bool bus_next_event(struct bus_event *event)
         char byte;
         *event = events[first_event++ % MAX_EVENTS];
         if (event_pipe[0] >= 0 && read(event_pipe[0], &byte, 1) < 0 && errno != EAGAIN)
-            complain("the pipe of USB events cannot be read: %s", strerror(errno));
+            complain("cannot read the pipe of USB events: %s", strerror(errno));
     }
     pthread_mutex_unlock(&lock);
     return any;
 }
 
-/* Wait until a camera goes, it is time to look whether one has come, or the monitor is to stop. */
+/* Wait until a camera goes or it is time to look for new ones; false: the monitor is to stop. */
 static bool wait_for_change(void)
 {
     struct pollfd watched[MAX_CAMERAS + 1] = {{.fd = stop_pipe[0], .events = POLLIN}};
@@ -227,7 +227,7 @@ int bus_connect(int device)
     return sock;
 }
 
-static int file_of(const void *data, size_t bytes)
+static int open_content(const void *data, size_t bytes)
 {
     int fd = memfd_create("fake-camera", MFD_CLOEXEC);
     if (fd >= 0 && (write(fd, data, bytes) != (ssize_t)bytes || lseek(fd, 0, SEEK_SET) < 0)) {
@@ -248,7 +248,7 @@ int bus_open_attribute(const char *name)
     pthread_mutex_lock(&lock);
     struct camera *camera = &cameras[port - 1];
     if (!strcmp(attribute, "descriptors"))
-        fd = file_of(camera->descriptors, camera->descriptor_bytes);
+        fd = open_content(camera->descriptors, camera->descriptor_bytes);
     else if (!strcmp(attribute, "busnum"))
         snprintf(text, sizeof text, "%d\n", BUS_NUMBER);
     else if (!strcmp(attribute, "devnum"))
@@ -259,7 +259,7 @@ int bus_open_attribute(const char *name)
         strcpy(text, "1\n");
     for (int i = 0; i < STRINGS; i++)
         if (!strcmp(attribute, string_names[i]))
-            fd = file_of(camera->strings[i], strlen(camera->strings[i]));
+            fd = open_content(camera->strings[i], strlen(camera->strings[i]));
     pthread_mutex_unlock(&lock);
-    return *text ? file_of(text, strlen(text)) : fd;
+    return *text ? open_content(text, strlen(text)) : fd;
 }

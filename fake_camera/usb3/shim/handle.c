@@ -1,4 +1,4 @@
-/* The descriptors of open cameras, as of /dev/bus/usb/BUS/DEVICE, and the calls of usbfs on them. */
+/* File descriptors of open cameras, as if of /dev/bus/usb/BUS/DEVICE, and the usbfs calls on them. */
 #define _GNU_SOURCE
 #include "shim.h"
 
@@ -21,7 +21,7 @@ static int control(struct link *link, unsigned long what, void *argument)
         return link_reap(link, argument);
     case USBDEVFS_DISCARDURB:
         return link_discard(link, argument);
-    case USBDEVFS_GET_CAPABILITIES: /* scatter-gather: each transfer is one URB */
+    case USBDEVFS_GET_CAPABILITIES: /* with scatter-gather each transfer is one URB */
         *(uint32_t *)argument = USBDEVFS_CAP_BULK_SCATTER_GATHER | USBDEVFS_CAP_REAP_AFTER_DISCONNECT;
         return 0;
     case USBDEVFS_CLAIMINTERFACE:
@@ -38,7 +38,7 @@ static int control(struct link *link, unsigned long what, void *argument)
         struct usbdevfs_setinterface *set = argument;
         return link_request(link, TO_INTERFACE, SET_INTERFACE, set->altsetting, set->interface);
     }
-    case USBDEVFS_GETDRIVER: /* no kernel driver has or wants the camera */
+    case USBDEVFS_GETDRIVER: /* no kernel driver is bound to the camera */
     case USBDEVFS_IOCTL:
         errno = ENODATA;
         return -1;

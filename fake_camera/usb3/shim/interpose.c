@@ -1,45 +1,20 @@
-/* The C library's calls by which libusb reaches devices: those to our cameras are answered, the others passed on. */
+/* The C library's functions by which libusb reaches devices: calls for our cameras are answered, others passed on. */
 #define _GNU_SOURCE
 #include "shim.h"
 
-#include <dlfcn.h>
-#include <errno.h>
 #include <fcntl.h>
 #include <linux/magic.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <string.h>
-#include <sys/stat.h>
-#include <sys/syscall.h>
 #include <sys/vfs.h>
-#include <unistd.h>
 
 #define ATTRIBUTES "/sys/bus/usb/devices/"
 #define NODES "/dev/bus/usb/"
 
-void complain(const char *format, ...)
-{
-    va_list arguments;
-    char sentence[512];
-    va_start(arguments, format);
-    vsnprintf(sentence, sizeof sentence, format, arguments);
-    va_end(arguments);
-    fprintf(stderr, "fake USB bus: %s\n", sentence);
-}
-
 static bool begins(const char *text, const char *beginning)
 {
     return strncmp(text, beginning, strlen(beginning)) == 0;
-}
-
-int real_open(const char *path, int flags, unsigned mode)
-{
-    return (int)syscall(SYS_openat, AT_FDCWD, path, flags, mode);
-}
-
-int real_close(int fd)
-{
-    return (int)syscall(SYS_close, fd);
 }
 
 static int open_node(const char *path, int flags, unsigned mode)
@@ -85,7 +60,7 @@ PUBLIC int open64(const char *path, int flags, ...)
     return open_any(path, flags | O_LARGEFILE, mode);
 }
 
-/* What open becomes in libraries that were built with _FORTIFY_SOURCE. */
+/* What open becomes in libraries built with _FORTIFY_SOURCE. */
 PUBLIC int __open_2(const char *path, int flags)
 {
     return open_any(path, flags, 0);
@@ -110,13 +85,13 @@ PUBLIC int ioctl(int fd, unsigned long request, ...)
     int result;
     if (handle_ioctl(fd, request, argument, &result))
         return result;
-    return (int)syscall(SYS_ioctl, fd, request, argument);
+    return real_ioctl(fd, request, argument);
 }
 
 /* libusb asks whether sysfs is there, which a container may lack. */
 PUBLIC int statfs(const char *path, struct statfs *buffer)
 {
-    int result = (int)syscall(SYS_statfs, path, buffer);
+    int result = real_statfs(path, buffer);
     if (strcmp(path, "/sys") == 0) {
         if (result != 0)
             memset(buffer, 0, sizeof *buffer);

@@ -1,8 +1,8 @@
-/* An open camera's URBs, each with a place in one of two queues: on their way, or done.
+/* URBs of an open camera, each in one of two queues: pending or done.
  *
  * libusb polls the descriptor for POLLOUT, which usbfs gives when an URB is done, and for POLLERR, which it gives when
- * the device has gone. The write end of a pipe with room for one piece does just that: full, there is nothing to reap;
- * emptied, there is; and without a reader, the device has gone.
+ * the device has gone. The write end of a pipe of one page does just that: full while there is nothing to reap,
+ * empty when there is, and without a reader when the device has gone.
  */
 #define _GNU_SOURCE
 #include "shim.h"
@@ -18,7 +18,7 @@
 
 enum { SETUP_BYTES = 8 };
 
-/* What waits for an answer: an URB of libusb's, or a call that this library makes for an ioctl and that waits. */
+/* What waits for an answer: an URB of libusb, or (`urb` is NULL) an ioctl that blocks until then. */
 struct entry {
     struct entry *next;
     uint32_t sequence, unlink_sequence;
@@ -69,7 +69,7 @@ static void finish(struct link *link, struct entry *entry, int status, uint32_t 
     }
     char byte;
     if (!link->done.first && !link->gone && read(link->drain, &byte, 1) < 0)
-        complain("the pipe to libusb cannot be read: %s", strerror(errno));
+        complain("cannot read the pipe to libusb: %s", strerror(errno));
     entry->urb->status = status;
     entry->urb->actual_length = (int)actual_length;
     append(&link->done, entry);
@@ -78,7 +78,7 @@ static void finish(struct link *link, struct entry *entry, int status, uint32_t 
 static struct entry *take_pending(struct link *link, const struct usbip_return *answer)
 {
     for (struct entry **at = &link->pending.first; *at; at = &(*at)->next)
-        if ((answer->answer == USBIP_UNLINKED ? (*at)->unlink_sequence : (*at)->sequence) == answer->sequence)
+        if ((answer->kind == USBIP_UNLINKED ? (*at)->unlink_sequence : (*at)->sequence) == answer->sequence)
             return take(&link->pending, at);
     return NULL;
 }
@@ -105,17 +105,18 @@ static bool receive_answer(struct link *link)
     struct usbip_return answer;
     if (!usbip_receive_return(link->sock, &answer))
         return false;
-    bool taken_back = answer.answer == USBIP_UNLINKED && answer.status != 0;
-    if (answer.answer == USBIP_UNLINKED && !taken_back)
-        return true; /* too late: it has been answered */
+    bool cancelled = answer.kind == USBIP_UNLINKED && answer.status != 0;
+    if (answer.kind == USBIP_UNLINKED && !cancelled)
+        return true; /* too late to cancel: it has been answered */
     pthread_mutex_lock(&link->lock);
     struct entry *entry = take_pending(link, &answer);
     pthread_mutex_unlock(&link->lock);
     if (!entry)
         return false;
-    bool complete = taken_back || receive_data(link, entry, answer.actual_length);
+    bool complete = cancelled || receive_data(link, entry, answer.actual_length);
     pthread_mutex_lock(&link->lock);
-    finish(link, entry, taken_back ? -ENOENT : complete ? answer.status : -ESHUTDOWN, complete ? answer.actual_length : 0);
+    int status = cancelled ? -ENOENT : complete ? answer.status : -ESHUTDOWN;
+    finish(link, entry, status, complete ? answer.actual_length : 0);
     pthread_mutex_unlock(&link->lock);
     return complete;
 }
@@ -142,7 +143,7 @@ static int fail(int error)
     return -1;
 }
 
-/* Note that an answer will come; without the lock, as sending may take time. */
+/* Expect an answer. The caller sends the request afterwards, without the lock, as sending may take time. */
 static struct entry *expect(struct link *link, struct usbdevfs_urb *urb)
 {
     struct entry *entry = calloc(1, sizeof *entry);
@@ -167,7 +168,7 @@ static struct entry *expect(struct link *link, struct usbdevfs_urb *urb)
 int link_submit(struct link *link, struct usbdevfs_urb *urb)
 {
     if (urb->type == USBDEVFS_URB_TYPE_ISO) {
-        complain("isochronous transfers are not supported: no USB3 Vision camera has any");
+        complain("isochronous transfers are not supported: no USB3 Vision camera uses them");
         return fail(EINVAL);
     }
     bool control = urb->type == USBDEVFS_URB_TYPE_CONTROL;
@@ -184,7 +185,7 @@ int link_submit(struct link *link, struct usbdevfs_urb *urb)
     struct entry *entry = expect(link, urb);
     if (entry) {
         submit.sequence = entry->sequence;
-        usbip_send_submit(link->sock, &submit); /* when it fails the reader ends, too, and with it all URBs */
+        usbip_send_submit(link->sock, &submit); /* if it fails, the reader ends as well and finishes all URBs */
     }
     pthread_mutex_unlock(&link->sending);
     return entry ? 0 : -1;
@@ -195,7 +196,7 @@ int link_reap(struct link *link, struct usbdevfs_urb **urb)
     pthread_mutex_lock(&link->lock);
     struct entry *entry = take(&link->done, &link->done.first);
     if (entry && !link->done.first && !link->gone && write(link->fd, "", 1) < 0)
-        complain("the pipe of libusb cannot be filled: %s", strerror(errno));
+        complain("cannot fill the pipe to libusb: %s", strerror(errno));
     bool gone = link->gone;
     pthread_mutex_unlock(&link->lock);
     if (!entry)
@@ -224,7 +225,7 @@ int link_discard(struct link *link, struct usbdevfs_urb *urb)
     return unlinked ? 0 : fail(EINVAL);
 }
 
-/* Wait for the answer to what was asked for with `entry`. */
+/* Wait for the answer that `entry` expects. */
 static int wait_for(struct link *link, struct entry *entry)
 {
     if (!entry)
@@ -293,7 +294,7 @@ struct link *link_open(int sock, int *fd)
 void link_close(struct link *link)
 {
     shutdown(link->sock, SHUT_RDWR);
-    pthread_join(link->reader, NULL); /* from here on nothing writes into URBs; it has closed its end of the pipe */
+    pthread_join(link->reader, NULL); /* now nothing writes into URBs, and our end of the pipe is closed */
     for (struct entry *entry; (entry = take(&link->done, &link->done.first));)
         free(entry);
     real_close(link->sock);

@@ -1,14 +1,15 @@
-/* A USB bus for libusb without a kernel: what its parts know of each other.
+/* A USB bus for libusb without a kernel: what its files share. Calls go only down this list.
  *
  * Preloaded, this library answers the calls by which libusb's Linux backend finds and drives devices, and passes all
- * others on. Behind each camera stands a USB/IP server on a Unix socket; FAKE_CAMERA_USB3 lists them, with colons.
+ * others on. Behind each camera is a USB/IP server on a Unix socket; FAKE_CAMERA_USB3 lists them, separated by colons.
  *
- *   interpose.c  the C library's open, close, ioctl and statfs
- *   udev.c       libudev's enumeration and monitor
+ *   interpose.c  replaces the C library's open, close, ioctl and statfs
+ *   udev.c       replaces libudev's enumeration and monitor
+ *   handle.c     file descriptors of open cameras, and the usbfs calls on them
  *   bus.c        which cameras are plugged in
- *   handle.c     the descriptors of open cameras, and usbfs' calls on them
- *   link.c       an open camera's URBs
- *   usbip.c      the words of USB/IP
+ *   link.c       URBs of an open camera
+ *   usbip.c      messages of USB/IP
+ *   host.c       standard error and the kernel's own calls
  */
 #ifndef SHIM_H
 #define SHIM_H
@@ -20,19 +21,22 @@
 
 #define PUBLIC __attribute__((visibility("default")))
 #define LIST_VARIABLE "FAKE_CAMERA_USB3"
-#define BUS_NUMBER 100 /* no machine has so many of its own */
+#define BUS_NUMBER 100 /* higher than any real bus number */
 #define MAX_CAMERAS 32
 
-/* Say a sentence on standard error. */
-void complain(const char *format, ...) __attribute__((format(printf, 1, 2)));
+/* --- host.c --- */
 
-/* The C library's own functions. */
+struct statfs;
+
+void complain(const char *format, ...) __attribute__((format(printf, 1, 2))); /* one sentence on standard error */
+
+/* As in the C library, but never answered by this one. */
 int real_open(const char *path, int flags, unsigned mode);
 int real_close(int fd);
+int real_ioctl(int fd, unsigned long request, void *argument);
+int real_statfs(const char *path, struct statfs *buffer);
 
 /* --- usbip.c --- */
-
-enum { USBIP_HEADER_BYTES = 48 };
 
 struct usbip_submit {
     uint32_t sequence;
@@ -42,10 +46,10 @@ struct usbip_submit {
     const void *data;            /* of an OUT transfer */
 };
 
-enum usbip_answer { USBIP_SUBMITTED, USBIP_UNLINKED, USBIP_CLAIMED };
+enum usbip_kind { USBIP_SUBMITTED, USBIP_UNLINKED, USBIP_CLAIMED };
 
 struct usbip_return {
-    enum usbip_answer answer;
+    enum usbip_kind kind;
     uint32_t sequence;
     int status;
     uint32_t actual_length;
@@ -57,13 +61,13 @@ bool usbip_send_unlink(int sock, uint32_t sequence, uint32_t unlinked);
 bool usbip_send_claim(int sock, uint32_t sequence, uint8_t interface, bool claims);
 bool usbip_receive_return(int sock, struct usbip_return *answer);
 bool usbip_receive(int sock, void *data, size_t bytes);
-/* The answer to a request to the default endpoint, on a connection that carries nothing else; its length or -1. */
+/* Get a descriptor, on a connection that carries nothing else; its length, or -1. */
 long usbip_ask(int sock, uint16_t value, void *data, uint16_t bytes);
 
 /* --- bus.c --- */
 
 struct bus_event {
-    int port; /* 1, 2 ... in the order of the list */
+    int port; /* 1, 2 ... in the order of FAKE_CAMERA_USB3 */
     int device;
     bool arrived;
 };
@@ -72,17 +76,17 @@ void bus_refresh(void);
 int bus_device_at(int port);                    /* its address on the bus, 0 when nothing is plugged in */
 int bus_ports(void);
 bool bus_next_event(struct bus_event *event);
-int bus_monitor_start(void);                    /* a descriptor that is readable when there are events, or -1 */
+int bus_monitor_start(void);                    /* a descriptor, readable when there are events; or -1 */
 void bus_monitor_stop(void);
 int bus_open_attribute(const char *name);       /* "PORT_NAME/ATTRIBUTE"; a descriptor, or -1 and errno */
-int bus_connect(int device);                    /* to the camera at an address; a socket, or -1 and errno */
+int bus_connect(int device);                    /* a socket to the camera at that address, or -1 and errno */
 
-/* --- link.c: these return 0, or -1 and errno, as usbfs' calls do --- */
+/* --- link.c: these return 0, or -1 and errno, as usbfs calls do --- */
 
 struct link;
 struct usbdevfs_urb;
 
-struct link *link_open(int sock, int *fd); /* takes the socket and gives the descriptor for libusb; or NULL and errno */
+struct link *link_open(int sock, int *fd); /* owns the socket, sets libusb's descriptor; or NULL and errno */
 void link_close(struct link *link);
 int link_submit(struct link *link, struct usbdevfs_urb *urb);
 int link_reap(struct link *link, struct usbdevfs_urb **urb);
@@ -92,7 +96,7 @@ int link_request(struct link *link, uint8_t recipient, uint8_t request, uint16_t
 
 /* --- handle.c --- */
 
-int handle_open(int device);                    /* a descriptor as of /dev/bus/usb/..., or -1 and errno */
+int handle_open(int device);                    /* what opening /dev/bus/usb/... gives, or -1 and errno */
 bool handle_close(int fd);                      /* false: not one of ours */
 bool handle_ioctl(int fd, unsigned long request, void *argument, int *result);
 

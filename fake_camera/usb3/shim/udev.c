@@ -1,4 +1,4 @@
-/* libudev as libusb's Linux backend uses it: to list what is on the bus, and to be told of what comes and goes. */
+/* libudev as libusb's Linux backend uses it: to list what is on the bus, and to hear of what comes and goes. */
 #define _GNU_SOURCE
 #include "shim.h"
 
@@ -13,7 +13,7 @@
 
 #define SYSTEM_PATH "/sys/bus/usb/devices/"
 
-/* Lists of others come by, too (lsusb asks libudev's database for names): ours carry this mark. */
+/* Programs also pass in lists of libudev's own (lsusb looks names up in its database): ours carry this mark. */
 static const char mark;
 
 struct udev_list_entry {
@@ -38,7 +38,7 @@ struct udev_monitor {
 
 struct udev;
 
-/* --- does libusb use what is not here? --- */
+/* --- does libusb need a function that is missing here? --- */
 
 static const void *dynamic(const struct link_map *map, ElfW(Sxword) tag)
 {
@@ -58,7 +58,7 @@ static bool is_missing(const char *name)
     return !function || !dladdr(&mark, &own) || !dladdr(function, &found) || found.dli_fbase != own.dli_fbase;
 }
 
-/* In the symbol table of a library those that it needs from others come first, and its hash table says how many. */
+/* A library's symbol table begins with the symbols it imports; its hash table says how many they are. */
 static void check_caller(const void *address)
 {
     Dl_info caller;
@@ -122,7 +122,7 @@ PUBLIC struct udev_device *udev_device_unref(struct udev_device *device)
     return NULL;
 }
 
-/* --- enumeration: always of USB devices, whatever is matched --- */
+/* --- enumeration: always of USB devices, whatever the match --- */
 
 PUBLIC struct udev_enumerate *udev_enumerate_new(struct udev *udev)
 {
@@ -225,7 +225,7 @@ PUBLIC struct udev_device *udev_monitor_receive_device(struct udev_monitor *moni
 {
     (void)monitor;
     struct bus_event event;
-    bus_refresh(); /* a program that lists the devices sees them as they are now */
+    bus_refresh(); /* so that a program that lists the devices sees the current ones */
     if (!bus_next_event(&event))
         return NULL;
     return new_device(event.port, event.device, event.arrived ? "add" : "remove");

@@ -1,4 +1,4 @@
-/* The words of USB/IP as a client says them; Linux documents them as Documentation/usb/usbip_protocol.rst. */
+/* USB/IP as its clients speak it; Linux documents it in Documentation/usb/usbip_protocol.rst. */
 #define _GNU_SOURCE
 #include "shim.h"
 
@@ -9,17 +9,18 @@
 #include <sys/time.h>
 #include <sys/un.h>
 
+enum { HEADER_BYTES = 48 };
 enum { VERSION = 0x0111, REQUEST_IMPORT = 0x8003, BUS_ID_BYTES = 32, DEVICE_BYTES = 312 };
 enum { SUBMIT = 1, UNLINK = 2, RETURN_SUBMIT = 3, RETURN_UNLINK = 4 };
-enum { CLAIM = 0x0AE1, RETURN_CLAIM = 0x0AE2 }; /* no part of USB/IP: see fake_camera/usb3/usbip.py */
+enum { CLAIM = 0x0AE1, RETURN_CLAIM = 0x0AE2 }; /* not part of USB/IP: see fake_camera/usb3/usbip/messages.py */
 enum { HANDSHAKE_S = 2 };
 
 struct header {
     uint32_t command, sequence, device, direction, endpoint;
-    uint32_t words[5]; /* of Submit: flags, length, start frame, packets, interval; of others: the first word or none */
+    uint32_t words[5]; /* of Submit: flags, length, start frame, packets, interval; others use at most the first */
     unsigned char setup[8];
 };
-_Static_assert(sizeof(struct header) == USBIP_HEADER_BYTES, "the header has no gaps");
+_Static_assert(sizeof(struct header) == HEADER_BYTES, "the header has no gaps");
 
 static bool send_all(int sock, struct iovec *parts, int count)
 {
@@ -132,14 +133,14 @@ bool usbip_receive_return(int sock, struct usbip_return *answer)
     answer->actual_length = 0;
     switch (ntohl(header.command)) {
     case RETURN_SUBMIT:
-        answer->answer = USBIP_SUBMITTED;
+        answer->kind = USBIP_SUBMITTED;
         answer->actual_length = ntohl(header.words[1]);
         return true;
     case RETURN_UNLINK:
-        answer->answer = USBIP_UNLINKED;
+        answer->kind = USBIP_UNLINKED;
         return true;
     case RETURN_CLAIM:
-        answer->answer = USBIP_CLAIMED;
+        answer->kind = USBIP_CLAIMED;
         return true;
     default:
         return false;

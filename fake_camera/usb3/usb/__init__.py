@@ -1,1 +1,1 @@
-"""The USB below USB3 Vision: descriptors, endpoints, and USB/IP."""
+"""USB as any device has it: descriptors and bulk endpoints."""

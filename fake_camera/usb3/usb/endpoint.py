@@ -17,7 +17,7 @@ _NOTHING = memoryview(b"")
 
 
 @dataclass(slots=True, eq=False)
-class Request:
+class ReadRequest:
     """A transfer that the host asks for: at most `length` bytes."""
 
     length: int
@@ -33,7 +33,7 @@ class InEndpoint:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._requests: deque[Request] = deque()
+        self._requests: deque[ReadRequest] = deque()
         self._transfers: deque[memoryview] = deque()
         self._halted = False
 
@@ -48,7 +48,7 @@ class InEndpoint:
         with self._lock:
             return sum(len(transfer) for transfer in self._transfers)
 
-    def submit(self, request: Request) -> None:
+    def submit(self, request: ReadRequest) -> None:
         """The host asks for data."""
         with self._lock:
             if self._halted:
@@ -57,7 +57,7 @@ class InEndpoint:
             self._requests.append(request)
             self._match()
 
-    def cancel(self, request: Request) -> bool:
+    def cancel(self, request: ReadRequest) -> bool:
         """The host takes a request back; False when it has been answered."""
         with self._lock:
             if request not in self._requests:

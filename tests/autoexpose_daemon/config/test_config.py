@@ -22,6 +22,7 @@ from calibration.response.file import CameraIdentity, Origin, ResponseFile
 from drivers.config import bounds
 from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureSetting
+from drivers.pixel_format import PixelFormat
 from tests import REPOSITORY
 
 LEFT = "cameras: {left: {serial: A}}\n"
@@ -180,7 +181,7 @@ def test_regions_are_read_relative_to_the_configuration(tmp_path: Path) -> None:
         "control: {roi: {left: {mask: left.png},"
         " right: {background_weight: 0.5, rectangles: [{box: [0, 0, 720, 100], weight: 0}, {box: [8, 9, 30, 40]}]}}}\n"
     )
-    regions = load_config(file).control.roi.regions()
+    regions = load_config(file).control.roi.regions
     assert regions["left"].mask is not None
     assert (regions["left"].mask == 255).all()
     assert regions["right"].mask is None
@@ -257,7 +258,7 @@ def test_the_start_is_always_within_the_bounds(low: float, high: float) -> None:
 
 def test_a_response_file_of_another_camera_is_refused(tmp_path: Path) -> None:
     identity = CameraIdentity("Maker", "Model 7", "B")
-    ResponseFile(ResponseFunction.linear(), Origin(identity, "Mono8")).save(tmp_path / "r.yaml")
+    ResponseFile(ResponseFunction.linear(), Origin(identity, PixelFormat.MONO8)).save(tmp_path / "r.yaml")
     message = complaint(tmp_path, "cameras: {left: {serial: A, response: r.yaml}}")
     assert "cameras.left.response" in message
     assert "camera.serial is B, but this is camera A" in message

@@ -50,7 +50,7 @@ def run(
     settings = [start] * delay
     for index, half_scale_level in enumerate(lights):
         frame = at_time(expose(picture, settings[index], half_scale_level), index)
-        decision = loop.step(StereoPair(index, frame, frame))
+        decision = loop.step(StereoPair(index, {"left": frame, "right": frame}))
         settings.append(decision.setting)
         if watch is not None:
             watch(decision)

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.loop import ControlLoop
-from autoexpose_daemon.control.policies import POLICY_IDS
+from autoexpose_daemon.control.policies.ids import POLICY_IDS
 from autoexpose_daemon.control.region import Region
 from calibration.response import ResponseFunction
 from drivers.exposure import ExposureSetting
@@ -51,7 +51,7 @@ def test_every_decision_is_a_number_within_the_limits(policy_id: str, images: li
         time_ns = step * FRAME_NS if step != STEPS // 2 else 0  # a clock that went back, too
         left = Frame(images[step % len(images)], 8, step, time_ns, time_ns, time_ns, setting)
         right = Frame(images[(step + 1) % len(images)], 8, step, time_ns, time_ns, time_ns, setting)
-        decision = loop.step(StereoPair(step, left, right if step % 5 else None))
+        decision = loop.step(StereoPair(step, {"left": left, "right": right} if step % 5 else {"left": left}))
         assert LIMITS.contain(decision.setting)
         numbers = (decision.level, decision.metric, decision.motion_px, decision.saturated_share, decision.black_share)
         assert all(map(math.isfinite, numbers))
@@ -69,4 +69,4 @@ def test_a_region_that_sees_nothing_but_black_is_no_failure(policy_id: str) -> N
     for step in range(4):
         time_ns = step * FRAME_NS
         frame = Frame(halves(), 8, step, time_ns, time_ns, time_ns, setting)
-        assert LIMITS.contain(loop.step(StereoPair(step, frame, frame)).setting)
+        assert LIMITS.contain(loop.step(StereoPair(step, {"left": frame, "right": frame})).setting)

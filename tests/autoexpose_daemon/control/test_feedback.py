@@ -9,7 +9,7 @@ from autoexpose_daemon.control.balance import ExposurePriority
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
 from autoexpose_daemon.control.policies.published.begin2022 import Begin2022
-from autoexpose_daemon.control.policy import Observation
+from autoexpose_daemon.control.policy import Look, Observation
 from calibration.response import ResponseFunction
 from calibration.response.prediction import prediction_tables
 from drivers.exposure import ExposureLimits, ExposureSetting
@@ -31,8 +31,8 @@ def test_the_promise_is_the_maximum_of_the_polynomial_not_the_best_sample(stops_
     peaks = [root.real for root in through.deriv().roots() if abs(root.imag) < 1e-9]
     peak = min((place for place in peaks if through.deriv(2)(place) < 0), key=abs)
 
-    seen = Observation(image, None, START, 0, samples[3], 0.0, 0.0, 0.0, 0.0, LIMITS, None)
-    target = Begin2022(LINEAR, GradientMetric(), ExposurePriority()).decide(seen)
+    seen = Observation([Look("left", image, LINEAR)], START, 0, samples[3], 0.0, 0.0, 0.0, 0.0, LIMITS)
+    target = Begin2022({"left": LINEAR}, GradientMetric(), ExposurePriority()).decide(seen)
     assert target.level - START.level == pytest.approx(peak, abs=1e-3)
     assert target.predicted_metric == pytest.approx(through(peak), rel=1e-3)
     assert target.predicted_metric > 1.03 * max(samples)
@@ -46,7 +46,7 @@ def reason_at(lights: list[float], then: float) -> str:
     decisions = []
     for index, light in enumerate([*lights, then]):
         setting = START if index < len(lights) else limits.brightest
-        decisions.append(loop.step(StereoPair(index, at_time(expose(scene, setting, light), index), None)))
+        decisions.append(loop.step(StereoPair(index, {"left": at_time(expose(scene, setting, light), index)})))
     assert {decision.setting for decision in decisions} == {limits.brightest}
     return decisions[-1].reason
 

@@ -12,7 +12,7 @@ from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
 from autoexpose_daemon.control.motion import DisMotion, FarnebackMotion, FlowMotion
 from autoexpose_daemon.control.parameters import BalanceId, ControlParameters, MotionId
-from autoexpose_daemon.control.policies import POLICY_IDS
+from autoexpose_daemon.control.policies.ids import POLICY_IDS
 from autoexpose_daemon.control.region import Rectangle, Region
 from calibration.response import ResponseFunction
 from drivers.errors import ConfigurationError
@@ -109,8 +109,8 @@ def test_a_limit_is_said() -> None:
 
 def test_feedback_compares_with_the_frame_whose_decision_is_realised() -> None:
     scene, loop = radiance(3, 0.7), make("begin2022")
-    first = loop.step(StereoPair(0, at_time(expose(scene, START, 14.0), 0), None))
-    loop.step(StereoPair(1, at_time(expose(scene, START, 8.0), 1), None))  # brighter meanwhile: another decision
+    first = loop.step(StereoPair(0, {"left": at_time(expose(scene, START, 14.0), 0)}))
+    loop.step(StereoPair(1, {"left": at_time(expose(scene, START, 8.0), 1)}))  # brighter meanwhile: another decision
     past = loop._decision_realised_by(first.setting)
     assert past is not None
     assert past.metric == first.metric
@@ -123,7 +123,7 @@ def test_feedback_compares_with_the_frame_whose_decision_is_realised() -> None:
 def test_frames_in_flight_are_not_corrected_twice() -> None:
     loop, scene = make("neves2009"), radiance(4, 0.3)
     frame = expose(scene, START, 12.0)
-    targets = [loop.step(StereoPair(i, at_time(frame, i), None)).level for i in range(4)]
+    targets = [loop.step(StereoPair(i, {"left": at_time(frame, i)})).level for i in range(4)]
     assert np.ptp(targets) < 1e-6
 
 
@@ -133,7 +133,7 @@ def test_deeper_pixels_give_the_same_decision(policy_id: str) -> None:
     deep = rng.integers(0, 4096, (136, 180)).astype(np.uint16)
 
     def decide(frame: Frame) -> Decision:
-        return make(policy_id).step(StereoPair(0, frame, None))
+        return make(policy_id).step(StereoPair(0, {"left": frame}))
 
     eight = decide(Frame((deep >> 4).astype(np.uint8), 8, 0, 0, 0, 0, START))
     assert decide(Frame(deep, 12, 0, 0, 0, 0, START)) == eight
@@ -143,7 +143,8 @@ def test_deeper_pixels_give_the_same_decision(policy_id: str) -> None:
 def test_the_left_frame_decides_also_when_the_right_one_differs() -> None:
     left = expose(radiance(7), START, 12.0)
     right = expose(radiance(8), ExposureSetting(30.0, 20.0), 5.0)
-    assert make("begin2022").step(StereoPair(0, left, right)) == make("begin2022").step(StereoPair(0, left, None))
+    both, alone = StereoPair(0, {"left": left, "right": right}), StereoPair(0, {"left": left})
+    assert make("begin2022").step(both) == make("begin2022").step(alone)
 
 
 def test_an_unknown_policy_is_refused_with_the_choices() -> None:
@@ -174,7 +175,7 @@ def test_the_balance_can_be_chosen(balance: BalanceId, gain_db: float) -> None:
     setting = ExposureSetting(2.0**11, 0.0)
     loop = ControlLoop("begin2022", LINEAR, LIMITS, setting, ControlParameters(balance=balance))
     black = Frame(np.zeros((136, 180), np.uint8), 8, 0, 0, 0, 0, setting)
-    decision = loop.step(StereoPair(0, black, None))
+    decision = loop.step(StereoPair(0, {"left": black}))
     assert decision.level == pytest.approx(11)
     assert decision.setting.gain_db == pytest.approx(gain_db, abs=0.1)
 
@@ -194,19 +195,19 @@ def test_the_flow_can_be_chosen(policy_id: str, motion: MotionId, flow: type[Flo
     expected, preparation = flow(LINEAR), ImagePreparation()
     for index, frame in enumerate(frames):
         speed = expected.measure(preparation.prepare(frame.grey8()), 720, START.level, frame.device_time_ns)
-        assert loop.step(StereoPair(index, frame, None)).motion_px == pytest.approx(speed, rel=1e-6)
+        assert loop.step(StereoPair(index, {"left": frame})).motion_px == pytest.approx(speed or 0.0, rel=1e-6)
 
 
 def test_an_angular_rate_replaces_the_flow() -> None:
     loop = ControlLoop("begin2022", LINEAR, LIMITS, START, ControlParameters(focal_length_px=860.0))
     frame = expose(radiance(5), START, 11.0)
     # 30 degrees a second at a focal length of 860 pixels: 450 pixels a second
-    assert loop.step(StereoPair(0, frame, None), -np.pi / 6).motion_px == pytest.approx(7.505, abs=1e-3)
-    assert loop.step(StereoPair(1, at_time(frame, 1), None)).motion_px == 0  # no predecessor that flow was told of
+    assert loop.step(StereoPair(0, {"left": frame}), -np.pi / 6).motion_px == pytest.approx(7.505, abs=1e-3)
+    assert loop.step(StereoPair(1, {"left": at_time(frame, 1)})).motion_px == 0  # no predecessor that flow was told of
     with pytest.raises(ConfigurationError, match="finite"):
-        loop.step(StereoPair(2, frame, None), float("nan"))
+        loop.step(StereoPair(2, {"left": frame}), float("nan"))
     with pytest.raises(ConfigurationError, match="focal_length_px"):
-        make("begin2022").step(StereoPair(0, frame, None), 0.5)
+        make("begin2022").step(StereoPair(0, {"left": frame}), 0.5)
 
 
 @pytest.mark.parametrize("regions", [{}, {"left": Region("roi", (Rectangle(0, 0, 720, 270, 0.5),), 0.1)}])
@@ -214,11 +215,11 @@ def test_the_steady_state_allocates_no_image(regions: dict[Side, Region]) -> Non
     loop = ControlLoop("begin2022", LINEAR, LIMITS, START, regions=regions)
     frame = expose(radiance(9, 1.0, (540, 720)), START, 11.0)
     for index in range(3):
-        loop.step(StereoPair(index, at_time(frame, index), None))
+        loop.step(StereoPair(index, {"left": at_time(frame, index)}))
     tracemalloc.start()
     try:
         for index in range(3, 6):
-            loop.step(StereoPair(index, at_time(frame, index), None))
+            loop.step(StereoPair(index, {"left": at_time(frame, index)}))
         _, peak = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()

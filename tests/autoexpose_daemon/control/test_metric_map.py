@@ -16,11 +16,11 @@ from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
 from autoexpose_daemon.control.policies.metric_map.memory import Sighting
 from autoexpose_daemon.control.policies.metric_map.policy import MetricMap
-from autoexpose_daemon.control.policies.metric_map.view import DELTAS, View, Viewer
-from autoexpose_daemon.control.policy import Observation
+from autoexpose_daemon.control.policies.metric_map.view import DELTAS, MetricView, Viewer
+from autoexpose_daemon.control.policy import Look, Observation
 from calibration.response import ResponseFunction
 from drivers.exposure import ExposureSetting
-from drivers.frames import StereoPair
+from drivers.frames import SIDES, Side, StereoPair
 
 from .scene import LIMITS, at_time, expose, radiance, run
 
@@ -35,11 +35,12 @@ def make() -> ControlLoop:
 
 
 def policy() -> MetricMap:
-    return MetricMap(LINEAR, GradientMetric(), BlurNoiseBalance(0.02, 8.0))
+    return MetricMap(dict.fromkeys(SIDES, LINEAR), GradientMetric(), BlurNoiseBalance(0.02, 8.0))
 
 
 def observe(image: NDArray[np.uint8], setting: ExposureSetting = START, motion_px: float = 0.0) -> Observation:
-    return Observation(image, None, setting, 0, GradientMetric().measure(image), 0.0, 0.0, 0.0, motion_px, LIMITS, None)
+    metric = GradientMetric().measure(image)
+    return Observation([Look("left", image, LINEAR)], setting, 0, metric, 0.0, 0.0, 0.0, motion_px, LIMITS)
 
 
 def metric(level: float, half_scale_level: float, scene: NDArray[np.float64] = SCENE) -> float:
@@ -161,7 +162,7 @@ def test_an_even_grey_wall_is_held() -> None:
 def test_frames_in_flight_are_not_corrected_twice() -> None:
     loop = make()
     frame = expose(SCENE, START, 6.0)
-    targets = [loop.step(StereoPair(i, at_time(frame, i), None)).level for i in range(4)]
+    targets = [loop.step(StereoPair(i, {"left": at_time(frame, i)})).level for i in range(4)]
     assert np.ptp(targets) < 0.3
 
 
@@ -170,10 +171,10 @@ def test_feedback_goes_against_the_exposure_of_the_frame_itself() -> None:
     image = expose(SCENE, START, 9.0)
     brighter = replace(image, setting=ExposureSetting(4 * START.exposure_time_us, START.gain_db))
     fresh, busy = make(), make()
-    target = fresh.step(StereoPair(0, image, None)).level
-    busy.step(StereoPair(0, brighter, None))
-    assert busy.step(StereoPair(1, at_time(image, 1), None)).level == pytest.approx(target, abs=0.3)
-    assert make().step(StereoPair(0, brighter, None)).level == pytest.approx(target + 2.0, abs=0.3)
+    target = fresh.step(StereoPair(0, {"left": image})).level
+    busy.step(StereoPair(0, {"left": brighter}))
+    assert busy.step(StereoPair(1, {"left": at_time(image, 1)})).level == pytest.approx(target, abs=0.3)
+    assert make().step(StereoPair(0, {"left": brighter})).level == pytest.approx(target + 2.0, abs=0.3)
 
 
 @pytest.mark.parametrize("delay", [1, 3])
@@ -190,7 +191,7 @@ def _last_level(right: Callable[[ExposureSetting], NDArray[np.float64]]) -> floa
     for index in range(30):
         left_frame = at_time(expose(SCENE, setting, 12.0), index)
         right_frame = at_time(expose(right(setting), setting, 12.0), index)
-        setting = loop.step(StereoPair(index, left_frame, right_frame)).setting
+        setting = loop.step(StereoPair(index, {"left": left_frame, "right": right_frame})).setting
     return setting.level
 
 
@@ -208,7 +209,8 @@ def test_what_only_the_right_camera_needs_counts_too() -> None:
 def test_the_right_camera_may_come_and_go() -> None:
     loop, frame = make(), expose(SCENE, START, 10.5)
     for index in range(6):
-        pair = StereoPair(index, at_time(frame, index), at_time(frame, index) if index % 3 else None)
+        sides: tuple[Side, ...] = SIDES if index % 3 else ("left",)
+        pair = StereoPair(index, {side: at_time(frame, index) for side in sides})
         assert LIMITS.contain(loop.step(pair).setting)
 
 
@@ -220,8 +222,8 @@ def test_masked_pixels_change_nothing() -> None:
     lamp[:, :58] = 255
     first, second = policy(), policy()
     for _ in range(3):
-        plain = first.decide(replace(observe(image), weights=weights))
-        assert second.decide(replace(observe(lamp), weights=weights)) == plain
+        plain, lit = (replace(observe(each), looks=[Look("left", each, LINEAR, weights)]) for each in (image, lamp))
+        assert second.decide(lit) == first.decide(plain)
 
 
 def test_a_probe_below_saturation_learns_once() -> None:
@@ -235,13 +237,13 @@ def test_a_probe_below_saturation_learns_once() -> None:
 def test_without_the_extension_it_predicts_less_and_says_so() -> None:
     with_extension, without = GradientMetric(), GradientMetric(native=False)
     with_extension.native = True
-    assert MetricMap(LINEAR, with_extension, BlurNoiseBalance(0.02, 8.0)).shortfall is None
-    assert "29" in str(MetricMap(LINEAR, without, BlurNoiseBalance(0.02, 8.0)).shortfall)
+    assert MetricMap(dict.fromkeys(SIDES, LINEAR), with_extension, BlurNoiseBalance(0.02, 8.0)).shortfall is None
+    assert "29" in str(MetricMap(dict.fromkeys(SIDES, LINEAR), without, BlurNoiseBalance(0.02, 8.0)).shortfall)
 
 
 def test_a_step_is_settled_without_the_extension_too() -> None:
     loop = make()
-    loop._policy = MetricMap(LINEAR, GradientMetric(native=False), BlurNoiseBalance(0.02, 8.0))
+    loop._policy = MetricMap(dict.fromkeys(SIDES, LINEAR), GradientMetric(native=False), BlurNoiseBalance(0.02, 8.0))
     lights = [15.5] * 30 + [15.5 - X150] * 40
     levels = run(loop, lights, START, scene=SCENE)
     assert settle(ratios(levels, lights)[30:]) <= 8
@@ -252,4 +254,4 @@ def test_sightings_are_plain_data() -> None:
     chosen.decide(observe(ImagePreparation().prepare(expose(SCENE, START, 10.5).grey8())))
     (sighting,) = chosen.memory.sightings
     assert isinstance(sighting, Sighting)
-    assert isinstance(sighting.views[0], View)
+    assert isinstance(sighting.views[0], MetricView)

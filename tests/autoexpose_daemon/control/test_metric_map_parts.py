@@ -9,11 +9,12 @@ from hypothesis import strategies as st
 
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
 from autoexpose_daemon.control.policies.metric_map.forecast import LEAST_CHANGE, LEAST_FRAMES, RESIDUE, Forecast
-from autoexpose_daemon.control.policies.metric_map.latency import Latency
+from autoexpose_daemon.control.policies.metric_map.loop_delay import LoopDelay
 from autoexpose_daemon.control.policies.metric_map.memory import FORGOTTEN, LEAST_GAP, MetricMemory, Sighting
 from autoexpose_daemon.control.policies.metric_map.registration import Registration
 from autoexpose_daemon.control.policies.metric_map.search import dark_jump, plateau_centre, probe_bonus
-from autoexpose_daemon.control.policies.metric_map.view import DELTAS, FEWER_DELTAS, FEWEST_DELTAS, View, Viewer
+from autoexpose_daemon.control.policies.metric_map.view import DELTAS, FEWER_DELTAS, FEWEST_DELTAS, MetricView, Viewer
+from autoexpose_daemon.control.policy import Look
 from calibration.response import ResponseFunction
 from drivers.exposure import ExposureSetting
 
@@ -28,16 +29,16 @@ def frame(level: float, half_scale_level: float, noise: float = 0.0, seed: int =
     return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
 
 
-def view(peak: float = 0.0, saturated_share: float = 0.0, height: float = 1.0) -> View:
+def view(peak: float = 0.0, saturated_share: float = 0.0, height: float = 1.0) -> MetricView:
     """A curve with its peak at a delta."""
-    return View(height * np.exp(-((DELTAS - peak) ** 2)), saturated_share, 0.5)
+    return MetricView(height * np.exp(-((DELTAS - peak) ** 2)), saturated_share, 0.5)
 
 
 @pytest.mark.parametrize(("change", "level_change"), [(0.0, 1.5), (0.7, 0.0), (-1.0, 1.0), (2.0, -1.0)])
 def test_registration_tells_light_from_exposure(change: float, level_change: float) -> None:
-    registration = Registration(LINEAR)
-    registration.change(frame(11.0, 11.5), 11.0)
-    light = registration.change(frame(11.0 + level_change, 11.5 - change), 11.0 + level_change)
+    registration = Registration({"left": LINEAR})
+    registration.change(Look("left", frame(11.0, 11.5), LINEAR), 11.0)
+    light = registration.change(Look("left", frame(11.0 + level_change, 11.5 - change), LINEAR), 11.0 + level_change)
     assert light is not None
     assert light.measured
     assert light.stops == pytest.approx(change, abs=0.05)
@@ -45,29 +46,29 @@ def test_registration_tells_light_from_exposure(change: float, level_change: flo
 
 def test_registration_is_not_led_by_the_noise_of_what_is_left() -> None:
     """After a fall of 5.5 stops only noise peaks are unclipped in both frames; they alone would say about half."""
-    registration = Registration(LINEAR)
-    registration.change(frame(11.0, 10.0), 11.0)
-    light = registration.change(frame(11.0, 15.5, noise=4.0), 11.0)
+    registration = Registration({"left": LINEAR})
+    registration.change(Look("left", frame(11.0, 10.0), LINEAR), 11.0)
+    light = registration.change(Look("left", frame(11.0, 15.5, noise=4.0), LINEAR), 11.0)
     assert light is not None
     assert light.stops < -3.5
 
 
 def test_registration_says_when_it_has_but_a_bound() -> None:
-    registration = Registration(LINEAR)
-    assert registration.change(frame(11.0, 12.0), 11.0) is None
-    light = registration.change(np.full((270, 360), 255, np.uint8), 11.0)
+    registration = Registration({"left": LINEAR})
+    assert registration.change(Look("left", frame(11.0, 12.0), LINEAR), 11.0) is None
+    light = registration.change(Look("left", np.full((270, 360), 255, np.uint8), LINEAR), 11.0)
     assert light is not None
     assert not light.measured
     assert light.stops > 1
 
 
 def test_registration_ignores_masked_pixels() -> None:
-    registration, weights = Registration(LINEAR), np.full((270, 360), 255, np.uint8)
+    registration, weights = Registration({"left": LINEAR}), np.full((270, 360), 255, np.uint8)
     weights[:, :250] = 0
-    registration.change(frame(11.0, 11.5), 11.0, weights)
+    registration.change(Look("left", frame(11.0, 11.5), LINEAR, weights), 11.0)
     brighter = frame(11.0, 10.5)
     brighter[:, 250:] = frame(11.0, 11.5)[:, 250:]
-    light = registration.change(brighter, 11.0, weights)
+    light = registration.change(Look("left", brighter, LINEAR, weights), 11.0)
     assert light is not None
     assert light.stops == pytest.approx(0.0, abs=0.02)
 
@@ -88,13 +89,13 @@ def test_what_saturation_hides_is_asked_of_a_darker_frame() -> None:
     levels = np.array([11.5])
     for share, expected in ((0.0, 0.1), (0.9, 1.0)):
         memory = MetricMemory()
-        memory.add(Sighting(9.5, (View(np.full(DELTAS.shape, 1.0), 0.0, 0.5),)))
-        memory.sightings.append(Sighting(12.0, (View(np.full(DELTAS.shape, 0.1), share, 1.0),)))
+        memory.add(Sighting(9.5, (MetricView(np.full(DELTAS.shape, 1.0), 0.0, 0.5),)))
+        memory.sightings.append(Sighting(12.0, (MetricView(np.full(DELTAS.shape, 0.1), share, 1.0),)))
         assert memory.fuse(levels, moving=True)[0, 0] == pytest.approx(expected, abs=0.3)
 
 
 def test_a_still_camera_doubts_what_is_far_up_and_a_moving_one_goes_there() -> None:
-    promise = View(np.interp(DELTAS, [2.0, 6.0], [0.8, 1.0]), 0.0, 0.5)
+    promise = MetricView(np.interp(DELTAS, [2.0, 6.0], [0.8, 1.0]), 0.0, 0.5)
     memory = MetricMemory([Sighting(8.0, (promise,))])
     levels = np.array([10.0, 14.0])
     assert np.diff(memory.fuse(levels, moving=True)[0]) > 0
@@ -195,11 +196,11 @@ def test_looking_at_all_lags_at_once_misses_no_period(
 
 @pytest.mark.parametrize("delay", [1, 2, 3, 6])
 def test_the_delay_is_found_in_the_settings_of_frames(delay: int) -> None:
-    latency, asked = Latency(), [10.0] * delay
+    latency, asked, targets = LoopDelay(), [10.0] * delay, list[float]()
     for index in range(30):
-        latency.see(asked[index])
+        latency.see(asked[index], targets)
         target = 10.0 if index < 12 else 13.0
-        latency.decide(target)
+        targets.append(target)
         asked.append(target)
     assert latency.frames == delay
 
@@ -254,7 +255,10 @@ def test_a_scene_half_as_rich_as_expected_is_another_one(share: float, remembere
 
 def test_a_still_camera_takes_a_sure_peak_before_a_promise_a_stop_beyond_trust() -> None:
     """Beyond 3 stops up prediction takes noise for gradient: each further stop is worth 0.6 of what it promises."""
-    sure, beyond = np.array([10.0, 12.0]), Sighting(8.0, (View(np.interp(DELTAS, [2.0, 4.0], [0.65, 1.0]), 0.0, 0.5),))
+    sure, beyond = (
+        np.array([10.0, 12.0]),
+        Sighting(8.0, (MetricView(np.interp(DELTAS, [2.0, 4.0], [0.65, 1.0]), 0.0, 0.5),)),
+    )
     now, later = MetricMemory([beyond]).fuse(sure, moving=False)[0]
     assert now == pytest.approx(0.65)
     assert 0.55 < later < 0.65

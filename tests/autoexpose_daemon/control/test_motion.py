@@ -32,9 +32,9 @@ def speed(
     stops: float = 0.0,
     interval_ns: int = SIXTIETH_NS,
     first: NDArray[np.uint8] | None = None,
-) -> float:
+) -> float | None:
     motion = flow(ResponseFunction.linear())
-    assert motion.measure(view(0) if first is None else first, 720, 10.0, 0) == 0
+    assert motion.measure(view(0) if first is None else first, 720, 10.0, 0) is None
     return motion.measure(second, 720, 10.0 + stops, interval_ns)
 
 
@@ -86,10 +86,10 @@ def test_dis_refuses_strips_that_it_cannot_work_on() -> None:
 @BOTH
 @pytest.mark.parametrize("interval_ns", [0, -SIXTIETH_NS, 10**9])
 def test_no_speed_across_a_gap_or_a_clock_that_went_back(flow: type[FlowMotion], interval_ns: int) -> None:
-    assert speed(flow, view(8), interval_ns=interval_ns) == 0
+    assert speed(flow, view(8), interval_ns=interval_ns) is None
 
 
 def test_another_size_starts_anew() -> None:
     motion = FarnebackMotion(ResponseFunction.linear())
     motion.measure(view(0), 720, 10.0, 0)
-    assert motion.measure(view(8)[:100, :120].copy(), 240, 10.0, SIXTIETH_NS) == 0
+    assert motion.measure(view(8)[:100, :120].copy(), 240, 10.0, SIXTIETH_NS) is None

@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 import math
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -18,7 +20,7 @@ from autoexpose_daemon.control.policies.published.mehta2020 import GAMMAS, Mehta
 from autoexpose_daemon.control.policies.published.mehta2020 import next_level as mehta_level
 from autoexpose_daemon.control.policies.published.neves2009 import Neves2009
 from autoexpose_daemon.control.policies.published.shim2018 import Shim2018, gamma_table, next_level
-from autoexpose_daemon.control.policy import Observation, PastStep, Target
+from autoexpose_daemon.control.policy import Look, Observation, PastStep, Target
 from autoexpose_daemon.control.search.query import way_out
 from calibration.response import ResponseFunction
 from drivers.exposure import ExposureSetting
@@ -31,7 +33,8 @@ SETTING = ExposureSetting(1000.0, 6.0)
 
 def observe(image: NDArray[np.uint8], realised: PastStep | None = None) -> Observation:
     metric = GradientMetric().measure(image)
-    return Observation(image, None, SETTING, 0, metric, float(image.mean()) / 255, 0.0, 0.0, 0.0, LIMITS, realised)
+    looks = [Look("left", image, LINEAR)]
+    return Observation(looks, SETTING, 0, metric, float(image.mean()) / 255, 0.0, 0.0, 0.0, LIMITS, realised=realised)
 
 
 def flat(grey: int) -> NDArray[np.uint8]:
@@ -48,7 +51,7 @@ def shim() -> Shim2018:
 
 
 def begin() -> Begin2022:
-    return Begin2022(LINEAR, GradientMetric(), ExposurePriority())
+    return Begin2022({"left": LINEAR}, GradientMetric(), ExposurePriority())
 
 
 def test_gamma_follows_equation_15() -> None:
@@ -123,7 +126,7 @@ def test_neves_moves_by_the_error_of_the_mean() -> None:
 
 
 def test_majer_follows_equation_1_every_five_frames() -> None:
-    policy = Majer2018("full", LINEAR, ExposurePriority())
+    policy = Majer2018("full", ExposurePriority())
     image = flat(64)
     targets = [policy.decide(observe(image)).level for _ in range(5)]
     factor = 1 + 0.9 * (0.5 / (64 / 255) - 1)
@@ -134,9 +137,9 @@ def test_majer_follows_equation_1_every_five_frames() -> None:
 def test_majer_standard_looks_at_the_top_half() -> None:
     image = flat(10)
     image[34:] = 250
-    assert Majer2018("top_half", LINEAR, ExposurePriority()).decide(observe(image)).level > SETTING.level
+    assert Majer2018("top_half", ExposurePriority()).decide(observe(image)).level > SETTING.level
     image = image[::-1].copy()
-    assert Majer2018("top_half", LINEAR, ExposurePriority()).decide(observe(image)).level < SETTING.level
+    assert Majer2018("top_half", ExposurePriority()).decide(observe(image)).level < SETTING.level
 
 
 @pytest.mark.parametrize("stops", [-1.5, 0.25, 2.75])
@@ -163,3 +166,8 @@ def test_lu_looks_first_where_the_middle_of_the_scale_lies(stops: float, brighte
     image = view(stops)
     assert (image.mean() < 127) == brighter
     assert (Lu2010(ExposurePriority()).decide(observe(image)).level > SETTING.level) == brighter
+
+
+def test_ids_are_known_without_loading_what_decides() -> None:
+    code = "import sys, autoexpose_daemon.cli; print('numpy' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout == "False\n"

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control.image import ImagePreparation
 from autoexpose_daemon.control.loop import ControlLoop
-from autoexpose_daemon.control.policies import POLICY_IDS
+from autoexpose_daemon.control.policies.ids import POLICY_IDS
 from autoexpose_daemon.control.region import Rectangle, Region
 from calibration.response import ResponseFunction
 from drivers.errors import ConfigurationError
@@ -73,7 +73,7 @@ def test_a_masked_lamp_no_longer_changes_the_decision(policy_id: str) -> None:
 
     def decide(lamp: bool, regions: dict[str, Region]) -> object:
         loop = ControlLoop(policy_id, ResponseFunction.linear(), LIMITS, START, regions=regions)
-        decisions = [loop.step(StereoPair(0, frame(lamp), frame(lamp))) for _ in range(2)]
+        decisions = [loop.step(StereoPair(0, {"left": frame(lamp), "right": frame(lamp)})) for _ in range(2)]
         return [(d.setting, d.level, d.reason, d.metric, d.saturated_share, d.black_share) for d in decisions]
 
     sides = {"left": region, "right": region}
@@ -93,7 +93,7 @@ def test_a_masked_lamp_no_longer_changes_the_decision(policy_id: str) -> None:
 def test_a_region_that_does_not_fit_is_named(region: Region, words: list[str]) -> None:
     loop = ControlLoop("begin2022", ResponseFunction.linear(), LIMITS, START, regions={"left": region})
     with pytest.raises(ConfigurationError) as caught:
-        loop.step(StereoPair(0, frame(False), None))
+        loop.step(StereoPair(0, {"left": frame(False)}))
     for word in words:
         assert word in str(caught.value)
 

@@ -9,16 +9,17 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from autoexpose_daemon.control.loop import STATE_FORMAT, ControlLoop, ControlSetup
 from autoexpose_daemon.control.parameters import ControlParameters, MotionId
-from autoexpose_daemon.control.policies import POLICY_IDS
+from autoexpose_daemon.control.policies.ids import POLICY_IDS
 from autoexpose_daemon.control.region import Rectangle, Region
 from autoexpose_daemon.control.snapshot import Plain, parse, plain
 from autoexpose_daemon.recording.plain_json import from_json, to_json
 from calibration.response import ResponseFunction
 from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.frames import Side, StereoPair
+from drivers.frames import Frame, Side, StereoPair
 
 from .scene import at_time, expose, radiance
 
@@ -45,15 +46,22 @@ def pairs(
 ) -> Iterator[tuple[StereoPair, list[ExposureSetting]]]:
     """Pairs of a scene whose light and place change; the caller appends what each decision makes the next setting."""
     rng = np.random.default_rng(seed)
-    left, right = radiance(seed, 1.2, shape), radiance(seed + 1, 0.8, shape)
+    scenes: dict[Side, NDArray[np.float64]] = {
+        "left": radiance(seed, 1.2, shape),
+        "right": radiance(seed + 1, 0.8, shape),
+    }
     light, asked = float(rng.uniform(8, 18)), [START, START]
     for index in range(count):
         light += float(rng.choice([0.0, 0.0, 0.0, 0.15, rng.normal(0, 2)]))
         shift = index * 3 if moving else 0
         setting = asked[index]
-        frames = [at_time(expose(np.roll(scene, shift, axis=1), setting, light), index) for scene in (left, right)]
-        alone = rng.random() < 0.1
-        yield StereoPair(index, frames[0], None if alone else frames[1]), asked
+        frames: dict[Side, Frame] = {
+            side: at_time(expose(np.roll(scene, shift, axis=1), setting, light), index)
+            for side, scene in scenes.items()
+        }
+        if rng.random() < 0.1:
+            del frames["right"]
+        yield StereoPair(index, frames), asked
 
 
 @dataclass(frozen=True)
@@ -115,8 +123,8 @@ def test_what_belongs_to_the_state_is_what_its_format_says() -> None:
     """A change here changes what a recording holds: give `STATE_FORMAT` another number."""
     states = {policy_id: ControlLoop(policy_id, ResponseFunction.linear(), LIMITS, START) for policy_id in POLICY_IDS}
     names = {policy_id: sorted(_policy_state(loop)) for policy_id, loop in states.items()}
-    assert STATE_FORMAT == "autoexpose-control/2"
-    assert set(states["fixed"].state()) == {"past", "motion", "policy"}
+    assert STATE_FORMAT == "autoexpose-control/3"
+    assert set(states["fixed"].state()) == {"past", "motions", "motion_side", "motion_px", "policy"}
     assert names == {
         "fixed": [],
         "neves2009": ["previous_error"],

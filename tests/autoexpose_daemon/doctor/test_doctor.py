@@ -32,7 +32,7 @@ FOLDER = REPOSITORY
 NODE = DeviceNode("/dev/bus/usb/002/003", exists=True, usable=True, mode="crw-rw----", group="video", holders=())
 USB = UsbCamera("U", "Maker", "Model", 5000, 2, 5000, "0000:00:14.0", NODE)
 SOUND_USB = UsbFacts((USB,), usbfs_memory_mb=1000, udev_rule="/etc/udev/rules.d/60-usb3-vision.rules")
-ETH = NetworkInterface("eth0", IPv4Interface("192.168.7.1/24"), 9000, 1000)
+ETH = NetworkInterface("eth0", (IPv4Interface("192.168.7.1/24"),), 9000, 1000)
 GIGE = GigeCamera("G", "Maker", "Model", IPv4Interface("192.168.7.5/24"), ETH)
 ONE, BOTH = {"left": {"serial": "U"}}, {"left": {"serial": "U"}, "right": {"serial": "G"}}
 

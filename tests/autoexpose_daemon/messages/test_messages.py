@@ -57,7 +57,7 @@ def facts(frame: Frame) -> list[Any]:
 def test_what_is_written_is_read_back_to_the_bit(
     left: Frame, right: Frame, decision: Decision | None, trigger: int, sequence: int
 ) -> None:
-    messages = written(StereoPair(trigger, left, right), decision, sequence)
+    messages = written(StereoPair(trigger, {"left": left, "right": right}), decision, sequence)
     sides: dict[Side, Frame] = {"left": left, "right": right}
     for side, frame in sides.items():
         info = read_exposure_info(bytes(messages[side, "exposure"].data))
@@ -74,7 +74,7 @@ def test_what_is_written_is_read_back_to_the_bit(
 @given(frames(), frames())
 def test_all_messages_of_a_pair_have_one_stamp_and_the_frame_of_their_camera(left: Frame, right: Frame) -> None:
     offset_ns = 1_600_000_000_000_000_000
-    messages = written(StereoPair(1, left, right), offset_ns=offset_ns)
+    messages = written(StereoPair(1, {"left": left, "right": right}), offset_ns=offset_ns)
     headers = {key: parsed(message).header for key, message in messages.items()}
     assert len(headers) == 6
     for (side, _), header in headers.items():
@@ -87,16 +87,16 @@ def frame() -> Frame:
 
 
 def test_camera_info_is_that_of_an_uncalibrated_camera() -> None:
-    info = parsed(written(StereoPair(1, frame(), frame()))["right", "camera_info"])
+    info = parsed(written(StereoPair(1, {"left": frame(), "right": frame()}))["right", "camera_info"])
     assert (info.height, info.width) == (3, 5)
     assert not info.k.any()
 
 
 def test_a_lone_frame_keeps_its_side() -> None:
-    messages = written(StereoPair(1, frame(), None, "right"))
+    messages = written(StereoPair(1, {"right": frame()}))
     assert set(messages) == {("right", topic) for topic in TOPICS}
     assert parsed(messages["right", "exposure"]).alone
-    assert not parsed(written(StereoPair(1, frame(), None), cameras=1)["left", "exposure"]).alone
+    assert not parsed(written(StereoPair(1, {"left": frame()}), cameras=1)["left", "exposure"]).alone
 
 
 def test_the_definition_names_all_that_it_is_made_of() -> None:
@@ -121,7 +121,7 @@ def test_bytes_that_are_no_message_are_refused(data: bytes, behind_a_header: boo
 
 @given(st.integers(0, 200))
 def test_a_truncated_message_is_refused(length: int) -> None:
-    messages = written(StereoPair(1, frame(), frame()))
+    messages = written(StereoPair(1, {"left": frame(), "right": frame()}))
     whole = bytes(messages["left", "image"].data)
     with pytest.raises(DamagedMessageError):
         read_image(whole[: min(length, len(whole) - 1)])
@@ -131,24 +131,24 @@ def test_a_truncated_message_is_refused(length: int) -> None:
 def test_a_frame_without_a_pixel_is_refused(shape: tuple[int, int]) -> None:
     empty = replace(frame(), pixels=np.empty(shape, np.uint8))
     with pytest.raises(DamagedMessageError, match="pixels"):
-        read_image(bytes(written(StereoPair(1, empty, None), cameras=1)["left", "image"].data))
+        read_image(bytes(written(StereoPair(1, {"left": empty}), cameras=1)["left", "image"].data))
 
 
 @pytest.mark.parametrize("exposure", [(0.0, 0.0), (-1.0, 0.0), (1e300, 0.0), (math.nan, 0.0), (1.0, math.inf)])
 def test_an_exposure_that_no_camera_takes_is_refused_applied_or_decided(exposure: tuple[float, float]) -> None:
     impossible = ExposureSetting(*exposure)
-    taken = written(StereoPair(1, replace(frame(), setting=ExposureSetting(1.0, 0.0)), None), cameras=1)
+    taken = written(StereoPair(1, {"left": replace(frame(), setting=ExposureSetting(1.0, 0.0))}), cameras=1)
     info = read_exposure_info(bytes(taken["left", "exposure"].data))
     info.exposure_time_us, info.gain_db = exposure
     with pytest.raises(DamagedMessageError, match="an exposure of"):
         frame_of(info, frame().pixels)
-    decided = written(StereoPair(1, frame(), None), replace(DECISION, setting=impossible), cameras=1)
+    decided = written(StereoPair(1, {"left": frame()}), replace(DECISION, setting=impossible), cameras=1)
     with pytest.raises(DamagedMessageError, match="an exposure of"):
         decision_of(read_exposure_info(bytes(decided["left", "exposure"].data)))
 
 
 def test_only_what_is_wanted_is_made() -> None:
-    pair = StereoPair(1, frame(), frame())
+    pair = StereoPair(1, {"left": frame(), "right": frame()})
     wanted: set[tuple[Side, str]] = {("left", "exposure"), ("right", "image")}
     made = MessageWriter("robot", 2).messages(pair, None, 0, 0, wanted)
     assert [(message.side, message.topic) for message in made] == [("left", "exposure"), ("right", "image")]

@@ -45,13 +45,13 @@ def compare(tab: Tab, run: Sequence[tuple[StereoPair, Decision | None]]) -> None
     seen: dict[int, Any] = {}
     while (shown := look(tab))["trigger"] not in seen:
         decided = [(pair, decision) for pair, decision in list(run) if decision is not None]
-        seen = {pair.trigger: (pair, decision) for pair, decision in decided if pair.left.pixels.std() > 10}
+        seen = {pair.trigger: (pair, decision) for pair, decision in decided if pair.frames["left"].pixels.std() > 10}
     pair, decision = seen[shown["trigger"]]
     for words in (f"metric {decision.metric:.4f}", f"level {decision.level:.2f} stops"):
         assert words in shown["decision"]
     assert decision.reason in shown["decision"]
     assert f"metric {decision.metric:.4f}" in shown["left"]
-    for side, frame in (("left", pair.left), ("right", pair.right)):
+    for side, frame in (("left", pair.frames["left"]), ("right", pair.frames["right"])):
         assert f"gain {frame.setting.gain_db:.1f} dB" in shown[side]
         taken = cv2.resize(frame.pixels, SHAPE[::-1], interpolation=cv2.INTER_AREA).ravel()
         drawn = np.array(shown[f"{side} pixels"])

@@ -17,9 +17,8 @@ from tests.autoexpose_daemon.publish.steps import DECISION, pair
 
 def received(*shapes: tuple[int, int]) -> Iterator[ReceivedPair]:
     for number, shape in enumerate(shapes):
-        taken = pair(number, shape)
-        assert taken.right is not None
-        yield ReceivedPair(taken.left, taken.right, 0, number, number, DECISION, number * 10**9)
+        left, right = pair(number, shape).frames.values()
+        yield ReceivedPair(left, right, 0, number, number, DECISION, number * 10**9)
 
 
 def test_frames_too_small_to_show_do_not_end_the_page(caplog: pytest.LogCaptureFixture) -> None:

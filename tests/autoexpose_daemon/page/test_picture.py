@@ -46,7 +46,7 @@ def test_the_marks_are_the_pixels_that_the_shares_count() -> None:
 def test_it_measures_what_control_measures() -> None:
     frame = expose(radiance(spread_stops=3.0, shape=(540, 720)), SETTING, half_scale_level=10.0)
     limits = ExposureLimits(20.0, 7500.0, 0.0, 30.0)
-    decision = ControlLoop("fixed", LINEAR, limits, SETTING).step(StereoPair(0, frame, frame))
+    decision = ControlLoop("fixed", LINEAR, limits, SETTING).step(StereoPair(0, {"left": frame, "right": frame}))
     picture = PictureMaker(LINEAR).picture(frame.grey8())
     shares = picture.saturated_share, picture.black_share
     assert picture.metric > 0

@@ -34,7 +34,7 @@ def pair(number: int, shape: tuple[int, int] = (540, 720)) -> StereoPair:
     """The pair of trigger `number`; its pixels all have that number, modulo 256."""
     now_ns = time.monotonic_ns()
     frame = Frame(np.full(shape, number % 256, np.uint8), 8, number, now_ns, now_ns, now_ns, SETTING)
-    return StereoPair(number, frame, frame)
+    return StereoPair(number, {"left": frame, "right": frame})
 
 
 def nothing(_last: bool) -> dict[str, str]:

@@ -10,7 +10,7 @@ import zenoh
 
 from autoexpose_daemon.client import StereoClient
 from autoexpose_daemon.messages.read import read_exposure_info
-from autoexpose_daemon.publish.session import Endpoints, open_as_consumer
+from autoexpose_daemon.publish.session import Endpoints, open_session
 from tests.autoexpose_daemon.publish.steps import PATIENCE_S, endpoint, wait_until
 from tests.autoexpose_daemon.scripted import scripted_daemon
 
@@ -31,9 +31,9 @@ def test_a_consumer_gets_what_control_saw_and_decided() -> None:
     for pair in received:
         original, decision = by_trigger[pair.trigger]
         assert pair.decision == decision
-        assert original.right is not None
+        assert original.frames["right"] is not None
         assert pair.right is not None
-        for ours, theirs in ((pair.left, original.left), (pair.right, original.right)):
+        for ours, theirs in ((pair.left, original.frames["left"]), (pair.right, original.frames["right"])):
             assert np.array_equal(ours.pixels, theirs.pixels)
             assert (ours.setting, ours.setting_source) == (theirs.setting, "chunk")
             assert ours.frame_id == theirs.frame_id
@@ -45,7 +45,7 @@ def test_frames_of_a_camera_that_is_left_alone_keep_their_name() -> None:
     at = endpoint()
     with scripted_daemon(control=CONTROL, publish={"listen": [at]}) as (daemon, rig, _):
         wait_until(lambda: daemon.telemetry.publishing and daemon.telemetry.publishing.sent, "frames")
-        session = open_as_consumer(Endpoints(connect=[at]))
+        session = open_session("client", Endpoints(connect=[at]))
         lone: list[str] = []
 
         def take(sample: zenoh.Sample) -> None:

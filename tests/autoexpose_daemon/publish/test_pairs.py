@@ -15,7 +15,7 @@ from autoexpose_daemon.client.pairs import PairAssembler, PairQueue, ReceivedPai
 from autoexpose_daemon.messages.read import DamagedMessageError
 from autoexpose_daemon.messages.write import Message, MessageWriter
 from autoexpose_daemon.status.publishing import ConsumerTally
-from drivers.frames import Frame, Side, StereoPair
+from drivers.frames import SIDES, Frame, Side, StereoPair
 from tests.autoexpose_daemon.publish.steps import DECISION, SETTING
 
 PERIOD_NS = 16_666_667
@@ -28,8 +28,8 @@ def frame(number: int) -> Frame:
 
 def messages(number: int, *, cameras: int = 2, lone_side: Side | None = None) -> list[Message]:
     """Those of one step that a client asks for: exposure and image of each frame, by turns."""
-    right = frame(number) if cameras == 2 and lone_side is None else None
-    step = StereoPair(number, frame(number), right, lone_side or "left")
+    sides = SIDES[:cameras] if lone_side is None else (lone_side,)
+    step = StereoPair(number, {side: frame(number) for side in sides})
     made = MessageWriter("rig", cameras).messages(step, DECISION, number, 0)
     return [message for message in made if message.topic != "camera_info"]
 
@@ -90,7 +90,7 @@ def test_a_pair_holds_what_its_messages_say() -> None:
     (pair,) = receiver.drain()
     assert pair.right is not None
     assert (pair.trigger, pair.stamp_ns, pair.decision) == (7, 7 * PERIOD_NS, DECISION)
-    assert pair.stereo.frames == (pair.left, pair.right)
+    assert pair.stereo.frames == {"left": pair.left, "right": pair.right}
     assert not pair.left.pixels.flags.writeable
 
 
@@ -137,7 +137,8 @@ def test_a_count_that_jumps_out_of_sight_is_another_count(jump: int) -> None:
     """Anybody who can publish can send such a number; losses that nobody had would stand there for ever."""
     receiver = Receiver()
     for number in (1, 2, jump, 3, 4, 6):
-        step = StereoPair(number, *[replace(frame(2), frame_id=number, host_time_ns=number % 10**15) for _ in range(2)])
+        counted = replace(frame(2), frame_id=number, host_time_ns=number % 10**15)
+        step = StereoPair(number, dict.fromkeys(SIDES, counted))
         for message in MessageWriter("rig", 2).messages(step, DECISION, number, 0):
             if message.topic != "camera_info":
                 receiver.receive(message)

@@ -15,10 +15,17 @@ import numpy as np
 import pytest
 
 from autoexpose_daemon.client import StereoClient
+from autoexpose_daemon.client.status_client import StatusClient
 from autoexpose_daemon.config.publish import PublishConfig
+from autoexpose_daemon.messages.write import MessageWriter
+from autoexpose_daemon.publish import keys
 from autoexpose_daemon.publish.publisher import MAILBOX_PAIRS, Publisher
+from autoexpose_daemon.publish.session import Endpoints, open_session
+from autoexpose_daemon.status.document import response_to_json
 from autoexpose_daemon.status.publishing import ConsumerTally, DropReason, PublishTally
+from calibration.response import ResponseFunction
 from drivers.errors import ConfigurationError
+from drivers.log_throttle import LogThrottle
 from tests.autoexpose_daemon.publish.consumer import consumer
 from tests.autoexpose_daemon.publish.steps import (
     DECISION,
@@ -69,6 +76,32 @@ def test_a_client_waits_for_its_daemon_and_finds_the_next_one() -> None:
         assert client.next_pair() is None
 
 
+def test_cameras_of_unknown_names_are_logged_and_never_shown(
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(keys, "_SELDOM", LogThrottle(60.0))
+    at = endpoint()
+    with (
+        publishing(PublishConfig(listen=(at,))),
+        StereoClient(connect=[at]) as client,
+        StatusClient(connect=[at]) as status,
+        open_session("client", Endpoints(connect=[at])) as other,
+    ):
+        assert client.next_pair(PATIENCE_S) is not None
+        curve = response_to_json(ResponseFunction.linear())
+        for message in MessageWriter("rig", 2).messages(pair(7, (4, 4)), DECISION, 7, 0):
+            other.put(f"autoexpose/rig/centre/{message.topic}", bytes(message.data))
+        for name in ("centre", "left"):  # in this order
+            other.put(f"autoexpose/rig/{name}/response", curve)
+        wait_until(lambda: "camera named 'centre' are ignored: known are left and right" in caplog.text, "the log")
+        wait_until(lambda: status.responses, "a response")
+        assert set(status.responses) == {"left"}
+        for _ in range(3):
+            received = client.next_pair(PATIENCE_S)
+            assert received is not None
+            assert received.left.pixels.shape == (540, 720)
+
+
 def test_rigs_do_not_mix() -> None:
     at = endpoint()
     with (
@@ -88,6 +121,11 @@ def test_a_client_says_why_it_waits(caplog: pytest.LogCaptureFixture) -> None:
         wait_until(lambda: "no frames yet" in caplog.text, "the complaint")
         assert at in caplog.text
     waiting.join()
+
+
+def test_a_client_waits_no_longer_than_asked_for_a_daemon_that_is_not_there() -> None:
+    with StereoClient(connect=[endpoint()]) as client:
+        assert client.next_pair(0.05) is None
 
 
 @pytest.mark.parametrize("names", [{"rig": "*"}, {"rig": "a/b"}, {"name": "a b"}, {"name": "a/b"}])

@@ -12,7 +12,7 @@ import pytest
 
 from autoexpose_daemon.client import StereoClient
 from autoexpose_daemon.config.publish import PublishConfig
-from autoexpose_daemon.publish.session import Endpoints, SessionError, open_as_consumer
+from autoexpose_daemon.publish.session import Endpoints, SessionError, open_session
 from tests.autoexpose_daemon.publish.consumer import consumer
 from tests.autoexpose_daemon.publish.router import router
 from tests.autoexpose_daemon.publish.steps import PATIENCE_S, endpoint, publishing, wait_until
@@ -110,4 +110,4 @@ def test_tls_both_ways(tmp_path: Path) -> None:
         far.wait_for_first()
         assert far.result()["tally"]["pairs"] > 0
         with pytest.raises(SessionError):
-            open_as_consumer(Endpoints(file=stranger))
+            open_session("client", Endpoints(file=stranger))

@@ -80,7 +80,7 @@ def test_the_last_status_names_what_ended_the_daemon() -> None:
         raise ZeroDivisionError("died in an observer")
 
     service = Service(
-        config, lambda config, start: add_outlets(Daemon(config, {"left": lambda: camera}, die, start), config)
+        config, lambda config, start: add_outlets(Daemon(config, {"left": lambda: camera}, start, [die]), config)
     )
 
     def run() -> None:

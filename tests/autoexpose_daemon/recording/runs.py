@@ -47,7 +47,7 @@ class VirtualRun:
             self.trigger += 1
             self._light += float(self._rng.choice([0.0, 0.0, 0.1, self._rng.normal(0, 1.5)]))
             left, right = (self._frame(scene) for scene in self._scenes)
-            yield StereoPair(self.trigger, left, right)
+            yield StereoPair(self.trigger, {"left": left, "right": right})
 
     def feed(
         self, recorder: Recorder, steps: int, shape: Callable[[StereoPair], StereoPair] = lambda pair: pair

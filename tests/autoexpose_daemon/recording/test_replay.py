@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from autoexpose_daemon.control.policies import POLICY_IDS
+from autoexpose_daemon.control.policies.ids import POLICY_IDS
 from autoexpose_daemon.recording import recorder as recorder_module
 from autoexpose_daemon.recording.file import RecordingFile
 from autoexpose_daemon.recording.read import Recording
@@ -39,7 +39,10 @@ def test_frames_come_back_as_they_were(tmp_path: Path, bits: int) -> None:
     run, kept = VirtualRun("neves2009", bits), []
 
     def keep(pair: StereoPair) -> StereoPair:
-        alone = {1: StereoPair(pair.trigger, pair.left, None), 2: StereoPair(pair.trigger, pair.right, None, "right")}  # type: ignore[arg-type]
+        alone = {
+            1: StereoPair(pair.trigger, {"left": pair.frames["left"]}),
+            2: StereoPair(pair.trigger, {"right": pair.frames["right"]}),
+        }
         kept.append(alone.get(pair.trigger % 4, pair))
         return kept[-1]
 
@@ -47,8 +50,8 @@ def test_frames_come_back_as_they_were(tmp_path: Path, bits: int) -> None:
         run.feed(recorder, 20, keep)
     steps = [item for item in Recording(tmp_path / "run.mcap") if isinstance(item, Step)]
     for pair, step in zip(kept, steps, strict=True):
-        assert (step.pair.trigger, list(step.pair.by_side)) == (pair.trigger, list(pair.by_side))
-        for was, now in zip(pair.frames, step.pair.frames, strict=True):
+        assert (step.pair.trigger, list(step.pair.frames)) == (pair.trigger, list(pair.frames))
+        for was, now in zip(pair.frames.values(), step.pair.frames.values(), strict=True):
             assert np.array_equal(was.pixels, now.pixels)
             assert was.pixels.dtype == now.pixels.dtype
             for name in ("bit_depth", "frame_id", "device_time_ns", "host_time_ns", "arrival_time_ns", "setting"):
@@ -66,7 +69,7 @@ def test_a_recorder_drop_is_named_and_the_replay_goes_on_at_the_next_snapshot(
         if step.sequence == 30:
             disk_waits.set()
             assert disk_goes_on.wait(30)
-        write(file, step, *rest)  # type: ignore[arg-type]
+        write(file, step, *rest)
 
     monkeypatch.setattr(RecordingFile, "write", stall)
     run, path = VirtualRun(), tmp_path / "run.mcap"
@@ -102,7 +105,7 @@ def test_drops_at_the_very_end_are_known(tmp_path: Path, monkeypatch: pytest.Mon
 
     def stall(file: RecordingFile, *step: object) -> None:
         assert disk_goes_on.wait(30)
-        write(file, *step)  # type: ignore[arg-type]
+        write(file, *step)
 
     monkeypatch.setattr(RecordingFile, "write", stall)
     with ContinuousRecorder(tmp_path / "run.mcap", 5, "rig") as recorder:

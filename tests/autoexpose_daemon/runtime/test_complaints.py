@@ -12,7 +12,7 @@ from autoexpose_daemon.runtime.complaints import Complaints
 @pytest.fixture
 def complaints(caplog: pytest.LogCaptureFixture) -> Complaints:
     caplog.set_level(logging.WARNING)
-    return Complaints()
+    return Complaints({})
 
 
 def test_a_thing_is_said_when_it_begins_and_again_when_it_comes_back(

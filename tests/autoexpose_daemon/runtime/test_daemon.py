@@ -14,8 +14,8 @@ CONTROL = {"policy": "neves2009"}
 
 def median_skew_periods(run: Run, rate_hz: float) -> float:
     """How far apart the frames of a pair began, by the cameras' clocks."""
-    pairs = [pair for pair, _ in run.seen if pair.right is not None]
-    skews_ns = [abs(pair.left.host_time_ns - pair.right.host_time_ns) for pair in pairs if pair.right is not None]
+    starts_ns = [[frame.host_time_ns for frame in pair.frames.values()] for pair, _ in run.seen]
+    skews_ns = [abs(left - right) for left, right in (pair for pair in starts_ns if len(pair) == 2)]
     return float(np.median(skews_ns)) * 1e-9 * rate_hz
 
 
@@ -25,7 +25,7 @@ def test_pairs_arrive_are_decided_on_and_written() -> None:
 
         def applied() -> int:
             decided = {round(decision.setting.level, 3) for _, decision in run.seen}
-            return len(decided & {round(pair.left.setting.level, 3) for pair, _ in run.seen})
+            return len(decided & {round(pair.frames["left"].setting.level, 3) for pair, _ in run.seen})
 
         run.wait_until(lambda: applied() > 1, "decisions that frames show")
         assert median_skew_periods(run, 60) < 0.1

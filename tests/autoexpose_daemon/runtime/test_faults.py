@@ -33,11 +33,11 @@ def test_camera_lost_and_back(run: VirtualRun) -> None:
     alone = len(run.pairs)
     run.let_pass(120)
     assert len(run.pairs) >= alone + 100
-    assert {pair.lone_side for pair in run.pairs[alone:]} == {"right"}
+    assert {pair.reference_side for pair in run.pairs[alone:]} == {"right"}
     run.ask(1000)
     run.left.present = True
     counted = run.counted()
-    taken = {pair.left.setting.exposure_time_us for pair in run.pairs[alone:] if pair.right is not None}
+    taken = {pair.frames["left"].setting.exposure_time_us for pair in run.pairs[alone:] if len(pair.frames) == 2}
     assert taken == {1000}
     assert counted.pop("camera_gone") > 120
     assert counted.pop("reconnects") == 1

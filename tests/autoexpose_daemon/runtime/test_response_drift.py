@@ -13,10 +13,11 @@ from autoexpose_daemon.runtime.response_drift import REFINE_EVERY, ResponseDrift
 from calibration.response import ResponseFunction
 from calibration.response.file import CameraIdentity, Origin, ResponseFile
 from drivers.exposure import ExposureSetting
-from drivers.frames import Frame, SettingSource, StereoPair
+from drivers.frames import SIDES, Frame, SettingSource, StereoPair
+from drivers.pixel_format import PixelFormat
 from tests.calibration.true_response import true_response
 
-LEFT = Origin(CameraIdentity("Maker", "Model", "L"), "Mono8")
+LEFT = Origin(CameraIdentity("Maker", "Model", "L"), PixelFormat.MONO8)
 
 
 @pytest.fixture
@@ -27,10 +28,6 @@ def config(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Config:
     ResponseFile(true_response("linear"), LEFT).save(file)
     cameras = {"left": {"serial": "L", "response": file}, "right": {"serial": "R"}}
     return Config.model_validate({"cameras": cameras, "response": {"refine": True}})
-
-
-def watching(config: Config) -> ResponseDrift:
-    return ResponseDrift(config, {side: config.response_of(side) for side in config.sides})
 
 
 def show(
@@ -48,7 +45,7 @@ def show(
             exact = response.intensity(scene_stops + setting.level - np.log2(1000.0))
             pixels = np.rint(exact + numbers.normal(0.0, 0.7, exact.shape)).clip(0, 255).astype(np.uint8)
             frames.append(Frame(pixels, 8, index, index, index, index, setting, source))
-        drift.see(StereoPair(index * stride, *frames))
+        drift.see(StereoPair(index * stride, dict(zip(SIDES, frames, strict=False))))
 
 
 def finish_refining() -> None:
@@ -58,7 +55,7 @@ def finish_refining() -> None:
 
 
 def test_cameras_whose_responses_hold_are_left_alone(config: Config, tmp_path: Path) -> None:
-    drift = watching(config)
+    drift = ResponseDrift(config)
     show(drift, true_response("linear"), 2 * REFINE_EVERY)
     finish_refining()
     assert drift.misfits == {}
@@ -71,7 +68,7 @@ def test_a_response_that_drifted_is_told_and_refined_in_a_copy(
     config: Config, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     before = (tmp_path / "left.response.yaml").read_bytes()
-    drift = watching(config)
+    drift = ResponseDrift(config)
     show(drift, true_response("gamma"), 2 * REFINE_EVERY)
     finish_refining()
     assert set(drift.misfits) == {"left"}
@@ -79,7 +76,7 @@ def test_a_response_that_drifted_is_told_and_refined_in_a_copy(
     assert caplog.text.count("left camera: response off by") == 1
     assert (tmp_path / "left.response.yaml").read_bytes() == before
     refined = ResponseFile.load(tmp_path / "left.response.refined.yaml")
-    refined.check_belongs(tmp_path, "L", "Mono8")
+    refined.check_belongs("L", "Mono8")
     stops = refined.response.log2_exposure[[32, 64, 128]] - true_response("gamma").log2_exposure[[32, 64, 128]]
     assert np.ptp(stops) < 0.15
 
@@ -88,21 +85,21 @@ def test_a_copy_that_cannot_be_written_is_a_line_in_the_log(
     config: Config, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setenv("STATE_DIRECTORY", "/proc/none")
-    drift = watching(config)
+    drift = ResponseDrift(config)
     show(drift, true_response("gamma"), 2 * REFINE_EVERY)
     finish_refining()
     assert "no refined response is kept" in caplog.text
 
 
 def test_pairs_that_lack_a_frame_are_passed_over(config: Config) -> None:
-    drift = watching(config)
+    drift = ResponseDrift(config)
     frame = Frame(np.zeros((8, 8), np.uint8), 8, 0, 0, 0, 0, ExposureSetting(1000.0, 0.0))
-    drift.see(StereoPair(0, frame, None))
+    drift.see(StereoPair(0, {"left": frame}))
     assert drift.residual_grey == {}
 
 
 def test_nothing_is_concluded_from_settings_that_are_only_inferred_nor_across_gaps(config: Config) -> None:
     for source, stride in (("ledger", 1), ("chunk", 2)):
-        drift = watching(config)
+        drift = ResponseDrift(config)
         show(drift, true_response("gamma"), REFINE_EVERY, source, stride)
         assert drift.residual_grey == {}

@@ -124,7 +124,7 @@ def test_a_stuck_control_thread_starves_the_watchdog(manager: socket.socket) -> 
 
     camera = ScriptedCamera(shape=(90, 120))
     config = Config.model_validate({"cameras": {"left": {"serial": "L"}}, "control": {"policy": "fixed"}})
-    daemon = Daemon(config, {"left": lambda: camera}, hang)
+    daemon = Daemon(config, {"left": lambda: camera}, outlets=[hang])
     announcer = Announcer(Notifier(manager.getsockname()))
     announcer.begin(daemon, config)
     thread = threading.Thread(target=daemon.run, args=(stop,))

@@ -29,6 +29,7 @@ from drivers.camera import Camera
 from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureSetting
 from drivers.frames import Side
+from drivers.pixel_format import PixelFormat
 from tests.autoexpose_daemon.scripted import LONG_S, ScriptedRig, TriggeredCamera, config
 from tests.autoexpose_daemon.service.service_process import PATIENCE_S, Notifications, running_service, service_manager
 from tests.autoexpose_daemon.stereo import stereo_cameras
@@ -161,12 +162,13 @@ def test_a_response_file_of_another_pixel_format_is_not_taken(
 ) -> None:
     file = tmp_path / "left.response.yaml"
     ResponseFile(ResponseFunction.linear()).save(file)
-    wanted = config(cameras={"left": {"serial": "L", "response": file}, "right": {"serial": "R"}})
-    running.reload(wanted)
+    cameras = {"left": {"serial": "L", "response": file}, "right": {"serial": "R"}}
+    running.reload(config(cameras=cameras))
     running.manager.wait_for("RELOADING=1")
     running.manager.wait_for("READY=1")
-    ResponseFile(ResponseFunction.linear(), Origin(CameraIdentity("ours", "scripted", "L"), "Mono12")).save(file)
-    running.reload(wanted)
+    origin = Origin(CameraIdentity("ours", "scripted", "L"), PixelFormat.MONO12)
+    ResponseFile(ResponseFunction.linear(), origin).save(file)
+    running.reload(config(cameras=cameras))
     wait_for_words(running, caplog, "pixel_format is Mono12")
 
 

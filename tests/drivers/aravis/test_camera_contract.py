@@ -25,6 +25,7 @@ from drivers.errors import CameraBusyError, CameraLostError, CameraNotFoundError
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame
 from drivers.setup import CameraSetup, TriggerSetup
+from fake_camera.device.faults import Fault
 from fake_camera.usb3.run import CAMERAS_VARIABLE
 from tests.fakes import FakeCamera, camera_on_this_bus, fake_camera
 
@@ -191,7 +192,7 @@ def test_values_out_of_bounds_are_refused_by_name(camera: AravisCamera, setting:
 
 
 def test_a_refused_write_is_told_and_the_next_one_writes_everything(fake: FakeCamera, camera: AravisCamera) -> None:
-    fake.inject("refuse_writes", count=1)
+    fake.inject(Fault.REFUSE_WRITES, count=1)
     with pytest.raises(NodeError, match="ExposureTime"):
         camera.write(ExposureSetting(3000.0, 3.0))
     taken = camera.write(ExposureSetting(2000.0, 3.0))
@@ -203,7 +204,7 @@ def test_a_refused_write_is_told_and_the_next_one_writes_everything(fake: FakeCa
 def test_lost_packets_are_asked_for_again(fake: FakeCamera, camera: AravisCamera) -> None:
     def lost_none() -> bool:
         before = next_frames(camera, 1)[0].frame_id
-        fake.inject("lose_packets", count=3)
+        fake.inject(Fault.LOSE_PACKETS, count=3)
         return next_frames(camera, 10)[-1].frame_id == before + 10
 
     assert any(lost_none() for _ in range(ATTEMPTS))  # a busy machine loses some frames whole
@@ -212,9 +213,9 @@ def test_lost_packets_are_asked_for_again(fake: FakeCamera, camera: AravisCamera
 def test_frames_lost_whole_leave_a_gap_in_the_ids(backend: Backend, fake: FakeCamera, camera: AravisCamera) -> None:
     before = next_frames(camera, 1)[0].frame_id
     if backend.transport == "usb3":
-        fake.inject("freeze", count=2)
+        fake.inject(Fault.FREEZE, count=2)
     else:
-        fake.inject("lose_packets", count=80)
+        fake.inject(Fault.LOSE_PACKETS, count=80)
     frames = next_frames(camera, 30)
     gaps = np.diff([before, *(frame.frame_id for frame in frames)]) - 1
     assert np.all(gaps >= 0)
@@ -249,7 +250,7 @@ def test_a_vanished_camera_is_lost_and_can_be_opened_again(backend: Backend) -> 
     with backend.start() as fake, opened(fake) as camera:
         camera.start()
         next_frames(camera, 5)
-        fake.inject("vanish", count=None)
+        fake.inject(Fault.VANISH, count=None)
         with contextlib.suppress(CameraLostError):  # over USB the first call that waits in vain may tell
             while isinstance(camera.next_frame(0.2), Frame | IncompleteFrame):
                 pass
@@ -259,7 +260,7 @@ def test_a_vanished_camera_is_lost_and_can_be_opened_again(backend: Backend) -> 
             camera.next_frame(0.2)
         closing = threading.Thread(target=camera.close)  # it waits for answers that do not come
         closing.start()
-        fake.inject("come_back")
+        fake.inject(Fault.COME_BACK)
         with opened(fake) as again:
             again.start()
             assert next_frames(again, 5)[-1].frame_id < 100

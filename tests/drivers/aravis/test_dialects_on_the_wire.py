@@ -30,7 +30,7 @@ from fake_camera.genapi.xml_camera import XmlCamera
 from fake_camera.gige.server import GigeServer
 from fake_camera.imaging import ImageSettings
 from fake_camera.usb3.run import CAMERAS_VARIABLE
-from fake_camera.usb3.usb.server import Usb3Server
+from fake_camera.usb3.usbip.server import Usb3Server
 from tests.data import data
 from tests.fakes import loopback_address, unique
 from tests.xml_cameras import COMBINATIONS, REAL, features, xml_camera

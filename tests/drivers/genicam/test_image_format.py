@@ -6,10 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.errors import ConfigurationError, UnsupportedCameraError
-from drivers.genicam.image_format import PFNC_CODES, choose_pixel_format, decode_pixels, set_binning
+from drivers.genicam.image_format import choose_pixel_format, decode_pixels, set_binning
+from drivers.pixel_format import PixelFormat
 from tests.drivers.genicam.node_map import EnumerationNode, IntegerNode, MemoryNodes
-
-CODES = {name: code for code, name in PFNC_CODES.items()}
 
 
 def colour_camera(present: str) -> MemoryNodes:
@@ -18,7 +17,7 @@ def colour_camera(present: str) -> MemoryNodes:
 
 def test_a_pixel_format_is_set_or_kept() -> None:
     nodes = colour_camera("BayerRG8")
-    assert choose_pixel_format(nodes, "Mono12") == "Mono12"
+    assert choose_pixel_format(nodes, PixelFormat.MONO12) == "Mono12"
     assert nodes.writes == [("PixelFormat", "Mono12")]
     assert choose_pixel_format(nodes, None) == "Mono12"
     assert len(nodes.writes) == 1
@@ -35,7 +34,7 @@ def test_other_formats_are_refused_by_name(present: str, why: str) -> None:
 
 def test_a_format_not_offered_is_refused_with_those_that_are() -> None:
     with pytest.raises(ConfigurationError, match="no pixel format Mono16 here; it offers BayerRG8, Mono8"):
-        choose_pixel_format(colour_camera("Mono8"), "Mono16")
+        choose_pixel_format(colour_camera("Mono8"), PixelFormat.MONO16)
 
 
 def test_binning_resets_the_region_to_the_whole_sensor() -> None:
@@ -62,17 +61,19 @@ def test_binning_resets_the_region_to_the_whole_sensor() -> None:
 
 
 @given(
-    st.sampled_from(["Mono8", "Mono12", "Mono16"]),
+    st.sampled_from(PixelFormat),
     st.integers(1, 20),
     st.integers(1, 20),
     st.binary(max_size=40),
     st.integers(0, 1000),
 )
-def test_decoding_gives_back_what_was_encoded(name: str, width: int, height: int, chunks: bytes, seed: int) -> None:
-    depth = int(name.removeprefix("Mono"))
+def test_decoding_gives_back_what_was_encoded(
+    pixel_format: PixelFormat, width: int, height: int, chunks: bytes, seed: int
+) -> None:
+    depth = pixel_format.bit_depth
     pixels = np.random.default_rng(seed).integers(0, 1 << depth, (height, width))
     data = pixels.astype("u1" if depth == 8 else "<u2").tobytes()
-    decoded, bit_depth = decode_pixels(data + chunks, CODES[name], width, height)
+    decoded, bit_depth = decode_pixels(data + chunks, pixel_format.pfnc_code, width, height)
     assert bit_depth == depth
     assert decoded.dtype == (np.uint8 if depth == 8 else np.uint16)
     assert np.array_equal(decoded, pixels)
@@ -81,11 +82,11 @@ def test_decoding_gives_back_what_was_encoded(name: str, width: int, height: int
 @pytest.mark.parametrize(("width", "height"), [(0, 2), (3, 0), (0, 0), (-3, -2), (-3, 2)])
 def test_an_image_without_pixels_is_refused(width: int, height: int) -> None:
     with pytest.raises(ValueError, match=f"an image of {width}x{height} pixels"):
-        decode_pixels(bytes(6), CODES["Mono8"], width, height)
+        decode_pixels(bytes(6), PixelFormat.MONO8.pfnc_code, width, height)
 
 
 def test_short_data_and_unknown_formats_are_refused() -> None:
     with pytest.raises(ValueError, match="5 bytes for an image of 6"):
-        decode_pixels(bytes(5), CODES["Mono8"], 3, 2)
+        decode_pixels(bytes(5), PixelFormat.MONO8.pfnc_code, 3, 2)
     with pytest.raises(ValueError, match="0x010c0006"):
         decode_pixels(bytes(9), 0x010C0006, 3, 2)

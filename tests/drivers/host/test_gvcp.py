@@ -20,7 +20,7 @@ from drivers.setup import CameraSetup, TriggerSetup
 from tests.fake_camera.gige.gige_client import ACCESS_DENIED, CCP, READREG, GvcpClient, gige_camera, parse_ack
 from tests.fakes import foreign_camera, loopback_address, unique
 
-LO = NetworkInterface("lo", IPv4Interface("127.0.0.1/8"), 65536, None)
+LO = NetworkInterface("lo", (IPv4Interface("127.0.0.1/8"),), 65536, None)
 
 
 def find(serial: str, interfaces: list[NetworkInterface]) -> GigeCamera:
@@ -41,14 +41,21 @@ def test_a_camera_is_found_with_its_names_and_interface() -> None:
 
 
 def test_a_camera_of_another_subnet_is_found_and_known_to_be_out_of_reach() -> None:
-    narrow = NetworkInterface("lo", IPv4Interface("127.0.0.1/32"), 65536, None)
+    narrow = NetworkInterface("lo", (IPv4Interface("127.0.0.1/32"),), 65536, None)
     serial = unique("T")
     with gige_camera(loopback_address(), serial):
         assert not find(serial, [narrow]).reachable
 
 
+def test_any_address_of_the_interface_reaches_a_camera_of_its_subnet() -> None:
+    both = NetworkInterface("lo", (IPv4Interface("127.0.0.1/32"), IPv4Interface("127.0.0.1/8")), 65536, None)
+    serial = unique("T")
+    with gige_camera(loopback_address(), serial):
+        assert find(serial, [both]).reachable
+
+
 def test_an_interface_that_cannot_be_searched_is_told_and_does_not_hinder_the_others() -> None:
-    gone = NetworkInterface("no-such-if", IPv4Interface("10.255.0.1/24"), 1500, None)
+    gone = NetworkInterface("no-such-if", (IPv4Interface("10.255.0.1/24"),), 1500, None)
     serial = unique("T")
     with gige_camera(loopback_address(), serial):
         found = search([gone, LO])

@@ -1,47 +1,66 @@
-"""Network facts, read from a host that is files in a folder."""
+"""Network facts, from what psutil says of a host."""
 
 from __future__ import annotations
 
+import socket
 from ipaddress import IPv4Interface
 from pathlib import Path
+from types import SimpleNamespace
 
-from drivers.host.network import NetworkInterface, find_interfaces, interface_address, largest_socket_buffer_bytes
+import psutil
+import pytest
 
-ADDRESSES = {"eth0": IPv4Interface("192.168.7.1/24"), "lo": IPv4Interface("127.0.0.1/8")}
-
-
-def interface(root: Path, name: str, mtu: int, operstate: str, speed: str | None = None) -> None:
-    folder = root / "sys/class/net" / name
-    folder.mkdir(parents=True)
-    (folder / "mtu").write_text(f"{mtu}\n")
-    (folder / "operstate").write_text(f"{operstate}\n")
-    if speed is not None:
-        (folder / "speed").write_text(f"{speed}\n")
+from drivers.host.network import NetworkInterface, find_interfaces, largest_socket_buffer_bytes
 
 
-def test_interfaces_that_are_up_and_have_an_address_are_found(tmp_path: Path) -> None:
-    interface(tmp_path, "eth0", 1500, "up", "1000")
-    interface(tmp_path, "eth1", 1500, "up", "1000")  # no address
-    interface(tmp_path, "lo", 65536, "unknown")
-    assert find_interfaces(tmp_path, ADDRESSES.get) == [
-        NetworkInterface("eth0", ADDRESSES["eth0"], 1500, 1000),
-        NetworkInterface("lo", ADDRESSES["lo"], 65536, None),
+class Host:
+    """A host's interfaces, as psutil shows them."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self._addresses: dict[str, list[SimpleNamespace]] = {}
+        self._stats: dict[str, SimpleNamespace] = {}
+        monkeypatch.setattr(psutil, "net_if_addrs", lambda: self._addresses)
+        monkeypatch.setattr(psutil, "net_if_stats", lambda: self._stats)
+
+    def add(self, label: str, *addresses: str, is_up: bool = True, speed: int = 1000, mtu: int = 1500) -> None:
+        link = SimpleNamespace(family=socket.AF_PACKET, address="02:fc:00:00:00:01", netmask=None)
+        ipv6 = SimpleNamespace(family=socket.AF_INET6, address="fe80::1", netmask="ffff:ffff:ffff:ffff::")
+        pairs = [IPv4Interface(address).with_netmask.split("/") for address in addresses]
+        ipv4 = [SimpleNamespace(family=socket.AF_INET, address=address, netmask=mask) for address, mask in pairs]
+        self._addresses[label] = [*ipv4, ipv6, link]
+        self._stats[label] = SimpleNamespace(isup=is_up, speed=speed, mtu=mtu)
+
+
+@pytest.fixture
+def host(monkeypatch: pytest.MonkeyPatch) -> Host:
+    return Host(monkeypatch)
+
+
+def addresses(*texts: str) -> tuple[IPv4Interface, ...]:
+    return tuple(IPv4Interface(text) for text in texts)
+
+
+def test_interfaces_that_are_up_and_have_an_address_are_found(host: Host) -> None:
+    host.add("lo", "127.0.0.1/8", speed=0, mtu=65536)
+    host.add("eth0", "192.168.7.1/24")
+    host.add("eth1")
+    host.add("eth2", "192.168.8.1/24", is_up=False)
+    assert find_interfaces() == [
+        NetworkInterface("eth0", addresses("192.168.7.1/24"), 1500, 1000),
+        NetworkInterface("lo", addresses("127.0.0.1/8"), 65536, None),
     ]
 
 
-def test_an_interface_that_is_down_does_not_count(tmp_path: Path) -> None:
-    interface(tmp_path, "eth0", 1500, "down")
-    assert find_interfaces(tmp_path, ADDRESSES.get) == []
+def test_an_interface_keeps_all_its_addresses(host: Host) -> None:
+    host.add("eth0", "192.168.7.1/24", "169.254.3.4/16")
+    host.add("eth0:1", "10.0.0.1/8")
+    (interface,) = find_interfaces()
+    assert interface.addresses == addresses("192.168.7.1/24", "169.254.3.4/16", "10.0.0.1/8")
 
 
-def test_a_speed_that_the_driver_does_not_know_is_none(tmp_path: Path) -> None:
-    interface(tmp_path, "eth0", 1500, "up", "-1")
-    assert find_interfaces(tmp_path, ADDRESSES.get)[0].speed_mbps is None
-
-
-def test_the_kernel_tells_the_address_of_the_loopback() -> None:
-    assert interface_address("lo") == IPv4Interface("127.0.0.1/8")
-    assert interface_address("no-such-if") is None
+def test_the_loopback_of_this_host_is_found() -> None:
+    (loopback,) = (interface for interface in find_interfaces() if interface.name == "lo")
+    assert IPv4Interface("127.0.0.1/8") in loopback.addresses
 
 
 def test_the_socket_buffer_limit_is_read(tmp_path: Path) -> None:

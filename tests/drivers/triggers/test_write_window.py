@@ -1,4 +1,4 @@
-"""Writes in virtual time: both cameras show each in the same frame, or the ledger knows why not."""
+"""Writes in virtual time: both cameras show each in the same frame, or the kept knows why not."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.exposure import ExposureSetting
-from drivers.frames import Frame, Side, StereoPair
+from drivers.frames import SIDES, Frame, Side, StereoPair
 from drivers.rig.events import Written
 from drivers.triggers.grid import TriggerGrid
 from drivers.triggers.window import (
@@ -22,7 +22,7 @@ from drivers.triggers.window import (
     REMEMBERED_WRITES,
     WriteWindow,
 )
-from drivers.triggers.writes import WriteLedger
+from drivers.triggers.writes import RigWrites
 from fake_camera.device.acquisition import Acquisition
 from fake_camera.device.features import Features
 
@@ -73,7 +73,7 @@ def outcome(write_ms: tuple[float, float], triggers: int, seed: int, seldom_ms: 
     """
     numbers = random.Random(seed)
     grid = TriggerGrid(PERIOD_NS, 0)
-    ledger, window, seen = WriteLedger(), WriteWindow(), Outcome()
+    kept, window, seen = RigWrites(SIDES), WriteWindow(), Outcome()
 
     def node_ns() -> int:
         slow = seldom_ms and numbers.random() < 0.005
@@ -88,10 +88,10 @@ def outcome(write_ms: tuple[float, float], triggers: int, seed: int, seldom_ms: 
             at_ns, camera, node, value = writes.popleft()
             camera.now_ns = at_ns
             camera.features.set(node, value)
-        pair = StereoPair(trigger, *(camera.frame(trigger) for camera in cameras))
-        if ledger.mismatched(pair) and trigger > 2:  # before that the setting is not one that was written
+        pair = StereoPair(trigger, {side: camera.frame(trigger) for side, camera in zip(SIDES, cameras, strict=True)})
+        if kept.mismatched(pair) and trigger > 2:  # before that the setting is not one that was written
             seen.mismatched += 1
-            seen.unexplained += not ledger.explains(pair)
+            seen.unexplained += not kept.explains(pair)
         if writes:
             continue  # the threads of the cameras are still at it
         level = 1.0 if trigger // 125 % 2 else 4.0
@@ -106,7 +106,7 @@ def outcome(write_ms: tuple[float, float], triggers: int, seed: int, seldom_ms: 
             window.took(gain_ns - start_ns)
             writes.append((time_ns, camera, "ExposureTime", asked.exposure_time_us))
             writes.append((gain_ns, camera, "Gain", asked.gain_db))
-            ledger.written(Written(camera.side, asked, asked, start_ns, gain_ns), grid)
+            kept.write(Written(camera.side, asked, asked, start_ns, gain_ns), grid)
         writes = deque(sorted(writes, key=lambda write: write[0]))
     return seen
 

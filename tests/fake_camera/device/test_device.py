@@ -13,7 +13,7 @@ import pytest
 
 from fake_camera.device.acquisition import Acquisition, Exposure
 from fake_camera.device.device import Device
-from fake_camera.device.faults import JUMP_NS, Fault
+from fake_camera.device.faults import JUMP_NS, Fault, FaultOrder
 from fake_camera.device.features import Features
 from fake_camera.device.line0 import Line0
 from fake_camera.imaging import ExposedFrame, ImageSettings, Pixels
@@ -140,7 +140,7 @@ def test_the_acquisition_locks_the_features(bench: Bench) -> None:
 
 def test_ignored_triggers_do_not_advance_the_frame_id(bench: Bench) -> None:
     bench.await_line0(1.0, "Off")
-    ignored = frozenset({"ignore_triggers"})
+    ignored = frozenset({Fault.IGNORE_TRIGGERS})
     exposures = [bench.pulse(16.0 * n, n, ignored if n in (1, 2) else NO_FAULTS) for n in range(4)]
     assert [e and (e.frame_id, e.trigger) for e in exposures] == [(1, 0), None, None, (2, 3)]
     assert bench.acquisition.counters.ignored == 2
@@ -337,8 +337,8 @@ def test_frozen_frames_are_taken_but_not_sent_and_delayed_ones_keep_their_order(
     client = Client(device)
     trigger_by_line0(device)
     first = soon(client)
-    device.faults.add(Fault("freeze", after_trigger=first + 5, count=2))
-    device.faults.add(Fault("delay", after_trigger=first + 10, count=1))
+    device.faults.add(FaultOrder(Fault.FREEZE, after_trigger=first + 5, count=2))
+    device.faults.add(FaultOrder(Fault.DELAY, after_trigger=first + 10, count=1))
     frames = client.wait(lambda frames: (frames[-1].trigger or 0) >= first + 15)
     by_trigger = {frame.trigger: frame.frame_id for frame in frames}
     assert by_trigger.keys().isdisjoint({first + 6, first + 7})
@@ -349,7 +349,7 @@ def test_frozen_frames_are_taken_but_not_sent_and_delayed_ones_keep_their_order(
 
 def test_of_halved_triggers_the_odd_ones_make_no_frame(bench: Bench) -> None:
     bench.await_line0(1.0, "Off")
-    exposures = [bench.pulse(16.0 * n, n, frozenset({"halve_triggers"})) for n in range(5)]
+    exposures = [bench.pulse(16.0 * n, n, frozenset({Fault.HALVE_TRIGGERS})) for n in range(5)]
     assert [e and (e.frame_id, e.trigger) for e in exposures] == [(1, 0), None, (2, 2), None, (3, 4)]
 
 
@@ -357,7 +357,7 @@ def test_a_frozen_exposure_stays_whatever_is_written(bench: Bench) -> None:
     bench.await_line0(5.0, "ReadOut")
     bench.pulse(0.0)
     bench.features.set("ExposureTime", 1000.0)
-    frozen, free = bench.pulse(16.0, faults=frozenset({"freeze_exposure"})), bench.pulse(32.0)
+    frozen, free = bench.pulse(16.0, faults=frozenset({Fault.FREEZE_EXPOSURE})), bench.pulse(32.0)
     assert frozen is not None
     assert free is not None
     assert frozen.settings.exposure_time_us == 5000
@@ -369,9 +369,10 @@ def test_faults_of_wire_sensor_and_clock(device: Device) -> None:
     client = Client(device)
     trigger_by_line0(device)
     first = soon(client)
-    for fault, after, count in [("stop_triggers", 3, 2), ("black", 6, 1), ("white", 7, 1), ("clock_ahead", 9, 1)]:
-        device.faults.add(Fault(fault, first + after, count))
-    device.faults.add(Fault("double_triggers", first + 12, 3))
+    device.faults.add(FaultOrder(Fault.STOP_TRIGGERS, first + 3, 2))
+    for fault, after in [(Fault.BLACK, 6), (Fault.WHITE, 7), (Fault.CLOCK_AHEAD, 9)]:
+        device.faults.add(FaultOrder(fault, first + after))
+    device.faults.add(FaultOrder(Fault.DOUBLE_TRIGGERS, first + 12, 3))
     frames = client.wait(lambda frames: (frames[-1].trigger or 0) >= first + 20)
     by_trigger = {frame.trigger - first: frame for frame in frames if frame.trigger is not None}
     assert by_trigger.keys() >= {1, 2, 3, 6, 7, 8}
@@ -387,7 +388,7 @@ def test_a_camera_that_comes_back_is_in_its_power_on_state(device: Device) -> No
     device.on_power_on(restarted.set)
     client = Client(device)
     trigger_by_line0(device)
-    device.faults.add(Fault("vanish", after_trigger=soon(client), count=5))
+    device.faults.add(FaultOrder(Fault.VANISH, after_trigger=soon(client), count=5))
     assert restarted.wait(PATIENCE_S)
     wait_until(lambda: not device.faults.vanished)
     assert device.features.get("TriggerMode") == "Off"

@@ -11,24 +11,24 @@ from pathlib import Path
 import pytest
 
 from fake_camera.device.control_socket import ControlSocket
-from fake_camera.device.faults import MOST_ORDERS, PER_TRIGGER, USB3, Fault, FaultError, Faults
+from fake_camera.device.faults import MOST_ORDERS, PER_TRIGGER, USB3, Fault, FaultError, FaultOrder, Faults
 
 
-def met(faults: Faults, name: str, triggers: range) -> list[int]:
-    return [trigger for trigger in triggers if name in faults.on_trigger(trigger)]
+def met(faults: Faults, fault: Fault, triggers: range) -> list[int]:
+    return [trigger for trigger in triggers if fault in faults.on_trigger(trigger)]
 
 
 @pytest.mark.parametrize(
-    ("line", "fault"),
+    ("line", "order"),
     [
-        ('{"fault": "freeze"}', Fault("freeze", None, 1)),
-        ('{"fault": "lose_packets", "after_trigger": 7, "count": 3}', Fault("lose_packets", 7, 3)),
-        ('{"fault": "vanish", "after_trigger": null, "count": null}', Fault("vanish", None, None)),
-        ('{"fault": "come_back"}', Fault("come_back", None, 1)),
+        ('{"fault": "freeze"}', FaultOrder(Fault.FREEZE, None, 1)),
+        ('{"fault": "lose_packets", "after_trigger": 7, "count": 3}', FaultOrder(Fault.LOSE_PACKETS, 7, 3)),
+        ('{"fault": "vanish", "after_trigger": null, "count": null}', FaultOrder(Fault.VANISH, None, None)),
+        ('{"fault": "come_back"}', FaultOrder(Fault.COME_BACK, None, 1)),
     ],
 )
-def test_reads_an_order(line: str, fault: Fault) -> None:
-    assert Fault.from_json(line) == fault
+def test_reads_an_order(line: str, order: FaultOrder) -> None:
+    assert FaultOrder.from_json(line) == order
 
 
 @pytest.mark.parametrize(
@@ -56,27 +56,27 @@ def test_reads_an_order(line: str, fault: Fault) -> None:
 )
 def test_refuses_what_is_no_order(line: str, complaint: str) -> None:
     with pytest.raises(FaultError, match=complaint):
-        Fault.from_json(line)
+        FaultOrder.from_json(line)
 
 
-@pytest.mark.parametrize("name", sorted(PER_TRIGGER - {"vanish"}))
-def test_counts_triggers_after_the_one_named(name: str) -> None:
+@pytest.mark.parametrize("fault", sorted(PER_TRIGGER - {Fault.VANISH}))
+def test_counts_triggers_after_the_one_named(fault: Fault) -> None:
     faults = Faults()
-    faults.add(Fault(name, after_trigger=4, count=3))
-    assert met(faults, name, range(12)) == [5, 6, 7]
+    faults.add(FaultOrder(fault, after_trigger=4, count=3))
+    assert met(faults, fault, range(12)) == [5, 6, 7]
 
 
 def test_begins_at_once_when_no_trigger_is_named() -> None:
     faults = Faults()
     faults.on_trigger(9)
-    assert faults.add(Fault("freeze", count=2)) == 9
-    assert met(faults, "freeze", range(10, 20)) == [10, 11]
+    assert faults.add(FaultOrder(Fault.FREEZE, count=2)) == 9
+    assert met(faults, Fault.FREEZE, range(10, 20)) == [10, 11]
 
 
 def test_vanishes_for_a_count_and_restarts_before_it_answers() -> None:
     vanished_at_power_on = []
     faults = Faults(lambda: vanished_at_power_on.append(faults.vanished))
-    faults.add(Fault("vanish", after_trigger=2, count=2))
+    faults.add(FaultOrder(Fault.VANISH, after_trigger=2, count=2))
     gone = [(faults.on_trigger(trigger), faults.vanished)[1] for trigger in range(7)]
     assert gone == [False, False, False, True, True, False, False]
     assert vanished_at_power_on == [True]
@@ -85,10 +85,10 @@ def test_vanishes_for_a_count_and_restarts_before_it_answers() -> None:
 def test_stays_away_until_called_back() -> None:
     restarts = []
     faults = Faults(lambda: restarts.append(1))
-    faults.add(Fault("vanish", count=None))
+    faults.add(FaultOrder(Fault.VANISH, count=None))
     assert faults.vanished
-    assert met(faults, "vanish", range(100)) == list(range(100))
-    faults.add(Fault("come_back", after_trigger=101))
+    assert met(faults, Fault.VANISH, range(100)) == list(range(100))
+    faults.add(FaultOrder(Fault.COME_BACK, after_trigger=101))
     faults.on_trigger(101)
     assert faults.vanished
     assert faults.on_trigger(102) == frozenset()
@@ -98,23 +98,23 @@ def test_stays_away_until_called_back() -> None:
 
 def test_comes_back_at_once() -> None:
     faults = Faults()
-    faults.add(Fault("vanish", count=None))
-    faults.add(Fault("come_back"))
+    faults.add(FaultOrder(Fault.VANISH, count=None))
+    faults.add(FaultOrder(Fault.COME_BACK))
     assert not faults.vanished
 
 
 def test_another_order_does_not_end_an_absence() -> None:
     faults = Faults()
-    faults.add(Fault("vanish", count=1))
+    faults.add(FaultOrder(Fault.VANISH, count=1))
     faults.on_trigger(0)
-    faults.add(Fault("freeze", after_trigger=50))
+    faults.add(FaultOrder(Fault.FREEZE, after_trigger=50))
     assert faults.vanished
 
 
 def test_goes_once_and_comes_back_once() -> None:
     calls: list[str] = []
     faults = Faults(lambda: calls.append("on"), lambda: calls.append("off"))
-    faults.add(Fault("vanish", after_trigger=1, count=2))
+    faults.add(FaultOrder(Fault.VANISH, after_trigger=1, count=2))
     for trigger in range(6):
         faults.on_trigger(trigger)
     assert calls == ["off", "on"]
@@ -128,12 +128,12 @@ def test_whoever_orders_it_back_finds_it_back() -> None:
         assert finish.wait(5)
 
     def order() -> None:
-        faults.add(Fault("come_back"))
+        faults.add(FaultOrder(Fault.COME_BACK))
         assert not faults.vanished
         back.set()
 
     faults = Faults(power_on)
-    faults.add(Fault("vanish", count=1))
+    faults.add(FaultOrder(Fault.VANISH, count=1))
     faults.on_trigger(0)
     threads = [threading.Thread(target=faults.on_trigger, args=(1,)), threading.Thread(target=order)]
     threads[0].start()
@@ -149,20 +149,20 @@ def test_whoever_orders_it_back_finds_it_back() -> None:
 def test_a_transport_knows_only_its_own_faults() -> None:
     faults = Faults()
     faults.restrict(USB3)
-    with pytest.raises(FaultError, match=r"^lose_packets is no fault of this camera's transport: its faults are "):
-        faults.add(Fault("lose_packets"))
-    faults.add(Fault("stall", after_trigger=1))
+    with pytest.raises(FaultError, match=r"^this camera cannot have the fault lose_packets: its faults are "):
+        faults.add(FaultOrder(Fault.LOSE_PACKETS))
+    faults.add(FaultOrder(Fault.STALL, after_trigger=1))
     spoilt = []
     for trigger in range(4):
         faults.on_trigger(trigger)
         faults.on_send(trigger)
-        spoilt.append(faults.spoils_frame("stall"))
+        spoilt.append(faults.spoils_frame(Fault.STALL))
     assert spoilt == [False, False, True, False]
 
 
 def test_loses_packets_from_the_frame_of_the_trigger_on() -> None:
     faults = Faults()
-    faults.add(Fault("lose_packets", after_trigger=1, count=3))
+    faults.add(FaultOrder(Fault.LOSE_PACKETS, after_trigger=1, count=3))
     lost = []
     for trigger in range(4):
         faults.on_trigger(trigger)
@@ -173,7 +173,7 @@ def test_loses_packets_from_the_frame_of_the_trigger_on() -> None:
 
 def test_a_packet_of_an_earlier_frame_is_not_lost_though_the_trigger_has_passed() -> None:
     faults = Faults()
-    faults.add(Fault("lose_packets", after_trigger=1, count=1))
+    faults.add(FaultOrder(Fault.LOSE_PACKETS, after_trigger=1, count=1))
     faults.on_trigger(2)
     faults.on_send(1)
     assert not faults.lose_packet()
@@ -181,8 +181,8 @@ def test_a_packet_of_an_earlier_frame_is_not_lost_though_the_trigger_has_passed(
 
 def test_refuses_a_count_of_writes() -> None:
     faults = Faults()
-    faults.add(Fault("refuse_writes", count=2))
-    assert [faults.refuse_write() for _ in range(4)] == [True, True, False, False]
+    faults.add(FaultOrder(Fault.REFUSE_WRITES, count=2))
+    assert [faults.spoils_command(Fault.REFUSE_WRITES) for _ in range(4)] == [True, True, False, False]
 
 
 @pytest.fixture
@@ -219,7 +219,7 @@ def test_a_fault_of_another_transport_is_answered(control: tuple[Path, Faults]) 
     faults.restrict(USB3)
     answer = ask(path, '{"fault": "lose_packets"}')[0]
     assert answer["ok"] is False
-    assert "no fault of this camera's transport" in str(answer["error"])
+    assert "cannot have the fault lose_packets" in str(answer["error"])
 
 
 def test_serves_several_connections_at_once(control: tuple[Path, Faults]) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from fake_camera.device.device import Device
-from fake_camera.device.faults import Fault
+from fake_camera.device.faults import Fault, FaultOrder
 from fake_camera.device.features import FeatureError
 from fake_camera.genapi.description import Description
 from fake_camera.genapi.evaluator import Evaluator
@@ -156,7 +156,7 @@ def test_chunks_are_written_so_that_the_description_reads_them_back(number: int)
 
 def test_ordered_refusals_and_restarts_hold_here_too() -> None:
     with camera(FLIR) as (device, client, _):
-        device.faults.add(Fault("refuse_writes", count=1))
+        device.faults.add(FaultOrder(Fault.REFUSE_WRITES, count=1))
         with pytest.raises(FeatureError, match="as ordered"):
             client.set("ExposureTime", 7000.0)
         client.set("ExposureTime", 7000.0)

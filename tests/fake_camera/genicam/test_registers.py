@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fake_camera.device.device import Device
-from fake_camera.device.faults import Fault, Faults
+from fake_camera.device.faults import Fault, FaultOrder, Faults
 from fake_camera.device.features import CHUNK_BYTES, ENUM_ENTRIES, Features, Spec
 from fake_camera.genicam.chunks import CHUNKS
 from fake_camera.genicam.description import genicam_xml, zipped
@@ -212,7 +212,7 @@ def test_locks_and_limits_show_the_camera_as_it_is_now(camera: Device, memory: R
 
 
 def test_refused_writes(camera: Device, memory: RegisterMap) -> None:
-    camera.faults.add(Fault("refuse_writes", None, 2))
+    camera.faults.add(FaultOrder(Fault.REFUSE_WRITES, None, 2))
     for name in ("ExposureAuto", "AcquisitionStart"):
         with pytest.raises(CommandError) as error:
             memory.write(SLOTS[name], struct.pack(">I", 0))
@@ -242,9 +242,9 @@ def test_a_node_that_sticks_keeps_its_value_and_one_that_shrinks_takes_less(
         camera.features.set(feature, "Off")
     spec, address = camera.features.spec("ExposureTime"), SLOTS["ExposureTime"]
     taken = []
-    for fault in ("stick", "shrink", None):
+    for fault in (Fault.STICK, Fault.SHRINK, None):
         if fault is not None:
-            camera.faults.add(Fault(fault))
+            camera.faults.add(FaultOrder(fault))
         memory.write(address, encode(spec, 1000.0, "big"))
         taken.append(decode(spec, memory.read(address, 8), "big"))
     assert taken == [5000.0, 950.0, 1000.0]

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from fake_camera.device.device import Device
-from fake_camera.device.faults import Fault
+from fake_camera.device.faults import Fault, FaultOrder
 from fake_camera.gige.server import AddressTakenError, GigeServer
 from tests.fake_camera.gige.gige_client import (
     ACCESS_DENIED,
@@ -164,7 +164,7 @@ def test_lost_packets_are_asked_for_again(fake: Device) -> None:
     stream = stream_of(camera)
     camera.start_acquisition()
     next_buffer(stream)
-    fake.faults.add(Fault("lose_packets", None, 3))
+    fake.faults.add(FaultOrder(Fault.LOSE_PACKETS, None, 3))
     for _ in range(5):
         next_buffer(stream)
     camera.stop_acquisition()
@@ -212,11 +212,11 @@ def test_two_cameras_cannot_share_an_address(fake: Device) -> None:
 def test_a_vanished_camera_answers_nothing_and_comes_back_without_a_client(fake: Device) -> None:
     with GvcpClient(ADDRESS) as client:
         assert client.write(CCP, CONTROL) == 0
-        fake.faults.add(Fault("vanish", None, None))
+        fake.faults.add(FaultOrder(Fault.VANISH, None, None))
         client.socket.settimeout(0.2)
         with pytest.raises(TimeoutError):
             client.ask(DISCOVERY)
-        fake.faults.add(Fault("come_back", None, None))
+        fake.faults.add(FaultOrder(Fault.COME_BACK, None, None))
         client.socket.settimeout(2)
         assert client.read(CCP) == 0
 

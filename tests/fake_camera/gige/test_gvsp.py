@@ -9,13 +9,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fake_camera.device.faults import Fault, Faults
+from fake_camera.device.faults import Fault, FaultOrder, Faults
 from fake_camera.genicam.chunks import CHUNKS, chunk_bytes
 from fake_camera.genicam.status import CommandError
 from fake_camera.gige.gvcp import Resend
 from fake_camera.gige.gvsp import Block, block_id
 from fake_camera.gige.stream_channel import StreamChannel
-from fake_camera.imaging import ExposedFrame, ImageSettings
+from fake_camera.imaging import PIXEL_FORMATS, ExposedFrame, ImageSettings
 from tests.fake_camera.gige.gige_client import ramp
 
 LEADER, TRAILER, PAYLOAD = 1, 2, 3
@@ -44,7 +44,7 @@ def test_block_ids_skip_zero() -> None:
 @given(
     width=st.integers(1, 200),
     height=st.integers(1, 60),
-    pixel_format=st.sampled_from(["Mono8", "Mono12", "Mono16"]),
+    pixel_format=st.sampled_from(sorted(PIXEL_FORMATS)),
     packet_bytes=st.integers(220, 9000),
     names=st.none() | st.lists(st.sampled_from(sorted(CHUNKS)), unique=True),
 )
@@ -152,7 +152,7 @@ def test_a_test_packet_has_the_size_asked_for(client: Client) -> None:
 
 
 def test_a_lost_packet_comes_again_when_asked_for(client: Client) -> None:
-    client.faults.add(Fault("lose_packets", None, 2))
+    client.faults.add(FaultOrder(Fault.LOSE_PACKETS, None, 2))
     client.channel.send(exposed(), b"")
     first = client.received()
     assert [header(packet)[3] for packet in first[:2]] == [2, 3]
@@ -185,7 +185,7 @@ def test_eight_frames_are_kept_and_older_ones_are_not_to_be_had(client: Client) 
 
 
 def test_of_a_truncated_frame_the_rest_is_not_to_be_had(client: Client) -> None:
-    client.faults.add(Fault("truncate"))
+    client.faults.add(FaultOrder(Fault.TRUNCATE))
     for frame_id in (1, 2):
         client.channel.send(exposed(frame_id=frame_id), b"")
     packets = [header(packet) for packet in client.received()]
@@ -196,7 +196,7 @@ def test_of_a_truncated_frame_the_rest_is_not_to_be_had(client: Client) -> None:
 
 
 def test_half_of_the_packets_go_through_and_of_those_sent_again_too(client: Client) -> None:
-    client.faults.add(Fault("lose_half", None, 1000))
+    client.faults.add(FaultOrder(Fault.LOSE_HALF, None, 1000))
     client.channel.packet_size_register = 1500
     client.channel.send(exposed(), b"")
     arrived = [header(packet)[3] for packet in client.received()]

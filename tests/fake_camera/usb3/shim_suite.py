@@ -17,10 +17,10 @@ import numpy as np
 import pytest
 
 from fake_camera.device.device import Device
-from fake_camera.device.faults import Fault
+from fake_camera.device.faults import Fault, FaultOrder
 from fake_camera.device.line0 import Line0
 from fake_camera.usb3.run import CAMERAS_VARIABLE
-from fake_camera.usb3.usb.server import Usb3Server
+from fake_camera.usb3.usbip.server import Usb3Server
 from tests.fake_camera.gige.gige_client import Ramp, ramp
 from tests.fake_camera.usb3.libusb_client import LibusbCamera
 from tests.fakes import unique
@@ -289,14 +289,14 @@ def test_unplugged_while_streaming_and_replugged(fake: Device, other: Device, cy
     camera.start_acquisition()
     bystander.start_acquisition()
     next_buffer(stream)
-    fake.faults.add(Fault("vanish", None, None))
+    fake.faults.add(FaultOrder(Fault.VANISH, None, None))
     assert lost.wait(PATIENCE_S)
     assert list(found()) == [serial_of(other)]
     with pytest.raises(GLib.Error):
         camera.get_float("ExposureTime")
     del stream, camera
     gc.collect()
-    fake.faults.add(Fault("come_back", None, None))
+    fake.faults.add(FaultOrder(Fault.COME_BACK, None, None))
     assert fake.features.get("ExposureAuto") == "Continuous"  # as after power-on
     again = opened(fake)
     stream = stream_of(again)
@@ -314,10 +314,10 @@ def test_cycles_of_streaming_and_unplugging_leave_nothing_behind(fake: Device) -
         stream = stream_of(camera)
         camera.start_acquisition()
         next_buffer(stream)
-        fake.faults.add(Fault("vanish", None, None))
+        fake.faults.add(FaultOrder(Fault.VANISH, None, None))
         del stream, camera
         gc.collect()
-        fake.faults.add(Fault("come_back", None, None))
+        fake.faults.add(FaultOrder(Fault.COME_BACK, None, None))
         assert id_of(fake) in found().values()
         if counts:
             wait_for(lambda: all(now <= first for now, first in zip(open_files_and_threads(), counts[0], strict=True)))
@@ -339,17 +339,17 @@ def test_a_reset_camera_comes_back_by_itself(fake: Device) -> None:
 
 def test_a_refused_write_is_an_error_and_happens_once(fake: Device) -> None:
     camera = opened(fake)
-    fake.faults.add(Fault("refuse_writes"))
+    fake.faults.add(FaultOrder(Fault.REFUSE_WRITES))
     with pytest.raises(GLib.Error, match="access-denied"):
         camera.set_float("ExposureTime", 2000.0)
     camera.set_float("ExposureTime", 3000.0)
     assert fake.features.get("ExposureTime") == 3000.0
 
 
-@pytest.mark.parametrize("fault", ["nak", "pending_acknowledge"])
-def test_a_slow_answer_is_waited_for(fake: Device, fault: str) -> None:
+@pytest.mark.parametrize("fault", [Fault.NAK, Fault.PENDING_ACKNOWLEDGE])
+def test_a_slow_answer_is_waited_for(fake: Device, fault: Fault) -> None:
     camera = opened(fake)
-    fake.faults.add(Fault(fault))
+    fake.faults.add(FaultOrder(fault))
     camera.set_float("ExposureTime", 2000.0)
     assert camera.get_float("ExposureTime") == 2000.0
 
@@ -359,7 +359,7 @@ def test_a_truncated_frame_is_told(fake: Device) -> None:
     stream = stream_of(camera)
     camera.start_acquisition()
     next_buffer(stream)
-    fake.faults.add(Fault("truncate"))
+    fake.faults.add(FaultOrder(Fault.TRUNCATE))
     next_with_status(stream, Aravis.BufferStatus.SIZE_MISMATCH)
     next_buffer(stream)
     camera.stop_acquisition()
@@ -371,11 +371,11 @@ def test_a_short_trailer_is_sent_and_aravis_does_not_mind(fake: Device) -> None:
     stream = stream_of(camera)
     camera.start_acquisition()
     next_buffer(stream)
-    fake.faults.add(Fault("short_trailer"))
+    fake.faults.add(FaultOrder(Fault.SHORT_TRAILER))
     taken = fake.counters.exposures
     while (buffer := next_buffer(stream)).get_frame_id() < taken + 2:
         stream.push_buffer(buffer)
-    assert not fake.faults.spoils_frame("short_trailer")
+    assert not fake.faults.spoils_frame(Fault.SHORT_TRAILER)
     camera.stop_acquisition()
 
 
@@ -384,7 +384,7 @@ def test_a_stalled_stream_goes_on_when_the_camera_is_opened_again(fake: Device) 
     stream = stream_of(camera)
     camera.start_acquisition()
     next_buffer(stream)
-    fake.faults.add(Fault("stall"))
+    fake.faults.add(FaultOrder(Fault.STALL))
     while stream.timeout_pop_buffer(300_000) is not None:
         pass
     camera.stop_acquisition()
@@ -413,7 +413,7 @@ def test_frozen_frames_do_not_come_but_are_counted(fake: Device) -> None:
     stream = stream_of(camera)
     camera.start_acquisition()
     before = next_buffer(stream).get_frame_id()
-    fake.faults.add(Fault("freeze", None, 20))
+    fake.faults.add(FaultOrder(Fault.FREEZE, None, 20))
     ids = [before] + [next_buffer(stream).get_frame_id() for _ in range(8)]
     assert np.diff(ids).max() >= 20
     camera.stop_acquisition()

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from fake_camera.device.device import Device
-from fake_camera.device.faults import Fault, FaultError, Faults
+from fake_camera.device.faults import Fault, FaultError, FaultOrder, Faults
 from fake_camera.device.features import Features
 from fake_camera.genicam.description import genicam_xml
 from fake_camera.genicam.registers import feature_registers, slots
@@ -311,10 +311,10 @@ def test_a_vanished_camera_hangs_up_and_comes_back_in_power_on_state(camera: Dev
     with UsbIpClient(path) as host:
         camera.features.set("ExposureAuto", "Off")
         assert host.start_stream() == SUCCESS
-        camera.faults.add(Fault("vanish", None, None))
+        camera.faults.add(FaultOrder(Fault.VANISH, None, None))
         assert hung_up(host.socket)
         assert not path.exists()
-    camera.faults.add(Fault("come_back"))
+    camera.faults.add(FaultOrder(Fault.COME_BACK))
     with UsbIpClient(path) as host:
         assert host.read_number(host.stream_registers() + 0x04, 4) == 0
         assert host.claim(0) == host.claim(2) == 0
@@ -341,14 +341,14 @@ def plugged_in(path: Path) -> bool:
 
 
 def test_a_command_that_is_not_taken_waits_until_the_host_gives_up(camera: Device, host: UsbIpClient) -> None:
-    camera.faults.add(Fault("nak"))
+    camera.faults.add(FaultOrder(Fault.NAK))
     packet = b"U3VC" + struct.pack("<HHHHQHH", 0x4000, READMEM, 12, 1, 0, 0, 4)
     assert host.unlink(host.submit(CONTROL, OUT, len(packet), packet)) == ECONNRESET
     assert host.read_number(0x0000, 4) == 0x00010001
 
 
 def test_a_pending_acknowledge_comes_before_the_answer(camera: Device, host: UsbIpClient) -> None:
-    camera.faults.add(Fault("pending_acknowledge"))
+    camera.faults.add(FaultOrder(Fault.PENDING_ACKNOWLEDGE))
     packet = b"U3VC" + struct.pack("<HHHHQHH", 0x4000, READMEM, 12, 0, 0, 0, 4)
     assert host.write(CONTROL, packet) == 0
     status, payload = host.acknowledgement(0x0805)
@@ -357,17 +357,20 @@ def test_a_pending_acknowledge_comes_before_the_answer(camera: Device, host: Usb
 
 
 @pytest.mark.parametrize(
-    ("fault", "payload_bytes", "trailer_bytes"), [("truncate", FRAME_BYTES // 2, 32), ("short_trailer", FRAME_BYTES, 8)]
+    ("fault", "payload_bytes", "trailer_bytes"),
+    [(Fault.TRUNCATE, FRAME_BYTES // 2, 32), (Fault.SHORT_TRAILER, FRAME_BYTES, 8)],
 )
-def test_a_spoilt_frame(camera: Device, host: UsbIpClient, fault: str, payload_bytes: int, trailer_bytes: int) -> None:
-    camera.faults.add(Fault(fault))
+def test_a_spoilt_frame(
+    camera: Device, host: UsbIpClient, fault: Fault, payload_bytes: int, trailer_bytes: int
+) -> None:
+    camera.faults.add(FaultOrder(fault))
     start(host)
     sizes = [len(host.read(STREAM, length)[1]) for length in (1024, 1 << 20, 1024) * 2]
     assert sizes == [52, payload_bytes, trailer_bytes, 52, FRAME_BYTES, 32]
 
 
 def test_a_stall_takes_the_place_of_a_frame(camera: Device, host: UsbIpClient) -> None:
-    camera.faults.add(Fault("stall"))
+    camera.faults.add(FaultOrder(Fault.STALL))
     start(host)
     assert host.read(STREAM, 1024) == (EPIPE, b"")
     assert host.request(TO_ENDPOINT, CLEAR_FEATURE, 0, STREAM_IN, 0) == (0, b"")
@@ -375,7 +378,7 @@ def test_a_stall_takes_the_place_of_a_frame(camera: Device, host: UsbIpClient) -
 
 
 def test_faults_of_the_other_transport_are_refused(camera: Device) -> None:
-    with pytest.raises(FaultError, match=r"lose_packets is no fault of this camera's transport"):
-        camera.faults.add(Fault("lose_packets"))
+    with pytest.raises(FaultError, match=r"cannot have the fault lose_packets"):
+        camera.faults.add(FaultOrder(Fault.LOSE_PACKETS))
     with device() as gige:
-        gige.faults.add(Fault("lose_packets"))
+        gige.faults.add(FaultOrder(Fault.LOSE_PACKETS))

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fake_camera.usb3.usb.endpoint import InEndpoint, Request
+from fake_camera.usb3.usb.endpoint import InEndpoint, ReadRequest
 
 PACKET = 1024
 
@@ -18,8 +18,8 @@ class Host:
         self.endpoint = InEndpoint()
         self.got: list[tuple[int, bytes]] = []
 
-    def ask(self, length: int) -> Request:
-        request = Request(length, lambda status, data: self.got.append((status, bytes(data))))
+    def ask(self, length: int) -> ReadRequest:
+        request = ReadRequest(length, lambda status, data: self.got.append((status, bytes(data))))
         self.endpoint.submit(request)
         return request
 

@@ -12,7 +12,7 @@ from fake_camera.genicam.status import CommandError, Status
 from fake_camera.imaging import ExposedFrame
 from fake_camera.usb3 import u3vcp, u3vsp
 from fake_camera.usb3.u3vcp import Request
-from fake_camera.usb3.usb import usbip
+from fake_camera.usb3.usbip import messages
 from tests.fake_camera.gige.gige_client import ramp
 
 SETTINGS = Features("TEST", 720, 540, lambda: 0).image_settings(0)
@@ -76,8 +76,8 @@ def test_the_trailer_says_whether_all_of_it_came(sent: int, status: int) -> None
 @given(st.binary(min_size=48, max_size=48))
 def test_any_header_is_a_word_or_an_error(header: bytes) -> None:
     try:
-        word = usbip.parse(header)
-    except usbip.ProtocolError:
+        word = messages.parse(header)
+    except messages.ProtocolError:
         return
     assert word.sequence == int.from_bytes(header[4:8], "big")
 
@@ -85,14 +85,14 @@ def test_any_header_is_a_word_or_an_error(header: bytes) -> None:
 @given(st.integers(0, 15), st.booleans(), st.integers(0, 2**32 - 1), st.binary(min_size=8, max_size=8))
 def test_a_transfer_is_read(endpoint: int, is_in: bool, length: int, setup: bytes) -> None:
     header = struct.pack(">IIIIIIIIII", 1, 99, 0, is_in, endpoint, 0, length, 0, 0xFFFFFFFF, 0) + setup
-    word = usbip.parse(header)
-    assert word == usbip.Submit(99, endpoint | 0x80 * is_in, length, setup)
+    word = messages.parse(header)
+    assert word == messages.Submit(99, endpoint | 0x80 * is_in, length, setup)
     assert word.data_bytes == (0 if is_in else length)
 
 
 def test_answers_have_the_size_of_a_header() -> None:
-    answers = (usbip.submitted(1, -32, 5), usbip.unlinked(1, -104), usbip.claimed(1, -16))
-    assert [len(answer) for answer in answers] == [usbip.HEADER_BYTES] * 3
+    answers = (messages.submitted(1, -32, 5), messages.unlinked(1, -104), messages.claimed(1, -16))
+    assert [len(answer) for answer in answers] == [messages.HEADER_BYTES] * 3
     assert [int.from_bytes(answer[20:24], "big", signed=True) for answer in answers] == [-32, -104, -16]
 
 

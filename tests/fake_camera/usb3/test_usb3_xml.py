@@ -18,7 +18,7 @@ from fake_camera.genapi.memory import Memory
 from fake_camera.genapi.xml_camera import XmlCamera
 from fake_camera.genicam.chunks import tagged
 from fake_camera.imaging import ExposedFrame
-from fake_camera.usb3.usb.server import Usb3Server
+from fake_camera.usb3.usbip.server import Usb3Server
 from tests.fake_camera.gige.gige_client import Ramp, ramp
 from tests.fake_camera.usb3.usb3_client import (
     INVALID_PARAMETER,

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from fake_camera.device.device import Device
-from fake_camera.usb3.usb.server import Usb3Server
+from fake_camera.usb3.usbip.server import Usb3Server
 from tests.fake_camera.gige.gige_client import Ramp
 
 CONTROL, EVENT, STREAM = 1, 2, 3

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fake_camera.imaging import MAX_GREY, ImageSettings
+from fake_camera.imaging import PIXEL_FORMATS, ImageSettings
 from fake_camera.world.sensor import Sensor, SensorModel
 
 MODEL = SensorModel(width=320, height=240)
@@ -64,11 +64,11 @@ def test_twice_the_time_equals_twice_the_gain_below_saturation(sensor: Sensor) -
     assert by_gain.std() > 1.3 * by_time.std(), "gain amplifies noise, time averages it"
 
 
-@pytest.mark.parametrize("pixel_format", ["Mono8", "Mono12", "Mono16"])
+@pytest.mark.parametrize("pixel_format", PIXEL_FORMATS)
 def test_full_well_is_full_scale_and_free_of_noise(sensor: Sensor, pixel_format: str) -> None:
     image = sensor.expose(flat(3 * HALF_WELL), replace(BASE, pixel_format=pixel_format), 1)
-    assert np.all(image == MAX_GREY[pixel_format])
-    assert image.dtype == (np.uint8 if pixel_format == "Mono8" else np.uint16)
+    assert np.all(image == PIXEL_FORMATS[pixel_format].max_grey)
+    assert image.dtype == PIXEL_FORMATS[pixel_format].dtype
 
 
 def test_gain_saturates_the_converter_before_the_well(sensor: Sensor) -> None:

@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from autoexpose_daemon.control.policies.metric_map.view import DELTAS, View
+from autoexpose_daemon.control.policies.metric_map.view import DELTAS, MetricView
 
 CELL = 0.12
 """Stops: a frame supersedes those taken nearer than this to its own exposure, relative to the light. Less than a tunnel
@@ -63,7 +63,7 @@ class Sighting:
     """
 
     level: float
-    views: tuple[View, ...]
+    views: tuple[MetricView, ...]
     age: float = 0.0
 
 

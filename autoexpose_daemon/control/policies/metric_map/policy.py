@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import ClassVar
+from collections.abc import Mapping
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,14 +12,15 @@ from numpy.typing import NDArray
 from autoexpose_daemon.control.balance import Balance
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
 from autoexpose_daemon.control.policies.metric_map.forecast import Forecast
-from autoexpose_daemon.control.policies.metric_map.latency import Latency
+from autoexpose_daemon.control.policies.metric_map.loop_delay import LoopDelay
 from autoexpose_daemon.control.policies.metric_map.memory import TRUSTED_RISE, MetricMemory, Sighting
 from autoexpose_daemon.control.policies.metric_map.registration import Registration
 from autoexpose_daemon.control.policies.metric_map.search import dark_jump, plateau_centre, probe_bonus
-from autoexpose_daemon.control.policies.metric_map.view import DELTAS, FEWER_DELTAS, FEWEST_DELTAS, View, Viewer
-from autoexpose_daemon.control.policy import Observation, Target
+from autoexpose_daemon.control.policies.metric_map.view import DELTAS, FEWER_DELTAS, FEWEST_DELTAS, MetricView, Viewer
+from autoexpose_daemon.control.policy import ExposurePolicy, Observation, PolicySetup, Target
 from calibration.response import ResponseFunction
 from drivers.exposure import ExposureLimits
+from drivers.frames import Side
 
 BIN = 0.25
 """Stops between the levels that are compared."""
@@ -62,7 +64,7 @@ LEAST_CAMERA = 0.1
 """A camera that sees less than this share of the other's metric does not get a full vote."""
 
 
-class MetricMap:
+class MetricMap(ExposurePolicy):
     """Goes where the map promises most, for both cameras of a pair; docs/policy.md tells why.
 
     All targets are absolute levels, and the map is one of absolute levels, so frames in flight are never corrected
@@ -77,49 +79,54 @@ class MetricMap:
     densities: list[float]
     motion_px: float
 
-    def __init__(self, response: ResponseFunction, metric: GradientMetric, balance: Balance) -> None:
+    def __init__(self, responses: Mapping[Side, ResponseFunction], metric: GradientMetric, balance: Balance) -> None:
         self.balance = balance
-        self._response = response
-        left, right = (DELTAS, FEWER_DELTAS) if metric.native else (FEWER_DELTAS, FEWEST_DELTAS)
-        self.shortfall = (
-            None
-            if metric.native
-            else f"the C extension is not built: predicts {len(left)} and {len(right)} exposures of the left and right "
-            f"image, not {len(DELTAS)} and {len(FEWER_DELTAS)}, to stay inside a third of the frame period"
-        )
-        self._left = Viewer(response, metric, list(left))
-        self._right = Viewer(response, metric, list(right))
-        self.registration = Registration(response)
+        reference, other = (DELTAS, FEWER_DELTAS) if metric.native else (FEWER_DELTAS, FEWEST_DELTAS)
+        if not metric.native:
+            self.shortfall = (
+                f"the C extension is not built: predicts {len(reference)} and {len(other)} exposures of the left and "
+                f"right image, not {len(DELTAS)} and {len(FEWER_DELTAS)}, to stay inside a third of the frame period"
+            )
+        self._viewers = {
+            side: (Viewer(response, metric, list(reference)), Viewer(response, metric, list(other)))
+            for side, response in responses.items()
+        }
+        self.registration = Registration(responses)
         self.forecast = Forecast()
-        self.latency = Latency()
+        self.latency = LoopDelay()
         self.memory = MetricMemory()
         self.target = None
         self.ahead = 0.0
         self.densities = []
         self.motion_px = 0.0
 
+    @classmethod
+    def build(cls, setup: PolicySetup) -> Self:
+        """With Begin & Hunter's balance, unless another is configured."""
+        return cls(setup.responses, setup.metric, setup.balance())
+
     def decide(self, observation: Observation) -> Target:
         """The level that promises most, for the frame that will show this decision."""
         level = observation.setting.level
-        self.latency.see(level)
+        self.latency.see(level, [observation.limits.clamp_level(past.target.level) for past in observation.past])
         views = self._views(observation)
         change = self._remember(observation, views)
-        target = self._jump(level, views) or self._best(observation, change)
+        target = self._jump(observation, views) or self._best(observation, change)
         self.target = observation.limits.clamp_level(target.level)
-        self.latency.decide(self.target)
         return target
 
-    def _views(self, observation: Observation) -> tuple[View, ...]:
-        left = self._left.view(observation.image, observation.weights)
-        if observation.right_image is None:
-            return (left,)
-        return left, self._right.view(observation.right_image, observation.right_weights)
+    def _views(self, observation: Observation) -> tuple[MetricView, ...]:
+        """The reference camera's, predicted at more exposures, and the others'."""
+        return tuple(
+            self._viewers[look.side][place > 0].view(look.image, look.weights)
+            for place, look in enumerate(observation.looks)
+        )
 
-    def _remember(self, observation: Observation, views: tuple[View, ...]) -> float:
+    def _remember(self, observation: Observation, views: tuple[MetricView, ...]) -> float:
         """Take the frame into the map; returns by how much the light has risen since the last one, stops."""
         level = observation.setting.level
         level_change = level - self.registration.previous_level
-        light = self.registration.change(observation.image, level, observation.weights)
+        light = self.registration.change(observation.looks[0], level)
         change = light.stops if light else 0.0
         self.forecast.add(change)
         # What was seen before an unmeasured change either still fits, or is contradicted and dropped.
@@ -136,9 +143,10 @@ class MetricMap:
             self.densities[camera] = max(DENSITY_DECAY * self.densities[camera], density, LEAST_DENSITY)
         return change
 
-    def _jump(self, level: float, views: tuple[View, ...]) -> Target | None:
+    def _jump(self, observation: Observation, views: tuple[MetricView, ...]) -> Target | None:
         """Out of the dark, where nothing brighter has been seen yet; None when this is not so."""
-        jump = dark_jump(min(view.signal for view in views), self._response)
+        level = observation.setting.level
+        jump = max(dark_jump(view.signal, look.response) for view, look in zip(views, observation.looks, strict=True))
         if jump == 0 or self.memory.highest().level > level + 1.0:
             return None
         target = level + jump

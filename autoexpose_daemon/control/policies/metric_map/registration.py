@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from autoexpose_daemon.control.policy import Look
 from calibration.response import ResponseFunction
+from drivers.frames import Side
 
 STRIDE = 5
 """Every fifth pixel across and down: some 3900 of 360x270 fix a median to 0.01 stop."""
@@ -46,51 +49,42 @@ class Registration:
 
     Attributes
     ----------
+    side
+        Camera of the frame before; None before the first.
     previous
         Grey levels of the frame before, every fifth across and down, uint8; None before the first.
     previous_level
         Its exposure level, stops.
     """
 
-    STATE: ClassVar[tuple[str, ...]] = ("previous", "previous_level")
+    STATE: ClassVar[tuple[str, ...]] = ("side", "previous", "previous_level")
+    side: Side | None
     previous: NDArray[np.uint8] | None
     previous_level: float
 
-    def __init__(self, response: ResponseFunction) -> None:
-        margin = MARGIN * (response.saturation - response.black_level)
-        # Near the black level one grey level is too large a part of the signal to be a logarithm.
-        low = response.black_level + max(4.0, margin)
-        high = response.saturation - margin
-        greys = np.arange(256)
-        self._log_exposure = response.inverse(np.clip(greys, round(low), round(high))).astype(np.float32)
-        self._state = (greys >= high).astype(np.int8) - (greys <= low)
+    def __init__(self, responses: Mapping[Side, ResponseFunction]) -> None:
+        self._tables = {side: _tables(response) for side, response in responses.items()}
+        self.side = None
         self.previous = None
         self.previous_level = 0.0
 
-    def change(
-        self, image: NDArray[np.uint8], level: float, weights: NDArray[np.uint8] | None = None
-    ) -> LightChange | None:
-        """The change of light since the frame before; None when no pixel tells of any.
+    def change(self, look: Look, level: float) -> LightChange | None:
+        """The change of light since the frame before, which was taken by the same camera.
 
-        Parameters
-        ----------
-        image
-            uint8, (height, width).
-        level
-            Exposure level of this frame, stops.
-        weights
-            Pixels that weigh nothing (uint8, same shape) do not count; None: all do.
+        None after a frame of another camera, and when no pixel shows any change. `level` is the exposure level of this
+        frame, stops; pixels that weigh nothing do not count.
         """
-        now = np.ascontiguousarray(image[::STRIDE, ::STRIDE])
-        before, level_change = self.previous, level - self.previous_level
-        self.previous, self.previous_level = now, level
-        if before is None or before.shape != now.shape:
+        now = np.ascontiguousarray(look.image[::STRIDE, ::STRIDE])
+        side, before, level_change = self.side, self.previous, level - self.previous_level
+        self.side, self.previous, self.previous_level = look.side, now, level
+        if before is None or side != look.side or before.shape != now.shape:
             return None
-        if weights is not None:
-            counts = weights[::STRIDE, ::STRIDE] > 0
+        if look.weights is not None:
+            counts = look.weights[::STRIDE, ::STRIDE] > 0
             before, now = before[counts], now[counts]
-        first, second = self._state[before], self._state[now]
-        changes = self._log_exposure[now] - self._log_exposure[before]
+        log_exposure, clipped = self._tables[look.side]
+        first, second = clipped[before], clipped[now]
+        changes = log_exposure[now] - log_exposure[before]
         known = changes[(first == 0) & (second == 0)]
         at_least = changes[second > first]
         at_most = changes[second < first]
@@ -100,3 +94,14 @@ class Registration:
         rank = min(known.size + at_least.size, values.size - 1)
         median = float(np.partition(values, rank)[rank])
         return LightChange(median - level_change, known.size >= LEAST_SHARE * changes.size)
+
+
+def _tables(response: ResponseFunction) -> tuple[NDArray[np.float32], NDArray[np.int8]]:
+    """By grey level: log2 of the exposure behind it, and whether it is clipped, 1 above and -1 below."""
+    margin = MARGIN * (response.saturation - response.black_level)
+    # Near the black level one grey level is too large a part of the signal to be a logarithm.
+    low = response.black_level + max(4.0, margin)
+    high = response.saturation - margin
+    greys = np.arange(256)
+    log_exposure = response.inverse(np.clip(greys, round(low), round(high))).astype(np.float32)
+    return log_exposure, (greys >= high).astype(np.int8) - (greys <= low)

@@ -32,8 +32,8 @@ BRIGHT_QUANTILE = 0.99
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class View:
-    """What one image says.
+class MetricView:
+    """What one camera's image says of the metric.
 
     Attributes
     ----------
@@ -70,11 +70,11 @@ class Viewer:
         self._deltas = deltas
         self._tables = PackedTables(prediction_tables(response, deltas))
 
-    def view(self, image: NDArray[np.uint8], weights: NDArray[np.uint8] | None = None) -> View:
+    def view(self, image: NDArray[np.uint8], weights: NDArray[np.uint8] | None = None) -> MetricView:
         """The view of an image, uint8, (height, width), whose pixels count as `weights` (same shape) say."""
         curve = self._metric.measure_predictions(image, self._tables, weights)
         saturated, _ = self._shares.measure(image, weights)
-        return View(np.interp(DELTAS, self._deltas, curve), saturated, self._signal(image, weights))
+        return MetricView(np.interp(DELTAS, self._deltas, curve), saturated, self._signal(image, weights))
 
     def _signal(self, image: NDArray[np.uint8], weights: NDArray[np.uint8] | None) -> float:
         counts = cv2.calcHist([image], [0], weights, [256], [0, 256]).ravel().cumsum()

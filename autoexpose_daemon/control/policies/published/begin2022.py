@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from collections.abc import Mapping
+from typing import Self
 
 from autoexpose_daemon.control.balance import Balance
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
-from autoexpose_daemon.control.policy import Observation, Target
+from autoexpose_daemon.control.policy import ExposurePolicy, Observation, PolicySetup, Target
 from autoexpose_daemon.control.search.optimum import PolynomialFit
 from autoexpose_daemon.control.search.predicted_curve import PredictedCurve
 from calibration.response import ResponseFunction
 from calibration.response.prediction import prediction_tables
+from drivers.frames import Side
 
 DELTA_LEVELS = (-2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0)
 """Changes of level that are predicted, stops: where the seven samples of algorithm 1, step 1, lie."""
@@ -31,23 +33,31 @@ HOLD_STOPS = 0.02
 """Below this the reason given says "held"; the step itself is made all the same, as in the paper."""
 
 
-class Begin2022:
+class Begin2022(ExposurePolicy):
     """Eq. (20) to (22): predict the metric over +-2 stops, go to its maximum, further if the move beat its promise.
 
     The paper compares frame k with frame k-1; an exposure shows later than that. So frame k is compared with the frame
     whose decision it realises, and with what that decision promised. No state of its own: the loop remembers steps.
     """
 
-    STATE: ClassVar[tuple[str, ...]] = ()
+    FLOW = "farneback"
 
-    def __init__(self, response: ResponseFunction, metric: GradientMetric, balance: Balance) -> None:
+    def __init__(self, responses: Mapping[Side, ResponseFunction], metric: GradientMetric, balance: Balance) -> None:
         self.balance = balance
         self._fit = PolynomialFit(DELTA_LEVELS, DEGREE)
-        self._curve = PredictedCurve(metric, prediction_tables(response, DELTA_LEVELS), DELTA_LEVELS.index(0.0))
+        self._curves = {
+            side: PredictedCurve(metric, prediction_tables(response, DELTA_LEVELS), DELTA_LEVELS.index(0.0))
+            for side, response in responses.items()
+        }
+
+    @classmethod
+    def build(cls, setup: PolicySetup) -> Self:
+        """With the paper's balance, unless another is configured."""
+        return cls(setup.responses, setup.metric, setup.balance())
 
     def decide(self, observation: Observation) -> Target:
         """The level that promises most, relative to the level of this frame."""
-        metrics = self._curve.measure(observation)
+        metrics = self._curves[observation.side].measure(observation)
         best = self._fit.maximum(metrics)
         beyond = gain_ratio(observation) >= RATIO_THRESHOLD
         delta_level = best.position * (STEP_FACTOR if beyond else 1.0)

@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Self
 
-from autoexpose_daemon.control.balance import Balance
-from autoexpose_daemon.control.policy import Observation, Target
+from autoexpose_daemon.control.balance import Balance, ExposurePriority
+from autoexpose_daemon.control.policy import ExposurePolicy, Observation, PolicySetup, Target
 from drivers.exposure import ExposureSetting
 
 
-@dataclass(frozen=True, slots=True)
-class Fixed:
+@dataclass(slots=True)
+class Fixed(ExposurePolicy):
     """Always asks for `start`, time and gain alike."""
-
-    STATE: ClassVar[tuple[str, ...]] = ()
 
     start: ExposureSetting
     balance: Balance
+
+    @classmethod
+    def build(cls, setup: PolicySetup) -> Self:
+        """With exposure priority, unless another balance is configured."""
+        return cls(setup.start, setup.balance(ExposurePriority()))
 
     def decide(self, observation: Observation) -> Target:
         """The start setting."""

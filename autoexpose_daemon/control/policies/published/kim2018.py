@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from autoexpose_daemon.control.balance import Balance
+from autoexpose_daemon.control.balance import Balance, FixedGain
 from autoexpose_daemon.control.metrics.entropy_weighted_gradient import entropy_weighted_gradient
-from autoexpose_daemon.control.policy import Observation, Target
+from autoexpose_daemon.control.policy import ExposurePolicy, Observation, PolicySetup, Target
 from autoexpose_daemon.control.search.gaussian_process import GaussianProcess
 from autoexpose_daemon.control.search.query import Held
 from drivers.exposure import DB_PER_STOP, ExposureLimits
@@ -30,7 +30,7 @@ NEAR_STOPS = 0.2
 
 
 @dataclass(slots=True)
-class Kim2018:
+class Kim2018(ExposurePolicy):
     """Maximises M_ewg of eq. (12) at a fixed gain (Kim et al. 2018).
 
     Ask for the exposure time of which a Gaussian process through all samples knows least, until it knows enough; then
@@ -59,6 +59,11 @@ class Kim2018:
     levels: list[float] = field(default_factory=list)
     values: list[float] = field(default_factory=list)
     held: Held | None = None
+
+    @classmethod
+    def build(cls, setup: PolicySetup) -> Self:
+        """With the balance of Table 1 of Begin & Hunter 2022, unless another is configured."""
+        return cls(setup.balance(FixedGain(setup.start.gain_db)), setup.start.gain_db)
 
     def decide(self, observation: Observation) -> Target:
         """The level to be learnt next, or the best one."""

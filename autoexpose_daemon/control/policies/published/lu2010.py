@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Self
 
-from autoexpose_daemon.control.balance import Balance
+from autoexpose_daemon.control.balance import Balance, FixedRatio
 from autoexpose_daemon.control.metrics.entropy import entropy
-from autoexpose_daemon.control.policy import Observation, Target
+from autoexpose_daemon.control.policy import ExposurePolicy, Observation, PolicySetup, Target
 from autoexpose_daemon.control.search.query import Held, way_out
 
 FIRST_STEP_STOPS = 1.0
@@ -22,7 +22,7 @@ SMALLEST_GAIN = 0.005
 
 
 @dataclass(slots=True)
-class Lu2010:
+class Lu2010(ExposurePolicy):
     """Climbs M_e of eq. (2) (Lu et al. 2010; Table 1 of Begin & Hunter: entropy, preset relation, policy unspecified).
 
     Lu's relation makes time and gain one coordinate, the exposure level. What remains open is how to climb; this is
@@ -53,6 +53,11 @@ class Lu2010:
     step: float = FIRST_STEP_STOPS
     turned: bool = False
     held: Held | None = None
+
+    @classmethod
+    def build(cls, setup: PolicySetup) -> Self:
+        """With the balance of Table 1 of Begin & Hunter 2022, unless another is configured."""
+        return cls(setup.balance(FixedRatio()))
 
     def decide(self, observation: Observation) -> Target:
         """The level whose entropy is to be learnt next, or the best one."""

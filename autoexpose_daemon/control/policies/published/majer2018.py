@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, Self
 
-from autoexpose_daemon.control.balance import Balance
+from autoexpose_daemon.control.balance import Balance, ExposurePriority
 from autoexpose_daemon.control.metrics.gradient import mean_signal
-from autoexpose_daemon.control.policy import Observation, Target
-from calibration.response import ResponseFunction
+from autoexpose_daemon.control.policy import ExposurePolicy, Observation, PolicySetup, Target
 from drivers.errors import ConfigurationError
 
 DESIRED_BRIGHTNESS = 0.5
@@ -26,7 +25,7 @@ SMALLEST_SIGNAL = 0.5 / 255
 
 
 @dataclass(slots=True)
-class Majer2018:
+class Majer2018(ExposurePolicy):
     """``e <- e + c_e e (b_d / b - 1)`` once per five frames (Majer et al. 2018, eq. 1), e the linear exposure t g.
 
     Attributes
@@ -42,10 +41,15 @@ class Majer2018:
     STATE: ClassVar[tuple[str, ...]] = ("frames", "level")
 
     region: Literal["top_half", "full"]
-    response: ResponseFunction
     balance: Balance
     frames: int = 0
     level: float | None = None
+
+    @classmethod
+    def build(cls, setup: PolicySetup) -> Self:
+        """With exposure priority, unless another balance is configured: the paper sets one "exposure"."""
+        region: Literal["top_half", "full"] = "full" if setup.policy_id == "majer2018-full" else "top_half"
+        return cls(region, setup.balance(ExposurePriority()))
 
     def decide(self, observation: Observation) -> Target:
         """Eq. (1) at every fifth frame; else the target that stands."""
@@ -57,7 +61,7 @@ class Majer2018:
         weights = None if observation.weights is None else observation.weights[:rows]
         if weights is not None and not weights.any():
             raise ConfigurationError("control.roi leaves nothing of the top half, the part that this policy looks at")
-        brightness = max(mean_signal(observation.image[:rows], self.response, weights), SMALLEST_SIGNAL)
+        brightness = max(mean_signal(observation.image[:rows], observation.looks[0].response, weights), SMALLEST_SIGNAL)
         factor = 1 + CONTROL_GAIN * (DESIRED_BRIGHTNESS / brightness - 1)
         self.level = observation.limits.clamp_level(observation.setting.level + math.log2(factor))
         where = "top half" if self.region == "top_half" else "image"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import ClassVar
+from typing import Self
 
 import numpy as np
 from numpy.polynomial import polynomial
@@ -11,7 +11,7 @@ from numpy.polynomial import polynomial
 from autoexpose_daemon.control.balance import Balance
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
 from autoexpose_daemon.control.policies.published.shim2018 import gamma_table
-from autoexpose_daemon.control.policy import Observation, Target
+from autoexpose_daemon.control.policy import ExposurePolicy, Observation, PolicySetup, Target
 from autoexpose_daemon.control.search.optimum import PolynomialFit, best_sample
 from autoexpose_daemon.control.search.predicted_curve import PredictedCurve
 
@@ -41,7 +41,7 @@ def next_level(level: float, gamma: float) -> float:
     return level - alpha * PROPORTIONAL_GAIN * (ratio - 1) * value
 
 
-class Mehta2020:
+class Mehta2020(ExposurePolicy):
     """Gamma* from the roots of the fitted polynomial's derivative, and the step of `next_level`. No state.
 
     As in the code: a root counts between the outer anchors and when the polynomial there exceeds the best anchor,
@@ -49,12 +49,17 @@ class Mehta2020:
     frame is used (theirs skips every other one), and an image of equal gradient under every gamma holds.
     """
 
-    STATE: ClassVar[tuple[str, ...]] = ()
+    FLOW = "farneback"
 
     def __init__(self, metric: GradientMetric, balance: Balance) -> None:
         self.balance = balance
         self._fit = PolynomialFit(GAMMAS, DEGREE)
         self._curve = PredictedCurve(metric, np.stack([gamma_table(1 / gamma) for gamma in GAMMAS]), GAMMAS.index(1.0))
+
+    @classmethod
+    def build(cls, setup: PolicySetup) -> Self:
+        """With the balance of section 3.3 of Begin & Hunter 2022, unless another is configured."""
+        return cls(setup.metric, setup.balance())
 
     def decide(self, observation: Observation) -> Target:
         """The law's step from the level of this frame."""

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Self
 
-from autoexpose_daemon.control.balance import Balance
-from autoexpose_daemon.control.policy import Observation, Target
+from autoexpose_daemon.control.balance import Balance, ExposurePriority
+from autoexpose_daemon.control.policy import ExposurePolicy, Observation, PolicySetup, Target
 
 INTEGRAL_GAIN = 0.6
 PROPORTIONAL_GAIN = 0.15
@@ -22,7 +22,7 @@ DEAD_BAND_STOPS = 0.05
 
 
 @dataclass(slots=True)
-class Neves2009:
+class Neves2009(ExposurePolicy):
     """PI on the exposure level with the error of the mean in stops (Neves et al. 2009; target: B&H section 3.3).
 
     In velocity form: ``E_next = E + k_i e + k_p (e - e_previous)``. The level itself is the integral, so bounds
@@ -41,6 +41,11 @@ class Neves2009:
     target: float
     balance: Balance
     previous_error: float | None = None
+
+    @classmethod
+    def build(cls, setup: PolicySetup) -> Self:
+        """With the balance of Table 1 of Begin & Hunter 2022, unless another is configured."""
+        return cls(setup.parameters.mean_target, setup.balance(ExposurePriority()))
 
     def decide(self, observation: Observation) -> Target:
         """One PI step from the level of this frame."""

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
-from typing import ClassVar
+from typing import Self
 
 import numpy as np
 from numpy.polynomial import polynomial
 from numpy.typing import NDArray
 
-from autoexpose_daemon.control.balance import Balance
+from autoexpose_daemon.control.balance import Balance, ExposurePriority
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
-from autoexpose_daemon.control.policy import Observation, Target
+from autoexpose_daemon.control.policy import ExposurePolicy, Observation, PolicySetup, Target
 from autoexpose_daemon.control.search.optimum import PolynomialFit, best_sample
 from autoexpose_daemon.control.search.predicted_curve import PredictedCurve
 
@@ -45,18 +45,21 @@ def next_level(level: float, gamma: float) -> float:
     return (1 + alpha * PROPORTIONAL_GAIN * (ratio - 1)) * level
 
 
-class Shim2018:
+class Shim2018(ExposurePolicy):
     """Finds gamma* that maximises gradient information, and steps as eq. (15) to (19) say. No state.
 
     An image that has equal gradient under every gamma (black, white) tells nothing: gamma* = 1, the exposure is held.
     """
 
-    STATE: ClassVar[tuple[str, ...]] = ()
-
     def __init__(self, metric: GradientMetric, balance: Balance) -> None:
         self.balance = balance
         self._fit = PolynomialFit(GAMMAS, DEGREE)
         self._curve = PredictedCurve(metric, np.stack([gamma_table(gamma) for gamma in GAMMAS]), GAMMAS.index(1.0))
+
+    @classmethod
+    def build(cls, setup: PolicySetup) -> Self:
+        """With the balance of Table 1 of Begin & Hunter 2022, unless another is configured."""
+        return cls(setup.metric, setup.balance(ExposurePriority()))
 
     def decide(self, observation: Observation) -> Target:
         """The law's step from the level of this frame."""

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Self
 
-from autoexpose_daemon.control.balance import Balance
+from autoexpose_daemon.control.balance import Balance, ExposurePriority
 from autoexpose_daemon.control.metrics.quality import CombinedQuality
-from autoexpose_daemon.control.policy import Observation, Target
+from autoexpose_daemon.control.policy import ExposurePolicy, Observation, PolicySetup, Target
 from autoexpose_daemon.control.search.nelder_mead import NelderMead, Point
 from autoexpose_daemon.control.search.query import Held, way_out
 from drivers.exposure import DB_PER_STOP
@@ -20,7 +20,7 @@ MOST_QUERIES = 40
 
 
 @dataclass(slots=True)
-class Shin2019:
+class Shin2019(ExposurePolicy):
     """Maximises M_q of eq. (14) over log2 of time and gain (Shin et al. 2019): it chooses both by itself.
 
     The search of Nelder and Mead asks for query images and waits for the frame really taken with each. It ends when
@@ -50,6 +50,12 @@ class Shin2019:
     query: Target | None = None
     queries: int = 0
     held: Held | None = None
+
+    @classmethod
+    def build(cls, setup: PolicySetup) -> Self:
+        """With exposure priority for the steps from black or white, unless another balance is configured."""
+        quality = CombinedQuality(setup.parameters.metric_delta, setup.parameters.metric_lambda)
+        return cls(quality, setup.balance(ExposurePriority()))
 
     def decide(self, observation: Observation) -> Target:
         """The setting whose quality is to be learnt next, or the best one."""

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import ClassVar
+from collections.abc import Mapping
+from typing import Self
 
-from autoexpose_daemon.control.balance import Balance
+from autoexpose_daemon.control.balance import Balance, ExposurePriority
 from autoexpose_daemon.control.metrics.gradient_statistics import SoftPercentile
-from autoexpose_daemon.control.policy import Observation, Target
+from autoexpose_daemon.control.policy import ExposurePolicy, Observation, PolicySetup, Target
 from calibration.response import ResponseFunction
+from drivers.frames import Side
 
 ASCENT_RATE = 0.25
 """Stops per (1/stop) of relative slope, d ln M / dE. The authors look their rate up by irradiance, since their slope
@@ -26,21 +28,24 @@ has no slope to follow either."""
 HOLD_STOPS = 0.005
 
 
-class Zhang2017:
+class Zhang2017(ExposurePolicy):
     """``E <- E + rate dM/dE / M`` with the soft percentile M (Zhang et al. 2017; exposure priority). No state.
 
     The derivative goes through the response function: dM/dE = dM/dI f'(f^-1(I)).
     """
 
-    STATE: ClassVar[tuple[str, ...]] = ()
-
-    def __init__(self, response: ResponseFunction, balance: Balance) -> None:
+    def __init__(self, responses: Mapping[Side, ResponseFunction], balance: Balance) -> None:
         self.balance = balance
-        self._percentile = SoftPercentile(response)
+        self._percentiles = {side: SoftPercentile(response) for side, response in responses.items()}
+
+    @classmethod
+    def build(cls, setup: PolicySetup) -> Self:
+        """With the balance of Table 1 of Begin & Hunter 2022, unless another is configured."""
+        return cls(setup.responses, setup.balance(ExposurePriority()))
 
     def decide(self, observation: Observation) -> Target:
         """One step of gradient ascent from the level of this frame."""
-        value, slope = self._percentile.derivative(observation.image, observation.weights)
+        value, slope = self._percentiles[observation.side].derivative(observation.image, observation.weights)
         if value == 0 or observation.saturated_share > SATURATED_SHARE:
             wish = math.log2(DESIRED_MEAN / max(observation.mean, SMALLEST_SIGNAL))
             reason = "mean towards half scale: no percentile to climb"

@@ -1,0 +1,46 @@
+"""How many frames pass from a decision until a frame shows it: learnt from the frames' own settings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+USUAL_FRAMES = 2
+"""Until the first change has been seen to arrive."""
+
+DISTINCT_STOPS = 0.15
+"""A change of exposure that cannot be rounding."""
+
+
+@dataclass(slots=True)
+class LoopDelay:
+    """The delay D of the loop, by finding past targets again in what frames were really taken with.
+
+    Attributes
+    ----------
+    frames
+        D: 1 when the very next frame shows a decision.
+    level
+        Level of the latest frame; None before the first.
+    """
+
+    STATE: ClassVar[tuple[str, ...]] = ("frames", "level")
+
+    frames: int = USUAL_FRAMES
+    level: float | None = None
+
+    def see(self, level: float, targets: Sequence[float]) -> None:
+        """A frame taken at `level` (stops) has come: if the level is new, since when was it wanted?
+
+        `targets` are the levels decided on, one per frame, oldest first.
+        """
+        changed = self.level is not None and abs(level - self.level) > DISTINCT_STOPS
+        self.level = level
+        if not changed:
+            return
+        for index in range(len(targets) - 1, 0, -1):
+            agrees = abs(targets[index] - level) < DISTINCT_STOPS / 3
+            if agrees and abs(targets[index - 1] - level) > DISTINCT_STOPS:
+                self.frames = len(targets) - index
+                return

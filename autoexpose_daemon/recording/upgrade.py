@@ -1,0 +1,38 @@
+"""Control's setup and state in recordings of the format before, brought to the present one."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from drivers.frames import SIDES
+
+FORMER_FORMAT = "autoexpose-control/2"
+"""Control had one response, the left camera's, and one history of motion, whichever camera the frames were from."""
+
+
+def upgraded_setup(setup: Any) -> Any:
+    """A setup of `FORMER_FORMAT` as one of the present format; anything else is returned unchanged."""
+    if not isinstance(setup, dict) or "response" not in setup:
+        return setup
+    others = {key: value for key, value in setup.items() if key != "response"}
+    return {"responses": dict.fromkeys(SIDES, setup["response"]), **others}
+
+
+def upgraded_state(state: Any) -> Any:
+    """A state of `FORMER_FORMAT` as one of the present format; anything else is returned unchanged."""
+    if not isinstance(state, dict) or "motion" not in state:
+        return state
+    unseen = {"shape": [0, 0], "previous": np.empty((0, 0), np.uint8), "previous_level": 0.0, "previous_time_ns": None}
+    policy = state.get("policy")
+    if isinstance(policy, dict) and isinstance(policy.get("registration"), dict):
+        latency = {key: value for key, value in policy.get("latency", {}).items() if key != "targets"}
+        policy = {**policy, "registration": {"side": "left", **policy["registration"]}, "latency": latency}
+    return {
+        "past": state.get("past"),
+        "motions": {"left": state["motion"], "right": unseen},
+        "motion_side": "left",
+        "motion_px": 0.0,
+        "policy": policy,
+    }

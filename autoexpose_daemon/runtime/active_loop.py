@@ -1,0 +1,69 @@
+"""The control loop at work: built when cameras are ready, and again when their limits or the tuning change."""
+
+from __future__ import annotations
+
+import logging
+
+from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.control.loop import ControlLoop
+from autoexpose_daemon.runtime.tuning import Tuning
+from drivers.exposure import ExposureLimits
+from drivers.frames import Side, StereoPair
+from drivers.rig.events import CameraReady
+
+log = logging.getLogger(__name__)
+
+
+class ActiveLoop:
+    """Holds the loop that decides.
+
+    Attributes
+    ----------
+    tuning
+        What the loop is built from, besides the cameras' limits.
+    loop
+        None before a camera is ready.
+    """
+
+    def __init__(self, tuning: Tuning) -> None:
+        self.tuning = tuning
+        self.loop: ControlLoop | None = None
+        self._limits: dict[Side, ExposureLimits] = {}
+        self._pixel_formats: dict[Side, str | None] = {}
+        self._newest: StereoPair | None = None
+
+    def ready(self, event: CameraReady) -> None:
+        """Heed the limits of a camera; raises ConfigurationError when they leave nothing."""
+        self._limits[event.side] = event.limits
+        self._pixel_formats[event.side] = event.description.pixel_format
+        limits = self.tuning.limits(self._limits.values())
+        if self.loop is None or limits != self.loop.setup.limits:
+            self._install(self.tuning.loop(limits))
+
+    def tune(self, tuning: Tuning) -> None:
+        """Go on by another tuning; raises ConfigurationError, with nothing changed, when it fits no camera or frame."""
+        tuning.check_belongs(self._pixel_formats)
+        loop = tuning.loop(tuning.limits(self._limits.values()))
+        if self._newest is not None:
+            loop.step(self._newest)
+        self.tuning = tuning
+        if self._limits:
+            self._install(loop)
+
+    def step(self, pair: StereoPair) -> Decision | None:
+        """Decide on a pair; None before a camera is ready."""
+        if self.loop is None:
+            return None
+        decision = self.loop.step(pair)
+        self._newest = pair
+        return decision
+
+    def _install(self, loop: ControlLoop) -> None:
+        limits = loop.setup.limits
+        log.info(
+            "exposure within %g to %g us, %g to %g dB",
+            limits.min_time_us, limits.max_time_us, limits.min_gain_db, limits.max_gain_db,
+        )  # fmt: skip
+        if loop.shortfall:
+            log.warning("policy %s: %s", self.tuning.config.control.policy, loop.shortfall)
+        self.loop = loop

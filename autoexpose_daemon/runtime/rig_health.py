@@ -1,0 +1,91 @@
+"""How the cameras of a rig are: what their events reveal, counted in telemetry, logged, and kept as complaints."""
+
+from __future__ import annotations
+
+import logging
+
+from autoexpose_daemon.config.document import Config
+from autoexpose_daemon.runtime.complaints import Complaints
+from autoexpose_daemon.runtime.frame_watch import FrameWatch
+from autoexpose_daemon.runtime.stuck import StuckStreams
+from autoexpose_daemon.status.telemetry import GONE, Telemetry
+from drivers.camera import IncompleteFrame
+from drivers.errors import AutoexposeError
+from drivers.frames import Frame, Side
+from drivers.log_throttle import LogThrottle
+from drivers.rig.events import CameraGone, CameraReady, CameraSilent, FrameArrived, RigEvent, WriteFailed, Written
+from drivers.triggers.record import RigRecord
+
+log = logging.getLogger(__name__)
+
+_SILENCE_SAID_S = 60.0  # a trigger much slower than configured makes each frame end a silence
+
+
+class RigHealth:
+    """Looks at every event after the record has taken it."""
+
+    def __init__(self, config: Config, telemetry: Telemetry, record: RigRecord) -> None:
+        self._telemetry = telemetry
+        self._complaints = Complaints(telemetry.complaints)
+        self._frame_watch = FrameWatch(telemetry, self._complaints, record, config)
+        self._stuck = StuckStreams(1.0 / config.trigger.rate_hz)
+        self._record = record
+        self._ever_ready: set[Side] = set()
+        self._throttle = LogThrottle(_SILENCE_SAID_S)
+
+    def see(self, event: RigEvent, now_ns: int) -> None:
+        """Look at an event; raises the error of a camera that can never be driven."""
+        match event:
+            case FrameArrived(side, IncompleteFrame()):
+                self._frame_watch.incomplete(side)
+            case FrameArrived(side, Frame() as frame, stale=False):
+                self._telemetry.last_frame_ns[side] = frame.arrival_time_ns
+                self._frame_watch.frame(side, frame)
+            case CameraSilent(side):
+                if self._throttle.due(side, now_ns):
+                    log.warning("%s camera: no frames; asking whether it is there", side)
+                self._frame_watch.silent(side)
+            case CameraGone(side, error, final):
+                self._gone(side, error, final)
+            case CameraReady():
+                self._ready(event)
+            case Written():
+                self._written(event)
+            case WriteFailed(side, asked, error):
+                self._telemetry.counts.refused_writes += 1
+                self._frame_watch.refused(side)
+                self._complaints.begin(side, "refused", f"{asked} was refused: {error}")
+
+    def look(self, now_ns: int) -> list[Side]:
+        """Look around, ten times a second at least; returns the cameras to be opened again."""
+        for finding in self._record.findings(now_ns):
+            log.warning("%s", finding)
+        return self._stuck.sides(self._telemetry, now_ns)
+
+    def _ready(self, event: CameraReady) -> None:
+        side, camera = event.side, event.description
+        self._telemetry.counts.reconnects += side in self._ever_ready
+        self._ever_ready.add(side)
+        self._complaints.end(side, GONE)
+        log.info("%s camera: %s %s %s, ready", side, camera.vendor, camera.model, camera.serial)
+        for limitation in camera.limitations:
+            log.warning("%s camera %s: %s", side, camera.serial, limitation)
+        self._telemetry.cameras[side] = f"{camera.model} {camera.serial}"
+
+    def _gone(self, side: Side, error: AutoexposeError, final: bool) -> None:
+        if self._telemetry.cameras.get(side) != GONE:
+            self._complaints.end_all(side)
+        self._telemetry.cameras[side] = GONE
+        self._frame_watch.gone(side)
+        if final:
+            raise error
+        self._complaints.change(side, GONE, f"{error}; trying again")
+
+    def _written(self, event: Written) -> None:
+        self._complaints.end(event.side, "refused")
+        if event.read_back.agrees_with(event.asked):
+            self._complaints.end(event.side, "clipped")
+        else:
+            self._telemetry.counts.adjusted_writes += 1
+            taken = f"{event.asked} was asked for, the camera took {event.read_back}"
+            self._complaints.begin(event.side, "clipped", taken)

@@ -1,0 +1,136 @@
+"""The command `autoexpose calibrate noise`."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator, Sequence
+from contextlib import closing, contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from calibration.commands.additions import response_file_of
+from calibration.commands.measure import check_gain, take
+from calibration.noise.model import Estimate, NoiseModel
+from calibration.noise.photon_transfer import PhotonTransfer, photon_transfer
+from calibration.noise.plan import default_gains_db, plan_noise
+from calibration.sources.session import Session, session_setup
+from calibration.sweep import Sweep
+from drivers.aravis import AravisCamera, open_camera
+from drivers.errors import AutoexposeError, ConfigurationError
+from drivers.pixel_format import PixelFormat
+
+log = logging.getLogger(__name__)
+
+COLUMNS = (
+    ("gain", "dB"),
+    ("system gain", "DN/e"),
+    ("read noise", "e"),
+    ("black", "DN"),
+    ("full well", "e"),
+)
+DEEPER = (PixelFormat.MONO12, PixelFormat.MONO16)
+
+
+def noise(
+    *,
+    camera: Annotated[str, typer.Option(help="Serial number.")],
+    gain_db: Annotated[list[float] | None, typer.Option(help="Gain to measure at (dB); may be given again.")] = None,
+    pixel_format: Annotated[PixelFormat | None, typer.Option(help="The deepest the camera has, if not given.")] = None,
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="Response file to add the result to.")] = None,
+) -> None:
+    """Measure system gain, read noise, black level and full well at each gain, by photon transfer (EMVA 1288)."""
+    console = Console(highlight=False)
+    file = None if output is None else response_file_of(output, camera)
+    with _session(camera, pixel_format) as session:
+        used_format = str(session.description.pixel_format)
+        results = _measure(session, gain_db, console)
+    models = [result.model for result in results.values() if result.model is not None]
+    if models:
+        console.print(noise_table(f"camera {camera}, {used_format}", models))
+    for gain, result in results.items():
+        for finding in result.findings:
+            console.print(f"{finding.severity} at {gain:g} dB: {finding.text}", soft_wrap=True)
+    if file is not None and output is not None and models:
+        replace(file, noise=noise_document(used_format, models)).save(output)
+        console.print(f"written: {output}", soft_wrap=True)
+    if len(models) < len(results):
+        raise typer.Exit(1)
+
+
+def noise_table(title: str, models: Sequence[NoiseModel]) -> Table:
+    """One row for each gain."""
+    table = Table(title=title, title_justify="left")
+    for name, unit in COLUMNS:
+        table.add_column(f"{name}\n({unit})", justify="right", no_wrap=True)
+    for model in models:
+        full_well = "not seen" if model.full_well_e is None else str(model.full_well_e)
+        table.add_row(
+            f"{model.gain_db:.1f}",
+            str(model.system_gain),
+            str(model.read_noise_e),
+            str(model.black_level_dn),
+            full_well,
+        )
+    return table
+
+
+def noise_document(pixel_format: str, models: Sequence[NoiseModel]) -> dict[str, Any]:
+    """What stands under `noise` in a response file: pairs are a value and its standard error."""
+    return {"pixel_format": pixel_format, "gains": [_entry(model) for model in models]}
+
+
+def _entry(model: NoiseModel) -> dict[str, Any]:
+    saturation = model.saturation_dn
+    return {
+        "gain_db": round(model.gain_db, 3),
+        "system_gain": _rounded(model.system_gain),
+        "read_noise_e": _rounded(model.read_noise_e),
+        "black_level_dn": _rounded(model.black_level_dn),
+        "saturation_dn": None if saturation is None else round(saturation, 1),
+        "full_well_e": None if model.full_well_e is None else _rounded(model.full_well_e),
+    }
+
+
+def _rounded(estimate: Estimate) -> list[float]:
+    return [float(f"{part:.5g}") for part in estimate]
+
+
+@contextmanager
+def _session(serial: str, pixel_format: PixelFormat | None) -> Iterator[Session]:
+    """A session in the format asked for, or the deepest; at its end the camera gets back the format it had."""
+    with closing(open_camera(serial, session_setup())) as camera:
+        former = camera.description.pixel_format
+    try:
+        with Session(_open(serial, pixel_format)) as session:
+            yield session
+    finally:
+        try:
+            open_camera(serial, session_setup(former)).close()
+        except AutoexposeError as error:  # it must not hide why the measurement ended
+            log.warning("camera %s: its pixel format is no longer %s: %s", serial, former, error)
+
+
+def _open(serial: str, pixel_format: PixelFormat | None) -> AravisCamera:
+    """In the deepest format that the camera has: 8 bits hide the read noise of most sensors at low gain."""
+    if pixel_format is not None:
+        return open_camera(serial, session_setup(pixel_format))
+    for deeper in DEEPER:
+        try:
+            return open_camera(serial, session_setup(deeper))
+        except ConfigurationError:
+            continue
+    return open_camera(serial, session_setup(PixelFormat.MONO8))
+
+
+def _measure(session: Session, gains_db: Sequence[float] | None, console: Console) -> dict[float, PhotonTransfer]:
+    results = {}
+    for gain_db in gains_db or default_gains_db(session.limits):
+        check_gain(session, gain_db)
+        shots = take(session, plan_noise(session, gain_db), f"{session.description.serial} at {gain_db:g} dB", console)
+        results[gain_db] = photon_transfer(Sweep(tuple(shots)))
+    return results

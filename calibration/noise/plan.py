@@ -1,0 +1,60 @@
+"""Which exposures show a camera's noise, from nearly no light to saturation."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calibration.sources.sweep_plan import FIRST_TIME_US, StaticCamera, SweepPlan, time_bounds_us
+from drivers.exposure import ExposureLimits, ExposureSetting
+
+DARKEST_STOPS, BRIGHTEST_STOPS = -9.0, 2.0
+"""From where the scene's median is half of full scale: to a few electrons a pixel, and until most pixels saturate."""
+STEP_STOPS = 0.6
+"""A flat scene shows noise at as many levels as there are exposures; at a high gain only a stop of them tells."""
+PAIR = 2
+HALF = (0.3, 0.7)
+SEARCH_STEPS = 8
+SEARCH_FACTOR = 8.0
+"""A saturated image tells that it is too bright, and not by how much."""
+
+
+def plan_noise(camera: StaticCamera, gain_db: float) -> SweepPlan:
+    """Pairs of images at exposure times around that of this scene, and one of them again, to show a light that drifts.
+
+    Raises
+    ------
+    CameraError
+        When the camera does not do its part.
+    """
+    shortest_us, longest_us = time_bounds_us(camera.limits)
+    half_us = _half_exposure_us(camera, gain_db)
+    low_us = max(half_us * 2.0**DARKEST_STOPS, shortest_us)
+    high_us = min(half_us * 2.0**BRIGHTEST_STOPS, longest_us)
+    count = max(int(np.ceil(np.log2(high_us / low_us) / STEP_STOPS)) + 1, 2)
+    times_us = [float(time_us) for time_us in np.geomspace(low_us, high_us, count)]
+    again_us = min(times_us, key=lambda time_us: abs(np.log2(time_us / half_us)))
+    return SweepPlan(tuple(ExposureSetting(time_us, gain_db) for time_us in (*times_us, again_us)), PAIR)
+
+
+def default_gains_db(limits: ExposureLimits) -> tuple[float, ...]:
+    """The lowest gain, the highest one, and two between them."""
+    return tuple(
+        float(gain_db) for gain_db in np.unique(np.linspace(limits.min_gain_db, limits.max_gain_db, 4).round(1))
+    )
+
+
+def _half_exposure_us(camera: StaticCamera, gain_db: float) -> float:
+    """The exposure time at which the median pixel is about half of full scale, as near as the bounds let."""
+    shortest_us, longest_us = time_bounds_us(camera.limits)
+    time_us = min(max(FIRST_TIME_US, shortest_us), longest_us)
+    for _ in range(SEARCH_STEPS):
+        (shot,) = camera.take(ExposureSetting(time_us, gain_db), 1)
+        part = float(np.median(shot.pixels)) / (2**shot.bit_depth - 1)
+        if HALF[0] < part < HALF[1]:
+            break
+        factor = min(0.5 / max(part, 1e-3), SEARCH_FACTOR) if part < HALF[0] else 1.0 / SEARCH_FACTOR
+        following_us = min(max(time_us * factor, shortest_us), longest_us)
+        if following_us == time_us:
+            break
+        time_us = following_us
+    return time_us

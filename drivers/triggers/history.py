@@ -1,0 +1,131 @@
+"""What one camera was commanded and what its nodes held: which write made a frame."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+from itertools import islice
+
+from drivers.exposure import DB_PER_STOP, ExposureSetting
+from drivers.frames import Frame
+from drivers.rig.events import Written
+
+REMEMBERED = 128
+"""Writes: half a second at 200 Hz, which is longer than any camera reported takes from write to effect, and some."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Command:
+    """A setting that was decided on, for every camera.
+
+    Attributes
+    ----------
+    setting
+        What the cameras are to take.
+    arrival_ns
+        When the last frame of the pair it was decided on arrived (CLOCK_MONOTONIC).
+    decided_ns
+        When it was decided on.
+    due_ns
+        From when on it may be written; later than `decided_ns` where the write window holds it.
+    """
+
+    setting: ExposureSetting
+    arrival_ns: int
+    decided_ns: int
+    due_ns: int
+
+    @property
+    def held(self) -> bool:
+        """Whether the write window holds it."""
+        return self.due_ns > self.decided_ns
+
+
+class WriteHistory:
+    """The commands and writes of one camera, newest last. Times are CLOCK_MONOTONIC, in ns."""
+
+    def __init__(self) -> None:
+        self._on_way: deque[Command] = deque(maxlen=REMEMBERED)  # to the nodes
+        self._unseen: deque[Command] = deque(maxlen=REMEMBERED)  # in any frame
+        self._seen: ExposureSetting | None = None  # in the newest frame that carries its own exposure metadata
+        self._writes: deque[Written] = deque(maxlen=REMEMBERED)
+        self._certain = 0  # so many of the newest writes: before them the nodes may have held anything
+
+    def command(self, command: Command) -> None:
+        """A command is on its way to the camera."""
+        self._on_way.append(command)
+        self._unseen.append(command)
+
+    def write(self, write: Written) -> Command | None:
+        """The camera was written; returns the command behind it, None for the write when a camera is opened."""
+        self._writes.append(write)
+        self._certain = min(self._certain + 1, REMEMBERED)
+        if not any(command.setting is write.asked for command in self._on_way):
+            return None
+        while (command := self._on_way.popleft()).setting is not write.asked:
+            pass  # replaced by a newer one before it was written
+        return command
+
+    def doubt(self) -> None:
+        """The camera refused a setting, and may have taken part of it."""
+        self._certain = 0
+
+    def gone(self) -> None:
+        """The camera is lost: nothing is on its way to it, and its nodes are unknown until it is written."""
+        self._certain = 0
+        self._on_way.clear()
+        self._unseen.clear()
+        self._seen = None
+
+    def read_back(self, asked: ExposureSetting) -> ExposureSetting | None:
+        """What the nodes held when this very setting was last written; None when it never was."""
+        return next((write.read_back for write in reversed(self._writes) if write.asked is asked), None)
+
+    @property
+    def asked(self) -> list[ExposureSetting]:
+        """The settings that were written, newest first."""
+        return [write.asked for write in reversed(self._writes)]
+
+    def has_held(self, setting: ExposureSetting) -> bool:
+        """Whether the nodes ever held a setting, as far as is remembered."""
+        return any(setting.agrees_with(write.read_back) for write in reversed(self._writes))
+
+    def held_since(self, time_ns: int) -> list[ExposureSetting] | None:
+        """What the nodes have held from `time_ns` to now, newest first; None when that is not known for all of it."""
+        settings = []
+        for write in islice(reversed(self._writes), self._certain):
+            settings.append(write.read_back)
+            if write.finished_ns <= time_ns:
+                return settings
+        return None
+
+    def first_effect_ns(self, frame: Frame) -> int | None:
+        """How long after the decision this frame was exposed, if it is the first to show a new setting.
+
+        A frame shows the command nearest to its own setting, of those decided on before its exposure, unless the
+        setting shown last is as near: so a setting that a newer one overtook is not taken for that, nor is a step too
+        small for the camera. None for a frame without exposure metadata.
+        """
+        if frame.setting_source != "chunk":
+            return None
+        seen, self._seen = self._seen, frame.setting
+        candidates = [
+            (_stops_apart(frame.setting, command.setting), command.decided_ns)  # of equally near ones the oldest
+            for command in self._unseen
+            if command.decided_ns < frame.host_time_ns and frame.setting.agrees_with(command.setting)
+        ]
+        if not candidates:
+            return None
+        apart, decided_ns = min(candidates)
+        if seen is not None and _stops_apart(frame.setting, seen) <= apart:
+            return None
+        while self._unseen and self._unseen[0].decided_ns <= decided_ns:
+            self._unseen.popleft()
+        return frame.host_time_ns - decided_ns
+
+
+def _stops_apart(one: ExposureSetting, other: ExposureSetting) -> float:
+    """How far two settings are apart in time and gain, each for itself (stops)."""
+    time_stops = abs(math.log2(one.exposure_time_us / other.exposure_time_us))
+    return time_stops + abs(one.gain_db - other.gain_db) / DB_PER_STOP

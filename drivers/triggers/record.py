@@ -1,0 +1,114 @@
+"""The record of a rig: what became of every trigger, and which write made which frame."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Literal
+
+from drivers.camera import IncompleteFrame
+from drivers.exposure import ExposureSetting
+from drivers.frames import Frame, Side, StereoPair
+from drivers.rig.events import CameraGone, CameraReady, CameraSilent, FrameArrived, WriteFailed, Written
+from drivers.triggers.account import Tally, TriggerAccount
+from drivers.triggers.history import Command, WriteHistory
+from drivers.triggers.start import StartCheck
+from drivers.triggers.window import WriteWindow
+from drivers.triggers.writes import RigWrites
+
+
+class RigRecord:
+    """Takes the events of a rig, in their order, and returns stereo pairs. Times are CLOCK_MONOTONIC, in ns.
+
+    Parameters
+    ----------
+    sides
+        The cameras of the rig, left first.
+    trigger_lines
+        The trigger line of each camera that has one. Without any, cameras run freely, and miss no trigger of their own.
+    rate_hz
+        Rate of the triggers, as configured.
+    opened_ns
+        From when on triggers count.
+    """
+
+    def __init__(
+        self,
+        sides: Sequence[Side],
+        trigger_lines: Mapping[Side, str],
+        rate_hz: float,
+        opened_ns: int,
+    ) -> None:
+        numbered_by: Literal["time", "frame_id"] = "time" if trigger_lines else "frame_id"
+        self._account = TriggerAccount(sides, 1e9 / rate_hz, opened_ns, numbered_by)
+        self._start_check = StartCheck(trigger_lines, rate_hz)
+        self._writes = RigWrites(sides)
+        self._window = WriteWindow()
+
+    @property
+    def tally(self) -> Tally:
+        """The account of triggers so far."""
+        return self._account.tally
+
+    @property
+    def late_writes(self) -> int:
+        """Settings that were written too late for the exposure they were for."""
+        return self._writes.late
+
+    def history(self, side: Side) -> WriteHistory:
+        """The commands and writes of a camera."""
+        return self._writes.histories[side]
+
+    def take(
+        self, event: FrameArrived | CameraSilent | CameraGone | CameraReady | WriteFailed, now_ns: int
+    ) -> list[StereoPair]:
+        """Enter any event but a write; returns the pairs that are ready for control, oldest first."""
+        match event:
+            case FrameArrived(side, IncompleteFrame() as frame):
+                return self._account.incomplete(side, frame)
+            case FrameArrived(side, Frame() as frame, stale=True):
+                return self._account.stale(side, frame)
+            case FrameArrived(side, Frame() as frame):
+                self._start_check.frame(side, frame.host_time_ns)
+                return self._account.frame(side, frame)
+            case CameraSilent(side):
+                return self._account.silent(side)
+            case CameraGone(side):
+                self._writes.gone(side)
+                return self._account.gone(side)
+            case CameraReady(side):
+                self._start_check.ready(side, now_ns)
+                self._account.ready(side, now_ns)
+            case WriteFailed(side):
+                self.history(side).doubt()
+        return []
+
+    def written(self, write: Written) -> Command | None:
+        """Enter a write; returns the command behind it, None for the write when a camera is opened."""
+        command = self._writes.write(write, self._account.grid)
+        if command is not None and not command.held:
+            self._window.took(write.finished_ns - command.decided_ns)
+        return command
+
+    def command(self, setting: ExposureSetting, arrival_ns: int, decided_ns: int) -> Command:
+        """Enter a setting that was decided on; its `due_ns` says when to write it."""
+        grid = self._account.grid
+        due_ns = decided_ns if grid is None else self._window.next_ns(grid, decided_ns)
+        command = Command(setting, arrival_ns, decided_ns, due_ns)
+        self._writes.command(command)
+        return command
+
+    def mismatched(self, pair: StereoPair) -> bool:
+        """Whether left and right differ, or a frame was taken with a setting that no camera ever held as a whole."""
+        return self._writes.mismatched(pair)
+
+    def explains_mismatch(self, pair: StereoPair) -> bool:
+        """Whether it is known why a pair is mismatched."""
+        return self._writes.explains(pair)
+
+    def findings(self, now_ns: int) -> list[str]:
+        """What the first frames reveal about the wiring, each finding once."""
+        return self._start_check.findings(now_ns)
+
+    def close(self, now_ns: int) -> None:
+        """Account for the triggers up to now that will never make a pair."""
+        self._account.close(now_ns)

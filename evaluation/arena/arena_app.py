@@ -1,0 +1,120 @@
+"""The command `autoexpose arena`."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Sequence
+from contextlib import closing
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, POLICY_IDS, check_policy_id
+from drivers.errors import AutoexposeError, ConfigurationError
+from evaluation.arena.arena_report import cells, mean_ratios, write_arena_report
+from evaluation.arena.plan import Task, full_plan, quick_plan
+from evaluation.arena.results import document
+from evaluation.arena.runs import Run, run_plan
+from evaluation.effort import check_chosen
+from evaluation.progress import LongProgress
+from evaluation.scenes.scenarios import SCENARIOS
+
+_FRAME_S = 0.005  # of one core, for a frame of one policy: from full arenas of 14 policies
+
+arena_app = typer.Typer(add_completion=False)
+
+
+@arena_app.callback(invoke_without_command=True)
+def arena(
+    *,
+    quick: Annotated[bool, typer.Option("--quick", help="Every scenario once: about a minute.")] = False,
+    full: Annotated[bool, typer.Option("--full", help="Every scenario in many scenes: most of an hour.")] = False,
+    json_file: Annotated[Path | None, typer.Option("--json", help="Write all figures to this JSON file.")] = None,
+    report: Annotated[Path | None, typer.Option(help="Write a report with plots into this folder.")] = None,
+    policies: Annotated[str, typer.Option(help="Ids, separated by commas.")] = ",".join(POLICY_IDS),
+    scenarios: Annotated[str, typer.Option(help="Ids, separated by commas.")] = ",".join(SCENARIOS),
+    pictures: Annotated[Path | None, typer.Option(help="A folder of Radiance .hdr files as further scenes.")] = None,
+    jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = len(os.sched_getaffinity(0)),
+) -> None:
+    """Run every policy through every scenario and compare them with the best exposure of each frame."""
+    chosen = _chosen(policies, scenarios)
+    if json_file is not None and not json_file.parent.is_dir():
+        raise ConfigurationError(f"{json_file}: there is no folder {json_file.parent}: make it, or choose another file")
+    stills = _pictures(pictures) if pictures else []
+
+    def plan_of(quick: bool) -> list[Task]:
+        return (quick_plan if quick else full_plan)(chosen[1], stills)
+
+    check_chosen(quick, full, lambda quick: _duration_s(plan_of(quick), chosen[0], jobs))
+    plan = plan_of(quick)
+    console = Console()
+    runs = _run(plan, chosen[0], jobs, console)
+    figures = document(runs, DEFAULT_POLICY)
+    if json_file is not None:
+        json_file.write_text(json.dumps(figures, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    _print(figures["results"], console)
+    if report is not None:
+        console.print(f"report: {write_arena_report(runs, DEFAULT_POLICY, report)}")
+
+
+def _chosen(policies: str, scenarios: str) -> tuple[list[str], list[str]]:
+    """The ids asked for, each once."""
+    policy_ids = list(dict.fromkeys(policies.split(",")))
+    scenario_ids = list(dict.fromkeys(scenarios.split(",")))
+    for policy in policy_ids:
+        check_policy_id(policy)
+    for scenario in scenario_ids:
+        if scenario not in SCENARIOS:
+            raise ConfigurationError(f"there is no scenario {scenario!r}: choose from {', '.join(SCENARIOS)}")
+    return policy_ids, scenario_ids
+
+
+def _pictures(folder: Path) -> list[str]:
+    stills = sorted(str(file) for file in folder.glob("*.hdr"))
+    if not stills:
+        raise ConfigurationError(f"{folder}: no .hdr file in it: give a folder of Radiance pictures")
+    return stills
+
+
+def _duration_s(plan: Sequence[Task], policies: Sequence[str], jobs: int) -> float:
+    return sum(task.frames * len(task.delays) for task in plan) * len(policies) * _FRAME_S / jobs
+
+
+def _run(plan: Sequence[Task], policies: Sequence[str], jobs: int, console: Console) -> list[Run]:
+    runs: list[Run] = []
+    try:
+        with LongProgress(console, 3600.0) as progress:
+            bar = progress.add_task("arena", total=sum(task.frames * len(task.delays) for task in plan))
+            with closing(run_plan(plan, policies, jobs)) as finished:
+                for task, done in finished:
+                    runs += done
+                    progress.update(bar, advance=task.frames * len(task.delays), description=task.scenario)
+    except KeyboardInterrupt:
+        raise AutoexposeError("arena stopped before it was done: nothing was written") from None
+    return runs
+
+
+def _print(rows: Sequence[dict[str, object]], console: Console) -> None:
+    scenarios = [scenario for scenario in SCENARIOS if any(row["scenario"] == scenario for row in rows)]
+    ranking = mean_ratios(rows)
+    policies = [policy for policy, _ in ranking]
+    ratios = cells(rows, policies, scenarios, "metric_ratio_mean")
+    settle = cells(rows, policies, scenarios, "settle_frames")
+    title = "Metric as a share of the oracle's, mean; below it the median of frames to settle"
+    table = Table(title=title, box=None, padding=(0, 1, 0, 0), pad_edge=False)
+    table.add_column("policy", no_wrap=True)
+    for scenario in scenarios:
+        table.add_column(scenario.replace("_", "\n"), justify="right")
+    table.add_column("mean", justify="right")
+    for (policy, mean), shares, frames in zip(ranking, ratios, settle, strict=True):
+        figures = [
+            f"{share:.2f}\n[dim]{'-' if math.isnan(count) else f'{count:.0f}'}[/]"
+            for share, count in zip(shares, frames, strict=True)
+        ]
+        table.add_row(policy, *figures, f"{mean:.3f}")
+    console.print(table)

@@ -1,0 +1,164 @@
+"""Policies in closed loop and virtual time, side by side through one course, against the best exposure.
+
+Several variants through the same course share rendering and oracles: far cheaper than one by one.
+
+    mine = Entrant("variant-a", 2, lambda response, limits, start: make_my_control_loop(response, limits, start))
+    for series in run_course("tunnel", "leaves", 3, [Entrant.of("begin2022"), mine]):
+        series.levels, series.metrics, series.ratios        # one value per frame
+        series.score()                                      # settle_frames, metric_ratio_mean, ...
+
+Scenarios: `scenarios.SCENARIOS`; scenes and seeds for tuning: `TUNE_SCENES`, 0 to 99. Not for two threads at once.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evaluation.arena.scores import Score, score
+from evaluation.scenes.scenarios import SCENARIOS
+from evaluation.scenes.views import build_views
+from evaluation.stage.delayed_loop import DelayedLoop, Entrant
+from evaluation.stage.oracle import Best, Oracle, best_start
+from evaluation.stage.rendering import Stage
+from fake_camera.world.simulation import Side
+
+LIGHT_JUMP_STOPS = 0.2
+"""The oracle is asked about both frames where the light changes by more in between."""
+
+
+@dataclass(slots=True, eq=False)
+class Series:
+    """What one entrant did in one course; float64 arrays of shape (frames,) after the run.
+
+    `levels` are exposure levels in stops, `metrics` M_g of the judged cameras (frames, cameras), `oracle_metrics` and
+    `oracle_levels` those of the best exposure, `ratios` the metric as a share of the oracle's (NaN where there is
+    nothing to see at any exposure). Between the frames the oracle was asked about it is interpolated.
+    `clipped_shares` are the shares of saturated and black pixels of the left image together.
+    """
+
+    entrant: Entrant
+    first_scored: int
+    delayed: DelayedLoop
+    judged: list[tuple[float, ...]] = field(default_factory=list)
+    best: dict[int, Best | None] = field(default_factory=dict)
+
+    @property
+    def levels(self) -> NDArray[np.float64]:
+        """Exposure level of each frame, stops."""
+        return np.array([setting.level for setting in self.delayed.settings])
+
+    @property
+    def gains_db(self) -> NDArray[np.float64]:
+        """Gain of each frame."""
+        return np.array([setting.gain_db for setting in self.delayed.settings])
+
+    @property
+    def metrics(self) -> NDArray[np.float64]:
+        """M_g by frame and judged camera, shape (frames, cameras)."""
+        return np.array(self.judged)
+
+    @property
+    def clipped_shares(self) -> NDArray[np.float64]:
+        """Share of black and saturated pixels of each left image."""
+        return np.array([decision.saturated_share + decision.black_share for decision in self.delayed.decisions])
+
+    @property
+    def oracle_metrics(self) -> NDArray[np.float64]:
+        """Largest M_g by frame and judged camera, interpolated, shape (frames, cameras)."""
+        return self._interpolated(lambda best: best.metrics)
+
+    @property
+    def oracle_levels(self) -> NDArray[np.float64]:
+        """The best level by frame, interpolated."""
+        return self._interpolated(lambda best: (best.level,))[:, 0]
+
+    @property
+    def ratios(self) -> NDArray[np.float64]:
+        """How good each frame is, 1 being the best there is."""
+        with np.errstate(invalid="ignore", divide="ignore"):
+            shares = np.mean(self.metrics / self.oracle_metrics, axis=1)
+        return np.asarray(shares / self._interpolated(lambda best: (best.joint,))[:, 0])
+
+    def score(self) -> Score:
+        """The figures of this run."""
+        return score(
+            levels=self.levels,
+            oracle_levels=self.oracle_levels,
+            ratios=self.ratios,
+            clipped_shares=self.clipped_shares,
+            gains_db=self.gains_db,
+            first_scored=self.first_scored,
+        )
+
+    def _interpolated(self, value: Callable[[Best], tuple[float, ...]]) -> NDArray[np.float64]:
+        """Values of the oracle's answers at all frames, shape (frames, values)."""
+        known = {frame: value(best) for frame, best in self.best.items() if best is not None}
+        if not known:
+            return np.full(self.metrics.shape, np.nan)
+        columns = np.array(list(known.values())).T
+        return np.stack([np.interp(np.arange(len(self.judged)), list(known), column) for column in columns], axis=1)
+
+
+def run_course(
+    scenario: str, scene: str, seed: int, entrants: Sequence[Entrant], *, frames: int | None = None
+) -> list[Series]:
+    """Take all entrants through one course, each in a closed loop of its own.
+
+    Parameters
+    ----------
+    scenario, scene, seed
+        The course.
+    entrants
+        Who runs; the result of one does not depend on the others.
+    frames
+        Stop after so many frames; None: at the scenario's end.
+    """
+    stage, first_scored = course_of(scenario, scene, seed)
+    # One exposure serves both cameras; where only one of them sees what matters, both are judged.
+    sides: tuple[Side, ...] = ("left", "right") if stage.has_lamp else ("left",)
+    oracle = Oracle(stage, sides)
+    kind = SCENARIOS[scenario]
+    return race(
+        stage, entrants, oracle, frames=frames or kind.frames, first_scored=first_scored, every=kind.oracle_every
+    )
+
+
+def course_of(scenario: str, scene: str, seed: int, response: str = "linear") -> tuple[Stage, int]:
+    """The stage of one course, seen by sensors of a response function, and the first frame of it that is scored."""
+    kind = SCENARIOS[scenario]
+    course = kind.draw(np.random.default_rng([seed, list(SCENARIOS).index(scenario)]))
+    views = build_views(scene, seed, course.gaze, kind.at_window)
+    return Stage(views, course, seed, response=response), course.first_scored
+
+
+def race(
+    stage: Stage, entrants: Sequence[Entrant], oracle: Oracle, *, frames: int, first_scored: int, every: int
+) -> list[Series]:
+    """Take all entrants through the first `frames` frames of a stage, from the best exposure of the first one.
+
+    The oracle is asked every so many frames, at the last one, and where the light jumps.
+    """
+    start = best_start(oracle)
+    race = [Series(entrant, first_scored, entrant.enter(start)) for entrant in entrants]
+    for frame in range(frames):
+        stage.go_to(frame)
+        asked = frame % every == 0 or frame == frames - 1 or _light_jumps_at(stage, frame, frames)
+        for series in race:
+            taken = series.delayed.step(stage.take).reference.setting
+            series.judged.append(oracle.judge(taken))
+            if asked:
+                series.best[frame] = oracle.best(series.delayed.loop.balance, series.delayed.decisions[-1].motion_px)
+    return race
+
+
+def _light_jumps_at(stage: Stage, frame: int, frames: int) -> bool:
+    def jump(first: int) -> bool:
+        before, after = stage.glimpse_lux(max(first, 0)), stage.glimpse_lux(first + 1)
+        return abs(math.log2((after + 1e-6) / (before + 1e-6))) > LIGHT_JUMP_STOPS
+
+    return jump(frame - 1) or (frame + 1 < frames and jump(frame))

@@ -1,0 +1,143 @@
+"""The command `autoexpose experiments`."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import time
+from collections.abc import Sequence
+from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.markup import escape
+from rich.padding import Padding
+
+from drivers.errors import AutoexposeError, ConfigurationError
+from evaluation.effort import check_chosen
+from evaluation.experiments.cache import ResultCache
+from evaluation.experiments.experiment import Experiment, Job, Plain
+from evaluation.experiments.experiments_report import Chapter, count_of_verdicts, write_experiments_report
+from evaluation.experiments.jobs import run_jobs
+from evaluation.experiments.registry import EXPERIMENTS
+from evaluation.progress import LongProgress
+
+experiments_app = typer.Typer(add_completion=False, no_args_is_help=True)
+
+_Folder = Annotated[Path, typer.Option(help="Where report, figures and finished jobs go.")]
+_COLOURS = {"reproduced": "green", "reproduced under conditions": "yellow", "not reproduced": "red", "undecided": "dim"}
+
+
+@experiments_app.callback()
+def experiments() -> None:
+    """The papers' experiments on the simulated rig: figures, numbers, and a verdict on each claim."""
+
+
+@experiments_app.command("list")
+def list_all() -> None:
+    """What there is to run."""
+    for experiment in EXPERIMENTS:
+        typer.echo(f"{experiment.name:12} {experiment.title}")
+
+
+@experiments_app.command()
+def run(
+    names: Annotated[list[str], typer.Argument(help="`all`, or names that `autoexpose experiments list` shows.")],
+    *,
+    quick: Annotated[bool, typer.Option("--quick", help="Few scenes and seeds: minutes.")] = False,
+    full: Annotated[bool, typer.Option("--full", help="What the verdicts rest on: up to hours.")] = False,
+    out: _Folder = Path("out/experiments"),
+    jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = len(os.sched_getaffinity(0)),
+) -> None:
+    """Run experiments and write `experiments.md` and `experiments.html`; what was finished before is not done again."""
+    chosen = _chosen(names)
+    check_chosen(quick, full, lambda quick: _duration_s(chosen, quick, jobs))
+    _make_writable(out)
+    console = Console()
+    begun_s = time.monotonic()
+    work = {experiment.name: experiment.jobs(quick) for experiment in chosen}
+    results = _results([job for jobs_of_one in work.values() for job in jobs_of_one], out / "jobs", jobs, console)
+    chapters: list[Chapter] = []
+    for experiment in chosen:
+        mine = work[experiment.name]
+        measured, results = results[: len(mine)], results[len(mine) :]
+        pairs = [(job.arguments, result) for job, result in zip(mine, measured, strict=True)]
+        chapters.append((experiment, experiment.section(pairs, out)))
+    _show(chapters, console)
+    report = write_experiments_report(chapters, _preface(names, quick), out)
+    console.print(f"report: {report}, {report.with_suffix('.html').name} ({(time.monotonic() - begun_s) / 60:.1f} min)")
+
+
+def _chosen(names: Sequence[str]) -> list[Experiment]:
+    known = [experiment.name for experiment in EXPERIMENTS]
+    for name in names:
+        if name != "all" and name not in known:
+            raise ConfigurationError(f"there is no experiment {name!r}: choose all, or from {', '.join(known)}")
+    return [experiment for experiment in EXPERIMENTS if "all" in names or experiment.name in names]
+
+
+def _duration_s(chosen: Sequence[Experiment], quick: bool, processes: int) -> float:
+    return sum(job.cost_s for experiment in chosen for job in experiment.jobs(quick)) / processes
+
+
+def _make_writable(out: Path) -> None:
+    """Before hours of work, not after them."""
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=out):
+            pass
+    except OSError as error:
+        raise ConfigurationError(f"{out}: cannot be written to ({error.strerror}): choose another --out") from None
+
+
+def _results(jobs: Sequence[Job], folder: Path, processes: int, console: Console) -> list[Plain]:
+    try:
+        with LongProgress(console, 7200.0) as progress:
+            bar = progress.add_task("experiments", total=sum(job.cost_s for job in jobs))
+
+            def advance(job: Job, took_s: float) -> None:
+                name = job.measure.__module__.rsplit(".", 1)[-1]
+                if took_s:
+                    progress.update(bar, advance=job.cost_s, description=name)
+                else:  # kept from earlier: says nothing about the speed
+                    total = progress.tasks[bar].total or 0.0
+                    progress.update(bar, total=total - job.cost_s, description=name)
+
+            results = run_jobs(jobs, ResultCache(folder), processes, advance)
+            if not progress.tasks[bar].total:
+                progress.update(bar, total=1.0, completed=1.0, description="all kept from earlier")
+            return results
+    except BrokenProcessPool:
+        raise AutoexposeError(
+            "a process was killed from outside, perhaps for want of memory: "
+            "try fewer --jobs; what was finished is kept, and the same command goes on"
+        ) from None
+    except KeyboardInterrupt:
+        raise AutoexposeError(
+            "experiments stopped before they were done: the same command goes on where they were"
+        ) from None
+
+
+def _preface(names: Sequence[str], quick: bool) -> str:
+    command = " ".join(["autoexpose experiments run", *names, "--quick" if quick else "--full"])
+    return f"""\
+Made by `{command}`, in virtual time, from fixed seeds: the same code makes the same numbers, but for ORB-SLAM3's.
+Cameras, room and light are the fake cameras' (docs/fake-camera.md), control is the daemon's own.
+
+B&H is Bégin and Hunter, "Auto-Exposure Algorithm for Enhanced Mobile Robot Localization in Challenging Light
+Conditions" (2022); MH is Majer et al., "Adaptive image processing methods for outdoor autonomous vehicles" (2018).
+Intervals in brackets are 95 % bootstrap intervals."""
+
+
+def _show(chapters: Sequence[Chapter], console: Console) -> None:
+    """The verdicts, each with what was claimed and seen, in as many columns as the terminal has."""
+    for experiment, section in chapters:
+        console.print(f"\n[bold]{experiment.name}[/]  {experiment.title}")
+        for claim in section.claims:
+            console.print(f"  [{_COLOURS[claim.verdict]}]{claim.verdict}[/]")
+            said = [f"{claim.source}: {claim.claim}", f"we saw: {claim.ours}", claim.condition]
+            for line in filter(None, said):
+                console.print(Padding(escape(line), (0, 0, 0, 4)))
+    console.print(f"\n{count_of_verdicts(chapters)}")

@@ -1,0 +1,174 @@
+"""Drives along the taught path: every policy in a loop of its own, all seeing the same park at the same time."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Iterator
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.exposure import ExposureSetting
+from drivers.frames import StereoPair
+from evaluation.experiments.experiment import Plain
+from evaluation.experiments.teach.daylight import REPLAYS, TEACHING
+from evaluation.experiments.teach.operator_setting import at_half
+from evaluation.experiments.teach.park import park
+from evaluation.experiments.teach.path import MAPS, TaughtPath
+from evaluation.experiments.teach.registration import Detector, MapFeatures, Part, Truth, register
+from evaluation.scenes.views import CAMERA
+from evaluation.stage.camera import Image, Radiance, SimulatedCamera, pair_of
+from evaluation.stage.delayed_loop import Entrant
+from fake_camera.world.render.renderer import Renderer
+
+POLICIES = ("majer2018-standard", "majer2018-full", "majer2018-fixed", "begin2022", "metric-map")
+"""The three of the paper, and two that it does not know."""
+
+RATE_HZ = 30.0
+DELAY_FRAMES = 2
+"""A decision on one frame applies from so many frames later on."""
+
+IMAGES_PER_MAP, FRAMES_PER_IMAGE = 8, 5
+"""640 images in a drive (658 in the paper), and frames from one to the next: the robot drives at about 0.3 m/s."""
+
+STILL_FRAMES, FIRST_FRAMES = 10, 40
+"""Frames at rest before a map is taught, and before a drive begins."""
+
+WAYS: dict[str, tuple[str | None, Part]] = {
+    "as the paper": ("majer2018-standard", "top half"),
+    "each its own map": (None, "top half"),
+    "features everywhere": ("majer2018-standard", "whole image"),
+}
+"""By whose exposure the map was taught (None: that of the replaying policy), and where features are looked for."""
+
+
+class Robot:
+    """Carries every policy: each exposes the same view with its own setting.
+
+    Images are not blurred: the robot is slow, it moves less than a pixel in 7.5 ms.
+
+    Parameters
+    ----------
+    camera
+        The robot's.
+    first
+        Radiance of the first frame: what the operator sets the exposure by that all start with, and `fixed` keeps.
+    """
+
+    def __init__(self, camera: SimulatedCamera, first: Radiance) -> None:
+        self._camera = camera
+        start = at_half(camera, first)
+        self.loops = {name: Entrant.of(name, DELAY_FRAMES).enter(start) for name in POLICIES}
+        self._frame = 0
+        for _ in range(FIRST_FRAMES):
+            self.step(first)
+
+    def step(self, radiance: Radiance) -> dict[str, Image]:
+        """One frame: each policy takes it with its own exposure and decides; the images by policy."""
+
+        def take(setting: ExposureSetting) -> StereoPair:
+            image = self._camera.expose(radiance, setting, self._frame)
+            return pair_of({"left": image}, setting, self._frame, self._frame / RATE_HZ)
+
+        images = {name: loop.step(take).reference.grey8() for name, loop in self.loops.items()}
+        self._frame += 1
+        return images
+
+
+def taught_maps(
+    path: TaughtPath, renderer: Renderer, camera: SimulatedCamera, maps: int
+) -> dict[Part, dict[str, list[MapFeatures]]]:
+    """Features of every map by part of the image and policy; the robot rests at each before its image is taken."""
+    detector = Detector()
+    taught: dict[Part, dict[str, list[MapFeatures]]] = {
+        "top half": {name: [] for name in POLICIES},
+        "whole image": {name: [] for name in POLICIES},
+    }
+    robot: Robot | None = None
+    for index in range(maps):
+        radiance = renderer.render(path.taught(index)[None], TEACHING.lux(0.0))
+        robot = robot or Robot(camera, radiance)
+        for _ in range(STILL_FRAMES):
+            images = robot.step(radiance)
+        for part, features in taught.items():
+            for name, image in images.items():
+                features[name].append(detector.find(image, part))
+    return taught
+
+
+def replayed(
+    path: TaughtPath, renderer: Renderer, camera: SimulatedCamera, *, light: str, maps: int
+) -> Iterator[tuple[int, NDArray[np.float64], dict[str, Image], Robot]]:
+    """The images of one replay: index of the nearest map, pose, image by policy, and the robot."""
+    robot: Robot | None = None
+    daylight, number = REPLAYS[light], 1 + list(REPLAYS).index(light)
+    for frame in range(maps * IMAGES_PER_MAP * FRAMES_PER_IMAGE):
+        distance = (frame / (IMAGES_PER_MAP * FRAMES_PER_IMAGE) - 0.5) * path.spacing_m
+        pose = path.repeated(number, distance)
+        progress = frame / (MAPS * IMAGES_PER_MAP * FRAMES_PER_IMAGE)
+        radiance = renderer.render(pose[None], daylight.lux(progress))
+        robot = robot or Robot(camera, radiance)
+        images = robot.step(radiance)
+        if frame % FRAMES_PER_IMAGE == FRAMES_PER_IMAGE - 1:
+            yield frame // (IMAGES_PER_MAP * FRAMES_PER_IMAGE), pose, images, robot
+
+
+def measure(seed: int, tilt_deg: float, light: str, maps: int) -> Plain:
+    """Teach a path and replay it under another light.
+
+    Parameters
+    ----------
+    seed
+        Of park, path and noise.
+    tilt_deg
+        How far the camera looks up.
+    light
+        Of the replay, one of `REPLAYS`.
+    maps
+        How many of the 80 maps, from the first on.
+
+    Returns
+    -------
+    `map` and true `shift` (pixels) of each registration; by way and policy the `shifts` found, None for none, and the
+    `votes` for them; `looks` of each image by policy: exposure level, mean of the top half and of all (0 to 1), share
+    of saturated pixels. `views`: by policy one image from the middle of the drive, a small JPEG in base 64.
+    """
+    path = TaughtPath(seed, tilt_deg)
+    surfaces = park(seed, TEACHING)
+    truth = Truth(surfaces)
+    taught = taught_maps(path, Renderer(surfaces, CAMERA), SimulatedCamera(2 * seed, 2 * seed), maps)
+    detector = Detector()
+    where: list[int] = []
+    shift: list[float] = []
+    shifts: dict[str, dict[str, list[float | None]]] = {way: {name: [] for name in POLICIES} for way in WAYS}
+    votes: dict[str, dict[str, list[int]]] = {way: {name: [] for name in POLICIES} for way in WAYS}
+    looks: dict[str, list[list[float]]] = {name: [] for name in POLICIES}
+    views: dict[str, str] = {}
+    renderer = Renderer(park(seed, REPLAYS[light]), CAMERA)
+    for index, pose, images, robot in replayed(
+        path, renderer, SimulatedCamera(2 * seed + 1, 2 * seed + 1), light=light, maps=maps
+    ):
+        if len(where) == maps * IMAGES_PER_MAP // 2:
+            views = {name: _small(image) for name, image in images.items()}
+        where.append(index)
+        shift.append(truth.shift(path.taught(index), pose))
+        for name, image in images.items():
+            looks[name].append([robot.loops[name].settings[-1].level, *_look(image)])
+            seen: dict[Part, MapFeatures] = {part: detector.find(image, part) for part in taught}
+            for way, (teacher, part) in WAYS.items():
+                won = register(taught[part][teacher or name][index], seen[part])
+                shifts[way][name].append(won.shift)
+                votes[way][name].append(won.votes)
+    return {"map": where, "shift": shift, "shifts": shifts, "votes": votes, "looks": looks, "views": views}
+
+
+def _look(image: Image) -> tuple[float, float, float]:
+    """Means of the top half and of the whole, and the saturated share."""
+    upper = image[: image.shape[0] // 2]
+    return float(upper.mean()) / 255, float(image.mean()) / 255, float((image == 255).mean())
+
+
+def _small(image: Image) -> str:
+    small = cv2.resize(image, (288, 216), interpolation=cv2.INTER_AREA)
+    return base64.b64encode(cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, 85])[1].tobytes()).decode()

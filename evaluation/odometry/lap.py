@@ -1,0 +1,109 @@
+"""Courses for odometry: a room under even or uneven light, and a lap through it that starts from rest."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import lru_cache
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evaluation.scenes.scenarios import Course
+from evaluation.scenes.views import CAMERA
+from evaluation.stage.rendering import Stage
+from fake_camera.world.lighting import Change, LightScript
+from fake_camera.world.render.renderer import Renderer, Surface
+from fake_camera.world.scene.path import CameraPath
+from fake_camera.world.scene.room import WINDOW_RADIANCE, furnished_room
+from fake_camera.world.simulation import RoomView
+
+Light = Literal["uneven", "low", "even"]
+"""Scenario (a) and (b) of Begin & Hunter's section 3.3, and the light of section 3.1."""
+
+LUX: dict[Light, tuple[float, float]] = {"uneven": (1.0, 217.0), "low": (3.0, 3.0), "even": (20.0, 20.0)}
+"""Mean light on the walls of the dim and of the bright part of the room."""
+
+PAINT = 0.9
+"""What the window reflects: night is outside, and a poster hangs there, so that all light is the room's."""
+
+ROOM_SCALE = 0.6
+"""The room is made smaller, so that things are 0.2 to 2 m away, as the paper's were 0.2 to 2.5 m."""
+
+BRIGHT_HALF_ANGLE, FADE = 0.5, 0.4
+"""The bright part of the room as seen from its middle, and the way over which light fades around it (radians)."""
+
+PERIOD_S, YAW_SWING = 15.0, 0.9
+"""At most 86 mm and 89 degrees a second; the paper's table moved at up to 100 of both."""
+
+
+def odometry_stage(light: Light, room: int, seed: int, repeat: int) -> Stage:
+    """A course.
+
+    Parameters
+    ----------
+    light
+        Its light.
+    room
+        Decides the room.
+    seed
+        Decides where the lap through it looks.
+    repeat
+        Of the same lap; decides the noise.
+    """
+    path = lap(seed)
+    # At its turning point the camera looks into the middle of the bright part.
+    surfaces = _lit(room, LUX[light], path.heading_rad + math.pi / 6 + YAW_SWING)
+    renderer = Renderer(surfaces, CAMERA)
+    left, right = (RoomView(renderer, path, side) for side in ("left", "right"))
+    course = Course(LightScript((Change(0.0, 1.0),)), lambda _: 0.0, 0)
+    return Stage({"left": left, "right": right}, course, 1000 * (1000 * room + seed) + repeat)
+
+
+def lap(seed: int) -> CameraPath:
+    """The way of the cameras: from rest, at full speed after two seconds."""
+    heading_rad = float(np.random.default_rng([seed, 41]).uniform(-math.pi, math.pi))
+    standard = CameraPath()
+    return replace(
+        standard,
+        period_s=PERIOD_S,
+        semi_axis_x_m=ROOM_SCALE * standard.semi_axis_x_m,
+        semi_axis_y_m=ROOM_SCALE * standard.semi_axis_y_m,
+        height_m=ROOM_SCALE * standard.height_m,
+        heading_rad=heading_rad,
+        yaw_swing_rad=YAW_SWING,
+    )
+
+
+@lru_cache(maxsize=1)
+def _furnished(room: int) -> list[Surface]:
+    return [
+        replace(s, corner=ROOM_SCALE * s.corner, edge_u=ROOM_SCALE * s.edge_u, edge_v=ROOM_SCALE * s.edge_v)
+        for s in furnished_room(room)
+    ]
+
+
+def _lit(room: int, lux: tuple[float, float], bright_rad: float) -> list[Surface]:
+    """The room with its light multiplied: `lux` far from and around a bearing from its middle."""
+    surfaces = _furnished(room)
+    painted = [
+        surface if surface.follows_light
+        else replace(surface, pattern=surface.pattern * np.float32(PAINT / WINDOW_RADIANCE), follows_light=True)
+        for surface in surfaces
+    ]  # fmt: skip
+    return [replace(s, pattern=s.pattern * _illumination(s, lux, bright_rad)) for s in painted]
+
+
+def _illumination(surface: Surface, lux: tuple[float, float], bright_rad: float) -> NDArray[np.float32]:
+    """Light on every texel of a surface, shape (rows, columns), by its bearing from the middle of the room."""
+    rows, columns = surface.pattern.shape
+    u, v = (np.arange(columns) + 0.5) / columns, (np.arange(rows) + 0.5) / rows
+    x, y = (
+        surface.corner[axis] + surface.edge_u[axis] * u[None] + surface.edge_v[axis] * v[:, None] for axis in (0, 1)
+    )
+    off = np.abs(np.angle(np.exp(1j * (np.arctan2(y, x) - bright_rad))))
+    fade = np.clip((off - BRIGHT_HALF_ANGLE) / FADE, 0.0, 1.0)
+    fade = fade * fade * (3.0 - 2.0 * fade)
+    stops = math.log2(lux[1]) * (1.0 - fade) + math.log2(lux[0]) * fade
+    return np.asarray(np.exp2(stops), np.float32)

@@ -1,0 +1,58 @@
+"""The simulated camera of the evaluation: from radiance to the frames that control gets."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.exposure import ExposureLimits, ExposureSetting
+from drivers.frames import Frame, StereoPair
+from fake_camera.imaging import ImageSettings
+from fake_camera.world.sensor import Sensor, SensorModel
+from fake_camera.world.simulation import Side
+
+LIMITS = ExposureLimits(min_time_us=20.0, max_time_us=7500.0, min_gain_db=0.0, max_gain_db=30.0)
+
+Image = NDArray[np.uint8]
+Radiance = NDArray[np.float32]
+
+
+class SimulatedCamera:
+    """A camera whose noise in a frame is the same whatever the exposure.
+
+    Parameters
+    ----------
+    seed
+        Of what is fixed in the sensor.
+    noise_seed
+        Of the noise in its frames.
+    response, gamma
+        Name of the sensor's response function, and the camera's Gamma node, a power law on top of it.
+    """
+
+    def __init__(self, seed: int, noise_seed: int, response: str = "linear", gamma: float = 1.0) -> None:
+        self._sensor = Sensor(SensorModel(), seed, response)
+        self._noise_seed, self._gamma = noise_seed, gamma
+
+    def expose(self, radiance: Radiance, setting: ExposureSetting, frame: int) -> Image:
+        """The image of a radiance, uint8, (540, 720)."""
+        model = self._sensor.model
+        settings = ImageSettings(
+            setting.exposure_time_us, setting.gain_db, 0.0, self._gamma, "Mono8", 0, 0, model.width, model.height, 1, 1
+        )
+        return self._sensor.expose(radiance, settings, self._noise_seed * 100_000 + frame).astype(np.uint8, copy=False)
+
+
+def pair_of(images: Mapping[Side, Image], setting: ExposureSetting, number: int, time_s: float) -> StereoPair:
+    """Images as control gets them: the frames of trigger `number`, taken at a time on which all clocks agree."""
+    time_ns = round(time_s * 1e9)
+    frames = {side: Frame(image, 8, number, time_ns, time_ns, time_ns, setting) for side, image in images.items()}
+    return StereoPair(number, frames)
+
+
+def time_first(level: float) -> ExposureSetting:
+    """The setting of an exposure level (stops) that takes time before gain."""
+    return LIMITS.realise(level, math.exp2(level))

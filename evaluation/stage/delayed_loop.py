@@ -1,0 +1,69 @@
+"""A control loop in virtual time, whose decisions take effect some frames later."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.control.loop import ControlLoop
+from calibration.response import ResponseFunction
+from drivers.exposure import ExposureLimits, ExposureSetting
+from drivers.frames import StereoPair
+from evaluation.stage.camera import LIMITS
+
+
+class DelayedLoop:
+    """Takes one frame after another with the setting that was decided `delay_frames` before, and decides on each.
+
+    Parameters
+    ----------
+    loop
+        Decides. The first `delay_frames` frames are taken with its start.
+    delay_frames
+        A decision on frame k applies from frame k + delay_frames, which is at least 1.
+
+    Attributes
+    ----------
+    decisions
+        One for each frame so far.
+    """
+
+    def __init__(self, loop: ControlLoop, delay_frames: int) -> None:
+        self.loop = loop
+        self.decisions: list[Decision] = []
+        self._settings = [loop.setup.start] * delay_frames
+
+    @property
+    def settings(self) -> list[ExposureSetting]:
+        """What each frame so far was taken with."""
+        return self._settings[: len(self.decisions)]
+
+    def step(self, take: Callable[[ExposureSetting], StereoPair]) -> StereoPair:
+        """Take the next frame with `take`, decide on it, and return it."""
+        pair = take(self._settings[len(self.decisions)])
+        self.decisions.append(self.loop.step(pair))
+        self._settings.append(self.decisions[-1].setting)
+        return pair
+
+
+MakeLoop = Callable[[ResponseFunction, ExposureLimits, ExposureSetting], ControlLoop]
+
+
+@dataclass(frozen=True, slots=True)
+class Entrant:
+    """Who takes part: a name, the delay (a decision on frame k applies from frame k + delay_frames), and the loop."""
+
+    name: str
+    delay_frames: int
+    make_loop: MakeLoop
+
+    @classmethod
+    def of(cls, policy_id: str, delay_frames: int = 2) -> Entrant:
+        """A policy by its id."""
+        return cls(policy_id, delay_frames, partial(ControlLoop, policy_id))
+
+    def enter(self, start: ExposureSetting) -> DelayedLoop:
+        """A fresh loop before linear cameras, starting from a setting."""
+        return DelayedLoop(self.make_loop(ResponseFunction.linear(), LIMITS, start), self.delay_frames)

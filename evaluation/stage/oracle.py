@@ -1,0 +1,140 @@
+"""The best exposure of a frame, known by trying: what policies are measured by."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from autoexpose_daemon.control.balance import Balance, ExposurePriority
+from autoexpose_daemon.control.image import ImagePreparation
+from autoexpose_daemon.control.metrics.gradient import GradientMetric
+from drivers.exposure import ExposureSetting
+from evaluation.stage.camera import LIMITS, time_first
+from evaluation.stage.rendering import Stage
+from fake_camera.world.simulation import Side
+
+GRID_STOPS = 0.125
+LEVELS = np.arange(LIMITS.darkest.level, LIMITS.brightest.level + GRID_STOPS / 2, GRID_STOPS)
+"""Levels that are tried."""
+
+COARSE = 3
+"""Every third level is tried first: 0.375 stops apart, where plateaus are 0.5 to 3.5 stops wide."""
+
+PROMISING = 0.85
+"""Hills of the coarse curve of at least so much of its best are climbed on the full grid."""
+
+PLATEAU = 0.99
+"""The best level is the middle of the levels as good as this share of the best."""
+
+
+@dataclass(frozen=True, slots=True)
+class Best:
+    """The best of one frame.
+
+    Attributes
+    ----------
+    level
+        The best exposure level (stops).
+    metrics
+        The largest metric of each judged camera, at its own best level.
+    joint
+        The largest mean, over the judged cameras, of their shares of `metrics`: one exposure serves both, so with two
+        cameras not even the best reaches 1.
+    """
+
+    level: float
+    metrics: tuple[float, ...]
+    joint: float
+
+
+class Oracle:
+    """Finds the best exposure of the stage's present frame, for any rule of splitting.
+
+    Frames are judged as the loop does: its preparation (area average, 3x3 median) and gradient information with
+    delta 0.30. Answers are kept for the frame, so policies that split alike share them; for that, motion is rounded
+    to half octaves, which changes the best metric by less than 1 %.
+
+    Parameters
+    ----------
+    stage
+        Where frames come from.
+    sides
+        The cameras that are judged.
+    exhaustive
+        Try all levels at the exact motion.
+    """
+
+    def __init__(self, stage: Stage, sides: tuple[Side, ...] = ("left",), *, exhaustive: bool = False) -> None:
+        self._stage, self._sides, self._exhaustive = stage, sides, exhaustive
+        self._preparation = ImagePreparation()
+        self._metric = GradientMetric(delta=0.30)
+        self._frame = -1
+        self._known: dict[tuple[ExposureSetting, ...], Best] = {}
+
+    def judge(self, setting: ExposureSetting) -> tuple[float, ...]:
+        """Metric of each judged camera for the present frame taken with a setting."""
+        return tuple(
+            self._metric.measure(self._preparation.prepare(self._stage.expose(side, setting))) for side in self._sides
+        )
+
+    def best(self, balance: Balance, motion_px: float) -> Best | None:
+        """The best exposure of the present frame split by `balance`; None when no exposure shows any gradient."""
+        if self._frame != self._stage.frame:
+            self._frame = self._stage.frame
+            self._known.clear()
+        motion_px = motion_px if self._exhaustive else rounded_motion(motion_px)
+        settings = tuple(
+            LIMITS.realise(float(level), balance.exposure_time_us(float(level), motion_px, LIMITS)) for level in LEVELS
+        )
+        if settings not in self._known:
+            self._known[settings] = self._search(settings)
+        best = self._known[settings]
+        return best if best.joint > 0 else None
+
+    def _search(self, settings: tuple[ExposureSetting, ...]) -> Best:
+        curve = np.full((len(LEVELS), len(self._sides)), np.nan)
+        coarse = np.arange(0, len(LEVELS), 1 if self._exhaustive else COARSE)
+        self._try(settings, curve, coarse)
+        if not self._exhaustive:
+            hills = [_hills(values[coarse]) for values in curve.T]
+            hills.append(_hills(_joint(curve[coarse])))
+            for hill in coarse[np.unique(np.concatenate(hills))]:
+                self._try(settings, curve, np.arange(max(hill - COARSE + 1, 0), min(hill + COARSE, len(LEVELS))))
+        tried = np.flatnonzero(~np.isnan(curve[:, 0]))
+        joint = _joint(curve[tried])
+        good = LEVELS[tried][joint >= PLATEAU * joint.max()]
+        return Best(float(good.mean()), tuple(curve[tried].max(axis=0).tolist()), float(joint.max()))
+
+    def _try(
+        self, settings: tuple[ExposureSetting, ...], curve: NDArray[np.float64], places: NDArray[np.int64]
+    ) -> None:
+        for place in places:
+            if np.isnan(curve[place, 0]):
+                curve[place] = self.judge(settings[place])
+
+
+def best_start(oracle: Oracle) -> ExposureSetting:
+    """The best setting of the present frame, time before gain: where all entrants of a course start."""
+    best = oracle.best(ExposurePriority(), 0.0)
+    return time_first(LIMITS.brightest.level if best is None else best.level)
+
+
+def rounded_motion(motion_px: float) -> float:
+    """Speed of image points rounded to half octaves; less than half a pixel counts as none."""
+    return 0.0 if motion_px < 0.5 else 2.0 ** (round(2.0 * math.log2(motion_px)) / 2.0)
+
+
+def _hills(values: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Places of the local maxima that are at least `PROMISING` of the best."""
+    padded = np.concatenate([[-1.0], values, [-1.0]])
+    highest = (values >= padded[:-2]) & (values >= padded[2:]) & (values >= PROMISING * values.max()) & (values > 0)
+    return np.flatnonzero(highest)
+
+
+def _joint(curve: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Mean over the cameras of their shares of their own best, shape (levels,)."""
+    best = curve.max(axis=0)
+    return np.asarray(np.mean(curve / np.where(best > 0, best, 1.0), axis=1))

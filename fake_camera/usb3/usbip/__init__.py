@@ -1,0 +1,1 @@
+"""The camera behind USB/IP: the protocol by which Linux attaches USB devices over sockets."""

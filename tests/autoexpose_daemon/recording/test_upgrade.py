@@ -1,0 +1,45 @@
+"""Recordings of the format before are replayed: their setups and states become those of the present one."""
+
+from __future__ import annotations
+
+import itertools
+from typing import Any
+
+from autoexpose_daemon.control.loop import ControlLoop, ControlSetup
+from autoexpose_daemon.control.snapshot import parse, plain
+from autoexpose_daemon.recording.plain_json import from_json, to_json
+from autoexpose_daemon.recording.upgrade import upgraded_setup, upgraded_state
+from calibration.response import ResponseFunction
+from drivers.frames import SIDES
+from tests.autoexpose_daemon.recording.runs import LIMITS, START, VirtualRun
+
+
+def as_it_was(setup: Any, state: Any) -> tuple[Any, Any]:
+    """A setup and a state of the present format as the format before had them."""
+    policy = {**state["policy"], "registration": {**state["policy"]["registration"]}}
+    del policy["registration"]["side"]
+    policy["latency"] = {**state["policy"]["latency"], "targets": []}
+    former_setup = {key: value for key, value in setup.items() if key != "responses"}
+    return (
+        {**former_setup, "response": setup["responses"]["left"]},
+        {"past": state["past"], "motion": state["motions"]["left"], "policy": policy},
+    )
+
+
+def test_a_loop_goes_on_from_the_former_setup_and_state() -> None:
+    pairs = list(itertools.islice(VirtualRun("metric-map").pairs(), 12))
+    loop = ControlLoop("metric-map", ResponseFunction.linear(), LIMITS, START)
+    for pair in pairs[:8]:
+        loop.step(pair)
+    texts = [to_json(each) for each in as_it_was(plain(loop.setup), loop.state())]
+    setup, state = (from_json(text) for text in texts)
+    again = parse(upgraded_setup(setup), ControlSetup).loop()
+    again.restore(upgraded_state(state))
+    assert set(again.setup.responses) == set(SIDES)
+    assert [again.step(pair) for pair in pairs[8:]] == [loop.step(pair) for pair in pairs[8:]]
+
+
+def test_anything_else_is_left_to_whoever_reads_it() -> None:
+    for other in (None, 3, [], {}, {"policy": 1}):
+        assert upgraded_setup(other) == other
+        assert upgraded_state(other) == other

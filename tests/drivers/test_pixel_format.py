@@ -1,0 +1,11 @@
+from __future__ import annotations
+
+from drivers.pixel_format import PixelFormat
+from fake_camera.imaging import PIXEL_FORMATS
+
+
+def test_the_fake_camera_has_the_same_formats() -> None:
+    """The two tables know nothing of each other, as camera and host would not."""
+    ours = {name: (row.pfnc_code, row.bit_depth, row.bits_per_pixel, row.dtype) for name, row in PIXEL_FORMATS.items()}
+    theirs = {row.value: (row.pfnc_code, row.bit_depth, row.bits_per_pixel, row.dtype) for row in PixelFormat}
+    assert ours == theirs

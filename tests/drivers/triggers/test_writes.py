@@ -1,0 +1,112 @@
+"""Writes, and what frames show of them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from drivers.exposure import ExposureSetting
+from drivers.frames import SIDES, Frame, Side, StereoPair
+from drivers.rig.events import Written
+from drivers.triggers.grid import TriggerGrid
+from drivers.triggers.writes import EFFECT_TRIGGERS, RigWrites
+
+MS = 1_000_000
+GRID = TriggerGrid(20 * MS, 0)
+DIM, BRIGHT = ExposureSetting(1000.0, 0.0), ExposureSetting(4000.0, 6.0)
+
+
+def wrote(side: Side, setting: ExposureSetting, start_ms: int, end_ms: int) -> Written:
+    return Written(side, setting, setting, start_ms * MS, end_ms * MS)
+
+
+def pair(trigger: int, left: ExposureSetting, right: ExposureSetting) -> StereoPair:
+    black = np.zeros((2, 2), np.uint8)
+    settings = zip(SIDES, (left, right), strict=True)
+    return StereoPair(trigger, {side: Frame(black, 8, 0, 0, 0, 0, setting) for side, setting in settings})
+
+
+def test_a_write_between_two_exposures_is_in_time() -> None:
+    writes = RigWrites(SIDES)
+    writes.write(wrote("left", DIM, 1, 3), GRID)
+    writes.write(wrote("right", DIM, 2, 19), GRID)
+    assert writes.late == 0
+    assert not writes.mismatched(pair(1, DIM, DIM))
+    assert not writes.explains(pair(1, DIM, BRIGHT))
+
+
+@pytest.mark.parametrize("spans", [((1, 21), (1, 3)), ((1, 3), (19, 21)), ((1, 3), (21, 23)), ((1, 21), (1, 23))])
+def test_a_setting_that_an_exposure_cuts_in_two_is_late_once(spans: tuple[tuple[int, int], tuple[int, int]]) -> None:
+    writes = RigWrites(SIDES)
+    writes.write(wrote("left", DIM, *spans[0]), GRID)
+    writes.write(wrote("right", DIM, *spans[1]), GRID)
+    assert writes.late == 1
+    assert writes.explains(pair(1, BRIGHT, DIM))
+    assert not writes.explains(pair(1 + EFFECT_TRIGGERS + 1, BRIGHT, DIM))
+
+
+def both_written() -> RigWrites:
+    writes = RigWrites(SIDES)
+    for side in ("left", "right"):
+        writes.write(wrote(side, BRIGHT, -19, -18), GRID)
+    return writes
+
+
+def test_of_a_lost_camera_no_write_is_awaited() -> None:
+    writes = both_written()
+    writes.gone("right")
+    writes.write(wrote("left", DIM, 1, 3), GRID)
+    writes.write(wrote("left", BRIGHT, 21, 23), GRID)
+    assert writes.late == 0
+    assert not writes.explains(pair(1, DIM, BRIGHT))
+
+
+def test_a_setting_that_not_every_camera_has_yet_explains_a_mismatch() -> None:
+    writes = both_written()
+    writes.write(wrote("left", DIM, 1, 3), GRID)
+    assert writes.explains(pair(1, DIM, BRIGHT))
+    assert not writes.explains(pair(0, DIM, BRIGHT))
+    writes.write(wrote("right", DIM, 4, 6), GRID)
+    assert not writes.explains(pair(1, DIM, BRIGHT))
+    assert writes.late == 0
+
+
+def test_a_setting_that_a_newer_one_overtook_on_its_way_to_a_camera_is_late() -> None:
+    writes = both_written()
+    writes.write(wrote("left", DIM, 1, 3), GRID)
+    writes.write(wrote("left", BRIGHT, 21, 23), GRID)
+    writes.write(wrote("right", BRIGHT, 22, 24), GRID)
+    assert writes.late == 1
+    assert writes.explains(pair(1, DIM, BRIGHT))
+    writes.write(wrote("left", DIM, 141, 143), GRID)
+    writes.write(wrote("right", DIM, 141, 143), GRID)
+    assert writes.late == 1
+    assert not writes.explains(pair(1 + EFFECT_TRIGGERS + 1, BRIGHT, DIM))
+
+
+def test_cameras_that_differ_or_hold_half_a_setting_are_mismatched() -> None:
+    writes = RigWrites(SIDES)
+    for side in ("left", "right"):
+        writes.write(wrote(side, DIM, 1, 2), GRID)
+        writes.write(wrote(side, BRIGHT, 3, 4), GRID)
+    half = ExposureSetting(BRIGHT.exposure_time_us, DIM.gain_db)
+    assert writes.mismatched(pair(1, DIM, BRIGHT))
+    assert writes.mismatched(pair(1, half, half))
+    assert not writes.mismatched(pair(1, BRIGHT, BRIGHT))
+
+
+def test_before_the_first_frame_nothing_is_late() -> None:
+    writes = RigWrites(SIDES)
+    writes.write(wrote("left", DIM, 1, 500), None)
+    assert writes.late == 0
+
+
+def test_a_mismatch_is_explained_when_a_camera_took_something_else_and_said_so() -> None:
+    writes = both_written()
+    clipped = ExposureSetting(500.0, 0.0)
+    writes.write(Written("left", DIM, clipped, 1 * MS, 3 * MS), GRID)
+    writes.write(wrote("right", DIM, 1, 3), GRID)
+    assert writes.mismatched(pair(1, clipped, DIM))
+    assert writes.explains(pair(1, clipped, DIM))
+    assert not writes.explains(pair(1, DIM, clipped))
+    assert not writes.explains(pair(1, clipped, BRIGHT))
