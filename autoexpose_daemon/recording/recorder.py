@@ -196,7 +196,7 @@ class LastSecondsRecorder(Recorder):
         super().__init__(math.ceil((last_s + SNAPSHOT_NS * 1e-9) * rate_hz) + 1)
         self._ring: deque[Entry] = deque(maxlen=self._room)
         if not os.access(file.absolute().parent, os.W_OK):
-            raise RecordingError(f"{file}: cannot be written; name a file in a folder that is there")
+            raise RecordingError(f"{file}: cannot be written; name a file in an existing folder")
         self._path = file
         self._rig = rig
         self._last_s = last_s

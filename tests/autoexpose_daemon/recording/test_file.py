@@ -176,7 +176,7 @@ def test_a_file_that_exists_or_cannot_be_is_refused_at_once(whole: Path, tmp_pat
     nowhere = tmp_path / "no folder" / "run.mcap"
     with pytest.raises(RecordingError, match=r"run\.mcap: cannot be written: No such file or directory"):
         ContinuousRecorder(nowhere, 60, "rig")
-    with pytest.raises(RecordingError, match=r"run\.mcap: cannot be written; name a file in a folder that is there"):
+    with pytest.raises(RecordingError, match=r"run\.mcap: cannot be written; name a file in an existing folder"):
         LastSecondsRecorder(nowhere, 60, "rig", 5)
 
 
