@@ -16,7 +16,7 @@ import typer
 from rich.console import Console
 
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, POLICY_IDS, check_policy_id
-from autoexpose_daemon.publish.keys import LOOPBACK, check_endpoints
+from autoexpose_daemon.messages.keys import LOOPBACK, check_endpoints
 from autoexpose_daemon.recording import check_recording_extra
 from autoexpose_daemon.service.notify import Notifier
 from drivers.config.readable import readable

@@ -19,7 +19,7 @@ from websockets.sync.client import connect
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.config.publish import PublishConfig
 from autoexpose_daemon.control.decision import Decision
-from autoexpose_daemon.publish.keys import status_key
+from autoexpose_daemon.messages.keys import status_key
 from autoexpose_daemon.publish.publisher import Publisher
 from autoexpose_daemon.status.describe import describe
 from autoexpose_daemon.status.telemetry import Telemetry

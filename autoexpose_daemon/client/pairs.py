@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.messages.keys import SIDES
 from autoexpose_daemon.messages.read import decision_of, frame_of, read_exposure_info, read_image, stamp_ns
-from autoexpose_daemon.publish.keys import SIDES
 from autoexpose_daemon.status.publishing import ConsumerTally
 from drivers.frames import Frame, Pixels, Side, StereoPair
 

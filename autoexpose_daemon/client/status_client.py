@@ -11,7 +11,7 @@ from typing import Self
 
 import zenoh
 
-from autoexpose_daemon.publish.keys import LOOPBACK, check_rig_name, response_key, side_of, status_key
+from autoexpose_daemon.messages.keys import LOOPBACK, check_rig_name, response_key, side_of, status_key
 from autoexpose_daemon.publish.session import Endpoints, SessionHolder
 from autoexpose_daemon.status.document import LARGEST_RESPONSE_BYTES, LARGEST_STATUS_BYTES, Status, response_from_json
 from calibration.response import ResponseFunction

@@ -19,8 +19,7 @@ from typing import Self
 import zenoh
 
 from autoexpose_daemon.client.pairs import PairAssembler, PairQueue, ReceivedPair
-from autoexpose_daemon.messages.read import DamagedMessageError
-from autoexpose_daemon.publish.keys import (
+from autoexpose_daemon.messages.keys import (
     CONSUMER_NAME,
     LOOPBACK,
     all_of_rig,
@@ -29,6 +28,7 @@ from autoexpose_daemon.publish.keys import (
     last_but,
     side_of,
 )
+from autoexpose_daemon.messages.read import DamagedMessageError
 from autoexpose_daemon.publish.session import Endpoints, SessionHolder
 from autoexpose_daemon.status.publishing import ConsumerTally
 from drivers.errors import ConfigurationError

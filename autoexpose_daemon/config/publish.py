@@ -8,7 +8,7 @@ from typing import Annotated, Self
 from pydantic import Field, field_validator, model_validator
 
 from autoexpose_daemon.config.section import Section
-from autoexpose_daemon.publish.keys import LAST_ROS2_DOMAIN, LOOPBACK, check_endpoints, check_rig_name
+from autoexpose_daemon.messages.keys import LAST_ROS2_DOMAIN, LOOPBACK, check_endpoints, check_rig_name
 from drivers.config.files import read_regular
 from drivers.errors import ConfigurationError
 

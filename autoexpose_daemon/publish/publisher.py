@@ -16,8 +16,8 @@ import zenoh
 
 from autoexpose_daemon.config.publish import PublishConfig
 from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.messages.keys import CONSUMER_NAME, consumer_key, frame_key, last_but
 from autoexpose_daemon.messages.write import TOPICS, MessageWriter, realtime_offset_ns
-from autoexpose_daemon.publish.keys import CONSUMER_NAME, consumer_key, frame_key, last_but
 from autoexpose_daemon.publish.ros2_keys import Attachments, Ros2Node
 from autoexpose_daemon.publish.session import Endpoints, SessionHolder
 from autoexpose_daemon.status.publishing import LARGEST_REPORT_BYTES, ConsumerTally, DropReason, PublishTally

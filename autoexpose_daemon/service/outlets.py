@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.control.decision import Decision
-from autoexpose_daemon.publish.keys import response_key, status_key
+from autoexpose_daemon.messages.keys import response_key, status_key
 from autoexpose_daemon.runtime.daemon import Daemon
 from autoexpose_daemon.status.describe import describe
 from autoexpose_daemon.status.document import response_to_json

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from autoexpose_daemon.publish.keys import LOOPBACK
+from autoexpose_daemon.messages.keys import LOOPBACK
 from tests.accept.test_demo import FULL, demo
 from tests.autoexpose_daemon.publish.consumer import consumer
 

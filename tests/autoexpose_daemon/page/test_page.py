@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 
 from autoexpose_daemon.config.publish import PublishConfig
+from autoexpose_daemon.messages.keys import response_key, status_key
 from autoexpose_daemon.page.metrics import CONTENT_TYPE
-from autoexpose_daemon.publish.keys import response_key, status_key
 from autoexpose_daemon.publish.publisher import Publisher
 from autoexpose_daemon.status.document import (
     CameraStatus,

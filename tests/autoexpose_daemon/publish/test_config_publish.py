@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from autoexpose_daemon.config.document import Config, load_config
-from autoexpose_daemon.publish.keys import LOOPBACK
+from autoexpose_daemon.messages.keys import LOOPBACK
 from autoexpose_daemon.runtime.daemon import Daemon
 from autoexpose_daemon.service.outlets import add_outlets
 from drivers.errors import ConfigurationError

@@ -17,8 +17,8 @@ import pytest
 from autoexpose_daemon.client import StereoClient
 from autoexpose_daemon.client.status_client import StatusClient
 from autoexpose_daemon.config.publish import PublishConfig
+from autoexpose_daemon.messages import keys
 from autoexpose_daemon.messages.write import MessageWriter
-from autoexpose_daemon.publish import keys
 from autoexpose_daemon.publish.publisher import MAILBOX_PAIRS, Publisher
 from autoexpose_daemon.publish.session import Endpoints, open_session
 from autoexpose_daemon.status.document import response_to_json

@@ -10,7 +10,7 @@ import pytest
 from autoexpose_daemon.client.status_client import StatusClient
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.config.publish import PublishConfig
-from autoexpose_daemon.publish.keys import status_key
+from autoexpose_daemon.messages.keys import status_key
 from autoexpose_daemon.publish.publisher import Publisher
 from autoexpose_daemon.runtime.daemon import Daemon
 from autoexpose_daemon.service.outlets import add_outlets

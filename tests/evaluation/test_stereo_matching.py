@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from autoexpose_daemon.control.stereo_matching import StereoMatcher, StereoMatches
+from evaluation.odometry.stereo_matching import StereoMatcher, StereoMatches
 
 SHIFT = 12
 
