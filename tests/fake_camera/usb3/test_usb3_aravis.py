@@ -148,7 +148,7 @@ def test_the_environment_keeps_what_was_preloaded_and_the_cameras_there_were() -
     assert after[CAMERAS_VARIABLE] == "/tmp/a:/tmp/b"
     assert after["LD_PRELOAD"].endswith(":libother.so")
     assert again == after
-    with pytest.raises(ShimError, match="cannot be handed on"):
+    with pytest.raises(ShimError, match="cannot be passed"):
         client_environment([Path("/tmp/a:b")], before)
 
 
