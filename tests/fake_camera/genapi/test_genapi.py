@@ -122,7 +122,7 @@ def test_converters_go_both_ways_and_carry_limits() -> None:
 
 def test_circles_and_missing_nodes_are_told() -> None:
     evaluator = camera('<Integer Name="A"><pValue>B</pValue></Integer><Integer Name="B"><pValue>A</pValue></Integer>')
-    with pytest.raises(NodeError, match="rests on itself"):
+    with pytest.raises(NodeError, match="depends on itself"):
         evaluator.value("A")
     with pytest.raises(NodeError, match="no node C"):
         evaluator.value("C")

@@ -130,8 +130,8 @@ def test_exec_ends_as_the_command_does() -> None:
     ("arguments", "sentence"),
     [
         (["--usb3"], "--usb3 needs a way to reach the camera: --socket PATH, --tcp or --exec COMMAND"),
-        (["--usb3", "--address", "127.0.9.9", "--tcp"], "--address is of GigE Vision cameras: leave it out"),
-        (["--socket", "camera"], "--socket is of USB3 Vision cameras: add --usb3"),
+        (["--usb3", "--address", "127.0.9.9", "--tcp"], "--address is for GigE Vision cameras: leave out"),
+        (["--socket", "camera"], "--socket is for USB3 Vision cameras: add --usb3"),
         (["--usb3", "--exec"], "--exec needs a command"),
     ],
 )
@@ -148,7 +148,7 @@ def test_the_environment_keeps_what_was_preloaded_and_the_cameras_there_were() -
     assert after[CAMERAS_VARIABLE] == "/tmp/a:/tmp/b"
     assert after["LD_PRELOAD"].endswith(":libother.so")
     assert again == after
-    with pytest.raises(ShimError, match="cannot be handed on"):
+    with pytest.raises(ShimError, match="cannot be passed"):
         client_environment([Path("/tmp/a:b")], before)
 
 
