@@ -24,7 +24,7 @@ _RAISE_LIMIT = (
 )
 _BLIND = {
     "no bus": (
-        "the kernel shows no USB (a container, or a machine without)",
+        "the kernel shows no USB (in a container, or on a machine without USB)",
         "ls /sys/bus/usb/devices /dev/bus/usb   # a container must be given both",
     ),
     "no libusb": ("libusb does not load", "sudo apt install libusb-1.0-0"),
@@ -65,8 +65,8 @@ def _judge_link(camera: UsbCamera, need: Need) -> Finding:
     return Finding(
         "usb-link",
         "warning",
-        f"{name} is linked at {speed}, which is not SuperSpeed: cable, hub or port is USB 2",
-        "lsusb -t   # shows each link's speed; take a SuperSpeed port and a USB 3 cable",
+        f"{name} is linked at {speed}, which is not SuperSpeed: the cable, hub or port is USB 2",
+        "lsusb -t   # shows each link's speed; use a SuperSpeed port and a USB 3 cable",
     )
 
 
