@@ -1,4 +1,4 @@
-"""What all pictures of the evaluation have in common."""
+"""What all figures of the evaluation share."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
-"""Okabe and Ito's, which colour-blind people can tell apart."""
+"""Okabe and Ito's, distinct for colour-blind readers too."""
 
 
 def panels(rows: int, columns: int, height_in: float, **options: Any) -> tuple[Figure, Any]:
-    """A figure of 900 pixels width with a grid of axes, as `matplotlib.pyplot.subplots` returns them."""
+    """A figure 900 pixels wide with a grid of axes, as `matplotlib.pyplot.subplots` returns them."""
     figure, axes = plt.subplots(rows, columns, figsize=(9.0, height_in), layout="constrained", **options)
     for each in figure.axes:
         each.grid(alpha=0.3)
@@ -27,7 +27,7 @@ def panels(rows: int, columns: int, height_in: float, **options: Any) -> tuple[F
 
 
 def save(figure: Figure, file: Path, dpi: int = 100, colours: int = 64) -> None:
-    """As a PNG in few colours: a third of the size, and it cannot be seen. Closes the figure."""
+    """Write a PNG with few colours, a third of the size with no visible difference, and close the figure."""
     canvas = io.BytesIO()
     figure.savefig(canvas, dpi=dpi)
     plt.close(figure)

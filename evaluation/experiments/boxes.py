@@ -1,4 +1,4 @@
-"""Box plots that show every run as well."""
+"""Box plots that also show every run."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from evaluation.drawing import COLOURS
 
 
 def boxes(axes: Any, groups: Sequence[ArrayLike], names: Sequence[str]) -> None:
-    """One box for each group, and its values beside one another over it."""
+    """One box for each group, with its values side by side over it."""
     black = {"color": COLOURS[6]}
     axes.boxplot(groups, tick_labels=list(names), widths=0.6, showfliers=False, medianprops=black, boxprops=black)
     for place, group in enumerate(groups):

@@ -1,4 +1,4 @@
-"""How laws of exposure answer to light that is switched on."""
+"""How exposure laws respond to a light that is switched on."""
 
 from __future__ import annotations
 
@@ -25,31 +25,31 @@ from evaluation.stage.rendering import Stage
 from fake_camera.world.lighting import Change, LightScript
 
 WARM_UP_FRAMES = 30
-"""From the best exposure to whatever a law prefers, before the light is switched on."""
+"""Time to go from the best exposure to the one that a law prefers, before the light is switched on."""
 
 FRAMES = 150
-"""Watched after the step: half again as many as the paper's slowest answer takes."""
+"""Observed after the step: half again as many as the paper's slowest response takes."""
 
 END_FRAMES = 20
-"""The level where a law ends is the median over so many last frames."""
+"""The level where a law ends is the median over this many last frames."""
 
 BAND_STOPS = 0.25
-"""Converged: for good within this of the level where the law ends."""
+"""Converged: permanently within this distance of the level where the law ends."""
 
 USEFUL_SHARE = 0.5
-"""A law that ends with less of the best metric than this has not converged but is stuck."""
+"""A law that ends with a smaller share of the best metric is stuck, not converged."""
 
 
 @dataclass(frozen=True, slots=True)
 class WithoutFeedback:
-    """A law that never learns which decision a frame realises: for `begin2022`, eq. (22) with its first case only."""
+    """A law that never learns which decision a frame realises: for `begin2022`, only the first case of eq. (22)."""
 
     law: ExposurePolicy
     STATE: ClassVar[tuple[str, ...]] = ()
 
     @property
     def balance(self) -> Balance:
-        """That of the law."""
+        """The law's own."""
         return self.law.balance
 
     def decide(self, observation: Observation) -> Target:
@@ -59,9 +59,9 @@ class WithoutFeedback:
 
 @dataclass(frozen=True, slots=True)
 class LeavesWhiteAndBlack:
-    """A law with the rule that the paper's published code has and its text has not.
+    """A law with the rule that is in the paper's published code but not in its text.
 
-    From an image whose mean grey is above 245 or below 10 the exposure goes 2 stops down or up, whatever is predicted.
+    After an image whose mean grey is above 245 or below 10, exposure goes 2 stops down or up, whatever the prediction.
     """
 
     law: ExposurePolicy
@@ -69,11 +69,11 @@ class LeavesWhiteAndBlack:
 
     @property
     def balance(self) -> Balance:
-        """That of the law."""
+        """The law's own."""
         return self.law.balance
 
     def decide(self, observation: Observation) -> Target:
-        """The rule where it holds, else what the law decides."""
+        """What the rule decides where it applies, otherwise what the law decides."""
         mean = float(observation.image.mean())
         if 10 <= mean <= 245:
             return self.law.decide(observation)
@@ -81,7 +81,7 @@ class LeavesWhiteAndBlack:
 
 
 class _ChangedLoop(ControlLoop):
-    """The daemon's loop with its law wrapped."""
+    """The daemon's loop around a wrapped law."""
 
     def wrap(self, wrappers: Sequence[Callable[[ExposurePolicy], ExposurePolicy]]) -> ControlLoop:
         for wrapper in wrappers:
@@ -98,7 +98,7 @@ class Contestant:
     delay_frames: int = 2
 
     def loop(self, camera: CameraResponse, start: ExposureSetting) -> ControlLoop:
-        """A fresh loop that knows the camera's response."""
+        """A fresh loop with the camera's response."""
         return _ChangedLoop(self.policy_id, camera.function, LIMITS, start).wrap(self.changes)
 
 
@@ -113,11 +113,11 @@ CONTESTANTS = {
     "gamma, shim2018": Contestant("shim2018"),
     "metric-map": Contestant("metric-map"),
 }
-"""By the names that results have. Gamma prediction is Mehta's code, which is what the paper ran."""
+"""By their names in results. Gamma prediction is Mehta's code, which is what the paper ran."""
 
 
 def measure(scene: str, seed: int, camera: list[Any], before_lux: float, rise_stops: float) -> Plain:
-    """Every contestant through the same step of light before a still scene.
+    """Run every contestant through the same step of light on a still scene.
 
     Returns
     -------
@@ -153,14 +153,14 @@ def _run(
 
 
 def frames_to_converge(levels: ArrayLike, share: float) -> int | None:
-    """Frames from the first after the step to the first that is, for good, near where the law ends; None for never.
+    """Frames from the first after the step to the first that stays near where the law ends; None for never.
 
     Parameters
     ----------
     levels
         Of all frames of a run (stops).
     share
-        Of the best metric, at the end.
+        Of the best metric, reached at the end.
     """
     after = np.asarray(levels, np.float64)[WARM_UP_FRAMES:]
     away = np.flatnonzero(np.abs(after - np.median(after[-END_FRAMES:])) > BAND_STOPS)

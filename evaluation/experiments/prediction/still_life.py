@@ -1,4 +1,4 @@
-"""A scene that keeps still under a steady light, photographed with any setting as often as one likes."""
+"""A still scene in steady light, photographed with any setting, any number of times."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ class StillLife:
         self._stage = Stage(views, course, seed, response=camera.curve, gamma=camera.gamma)
 
     def take(self, setting: ExposureSetting, shot: int = 0) -> NDArray[np.uint8]:
-        """An image, uint8, (540, 720); each shot has noise of its own."""
+        """An image, uint8, (540, 720); each shot has its own noise."""
         if shot != self._stage.frame:
             self._stage.go_to(shot)
         return self._stage.expose("left", setting)
 
 
 def plateau_centre(levels: NDArray[np.float64], metrics: NDArray[np.float64], share: float = 0.99) -> float:
-    """The best level: the middle of those around the maximum that reach `share` of it, since maxima are flat."""
+    """The best level: the middle of those around the maximum that reach `share` of it, because maxima are flat."""
     top = int(np.argmax(metrics))
     good = metrics >= share * metrics[top]
     low = top - int(np.argmin(good[top::-1])) + 1 if not good[: top + 1].all() else 0
