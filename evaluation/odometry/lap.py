@@ -10,10 +10,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from evaluation.scenes.scenarios import Course
+from evaluation.scenes.scenarios import Course, no_turn, steady
 from evaluation.scenes.views import CAMERA
 from evaluation.stage.rendering import Stage
-from fake_camera.world.lighting import Change, LightScript
 from fake_camera.world.render.renderer import Renderer, Surface
 from fake_camera.world.scene.path import CameraPath
 from fake_camera.world.scene.room import WINDOW_RADIANCE, furnished_room
@@ -57,7 +56,7 @@ def odometry_stage(light: Light, room: int, seed: int, repeat: int) -> Stage:
     surfaces = _lit(room, LUX[light], path.heading_rad + math.pi / 6 + YAW_SWING)
     renderer = Renderer(surfaces, CAMERA)
     left, right = (RoomView(renderer, path, side) for side in ("left", "right"))
-    course = Course(LightScript((Change(0.0, 1.0),)), lambda _: 0.0, 0)
+    course = Course(steady(1.0), no_turn, 0)  # the room has its light baked in
     return Stage({"left": left, "right": right}, course, 1000 * (1000 * room + seed) + repeat)
 
 

@@ -69,11 +69,13 @@ def step_time_s(rng: np.random.Generator) -> tuple[float, int]:
     return (WARM_UP_FRAMES - 1 + float(rng.uniform(0.05, 0.95))) / RATE_HZ, WARM_UP_FRAMES
 
 
-def _steady(lux: float) -> LightScript:
+def steady(lux: float) -> LightScript:
+    """Light that does not change."""
     return LightScript((Change(0.0, lux),))
 
 
-def _still(_: float) -> float:
+def no_turn(_: float) -> float:
+    """The gaze of a camera at rest."""
     return 0.0
 
 
@@ -91,7 +93,7 @@ def _step(*, up: bool) -> Callable[[np.random.Generator], Course]:
         at_s, first = step_time_s(rng)
         dim_lux = float(rng.uniform(3.0, 6.0))
         before_lux, after_lux = (dim_lux, dim_lux * STEP_FACTOR) if up else (dim_lux * STEP_FACTOR, dim_lux)
-        return Course(LightScript((Change(0.0, before_lux), Change(at_s, after_lux))), _still, first)
+        return Course(LightScript((Change(0.0, before_lux), Change(at_s, after_lux))), no_turn, first)
 
     return draw
 
@@ -108,18 +110,18 @@ def _tunnel(rng: np.random.Generator) -> Course:
 def _pan(rng: np.random.Generator) -> Course:
     """From the dark interior past the window and back, at up to 90 degrees a second."""
     amplitude, lux = rng.uniform(0.9, 1.05), rng.uniform(3.0, 6.0)
-    return Course(_steady(lux), lambda s: amplitude * math.cos(2 * math.pi * s / 4.0), WARM_UP_FRAMES)
+    return Course(steady(lux), lambda s: amplitude * math.cos(2 * math.pi * s / 4.0), WARM_UP_FRAMES)
 
 
 def _flicker(rng: np.random.Generator) -> Course:
     """50 Hz mains with their usual deviation; so bright that exposures are far shorter than the 10 ms of a flash."""
     flicker = Flicker(100.0 * (1 + float(rng.uniform(-1e-3, 1e-3))), float(rng.uniform(0.9, 1.0)))
-    return Course(LightScript((Change(0.0, float(rng.uniform(400.0, 1200.0))),), flicker=flicker), _still, 60)
+    return Course(LightScript((Change(0.0, float(rng.uniform(400.0, 1200.0))),), flicker=flicker), no_turn, 60)
 
 
 def _lowlight_fast(rng: np.random.Generator) -> Course:
     """4 to 8 lux, where the best exposure is just within the limits; turns at up to 100 degrees a second."""
-    return Course(_steady(float(rng.uniform(4.0, 8.0))), _sweep(rng, 0.55, 0.5), WARM_UP_FRAMES)
+    return Course(steady(float(rng.uniform(4.0, 8.0))), _sweep(rng, 0.55, 0.5), WARM_UP_FRAMES)
 
 
 def _sun_shadow(rng: np.random.Generator) -> Course:
@@ -136,7 +138,7 @@ def _lamp_right(rng: np.random.Generator) -> Course:
     """A lamp that only the right camera sees is switched on."""
     at_s, first = step_time_s(rng)
     lamp = LightScript((Change(0.0, 0.0), Change(at_s, 1.0)))
-    return Course(_steady(float(rng.uniform(5.0, 15.0))), _still, first, lamp)
+    return Course(steady(float(rng.uniform(5.0, 15.0))), no_turn, first, lamp)
 
 
 SCENARIOS = {

@@ -9,20 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from evaluation.drawing import COLOURS, panels, save
-from evaluation.experiments.boxes import boxes
+from evaluation.drawing import COLOURS, boxes, panels, save
 from evaluation.experiments.drives.courses import ROOMS, SEEDS, by_course, over_courses, unless_few
 from evaluation.experiments.drives.policy_drives import FIXED, measure
-from evaluation.experiments.experiment import (
-    Claim,
-    Experiment,
-    Figure,
-    Job,
-    Results,
-    Section,
-    Table,
-    Verdict,
-)
+from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, Results, Section, Table, Verdict
 from evaluation.experiments.statistics import Interval
 from evaluation.odometry.lap import Light
 from evaluation.odometry.tracking import EVERY

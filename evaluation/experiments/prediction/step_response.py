@@ -15,9 +15,9 @@ from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.policy import ExposurePolicy, Observation, Target
 from drivers.exposure import ExposureSetting
 from evaluation.experiments.experiment import Plain
+from evaluation.experiments.prediction.still_life import still_stage
 from evaluation.scenes.responses import CameraResponse
-from evaluation.scenes.scenarios import RATE_HZ, Course
-from evaluation.scenes.views import build_views
+from evaluation.scenes.scenarios import RATE_HZ
 from evaluation.stage.camera import LIMITS
 from evaluation.stage.delayed_loop import DelayedLoop
 from evaluation.stage.oracle import Oracle
@@ -127,8 +127,7 @@ def measure(scene: str, seed: int, camera: list[Any], before_lux: float, rise_st
     response = CameraResponse(*camera)
     step_s = (WARM_UP_FRAMES - 0.5) / RATE_HZ
     light = LightScript((Change(0.0, before_lux), Change(step_s, before_lux * 2.0**rise_stops)))
-    views = build_views(scene, seed, _no_turn, at_window=False)
-    stage = Stage(views, Course(light, _no_turn, WARM_UP_FRAMES), seed, response=response.curve, gamma=response.gamma)
+    stage = still_stage(scene, seed, light, response)
     oracle = Oracle(stage)
     first = oracle.best(ExposurePriority(), 0.0)
     start = LIMITS.brightest if first is None else LIMITS.realise(first.level, LIMITS.max_time_us)
@@ -166,7 +165,3 @@ def frames_to_converge(levels: ArrayLike, share: float) -> int | None:
     away = np.flatnonzero(np.abs(after - np.median(after[-END_FRAMES:])) > BAND_STOPS)
     frames = int(away[-1]) + 1 if away.size else 0
     return frames if share >= USEFUL_SHARE and frames <= len(after) - END_FRAMES else None
-
-
-def _no_turn(_: float) -> float:
-    return 0.0
