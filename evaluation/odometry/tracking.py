@@ -103,7 +103,7 @@ def outcome(one: TrackedRun) -> dict[str, Any]:
 
 
 def lost_for_good(lost: Sequence[bool]) -> bool:
-    """Whether tracking was lost for so long that the run has failed."""
+    """Whether enough pairs in a row were lost for the run to have failed."""
     in_a_row = 0
     for one in lost:
         in_a_row = in_a_row + 1 if one else 0
