@@ -120,8 +120,8 @@ def test_files_that_cannot_be_added_to_are_refused_before_the_camera_is_looked_f
     assert "camera.serial is OTHER, but this is camera S" in output
 
 
-@pytest.mark.parametrize("offered", ["Mono12", "Mono16", "Mono8"])
-def test_noise_is_measured_in_the_deepest_format(offered: str, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("offered", list(PixelFormat))
+def test_noise_is_measured_in_the_deepest_format(offered: PixelFormat, monkeypatch: pytest.MonkeyPatch) -> None:
     opened: list[CameraSetup] = []
 
     def open_camera(serial: str, setup: CameraSetup) -> None:
@@ -133,7 +133,7 @@ def test_noise_is_measured_in_the_deepest_format(offered: str, monkeypatch: pyte
     measure_noise._open("S", None)
     assert opened == [session_setup(offered)]
     with pytest.raises(ConfigurationError, match="no pixel format"):
-        measure_noise._open("S", "Mono16" if offered == "Mono12" else "Mono12")
+        measure_noise._open("S", PixelFormat.MONO16 if offered == PixelFormat.MONO12 else PixelFormat.MONO12)
 
 
 @pytest.mark.parametrize(

@@ -19,6 +19,7 @@ from drivers.errors import CameraError
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Frame, SettingSource
 from drivers.genicam.write_latency import FRAMES_AFTER
+from drivers.pixel_format import PixelFormat
 from tests.fakes import fake_camera
 
 BEFORE = ExposureSetting(1000.0, 0.0)
@@ -115,7 +116,7 @@ def test_a_session_over_the_wire_from_the_shortest_exposure_to_a_long_one(tmp_pa
     light.write_text("light: [{at_s: 0, lux: 20}]")
     with (
         fake_camera(options=["--still", "--light", str(light)]) as fake,
-        Session(open_camera(fake.serial, session_setup("Mono12"))) as session,
+        Session(open_camera(fake.serial, session_setup(PixelFormat.MONO12))) as session,
     ):
         short, mid, long = (
             session.take(ExposureSetting(time_us, gain_db), 2)

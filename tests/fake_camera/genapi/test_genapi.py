@@ -173,7 +173,7 @@ def test_what_cannot_be_achieved_leaves_the_registers_alone() -> None:
 
 
 @pytest.mark.parametrize(
-    ("namespace", "order", "feature", "told"),
+    ("namespace", "order", "feature", "standard"),
     [
         ("GEV", "LittleEndian", "R", "GEV"),
         ("U3V", "BigEndian", "R", "U3V"),
@@ -183,13 +183,13 @@ def test_what_cannot_be_achieved_leaves_the_registers_alone() -> None:
     ],
 )
 def test_its_standard_or_its_registers_tell_the_wire(
-    namespace: str, order: str, feature: str, told: str | None
+    namespace: str, order: str, feature: str, standard: str | None
 ) -> None:
     text = (
         f'<RegisterDescription ModelName="M" VendorName="V" StandardNameSpace="{namespace}"><IntReg Name="{feature}">'
         f"<Address>0</Address><pPort>Device</pPort><Endianess>{order}</Endianess></IntReg></RegisterDescription>"
     )
-    assert Description.from_bytes(text.encode(), "").standard == told
+    assert Description.from_bytes(text.encode(), "").standard == standard
 
 
 def test_text_before_the_declaration_is_left_out() -> None:
