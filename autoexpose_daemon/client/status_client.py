@@ -21,9 +21,9 @@ _RING_MESSAGES = 4
 
 
 class StatusClient:
-    """Follows the status that a rig's daemon sends once a second, while its context lasts.
+    """Follows the status that a rig's daemon sends once a second, as long as its context lasts.
 
-    It waits for a daemon that is not there yet, and finds it again after a restart. Readable from any thread.
+    It waits for a daemon that is not running yet, and finds it again after a restart. Readable from any thread.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ class StatusClient:
     Raises
     ------
     ConfigurationError
-        When `rig` cannot be a name.
+        When `rig` is not a valid name.
     """
 
     def __init__(self, rig: str = "rig", connect: Sequence[str] = (LOOPBACK,), zenoh_file: Path | None = None) -> None:
@@ -63,11 +63,11 @@ class StatusClient:
 
     @property
     def silent_s(self) -> float:
-        """Since the last status, or, before the first, since this client began."""
+        """Time since the last status or, before the first, since this client was made."""
         return time.monotonic() - self._heard_s
 
     def wait(self, timeout_s: float) -> Status | None:
-        """The next status to come; None when none came in time, or the client is closed."""
+        """The next status; None if none comes in time, or the client is closed."""
         with self._news:
             seen = self._count
             self._news.wait_for(lambda: self._count != seen or self._holder.closed.is_set(), timeout_s)

@@ -57,7 +57,7 @@ class CameraConfig(Section):
 
 
 class CamerasConfig(Section):
-    """The cameras of the rig; a rig of one camera has only `left`."""
+    """The cameras of the rig; a rig with one camera has only `left`."""
 
     left: CameraConfig
     right: CameraConfig | None = None
@@ -69,13 +69,13 @@ class CamerasConfig(Section):
         if self.right.serial == self.left.serial:
             raise ValueError(f"left and right are the same camera, {self.left.serial}")
         raise ValueError(
-            f"left and right are the same but for case, {self.left.serial} and {self.right.serial}: give each serial "
+            f"left and right differ only in case, {self.left.serial} and {self.right.serial}: give each serial "
             "as `autoexpose list` shows it"
         )
 
 
 class TriggerConfig(Section):
-    """How frames are started: by pulses on an input line, by the left camera for both, or by a camera for itself."""
+    """What starts a frame: pulses on an input line, the left camera for both, or a single camera's own clock."""
 
     mode: Literal["external", "primary", "free_run"] = "external"
     line: Name = "Line0"
@@ -138,7 +138,7 @@ class ControlConfig(Section):
 
 
 class ResponseConfig(Section):
-    """What the daemon makes of response functions that do not hold any more.
+    """What the daemon does about response functions that no longer hold.
 
     `refine` keeps an updated copy beside each response file; the file itself is never written.
     """
@@ -177,17 +177,15 @@ class Config(Section):
     @model_validator(mode="after")
     def _wiring_fits_the_rig(self) -> Self:
         if self.trigger.mode == "free_run" and self.cameras.right is not None:
-            raise ValueError("trigger.mode free_run takes one camera: two that run freely never see the same instant")
+            raise ValueError("trigger.mode free_run is for one camera: two that run freely never see the same instant")
         if self.trigger.mode == "primary" and self.cameras.right is None:
-            raise ValueError(
-                "trigger.mode primary takes two cameras: for a single one that runs freely choose free_run"
-            )
+            raise ValueError("trigger.mode primary needs two cameras: for a single one choose free_run")
         return self
 
     @model_validator(mode="after")
     def _regions_have_cameras(self) -> Self:
         if self.control.roi.right is not None and self.cameras.right is None:
-            raise ValueError("control.roi.right is given, but there is no cameras.right: remove it")
+            raise ValueError("control.roi.right is given, but cameras.right is not: remove it")
         return self
 
     @model_validator(mode="after")
@@ -203,8 +201,8 @@ class Config(Section):
         period_us = 1e6 / self.trigger.rate_hz
         if self.exposure.max_time_us >= period_us:
             raise ValueError(
-                f"exposure.max_time_us {self.exposure.max_time_us:g} us does not fit into the period of "
-                f"{period_us:.0f} us that trigger.rate_hz {self.trigger.rate_hz:g} leaves"
+                f"exposure.max_time_us {self.exposure.max_time_us:g} us does not fit into the "
+                f"{period_us:.0f} us between triggers at trigger.rate_hz {self.trigger.rate_hz:g}"
             )
         if not self.exposure.limits().contain(self.start):
             raise ValueError(f"control.start {self.start} is outside the bounds of exposure")
@@ -212,7 +210,7 @@ class Config(Section):
 
     @property
     def sides(self) -> dict[Side, CameraConfig]:
-        """The cameras there are, left first."""
+        """The configured cameras, left first."""
         cameras: dict[Side, CameraConfig] = {"left": self.cameras.left}
         if self.cameras.right is not None:
             cameras["right"] = self.cameras.right
@@ -234,7 +232,7 @@ class Config(Section):
 
     @cached_property
     def responses(self) -> dict[Side, ResponseFile]:
-        """The response file of each camera, read once: linear where none is configured.
+        """The response file of each camera, read once: linear if none is configured.
 
         Raises
         ------
@@ -268,14 +266,14 @@ def load_config(path: Path) -> Config:
         raise ConfigurationError("\n".join(_sentence(path, each) for each in error.errors())) from error
     try:
         config = _with_absolute_paths(config, path.resolve().parent)
-        _ = config.responses, config.control.roi.regions  # read here, so that what is wrong with them is said here
+        _ = config.responses, config.control.roi.regions  # read now, so that errors in them are reported now
     except ConfigurationError as error:
         raise ConfigurationError(f"{path}: {error}") from error
     return config
 
 
 def _with_absolute_paths(config: Config, folder: Path) -> Config:
-    """Files are named relative to the configuration file, wherever the daemon is started."""
+    """Files are relative to the configuration file, wherever the daemon is started."""
     cameras: dict[str, CameraConfig] = {
         side: camera.model_copy(update={"response": camera.response and folder / camera.response})
         for side, camera in config.sides.items()
@@ -288,7 +286,7 @@ def _with_absolute_paths(config: Config, folder: Path) -> Config:
 
 
 def _sentence(path: Path, error: ErrorDetails) -> str:
-    """What is wrong, on one line whatever stands in the file."""
+    """What is wrong, on one line whatever the file contains."""
     return readable(f"{path}: {_complaint(error)}")
 
 
@@ -306,7 +304,7 @@ def _complaint(error: ErrorDetails) -> str:
 
 
 def _keys_of(parents: list[str]) -> list[str]:
-    """The keys known below a path of keys, read off the models themselves."""
+    """The known keys below a path of keys, taken from the models themselves."""
     model: type[BaseModel] = Config
     for parent in parents:
         if parent.isdecimal():  # a place in a list

@@ -16,7 +16,7 @@ _MOST_ZENOH_BYTES = 1 << 20
 
 
 class PublishConfig(Section):
-    """How other processes get the frames; without the section they get none."""
+    """How other processes get the frames; without this section they get none."""
 
     rig: str = "rig"
     listen: tuple[str, ...] = (LOOPBACK,)
@@ -38,19 +38,19 @@ class PublishConfig(Section):
     @model_validator(mode="after")
     def _endpoints_stand_in_one_place(self) -> Self:
         if self.zenoh is not None and self.model_fields_set & {"listen", "connect"}:
-            raise ValueError("with a file of zenoh's its listen and connect count: remove publish.listen and .connect")
+            raise ValueError("publish.zenoh replaces publish.listen and publish.connect: remove these")
         return self
 
     def relative_to(self, folder: Path) -> Self:
-        """With its file named from `folder`; raises ConfigurationError when it cannot be read."""
+        """With its file relative to `folder`; raises ConfigurationError when it cannot be read."""
         if self.zenoh is None:
             return self
         file = folder / self.zenoh
         try:
-            read_regular(file, _MOST_ZENOH_BYTES)  # zenoh itself would wait for a pipe to speak
+            read_regular(file, _MOST_ZENOH_BYTES)  # zenoh itself would wait for a pipe to be written
         except (OSError, ValueError) as error:
             reason = error.strerror if isinstance(error, OSError) else error
             raise ConfigurationError(
-                f"publish.zenoh: {file} cannot be read ({reason}): name a configuration file of zenoh"
+                f"publish.zenoh: {file} cannot be read ({reason}): name a zenoh configuration file"
             ) from error
         return self.model_copy(update={"zenoh": file})

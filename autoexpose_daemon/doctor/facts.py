@@ -17,8 +17,8 @@ from drivers.host.usb import UsbFacts, find_usb
 class GigeFacts:
     """GigE Vision cameras and what the host's network offers them.
 
-    `control` is known for reachable cameras; `failures` tells why an interface could not be searched, `no_filter` why
-    strangers' packets cannot be kept from a stream.
+    `control` is known for reachable cameras; `failures` says why an interface could not be searched, `no_filter` why
+    packets from strangers cannot be kept out of a stream.
     """
 
     cameras: tuple[GigeCamera, ...] = ()
@@ -37,7 +37,7 @@ class Facts:
 
     @property
     def serials(self) -> list[str]:
-        """The cameras that are there, as far as their serials are known."""
+        """The cameras found, as far as their serials are known."""
         found = [*(camera.serial for camera in self.usb.cameras), *(camera.serial for camera in self.gige.cameras)]
         return sorted({serial for serial in found if serial is not None})
 

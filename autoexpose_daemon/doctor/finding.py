@@ -11,7 +11,7 @@ Severity = Literal["ok", "warning", "stops"]
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One sentence on one thing; `check` names the kind of thing, `mend` is the command that mends it."""
+    """One sentence about one thing; `check` names the kind of thing, `mend` is the command that fixes it."""
 
     check: str
     severity: Severity

@@ -23,7 +23,7 @@ def read_image(data: bytes) -> tuple[int, Pixels]:
     Raises
     ------
     DamagedMessageError
-        When it is no grey image, or not whole.
+        When it is not a grey image, or not complete.
     """
     message = _deserialise(data, IMAGE)
     dtype = {"mono8": np.uint8, "mono16": np.uint16}.get(message.encoding)
@@ -47,12 +47,12 @@ def stamp_ns(message: Any) -> int:
 
 
 def frame_of(info: Any, pixels: Pixels) -> Frame:
-    """The frame that an ExposureInfo and the pixels of its Image tell of.
+    """The frame that an ExposureInfo and the pixels of its Image describe.
 
     Raises
     ------
     DamagedMessageError
-        When the two do not belong together, or no image can be taken so.
+        When the two do not belong together, or no image can have been taken that way.
     """
     if info.bit_depth not in BIT_DEPTHS.values() or (info.bit_depth == 8) != (pixels.dtype == np.uint8):
         raise DamagedMessageError(f"{info.bit_depth} significant bits in pixels of {8 * pixels.itemsize}")
@@ -69,7 +69,7 @@ def frame_of(info: Any, pixels: Pixels) -> Frame:
 
 
 def decision_of(info: Any) -> Decision | None:
-    """The decision that an ExposureInfo tells of, if there was one; raises `DamagedMessageError`."""
+    """The decision in an ExposureInfo, if there was one; raises `DamagedMessageError`."""
     if not info.reason:
         return None
     return Decision(

@@ -19,6 +19,6 @@ TYPESTORE.register(
 
 
 def definition(message_type: str) -> str:
-    """The text of a message type with all that it is made of, as recordings hold it."""
+    """The text of a message type with all types it contains, as stored in recordings."""
     text, _ = TYPESTORE.generate_msgdef(message_type, ros_version=2)
     return text

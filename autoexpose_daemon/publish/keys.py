@@ -17,10 +17,10 @@ if TYPE_CHECKING:
 SIDES: tuple[Side, ...] = ("left", "right")
 
 LOOPBACK = "tcp/127.0.0.1:7448"
-"""Where a daemon listens unless configured otherwise; next to 7447, which is that of zenoh routers."""
+"""Where a daemon listens unless configured otherwise; next to 7447, the port of zenoh routers."""
 
 RIG_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
-"""What zenoh takes in a key and ROS 2 in the name of a coordinate frame."""
+"""What zenoh allows in a key and ROS 2 in the name of a coordinate frame."""
 
 LAST_ROS2_DOMAIN = 232
 """The highest ROS_DOMAIN_ID that ROS 2 knows."""
@@ -33,16 +33,16 @@ _ENDPOINT = re.compile(r"[a-z][a-z0-9_-]*/\S+")
 
 
 def check_rig_name(rig: str) -> None:
-    """Raise ConfigurationError for what cannot be the name of a rig."""
+    """Raise ConfigurationError for an invalid name of a rig."""
     if not RIG_NAME.fullmatch(rig):
-        raise ConfigurationError(f"{rig} is no name for a rig: a letter, then letters, digits and _")
+        raise ConfigurationError(f"{rig} is not a valid name for a rig: a letter, then letters, digits and _")
 
 
 def check_endpoints(endpoints: Iterable[str]) -> None:
-    """Raise ConfigurationError for what cannot be endpoints of zenoh."""
+    """Raise ConfigurationError for invalid zenoh endpoints."""
     for endpoint in endpoints:
         if not _ENDPOINT.fullmatch(endpoint):
-            raise ConfigurationError(f"{endpoint} is no endpoint: write protocol/address, such as {LOOPBACK}")
+            raise ConfigurationError(f"{endpoint} is not an endpoint: write protocol/address, such as {LOOPBACK}")
 
 
 def frame_key(rig: str, side: Side, topic: str) -> str:
@@ -61,7 +61,7 @@ def consumer_key(rig: str, name: str) -> str:
 
 
 def status_key(rig: str) -> str:
-    """Where the daemon says how it is."""
+    """Where the daemon's status goes."""
     return f"autoexpose/{rig}/status"
 
 
@@ -71,7 +71,7 @@ def response_key(rig: str, side: Side | Literal["*"]) -> str:
 
 
 def side_of(key: str) -> Side | None:
-    """The camera of a `frame_key` or `response_key`; None, and a line in the log, for one that is not known here."""
+    """The camera of a `frame_key` or `response_key`; None, and a line in the log, for an unknown one."""
     name = last_but(key, 1)
     for side in SIDES:
         if name == side:

@@ -1,4 +1,4 @@
-"""Reading a recording from its first item to its last, whole, cut off or damaged."""
+"""Reading a recording from its first item to its last, complete, cut off or damaged."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ _SIDES: tuple[Side, ...] = ("left", "right")
 
 
 class Recording:
-    """The items of a file, in its order, one at a time in memory.
+    """The items of a file in order, one at a time in memory.
 
     Attributes
     ----------
     cut_off
         Whether the file ends within a record, as after a full disk or a power cut; known when all items have been read.
     dropped
-        Steps that the recorder dropped, as it says at the end of the file; None when that is missing.
+        Steps that the recorder dropped, according to the end of the file; None when that is missing.
 
     Raises
     ------
@@ -76,7 +76,7 @@ class Recording:
                         items += 1
                         yield item
         if items == 0:
-            raise self._error("holds no steps of control: it is no recording of autoexpose, or one of nothing")
+            raise self._error("contains no steps of control: it is not a recording of autoexpose, or an empty one")
 
     def _records(self, stream: BinaryIO) -> Iterator[Any]:
         """The records of the file up to where it was cut off, if it was."""
@@ -88,9 +88,9 @@ class Recording:
                 record = next(records)
             except StopIteration:
                 return
-            except Exception as error:  # bytes that are no MCAP break the reader in many ways
+            except Exception as error:  # bytes that are not MCAP break the reader in many ways
                 if not begun:
-                    raise self._error("is no MCAP file, or damaged from its first bytes on") from error
+                    raise self._error("is not an MCAP file, or is damaged from its first bytes on") from error
                 if stream.tell() < size and not isinstance(error, RecordLengthLimitExceeded):
                     raise self._error(f"is damaged before byte {stream.tell()} of {size}") from error
                 self.cut_off = True
@@ -104,7 +104,7 @@ class Recording:
         """The item that a message completes."""
         channel = self._channels.get(message.channel_id)
         if channel is None:
-            raise ValueError(f"a message of channel {message.channel_id}, which there is not")
+            raise ValueError(f"a message of channel {message.channel_id}, which does not exist")
         match channel.topic.split("/")[-2:]:
             case ["control", "setup" | "state" as what]:
                 return self._of_control(what, message.data)
@@ -119,11 +119,11 @@ class Recording:
         try:
             text = cast(Any, TYPESTORE.deserialize_cdr(data, STRING)).data
         except Exception as error:  # rosbags checks nothing
-            raise DamagedMessageError(f"control/{what} is no String") from error
+            raise DamagedMessageError(f"control/{what} is not a String") from error
         content = from_json(text)
         if not isinstance(content, dict) or content.get("format") != STATE_FORMAT:
             found = content.get("format") if isinstance(content, dict) else None
-            raise self._error(f"holds a state of control of format {found!r}: only {STATE_FORMAT!r} can be read")
+            raise self._error(f"contains a state of control of format {found!r}: only {STATE_FORMAT!r} can be read")
         if what == STATE:
             return State(content.get("state"))
         made_with = parse(content.get("made_with"), dict[str, str])
@@ -133,7 +133,7 @@ class Recording:
         info = read_exposure_info(data)
         for other in self._infos.values():
             if other.sequence != info.sequence:
-                raise ValueError(f"step {other.sequence} is not whole")
+                raise ValueError(f"step {other.sequence} is incomplete")
         self._infos[side] = info
 
     def _image(self, side: Side, data: bytes) -> Step | None:

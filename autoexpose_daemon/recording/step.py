@@ -26,7 +26,7 @@ class Step:
     cameras
         Cameras of the rig.
     pair
-        What control looked at. A gap in its `trigger` without one in `sequence` are pairs that never reached control.
+        What control looked at. A gap in its `trigger` without one in `sequence` means pairs that never reached control.
     decision
         What control decided.
     """
@@ -44,9 +44,9 @@ class Setup:
     Attributes
     ----------
     control
-        What it is built from.
+        What the loop is built from.
     made_with
-        The software whose decisions these are, with versions.
+        The software that made the decisions, with versions.
     """
 
     control: ControlSetup

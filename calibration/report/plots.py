@@ -1,4 +1,4 @@
-"""The pictures of a calibration's report. Curves differ by dash or marker: they are told apart without colour."""
+"""The pictures of a calibration's report. Curves differ in dash or marker, not in colour alone."""
 
 from __future__ import annotations
 

@@ -134,7 +134,7 @@ def families() -> tuple[Family, ...]:
 def _log2_light_of_basis(share: Curve, weights: Curve) -> Curve:
     mean, basis = _basis()
     grid = np.log2(_SHARES)
-    # Below the grid the power law of its lower end goes on.
+    # Below the grid the power law of its lower end continues.
     values = mean + weights @ basis
     slope = (values[1] - values[0]) / (grid[1] - grid[0])
     at = np.log2(share)

@@ -97,7 +97,7 @@ def _without_radiances(rows: Curve, weights: Curve, levels: Curve) -> tuple[Curv
 def _increasing(normal: Curve, right: Curve) -> tuple[Curve, Curve]:
     """The steps between nodes, none below the least one, and the variances of the nodes against the middle one.
 
-    Steps that would be smaller are held at the least one, and the others found anew, until all are large enough.
+    Steps that would be smaller are set to the least one and the others solved again, until all are large enough.
     """
     count = len(right)
     sums = np.tri(count, count - 1, -1)

@@ -71,7 +71,7 @@ def test_the_table_of_latency_shows_the_distribution() -> None:
     assert rows == [
         ["gain", "1", "19", "95%", "#" * 19],
         ["gain", "2", "1", "5%", "#"],
-        ["gain", "untold", "3", "", ""],
+        ["gain", "unclear", "3", "", ""],
     ]
 
 
@@ -83,7 +83,7 @@ def test_the_table_of_latency_shows_the_distribution() -> None:
         ((29_000.0, 13_000.0), "does not decide"),
     ],
 )
-def test_latency_is_told_in_time_as_well(delay_us: tuple[float, float], text: str) -> None:
+def test_latency_is_clear_in_time_as_well(delay_us: tuple[float, float], text: str) -> None:
     told = when_it_shows(replace(EFFECT, delay_us=delay_us))
     assert told.startswith("gain: written 2.1 ms after the start of an exposure; ")
     assert text in told
@@ -217,7 +217,7 @@ def test_latency_over_the_wire(fake: FakeCamera, tmp_path: Path) -> None:
 
 
 @pytest.mark.wire
-def test_a_camera_lost_while_it_is_measured_is_told_as_such(fake: FakeCamera, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_camera_lost_while_it_is_measured_is_clear_as_such(fake: FakeCamera, monkeypatch: pytest.MonkeyPatch) -> None:
     def measure(*arguments: object) -> None:
         def lost(*arguments: object) -> None:
             raise ConfigurationError("no such camera")
@@ -230,7 +230,7 @@ def test_a_camera_lost_while_it_is_measured_is_told_as_such(fake: FakeCamera, mo
 
 
 @pytest.mark.wire
-def test_a_scene_too_dark_is_told_once_and_without_a_table(fake: FakeCamera, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_scene_too_dark_is_clear_once_and_without_a_table(fake: FakeCamera, monkeypatch: pytest.MonkeyPatch) -> None:
     dark = Finding("refused", "too_dark", "the scene is too dark")
     effects = [WriteEffect(quantity, {}, 0, None, None, (dark,)) for quantity in ("exposure", "gain")]
     monkeypatch.setattr(measure_latency, "_measure", lambda *arguments: effects)

@@ -86,7 +86,7 @@ def test_a_setting_that_stands_is_not_waited_for_anew() -> None:
     assert next(camera._ids) == FRAMES_AFTER + 3
 
 
-def test_a_camera_that_never_takes_the_setting_is_told_with_what_it_shows() -> None:
+def test_a_camera_that_never_takes_the_setting_is_clear_with_what_it_shows() -> None:
     session = Session(ObedientCamera(latency=2 * FRAMES_TO_OBEY))
     with pytest.raises(
         CameraError, match=r"read back 4000 us, 6\.0 dB, but 16 frames later still exposes with 1000 us"
@@ -95,7 +95,7 @@ def test_a_camera_that_never_takes_the_setting_is_told_with_what_it_shows() -> N
 
 
 @pytest.mark.parametrize("fault", ["silent", "broken"])
-def test_a_camera_without_whole_frames_is_told(fault: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_camera_without_whole_frames_is_clear(fault: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(session_module, "PATIENCE_S", 0.02)
     session = Session(ObedientCamera(**{fault: True}))
     with pytest.raises(CameraError, match=r"camera S: no whole frame arrived within 0\.0 s: check its cable"):

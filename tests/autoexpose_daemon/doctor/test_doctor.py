@@ -131,7 +131,7 @@ GIGE_TROUBLES: list[tuple[GigeFacts, *Trouble]] = [
     (
         gige_facts(on(GIGE, mtu_bytes=1500)),
         need(BOTH, transport={"packet_size_bytes": 8000}), "gige-packets", "stops",
-        r"transport.packet_size_bytes 8000 is more than eth0 lets through, 1500 bytes", "ip link set dev eth0 mtu 8000",
+        r"transport.packet_size_bytes 8000 is more than eth0 allows, 1500 bytes", "ip link set dev eth0 mtu 8000",
     ),
     (
         gige_facts(on(GIGE, speed_mbps=100)),
@@ -181,7 +181,7 @@ def test_a_configured_camera_that_is_missing_stops_and_the_others_are_named() ->
     findings = judge(SOUND, need({"left": {"serial": "X"}, "right": {"serial": "G"}}))
     (missing,) = (finding for finding in findings if finding.severity != "ok")
     assert missing.severity == "stops"
-    assert missing.sentence == "left camera X is not there; cameras that are: G, U"
+    assert missing.sentence == "left camera X is not found; cameras found: G, U"
 
 
 def test_a_node_out_of_reach_without_a_rule_is_mended_by_the_rule() -> None:
@@ -306,7 +306,7 @@ def test_the_command_on_a_camera_on_the_wire(tmp_path: Path) -> None:
         assert result.returncode == 1
         assert result.stderr == ""
         (stop,) = (finding for finding in json.loads(result.stdout)["findings"] if finding["severity"] == "stops")
-        assert stop["sentence"].startswith(f"right camera {missing} is not there; cameras that are: ")
+        assert stop["sentence"].startswith(f"right camera {missing} is not found; cameras found: ")
         assert camera.serial in stop["sentence"]
 
         with GvcpClient(camera.address) as client:

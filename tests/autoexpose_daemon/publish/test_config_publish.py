@@ -32,10 +32,10 @@ def test_nothing_is_published_unless_the_section_is_there(tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("publish", "words"),
     [
-        ("publish: {rig: a/b}", ["publish.rig", "a/b is no name for a rig"]),
+        ("publish: {rig: a/b}", ["publish.rig", "a/b is not a valid name for a rig"]),
         ("publish: {lisen: []}", ["publish.lisen", "did you mean publish.listen"]),
-        ("publish: {connect: [router:7447]}", ["publish", "router:7447 is no endpoint", "tcp/127.0.0.1"]),
-        ("publish: {zenoh: z.json5, connect: [tcp/r:7447]}", ["publish", "remove publish.listen"]),
+        ("publish: {connect: [router:7447]}", ["publish", "router:7447 is not an endpoint", "tcp/127.0.0.1"]),
+        ("publish: {zenoh: z.json5, connect: [tcp/r:7447]}", ["publish.zenoh replaces publish.listen", "remove these"]),
         ("publish: {ros2_domain: 233}", ["publish.ros2_domain", "232"]),
         ("publish: {ros2_domain: yes}", ["publish.ros2_domain", "integer"]),
         ("publish: {zenoh: z.json5}", ["publish.zenoh", "z.json5 cannot be read (No such file"]),

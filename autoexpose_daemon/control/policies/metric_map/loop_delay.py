@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 USUAL_FRAMES = 2
-"""Until the first change has been seen to arrive."""
+"""Until a first change has been seen to arrive."""
 
 DISTINCT_STOPS = 0.15
-"""A change of exposure that cannot be rounding."""
+"""A change of exposure too large to be rounding."""
 
 REMEMBERED = 32
 
@@ -36,7 +36,7 @@ class LoopDelay:
     level: float | None = None
 
     def see(self, level: float) -> None:
-        """A frame taken at `level` (stops) has come: if the level is new, since when was it wanted?"""
+        """A frame taken at `level` (stops) has come: if the level is new, find since when it was wanted."""
         changed = self.level is not None and abs(level - self.level) > DISTINCT_STOPS
         self.level = level
         if not changed:
@@ -49,5 +49,5 @@ class LoopDelay:
                 return
 
     def decide(self, target: float) -> None:
-        """Remember the level decided on upon the frame just seen."""
+        """Remember the level decided on for the frame just seen."""
         self.targets.append(target)
