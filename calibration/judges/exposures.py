@@ -15,10 +15,10 @@ MID_GREY = 24
 """Groups so far from the ends of what was seen must brighten with exposure, ..."""
 
 LEAST_RISE_GREY = 2.5
-"""... by more than so many grey levels per stop: a power law of 0.3 gives twice as much."""
+"""... by more than this many grey levels per stop: a power law of 0.3 gives twice as much."""
 
 FLAT_STOPS = 0.9
-"""Brightness that stays the same over so much exposure does not follow it; flicker may hide less."""
+"""Brightness that stays the same over this many stops does not follow exposure; flicker may hide less."""
 
 AGREED_GREY = 2.0
 """Repeats agree when most differ by less."""

@@ -71,7 +71,7 @@ def pictures(result: Result) -> list[Picture]:
         ),
         Picture(
             "Predictions",
-            "Grey level of a pixel after a change of exposure level by so many stops: what the daemon decides with.",
+            "Grey level of a pixel after a change of exposure level (stops), which is what the daemon decides with.",
             lambda axes: _draw_predictions(axes, solution.response),
         ),
         Picture(
