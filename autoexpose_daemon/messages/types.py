@@ -8,6 +8,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 IMAGE = "sensor_msgs/msg/Image"
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
+IMU = "sensor_msgs/msg/Imu"
 EXPOSURE_INFO = "autoexpose_msgs/msg/ExposureInfo"
 
 TYPESTORE = get_typestore(Stores.ROS2_HUMBLE)

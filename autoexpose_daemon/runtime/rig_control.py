@@ -86,6 +86,8 @@ class RigControl:
         self.telemetry = Telemetry(complaints=self._complaints.present)
         self.outlets: list[Outlet] = []
         """Told of every pair, as the observer is."""
+        self.angular_rate: Callable[[], float | None] = lambda: None
+        """Asked before each decision how fast the camera turns, rad/s; None: not known."""
         self._config = config
         self._cameras = cameras
         self._now_ns = now_ns
@@ -267,7 +269,7 @@ class RigControl:
         if self._loop is None:
             return
         arrival_ns, started_ns = max(frame.arrival_time_ns for frame in pair.frames.values()), self._now_ns()
-        decision = self._loop.step(pair)
+        decision = self._loop.step(pair, self.angular_rate())
         self._newest = pair
         decided_ns = self._now_ns()
         self.telemetry.pairing_ms.add_ns(started_ns - arrival_ns)

@@ -167,7 +167,9 @@ class Service:
             log.warning("the new configuration is not taken, the old one stays: control does not answer")
 
     def _restart(self, config: Config) -> None:
-        log.info("the new configuration changes cameras, trigger, image, transport or publishing: all are opened anew")
+        log.info(
+            "the new configuration changes cameras, trigger, image, transport, IMU or publishing: all are reopened"
+        )
         daemon = self._make(config)  # may raise, while the old one still runs
         self._end()
         self._raise_failure()
@@ -176,9 +178,9 @@ class Service:
 
 
 def _same_cameras(one: Config, other: Config) -> bool:
-    """Whether the cameras, and the way out of the frames, would be opened the same way."""
+    """Whether the cameras, the IMU and the way out of the frames would be opened the same way."""
 
     def opening(config: Config) -> tuple[object, ...]:
-        return config.cameras, config.trigger, config.image, config.transport, config.publish
+        return config.cameras, config.trigger, config.image, config.transport, config.motion, config.publish
 
     return opening(one) == opening(other)

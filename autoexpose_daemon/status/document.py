@@ -11,6 +11,7 @@ from pydantic import AfterValidator, Field, TypeAdapter, ValidationError
 
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.status.counters import Count, Counts
+from autoexpose_daemon.status.imu import ImuTally
 from autoexpose_daemon.status.publishing import ConsumerTally
 from autoexpose_daemon.status.states import Health, State
 from calibration.response import ResponseFunction
@@ -150,6 +151,8 @@ class Status:
         None where frames are not published, or not recorded.
     faults
         The latest, oldest first.
+    imu
+        None where none is configured.
     """
 
     version: int
@@ -175,6 +178,7 @@ class Status:
     publishing: PublishStatus | None
     recorder: RecorderStatus | None
     faults: Annotated[tuple[Fault, ...], _Few]
+    imu: ImuTally | None = None
 
     @property
     def health(self) -> Health:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.status.counters import Counts
+from autoexpose_daemon.status.imu import ImuTally
 from autoexpose_daemon.status.publishing import PublishTally
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Side, StereoPair
@@ -85,6 +86,8 @@ class Telemetry:
         See `DURATIONS`.
     publishing, recorder
         What became of the frames on their way out, and to disk; None when there is no such way.
+    imu
+        What becomes of the samples of the IMU; None where none is configured.
     """
 
     opened_ns: int | None = None
@@ -108,6 +111,7 @@ class Telemetry:
     command_to_effect_ms: Durations = field(default_factory=Durations)
     publishing: PublishTally | None = None
     recorder: RecorderCounts | None = None
+    imu: ImuTally | None = None
     _recent_ns: deque[int] = field(default_factory=lambda: deque(maxlen=120))
 
     @property
