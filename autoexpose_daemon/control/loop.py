@@ -193,6 +193,7 @@ class ControlLoop:
             motion_px=self._speed_px(side, look.image, frame, angular_rate_rad_s),
             limits=self._limits,
             realised=self._decision_realised_by(frame.setting),
+            by_flow=angular_rate_rad_s is None,
         )
 
     def _speed_px(self, side: Side, image: NDArray[np.uint8], frame: Frame, angular_rate_rad_s: float | None) -> float:

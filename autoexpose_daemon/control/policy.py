@@ -87,6 +87,8 @@ class Observation:
         Bounds and increments that the next setting will be cut to.
     realised
         The past decision that this frame was taken with; None when no remembered one fits its setting.
+    by_flow
+        Whether `motion_px` is by optical flow, which may take a change of light for motion; else it is a gyroscope's.
     """
 
     looks: Sequence[Look]
@@ -99,6 +101,7 @@ class Observation:
     motion_px: float
     limits: ExposureLimits
     realised: PastStep | None
+    by_flow: bool = True
 
     @property
     def side(self) -> Side:
