@@ -6,6 +6,7 @@ import contextlib
 import json
 import logging
 import math
+import re
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -20,15 +21,18 @@ from autoexpose_daemon.messages.types import IMU, TYPESTORE
 from autoexpose_daemon.publish.imu import LARGEST_IMU_BYTES, ImuSubscriber
 from autoexpose_daemon.publish.keys import check_key_expression
 from autoexpose_daemon.publish.session import Endpoints, open_session
+from autoexpose_daemon.recording.recorder import ContinuousRecorder
 from autoexpose_daemon.runtime.angular_rate import AngularRate
 from autoexpose_daemon.status.counters import Counts
 from autoexpose_daemon.status.describe import describe
+from autoexpose_daemon.status.document import Status
 from autoexpose_daemon.status.panel import line_of
 from drivers.errors import ConfigurationError
 from tests.autoexpose_daemon.imu import imu_message
 from tests.autoexpose_daemon.publish.router import router
 from tests.autoexpose_daemon.publish.steps import endpoint, wait_until
 from tests.autoexpose_daemon.publish.test_router import router_file
+from tests.autoexpose_daemon.recording.runs import replayed
 from tests.autoexpose_daemon.scripted import scripted_daemon
 
 pytestmark = pytest.mark.wire
@@ -65,7 +69,7 @@ def listening(config: ImuConfig) -> Iterator[AngularRate]:
 
 def test_samples_come_in_and_an_imu_that_was_restarted_is_found_again() -> None:
     at = endpoint()
-    with listening(ImuConfig(key=KEY, connect=(at,))) as rate:
+    with listening(ImuConfig(key=KEY, connect=(at,), max_age_s=10)) as rate:
         wait_until(lambda: rate.no_source, "why there are no samples")
         assert rate.no_source.startswith(f"zenoh, {at}: ")
         for _ in range(2):
@@ -82,7 +86,7 @@ def test_samples_come_in_through_a_router_from_a_peer_as_ros2_nodes_are(tmp_path
     with (
         router(router_file(tmp_path, at)),
         open_session("peer", Endpoints(connect=[at])) as node,
-        listening(ImuConfig(key=f"0/{KEY}/sensor_msgs::msg::dds_::Imu_/*", connect=(at,))) as rate,
+        listening(ImuConfig(key=f"0/{KEY}/sensor_msgs::msg::dds_::Imu_/*", connect=(at,), max_age_s=10)) as rate,
     ):
 
         def a_sample_comes() -> bool:
@@ -152,39 +156,37 @@ def test_every_key_that_a_configuration_may_name_is_one_of_zenohs(key: str) -> N
         zenoh.KeyExpr(key)
 
 
-def test_control_goes_by_the_imu_and_without_it_by_flow_and_says_so(caplog: pytest.LogCaptureFixture) -> None:
-    at, log = endpoint(), []
-    imu = {"key": KEY, "connect": [at]}
+def test_control_goes_by_the_imu_and_without_it_by_flow_and_says_so(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Its recording is replayed bit for bit."""
+    at, file = endpoint(), tmp_path / "run.mcap"
+    imu = {"key": KEY, "connect": [at], "max_age_s": 0.5}
     control = {"policy": "neves2009", "focal_length_px": 600}
     with (
         caplog.at_level(logging.INFO, "autoexpose_daemon.runtime.angular_rate"),
-        scripted_daemon(control=control, motion={"imu": imu}) as (daemon, _, seen),
+        ContinuousRecorder(file, 600, "rig") as recorder,
+        scripted_daemon(recorder, control=control, motion={"imu": imu}) as (daemon, _, seen),
     ):
 
-        def speeds_px() -> list[float]:
-            return [decision.motion_px for _, decision in seen[-5:] if decision is not None]
+        def status() -> Status:
+            return describe(daemon.telemetry, daemon.tuning.config)
 
-        def reasons() -> tuple[str, ...]:
-            log.append(describe(daemon.telemetry, daemon.tuning.config))
-            return log[-1].reasons
-
-        wait_until(reasons, "a daemon without its IMU")
+        wait_until(lambda: status().counts.decisions_without_imu > 5, "decisions without the IMU")
         with imu_at(at):
-            wait_until(lambda: len(seen) > 5 and not reasons(), "an IMU that is there")
-            assert speeds_px()[-1] == pytest.approx(1.3 * 600 / 60)
-            assert "imu 1.30 rad/s" in line_of(log[-1])
-            counted = daemon.telemetry.counts.decisions_without_imu
-            assert counted > 0
-        wait_until(lambda: reasons() and speeds_px()[-1] < 10, "flow")
-        assert log[-1].reasons == (
-            f"image speed comes from optical flow: no IMU sample as {KEY} for more than 0.1 s",
-        )  # fmt: skip
-        assert f"{daemon.telemetry.counts.decisions_without_imu} decisions without the IMU" in line_of(
-            describe(daemon.telemetry, daemon.tuning.config)
-        )
-    assert daemon.telemetry.counts.decisions_without_imu > counted
+            wait_until(lambda: not status().reasons, "an IMU that is there")
+            assert seen[-1][1] is not None
+            assert seen[-1][1].motion_px == pytest.approx(1.3 * 600 / 60)
+            assert "imu 1.30 rad/s" in line_of(status())
+        silent = f"image speed comes from optical flow: no IMU sample as {KEY} for more than 0.5 s"
+        wait_until(lambda: silent in status().reasons, "flow")
+        assert re.search(r"\d+ decisions without the IMU; .*imu not used", line_of(status()))
+        wait_until(lambda: seen[-1][1] is not None and seen[-1][1].motion_px < 10, "the speed by flow")
     assert [message.partition(": ")[0] for message in caplog.messages if "image speed" in message] == [
         "image speed comes from optical flow",
         "image speed comes from the IMU",
         "image speed comes from optical flow",
     ]
+    steps = replayed(file)
+    assert {each.step.angular_rate_rad_s is None for each in steps} == {True, False}
+    assert all(each.same for each in steps[1:])
