@@ -52,7 +52,7 @@ def check_endpoints(endpoints: Iterable[str]) -> None:
 
 
 def check_key_expression(key: str) -> str:
-    """The key itself; raises ConfigurationError for what cannot be a key expression of zenoh."""
+    """The key itself; raises ConfigurationError for an invalid key expression of zenoh."""
     if len(key) > _LONGEST_KEY or not key.isprintable() or not _KEY_EXPRESSION.fullmatch(key):
         raise ConfigurationError(
             f"{key[:_LONGEST_KEY]!a} is no key expression of zenoh: write names with / between them and none at the "

@@ -30,7 +30,7 @@ class Step:
     decision
         What control decided.
     angular_rate_rad_s
-        How fast the camera turned, where control was told; None: it went by optical flow.
+        How fast the camera turned; None: control was not given it, and used optical flow.
     """
 
     sequence: int

@@ -13,7 +13,7 @@ from autoexpose_daemon.status.imu import ImuTally
 log = logging.getLogger(__name__)
 
 _SETTLED_NS = 1_000_000_000
-"""The IMU is back when it has been there for so long: one that comes and goes is said once."""
+"""The IMU counts as back after a second without a gap, so that one that comes and goes is said once."""
 
 
 class AngularRate:
@@ -22,7 +22,7 @@ class AngularRate:
     Parameters
     ----------
     config
-        The key that is said, and how old a sample may be.
+        The key, for what is logged, and how old a sample may be.
     counts
         Where decisions without a rate are counted.
     now_ns

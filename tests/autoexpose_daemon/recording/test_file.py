@@ -166,7 +166,7 @@ def test_a_state_that_does_not_fit_its_setup_is_one_sentence(tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("rate", [math.nan, -1e300, 101.0])
-def test_an_angular_rate_that_cannot_be_is_one_sentence(tmp_path: Path, rate: float) -> None:
+def test_an_impossible_angular_rate_is_one_sentence(tmp_path: Path, rate: float) -> None:
     run, path = VirtualRun("fixed", imu=True), tmp_path / "run.mcap"
     pair = next(run.pairs())
     file = RecordingFile(path, "rig")
