@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BaseModel, BeforeValidator, ValidationError, model_validator
 from pydantic_core import ErrorDetails
 
+from autoexpose_daemon.config.motion import MotionConfig
 from autoexpose_daemon.config.publish import PublishConfig
 from autoexpose_daemon.config.roi import RoiConfig
 from autoexpose_daemon.config.section import (
@@ -173,6 +174,7 @@ class Config(Section):
     response: ResponseConfig = ResponseConfig()
     transport: TransportConfig = TransportConfig()
     image: ImageConfig = ImageConfig()
+    motion: MotionConfig = MotionConfig()
     publish: PublishConfig | None = None
 
     @model_validator(mode="after")
@@ -195,6 +197,15 @@ class Config(Section):
             raise ValueError(
                 "response.refine needs a response file to refine: give cameras.left.response, or remove it"
             )
+        return self
+
+    @model_validator(mode="after")
+    def _an_imu_has_a_focal_length(self) -> Self:
+        imu, focal_length_px = self.motion.imu, self.control.focal_length_px
+        if imu is not None and focal_length_px is None:
+            raise ValueError("motion.imu needs control.focal_length_px: give the left camera's focal length in pixels")
+        if focal_length_px is not None and imu is None:
+            raise ValueError("control.focal_length_px has no effect without motion.imu: give motion.imu, or remove it")
         return self
 
     @model_validator(mode="after")
@@ -280,9 +291,15 @@ def _with_absolute_paths(config: Config, folder: Path) -> Config:
         for side, camera in config.sides.items()
     }
     control = config.control.model_copy(update={"roi": config.control.roi.relative_to(folder)})
-    publish = config.publish and config.publish.relative_to(folder)
+    publish = config.publish and config.publish.relative_to(folder, "publish")
+    imu = config.motion.imu and config.motion.imu.relative_to(folder, "motion.imu")
     return config.model_copy(
-        update={"cameras": config.cameras.model_copy(update=cameras), "control": control, "publish": publish},
+        update={
+            "cameras": config.cameras.model_copy(update=cameras),
+            "control": control,
+            "motion": config.motion.model_copy(update={"imu": imu}),
+            "publish": publish,
+        }
     )
 
 

@@ -19,6 +19,9 @@ SIDES: tuple[Side, ...] = ("left", "right")
 LOOPBACK = "tcp/127.0.0.1:7448"
 """Where a daemon listens unless configured otherwise; next to 7447, the port of zenoh routers."""
 
+ROUTER = "tcp/127.0.0.1:7447"
+"""Where a zenoh router of this machine listens unless configured otherwise, rmw_zenoh's too."""
+
 RIG_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 """What zenoh allows in a key and ROS 2 in the name of a coordinate frame."""
 
@@ -30,6 +33,9 @@ _SELDOM = LogThrottle(60.0)
 
 CONSUMER_NAME = re.compile(r"[A-Za-z0-9_.-]{1,64}")
 _ENDPOINT = re.compile(r"[a-z][a-z0-9_-]*/\S+")
+_LONGEST_KEY = 512
+_CHUNK = r"(?:\*|(?!\*\*/\*)\*\*|[^/*$#?\s]+)"  # zenoh wants */** where one may write **/*
+_KEY_EXPRESSION = re.compile(f"{_CHUNK}(?:/{_CHUNK})*")
 
 
 def check_rig_name(rig: str) -> None:
@@ -43,6 +49,16 @@ def check_endpoints(endpoints: Iterable[str]) -> None:
     for endpoint in endpoints:
         if not _ENDPOINT.fullmatch(endpoint):
             raise ConfigurationError(f"{endpoint} is not an endpoint: write protocol/address, such as {LOOPBACK}")
+
+
+def check_key_expression(key: str) -> str:
+    """The key itself; raises ConfigurationError for an invalid key expression of zenoh."""
+    if len(key) > _LONGEST_KEY or not key.isprintable() or not _KEY_EXPRESSION.fullmatch(key):
+        raise ConfigurationError(
+            f"{key[:_LONGEST_KEY]!a} is no key expression of zenoh: write names with / between them and none at the "
+            "ends, * for any one name, ** for any at the end"
+        )
+    return key
 
 
 def frame_key(rig: str, side: Side, topic: str) -> str:

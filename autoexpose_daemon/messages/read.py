@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from autoexpose_daemon.control.decision import Decision
-from autoexpose_daemon.messages.types import ENCODINGS, EXPOSURE_INFO, IMAGE, TYPESTORE
+from autoexpose_daemon.control.parameters import FASTEST_TURN_RAD_S
+from autoexpose_daemon.messages.types import ENCODINGS, EXPOSURE_INFO, IMAGE, IMU, TYPESTORE
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame, Pixels
 from drivers.pixel_format import PixelFormat
@@ -39,6 +41,24 @@ def read_image(data: bytes) -> tuple[int, Pixels]:
 def read_exposure_info(data: bytes) -> Any:
     """An ExposureInfo, with the fields of `ExposureInfo.msg`; raises `DamagedMessageError`."""
     return _deserialise(data, EXPOSURE_INFO)
+
+
+def read_angular_rate(data: bytes) -> float:
+    """How fast the sensor of an Imu turns, about any axis, rad/s.
+
+    Raises
+    ------
+    DamagedMessageError
+        When it is no Imu, measures no angular velocity, or no credible one.
+    """
+    message = _deserialise(data, IMU)
+    if message.angular_velocity_covariance[0] == -1:  # by the message's convention
+        raise DamagedMessageError("an Imu that measures no angular velocity")
+    velocity = message.angular_velocity
+    rate = math.hypot(velocity.x, velocity.y, velocity.z)
+    if not rate <= FASTEST_TURN_RAD_S:
+        raise DamagedMessageError(f"an Imu that turns at {rate:g} rad/s")
+    return rate
 
 
 def stamp_ns(message: Any) -> int:

@@ -11,6 +11,7 @@ from drivers.pixel_format import PixelFormat
 
 IMAGE = "sensor_msgs/msg/Image"
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
+IMU = "sensor_msgs/msg/Imu"
 EXPOSURE_INFO = "autoexpose_msgs/msg/ExposureInfo"
 
 TYPESTORE = get_typestore(Stores.ROS2_HUMBLE)

@@ -11,10 +11,11 @@ from mcap.records import Channel, Footer, Header, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader
 
 from autoexpose_daemon.control.loop import STATE_FORMAT, ControlSetup
+from autoexpose_daemon.control.parameters import FASTEST_TURN_RAD_S
 from autoexpose_daemon.control.snapshot import parse
 from autoexpose_daemon.messages.read import DamagedMessageError, decision_of, frame_of, read_exposure_info, read_image
 from autoexpose_daemon.messages.types import EXPOSURE_INFO, TYPESTORE, definition
-from autoexpose_daemon.recording.file import METADATA, STATE, STRING
+from autoexpose_daemon.recording.file import METADATA, MOTION, STATE, STRING
 from autoexpose_daemon.recording.plain_json import from_json
 from autoexpose_daemon.recording.step import Item, RecordingError, Setup, State, Step
 from autoexpose_daemon.recording.upgrade import FORMER_FORMAT, upgraded_setup, upgraded_state
@@ -46,6 +47,7 @@ class Recording:
         self._schemas: dict[int, Schema] = {}
         self._frames: dict[Side, tuple[Any, Pixels]] = {}  # of the step that is being read
         self._infos: dict[Side, Any] = {}
+        self._angular_rate_rad_s: float | None = None
 
     def __iter__(self) -> Iterator[Item]:
         """Read on from the start of the file."""
@@ -105,7 +107,7 @@ class Recording:
         if channel is None:
             raise ValueError(f"a message of channel {message.channel_id}, which does not exist")
         match channel.topic.split("/")[-2:]:
-            case ["control", "setup" | "state" as what]:
+            case ["control", "setup" | "motion" | "state" as what]:
                 return self._of_control(what, message.data)
             case ["left" | "right" as side, "exposure"]:
                 self._check_version(channel)
@@ -114,7 +116,7 @@ class Recording:
                 return self._image(side, message.data)
         return None
 
-    def _of_control(self, what: str, data: bytes) -> Setup | State:
+    def _of_control(self, what: str, data: bytes) -> Setup | State | None:
         try:
             text = cast(Any, TYPESTORE.deserialize_cdr(data, STRING)).data
         except Exception as error:  # rosbags checks nothing
@@ -123,6 +125,9 @@ class Recording:
         if not isinstance(content, dict) or content.get("format") not in (STATE_FORMAT, FORMER_FORMAT):
             found = content.get("format") if isinstance(content, dict) else None
             raise self._error(f"contains a state of control of format {found!r}: only {STATE_FORMAT!r} can be read")
+        if what == MOTION:
+            self._angular_rate_rad_s = _angular_rate(content)
+            return None
         former = content["format"] == FORMER_FORMAT
         if what == STATE:
             return State(upgraded_state(content.get("state")) if former else content.get("state"))
@@ -150,7 +155,8 @@ class Recording:
         decision = decision_of(info)
         if decision is None:
             raise ValueError(f"step {info.sequence} has no decision")
-        return Step(info.sequence, info.cameras, pair, decision)
+        angular_rate_rad_s, self._angular_rate_rad_s = self._angular_rate_rad_s, None
+        return Step(info.sequence, info.cameras, pair, decision, angular_rate_rad_s)
 
     def _check_version(self, channel: Channel) -> None:
         schema = self._schemas.get(channel.schema_id)
@@ -159,3 +165,11 @@ class Recording:
 
     def _error(self, what: str) -> RecordingError:
         return RecordingError(f"{self._path}: {what}")
+
+
+def _angular_rate(content: dict[str, Any]) -> float:
+    """That of the step that follows, rad/s."""
+    rate: float = parse(content.get("angular_rate_rad_s"), float)
+    if not abs(rate) <= FASTEST_TURN_RAD_S:
+        raise ValueError(f"an angular rate of {rate} rad/s")
+    return rate

@@ -100,7 +100,7 @@ class Recorder(ABC):
             self._dropped_said = self.dropped
         if loop.setup is not self._setup or now_ns - self._snapshot_ns >= SNAPSHOT_NS:
             self._setup, self._snapshot_ns, state = loop.setup, now_ns, loop.state()
-        step = Step(self.steps, cameras, pair, decision)
+        step = Step(self.steps, cameras, pair, decision, loop.angular_rate_rad_s)
         self._queue.put(Entry(step, loop.setup, state, now_ns))
 
     @abstractmethod

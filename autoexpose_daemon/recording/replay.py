@@ -101,4 +101,5 @@ class Replay:
         self._former = step
         if dropped and self.faithful:
             self._loop = None
-        return Replayed(step, None if self._loop is None else self._loop.step(step.pair), dropped, undelivered)
+        decision = None if self._loop is None else self._loop.step(step.pair, step.angular_rate_rad_s)
+        return Replayed(step, decision, dropped, undelivered)

@@ -29,12 +29,15 @@ class Step:
         What control looked at. A gap in its `trigger` without one in `sequence` means pairs that never reached control.
     decision
         What control decided.
+    angular_rate_rad_s
+        How fast the camera turned; None: control was not given it, and used optical flow.
     """
 
     sequence: int
     cameras: int
     pair: StereoPair
     decision: Decision
+    angular_rate_rad_s: float | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -93,6 +93,8 @@ def _shortcomings(telemetry: Telemetry, expected: Expectation, now_ns: int) -> I
         yield f"calibration of the {side} camera does not fit: {misfit}"
     if telemetry.publishing is not None and telemetry.publishing.trouble:
         yield f"frames are not published: {telemetry.publishing.trouble}"
+    if telemetry.imu is not None and telemetry.imu.trouble:
+        yield f"image speed comes from optical flow: {telemetry.imu.trouble}"
 
 
 def _silent(last_ns: int | None, expected: Expectation, now_ns: int) -> bool:

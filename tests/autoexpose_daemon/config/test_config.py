@@ -73,6 +73,20 @@ def test_a_short_file_has_the_documented_defaults(tmp_path: Path) -> None:
         (LEFT + "control: {metric_delta: 2}", ["control.metric_delta: 2.0 is out of bounds: give 0 to 0.99"]),
         (LEFT + "control: {flicker_hz: 0}", ["control.flicker_hz: 0.0 is out of bounds: give 10 to 1000 Hz"]),
         (LEFT + "control: {focal_length_px: -1}", ["control.focal_length_px: -1.0 is out of bounds"]),
+        (LEFT + "control: {focal_length_px: 800}", ["control.focal_length_px has no effect without motion.imu: give"]),
+        (LEFT + "motion: {imu: {key: imu/data}}", ["motion.imu needs control.focal_length_px: give the left camera's"]),
+        (LEFT + "motion: {imu: {kye: imu/data}}", ["motion.imu.kye: unknown key; did you mean motion.imu.key?"]),
+        (LEFT + "motion: {imu: {max_age_s: 0.1}}", ["motion.imu.key: is missing"]),
+        (
+            LEFT + "motion: {imu: {key: /imu/data}}",
+            ["motion.imu.key: '/imu/data' is no key expression of zenoh: write"],
+        ),
+        (LEFT + "motion: {imu: {key: a, max_age_s: 0}}", ["motion.imu.max_age_s", "give 0.001 to 10 s"]),
+        (LEFT + "motion: {imu: {key: a, connect: [router:7447]}}", ["motion.imu.connect: router:7447 is no endpoint"]),
+        (
+            LEFT + "motion: {imu: {key: a, zenoh: z.json5}}\ncontrol: {focal_length_px: 800}",
+            ["motion.imu.zenoh", "z.json5 cannot be read"],
+        ),
         (
             LEFT + "control: {roi: {left: {rectangle: []}}}",
             ["control.roi.left.rectangle", "control.roi.left.rectangles"],
@@ -192,7 +206,8 @@ def test_regions_are_read_relative_to_the_configuration(tmp_path: Path) -> None:
 def test_tuning_reaches_the_loop(tmp_path: Path) -> None:
     file = tmp_path / "rig.yaml"
     file.write_text(
-        LEFT + "control: {balance: flicker, flicker_hz: 120, motion: dis, focal_length_px: 860, metric_delta: 0.06,"
+        LEFT + "motion: {imu: {key: imu/data}}\n"
+        "control: {balance: flicker, flicker_hz: 120, motion: dis, focal_length_px: 860, metric_delta: 0.06,"
         " metric_lambda: 10, balance_weight: 0.1, balance_offset: 1, mean_target: 0.4}"
     )
     assert load_config(file).control.parameters() == ControlParameters(
@@ -268,7 +283,7 @@ def test_a_response_file_of_another_camera_is_refused(tmp_path: Path) -> None:
 
 WORDS = """cameras left right serial response trigger mode line rate_hz exposure min_time_us max_time_us max_gain_db
     control policy start exposure_time_us roi rectangles box weight mask image binning pixel_format transport
-    packet_size_bytes publish rig refine flicker_hz"""
+    packet_size_bytes publish rig refine flicker_hz motion imu key max_age_s connect zenoh focal_length_px"""
 KEYS = st.sampled_from(WORDS.split())
 SCALARS = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8) | st.dates()
 GARBAGE = st.recursive(

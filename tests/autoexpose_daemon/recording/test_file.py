@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import os
 import re
 import resource
@@ -161,6 +162,17 @@ def test_a_state_that_does_not_fit_its_setup_is_one_sentence(tmp_path: Path) -> 
     file.write(step, run.loop.setup, VirtualRun("kim2018").loop.state())
     file.close(1, 0)
     with pytest.raises(RecordingError, match="its state of control does not fit: Lu2010 needs query, best_level"):
+        replayed(path)
+
+
+@pytest.mark.parametrize("rate", [math.nan, -1e300, 101.0])
+def test_an_impossible_angular_rate_is_one_sentence(tmp_path: Path, rate: float) -> None:
+    run, path = VirtualRun("fixed", imu=True), tmp_path / "run.mcap"
+    pair = next(run.pairs())
+    file = RecordingFile(path, "rig")
+    file.write(Step(1, 2, pair, run.loop.step(pair), rate), run.loop.setup, None)
+    file.close(1, 0)
+    with pytest.raises(RecordingError, match=r"is damaged: an angular rate of .* rad/s"):
         replayed(path)
 
 

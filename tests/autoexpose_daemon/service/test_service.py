@@ -180,8 +180,12 @@ def test_a_reload_of_control_leaves_the_cameras_open(running: RunningService) ->
     assert (running.rig.left.starts, running.rig.right.starts) == (1, 1)
 
 
-def test_a_reload_of_the_trigger_opens_the_cameras_again(running: RunningService) -> None:
-    running.reload(config(trigger={"rate_hz": 60.001}))
+@pytest.mark.parametrize(
+    "sections",
+    [{"trigger": {"rate_hz": 60.001}}, {"motion": {"imu": {"key": "imu/data"}}, "control": {"focal_length_px": 800}}],
+)
+def test_a_reload_of_trigger_or_imu_opens_the_cameras_again(running: RunningService, sections: dict[str, Any]) -> None:
+    running.reload(config(**sections))
     running.manager.wait_for("RELOADING=1")
     running.manager.wait_for("READY=1")
     assert (running.rig.left.starts, running.rig.right.starts) == (2, 2)

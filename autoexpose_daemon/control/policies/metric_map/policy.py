@@ -131,7 +131,8 @@ class MetricMap(ExposurePolicy):
         self.forecast.add(change)
         # What was seen before an unmeasured change either still fits, or is contradicted and dropped.
         measured = change if light and light.measured else 0.0
-        if light and light.measured and max(abs(measured), abs(level_change)) < FLOW_STOPS:
+        steady = light and light.measured and max(abs(measured), abs(level_change)) < FLOW_STOPS
+        if steady or not observation.by_flow:
             self.motion_px = observation.motion_px
         motion = max(self.motion_px - MOVING_PX, 0.0)
         self.memory.pass_frame(measured, AGE_PER_PX * motion + AGE_PER_STOP * abs(measured))
