@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BaseModel, BeforeValidator, ValidationError, model_validator
 from pydantic_core import ErrorDetails
 
+from autoexpose_daemon.config.motion import MotionConfig
 from autoexpose_daemon.config.publish import PublishConfig
 from autoexpose_daemon.config.roi import RoiConfig
 from autoexpose_daemon.config.section import (
@@ -58,7 +59,7 @@ class CameraConfig(Section):
 
 
 class CamerasConfig(Section):
-    """The cameras of the rig; a rig of one camera has only `left`."""
+    """The cameras of the rig; a rig with one camera has only `left`."""
 
     left: CameraConfig
     right: CameraConfig | None = None
@@ -70,13 +71,13 @@ class CamerasConfig(Section):
         if self.right.serial == self.left.serial:
             raise ValueError(f"left and right are the same camera, {self.left.serial}")
         raise ValueError(
-            f"left and right are the same but for case, {self.left.serial} and {self.right.serial}: give each serial "
+            f"left and right differ only in case, {self.left.serial} and {self.right.serial}: give each serial "
             "as `autoexpose list` shows it"
         )
 
 
 class TriggerConfig(Section):
-    """How frames are started: by pulses on an input line, by the left camera for both, or by a camera for itself."""
+    """What starts a frame: pulses on an input line, the left camera for both, or a single camera's own clock."""
 
     mode: Literal["external", "primary", "free_run"] = "external"
     line: Name = "Line0"
@@ -139,7 +140,7 @@ class ControlConfig(Section):
 
 
 class ResponseConfig(Section):
-    """What the daemon makes of response functions that do not hold any more.
+    """What the daemon does about response functions that no longer hold.
 
     `refine` keeps an updated copy beside each response file; the file itself is never written.
     """
@@ -173,22 +174,21 @@ class Config(Section):
     response: ResponseConfig = ResponseConfig()
     transport: TransportConfig = TransportConfig()
     image: ImageConfig = ImageConfig()
+    motion: MotionConfig = MotionConfig()
     publish: PublishConfig | None = None
 
     @model_validator(mode="after")
     def _wiring_fits_the_rig(self) -> Self:
         if self.trigger.mode == "free_run" and self.cameras.right is not None:
-            raise ValueError("trigger.mode free_run takes one camera: two that run freely never see the same instant")
+            raise ValueError("trigger.mode free_run is for one camera: two that run freely never see the same instant")
         if self.trigger.mode == "primary" and self.cameras.right is None:
-            raise ValueError(
-                "trigger.mode primary takes two cameras: for a single one that runs freely choose free_run"
-            )
+            raise ValueError("trigger.mode primary needs two cameras: for a single one choose free_run")
         return self
 
     @model_validator(mode="after")
     def _regions_have_cameras(self) -> Self:
         if self.control.roi.right is not None and self.cameras.right is None:
-            raise ValueError("control.roi.right is given, but there is no cameras.right: remove it")
+            raise ValueError("control.roi.right is given, but cameras.right is not: remove it")
         return self
 
     @model_validator(mode="after")
@@ -200,12 +200,21 @@ class Config(Section):
         return self
 
     @model_validator(mode="after")
+    def _an_imu_has_a_focal_length(self) -> Self:
+        imu, focal_length_px = self.motion.imu, self.control.focal_length_px
+        if imu is not None and focal_length_px is None:
+            raise ValueError("motion.imu needs control.focal_length_px: give the left camera's focal length in pixels")
+        if focal_length_px is not None and imu is None:
+            raise ValueError("control.focal_length_px has no effect without motion.imu: give motion.imu, or remove it")
+        return self
+
+    @model_validator(mode="after")
     def _exposure_fits(self) -> Self:
         period_us = 1e6 / self.trigger.rate_hz
         if self.exposure.max_time_us >= period_us:
             raise ValueError(
-                f"exposure.max_time_us {self.exposure.max_time_us:g} us does not fit into the period of "
-                f"{period_us:.0f} us that trigger.rate_hz {self.trigger.rate_hz:g} leaves"
+                f"exposure.max_time_us {self.exposure.max_time_us:g} us does not fit into the "
+                f"{period_us:.0f} us between triggers at trigger.rate_hz {self.trigger.rate_hz:g}"
             )
         if not self.exposure.limits().contain(self.start):
             raise ValueError(f"control.start {self.start} is outside the bounds of exposure")
@@ -213,7 +222,7 @@ class Config(Section):
 
     @property
     def sides(self) -> dict[Side, CameraConfig]:
-        """The cameras there are, left first."""
+        """The configured cameras, left first."""
         cameras: dict[Side, CameraConfig] = {"left": self.cameras.left}
         if self.cameras.right is not None:
             cameras["right"] = self.cameras.right
@@ -235,7 +244,7 @@ class Config(Section):
 
     @cached_property
     def responses(self) -> dict[Side, ResponseFile]:
-        """The response file of each camera, read once: linear where none is configured.
+        """The response file of each camera, read once: linear if none is configured.
 
         Raises
         ------
@@ -269,27 +278,33 @@ def load_config(path: Path) -> Config:
         raise ConfigurationError("\n".join(_sentence(path, each) for each in error.errors())) from error
     try:
         config = _with_absolute_paths(config, path.resolve().parent)
-        _ = config.responses, config.control.roi.regions  # read here, so that what is wrong with them is said here
+        _ = config.responses, config.control.roi.regions  # read now, so that errors in them are reported now
     except ConfigurationError as error:
         raise ConfigurationError(f"{path}: {error}") from error
     return config
 
 
 def _with_absolute_paths(config: Config, folder: Path) -> Config:
-    """Files are named relative to the configuration file, wherever the daemon is started."""
+    """Files are relative to the configuration file, wherever the daemon is started."""
     cameras: dict[str, CameraConfig] = {
         side: camera.model_copy(update={"response": camera.response and folder / camera.response})
         for side, camera in config.sides.items()
     }
     control = config.control.model_copy(update={"roi": config.control.roi.relative_to(folder)})
-    publish = config.publish and config.publish.relative_to(folder)
+    publish = config.publish and config.publish.relative_to(folder, "publish")
+    imu = config.motion.imu and config.motion.imu.relative_to(folder, "motion.imu")
     return config.model_copy(
-        update={"cameras": config.cameras.model_copy(update=cameras), "control": control, "publish": publish},
+        update={
+            "cameras": config.cameras.model_copy(update=cameras),
+            "control": control,
+            "motion": config.motion.model_copy(update={"imu": imu}),
+            "publish": publish,
+        }
     )
 
 
 def _sentence(path: Path, error: ErrorDetails) -> str:
-    """What is wrong, on one line whatever stands in the file."""
+    """What is wrong, on one line whatever the file contains."""
     return readable(f"{path}: {_complaint(error)}")
 
 
@@ -307,7 +322,7 @@ def _complaint(error: ErrorDetails) -> str:
 
 
 def _keys_of(parents: list[str]) -> list[str]:
-    """The keys known below a path of keys, read off the models themselves."""
+    """The known keys below a path of keys, taken from the models themselves."""
     model: type[BaseModel] = Config
     for parent in parents:
         if parent.isdecimal():  # a place in a list

@@ -92,6 +92,8 @@ class Observation:
         The latest decisions, oldest first, one per frame.
     realised
         The one of them that this frame was taken with; None if none fits its setting.
+    by_flow
+        Whether `motion_px` is from optical flow, which may mistake a change of light for motion, not from a gyroscope.
     """
 
     looks: Sequence[Look]
@@ -105,6 +107,7 @@ class Observation:
     limits: ExposureLimits
     past: Sequence[PastStep] = ()
     realised: PastStep | None = None
+    by_flow: bool = True
 
     @property
     def side(self) -> Side:

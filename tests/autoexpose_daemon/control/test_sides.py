@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.loop import ControlLoop
-from autoexpose_daemon.control.policies import POLICY_IDS
+from autoexpose_daemon.control.policies.ids import POLICY_IDS
 from autoexpose_daemon.control.region import Region
 from calibration.response import ResponseFunction
 from drivers.exposure import ExposureSetting

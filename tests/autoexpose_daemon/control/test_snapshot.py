@@ -122,22 +122,16 @@ def test_a_state_once_taken_does_not_change() -> None:
 def test_the_state_is_what_its_format_says() -> None:
     """A change here changes what a recording holds: give `STATE_FORMAT` another number."""
     states = {policy_id: ControlLoop(policy_id, ResponseFunction.linear(), LIMITS, START) for policy_id in POLICY_IDS}
-    names = {policy_id: sorted(_policy_state(loop)) for policy_id, loop in states.items()}
+    names = {policy_id: sorted(state) for policy_id, loop in states.items() if (state := _policy_state(loop))}
     assert STATE_FORMAT == "autoexpose-control/3"
     assert set(states["fixed"].state()) == {"past", "motions", "motion_side", "motion_px", "policy"}
     assert names == {
-        "fixed": [],
         "neves2009": ["previous_error"],
         "lu2010": ["best_level", "best_value", "held", "query", "step", "turned"],
-        "zhang2017": [],
-        "shim2018": [],
         "kim2018": ["held", "levels", "query", "values"],
         "shin2019": ["held", "queries", "query", "search"],
-        "mehta2020": [],
-        "begin2022": [],
         "majer2018-standard": ["frames", "level"],
         "majer2018-full": ["frames", "level"],
-        "majer2018-fixed": [],
         "metric-map": ["ahead", "densities", "forecast", "latency", "memory", "motion_px", "registration", "target"],
     }
 

@@ -130,7 +130,7 @@ def test_a_client_waits_no_longer_than_asked_for_a_daemon_that_is_not_there() ->
 
 @pytest.mark.parametrize("names", [{"rig": "*"}, {"rig": "a/b"}, {"name": "a b"}, {"name": "a/b"}])
 def test_names_that_cannot_be_are_refused(names: dict[str, str]) -> None:
-    with pytest.raises(ConfigurationError, match="is no name for a"):
+    with pytest.raises(ConfigurationError, match="is not a valid"):
         StereoClient(**names)  # type: ignore[arg-type]
 
 

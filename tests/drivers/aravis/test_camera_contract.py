@@ -24,6 +24,7 @@ from drivers.camera import IncompleteFrame
 from drivers.errors import CameraBusyError, CameraLostError, CameraNotFoundError, ConfigurationError, NodeError
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame
+from drivers.pixel_format import PixelFormat
 from drivers.setup import CameraSetup, TriggerSetup
 from fake_camera.device.faults import Fault
 from fake_camera.usb3.run import CAMERAS_VARIABLE
@@ -223,7 +224,7 @@ def test_frames_lost_whole_leave_a_gap_in_the_ids(backend: Backend, fake: FakeCa
 
 
 def test_mono12_arrives_whole(idle: FakeCamera) -> None:
-    with opened(idle, pixel_format="Mono12") as camera:
+    with opened(idle, pixel_format=PixelFormat.MONO12) as camera:
         camera.write(ExposureSetting(20000.0, 24.0))
         camera.start()
         frame = frames_until(camera, lambda frame: bool(frame.pixels.max() > 255))[-1]
@@ -234,7 +235,7 @@ def test_mono12_arrives_whole(idle: FakeCamera) -> None:
 
 def test_binning_uses_the_whole_sensor_and_can_be_undone(idle: FakeCamera) -> None:
     for binning, shape in ((2, (270, 360)), (1, (540, 720))):
-        with opened(idle, binning=binning, pixel_format="Mono8") as camera:
+        with opened(idle, binning=binning, pixel_format=PixelFormat.MONO8) as camera:
             camera.start()
             assert next_frames(camera, 1)[0].pixels.shape == shape
 
