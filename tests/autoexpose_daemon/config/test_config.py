@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
-from autoexpose_daemon.config.document import Config, load_config
+from autoexpose_daemon.config.document import Config
+from autoexpose_daemon.config.load import load_config
 from autoexpose_daemon.control.parameters import ControlParameters
 from autoexpose_daemon.control.region import Rectangle
 from calibration.response import ResponseFunction
