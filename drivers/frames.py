@@ -24,9 +24,9 @@ class Frame:
     Attributes
     ----------
     pixels
-        Grey levels, shape (height, width), uint8 (Mono8) or uint16 (Mono12, Mono16).
+        Grey levels, shape (height, width), uint8, or uint16 where a pixel has more than 8 bits.
     bit_depth
-        Significant bits of a pixel: 8, 12 or 16.
+        Significant bits of a pixel, as in `PixelFormat`.
     frame_id
         The camera's frame counter, unwrapped: it never restarts while the camera stays open.
     device_time_ns

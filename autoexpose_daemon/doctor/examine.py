@@ -7,7 +7,7 @@ from pathlib import Path
 import typer
 from rich.console import Console
 
-from autoexpose_daemon.config.document import load_config
+from autoexpose_daemon.config.load import load_config
 from autoexpose_daemon.doctor.facts import gather
 from autoexpose_daemon.doctor.judge import judge
 from autoexpose_daemon.doctor.need import Need

@@ -7,7 +7,7 @@ Several variants through the same course share rendering and oracles: far cheape
         series.levels, series.metrics, series.ratios        # one value per frame
         series.score()                                      # settle_frames, metric_ratio_mean, ...
 
-Scenarios: `scenarios.SCENARIOS`; scenes and seeds for tuning: `TUNE_SCENES`, 0 to 99. Not for two threads at once.
+Scenarios: `scenarios.SCENARIOS`; scenes and seeds for tuning: `plan.TUNE_SCENES`, 0 to 99. Not for two threads at once.
 """
 
 from __future__ import annotations

@@ -24,10 +24,6 @@ CAMERA = Pinhole()
 Gaze = Callable[[float], float]
 """Where the camera looks at a time (s): an angle in radians from the heading of the scene, positive to the left."""
 
-TUNE_SCENES = ("room", "leaves", "street")
-HELD_OUT_SCENES = ("room", "shelves", "hall")
-"""`shelves` and `hall` were never looked at while policies were tuned; of `room` only the seeds from 2000 on."""
-
 WINDOW_HEADING_RAD = -math.pi / 2
 """The room's window is in its south wall."""
 

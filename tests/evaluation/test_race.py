@@ -8,6 +8,7 @@ from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
 from evaluation.arena.race import Series, course_of, run_course
 from evaluation.scenes.scenarios import SCENARIOS, WARM_UP_FRAMES
+from evaluation.scenes.stills import PAINTERS
 from evaluation.stage.camera import LIMITS
 from evaluation.stage.delayed_loop import Entrant
 from evaluation.stage.rendering import BLUR_STEP_PX
@@ -71,11 +72,20 @@ def test_the_tunnel_is_8_stops_deep_and_a_second_long() -> None:
     assert np.allclose(stops, [-4.0, -8.0, -8.0, 0.0], atol=0.05)
 
 
-def test_every_scenario_can_be_drawn_in_every_scene() -> None:
+def test_every_scenario_can_be_drawn() -> None:
     for name, scenario in SCENARIOS.items():
         course = scenario.draw(np.random.default_rng([1, 2]))
         assert course.first_scored < scenario.frames, name
         assert np.isfinite([course.gaze(s) for s in np.linspace(0, scenario.frames / 60, 9)]).all()
+
+
+@pytest.mark.parametrize("scene", PAINTERS)
+def test_a_still_is_radiance_around_a_fifth_and_the_same_for_the_same_seed(scene: str) -> None:
+    still, again = (PAINTERS[scene](np.random.default_rng(3), 600, 400) for _ in range(2))
+    assert (still.shape, still.dtype) == ((400, 600), np.dtype(np.float32))
+    assert np.isfinite(still).all() and still.min() > 0
+    assert 0.02 < np.median(still) < 2.0
+    assert np.array_equal(still, again)
 
 
 def test_a_frame_at_rest_is_that_of_the_fake_camera() -> None:

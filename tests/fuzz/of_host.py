@@ -25,7 +25,7 @@ from starlette.responses import PlainTextResponse
 
 from autoexpose_daemon.client.pairs import PairAssembler, PairQueue
 from autoexpose_daemon.client.top import Sparklines, panel_of
-from autoexpose_daemon.config.document import load_config
+from autoexpose_daemon.config.load import load_config
 from autoexpose_daemon.control.loop import ControlSetup
 from autoexpose_daemon.control.snapshot import parse, plain
 from autoexpose_daemon.demo.fakes import read_pulses

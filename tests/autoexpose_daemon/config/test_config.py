@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
-from autoexpose_daemon.config.document import Config, load_config
+from autoexpose_daemon.config.document import Config
+from autoexpose_daemon.config.load import load_config
 from autoexpose_daemon.control.parameters import ControlParameters
 from autoexpose_daemon.control.region import Rectangle
 from calibration.response import ResponseFunction
@@ -82,7 +83,10 @@ def test_a_short_file_has_the_documented_defaults(tmp_path: Path) -> None:
             ["motion.imu.key: '/imu/data' is no key expression of zenoh: write"],
         ),
         (LEFT + "motion: {imu: {key: a, max_age_s: 0}}", ["motion.imu.max_age_s", "give 0.001 to 10 s"]),
-        (LEFT + "motion: {imu: {key: a, connect: [router:7447]}}", ["motion.imu.connect: router:7447 is no endpoint"]),
+        (
+            LEFT + "motion: {imu: {key: a, connect: [router:7447]}}",
+            ["motion.imu.connect: router:7447 is not an endpoint"],
+        ),
         (
             LEFT + "motion: {imu: {key: a, zenoh: z.json5}}\ncontrol: {focal_length_px: 800}",
             ["motion.imu.zenoh", "z.json5 cannot be read"],

@@ -133,7 +133,7 @@ def test_a_camera_that_does_not_start_says_why(tmp_path: Path) -> None:
         camera.line(threading.Event())
         camera.line(threading.Event())
         camera.say("nought")
-        with pytest.raises(AutoexposeError, match=r"the right fake camera did not start: .* no rate .* 'nought'"):
+        with pytest.raises(AutoexposeError, match=r"the right fake camera did not start: .* gave 'nought' as the rate"):
             camera.line(threading.Event())
     finally:
         camera.end()

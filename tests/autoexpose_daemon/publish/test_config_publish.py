@@ -6,7 +6,8 @@ from typing import Any
 
 import pytest
 
-from autoexpose_daemon.config.document import Config, load_config
+from autoexpose_daemon.config.document import Config
+from autoexpose_daemon.config.load import load_config
 from autoexpose_daemon.messages.keys import LOOPBACK
 from autoexpose_daemon.runtime.daemon import Daemon
 from autoexpose_daemon.service.outlets import add_outlets

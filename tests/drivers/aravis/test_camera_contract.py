@@ -223,14 +223,15 @@ def test_frames_lost_whole_leave_a_gap_in_the_ids(backend: Backend, fake: FakeCa
     assert gaps.sum() >= 1
 
 
-def test_mono12_arrives_whole(idle: FakeCamera) -> None:
-    with opened(idle, pixel_format=PixelFormat.MONO12) as camera:
+@pytest.mark.parametrize("pixel_format", [each for each in PixelFormat if each.bit_depth > 8])
+def test_deep_pixels_arrive_whole(idle: FakeCamera, pixel_format: PixelFormat) -> None:
+    with opened(idle, pixel_format=pixel_format) as camera:
         camera.write(ExposureSetting(20000.0, 24.0))
         camera.start()
         frame = frames_until(camera, lambda frame: bool(frame.pixels.max() > 255))[-1]
-        assert (frame.pixels.dtype, frame.bit_depth) == (np.uint16, 12)
-        assert frame.pixels.max() <= 4095
-        assert np.array_equal(frame.grey8(), frame.pixels >> 4)
+        assert (frame.pixels.dtype, frame.bit_depth) == (np.uint16, pixel_format.bit_depth)
+        assert frame.pixels.max() < 1 << pixel_format.bit_depth
+        assert np.array_equal(frame.grey8(), frame.pixels >> pixel_format.bit_depth - 8)
 
 
 def test_binning_uses_the_whole_sensor_and_can_be_undone(idle: FakeCamera) -> None:
