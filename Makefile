@@ -1,14 +1,14 @@
-# Two commands for a newcomer: `make demo` and `make test`. Both install what they need themselves.
+# Two commands for newcomers: `make demo` and `make test`. Both install what they need.
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 VENV := .venv
 PY := $(VENV)/bin/python
 SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 
-# The tests start hundreds of processes, each of which would otherwise compile all modules again.
+# The tests start hundreds of processes; each would otherwise compile all modules again.
 unexport PYTHONDONTWRITEBYTECODE
 
-# What the daemon and the demo stand on, the compiler of their C parts among it, and what only the tests need.
+# What the daemon and the demo need, including a compiler for their C parts, and what only the tests need.
 COMPILER := gcc libc6-dev python3-dev
 DEMO_PACKAGES := gir1.2-aravis-0.8 python3-gi python3-venv libusb-1.0-0 $(COMPILER)
 TEST_PACKAGES := $(DEMO_PACKAGES) aravis-tools-cli aravis-tools tshark usbutils chromium systemd openssl
@@ -17,16 +17,16 @@ ROBOT_PACKAGES := $(DEMO_PACKAGES) udev
 
 EXTRAS := sim,calibration,publish,record,page
 
-# The C parts are optional to pip: a set-up from before there was a compiler, without them, is made again.
+# The C parts are optional for pip: a set-up that was made without them, for lack of a compiler, is made again.
 NATIVE_SOURCES := setup.py $(wildcard autoexpose_daemon/control/native/* fake_camera/usb3/shim/*)
 UNBUILT := $(if $(and $(wildcard autoexpose_daemon/control/_native.*.so),$(wildcard fake_camera/usb3/_shim.*.so)),,unbuilt)
 
 .PHONY: unbuilt setup demo test suite test-again test-data lint bench accept soak fuzz mutate test-kernel install uninstall deb clean
 .DEFAULT_GOAL := demo
 
-# Stamps make second runs start at once; they are remade when what is installed changes.
+# Stamps let later runs start at once; they are renewed when what is installed changes.
 $(VENV)/demo.stamp: pyproject.toml $(NATIVE_SOURCES) $(UNBUILT)
-	@echo "setting up, once; what the tools say is in build/setup.log"
+	@echo "setting up, once; the tools' output is in build/setup.log"
 	@./tools/install-debian $(DEMO_PACKAGES)
 	@[ -x $(PY) ] || ./tools/timed "making $(VENV)" /usr/bin/python3 -m venv --system-site-packages $(VENV)
 	@./tools/install-python $(PY) $(EXTRAS)
@@ -38,9 +38,9 @@ $(VENV)/dev.stamp: $(VENV)/demo.stamp pyproject.toml
 	@./tools/install-python $(PY) $(EXTRAS),experiments,dev
 	@touch $@
 
-setup: $(VENV)/dev.stamp ## make .venv with everything
+setup: $(VENV)/dev.stamp ## create .venv with everything
 
-demo: $(VENV)/demo.stamp ## watch two fake cameras being exposed well through lights going on and off
+demo: $(VENV)/demo.stamp ## watch two fake cameras keep a good exposure while lights go on and off
 	@mkdir -p out
 	@$(VENV)/bin/autoexpose demo --plot out/demo.png
 
@@ -52,14 +52,14 @@ lint: $(VENV)/dev.stamp
 
 test: lint suite ## everything that CI runs
 
-suite: $(VENV)/dev.stamp ## the tests of it; what needs real time has the machine to itself
+suite: $(VENV)/dev.stamp ## only the tests; those in real time run alone
 	$(VENV)/bin/pytest -m "not realtime" -n 3 --dist loadfile --no-loadscope-reorder
 	$(VENV)/bin/pytest -m realtime
 
-test-again: $(VENV)/dev.stamp ## the tests N times, 20 unless given, and their sum; BUSY=1: one core kept busy meanwhile
+test-again: $(VENV)/dev.stamp ## the tests N times (default 20), with a summary; BUSY=1 keeps one core busy
 	$(PY) -m tools.test_again --runs $(or $(N),20) $(if $(BUSY),--busy)
 
-test-data: $(VENV)/dev.stamp ## the tests that need data from outside the repository, in AUTOEXPOSE_DATA
+test-data: $(VENV)/dev.stamp ## the tests that need external data, in AUTOEXPOSE_DATA
 	$(VENV)/bin/pytest -m data
 
 bench: $(VENV)/dev.stamp ## where the time goes, as ratios
@@ -80,17 +80,17 @@ $(VENV)/fuzz.stamp: $(VENV)/dev.stamp pyproject.toml
 	@./tools/install-python $(PY) fuzz
 	@touch $@
 
-fuzz: $(VENV)/fuzz.stamp ## a million damaged messages and files to our parsers, about 12 minutes on two cores
+fuzz: $(VENV)/fuzz.stamp ## feed a million damaged inputs to our parsers, about 12 minutes on two cores
 	nice -n 5 $(PY) -m tests.fuzz $(TARGETS)
 
 $(VENV)/mutate.stamp: $(VENV)/dev.stamp pyproject.toml
 	@./tools/install-python $(PY) mutate
 	@touch $@
 
-mutate: $(VENV)/mutate.stamp ## 200 changes of the code, one at a time, that a test should notice: half an hour on two cores
+mutate: $(VENV)/mutate.stamp ## change the code in 200 places, one at a time: a test should notice; half an hour on two cores
 	nice -n 5 $(PY) -m tests.mutation
 
-# Fetched anew when the scripts that unpack or start it change, or after `make clean`.
+# Fetched again when the scripts that unpack or start it change, or after `make clean`.
 build/kernel/initramfs.gz: tests/kernel/build tests/kernel/init
 	@$(SUDO) apt-get -qq update
 	@./tools/install-debian $(KERNEL_PACKAGES)
@@ -99,7 +99,7 @@ build/kernel/initramfs.gz: tests/kernel/build tests/kernel/init
 test-kernel: $(VENV)/dev.stamp build/kernel/initramfs.gz ## a stock kernel in QEMU attaches the USB3 Vision fake
 	@./tests/kernel/run $(PY)
 
-install: ## to /opt/autoexpose, with its unit; a configuration that is there stays. DESTDIR: only the files, below it
+install: ## into /opt/autoexpose, with its units; keeps an existing configuration. DESTDIR: only the files, below it
 ifeq ($(DESTDIR),)
 	@[ "$$(id -u)" = 0 ] || { echo "this changes the system: sudo make install"; exit 1; }
 	@./tools/install-debian $(ROBOT_PACKAGES)
@@ -110,7 +110,7 @@ ifeq ($(DESTDIR),)
 	@echo "installed; next: autoexpose list, /etc/autoexpose/config.yaml, systemctl enable --now autoexpose"
 endif
 
-uninstall: ## all that `make install` brought, but configuration, state and user
+uninstall: ## remove what `make install` installed, except configuration, state and user
 ifeq ($(DESTDIR),)
 	@[ "$$(id -u)" = 0 ] || { echo "this changes the system: sudo make uninstall"; exit 1; }
 	@./tools/deb/prerm remove

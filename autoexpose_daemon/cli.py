@@ -1,4 +1,4 @@
-"""The command line: `autoexpose COMMAND`. Each command loads what it needs: numpy and its kin take half a second."""
+"""The command line, `autoexpose COMMAND`. Each command imports what it needs: numpy and the like take half a second."""
 
 from __future__ import annotations
 
@@ -51,11 +51,11 @@ def run(config: ConfigFile) -> None:
 
 @app.command()
 def record(
-    file: Annotated[Path, typer.Argument(help="A new file, named .mcap.")],
+    file: Annotated[Path, typer.Argument(help="A new .mcap file.")],
     config: ConfigFile,
     last: Annotated[
         float | None,
-        typer.Option(min=1.0, max=600.0, help="Keep so many seconds in memory; SIGUSR1 and the end write them."),
+        typer.Option(min=1.0, max=600.0, help="Keep this many seconds in memory; SIGUSR1 and the end write them."),
     ] = None,
 ) -> None:
     """Run the daemon and record what it sees and decides, until SIGTERM or Ctrl-C."""
@@ -79,7 +79,7 @@ def replay(
     file: Annotated[Path, typer.Argument(help="A recording.")],
     policy: Annotated[str | None, typer.Option(help=f"Another policy: {', '.join(POLICY_IDS)}.")] = None,
 ) -> None:
-    """Play a recording again: the recorded policy, bit for bit, or what another one would have decided."""
+    """Replay a recording: the recorded policy, bit for bit, or what another one would have decided."""
     check_recording_extra()
     from autoexpose_daemon.recording.replay_report import report_replay  # noqa: PLC0415
 
@@ -91,7 +91,7 @@ def replay(
 
 @contextmanager
 def _explaining(notifier: Notifier) -> Iterator[None]:
-    """Tell the service manager, too, why a configuration cannot be, and that another start does not help."""
+    """Tell the service manager, too, why a configuration is invalid, and that restarting does not help."""
     try:
         yield
     except ConfigurationError as error:
@@ -113,7 +113,7 @@ def run_daemon(file: Path, notifier: Notifier, recorder: Recorder | None = None)
 
     stop, reload = threading.Event(), threading.Event()
     stop_on_signals(stop)
-    by_hand = os.isatty(0)  # then SIGHUP says that the terminal was closed
+    by_hand = os.isatty(0)  # then SIGHUP means that the terminal was closed
     signal.signal(signal.SIGHUP, lambda *_: (stop if by_hand else reload).set())
 
     def new_config() -> Config | None:
@@ -130,7 +130,7 @@ def run_daemon(file: Path, notifier: Notifier, recorder: Recorder | None = None)
 
 
 def stop_on_signals(stop: threading.Event) -> None:
-    """SIGTERM and SIGINT ask for a clean stop."""
+    """Have SIGTERM and SIGINT stop cleanly."""
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stop.set())
 
@@ -139,19 +139,19 @@ def stop_on_signals(stop: threading.Event) -> None:
 def demo(
     *,
     seconds: Annotated[float, typer.Option(help="How long to run, 2 to 3600 s.")] = 20.0,
-    policy: Annotated[str, typer.Option(help=f"Who decides: {', '.join(POLICY_IDS)}.")] = DEFAULT_POLICY,
+    policy: Annotated[str, typer.Option(help=f"The policy: {', '.join(POLICY_IDS)}.")] = DEFAULT_POLICY,
     summary: Annotated[Path | None, typer.Option(help="Write the figures of the run to this JSON file.")] = None,
-    plot: Annotated[Path | None, typer.Option(help="Draw the run into this PNG file.")] = None,
+    plot: Annotated[Path | None, typer.Option(help="Plot the run to this PNG file.")] = None,
     scene: Annotated[str, typer.Option(help="What the cameras see: `room`, or a Radiance .hdr file.")] = "room",
     light: Annotated[Path | None, typer.Option(help="A light script for the fake cameras (YAML).")] = None,
-    seed: Annotated[int, typer.Option(help="Room, textures and noise.")] = 0,
+    seed: Annotated[int, typer.Option(help="For room, textures and noise.")] = 0,
     transport: Annotated[Literal["gige", "usb3"], typer.Option(help="GigE Vision or USB3 Vision.")] = "gige",
     rate_hz: Annotated[
         float | None,
-        typer.Option(help="Stereo pairs per second, 10 to 200; 60, or 30 or 20 on a slow machine, unless given."),
+        typer.Option(help="Stereo pairs per second, 10 to 200; by default 60, or 30 or 20 on a slow machine."),
     ] = None,
     still: Annotated[bool, typer.Option("--still", help="The cameras stand still, as on tripods.")] = False,
-    publish: Annotated[bool, typer.Option("--publish", help="Let other processes have the frames, as `rig`.")] = False,
+    publish: Annotated[bool, typer.Option("--publish", help="Publish frames to other processes, as `rig`.")] = False,
     record: Annotated[Path | None, typer.Option(help="Record the run to this new .mcap file.")] = None,
 ) -> None:
     """Expose two fake cameras through lights going on and off: no hardware needed."""
@@ -172,10 +172,10 @@ def page(
     connect: Annotated[
         list[str] | None, typer.Option(help=f"Endpoint of a daemon or router; {LOOPBACK} unless given.")
     ] = None,
-    host: Annotated[str, typer.Option(help="Where to serve; others than loopback need a token.")] = "127.0.0.1",
-    port: Annotated[int, typer.Option(min=0, max=65535, help="Where to serve; 0 takes a free one.")] = 8420,
+    host: Annotated[str, typer.Option(help="Address to serve; beyond loopback it needs a token.")] = "127.0.0.1",
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port to serve on; 0 picks a free one.")] = 8420,
     token_file: Annotated[
-        Path | None, typer.Option(help="Only who knows the token in this file sees the page.")
+        Path | None, typer.Option(help="Show the page only to users with the token in this file.")
     ] = None,
 ) -> None:
     """Serve a live page of a running daemon to browsers, and its metrics to Prometheus, until SIGTERM or Ctrl-C."""
@@ -193,9 +193,9 @@ def top(
     connect: Annotated[
         list[str] | None, typer.Option(help=f"Endpoint of a daemon or router; {LOOPBACK} unless given.")
     ] = None,
-    once: Annotated[bool, typer.Option("--once", help="Print the status of the moment, and end.")] = False,
+    once: Annotated[bool, typer.Option("--once", help="Print the current status and exit.")] = False,
 ) -> None:
-    """Watch a running daemon: state, exposure, losses, consumers, faults; Ctrl-C ends."""
+    """Watch a running daemon: state, exposure, losses, consumers, faults; Ctrl-C exits."""
     try:
         from autoexpose_daemon.client.top import follow, show_once  # noqa: PLC0415  an extra
     except ImportError as error:
@@ -217,18 +217,18 @@ def list_cameras() -> None:
     cameras = find_cameras()
     for camera in cameras:
         line = f"{camera.serial}  {camera.vendor} {camera.model}  {camera.transport}  {camera.address}"
-        typer.echo(readable(line))  # as the camera has it
+        typer.echo(readable(line))  # the camera's own text
     if not cameras:
         raise AutoexposeError("no camera found: check power, cable and network, and that the camera is in your subnet")
 
 
 @app.command()
 def doctor(
-    config: Annotated[Path | None, typer.Option("-c", "--config", help="What to check the host for.")] = None,
+    config: Annotated[Path | None, typer.Option("-c", "--config", help="Check against this configuration.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
 ) -> None:
-    """Tell before a start what would stop the daemon: cameras, USB, network, permissions."""
-    from autoexpose_daemon.doctor.examine import examine  # noqa: PLC0415  libusb loads only where it is needed
+    """Check beforehand what would stop the daemon: cameras, USB, network, permissions."""
+    from autoexpose_daemon.doctor.examine import examine  # noqa: PLC0415  loads libusb
 
     if not examine(config, as_json):
         raise typer.Exit(1)
@@ -238,7 +238,7 @@ def doctor(
     "fake-camera", context_settings={"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []}
 )
 def fake_camera(context: typer.Context) -> None:
-    """Start a fake camera (a process of its own); its options: autoexpose fake-camera --help."""
+    """Start a fake camera (its own process); options: autoexpose fake-camera --help."""
     from autoexpose_daemon.demo.fakes import check_simulator  # noqa: PLC0415
 
     check_simulator()
@@ -256,7 +256,7 @@ def check_config(file: Path) -> None:
 
 
 def main() -> None:
-    """Run the command line; errors of ours are one sentence on stderr and exit code 1."""
+    """Run the command line; our own errors become one sentence on stderr and exit code 1."""
     try:
         _add_commands(next((word for word in sys.argv[1:] if not word.startswith("-")), None))
         app()
@@ -265,19 +265,19 @@ def main() -> None:
 
         complain(str(error))
         raise SystemExit(1) from None
-    except KeyboardInterrupt:  # before the command had set up how it ends
+    except KeyboardInterrupt:  # before the command has set up its own handling
         raise SystemExit(128 + signal.SIGINT) from None
 
 
-def _add_commands(asked: str | None) -> None:
-    """Add the commands of other floors: the one that is asked for, or all for the help; to load them takes a second."""
+def _add_commands(requested: str | None) -> None:
+    """Add the commands of other packages: the requested one, or all for the help; loading them takes a second."""
     for point in entry_points(group="autoexpose.commands"):
-        if asked in (None, point.name):
+        if requested in (None, point.name):
             try:
                 app.add_typer(point.load(), name=point.name)
             except ImportError as error:
-                if asked is not None:
-                    needs = f"`autoexpose {asked}` needs {error.name}"
+                if requested is not None:
+                    needs = f"`autoexpose {requested}` needs {error.name}"
                     raise AutoexposeError(
                         f"{needs}: pip install 'autoexpose-daemon[sim,calibration,experiments]'"
                     ) from error

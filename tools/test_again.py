@@ -1,7 +1,7 @@
-"""Run the tests of `make test` again and again, and sum up: `make test-again N=20`, `make test-again N=5 BUSY=1`.
+"""Run the tests of `make test` repeatedly and sum up: `make test-again N=20`, `make test-again N=5 BUSY=1`.
 
-Each run is a line of JSON in out/test-again.log. What is there of the same commit counts: interrupted, it goes on where
-it was. What a red run printed stays in out/test-again/.
+Each run is a line of JSON in out/test-again.log. Earlier runs of the same commit count, so an interrupted series
+continues. The output of red runs is kept in out/test-again/.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ KEPT = Path("out/test-again")
 SUITE = ["make", "--no-print-directory", "suite"]
 LIMIT_S = 360.0
 YARDSTICK_MS = 4.0
-"""A machine whose literal step takes so long has `LIMIT_S`, a faster one less, in proportion."""
+"""A machine whose literal step takes this long has `LIMIT_S`; a faster one has less, in proportion."""
 
 REPEATS = 50
 BUSY = "import os, sys\nwhile os.getppid() == int(sys.argv[1]):\n    sum(range(10**6))"
@@ -35,7 +35,7 @@ BUSY = "import os, sys\nwhile os.getppid() == int(sys.argv[1]):\n    sum(range(1
 
 @dataclass(frozen=True)
 class Run:
-    """One run of the suite: when, of what, how long and how well."""
+    """One run of the suite: date, commit, duration and results."""
 
     date: str
     commit: str
@@ -48,7 +48,7 @@ class Run:
 
     @property
     def share(self) -> float:
-        """Of the time that a machine like this one has."""
+        """The share of the time that a machine of this speed has."""
         return self.seconds / (LIMIT_S * self.literal_step_ms / YARDSTICK_MS)
 
 
@@ -58,7 +58,7 @@ def read(log: Path) -> list[Run]:
 
 
 def results(output: str, code: int) -> tuple[int, int, list[str]]:
-    """How many passed and were skipped, and what failed, by what pytest and make said."""
+    """How many passed and were skipped, and what failed, from the output of pytest and make."""
     counts: Counter[str] = Counter()
     for line in re.findall(r"^=*\s*((?:\d+ \w+, )*\d+ \w+) in [\d.]+s.*$", output, re.MULTILINE):
         counts.update({what: int(count) for count, what in re.findall(r"(\d+) (\w+)", line)})
@@ -69,7 +69,7 @@ def results(output: str, code: int) -> tuple[int, int, list[str]]:
 
 
 def summary(runs: Sequence[Run]) -> list[str]:
-    """In sentences; runs with a core kept busy stand apart."""
+    """A summary in sentences; runs with a busy core are listed separately."""
     sentences = []
     for busy in (False, True):
         of_kind = [run for run in runs if run.busy == busy]
@@ -94,7 +94,7 @@ def _minutes(seconds: float) -> str:
 
 @contextlib.contextmanager
 def busy_core(busy: bool) -> Iterator[None]:
-    """Another process that has always something to do, if asked for; it ends with this one."""
+    """Keep one core busy with another process, if asked to; it ends with this one."""
     if not busy:
         yield
         return
@@ -106,7 +106,7 @@ def busy_core(busy: bool) -> Iterator[None]:
 
 
 def run_once(commit: str, busy: bool) -> Run:
-    """Run the suite; what it printed is kept when it is red."""
+    """Run the suite; its output is kept if it is red."""
     date = datetime.now().astimezone().isoformat(timespec="seconds")
     with busy_core(busy):
         before_ms, began_s = reference_step_ms(REPEATS), time.monotonic()
@@ -121,10 +121,10 @@ def run_once(commit: str, busy: bool) -> Run:
 
 
 def main() -> int:
-    """Run until there are enough; 1 when one was red or too slow."""
+    """Run until there are enough runs; returns 1 if one was red or too slow."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--runs", type=int, default=20, help="how many there are to be, of this commit (%(default)s)")
-    parser.add_argument("--busy", action="store_true", help="keep one core busy by another process meanwhile")
+    parser.add_argument("--runs", type=int, default=20, help="how many runs of this commit are wanted (%(default)s)")
+    parser.add_argument("--busy", action="store_true", help="keep one core busy with another process meanwhile")
     options = parser.parse_args()
     describe = ["git", "describe", "--always", "--dirty", "--exclude", "*"]
     commit = subprocess.run(describe, capture_output=True, text=True, check=True).stdout.strip()

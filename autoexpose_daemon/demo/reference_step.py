@@ -1,6 +1,6 @@
-"""The literal step: the published algorithm written down call by call, as a yardstick of speed.
+"""The literal step: the published algorithm, call by call, as a yardstick of speed.
 
-It is measured, never used for control: how fast a step is counts as a ratio to this one on the same machine.
+It is only measured, never used for control: the speed of a step is given as a ratio to this one on the same machine.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ Grey = NDArray[np.uint8]
 
 
 class ReferenceStep:
-    """Resize, median, seven predictions and their metrics, polynomial, Newton, Farneback: fresh arrays each call."""
+    """Resize, median, seven predictions and their metrics, polynomial, Newton, Farneback: new arrays at each call."""
 
     def __init__(self) -> None:
         self._tables = prediction_tables(ResponseFunction.linear(), DELTA_LEVELS)
@@ -63,7 +63,7 @@ def _flow(previous: Grey, current: Grey) -> float:
 
 
 def synthetic_frames(seed: int = 0) -> tuple[Grey, Grey]:
-    """Two 720x540 frames of patches, texture and noise, the second 4 pixels further; the same for the same seed."""
+    """Two 720x540 frames of patches, texture and noise, the second shifted by 4 pixels; reproducible by seed."""
     rng = np.random.default_rng(seed)
     texture = cv2.GaussianBlur(rng.normal(0, 1, (540, 740)), (0, 0), 2.5)
     radiance: NDArray[np.float64] = np.asarray(texture, np.float64) * 150 + 90

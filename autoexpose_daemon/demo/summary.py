@@ -1,4 +1,4 @@
-"""The figures of a demo run: as data for programs, and in words."""
+"""The figures of a demo run, as data for programs and in words."""
 
 from __future__ import annotations
 
