@@ -1,4 +1,4 @@
-"""How the cameras of a rig are: what their events reveal, counted in telemetry, logged, and kept as complaints."""
+"""The health of a rig's cameras: what their events reveal, counted in telemetry, logged, and kept as complaints."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from drivers.triggers.record import RigRecord
 
 log = logging.getLogger(__name__)
 
-_SILENCE_SAID_S = 60.0  # a trigger much slower than configured makes each frame end a silence
+_SILENCE_LOG_PAUSE_S = 60.0  # a trigger much slower than configured makes each frame end a silence
 
 
 class RigHealth:
-    """Looks at every event after the record has taken it."""
+    """Examines every event after the record has taken it."""
 
     def __init__(self, config: Config, telemetry: Telemetry, record: RigRecord) -> None:
         self._telemetry = telemetry
@@ -35,7 +35,7 @@ class RigHealth:
         self._drift = ResponseDrift(config)
         self._record = record
         self._ever_ready: set[Side] = set()
-        self._throttle = LogThrottle(_SILENCE_SAID_S)
+        self._throttle = LogThrottle(_SILENCE_LOG_PAUSE_S)
 
     def see(self, event: RigEvent, now_ns: int) -> None:
         """Look at an event; raises the error of a camera that can never be driven."""
@@ -47,7 +47,7 @@ class RigHealth:
                 self._frame_watch.frame(side, frame)
             case CameraSilent(side):
                 if self._throttle.due(side, now_ns):
-                    log.warning("%s camera: no frames; asking whether it is there", side)
+                    log.warning("%s camera: no frames; checking that it answers", side)
                 self._frame_watch.silent(side)
             case CameraGone(side, error, final):
                 self._gone(side, error, final)
@@ -70,7 +70,7 @@ class RigHealth:
         self._drift = ResponseDrift(tuning.config)
 
     def look(self, now_ns: int) -> list[Side]:
-        """Look around, ten times a second at least; returns the cameras to be opened again."""
+        """To be called at least ten times a second; returns the cameras to reopen."""
         for finding in self._record.findings(now_ns):
             log.warning("%s", finding)
         return self._stuck.sides(self._telemetry, now_ns)
