@@ -57,4 +57,7 @@ class Camera(Protocol):
         """Measure anew how the camera's clock maps to the host's."""
 
     def close(self) -> None:
-        """Stop acquisition, give control back and free everything; safe to call on a lost camera, and twice."""
+        """Stop acquisition, give control back and free everything; safe to call on a lost camera, and twice.
+
+        It is final: every later call raises `CameraLostError`.
+        """
