@@ -60,7 +60,7 @@ def record(
 ) -> None:
     """Run the daemon and record what it sees and decides, until SIGTERM or Ctrl-C."""
     check_recording_extra()
-    from autoexpose_daemon.config.document import load_config  # noqa: PLC0415
+    from autoexpose_daemon.config.load import load_config  # noqa: PLC0415
     from autoexpose_daemon.recording.recorder import new_recorder  # noqa: PLC0415
 
     notifier = Notifier.from_environment()
@@ -104,7 +104,7 @@ def _explaining(notifier: Notifier) -> Iterator[None]:
 
 def run_daemon(file: Path, notifier: Notifier, recorder: Recorder | None = None) -> None:
     """Run the daemon with the live view, until SIGTERM or SIGINT."""
-    from autoexpose_daemon.config.document import load_config  # noqa: PLC0415
+    from autoexpose_daemon.config.load import load_config  # noqa: PLC0415
     from autoexpose_daemon.runtime.cameras import openers  # noqa: PLC0415
     from autoexpose_daemon.runtime.daemon import Daemon  # noqa: PLC0415
     from autoexpose_daemon.service.last_exposure import LastExposure  # noqa: PLC0415
@@ -248,7 +248,7 @@ def fake_camera(context: typer.Context) -> None:
 @config_app.command("check")
 def check_config(file: Path) -> None:
     """Check a configuration file, and the response files it names."""
-    from autoexpose_daemon.config.document import load_config  # noqa: PLC0415
+    from autoexpose_daemon.config.load import load_config  # noqa: PLC0415
 
     config = load_config(file)
     cameras = ", ".join(f"{side} {camera.serial}" for side, camera in config.sides.items())

@@ -1,4 +1,4 @@
-"""What the page costs, in CPU time: without a browser, with one, and what a consumer costs that does nothing."""
+"""CPU time of the page, without a browser and with one, compared with a consumer that does nothing."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ for pair in StereoClient(connect=["{ENDPOINT}"]):
 
 
 def picture() -> np.ndarray[tuple[int, int], np.dtype[np.uint8]]:
-    """Something with edges and noise, 720x540."""
+    """An image with edges and noise, 720x540."""
     rng = np.random.default_rng(0)
     blocks = cv2.resize(rng.integers(0, 256, (27, 36)).astype(np.uint8), (720, 540), interpolation=cv2.INTER_NEAREST)
     return np.clip(blocks + rng.normal(0, 3, blocks.shape), 0, 255).astype(np.uint8)
@@ -84,7 +84,7 @@ def process(program: str) -> Iterator[int]:
 
 @contextlib.contextmanager
 def watching() -> Iterator[None]:
-    """A browser, but for the drawing: asks for the next pair when it has one."""
+    """A browser that does not draw: asks for the next pair as soon as it has one."""
     with connect(f"ws://127.0.0.1:{PORT}/live", max_size=None, proxy=None) as socket:
 
         def run() -> None:
@@ -107,7 +107,7 @@ def cpu_s(pid: int) -> float:
 
 
 def percent(pid: int) -> float:
-    """CPU time of a process in percent of one core."""
+    """CPU time of a process, in percent of one core."""
     before_s, began_s = cpu_s(pid), time.monotonic()
     time.sleep(MEASURED_S)
     return 100 * (cpu_s(pid) - before_s) / (time.monotonic() - began_s)

@@ -1,4 +1,4 @@
-"""What it costs to make a pair's messages, and to read them, as ratios to copying its pixels once."""
+"""The cost of making and reading a pair's messages, relative to copying its pixels once."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def main() -> None:
     costs = {
         "copying the pixels of both frames": median_us(lambda: (pixels.copy(), pixels.copy())),
         "making the pair's six messages": median_us(lambda: list(writer.messages(pair, DECISION, 1, 0))),
-        "looking at both clocks": median_us(realtime_offset_ns),
+        "reading both clocks": median_us(realtime_offset_ns),
         "reading two images": median_us(lambda: (read_image(data["image"]), read_image(data["image"]))),
         "reading two exposures": median_us(
             lambda: (read_exposure_info(data["exposure"]), read_exposure_info(data["exposure"]))

@@ -1,7 +1,7 @@
-"""What recording costs: processor time and bytes per stereo pair, by compression and by noise in the images.
+"""The cost of recording: processor time and bytes per stereo pair, by compression and by noise in the images.
 
-Run `.venv/bin/python benchmarks/bench_record.py`; 720x540 Mono8, medians of the process' time per pair. Writing to the
-disk itself is in it as far as the kernel does it at once. Bright images have little noise, dim ones at high gain much.
+Run `.venv/bin/python benchmarks/bench_record.py`; 720x540 Mono8, medians of process time per pair. Writing to disk
+counts only as far as the kernel does it immediately. Bright images have little noise, dim ones at high gain have much.
 """
 
 from __future__ import annotations

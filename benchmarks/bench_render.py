@@ -1,7 +1,7 @@
-"""What one simulated view costs: rendering and sensor, by exposure time along the demo's path.
+"""The cost of one simulated view, rendering and sensor, by exposure time along the demo's path.
 
-Run `.venv/bin/python benchmarks/bench_render.py`; prints medians of thread time in ms for 720x540 Mono8, interleaved,
-and what share of a core that is at 60 Hz where the literal step takes 3 ms. The goal, with sending, is 15 %.
+Run `.venv/bin/python benchmarks/bench_render.py`; prints medians of interleaved thread times in ms for 720x540 Mono8,
+and the share of a core at 60 Hz on a machine where the literal step takes 3 ms. The goal, including sending, is 15 %.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def main() -> None:
             times_ms.append((time.thread_time_ns() - began_ns) / 1e6)
     literal_ms = reference_step_ms(60)
     print(f"literal step here {literal_ms:.2f} ms")
-    print("exposure us  median ms  worst ms  of a core at 60 Hz where the literal step takes 3 ms")
+    print("exposure us  median ms  worst ms  share of a core at 60 Hz where the literal step takes 3 ms")
     for time_us, times_ms in spent.items():
         median_ms = float(np.median(times_ms))
         share = median_ms * YARDSTICK_MS / literal_ms * 60e-3

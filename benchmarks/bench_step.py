@@ -1,6 +1,6 @@
-"""What a step of `begin2022` costs, whole and by stage, and one of `metric-map`, beside the literal step.
+"""The cost of a step of `begin2022`, whole and by stage, and of one of `metric-map`, compared with the literal step.
 
-Interleaved medians of thread time.
+Prints medians of interleaved thread times.
 
 Run with `.venv/bin/python benchmarks/bench_step.py [--repeats N] [--json OUT.json]`.
 """
@@ -38,11 +38,11 @@ PREDICTIONS = (7, 13, 25, 49)
 LITERAL = "literal step"
 
 Stages = dict[str, Callable[[int], object]]
-"""Things to time by name; each is called with the number of the frame."""
+"""Functions to time, by name; each is called with the number of the frame."""
 
 
 def step_of(frames: tuple[np.ndarray, ...], native: bool, motion: MotionId) -> Callable[[int], object]:
-    """Our whole step."""
+    """Our complete step."""
     loop = ControlLoop("begin2022", RESPONSE, LIMITS, SETTING, ControlParameters(motion=motion))
     loop._metric.native = native  # the policy uses this object too
 
@@ -103,7 +103,7 @@ def single_stages(frames: tuple[np.ndarray, ...], paths: dict[str, bool]) -> Sta
 
 
 def measure(stages: Stages, repeats: int) -> dict[str, float]:
-    """Median thread time of each stage, microseconds; the stages take turns."""
+    """Median thread time of each stage, microseconds; the stages are interleaved."""
     times: dict[str, list[int]] = {name: [] for name in stages}
     for turn in range(1, repeats + 6):
         for name, stage in stages.items():
@@ -114,7 +114,7 @@ def measure(stages: Stages, repeats: int) -> dict[str, float]:
 
 
 def figures_of(times_us: dict[str, float]) -> dict[str, object]:
-    """What --json writes; None for what needs the C extension, where it is not built."""
+    """What --json writes; None for what needs the C extension if that is not built."""
 
     def ratio(name: str) -> float | None:
         return round(times_us[LITERAL] / times_us[name], 3) if name in times_us else None
@@ -136,7 +136,7 @@ def figures_of(times_us: dict[str, float]) -> dict[str, object]:
 
 
 def instruction_set() -> str | None:
-    """The one that the C extension uses here."""
+    """The one that the C extension uses; None if it is not built."""
     try:
         from autoexpose_daemon.control import _native  # noqa: PLC0415
     except ImportError:
@@ -147,7 +147,7 @@ def instruction_set() -> str | None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--repeats", type=int, default=200)
-    parser.add_argument("--json", type=Path, metavar="OUT.json", help="write the figures here")
+    parser.add_argument("--json", type=Path, metavar="OUT.json", help="write the numbers to this file")
     arguments = parser.parse_args()
     repeats = max(1, arguments.repeats)
     cv2.setNumThreads(1)

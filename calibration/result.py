@@ -62,7 +62,7 @@ class Result:
 
     @property
     def file(self) -> ResponseFile | None:
-        """What may be kept of it: nothing when it is refused."""
+        """What to save of it: nothing if it is refused."""
         if self.solution is None or self.verdict == "refused":
             return None
         file = ResponseFile.of_solution(self.solution, self.origin, self.findings)

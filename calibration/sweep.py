@@ -1,4 +1,4 @@
-"""The images that a calibration is drawn from: one static scene, taken at many exposures."""
+"""The images of a calibration: one static scene, taken at many exposures."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Shot:
     setting
         Exposure time and gain that were really applied.
     time_s
-        When the exposure started (s), counted from anywhere; None for images from files, which do not tell.
+        When the exposure started (s), counted from anywhere; None for images from files, which do not say.
     """
 
     pixels: Pixels

@@ -1,1 +1,1 @@
-"""The arena: every policy through every scenario, in closed loop and virtual time, against the best exposure."""
+"""Policies judged in closed loop and virtual time: the arena, stereo odometry, and the papers' experiments."""

@@ -1,4 +1,4 @@
-"""Long work is not begun unasked: whoever starts it says how much, and learns what that takes."""
+"""Long runs must be asked for: the user says how much to run, and is told how long that takes."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from drivers.errors import ConfigurationError
 
 
 def check_chosen(quick: bool, full: bool, takes_s: Callable[[bool], float]) -> None:
-    """Raise ConfigurationError unless one of --quick and --full is given; `takes_s` estimates the quick work or all."""
+    """Raise ConfigurationError unless one of --quick and --full is given; `takes_s(quick)` estimates what it takes."""
     if quick and full:
         raise ConfigurationError("--quick and --full exclude each other: leave one out")
     if not quick and not full:
-        all_of_it, some = in_words(takes_s(False)), in_words(takes_s(True))
+        everything, some = in_words(takes_s(False)), in_words(takes_s(True))
         raise ConfigurationError(
-            f"say how much: --full takes about {all_of_it} with these --jobs, --quick about {some}"
+            f"say how much: --full takes about {everything} with these --jobs, --quick about {some}"
         )
 
 
 def in_words(seconds: float) -> str:
-    """A length of time, rounded up."""
+    """A duration, rounded up."""
     minutes = math.ceil(seconds / 60)
     if minutes <= 1:
         return "a minute"

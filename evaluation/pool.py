@@ -1,4 +1,4 @@
-"""Work over processes, in whatever order it is done."""
+"""Spreads work over processes."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ Result = TypeVar("Result")
 def over_processes(
     work: Callable[[Item], Result], items: Sequence[Item], processes: int
 ) -> Generator[tuple[Item, Result]]:
-    """Do `work`, which pickles, on every item; yields each as it is done.
+    """Apply `work`, which must pickle, to every item; yields each item with its result, in order of completion.
 
-    The processes are spawned, not forked, so that they share no state of OpenCV's; whoever stops iterating, by Ctrl-C
-    for one, ends them, and so does the end of this process, however it comes. OpenCV has one thread in each.
+    The processes are spawned, not forked, so that they share none of OpenCV's state. They end when the caller stops
+    iterating, by Ctrl-C for example, and when this process ends in any way. OpenCV runs one thread in each.
     """
     if processes == 1:
         threads = cv2.getNumThreads()
@@ -50,14 +50,14 @@ def over_processes(
 
 
 def _start_worker() -> None:
-    # Ctrl-C reaches the whole group of processes: the parent alone decides.
+    # Ctrl-C reaches the whole process group; only the parent acts on it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, name="end with parent", daemon=True).start()
     cv2.setNumThreads(1)
 
 
 def _end_with_parent() -> None:
-    """Else a worker would wait for ever for what a killed parent cannot send any more."""
+    """Otherwise a worker would wait for ever for work from a parent that was killed."""
     parent = multiprocessing.parent_process()
     assert parent is not None
     parent.join()

@@ -1,4 +1,4 @@
-"""How far work is that takes minutes to hours: a bar with the time that is left, or lines without a terminal."""
+"""Progress of work that takes minutes to hours: a bar with the time left, or lines where there is no terminal."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 LINE_S = 60.0
-"""Between two lines."""
+"""Interval between two lines."""
 
 
 class LongProgress(Progress):
-    """A bar for pieces of work that take minutes each; a line a minute where output goes to a file or a log.
+    """A bar for jobs that take minutes each; one line a minute where output goes to a file or a log.
 
     Parameters
     ----------
     console
-        Where it shows.
+        Where progress is shown.
     past_s
-        The speed is estimated over so many of the last seconds.
+        The speed is estimated over this many past seconds.
     clock
-        Tells seconds.
+        Returns seconds.
     """
 
     def __init__(self, console: Console, past_s: float, clock: Callable[[], float] = time.monotonic) -> None:
@@ -43,7 +43,7 @@ class LongProgress(Progress):
         self._next_line_s = clock() + LINE_S
 
     def update(self, task_id: TaskID, **changes: Any) -> None:
-        """As rich's."""
+        """Update as rich does; without a terminal, print a line when one is due."""
         super().update(task_id, **changes)
         now_s = self.get_time()
         if self.console.is_terminal or now_s < self._next_line_s:

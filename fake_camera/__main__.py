@@ -37,47 +37,47 @@ from fake_camera.world.simulation import build_image_source
 
 _ADDRESS = "127.0.0.1"
 _LONGEST_DESCRIPTION_BYTES = 1 << 24
-_SERIAL_CHARACTERS = {"GigE Vision": 15, "USB3 Vision": 63}  # of registers of 16 and 64 bytes, which end with a zero
-_ASK = "60; ask: write how long a frame takes, and read the rate on standard input"
+_SERIAL_CHARACTERS = {"GigE Vision": 15, "USB3 Vision": 63}  # registers of 16 and 64 bytes, with a final zero
+_ASK = "60; ask: print how long a frame takes, and read the rate from standard input"
 
 
 def _parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog="python -m fake_camera",
-        description="A GigE Vision or USB3 Vision camera in software, which stock Aravis opens as a real one.",
+        description="A GigE Vision or USB3 Vision camera in software, which stock Aravis opens like a real one.",
     )
     add = parser.add_argument
     add("--address", type=_address, help=f"loopback address of a GigE Vision camera ({_ADDRESS})")
-    add("--usb3", action="store_true", help="be a USB3 Vision camera: needs --socket, --tcp or --exec")
+    add("--usb3", action="store_true", help="be a USB3 Vision camera; needs --socket, --tcp or --exec")
     add("--socket", type=Path, metavar="PATH", help="Unix socket to serve USB/IP on")
-    add("--tcp", type=_port, nargs="?", const=TCP_PORT, metavar="PORT", help="TCP port of 127.0.0.1 for it (%(const)d)")
+    add("--tcp", type=_port, nargs="?", const=TCP_PORT, metavar="PORT", help="TCP port for it on 127.0.0.1 (%(const)d)")
     add("--exec", nargs=argparse.REMAINDER, metavar="COMMAND", help="run a command that sees the camera on its USB bus")
     add("--serial", default="FAKE-LEFT", help="its serial number (%(default)s)")
-    add("--side", choices=["left", "right"], default="left", help="its place in the stereo rig (%(default)s)")
-    add("--line0", metavar="NAME", help="trigger wire, shared with the cameras that name the same (none)")
+    add("--side", choices=["left", "right"], default="left", help="its side of the stereo rig (%(default)s)")
+    add("--line0", metavar="NAME", help="trigger wire, shared by all cameras that name it (none)")
     add("--line0-rate-hz", type=_rate, default=60.0, metavar="HZ|ask", help=f"pulses per second of the wire ({_ASK})")
     add("--line1", type=Path, metavar="SOCKET", help="wire from the exposure output to another camera's Line3")
     add("--line3", type=Path, metavar="SOCKET", help="wire from another camera's Line1")
-    add("--scene", default="room", metavar="room|FILE.hdr", help="what it sees (%(default)s)")
-    add("--still", action="store_true", help="it stands still, as on a tripod")
-    add("--light", type=Path, metavar="FILE", help="light script (one with steps is built in)")
+    add("--scene", default="room", metavar="room|FILE.hdr", help="what the camera sees (%(default)s)")
+    add("--still", action="store_true", help="do not move, as on a tripod")
+    add("--light", type=Path, metavar="FILE", help="light script (150 and 1 lux in turn)")
     add("--response", choices=["linear", "gamma", "s_shaped"], default="linear", help="of the sensor (%(default)s)")
-    add("--seed", type=_seed, default=0, help="fixes room, noise and clock (%(default)s)")
-    add("--nice", type=_niceness, default=0, metavar="N", help="how far rendering gives way to others (%(default)s)")
-    add("--keep-room", type=Path, metavar="FOLDER", help="keep the painted room there (47 MB), for a quicker start")
-    add("--xml", type=Path, metavar="FILE", help="wear this GenICam description of a real camera (none: its own)")
+    add("--seed", type=_seed, default=0, help="determines room, noise and clock (%(default)s)")
+    add("--nice", type=_niceness, default=0, metavar="N", help="niceness of the rendering, as of nice(1) (%(default)s)")
+    add("--keep-room", type=Path, metavar="FOLDER", help="keep the painted room there (47 MB) for a faster start")
+    add("--xml", type=Path, metavar="FILE", help="serve this GenICam description of a real camera (its own)")
     add("--truth", type=Path, metavar="FILE", help="write the light at each pulse of the wire as JSON lines")
     add("--control", type=Path, metavar="SOCKET", help="Unix socket that takes faults as JSON lines")
     options = parser.parse_args(arguments)
     usb3_options = [f"--{name}" for name in ("socket", "tcp", "exec") if getattr(options, name) is not None]
     if options.usb3 and options.address is not None:
-        parser.error("--address is of GigE Vision cameras: leave it out, or leave out --usb3")
+        parser.error("--address is for GigE Vision cameras: leave out --address or --usb3")
     if options.usb3 and not usb3_options:
         parser.error("--usb3 needs a way to reach the camera: --socket PATH, --tcp or --exec COMMAND")
     if options.line0_rate_hz is None and (options.line0 is None or options.xml is not None):
-        parser.error("--line0-rate-hz ask needs --line0 NAME, and goes without --xml")
+        parser.error("--line0-rate-hz ask needs --line0 NAME, and does not work with --xml")
     if not options.usb3 and usb3_options:
-        parser.error(f"{usb3_options[0]} is of USB3 Vision cameras: add --usb3")
+        parser.error(f"{usb3_options[0]} is for USB3 Vision cameras: add --usb3")
     if options.exec in ([], [""]):
         parser.error("--exec needs a command")
     if (wrong := _wrong_with_serial(options.serial, options.usb3)) is not None:
@@ -88,12 +88,12 @@ def _parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
 
 
 def _wrong_with_serial(serial: str, usb3: bool) -> str | None:
-    """Why a serial number cannot be sent as it is; None: it can."""
+    """Why a serial number cannot be sent as it is; None when it can."""
     standard = "USB3 Vision" if usb3 else "GigE Vision"
     if not (serial.isascii() and serial.isprintable() and serial.strip() == serial != ""):
-        return "cannot be a serial number: give ASCII characters, and no blank before or behind them"
+        return "is not a serial number: give ASCII characters without leading or trailing blanks"
     if len(serial) > _SERIAL_CHARACTERS[standard]:
-        return f"is too long: {standard} has room for {_SERIAL_CHARACTERS[standard]} characters"
+        return f"is too long: {standard} allows {_SERIAL_CHARACTERS[standard]} characters"
     return None
 
 
@@ -101,7 +101,7 @@ def _address(text: str) -> str:
     try:
         return str(ipaddress.IPv4Address(text))
     except ValueError as error:
-        raise argparse.ArgumentTypeError(f"{text!r} is no IPv4 address: give one such as 127.0.0.2") from error
+        raise argparse.ArgumentTypeError(f"{text!r} is not an IPv4 address: give one such as 127.0.0.2") from error
 
 
 def _port(text: str) -> int:
@@ -122,22 +122,22 @@ def _integer(text: str, low: int, high: int) -> int:
     except ValueError:
         number = low - 1
     if not low <= number <= high:
-        raise argparse.ArgumentTypeError(f"{text!r} is no whole number from {low} to {high}")
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from {low} to {high}")
     return number
 
 
 def _rate(text: str) -> float | None:
-    """A rate in Hz, or None for one that is asked for later."""
+    """A rate in Hz, or None for `ask`."""
     if text == "ask":
         return None
     rate_hz = float(text)
     if not 1 <= rate_hz <= 1000:
-        raise argparse.ArgumentTypeError(f"{text} Hz is not within 1 to 1000 Hz")
+        raise argparse.ArgumentTypeError(f"{text} Hz is not between 1 and 1000 Hz")
     return rate_hz
 
 
 def _run(options: argparse.Namespace, resources: contextlib.ExitStack) -> tuple[Device, XmlCamera | None]:
-    """Start the camera; what `resources` holds must be closed to stop it."""
+    """Start the camera; closing `resources` stops it."""
     light = LightScript.from_file(options.light) if options.light else LightScript.default()
     with contextlib.ExitStack() as meanwhile:
         if options.line0_rate_hz is None:
@@ -155,7 +155,7 @@ def _run(options: argparse.Namespace, resources: contextlib.ExitStack) -> tuple[
         resources.callback(line0.close)
     if options.truth is not None:
         if line0 is None:
-            raise WireError("--truth writes a line for each pulse of Line0: name the wire with --line0 NAME")
+            raise WireError("--truth writes a line for each pulse of Line0: add --line0 NAME")
         truth = TruthFile(options.truth, source.lux, line0)
         resources.callback(truth.close)
     device = _device(options, source, line0, truth)
@@ -183,7 +183,7 @@ def _device(
 
 
 def _serve(options: argparse.Namespace, device: Device, xml: XmlCamera | None, resources: contextlib.ExitStack) -> None:
-    """Answer on the wire until `resources` are closed."""
+    """Serve the camera until `resources` are closed."""
     if options.usb3:
         resources.callback(Usb3Server(device, options.socket, options.tcp, xml).close)
     else:
@@ -193,7 +193,7 @@ def _serve(options: argparse.Namespace, device: Device, xml: XmlCamera | None, r
 
 
 def _be_found(options: argparse.Namespace, meanwhile: contextlib.ExitStack) -> None:
-    """Answer a search already, which takes a second, while the room is painted; whoever asks for the rate waits."""
+    """Answer searches, which take a second, already while the room is being painted."""
     device = _device(options, Unpainted())
     meanwhile.callback(device.close)
     _serve(options, device, None, meanwhile)
@@ -201,7 +201,7 @@ def _be_found(options: argparse.Namespace, meanwhile: contextlib.ExitStack) -> N
 
 
 def _ask_for_rate(source: ImageSource) -> float:
-    """Say how long a frame takes, and wait for the rate of the wire; raises ValueError when none comes."""
+    """Print how long a frame takes, and wait for the rate of the wire; raises ValueError when none comes."""
     print(json.dumps({"frame_s": round(frame_s(source), 6)}), flush=True)
     answer = sys.stdin.readline().strip()
     try:
@@ -209,22 +209,22 @@ def _ask_for_rate(source: ImageSource) -> float:
     except (ValueError, argparse.ArgumentTypeError):
         rate_hz = None
     if rate_hz is None:
-        raise ValueError(f"standard input gave no rate for the wire, but {answer!r}: write a number of Hz")
+        raise ValueError(f"standard input gave {answer!r} as the rate of the wire: give a number of Hz")
     return rate_hz
 
 
 def _description(path: Path, usb3: bool) -> Description:
-    """The description in a file; raises ValueError when it is none, or one of a camera on the other transport."""
+    """The description in a file; ValueError when it is not one, or describes a camera on the other transport."""
     description = Description.from_bytes(read_regular(path, _LONGEST_DESCRIPTION_BYTES), str(path))
     if description.standard == "U3V" and not usb3:
         raise ValueError(f"{path} describes a USB3 Vision camera: add --usb3 and --exec, --socket or --tcp")
     if description.standard == "GEV" and usb3:
-        raise ValueError(f"{path} describes a GigE Vision camera: leave out --usb3 and what belongs to it")
+        raise ValueError(f"{path} describes a GigE Vision camera: leave out --usb3 and its options")
     return description
 
 
 def _worn(xml: XmlCamera | None) -> str:
-    """What the camera passes for, and where that is less than the real one."""
+    """Which real camera it imitates, and what it lacks of that one."""
     if xml is None:
         return ""
     who = f", as {xml.description.vendor} {xml.description.model}"
@@ -234,7 +234,7 @@ def _worn(xml: XmlCamera | None) -> str:
 
 
 def _sentence(error: Exception) -> str:
-    """What went wrong, without the number of an operating system error."""
+    """What went wrong, without the errno of an operating system error."""
     if isinstance(error, OSError) and error.strerror:
         return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
     return str(error)
@@ -254,12 +254,12 @@ def main(arguments: list[str] | None = None) -> int:
     with contextlib.ExitStack() as resources:
         try:
             if options.exec:
-                shim_path()  # rather than when the camera is ready
+                shim_path()  # fail now rather than when the camera is ready
             if options.usb3 and options.socket is None:
                 options.socket = Path(resources.enter_context(tempfile.TemporaryDirectory())) / "camera"
             device, xml = _run(options, resources)
             gc.collect()
-            gc.freeze()  # a full collection over all that the compiler leaves behind takes 60 ms: four frames late
+            gc.freeze()  # a full collection over what the compiler leaves behind takes 60 ms: four frames late
             wire = f"Line0 {options.line0} at {options.line0_rate_hz:g} Hz" if options.line0 else "no Line0"
             name = f"fake camera {options.serial} ({options.side})"
             print(f"{name} {where}, {wire}, scene {options.scene}{_worn(xml)}", file=notes, flush=True)

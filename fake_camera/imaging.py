@@ -1,4 +1,4 @@
-"""What a camera asks of the world: one image for one latched setting, and the frame that comes of it."""
+"""What a camera asks of the world: one image for one latched setting, and the frame made of it."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ class ExposedFrame:
     frame_id
         1, 2, 3 ... since AcquisitionStart, unwrapped.
     trigger
-        Number of the pulse of Line0 that started the exposure, None when no pulse did.
+        Number of the pulse of Line0 that started the exposure; None when something else did.
     device_time_ns
         Start of the exposure on the device's own clock.
     pixels

@@ -1,4 +1,4 @@
-"""What a camera does between its start and its first frame: compile, time its frames, and be found meanwhile."""
+"""What a camera does between its start and its first frame: compile, time its frames, and answer searches."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from fake_camera.device.features import Features
 from fake_camera.imaging import PIXEL_FORMATS, ImageSettings, ImageSource, Pixels
 from fake_camera.world.sensor import SensorModel
 
-_LONGEST_US = 7500.0  # of the daemon's demo: motion blur costs most in a long exposure
+_LONGEST_US = 7500.0  # the demo's longest exposure, where motion blur costs most
 _FROM_S = 5.0  # the path begins at rest; by then the camera moves
 _PERIOD_S = 1 / 60
 _FRAMES = 8
 
 
 class Unpainted:
-    """An `ImageSource` for as long as the real one is not built: a camera with it can be found, and sees nothing."""
+    """An `ImageSource` until the real one is built: a camera with it can be found, and its images are black."""
 
     def __init__(self) -> None:
         model = SensorModel()
@@ -35,7 +35,7 @@ class Unpainted:
 
 
 def warm_up(source: ImageSource) -> None:
-    """Render once in each pixel format: compilation and caches are not to delay the first frames."""
+    """Render once in each pixel format, so that compilation and cold caches do not delay the first frames."""
     settings = _settings(source)
     for pixel_format in PIXEL_FORMATS:
         source.take(0.0, dataclasses.replace(settings, pixel_format=pixel_format), 0)
@@ -43,7 +43,7 @@ def warm_up(source: ImageSource) -> None:
 
 
 def frame_s(source: ImageSource, clock_s: Callable[[], float] = time.process_time) -> float:
-    """Seconds of the processor's time for one frame of a long exposure, in motion; the first is not counted."""
+    """Processor time in seconds for one frame of a long exposure in motion; the first is not counted."""
     settings = dataclasses.replace(_settings(source), exposure_time_us=_LONGEST_US)
     source.take(_FROM_S, settings, 0)
     begun_s = clock_s()
@@ -53,5 +53,5 @@ def frame_s(source: ImageSource, clock_s: Callable[[], float] = time.process_tim
 
 
 def _settings(source: ImageSource) -> ImageSettings:
-    """As a camera has them after power-on."""
+    """Those of a camera after power-on."""
     return Features("", source.sensor_width, source.sensor_height, lambda: 0).image_settings(0)

@@ -23,7 +23,7 @@ from fake_camera.__main__ import main
 from fake_camera.device.faults import Fault
 from fake_camera.usb3.run import CAMERAS_VARIABLE, client_environment
 
-# Each fake camera is forked from a process in which the second of imports and of painting a room is already over.
+# Each fake camera is forked from a process that has already spent the second of imports and of painting a room.
 NURSERY = multiprocessing.get_context("forkserver")
 NURSERY.set_forkserver_preload(["pytest", "tests.nursery"])
 
@@ -32,7 +32,7 @@ STOP_TIMEOUT_S = 10.0
 CONTROL_TIMEOUT_S = 5.0
 FOREIGN_COMMAND = "arv-fake-gv-camera-0.8"
 FOREIGN_ADDRESS = "127.0.0.1"
-"""It binds to the address of an interface and to no other, so that one machine runs one of them."""
+"""It binds only to the address of an interface, so that a machine can run only one."""
 
 
 def unique(prefix: str) -> str:
@@ -41,16 +41,16 @@ def unique(prefix: str) -> str:
 
 
 def loopback_address() -> str:
-    """A loopback address of one's own, away from those that people use by hand."""
+    """A random loopback address, away from those that people use by hand."""
     numbers = random.SystemRandom()
     return f"127.{numbers.randint(1, 254)}.{numbers.randint(1, 254)}.{numbers.randint(2, 254)}"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FakeCamera:
-    """A running fake camera, and its words when it was ready.
+    """A running fake camera, and the line that it printed when it was ready.
 
-    `address` is empty on USB, where `socket` is what the client's bus hangs on.
+    `address` is empty on USB, where `socket` connects it to the client's bus.
     """
 
     ready: str
@@ -62,7 +62,7 @@ class FakeCamera:
     socket: Path | None = None
 
     def inject(self, fault: Fault, after_trigger: int | None = None, count: int | None = 1) -> int:
-        """Order a fault and wait for the acknowledgement; the number of the last trigger before it."""
+        """Order a fault and wait for the acknowledgement; returns the number of the last trigger before it."""
         order = {"fault": fault, "after_trigger": after_trigger}
         if fault is not Fault.COME_BACK:
             order["count"] = count
@@ -117,19 +117,19 @@ def usb3_camera(
 
 @contextlib.contextmanager
 def camera_on_this_bus(serial: str | None = None, **options: Any) -> Iterator[FakeCamera]:
-    """The same on a free port of this very process' USB bus; for suites that run under the shim."""
+    """The same on a free port of this process's own USB bus; for suites that run under the shim."""
     ports = (Path(port) for port in os.environ[CAMERAS_VARIABLE].split(":"))
     with usb3_camera(serial, socket=next(port for port in ports if not port.exists()), **options) as camera:
         yield camera
 
 
 def usb3_environment(*sockets: Path | None) -> dict[str, str]:
-    """The environment of programs that are to see the cameras at these sockets, now or later, on their USB bus."""
+    """The environment of programs that see the cameras at these sockets, now or later, on their USB bus."""
     return client_environment([socket for socket in sockets if socket is not None])
 
 
 def run_under_shim(suites: Path | Sequence[Path], *sockets: Path, timeout_s: float = 100.0, marked: str = "") -> None:
-    """Run the tests of a file, or of some, in a process whose USB bus has ports at these sockets; all must pass.
+    """Run the tests of one or more files in a process whose USB bus has ports at these sockets; all must pass.
 
     `marked` chooses among them, as pytest's option -m does.
     """

@@ -1,4 +1,4 @@
-"""From single messages to whole pairs, and the count of those that never became whole. No transport here."""
+"""From single messages to complete pairs, and a count of those that never became complete. No transport here."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from autoexpose_daemon.status.publishing import ConsumerTally
 from drivers.frames import Frame, Pixels, Side, StereoPair
 
 _KEPT_STAMPS = 64
-"""Triggers whose messages wait for the rest, about a second: images of the two cameras queue by themselves."""
+"""Triggers whose messages wait for the rest, about a second: the images of each camera queue separately."""
 
 _KEPT_BYTES = 256 << 20
-"""Of images that wait: more than a second of 720 x 540 takes by far, and three pairs of the largest there are."""
+"""Of images that wait: far more than a second of 720 x 540 takes, and three pairs of the largest images."""
 
 _LONGEST_GAP = 1_000_000
-"""Four hours at 60 Hz: what jumps by more is another count."""
+"""Four hours at 60 Hz: a larger jump means that another count has begun."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,18 +30,18 @@ class ReceivedPair:
     Attributes
     ----------
     left, right
-        The frames, each with exposure and gain it was taken with; `right` is None for a rig of one camera.
+        The frames, each with the exposure and gain it was taken with; `right` is None for a rig of one camera.
         Their host and arrival times are of the daemon's machine; the pixels are read-only.
     stamp_ns
         When the left frame was taken, CLOCK_REALTIME.
     trigger
-        The daemon's number of the trigger.
+        The daemon's number for the trigger.
     sequence
         Number of the pair among those that the daemon sent.
     decision
         What the daemon decided on this pair.
     received_ns
-        When the pair was whole here, CLOCK_MONOTONIC.
+        When the pair was complete here, CLOCK_MONOTONIC.
     """
 
     left: Frame
@@ -67,16 +67,16 @@ class _Parts:
     pixels: dict[Side, Pixels] = field(default_factory=dict)
 
     def whole(self) -> bool:
-        """Whether every camera's image and exposure are there."""
+        """Whether every camera's image and exposure have arrived."""
         info = self.infos.get("left")
         sides = SIDES[: info.cameras] if info is not None else ()
         return bool(sides) and all(side in self.infos and side in self.pixels for side in sides)
 
 
 class _Sequence:
-    """Counts gaps in the daemon's sequence into `tally.lost`.
+    """Counts gaps in the daemon's sequence in `tally.lost`.
 
-    The cameras' messages come on two ways, each in order: a lone frame may overtake the end of a pair before it.
+    The cameras' messages come by two routes, each in order: a lone frame may overtake the end of an earlier pair.
     """
 
     def __init__(self, tally: ConsumerTally) -> None:
@@ -85,20 +85,20 @@ class _Sequence:
         self._alone: list[int] = []  # later than `_last`, in order
 
     def pair(self, sequence: int) -> None:
-        """Note a whole pair; pairs come in order."""
-        self._begin_anew_if_before(sequence)
+        """Note a complete pair; pairs come in order."""
+        self._restart_if_before(sequence)
         while self._alone and self._alone[0] < sequence:
             self._advance(self._alone.pop(0))
         self._advance(sequence)
 
     def alone(self, sequence: int) -> None:
         """Note a lone frame."""
-        self._begin_anew_if_before(sequence)
+        self._restart_if_before(sequence)
         bisect.insort(self._alone, sequence)
         if len(self._alone) > _KEPT_STAMPS:
             self._advance(self._alone.pop(0))
 
-    def _begin_anew_if_before(self, sequence: int) -> None:
+    def _restart_if_before(self, sequence: int) -> None:
         """A new daemon counts from 0."""
         if self._last is not None and sequence <= self._last:
             self._last = None
@@ -117,7 +117,7 @@ def _gap(last: int, number: int) -> int:
 
 
 class PairAssembler:
-    """Puts messages together by their stamp, and counts pairs that never come whole into `tally.lost`."""
+    """Joins messages by their stamp, and counts pairs that never become complete in `tally.lost`."""
 
     def __init__(self, tally: ConsumerTally) -> None:
         self._tally = tally
@@ -170,9 +170,9 @@ class PairAssembler:
 
 
 class PairQueue:
-    """Whole pairs on their way to the consumer: a few of the newest, older ones make place and are counted.
+    """Complete pairs on their way to the consumer: a few of the newest; older ones are dropped and counted.
 
-    Gaps in the left camera's frame id between pairs handed out are counted into `tally.missed`.
+    Gaps in the left camera's frame id between pairs handed out are counted in `tally.missed`.
     """
 
     def __init__(self, tally: ConsumerTally, length: int) -> None:
@@ -192,7 +192,7 @@ class PairQueue:
         self._pairs.append(pair)
 
     def take(self) -> ReceivedPair:
-        """The oldest pair that is there; raises IndexError when there is none."""
+        """The oldest pair; raises IndexError if there is none."""
         pair = self._pairs.popleft()
         frame_id = pair.left.frame_id
         if self._frame_id is not None and frame_id > self._frame_id:  # else the camera was opened again

@@ -39,15 +39,15 @@ log = logging.getLogger(__name__)
 _REPORT_S = 1.0
 _QUEUE_PAIRS = 8
 _RING_MESSAGES = 96
-"""Of 16 pairs; zenoh drops the oldest when this process has no time to look at them."""
+"""Of 16 pairs; zenoh drops the oldest when this process has no time for them."""
 
 _Take = Callable[[Side, bytes, int], ReceivedPair | None]
 
 
 class StereoClient:
-    """Iterates over a rig's stereo pairs, for ever; waits for a daemon that is not there yet, or not there any more.
+    """Iterates over a rig's stereo pairs without end; waits for a daemon that is not running yet, or no longer.
 
-    Once a second it reports its count of losses to the daemon. A consumer slower than the cameras gets the newest
+    Once a second it reports its losses to the daemon. A consumer slower than the cameras gets the newest
     pairs; it delays nobody.
 
     Parameters
@@ -64,7 +64,7 @@ class StereoClient:
     Raises
     ------
     ConfigurationError
-        When a name cannot be one.
+        When `rig` or `name` is not a valid name.
     """
 
     def __init__(
@@ -76,7 +76,7 @@ class StereoClient:
     ) -> None:
         check_rig_name(rig)
         if name is not None and not CONSUMER_NAME.fullmatch(name):
-            raise ConfigurationError(f"{name} is no name for a consumer: up to 64 letters, digits, and any of _ . -")
+            raise ConfigurationError(f"{name} is not a valid consumer name: up to 64 letters, digits, and any of _ . -")
         self._rig = rig
         self._name = name or f"{re.sub('[^A-Za-z0-9_]', '_', Path(sys.argv[0]).stem)[:40]}-{os.getpid()}"
         self._tally = ConsumerTally()
@@ -99,7 +99,7 @@ class StereoClient:
             yield pair
 
     def next_pair(self, timeout_s: float | None = None) -> ReceivedPair | None:
-        """The next pair; None when the client is closed, or none came within `timeout_s`."""
+        """The next pair; None if the client is closed, or none comes within `timeout_s`."""
         self._open()
         with self._news:
             self._news.wait_for(lambda: len(self._queue) or self._holder.closed.is_set(), timeout_s)
@@ -124,7 +124,7 @@ class StereoClient:
     def _open(self) -> None:
         """Begin to connect, once."""
         if self._close_session is None:
-            # At the latest when the interpreter ends, which a thread inside zenoh would not survive.
+            # Closed at the latest when the interpreter ends, which a thread inside zenoh would not survive.
             self._close_session = weakref.finalize(self, self._holder.close)
             self._holder.start()
 
@@ -151,7 +151,7 @@ class StereoClient:
             try:
                 pair = take(side, data, time.monotonic_ns())
             except DamagedMessageError:
-                return  # its pair never becomes whole, and is counted as lost
+                return  # its pair never becomes complete, and is counted as lost
             if pair is not None:
                 self._queue.put(pair)
                 self._news.notify()

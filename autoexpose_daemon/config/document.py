@@ -1,16 +1,15 @@
-"""The daemon's configuration: YAML on disk, checked before anything is opened."""
+"""The daemon's configuration: its sections and keys, checked before anything is opened."""
 
 from __future__ import annotations
 
-import difflib
 from dataclasses import fields
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, BeforeValidator, ValidationError, model_validator
-from pydantic_core import ErrorDetails
+from pydantic import BeforeValidator, model_validator
 
+from autoexpose_daemon.config.motion import MotionConfig
 from autoexpose_daemon.config.publish import PublishConfig
 from autoexpose_daemon.config.roi import RoiConfig
 from autoexpose_daemon.config.section import (
@@ -33,8 +32,6 @@ from autoexpose_daemon.control.parameters import BalanceId, ControlParameters, M
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, check_policy_id
 from calibration.response import ResponseFunction
 from calibration.response.file import ResponseFile
-from drivers.config.readable import readable
-from drivers.config.strict_yaml import load_mapping
 from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Side
@@ -58,7 +55,7 @@ class CameraConfig(Section):
 
 
 class CamerasConfig(Section):
-    """The cameras of the rig; a rig of one camera has only `left`."""
+    """The cameras of the rig; a rig with one camera has only `left`."""
 
     left: CameraConfig
     right: CameraConfig | None = None
@@ -70,13 +67,13 @@ class CamerasConfig(Section):
         if self.right.serial == self.left.serial:
             raise ValueError(f"left and right are the same camera, {self.left.serial}")
         raise ValueError(
-            f"left and right are the same but for case, {self.left.serial} and {self.right.serial}: give each serial "
+            f"left and right differ only in case, {self.left.serial} and {self.right.serial}: give each serial "
             "as `autoexpose list` shows it"
         )
 
 
 class TriggerConfig(Section):
-    """How frames are started: by pulses on an input line, by the left camera for both, or by a camera for itself."""
+    """What starts a frame: pulses on an input line, the left camera for both, or a single camera's own clock."""
 
     mode: Literal["external", "primary", "free_run"] = "external"
     line: Name = "Line0"
@@ -139,7 +136,7 @@ class ControlConfig(Section):
 
 
 class ResponseConfig(Section):
-    """What the daemon makes of response functions that do not hold any more.
+    """What the daemon does about response functions that no longer hold.
 
     `refine` keeps an updated copy beside each response file; the file itself is never written.
     """
@@ -173,22 +170,21 @@ class Config(Section):
     response: ResponseConfig = ResponseConfig()
     transport: TransportConfig = TransportConfig()
     image: ImageConfig = ImageConfig()
+    motion: MotionConfig = MotionConfig()
     publish: PublishConfig | None = None
 
     @model_validator(mode="after")
     def _wiring_fits_the_rig(self) -> Self:
         if self.trigger.mode == "free_run" and self.cameras.right is not None:
-            raise ValueError("trigger.mode free_run takes one camera: two that run freely never see the same instant")
+            raise ValueError("trigger.mode free_run is for one camera: two that run freely never see the same instant")
         if self.trigger.mode == "primary" and self.cameras.right is None:
-            raise ValueError(
-                "trigger.mode primary takes two cameras: for a single one that runs freely choose free_run"
-            )
+            raise ValueError("trigger.mode primary needs two cameras: for a single one choose free_run")
         return self
 
     @model_validator(mode="after")
     def _regions_have_cameras(self) -> Self:
         if self.control.roi.right is not None and self.cameras.right is None:
-            raise ValueError("control.roi.right is given, but there is no cameras.right: remove it")
+            raise ValueError("control.roi.right is given, but cameras.right is not: remove it")
         return self
 
     @model_validator(mode="after")
@@ -200,12 +196,21 @@ class Config(Section):
         return self
 
     @model_validator(mode="after")
+    def _an_imu_has_a_focal_length(self) -> Self:
+        imu, focal_length_px = self.motion.imu, self.control.focal_length_px
+        if imu is not None and focal_length_px is None:
+            raise ValueError("motion.imu needs control.focal_length_px: give the left camera's focal length in pixels")
+        if focal_length_px is not None and imu is None:
+            raise ValueError("control.focal_length_px has no effect without motion.imu: give motion.imu, or remove it")
+        return self
+
+    @model_validator(mode="after")
     def _exposure_fits(self) -> Self:
         period_us = 1e6 / self.trigger.rate_hz
         if self.exposure.max_time_us >= period_us:
             raise ValueError(
-                f"exposure.max_time_us {self.exposure.max_time_us:g} us does not fit into the period of "
-                f"{period_us:.0f} us that trigger.rate_hz {self.trigger.rate_hz:g} leaves"
+                f"exposure.max_time_us {self.exposure.max_time_us:g} us does not fit into the "
+                f"{period_us:.0f} us between triggers at trigger.rate_hz {self.trigger.rate_hz:g}"
             )
         if not self.exposure.limits().contain(self.start):
             raise ValueError(f"control.start {self.start} is outside the bounds of exposure")
@@ -213,7 +218,7 @@ class Config(Section):
 
     @property
     def sides(self) -> dict[Side, CameraConfig]:
-        """The cameras there are, left first."""
+        """The configured cameras, left first."""
         cameras: dict[Side, CameraConfig] = {"left": self.cameras.left}
         if self.cameras.right is not None:
             cameras["right"] = self.cameras.right
@@ -235,7 +240,7 @@ class Config(Section):
 
     @cached_property
     def responses(self) -> dict[Side, ResponseFile]:
-        """The response file of each camera, read once: linear where none is configured.
+        """The response file of each camera, read once: linear if none is configured.
 
         Raises
         ------
@@ -252,67 +257,3 @@ class Config(Section):
                 raise ConfigurationError(f"cameras.{side}.response: {error}") from error
             files[side] = file
         return files
-
-
-def load_config(path: Path) -> Config:
-    """Read and check a configuration file, with the response and mask files it names.
-
-    Raises
-    ------
-    ConfigurationError
-        One sentence for each thing that is wrong, with file and key.
-    """
-    content = load_mapping(path, "begin with `cameras:`; see docs/configuration.md")
-    try:
-        config = Config.model_validate(content)
-    except ValidationError as error:
-        raise ConfigurationError("\n".join(_sentence(path, each) for each in error.errors())) from error
-    try:
-        config = _with_absolute_paths(config, path.resolve().parent)
-        _ = config.responses, config.control.roi.regions  # read here, so that what is wrong with them is said here
-    except ConfigurationError as error:
-        raise ConfigurationError(f"{path}: {error}") from error
-    return config
-
-
-def _with_absolute_paths(config: Config, folder: Path) -> Config:
-    """Files are named relative to the configuration file, wherever the daemon is started."""
-    cameras: dict[str, CameraConfig] = {
-        side: camera.model_copy(update={"response": camera.response and folder / camera.response})
-        for side, camera in config.sides.items()
-    }
-    control = config.control.model_copy(update={"roi": config.control.roi.relative_to(folder)})
-    publish = config.publish and config.publish.relative_to(folder)
-    return config.model_copy(
-        update={"cameras": config.cameras.model_copy(update=cameras), "control": control, "publish": publish},
-    )
-
-
-def _sentence(path: Path, error: ErrorDetails) -> str:
-    """What is wrong, on one line whatever stands in the file."""
-    return readable(f"{path}: {_complaint(error)}")
-
-
-def _complaint(error: ErrorDetails) -> str:
-    key = ".".join(str(part) for part in error["loc"])
-    if error["type"] == "extra_forbidden":
-        *parents, last = [str(part) for part in error["loc"]]
-        near = difflib.get_close_matches(last, _keys_of(parents), n=1)
-        hint = f"did you mean {'.'.join([*parents, near[0]])}?" if near else f"known: {', '.join(_keys_of(parents))}"
-        return f"{key}: unknown key; {hint}"
-    if error["type"] == "missing":
-        return f"{key}: is missing"
-    message = error["msg"].removeprefix("Value error, ")
-    return f"{key + ': ' if key else ''}{message[0].lower()}{message[1:]}"
-
-
-def _keys_of(parents: list[str]) -> list[str]:
-    """The keys known below a path of keys, read off the models themselves."""
-    model: type[BaseModel] = Config
-    for parent in parents:
-        if parent.isdecimal():  # a place in a list
-            continue
-        annotation: Any = model.model_fields[parent].annotation
-        candidates = [annotation, *getattr(annotation, "__args__", ())]
-        model = next(c for c in candidates if isinstance(c, type) and issubclass(c, BaseModel))
-    return list(model.model_fields)

@@ -20,7 +20,7 @@ from drivers.frames import Side
 
 MOST_RECTANGLES = 256
 MOST_MASK_BYTES = 1 << 26
-"""More than the PNG file of any sensor's mask has, which is mostly black and white."""
+"""More than the PNG file of any sensor's mask needs, being mostly black and white."""
 
 
 class RectangleConfig(Section):
@@ -31,7 +31,7 @@ class RectangleConfig(Section):
 
 
 class RegionConfig(Section):
-    """What counts in the picture of one camera: rectangles, the rest, and a mask file."""
+    """What counts in the picture of one camera: rectangles, everything else, and a mask file."""
 
     rectangles: Annotated[tuple[RectangleConfig, ...], Field(max_length=MOST_RECTANGLES)] = ()
     background_weight: Weight = 0.0
@@ -79,7 +79,7 @@ def _region(side: Side, config: RegionConfig) -> Region:
         return region
     mask = _read_mask(f"{key}.mask", config.mask)
     region = Region(f"{key} ({config.mask})", rectangles, config.background_weight, mask)
-    region.weights(mask.shape)  # that the mask has the size of the frames, the frames alone can tell
+    region.weights(mask.shape)  # whether the mask has the size of the frames, only the frames show
     return region
 
 
@@ -90,12 +90,12 @@ def _read_mask(key: str, path: Path) -> NDArray[np.uint8]:
     except OSError as error:
         raise ConfigurationError(f"{key}: {path}: cannot be read: {error.strerror}") from error
     except ValueError as error:  # a NUL in its name
-        raise ConfigurationError(f"{key}: {str(path)!r}: is no name of a file: {error}") from error
+        raise ConfigurationError(f"{key}: {str(path)!r}: is not a valid file name: {error}") from error
     mask = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED) if is_whole_png(content) else None
     if mask is None:
         raise ConfigurationError(f"{key}: {path}: is not a PNG picture: save the mask as one")
     if mask.ndim != 2 or mask.dtype != np.uint8:
         raise ConfigurationError(f"{key}: {path}: is not 8-bit grey without alpha: convert it")
     if not mask.any():
-        raise ConfigurationError(f"{key}: {path}: is black all over, so nothing would count: draw what counts in white")
+        raise ConfigurationError(f"{key}: {path}: is entirely black, so nothing would count: draw what counts in white")
     return mask.astype(np.uint8, copy=False)

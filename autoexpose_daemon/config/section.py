@@ -1,4 +1,4 @@
-"""What all sections of the configuration have in common: known keys, numbers within bounds, names that can be read."""
+"""What all sections of the configuration have in common: known keys, numbers within bounds, printable names."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ LONGEST_NAME = 64
 
 
 def _refuse_boolean(value: object) -> object:
-    if isinstance(value, bool):  # YAML takes yes, no, on and off for truth values, which Python takes for 1 and 0
-        raise ValueError(f"{str(value).lower()} is no number")
+    if isinstance(value, bool):  # YAML reads yes, no, on and off as booleans, which Python takes for 1 and 0
+        raise ValueError(f"{str(value).lower()} is not a number")
     return value
 
 
 def check_name(name: str) -> str:
-    """The name of something of a camera; raises ValueError for what would not be seen, or would act on a terminal."""
+    """A name that belongs to a camera; raises ValueError for one that is invisible, or would act on a terminal."""
     if not 0 < len(name) <= LONGEST_NAME or name != name.strip() or not name.isprintable():
         raise ValueError(
-            f"{name!a} is no name: give 1 to {LONGEST_NAME} characters that can be seen, without blanks around them"
+            f"{name!a} is not a valid name: give 1 to {LONGEST_NAME} printable characters without blanks around them"
         )
     return name
 
@@ -48,6 +48,6 @@ Name = Annotated[str, AfterValidator(check_name)]
 
 
 class Section(BaseModel):
-    """Unknown keys are errors: a misspelt limit must not silently be no limit."""
+    """Unknown keys are errors: a misspelt limit must not silently mean no limit."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,7 +15,7 @@ from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.image import ImagePreparation
 from autoexpose_daemon.control.metrics.gradient import ExtremeShares, GradientMetric, mean_signal
 from autoexpose_daemon.control.motion import DisMotion, FarnebackMotion, FlowMotion
-from autoexpose_daemon.control.parameters import ControlParameters
+from autoexpose_daemon.control.parameters import FASTEST_TURN_RAD_S, ControlParameters
 from autoexpose_daemon.control.policies.table import build_policy
 from autoexpose_daemon.control.policy import Look, Observation, PastStep, PolicySetup
 from autoexpose_daemon.control.region import Region
@@ -78,6 +77,11 @@ class ControlLoop:
     regions
         What counts in the picture of a camera; all of it where there is none.
 
+    Attributes
+    ----------
+    angular_rate_rad_s
+        What the latest step was given.
+
     Raises
     ------
     ConfigurationError
@@ -101,6 +105,7 @@ class ControlLoop:
     ) -> None:
         of_sides = dict.fromkeys(SIDES, responses) if isinstance(responses, ResponseFunction) else dict(responses)
         self.setup = ControlSetup(policy_id, of_sides, limits, start, parameters, dict(regions or {}))
+        self.angular_rate_rad_s: float | None = None
         self._limits = limits
         self._focal_length_px = parameters.focal_length_px
         self._metric = GradientMetric(parameters.metric_delta, parameters.metric_lambda)
@@ -148,9 +153,10 @@ class ControlLoop:
         Raises
         ------
         ConfigurationError
-            For a frame that is too small, a region that does not fit the frames, or an angular rate without a focal
-            length.
+            For a frame that is too small, a region that does not fit the frames, or an angular rate beyond
+            `FASTEST_TURN_RAD_S` or without a focal length.
         """
+        self.angular_rate_rad_s = angular_rate_rad_s
         observation = self._observe(pair, angular_rate_rad_s)
         target = self._policy.decide(observation)
         level = self._limits.clamp_level(target.level)
@@ -186,6 +192,7 @@ class ControlLoop:
             limits=self._limits,
             past=self._past,
             realised=self._decision_realised_by(frame.setting),
+            by_flow=angular_rate_rad_s is None,
         )
 
     def _speed_px(self, side: Side, image: NDArray[np.uint8], frame: Frame, angular_rate_rad_s: float | None) -> float:
@@ -194,15 +201,25 @@ class ControlLoop:
             return self._flow_px(side, image, frame)
         if self._focal_length_px is None:
             raise ConfigurationError("an angular rate needs control.focal_length_px: give the focal length in pixels")
-        if not math.isfinite(angular_rate_rad_s):
-            raise ConfigurationError(f"the angular rate is {angular_rate_rad_s}: give a finite number of rad/s")
-        return abs(angular_rate_rad_s) * self._focal_length_px / REFERENCE_RATE_HZ
+        if not abs(angular_rate_rad_s) <= FASTEST_TURN_RAD_S:
+            raise ConfigurationError(
+                f"the angular rate is {angular_rate_rad_s} rad/s: give at most {FASTEST_TURN_RAD_S:g} rad/s"
+            )
+        for motion in self._motions.values():
+            motion.forget()
+        self._motion_side = None
+        self._motion_px = abs(angular_rate_rad_s) * self._focal_length_px / REFERENCE_RATE_HZ
+        return self._motion_px
 
     def _flow_px(self, side: Side, image: NDArray[np.uint8], frame: Frame) -> float:
-        """The speed by optical flow; where another camera takes over, which has no recent frame, that of the last."""
+        """The speed by optical flow; the last one where flow takes over from another camera or from angular rates.
+
+        Flow then has no recent frame. It is not measured across frames that had an angular rate either: it saturates
+        where they are far apart.
+        """
         speed_px = self._motions[side].measure(image, frame.pixels.shape[1], frame.setting.level, frame.device_time_ns)
         if speed_px is None:
-            speed_px = self._motion_px if self._motion_side not in {None, side} else 0.0
+            speed_px = 0.0 if self._motion_side == side else self._motion_px
         self._motion_side, self._motion_px = side, speed_px
         return speed_px
 

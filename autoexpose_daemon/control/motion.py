@@ -86,6 +86,10 @@ class FlowMotion(ABC):
         self._previous_level, self._previous_time_ns = level, device_time_ns
         return speed
 
+    def forget(self) -> None:
+        """Have the next frame be one without a predecessor."""
+        self._previous_time_ns = None
+
     def _shrink(self, image: NDArray[np.uint8]) -> None:
         """Halve by area, then interpolate: close to an area average at a ratio like 3.97, for a sixth of its price."""
         width, height = self._current.shape[1], self._current.shape[0]

@@ -11,6 +11,9 @@ from drivers.errors import ConfigurationError
 BalanceId = Literal["policy", "blur_noise", "exposure_priority", "fixed_ratio", "flicker"]
 MotionId = Literal["policy", "farneback", "dis"]
 
+FASTEST_TURN_RAD_S = 100.0
+"""Beyond it an angular rate is not believed: the fastest gyroscopes measure up to 4000 degrees a second, 70 rad/s."""
+
 _RANGES = {
     "metric_delta": bounds.METRIC_DELTA,
     "metric_lambda": bounds.METRIC_LAMBDA,
@@ -46,7 +49,7 @@ class ControlParameters:
         How optical flow is computed; `policy`: Farneback's for the policies of Begin & Hunter, as in the paper, and DIS
         for all others.
     focal_length_px
-        Of the left camera, in pixels of its frames; only for an angular rate given from outside. None: not known.
+        Of the left camera, in pixels of its frames; needed for steps that are given an angular rate. None: not known.
 
     Raises
     ------

@@ -92,6 +92,8 @@ class Observation:
         The latest decisions, oldest first, one for each frame.
     realised
         That of them which this frame was taken with; None when none fits its setting.
+    by_flow
+        Whether `motion_px` is by optical flow, which may mistake a change of light for motion, not a gyroscope's.
     """
 
     looks: Sequence[Look]
@@ -105,6 +107,7 @@ class Observation:
     limits: ExposureLimits
     past: Sequence[PastStep] = ()
     realised: PastStep | None = None
+    by_flow: bool = True
 
     @property
     def side(self) -> Side:

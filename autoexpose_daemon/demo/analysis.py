@@ -1,4 +1,4 @@
-"""The figures of a demo: the daemon's own account held against what the fakes' trigger wire saw."""
+"""Analysis of a demo run: the daemon's account compared with the pulses on the fakes' trigger wire."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from autoexpose_daemon.demo.step_log import StepRecord
 from drivers.exposure import ExposureSetting
 from drivers.triggers.account import Tally
 
-_STEP_STOPS = 0.5  # light that changes by this much between two pulses is a step, not a ramp or flicker's beat
+_STEP_STOPS = 0.5  # a change of light by this much between two pulses is a step, not a ramp or beating flicker
 _SETTLED_STOPS = 0.25
 _SETTLED_FRAMES = 10
 _REFERENCE_FRAMES = 20
@@ -40,7 +40,7 @@ class LightStep:
     mostly: str
 
     def in_words(self, rate_hz: float) -> str:
-        """How the exposure took it. Steady and settled differ where the view moves on meanwhile."""
+        """How the exposure followed, in words. Steady and settled differ if the view changes meanwhile."""
         steady, settled = self.frames_to_steady, self.frames_to_settle
         if steady is None and settled is None:
             return f"not steady before the next step (mostly: {self.mostly})"
@@ -54,7 +54,7 @@ class LightStep:
 
 @dataclass(frozen=True, slots=True)
 class LightSetting:
-    """A level of the light, and the medians of the settings that the frames under it were taken with."""
+    """A level of the light, and the median settings of the frames taken under it."""
 
     lux: float
     exposure_time_us: float
@@ -62,14 +62,14 @@ class LightSetting:
 
 
 def pulses_in_window(pulses: Sequence[Pulse], tally: Tally) -> list[Pulse]:
-    """The pulses on the wire during the window that the daemon accounts for."""
+    """The pulses within the window that the daemon accounts for."""
     if tally.window_start_ns is None or tally.window_end_ns is None:
         return []
     return [pulse for pulse in pulses if tally.window_start_ns <= pulse.host_time_ns < tally.window_end_ns]
 
 
 def lost_pulses(pulses: Sequence[Pulse], pairs_ns: Sequence[int]) -> list[int]:
-    """Times of the pulses, from the first pair to the last, that made no pair."""
+    """Times of the pulses between the first and the last pair that made no pair."""
     if len(pulses) < 2 or not pairs_ns:
         return []
     half_ns = (pulses[1].host_time_ns - pulses[0].host_time_ns) // 2
@@ -84,7 +84,7 @@ def lost_pulses(pulses: Sequence[Pulse], pairs_ns: Sequence[int]) -> list[int]:
 
 
 def light_steps(pulses: Sequence[Pulse], records: Sequence[StepRecord]) -> list[LightStep]:
-    """Every step of the light that enough frames followed to judge it."""
+    """Every step of the light that is followed by enough frames to judge it."""
     changes = [
         (before, after)
         for before, after in pairwise(pulses)
@@ -93,7 +93,7 @@ def light_steps(pulses: Sequence[Pulse], records: Sequence[StepRecord]) -> list[
     ends_ns = [before.host_time_ns for before, _ in changes[1:]] + [pulses[-1].host_time_ns + 1] if changes else []
     steps = []
     for (before, after), end_ns in zip(changes, ends_ns, strict=True):
-        # the light changed between the two pulses: the later one's frame was exposed wholly after it
+        # the light changed between the two pulses: the later frame was exposed entirely after it
         between_ns = (before.host_time_ns + after.host_time_ns) // 2
         following = [record for record in records if between_ns < record.host_time_ns <= end_ns]
         if len(following) >= _REFERENCE_FRAMES + _SETTLED_FRAMES:
@@ -105,7 +105,7 @@ def light_steps(pulses: Sequence[Pulse], records: Sequence[StepRecord]) -> list[
 
 
 def light_settings(pulses: Sequence[Pulse], records: Sequence[StepRecord]) -> list[LightSetting]:
-    """The settings under each level that the light stays at, in the order of the light; not those on its ramps."""
+    """The settings under each constant level of the light, in order; ramps are left out."""
     times_ns = [pulse.host_time_ns for pulse in pulses]
     taken: dict[float, list[ExposureSetting]] = {pulse.lux: [] for pulse in pulses}
     for record in records:

@@ -1,4 +1,4 @@
-"""Two fake cameras as processes; all that is known of them beyond the wire is what they print and write to files."""
+"""Two fake cameras as processes; apart from the wire, only what they print and write to files is used."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 SERIALS: dict[Side, str] = {"left": "FAKE-LEFT", "right": "FAKE-RIGHT"}
 _ADDRESSES: dict[Side, str] = {"left": "127.0.0.2", "right": "127.0.0.3"}
-_NICENESS = "10"  # sensors of real cameras take no time of the daemon's
+_NICENESS = "10"  # real cameras do not take the daemon's CPU time
 _READY_S = 180.0  # the first start compiles the renderer
 _LONGEST_PULSE_BYTES = 200
 
@@ -40,7 +40,7 @@ class Pulse:
 
 
 def check_simulator() -> None:
-    """Raise a ConfigurationError where what the fake cameras need is not installed."""
+    """Raise a ConfigurationError if the packages for the fake cameras are not installed."""
     if importlib.util.find_spec("numba") is None:
         raise ConfigurationError("the fake cameras need the extra `sim`: pip install 'autoexpose-daemon[sim]'")
 
@@ -64,7 +64,7 @@ class FakeCamera:
         self.cpu_s = 0.0
         self._side = side
         self._complaints = folder / f"{side}.stderr"
-        # setpriv: should this process be killed, its cameras must not stay behind and hold their addresses
+        # setpriv: if this process is killed, its cameras must not survive and hold their addresses
         command = ["setpriv", "--pdeathsig", "TERM", sys.executable, "-m", "fake_camera"]
         command += ["--serial", SERIALS[side], "--side", side, "--nice", _NICENESS, "--truth", str(self.truth)]
         command += arguments
@@ -76,7 +76,7 @@ class FakeCamera:
                 stderr=complaints,
                 text=True,
                 env=without_fake_bus(),
-                process_group=0,  # Ctrl-C is for the demo, which ends them when the daemon has stopped
+                process_group=0,  # Ctrl-C is for the demo, which ends the cameras after the daemon
             )
         self._lines: deque[str] = deque()
         self._news = threading.Condition()
@@ -89,26 +89,26 @@ class FakeCamera:
             return self._news.wait_for(lambda: bool(self._lines), timeout_s)
 
     def line(self, stop: threading.Event) -> str:
-        """Its next line; raises AutoexposeError when it ends instead, in its own words, or when `stop` is set."""
+        """Its next line; raises AutoexposeError with its last message if it has ended, or if `stop` is set."""
         deadline_s = time.monotonic() + _READY_S
         while not self.has_spoken(0.1):
             if stop.is_set() or time.monotonic() > deadline_s:
                 raise AutoexposeError(f"stopped before the {self._side} fake camera was ready")
         line = self._lines.popleft()
         if not line:
-            said = self._complaints.read_text(errors="replace").strip().splitlines() or ["it said nothing"]
+            said = self._complaints.read_text(errors="replace").strip().splitlines() or ["it printed nothing"]
             raise AutoexposeError(f"the {self._side} fake camera did not start: {said[-1]}")
         return line
 
     def say(self, line: str) -> None:
-        """Answer it."""
+        """Send it a line."""
         assert self._process.stdin is not None
-        with contextlib.suppress(BrokenPipeError):  # it has ended, and its next line says why
+        with contextlib.suppress(BrokenPipeError):  # it has ended; its next line says why
             self._process.stdin.write(line + "\n")
             self._process.stdin.flush()
 
     def end(self) -> None:
-        """End it, should it run, and read its last line."""
+        """End it if it runs, and read its last line."""
         self._process.terminate()
         assert self._process.stdin is not None
         with contextlib.suppress(BrokenPipeError):
@@ -135,23 +135,23 @@ class FakeCamera:
 
 @dataclass(frozen=True, slots=True)
 class FakeCameras:
-    """The two of them, left first."""
+    """Both cameras, left first."""
 
     both: tuple[FakeCamera, ...]
     stop: threading.Event
 
     @property
     def truths(self) -> list[Path]:
-        """The files in which they write down the light."""
+        """The files in which they log the light."""
         return [camera.truth for camera in self.both]
 
     def wait_until_found(self) -> None:
-        """Until a search finds them; they do not send frames yet."""
+        """Wait until a search finds them; they do not send frames yet."""
         for camera in self.both:
             camera.line(self.stop)
 
     def are_timed(self, timeout_s: float) -> bool:
-        """Wait a while until both know how long a frame takes, or have ended."""
+        """Wait some time until both know how long a frame takes, or have ended."""
         deadline_s = time.monotonic() + timeout_s
         return all(camera.has_spoken(deadline_s - time.monotonic()) for camera in self.both)
 
@@ -160,7 +160,7 @@ class FakeCameras:
         return max(float(_document(camera.line(self.stop))["frame_s"]) for camera in self.both)
 
     def run_at(self, rate_hz: float) -> None:
-        """Have both follow a trigger wire of that rate; returns when they are ready."""
+        """Have both follow a trigger wire of this rate; returns when they are ready."""
         for camera in self.both:
             camera.say(f"{rate_hz}")
         for camera in self.both:
@@ -195,7 +195,7 @@ def _place(side: Side, sockets: Mapping[Side, Path]) -> list[str]:
 
 
 def _document(line: str) -> dict[str, Any]:
-    """A line of JSON from a fake; nothing for what is none."""
+    """A line of JSON from a fake; empty if it is not JSON."""
     try:
         document = json.loads(line)
     except ValueError:
@@ -204,7 +204,7 @@ def _document(line: str) -> dict[str, Any]:
 
 
 def read_pulses(truths: Sequence[Path]) -> list[Pulse]:
-    """All pulses that any of the fakes saw on the wire, in order; raises AutoexposeError for what is no pulse."""
+    """All pulses that any of the fakes saw on the wire, in order; raises AutoexposeError for a malformed line."""
     pulses: dict[int, Pulse] = {}
     for truth in truths:
         for number, line in enumerate(truth.read_bytes().splitlines(), 1):
@@ -212,13 +212,13 @@ def read_pulses(truths: Sequence[Path]) -> list[Pulse]:
                 seen = json.loads(line)
                 pulse = Pulse(int(seen["trigger"]), int(seen["host_time_ns"]), float(seen["lux"]))
             except (ValueError, TypeError, LookupError, OverflowError, RecursionError) as error:
-                raise AutoexposeError(f"{truth}: line {number} is no pulse of the wire ({error})") from error
+                raise AutoexposeError(f"{truth}: line {number} is not a pulse of the wire ({error})") from error
             pulses[pulse.trigger] = pulse
     return [pulses[trigger] for trigger in sorted(pulses)]
 
 
 def newest_lux(truth: Path) -> float | None:
-    """The light at the newest pulse that a fake has written down; None before the first."""
+    """The light at the newest pulse that a fake has logged; None before the first."""
     with truth.open("rb") as file:
         file.seek(max(truth.stat().st_size - 2 * _LONGEST_PULSE_BYTES, 0))
         lines = file.read().split(b"\n")

@@ -1,4 +1,4 @@
-"""What the demo is asked for on the command line."""
+"""The demo's options on the command line."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class DemoOptions:
     Raises
     ------
     ConfigurationError
-        For a number out of its bounds, and for a file that is none or cannot be written.
+        For a number out of bounds, and for a file that cannot be read or written.
     """
 
     seconds: float
@@ -63,14 +63,14 @@ def _check_within(option: str, number: float, bounds: tuple[float, float], unit:
 
 
 def _check_readable(option: str, file: Path, instead: str) -> None:
-    """A file to read from: no folder, no pipe or device, which could keep a camera waiting for ever."""
+    """Check for a regular file: a pipe or device could keep a camera waiting forever."""
     if not file.is_file():
-        raise ConfigurationError(f"{option} {file} is no file: {instead}")
+        raise ConfigurationError(f"{option} {file} is not a file: {instead}")
     if not os.access(file, os.R_OK):
-        raise ConfigurationError(f"{option} {file} may not be read by this user")
+        raise ConfigurationError(f"{option} {file} is not readable by this user")
 
 
 def _check_writable(file: Path | None) -> None:
-    """Before the run, not after it."""
+    """Check that a file can be written, before the run and not after it."""
     if file is not None and (file.is_dir() or not os.access(file.absolute().parent, os.W_OK)):
-        raise ConfigurationError(f"{file}: cannot be written; name a file in a folder that is there")
+        raise ConfigurationError(f"{file}: cannot be written; name a file in an existing folder")

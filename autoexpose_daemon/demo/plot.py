@@ -1,4 +1,4 @@
-"""The demo's picture: how the exposure followed the light, with frames as the left camera saw them."""
+"""The demo's picture: how the exposure followed the light, with frames of the left camera."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from autoexpose_daemon.demo.step_log import StepLog
 from autoexpose_daemon.demo.summary import Run
 
 _PICTURES = 8
-_FEW_STEPS = 6  # for so many there is room for a sentence each,
-_MANY_STEPS = 40  # for so many for a number each
+_FEW_STEPS = 6  # up to this many, there is room for a sentence each
+_MANY_STEPS = 40  # up to this many, for a number each
 _DARK = "#e9e9f1"
 _STYLE: dict[Any, Any] = {
     "font.size": 12,
@@ -70,7 +70,7 @@ def _noun(frames: int) -> str:
 
 
 def _light(axes: Axes, pulse_s: NDArray[np.float64], lux: NDArray[np.float64], steps: Sequence[LightStep]) -> None:
-    """The light, and at each of its steps how soon the exposure was good again, in as many words as there is room."""
+    """The light, and at each of its steps how soon the exposure was good again, as room permits."""
     axes.set_title("Light in the room")
     axes.semilogy(pulse_s, lux, color="darkgoldenrod", lw=2)
     axes.margins(y=0.15)
@@ -94,7 +94,7 @@ def _light(axes: Axes, pulse_s: NDArray[np.float64], lux: NDArray[np.float64], s
 
 
 def _exposure(curves: Sequence[Axes], step_log: StepLog, start_ns: int) -> None:
-    """Time, gain, both together, and what came of it."""
+    """Exposure time, gain, both together, and the resulting metric."""
     time, gain, level, worth = curves
     times_s = _seconds([step.host_time_ns for step in step_log.steps], start_ns)
     time.set_title("Exposure time: a longer one gathers more light, and blurs what moves")

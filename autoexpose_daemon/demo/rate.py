@@ -1,4 +1,4 @@
-"""Which rate the demo can show, so that the simulation does not lose frames on a slow machine."""
+"""The rate that the demo can run at, so that the simulation loses no frames on a slow machine."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ import os
 from pathlib import Path
 
 RATES_HZ = (60.0, 30.0, 20.0)
-"""The best of them that this machine can hold is shown."""
+"""The demo runs at the highest that this machine can sustain."""
 
-_USABLE_SHARE = 0.85  # of the cores: the rest is for the terminal and the system
-_SENDING_S = 0.001  # a fake camera's time for a frame beside making it: packets, its clock, its commands
+_USABLE_SHARE = 0.85  # of the cores; the rest is for the terminal and the system
+_SENDING_S = 0.001  # a fake camera's time per frame besides rendering: packets, clock, commands
 _DAEMON_S = 0.0085  # the daemon's time for a pair: half a core at 60 Hz, as measured on a slow machine
 _QUOTA = Path("/sys/fs/cgroup/cpu.max")
 
@@ -25,18 +25,18 @@ def cores(quota: Path = _QUOTA) -> float:
 
 
 def pairs_per_s(frame_s: float, cores: float) -> float:
-    """How many pairs a second two fake cameras that need `frame_s` for a frame can make beside the daemon."""
+    """Pairs per second that two fake cameras, which need `frame_s` per frame, can make beside the daemon."""
     camera_s = frame_s + _SENDING_S
     return _USABLE_SHARE * min(cores / (2 * camera_s + _DAEMON_S), 1 / camera_s)
 
 
 def held_rate_hz(possible_hz: float) -> float:
-    """The best rate that can be held, or the lowest when none can."""
+    """The highest rate that can be sustained, or the lowest of all."""
     return next((rate_hz for rate_hz in RATES_HZ if rate_hz <= possible_hz), RATES_HZ[-1])
 
 
 def shortfall(possible_hz: float, rate_hz: float, asked: bool) -> str | None:
-    """What to say before the first frame when the machine is too slow; None: it is not."""
+    """What to say before the first frame if the machine is too slow, else None."""
     renders = f"this machine renders {possible_hz:.0f} frames a second"
     if rate_hz > possible_hz:
         return f"{renders}: at {rate_hz:g} Hz the fake cameras will lose some"

@@ -1,4 +1,4 @@
-"""Starting the demo: its cameras first, since they take longest."""
+"""Starting the demo, with its cameras first because they take longest."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def run_demo(options: DemoOptions, stop: threading.Event, console: Console) -> N
 
 
 def _keep_room() -> list[str]:
-    """Where the cameras keep their painted room from one demo to the next, if this user has such a place."""
+    """Options to cache the painted room between demos, if this user has a cache directory."""
     try:
         cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     except RuntimeError:  # no home

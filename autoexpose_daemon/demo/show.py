@@ -1,4 +1,4 @@
-"""Two fake cameras, the daemon on them, and what came of it: the part of the demo that loads while they start."""
+"""The daemon on two fake cameras, and its results: the part of the demo that loads while they start."""
 
 from __future__ import annotations
 
@@ -36,11 +36,11 @@ if TYPE_CHECKING:
 _LONGEST_US = 7500.0
 _PICTURES = 80
 _REFERENCE_REPEATS = 60
-_SEARCH_HOLDS_S = 1.2  # less than the two seconds that the daemon goes by it: the cameras have to get ready yet
+_SEARCH_HOLDS_S = 1.2  # less than the daemon's two seconds: the cameras still have to get ready
 
 
 def show(options: DemoOptions, cameras: FakeCameras, stop: threading.Event, console: Console) -> Run:
-    """Run the daemon on cameras that are starting, and end them."""
+    """Run the daemon on cameras that are starting, then end them."""
     rate_hz = _start(cameras, options.rate_hz, console)
     config = _configuration(options, rate_hz)
     step_log = StepLog(options.seconds / _PICTURES)
@@ -62,7 +62,7 @@ def show(options: DemoOptions, cameras: FakeCameras, stop: threading.Event, cons
 
 
 def report(run: Run, console: Console) -> None:
-    """Say, write and draw what came of a run.
+    """Print, write and draw the results of a run.
 
     Raises
     ------
@@ -89,7 +89,7 @@ def report(run: Run, console: Console) -> None:
 
 
 def _start(cameras: FakeCameras, asked_hz: float | None, console: Console) -> float:
-    """Have the cameras run at the rate asked for, or else at one that this machine holds; returns it.
+    """Have the cameras run at the requested rate, or else at one that this machine sustains; returns it.
 
     They are searched for while they get ready, and the daemon goes by what was found: else the trigger wire would run
     for the second that a search takes.
@@ -97,7 +97,7 @@ def _start(cameras: FakeCameras, asked_hz: float | None, console: Console) -> fl
     cameras.wait_until_found()
     _search()
     if not cameras.are_timed(_SEARCH_HOLDS_S):
-        console.print("getting the simulation ready (the first start compiles it, for some 20 s) ...")
+        console.print("preparing the simulation (the first start compiles it, which takes about 20 s) ...")
         _search()
     while not (cameras.are_timed(_SEARCH_HOLDS_S) or cameras.stop.is_set()):
         _search()
@@ -111,7 +111,7 @@ def _start(cameras: FakeCameras, asked_hz: float | None, console: Console) -> fl
 
 
 def _search() -> None:
-    """Search for cameras; Ctrl-C waits for the end of it, for Aravis complains when its search is interrupted."""
+    """Search for cameras; Ctrl-C waits for the end, because Aravis complains if its search is interrupted."""
     signals = {signal.SIGINT, signal.SIGTERM}
     signal.pthread_sigmask(signal.SIG_BLOCK, signals)
     find_cameras()
@@ -141,7 +141,7 @@ def _recorder(options: DemoOptions, config: Config) -> Recorder | None:
 def _run_for(
     seconds: float, service: Service, stop: threading.Event, console: Console, truth: Path
 ) -> tuple[float, float]:
-    """Run the daemon for a time; returns how long it took, and this process' CPU time meanwhile (s)."""
+    """Run the daemon for some time; returns the elapsed time, and this process' CPU time in it (s)."""
 
     def title() -> str:
         lux = newest_lux(truth)

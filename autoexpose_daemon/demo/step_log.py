@@ -1,4 +1,4 @@
-"""What the demo keeps of each step: numbers of every frame, and a small picture now and then."""
+"""What the demo keeps of each control step: numbers of every frame, and a small picture now and then."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _PICTURE_WIDTH = 180
 
 @dataclass(frozen=True, slots=True)
 class StepRecord:
-    """One step of control: when the left frame was taken, how, what it was worth, and what was decided."""
+    """One control step: when and how the left frame was taken, its metric, and the decision."""
 
     trigger: int
     host_time_ns: int
@@ -49,7 +49,7 @@ class StepLog:
         self._picture_period_ns = picture_period_s * 1e9
 
     def __call__(self, pair: StereoPair, decision: Decision | None) -> None:
-        """Keep one step, if it is one."""
+        """Keep a step; a pair without a decision only counts as a pair."""
         frame = pair.reference
         if len(pair.frames) > 1:
             self.pairs_ns.append(frame.host_time_ns)

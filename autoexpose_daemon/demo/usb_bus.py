@@ -1,4 +1,4 @@
-"""The demo on USB3 Vision: this process, begun again with fake cameras on its USB bus."""
+"""The demo on USB3 Vision: this process, restarted with fake cameras on its USB bus."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ if TYPE_CHECKING:
 
 
 SOCKETS_VARIABLE = "FAKE_CAMERA_USB3"
-"""Where the fake cameras' shim reads which sockets stand for cameras."""
+"""The environment variable that names the fake cameras' sockets for the shim."""
 
 _SIDES: tuple[Side, ...] = ("left", "right")
 
 
 def cameras_on_bus() -> dict[Side, Path]:
-    """The sockets of the fake cameras on this process' USB bus; empty when it has its own bus."""
+    """The sockets of the fake cameras on this process' USB bus; empty on the machine's own bus."""
     sockets = os.environ.get(SOCKETS_VARIABLE)
     return dict(zip(_SIDES, map(Path, sockets.split(":")), strict=True)) if sockets else {}
 
@@ -36,5 +36,5 @@ def begin_again_on_fake_bus() -> None:
 
 
 def without_fake_bus() -> dict[str, str]:
-    """The environment of a process that is to have the machine's own USB bus."""
+    """The environment for a process on the machine's own USB bus."""
     return {name: value for name, value in os.environ.items() if name not in (SOCKETS_VARIABLE, "LD_PRELOAD")}

@@ -1,4 +1,4 @@
-"""The whole examination."""
+"""The doctor's examination of a host."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 import typer
 from rich.console import Console
 
-from autoexpose_daemon.config.document import load_config
+from autoexpose_daemon.config.load import load_config
 from autoexpose_daemon.doctor.facts import gather
 from autoexpose_daemon.doctor.judge import judge
 from autoexpose_daemon.doctor.need import Need
@@ -15,7 +15,7 @@ from autoexpose_daemon.doctor.output import as_json, show, stops
 
 
 def examine(config: Path | None, as_document: bool) -> bool:
-    """Look at the host, judge it for a configuration and print the findings; whether the daemon could run."""
+    """Examine the host for a configuration and print the findings; True if the daemon could run."""
     findings = judge(gather(), Need.of(None if config is None else load_config(config)))
     if as_document:
         typer.echo(as_json(findings))

@@ -17,8 +17,8 @@ from drivers.host.usb import UsbFacts, find_usb
 class GigeFacts:
     """GigE Vision cameras and what the host's network offers them.
 
-    `control` is known for reachable cameras; `failures` tells why an interface could not be searched, `no_filter` why
-    strangers' packets cannot be kept from a stream.
+    `control` is known for reachable cameras; `failures` says why an interface could not be searched, `no_filter` why
+    a stream cannot be protected from other senders' packets.
     """
 
     cameras: tuple[GigeCamera, ...] = ()
@@ -30,20 +30,20 @@ class GigeFacts:
 
 @dataclass(frozen=True, slots=True)
 class Facts:
-    """All that was found."""
+    """All facts that were found."""
 
     usb: UsbFacts
     gige: GigeFacts
 
     @property
     def serials(self) -> list[str]:
-        """The cameras that are there, as far as their serials are known."""
+        """Serial numbers of the cameras found, where known."""
         found = [*(camera.serial for camera in self.usb.cameras), *(camera.serial for camera in self.gige.cameras)]
         return sorted({serial for serial in found if serial is not None})
 
 
 def gather(root: Path = Path("/")) -> Facts:
-    """Look at the host, which takes about a second; files are read below `root`."""
+    """Gather the facts of the host, in about a second; files are read below `root`."""
     found = search(find_interfaces())
     reachable = [camera.address for camera in found.cameras if camera.reachable]
     return Facts(

@@ -1,4 +1,4 @@
-"""What the doctor says."""
+"""What the doctor reports."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ Severity = Literal["ok", "warning", "stops"]
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One sentence on one thing; `check` names the kind of thing, `fix` is the command that fixes it."""
+    """One finding in a sentence; `check` names what was checked, `fix` is the command that fixes it."""
 
     check: str
     severity: Severity

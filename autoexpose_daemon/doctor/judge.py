@@ -1,4 +1,4 @@
-"""From facts to findings: which cameras are there, and what stands in the way of each."""
+"""From facts to findings: which cameras were found, and what keeps the daemon from each."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from autoexpose_daemon.doctor.need import Need
 
 
 def judge(facts: Facts, need: Need) -> list[Finding]:
-    """What the facts mean for a daemon of that need."""
+    """What the facts mean for a daemon with these needs."""
     return [*_missing(facts, need), *judge_usb(facts.usb, need, facts.serials), *judge_gige(facts.gige, need)]
 
 
@@ -23,13 +23,13 @@ def _missing(facts: Facts, need: Need) -> Iterator[Finding]:
             yield Finding(
                 "camera-missing",
                 "stops",
-                f"{need.name(serial)} is not there; cameras that are: {there}",
-                f"autoexpose doctor   # after a look at power, cable and cameras.{side}.serial",
+                f"{need.name(serial)} not found; cameras found: {there}",
+                f"autoexpose doctor   # after checking power, cable and cameras.{side}.serial",
             )
     if not need.serials and not (facts.usb.cameras or facts.gige.cameras):
         yield Finding(
             "camera-missing",
             "stops",
-            "no camera is there, neither USB3 Vision nor GigE Vision",
-            "autoexpose doctor   # after a look at power and cables",
+            "no camera found, neither USB3 Vision nor GigE Vision",
+            "autoexpose doctor   # after checking power and cables",
         )

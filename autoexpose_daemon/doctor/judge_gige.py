@@ -13,9 +13,9 @@ from drivers.host.gvcp import Control, GigeCamera
 from drivers.host.network import SOCKET_BUFFER_BYTES, NetworkInterface
 
 JUMBO_BYTES = 8000
-"""From here on a frame's packets are few enough; cards and cameras differ in whether they reach 9000."""
+"""From here on a frame has few enough packets; not all cards and cameras reach 9000."""
 USABLE_SHARE = 0.95
-"""What the headers of Ethernet, IP, UDP and GVSP leave of the line rate, with packets of 1500 bytes."""
+"""Share of the line rate left by the headers of Ethernet, IP, UDP and GVSP, with packets of 1500 bytes."""
 _RAISE_SOCKET_BUFFER = (
     f"echo net.core.rmem_max={SOCKET_BUFFER_BYTES} | sudo tee /etc/sysctl.d/60-autoexpose.conf && sudo sysctl --system"
 )
@@ -32,7 +32,7 @@ def judge_gige(gige: GigeFacts, need: Need) -> Iterator[Finding]:
         name = f"{need.name(camera.serial)} ({camera.vendor} {camera.model})"
         where = f"{camera.address.ip} on {camera.interface.name}"
         if not need.wants(camera.serial):
-            yield Finding("gige-camera", "ok", f"{name} is there at {where}; the configuration does not name it")
+            yield Finding("gige-camera", "ok", f"{name} is present at {where}; the configuration does not name it")
         elif not camera.reachable:
             yield _foreign(camera, name)
         else:
@@ -58,14 +58,14 @@ def _foreign(camera: GigeCamera, name: str) -> Finding:
         "gige-subnet",
         "stops",
         f"{name} has the address {camera.address.ip}, outside the subnet{'s' * (len(interface.addresses) > 1)} "
-        f"{subnets} of {interface.name}: it can be seen but not spoken to",
+        f"{subnets} of {interface.name}: it can be discovered but not reached",
         f"sudo ip address add {_neighbour(camera.address)} dev {interface.name}"
         "   # or give the camera an address of this subnet",
     )
 
 
 def _neighbour(address: IPv4Interface) -> IPv4Interface:
-    """Another address of a camera's subnet, of 256 addresses where the camera tells no sensible one."""
+    """Another address in the camera's subnet; without a sensible subnet, in its 256 neighbours."""
     sensible = 1 <= address.network.prefixlen <= 30
     network = address.network if sensible else IPv4Interface(f"{address.ip}/24").network
     host = next(host for host in network.hosts() if host != address.ip)
@@ -77,14 +77,14 @@ def _judge_control(control: Control, name: str, camera: GigeCamera) -> Finding:
         return Finding(
             "gige-control",
             "stops",
-            f"{name} answers a search, but no question put to it alone: a firewall, or an address given twice",
+            f"{name} answers discovery, but no direct request: a firewall, or an address used twice",
             f"ping -c 3 {camera.address.ip}; sudo nft list ruleset",
         )
     if control == "held":
         return Finding(
             "gige-control",
             "stops",
-            f"{name} is controlled by another program; one that was killed keeps it for some seconds",
+            f"{name} is controlled by another program; a killed program keeps control for some seconds",
             "sudo ss -uanp   # lists the programs of this host that use UDP: close the one with the camera",
         )
     return Finding("gige-control", "ok", f"{name} answers and is free")
@@ -96,11 +96,11 @@ def _judge_packets(interface: NetworkInterface, need: Need) -> Finding:
         return Finding(
             "gige-packets",
             "stops",
-            f"transport.packet_size_bytes {packet_bytes} is more than {name} lets through, {mtu_bytes} bytes (MTU)",
+            f"transport.packet_size_bytes {packet_bytes} exceeds the MTU of {name}, {mtu_bytes} bytes",
             f"sudo ip link set dev {name} mtu {packet_bytes}   # or lower transport.packet_size_bytes",
         )
     packets = -(-need.frame_bytes // ((packet_bytes or mtu_bytes) - _PACKET_OVERHEAD_BYTES))
-    sentence = f"{name} lets packets of {mtu_bytes} bytes through (MTU)"
+    sentence = f"{name} has an MTU of {mtu_bytes} bytes"
     if packet_bytes is not None:
         return Finding("gige-packets", "ok", f"{sentence}; the configuration asks for {packet_bytes}")
     if mtu_bytes >= JUMBO_BYTES:
@@ -108,7 +108,7 @@ def _judge_packets(interface: NetworkInterface, need: Need) -> Finding:
     return Finding(
         "gige-packets",
         "warning",
-        f"{sentence}: a frame takes {packets} of them, each a chance of loss; jumbo frames take a sixth",
+        f"{sentence}: a frame takes {packets} packets, any of which may be lost; with jumbo frames it takes a sixth",
         f"sudo ip link set dev {name} mtu 9000   # where card, switch and camera allow it",
     )
 
@@ -120,7 +120,7 @@ def _judge_bandwidth(interface: NetworkInterface, cameras: Sequence[GigeCamera],
     sentence = f"{names} {'share' if several else 'is on'} {interface.name} and need{'' if several else 's'} "
     sentence += f"{needed:.0f} MB/s"
     if interface.speed_mbps is None:
-        return Finding("gige-bandwidth", "ok", f"{sentence} of a bandwidth that is not known ({need.assumption})")
+        return Finding("gige-bandwidth", "ok", f"{sentence} of an unknown bandwidth ({need.assumption})")
     available = USABLE_SHARE * interface.speed_mbps / 8
     sentence += f" of about {available:.0f} MB/s ({need.assumption})"
     if needed <= available:
@@ -139,8 +139,8 @@ def _unfiltered(interface: NetworkInterface, cameras: Sequence[GigeCamera], reas
     return Finding(
         "stream-filter",
         "warning",
-        f"the streams on {interface.name} take packets from anyone, some of which end the daemon: a socket's filter is "
-        f"refused: {reason}",
+        f"the streams on {interface.name} accept packets from anyone, some of which crash the daemon: "
+        f"a socket filter is refused: {reason}",
         "sudo nft 'add table inet autoexpose; "
         "add chain inet autoexpose input { type filter hook input priority 0 ; }; "
         f"add rule inet autoexpose input {stranger} drop'   # docs/hostile-packets.md",
@@ -151,7 +151,7 @@ def _judge_socket_buffer(largest_bytes: int | None, used: bool) -> Finding:
     if largest_bytes is None:
         sentence = "net.core.rmem_max, the limit on socket buffers, cannot be read"
     else:
-        sentence = f"net.core.rmem_max grants socket buffers of {largest_bytes} bytes"
+        sentence = f"net.core.rmem_max allows socket buffers of {largest_bytes} bytes"
         if largest_bytes >= SOCKET_BUFFER_BYTES:
             return Finding("socket-buffer", "ok", sentence)
         sentence += f", less than the {SOCKET_BUFFER_BYTES} that a camera's stream asks for"

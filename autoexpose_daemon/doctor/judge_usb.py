@@ -13,7 +13,7 @@ SUPERSPEED_MBPS = 5000
 USBFS_MEMORY_MB = 1000
 """Room for the transfers of any two cameras; the kernel's own limit of 16 MB is too small for them."""
 USABLE_SHARE = 0.64
-"""What line coding and protocol leave for images: about 400 of SuperSpeed's 625 MB/s, 40 of the 60 MB/s of USB 2."""
+"""Left by line coding and protocol: about 400 of SuperSpeed's 625 MB/s, 40 of the 60 MB/s of USB 2."""
 
 _INSTALL_RULE = (
     "sudo install -m 644 systemd/60-usb3-vision.rules /etc/udev/rules.d/ && "
@@ -24,7 +24,7 @@ _RAISE_LIMIT = (
 )
 _BLIND = {
     "no bus": (
-        "the kernel shows no USB (a container, or a machine without)",
+        "the kernel shows no USB (in a container, or on a machine without USB)",
         "ls /sys/bus/usb/devices /dev/bus/usb   # a container must be given both",
     ),
     "no libusb": ("libusb does not load", "sudo apt install libusb-1.0-0"),
@@ -33,7 +33,7 @@ _BLIND = {
 
 
 def judge_usb(usb: UsbFacts, need: Need, there: Sequence[str]) -> Iterator[Finding]:
-    """Findings on the USB3 Vision cameras; `there` are the serials of all cameras that are."""
+    """Findings on the USB3 Vision cameras; `there` are the serial numbers of all cameras found."""
     if usb.blind is not None:
         why, fix = _BLIND[usb.blind]
         complete = bool(need.serials) and set(need.serials.values()) <= set(there)
@@ -59,14 +59,14 @@ def _judge_link(camera: UsbCamera, need: Need) -> Finding:
     name = f"{need.name(camera.serial)} ({camera.vendor} {camera.model})"
     speed = "an unknown speed" if camera.speed_mbps is None else f"{camera.speed_mbps:g} Mbit/s"
     if not need.wants(camera.serial):
-        return Finding("usb-link", "ok", f"{name} is there at {speed}; the configuration does not name it")
+        return Finding("usb-link", "ok", f"{name} is present at {speed}; the configuration does not name it")
     if camera.speed_mbps is None or camera.speed_mbps >= SUPERSPEED_MBPS:
         return Finding("usb-link", "ok", f"{name} is linked at {speed}")
     return Finding(
         "usb-link",
         "warning",
-        f"{name} is linked at {speed}, which is not SuperSpeed: cable, hub or port is USB 2",
-        "lsusb -t   # shows each link's speed; take a SuperSpeed port and a USB 3 cable",
+        f"{name} is linked at {speed}, which is not SuperSpeed: the cable, hub or port is USB 2",
+        "lsusb -t   # shows each link's speed; use a SuperSpeed port and a USB 3 cable",
     )
 
 
@@ -101,7 +101,7 @@ def _judge_holders(camera: UsbCamera, need: Need) -> Iterator[Finding]:
         yield Finding(
             "usb-holder",
             "stops",
-            f"{need.name(camera.serial)} is held by {programs}",
+            f"{need.name(camera.serial)} is in use by {programs}",
             "kill " + " ".join(str(holder.pid) for holder in camera.node.holders),
         )
 
@@ -118,7 +118,7 @@ def _judge_bandwidth(cameras: Sequence[UsbCamera], need: Need) -> Iterator[Findi
         )
         speed_mbps = sharing[0].bus_speed_mbps
         if speed_mbps is None:
-            yield Finding("usb-bandwidth", "ok", f"{sentence} of a bandwidth that is not known ({need.assumption})")
+            yield Finding("usb-bandwidth", "ok", f"{sentence} of an unknown bandwidth ({need.assumption})")
             continue
         available = USABLE_SHARE * speed_mbps / 8
         sentence += f" of about {available:.0f} MB/s ({need.assumption})"

@@ -1,4 +1,4 @@
-"""What the daemon is going to need of the host."""
+"""What the daemon will need from the host."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from drivers.frames import Side
 from drivers.pixel_format import PixelFormat
 
 ASSUMED_WIDTH, ASSUMED_HEIGHT = 720, 540
-"""A frame's size is known only once a camera is open; this is that of the sensors this project is made for."""
+"""A frame's size is known only once a camera is open; this is the size of the sensors this project is made for."""
 
 
 @dataclass(frozen=True, slots=True)
 class Need:
-    """Cameras, rate and frames; without `serials` every camera that is there counts as needed."""
+    """Cameras, rate and frames; without `serials` every camera found is needed."""
 
     serials: Mapping[Side, str] = field(default_factory=dict)
     rate_hz: float = TriggerConfig().rate_hz
@@ -47,18 +47,18 @@ class Need:
 
     @property
     def assumption(self) -> str:
-        """What `bandwidth_mb_per_s` rests on."""
+        """The assumption behind `bandwidth_mb_per_s`."""
         return f"assuming {self.width}x{self.height} pixels of {self.bits_per_pixel} bits at {self.rate_hz:g} Hz"
 
     def bandwidth_mb_per_s(self, cameras: int) -> float:
-        """What so many cameras send, in 10^6 bytes per second."""
+        """What this many cameras send, in 10^6 bytes per second."""
         return cameras * self.frame_bytes * self.rate_hz / 1e6
 
     def wants(self, serial: str | None) -> bool:
-        """Whether the daemon is going to open that camera."""
+        """Whether the daemon will open this camera."""
         return not self.serials or serial in self.serials.values()
 
     def name(self, serial: str | None) -> str:
-        """A camera by its side, where it has one, and its serial."""
+        """A camera by its side, if it has one, and its serial number."""
         side = next((f"{side} " for side, known in self.serials.items() if known == serial), "")
         return f"{side}camera {serial or 'of unknown serial'}"

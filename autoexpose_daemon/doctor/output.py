@@ -1,4 +1,4 @@
-"""How the doctor says it: for people, and as JSON."""
+"""The findings as text, and as JSON."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def stops(findings: Sequence[Finding]) -> bool:
 
 
 def show(findings: Sequence[Finding], console: Console) -> None:
-    """Print each finding, the command that fixes it unbroken on a line of its own, and the sum of it all."""
+    """Print each finding, with its fix unbroken on a line of its own, and a summary."""
     for finding in findings:
         lines = textwrap.wrap(finding.sentence, console.width - _INDENT, break_on_hyphens=False)
         sentence = ("\n" + " " * _INDENT).join(lines)

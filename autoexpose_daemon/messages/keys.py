@@ -17,10 +17,13 @@ if TYPE_CHECKING:
 SIDES: tuple[Side, ...] = ("left", "right")
 
 LOOPBACK = "tcp/127.0.0.1:7448"
-"""Where a daemon listens unless configured otherwise; next to 7447, which is that of zenoh routers."""
+"""Where a daemon listens unless configured otherwise; next to 7447, the port of zenoh routers."""
+
+ROUTER = "tcp/127.0.0.1:7447"
+"""Where a zenoh router of this machine listens unless configured otherwise, rmw_zenoh's too."""
 
 RIG_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
-"""What zenoh takes in a key and ROS 2 in the name of a coordinate frame."""
+"""What zenoh allows in a key and ROS 2 in the name of a coordinate frame."""
 
 LAST_ROS2_DOMAIN = 232
 """The highest ROS_DOMAIN_ID that ROS 2 knows."""
@@ -30,19 +33,32 @@ _SELDOM = LogThrottle(60.0)
 
 CONSUMER_NAME = re.compile(r"[A-Za-z0-9_.-]{1,64}")
 _ENDPOINT = re.compile(r"[a-z][a-z0-9_-]*/\S+")
+_LONGEST_KEY = 512
+_CHUNK = r"(?:\*|(?!\*\*/\*)\*\*|[^/*$#?\s]+)"  # zenoh wants */** where one may write **/*
+_KEY_EXPRESSION = re.compile(f"{_CHUNK}(?:/{_CHUNK})*")
 
 
 def check_rig_name(rig: str) -> None:
-    """Raise ConfigurationError for what cannot be the name of a rig."""
+    """Raise ConfigurationError for an invalid name of a rig."""
     if not RIG_NAME.fullmatch(rig):
-        raise ConfigurationError(f"{rig} is no name for a rig: a letter, then letters, digits and _")
+        raise ConfigurationError(f"{rig} is not a valid name for a rig: a letter, then letters, digits and _")
 
 
 def check_endpoints(endpoints: Iterable[str]) -> None:
-    """Raise ConfigurationError for what cannot be endpoints of zenoh."""
+    """Raise ConfigurationError for invalid zenoh endpoints."""
     for endpoint in endpoints:
         if not _ENDPOINT.fullmatch(endpoint):
-            raise ConfigurationError(f"{endpoint} is no endpoint: write protocol/address, such as {LOOPBACK}")
+            raise ConfigurationError(f"{endpoint} is not an endpoint: write protocol/address, such as {LOOPBACK}")
+
+
+def check_key_expression(key: str) -> str:
+    """The key itself; raises ConfigurationError for an invalid key expression of zenoh."""
+    if len(key) > _LONGEST_KEY or not key.isprintable() or not _KEY_EXPRESSION.fullmatch(key):
+        raise ConfigurationError(
+            f"{key[:_LONGEST_KEY]!a} is no key expression of zenoh: write names with / between them and none at the "
+            "ends, * for any one name, ** for any at the end"
+        )
+    return key
 
 
 def frame_key(rig: str, side: Side, topic: str) -> str:
@@ -61,7 +77,7 @@ def consumer_key(rig: str, name: str) -> str:
 
 
 def status_key(rig: str) -> str:
-    """Where the daemon says how it is."""
+    """Where the daemon's status goes."""
     return f"autoexpose/{rig}/status"
 
 
@@ -71,7 +87,7 @@ def response_key(rig: str, side: Side | Literal["*"]) -> str:
 
 
 def side_of(key: str) -> Side | None:
-    """The camera of a `frame_key` or `response_key`; None, and a line in the log, for one that is not known here."""
+    """The camera of a `frame_key` or `response_key`; None, and a line in the log, for an unknown one."""
     name = last_but(key, 1)
     for side in SIDES:
         if name == side:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from autoexpose_daemon.control.decision import Decision
-from autoexpose_daemon.messages.types import ENCODINGS, EXPOSURE_INFO, IMAGE, TYPESTORE
+from autoexpose_daemon.control.parameters import FASTEST_TURN_RAD_S
+from autoexpose_daemon.messages.types import ENCODINGS, EXPOSURE_INFO, IMAGE, IMU, TYPESTORE
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame, Pixels
 from drivers.pixel_format import PixelFormat
@@ -23,7 +25,7 @@ def read_image(data: bytes) -> tuple[int, Pixels]:
     Raises
     ------
     DamagedMessageError
-        When it is no grey image, or not whole.
+        When it is not a grey image, or not complete.
     """
     message = _deserialise(data, IMAGE)
     dtype = ENCODINGS.get(message.encoding)
@@ -41,18 +43,36 @@ def read_exposure_info(data: bytes) -> Any:
     return _deserialise(data, EXPOSURE_INFO)
 
 
+def read_angular_rate(data: bytes) -> float:
+    """How fast the sensor of an Imu turns, about any axis, rad/s.
+
+    Raises
+    ------
+    DamagedMessageError
+        When it is no Imu, measures no angular velocity, or no credible one.
+    """
+    message = _deserialise(data, IMU)
+    if message.angular_velocity_covariance[0] == -1:  # by the message's convention
+        raise DamagedMessageError("an Imu that measures no angular velocity")
+    velocity = message.angular_velocity
+    rate = math.hypot(velocity.x, velocity.y, velocity.z)
+    if not rate <= FASTEST_TURN_RAD_S:
+        raise DamagedMessageError(f"an Imu that turns at {rate:g} rad/s")
+    return rate
+
+
 def stamp_ns(message: Any) -> int:
     """The stamp of a message's header, CLOCK_REALTIME, ns."""
     return int(message.header.stamp.sec) * 1_000_000_000 + int(message.header.stamp.nanosec)
 
 
 def frame_of(info: Any, pixels: Pixels) -> Frame:
-    """The frame that an ExposureInfo and the pixels of its Image tell of.
+    """The frame that an ExposureInfo and the pixels of its Image describe.
 
     Raises
     ------
     DamagedMessageError
-        When the two do not belong together, or no image can be taken so.
+        When the two do not belong together, or no image can have been taken that way.
     """
     if (info.bit_depth, pixels.dtype) not in _PIXELS:
         raise DamagedMessageError(f"{info.bit_depth} significant bits in pixels of {8 * pixels.itemsize}")
@@ -69,7 +89,7 @@ def frame_of(info: Any, pixels: Pixels) -> Frame:
 
 
 def decision_of(info: Any) -> Decision | None:
-    """The decision that an ExposureInfo tells of, if there was one; raises `DamagedMessageError`."""
+    """The decision in an ExposureInfo, if there was one; raises `DamagedMessageError`."""
     if not info.reason:
         return None
     return Decision(

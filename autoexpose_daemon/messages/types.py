@@ -11,6 +11,7 @@ from drivers.pixel_format import PixelFormat
 
 IMAGE = "sensor_msgs/msg/Image"
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
+IMU = "sensor_msgs/msg/Imu"
 EXPOSURE_INFO = "autoexpose_msgs/msg/ExposureInfo"
 
 TYPESTORE = get_typestore(Stores.ROS2_HUMBLE)
@@ -31,6 +32,6 @@ ENCODINGS = {encoding(pixel_format.dtype): pixel_format.dtype for pixel_format i
 
 
 def definition(message_type: str) -> str:
-    """The text of a message type with all that it is made of, as recordings hold it."""
+    """The text of a message type with all types it contains, as stored in recordings."""
     text, _ = TYPESTORE.generate_msgdef(message_type, ros_version=2)
     return text

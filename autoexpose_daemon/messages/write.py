@@ -15,13 +15,13 @@ from autoexpose_daemon.messages.types import CAMERA_INFO, EXPOSURE_INFO, IMAGE, 
 from drivers.frames import Frame, Side, StereoPair
 
 TOPICS = {"image": IMAGE, "camera_info": CAMERA_INFO, "exposure": EXPOSURE_INFO}
-"""What is said of each frame: the last part of the key, and the message type."""
+"""The messages for each frame: the last part of the key, and the message type."""
 
 _SIDES: tuple[Side, ...] = ("left", "right")
 ALL_TOPICS: Final = frozenset((side, topic) for side in _SIDES for topic in TOPICS)
 
 LAST_STAMP_NS = (1 << 31) * 1_000_000_000 - 1
-"""The end of ROS 2's time, in 2038: a camera whose clock has gone mad must not stop what sends its frames."""
+"""The end of ROS 2's time, in 2038: a camera with a wild clock must not stop the sending of its frames."""
 
 _CLOCK_TRIES = 3
 
@@ -43,7 +43,8 @@ class Message:
 def realtime_offset_ns() -> int:
     """What to add to CLOCK_MONOTONIC to get CLOCK_REALTIME, ns: the quickest of a few looks at both clocks.
 
-    It is constant but for steps of CLOCK_REALTIME, so stamps step with the machine's clock and follow it otherwise.
+    It is constant except for steps of CLOCK_REALTIME, so stamps step when the machine's clock does, and otherwise
+    follow it.
     """
 
     def look() -> tuple[int, int]:
@@ -56,7 +57,7 @@ def realtime_offset_ns() -> int:
 
 
 class MessageWriter:
-    """Makes the messages of a rig, in the order in which they are to be sent.
+    """Makes the messages of a rig, in the order in which to send them.
 
     Parameters
     ----------
@@ -83,11 +84,11 @@ class MessageWriter:
         Parameters
         ----------
         sequence
-            Number of this pair among those that are sent, or recorded.
+            Number of this pair among those sent, or recorded.
         offset_ns
-            CLOCK_REALTIME less CLOCK_MONOTONIC, as `realtime_offset_ns` measures it.
+            CLOCK_REALTIME minus CLOCK_MONOTONIC, as `realtime_offset_ns` measures it.
         wanted
-            Side and topic of those that are made.
+            Side and topic of the messages to make.
         """
         stamp_ns = min(max(pair.reference.host_time_ns + offset_ns, 0), LAST_STAMP_NS)
         stamp = _Time(*divmod(stamp_ns, 1_000_000_000))

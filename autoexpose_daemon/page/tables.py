@@ -29,8 +29,9 @@ def tables(status: Status) -> Tables:
     lost = [(f"lost {words}", count, is_fault) for words, count, is_fault in losses(status.lost)]
     triggers = status.counts.pairs + sum(status.lost.values())
     durations = ((duration.label, getattr(status, duration.field)) for duration in DURATIONS)
+    pairs, *others = _counts(status, "triggers")
     return {
-        "triggers": [("triggers", triggers, False), *(lost or [("lost", 0, True)]), *_counts(status, "triggers")],
+        "triggers": [("triggers", triggers, False), pairs, *(lost or [("lost", 0, True)]), *others],
         "writes": _counts(status, "writes"),
         "latency": [(label, measured.p50_ms, measured.p99_ms) for label, measured in durations],
     }

@@ -26,22 +26,22 @@ from drivers.frames import Side, StereoPair
 log = logging.getLogger(__name__)
 
 MAILBOX_PAIRS = 12
-"""0.2 s at 60 Hz: longer than consumers that get stuck, or a busy machine, hold the thread up; 9 MB of 720 x 540."""
+"""0.2 s at 60 Hz: longer than stuck consumers, or a busy machine, delay the thread; 9 MB of 720 x 540."""
 _TELL_S = 1.0
 _PRIORITIES: dict[Side, zenoh.Priority] = {"left": zenoh.Priority.DATA, "right": zenoh.Priority.DATA_LOW}
-"""Each priority has a queue of its own, which makes room for twice as many images."""
+"""Each priority has its own queue, which makes room for twice as many images."""
 
 
 Tell = Callable[[bool], Mapping[str, str]]
-"""What there is to say once a second: texts by their keys. Asked on the publisher's thread, with True the last time."""
+"""What to publish once a second: texts by their keys. Called on the publisher's thread, with True the last time."""
 
 
 class Publisher:
-    """Publishes every pair while its context lasts; told of them on the control thread.
+    """Publishes every pair as long as its context lasts; called on the control thread.
 
-    Once a second, pairs or none, and at the end it publishes what `tell` has to say.
+    Once a second, with or without pairs, and at the end it publishes what `tell` returns.
 
-    A session that cannot be opened is tried again and named in `tally.trouble`; it stops nothing else.
+    A session that cannot be opened is retried, with the reason in `tally.trouble`; nothing else stops.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ class Publisher:
     cameras
         How many cameras the rig has.
     tell
-        What to say once a second.
+        What to publish once a second.
     """
 
     def __init__(self, config: PublishConfig, cameras: int, tell: Tell) -> None:
@@ -58,7 +58,7 @@ class Publisher:
         self._tell = tell
         self._config = config
         self._cameras = cameras
-        # rmw_zenoh's routers hand nothing from peer to peer: ROS 2 nodes and we learn of each other by gossip.
+        # rmw_zenoh's routers forward nothing from peer to peer: ROS 2 nodes and we learn of each other by gossip.
         gossip = config.ros2_domain is not None
         self._endpoints = Endpoints(config.listen, config.connect, config.zenoh, gossip)
         self._writer = MessageWriter(config.rig, cameras)
@@ -83,7 +83,7 @@ class Publisher:
             log.error("zenoh did not close its session in time")
 
     def __call__(self, pair: StereoPair, decision: Decision | None) -> None:
-        """Take a pair; the oldest that waits makes place when there is no more."""
+        """Take a pair; when the mailbox is full, the oldest one is dropped."""
         with self._news:
             self.tally.offered += 1
             if not self._open:
@@ -132,7 +132,7 @@ class Publisher:
 
     @contextlib.contextmanager
     def _in_ros2(self, session: zenoh.Session, outlets: _Outlets) -> Iterator[None]:
-        """Offer the topics to ROS 2 as well until the context ends, where that is configured."""
+        """Offer the topics to ROS 2 as well until the context ends, if configured."""
         with contextlib.ExitStack() as tokens:
             if self._config.ros2_domain is not None:
                 declare_token = session.liveliness().declare_token
@@ -176,7 +176,7 @@ class Publisher:
 
 
 class _Outlet:
-    """Where the messages of a camera leave under one key; with what ROS 2 wants attached, if it is for ROS 2."""
+    """Publishes the messages of a camera under one key, with ROS 2's attachment if it is for ROS 2."""
 
     def __init__(self, session: zenoh.Session, key: str, side: Side, attachments: Attachments | None = None) -> None:
         # The default is to drop what does not fit; express: an image is not held back to be sent with the next one.
@@ -195,4 +195,4 @@ class _Outlet:
 
 
 _Outlets = Mapping[tuple[Side, str], list[_Outlet]]
-"""By side and topic: one for our own consumers, and one for ROS 2 where that is configured."""
+"""By side and topic: one for our own consumers, and one for ROS 2 if configured."""

@@ -1,7 +1,7 @@
 """How rmw_zenoh, which carries ROS 2 over zenoh, names and marks what is published: keys, tokens, attachments.
 
 It differs between releases. This follows rmw_zenoh_cpp 0.2, the line of ROS 2 Jazzy, from 0.2.4 on, where its change
-log has the present form of attachments. Read were, in github.com/ros2/rmw_zenoh, docs/design.md (commit 99a6a2b),
+log has the present form of attachments. Sources in github.com/ros2/rmw_zenoh: docs/design.md (commit 99a6a2b),
 liveliness_utils.cpp (3411fde) and attachment_helpers.cpp (534747d). Not verified against a live ROS 2.
 """
 
@@ -17,7 +17,7 @@ _NODE_NAME = "autoexpose"
 _NODE_ID = 0
 _NO_ENCLAVE = "%"
 _QOS = "2::,5:,:,:,,"
-"""ROS 2's profile for sensor data: best effort (2), volatile, keep last, 5 deep; what is empty is rmw_zenoh's default.
+"""ROS 2's profile for sensor data: best effort (2), volatile, keep last, 5 deep; empty fields are rmw_zenoh's defaults.
 
 Reliability : durability : history, depth : deadline s, ns : lifespan s, ns : liveliness, lease s, ns.
 """
@@ -35,7 +35,7 @@ class Ros2Topic:
 
 @dataclass(frozen=True, slots=True)
 class Ros2Node:
-    """The node `/<rig>/autoexpose`, as which a rig is seen in ROS 2.
+    """The node `/<rig>/autoexpose`, which stands for a rig in ROS 2.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ class Ros2Node:
         return self._token("NN", _NODE_ID)
 
     def topic(self, number: int, name: str, message_type: str) -> Ros2Topic:
-        """The topic `/<rig>/<name>`; `number` tells the publishers of a node apart, from 1."""
+        """The topic `/<rig>/<name>`; `number` numbers the publishers of a node, from 1."""
         path = f"{self.rig}/{name}"
         kind = f"{_dds_name(message_type)}/{TYPESTORE.hash_rihs01(message_type)}"
         token = f"{self._token('MP', number)}/{_mangled(f'/{path}')}/{kind}/{_QOS}"
@@ -71,8 +71,8 @@ class Ros2Node:
 class Attachments:
     """What goes with each message of one publisher: its number from 1 on, when it was sent, and the publisher's gid.
 
-    The gid is one of our own: ROS 2 wants it to differ between publishers. rmw_zenoh makes it from the token by
-    another hash, so that `ros2 topic info --verbose` shows another one.
+    The gid is our own: ROS 2 only needs it to differ between publishers. rmw_zenoh makes it from the token with
+    another hash, so `ros2 topic info --verbose` shows a different one.
     """
 
     def __init__(self, topic: Ros2Topic) -> None:
@@ -80,7 +80,7 @@ class Attachments:
         self._sequence = 0
 
     def next(self, time_ns: int) -> bytes:
-        """That of the next message, sent at a time of CLOCK_REALTIME: little-endian, the gid behind its length."""
+        """The attachment of the next message, sent at this CLOCK_REALTIME: little-endian, the gid after its length."""
         self._sequence += 1
         return _ATTACHMENT.pack(self._sequence, time_ns, _GID_BYTES, self._gid)
 

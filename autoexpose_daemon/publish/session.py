@@ -23,7 +23,7 @@ _JOIN_S = 5.0
 
 _QUEUE = "transport/link/tx/queue"
 _TUNING = {
-    # The most there can be, 1 MB for each camera: two images of 720 x 540. The default holds a third of one.
+    # The maximum, 1 MB for each camera: two images of 720 x 540. The default holds a third of one.
     f"{_QUEUE}/size/data": 16,
     f"{_QUEUE}/size/data_low": 16,
     # How long pieces of an image wait for room before the image is dropped, us: well below a frame period, because
@@ -43,7 +43,7 @@ Take = Callable[[str, bytes], None]
 
 
 class SessionError(AutoexposeError):
-    """A session cannot be opened, for now or for ever; the message says why."""
+    """A session cannot be opened, for now or ever; the message says why."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +55,7 @@ class Endpoints:
     listen, connect
         Endpoints of zenoh, as in `LOOPBACK`.
     file
-        A configuration file of zenoh instead, for TLS, access control and the rest; what it leaves open is as without.
+        A zenoh configuration file instead, for TLS, access control and so on; our defaults fill the rest.
     gossip
         Whether a router tells others about this session, and this session about them, so that peers find each other.
     """
@@ -72,7 +72,7 @@ class Endpoints:
 
 
 class SessionHolder:
-    """Holds a session on a thread of its own: opens it, retries until that succeeds, and closes it at the end.
+    """Holds a session on its own thread: opens it, retries until that succeeds, and closes it at the end.
 
     Its threads, unlike those of zenoh's callbacks, do not keep a process from ending.
 
@@ -119,7 +119,7 @@ class SessionHolder:
     def subscribe(
         self, session: zenoh.Session, key: str, take: Take, waiting: int, largest_bytes: int = LARGEST_MESSAGE_BYTES
     ) -> None:
-        """Hand messages to `take` on a thread of their own until the session closes; larger ones are dropped.
+        """Hand messages to `take` on a separate thread until the session closes; larger ones are dropped.
 
         zenoh drops the oldest when more than `waiting` have not been taken yet.
         """

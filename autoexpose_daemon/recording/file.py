@@ -1,4 +1,4 @@
-"""A recording on disk: MCAP that ROS 2 tools read, with what a replay needs besides."""
+"""A recording on disk: MCAP that ROS 2 tools can read, plus what a replay needs."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from autoexpose_daemon.messages.write import TOPICS, MessageWriter, realtime_off
 from autoexpose_daemon.recording.plain_json import to_json
 from autoexpose_daemon.recording.step import RecordingError, Step
 
-CONTROL, SETUP, STATE = "control", "setup", "state"
+CONTROL, SETUP, MOTION, STATE = "control", "setup", "motion", "state"
 STRING = "std_msgs/msg/String"
-"""Control's setup and state are JSON in a String, so that any ROS 2 tool shows them."""
+"""Control's setup, angular rates and state are JSON in a String, so that any ROS 2 tool shows them."""
 
 METADATA = "autoexpose"
 COMPRESSION = CompressionType.LZ4
 _CHUNK_BYTES = 4 << 20
-"""Five pairs of 720x540: what a power cut costs. Smaller ones cost more work for each pair."""
+"""Five pairs of 720x540: what a power cut costs. Smaller chunks mean more work for each pair."""
 
 RESERVE_BYTES = 64 << 20
 """Left free on the disk: a robot needs some for its logs, and the recording for the index at its end."""
@@ -49,18 +49,18 @@ class RecordingFile:
     Raises
     ------
     RecordingError
-        By every method: when the file cannot be written, or its disk is all but full.
+        By every method: when the file cannot be written, or its disk is nearly full.
 
     Attributes
     ----------
     steps
-        Steps that can be read back whatever happens next: those of the chunks that are written.
+        Steps that can be read back whatever happens next: those in the chunks already written.
     """
 
     def __init__(self, path: Path, rig: str) -> None:
         self._path = path
         self._rig = rig
-        self._offset_ns = realtime_offset_ns()  # of the whole file, lest its times run backwards with a set clock
+        self._offset_ns = realtime_offset_ns()  # for the whole file: its times must not run backwards
         self._time_ns = 0
         self._setup: ControlSetup | None = None
         self._broken = False
@@ -71,14 +71,14 @@ class RecordingFile:
         try:
             self._stream = path.open("xb")
         except FileExistsError:
-            raise RecordingError(f"{path}: is there already: name a new file") from None
+            raise RecordingError(f"{path}: already exists: name a new file") from None
         except OSError as error:
             raise self._error(error) from error
         self._writer = Writer(self._stream, chunk_size=sys.maxsize, compression=COMPRESSION)
         self._writer.start(profile="ros2", library=f"autoexpose-daemon {version('autoexpose-daemon')}")
 
     def write(self, step: Step, setup: ControlSetup, state: Plain) -> None:
-        """Append a step, with the setup of the loop that made it, and its state after it where that is not None."""
+        """Append a step, with the setup of the loop that made it, and the loop's state after it unless None."""
         space = os.fstatvfs(self._stream.fileno())
         if space.f_bavail * space.f_frsize < RESERVE_BYTES:
             raise RecordingError(f"{self._path}: less than {RESERVE_BYTES >> 20} MiB are left on its disk: make room")
@@ -87,6 +87,8 @@ class RecordingFile:
             if setup is not self._setup:
                 self._setup = setup
                 self._say(SETUP, {"made_with": plain(software()), "setup": plain(setup)})
+            if step.angular_rate_rad_s is not None:
+                self._say(MOTION, {"angular_rate_rad_s": step.angular_rate_rad_s})
             messages = MessageWriter(self._rig, step.cameras)
             for message in messages.messages(step.pair, step.decision, step.sequence, self._offset_ns):
                 self._add(message.side, message.topic, TOPICS[message.topic], message.data, step.sequence)
@@ -99,9 +101,9 @@ class RecordingFile:
             raise self._error(error) from error
 
     def close(self, steps: int, dropped: int) -> None:
-        """End the file with an index, and with the counts of steps that were to be recorded and that were dropped.
+        """End the file with an index, and with the counts of steps to record and of steps dropped.
 
-        After an error of writing there is no index, but all that was written before can be read.
+        After a write error there is no index, but everything written before can be read.
         """
         try:
             with self._stream:
@@ -137,7 +139,7 @@ class RecordingFile:
 
 
 def software() -> dict[str, str]:
-    """What decisions are made with, down to the last bit."""
+    """The software that decisions depend on, down to the last bit."""
     return {
         "autoexpose-daemon": version("autoexpose-daemon"),
         "numpy": np.__version__,

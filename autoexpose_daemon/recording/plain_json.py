@@ -26,7 +26,7 @@ def from_json(text: str) -> Any:
     Raises
     ------
     ValueError
-        For text that `to_json` does not write.
+        For text that `to_json` would not write.
     """
     try:
         return json.loads(text, object_hook=_array_from_json)
@@ -36,7 +36,7 @@ def from_json(text: str) -> Any:
 
 def _array_to_json(array: object) -> dict[str, Any]:
     if not isinstance(array, np.ndarray) or array.dtype.name not in _DTYPES:
-        raise TypeError(f"{type(array).__name__} is no array of {', '.join(_DTYPES)}")
+        raise TypeError(f"{type(array).__name__} is not an array of {', '.join(_DTYPES)}")
     little_endian = array.astype(array.dtype.newbyteorder("<"), copy=False)
     encoded = base64.b64encode(little_endian.tobytes()).decode()
     return {"dtype": array.dtype.name, "shape": list(array.shape), "base64": encoded}

@@ -1,4 +1,4 @@
-"""Reading a recording from its first item to its last, whole, cut off or damaged."""
+"""Reading a recording from its first item to its last, complete, cut off or damaged."""
 
 from __future__ import annotations
 
@@ -11,10 +11,11 @@ from mcap.records import Channel, Footer, Header, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader
 
 from autoexpose_daemon.control.loop import STATE_FORMAT, ControlSetup
+from autoexpose_daemon.control.parameters import FASTEST_TURN_RAD_S
 from autoexpose_daemon.control.snapshot import parse
 from autoexpose_daemon.messages.read import DamagedMessageError, decision_of, frame_of, read_exposure_info, read_image
 from autoexpose_daemon.messages.types import EXPOSURE_INFO, TYPESTORE, definition
-from autoexpose_daemon.recording.file import METADATA, STATE, STRING
+from autoexpose_daemon.recording.file import METADATA, MOTION, STATE, STRING
 from autoexpose_daemon.recording.plain_json import from_json
 from autoexpose_daemon.recording.step import Item, RecordingError, Setup, State, Step
 from autoexpose_daemon.recording.upgrade import FORMER_FORMAT, upgraded_setup, upgraded_state
@@ -23,14 +24,14 @@ from drivers.frames import SIDES, Pixels, Side, StereoPair
 
 
 class Recording:
-    """The items of a file, in its order, one at a time in memory.
+    """The items of a file in order, one at a time in memory.
 
     Attributes
     ----------
     cut_off
         Whether the file ends within a record, as after a full disk or a power cut; known when all items have been read.
     dropped
-        Steps that the recorder dropped, as it says at the end of the file; None when that is missing.
+        Steps that the recorder dropped, according to the end of the file; None when that is missing.
 
     Raises
     ------
@@ -46,6 +47,7 @@ class Recording:
         self._schemas: dict[int, Schema] = {}
         self._frames: dict[Side, tuple[Any, Pixels]] = {}  # of the step that is being read
         self._infos: dict[Side, Any] = {}
+        self._angular_rate_rad_s: float | None = None
 
     def __iter__(self) -> Iterator[Item]:
         """Read on from the start of the file."""
@@ -75,7 +77,7 @@ class Recording:
                         items += 1
                         yield item
         if items == 0:
-            raise self._error("holds no steps of control: it is no recording of autoexpose, or one of nothing")
+            raise self._error("contains no steps of control: it is not a recording of autoexpose, or an empty one")
 
     def _records(self, stream: BinaryIO) -> Iterator[Any]:
         """The records of the file up to where it was cut off, if it was."""
@@ -87,9 +89,9 @@ class Recording:
                 record = next(records)
             except StopIteration:
                 return
-            except Exception as error:  # bytes that are no MCAP break the reader in many ways
+            except Exception as error:  # bytes that are not MCAP break the reader in many ways
                 if not begun:
-                    raise self._error("is no MCAP file, or damaged from its first bytes on") from error
+                    raise self._error("is not an MCAP file, or is damaged from its first bytes on") from error
                 if stream.tell() < size and not isinstance(error, RecordLengthLimitExceeded):
                     raise self._error(f"is damaged before byte {stream.tell()} of {size}") from error
                 self.cut_off = True
@@ -103,9 +105,9 @@ class Recording:
         """The item that a message completes."""
         channel = self._channels.get(message.channel_id)
         if channel is None:
-            raise ValueError(f"a message of channel {message.channel_id}, which there is not")
+            raise ValueError(f"a message of channel {message.channel_id}, which does not exist")
         match channel.topic.split("/")[-2:]:
-            case ["control", "setup" | "state" as what]:
+            case ["control", "setup" | "motion" | "state" as what]:
                 return self._of_control(what, message.data)
             case ["left" | "right" as side, "exposure"]:
                 self._check_version(channel)
@@ -114,15 +116,18 @@ class Recording:
                 return self._image(side, message.data)
         return None
 
-    def _of_control(self, what: str, data: bytes) -> Setup | State:
+    def _of_control(self, what: str, data: bytes) -> Setup | State | None:
         try:
             text = cast(Any, TYPESTORE.deserialize_cdr(data, STRING)).data
         except Exception as error:  # rosbags checks nothing
-            raise DamagedMessageError(f"control/{what} is no String") from error
+            raise DamagedMessageError(f"control/{what} is not a String") from error
         content = from_json(text)
         if not isinstance(content, dict) or content.get("format") not in (STATE_FORMAT, FORMER_FORMAT):
             found = content.get("format") if isinstance(content, dict) else None
-            raise self._error(f"holds a state of control of format {found!r}: only {STATE_FORMAT!r} can be read")
+            raise self._error(f"contains a state of control of format {found!r}: only {STATE_FORMAT!r} can be read")
+        if what == MOTION:
+            self._angular_rate_rad_s = _angular_rate(content)
+            return None
         former = content["format"] == FORMER_FORMAT
         if what == STATE:
             return State(upgraded_state(content.get("state")) if former else content.get("state"))
@@ -133,7 +138,7 @@ class Recording:
         info = read_exposure_info(data)
         for other in self._infos.values():
             if other.sequence != info.sequence:
-                raise ValueError(f"step {other.sequence} is not whole")
+                raise ValueError(f"step {other.sequence} is incomplete")
         self._infos[side] = info
 
     def _image(self, side: Side, data: bytes) -> Step | None:
@@ -150,7 +155,8 @@ class Recording:
         decision = decision_of(info)
         if decision is None:
             raise ValueError(f"step {info.sequence} has no decision")
-        return Step(info.sequence, info.cameras, pair, decision)
+        angular_rate_rad_s, self._angular_rate_rad_s = self._angular_rate_rad_s, None
+        return Step(info.sequence, info.cameras, pair, decision, angular_rate_rad_s)
 
     def _check_version(self, channel: Channel) -> None:
         schema = self._schemas.get(channel.schema_id)
@@ -159,3 +165,11 @@ class Recording:
 
     def _error(self, what: str) -> RecordingError:
         return RecordingError(f"{self._path}: {what}")
+
+
+def _angular_rate(content: dict[str, Any]) -> float:
+    """That of the step that follows, rad/s."""
+    rate: float = parse(content.get("angular_rate_rad_s"), float)
+    if not abs(rate) <= FASTEST_TURN_RAD_S:
+        raise ValueError(f"an angular rate of {rate} rad/s")
+    return rate

@@ -1,4 +1,4 @@
-"""Recorders: take the steps of control without ever holding it up, and write them in a thread of their own."""
+"""Recorders: take the steps of control without ever delaying it, and write them on their own thread."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ log = logging.getLogger(__name__)
 SUFFIX = ".mcap"
 SNAPSHOT_NS = 1_000_000_000
 QUEUE_S = 2.0
-"""Of steps may wait for the disk, 95 MB of 720x540 at 60 Hz: a disk that writes back its cache stalls for a second."""
+"""Steps for this long may wait for the disk, 95 MB of 720x540 at 60 Hz: writing its cache stalls a disk for 1 s."""
 
 _LOOK_S = 0.1
 _SAID_S = 10.0  # a disk that is a little too slow drops a step here and there
@@ -39,7 +39,7 @@ _SAID_S = 10.0  # a disk that is a little too slow drops a step here and there
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Entry:
-    """A step, the setup of the loop that made it, its state after it if it is time for one, and when it was taken."""
+    """A step, the setup of the loop that made it, the loop's state after it if one is due, and when it was taken."""
 
     step: Step
     setup: ControlSetup
@@ -48,18 +48,18 @@ class Entry:
 
 
 class Recorder(ABC):
-    """Takes the steps of daemons, and writes them in the background while its context lasts.
+    """Takes the steps of daemons, and writes them in the background as long as its context lasts.
 
     Attributes
     ----------
     steps
-        Steps of control that were to be recorded.
+        Steps of control to be recorded.
     dropped
         Steps among them for which there was no room.
     failure
         What is wrong with the recording, in a sentence; None: nothing.
     incomplete
-        Whether something that was to be recorded is not: for the exit code.
+        Whether something that should be recorded is not: for the exit code.
     """
 
     def __init__(self, room: int) -> None:
@@ -86,13 +86,13 @@ class Recorder(ABC):
         self._thread.join()
 
     def take(self, pair: StereoPair, decision: Decision, loop: ControlLoop, cameras: int) -> None:
-        """Take a step of a rig of so many cameras; on the control thread, right after `loop` has made it."""
+        """Take a step of a rig with this many cameras; on the control thread, right after `loop` has made it."""
         if self._ended:
             return
         self.steps += 1
         if self._queue.qsize() >= self._room:
             self.dropped += 1
-            self._setup = None  # have a snapshot with the next step, so that a replay can go on from there
+            self._setup = None  # take a snapshot with the next step, so that a replay can go on from there
             return
         now_ns, state = time.monotonic_ns(), None
         if self.dropped > self._dropped_said and self._throttle.due("dropped", now_ns):
@@ -100,12 +100,12 @@ class Recorder(ABC):
             self._dropped_said = self.dropped
         if loop.setup is not self._setup or now_ns - self._snapshot_ns >= SNAPSHOT_NS:
             self._setup, self._snapshot_ns, state = loop.setup, now_ns, loop.state()
-        step = Step(self.steps, cameras, pair, decision)
+        step = Step(self.steps, cameras, pair, decision, loop.angular_rate_rad_s)
         self._queue.put(Entry(step, loop.setup, state, now_ns))
 
     @abstractmethod
     def save(self) -> None:
-        """Have what is kept in memory written, in the background; a signal handler may call this."""
+        """Write what is in memory, in the background; a signal handler may call this."""
 
     @property
     @abstractmethod
@@ -123,7 +123,7 @@ class ContinuousRecorder(Recorder):
     Parameters
     ----------
     file
-        Where to.
+        The file to write.
     rate_hz
         Steps per second; the queue has room for `QUEUE_S` of them.
     rig
@@ -141,11 +141,11 @@ class ContinuousRecorder(Recorder):
         self._file = RecordingFile(file, rig)
 
     def save(self) -> None:
-        """Nothing: all is written anyway."""
+        """Nothing: everything is written anyway."""
 
     @property
     def summary(self) -> str:
-        """Steps that can be read back, drops, and what went down with a failure."""
+        """Steps that can be read back, drops, and what was lost by a failure."""
         lost = self.steps - self.dropped - self._file.steps
         return (
             f"{self._path}: {self._file.steps} steps recorded, {self.dropped} dropped by the recorder"
@@ -178,25 +178,25 @@ class LastSecondsRecorder(Recorder):
     Parameters
     ----------
     file
-        ``run.mcap``; of numbers that are taken the next one is used.
+        ``run.mcap``; the next free number is used.
     rate_hz
-        Steps per second; memory is bounded by so many times the seconds, twice while it writes.
+        Steps per second; memory is limited to this times the seconds, and twice that while it writes.
     rig
         Name of the rig.
     last_s
-        How many seconds; up to one more, so that each recording begins with a snapshot.
+        How many seconds, and up to one more, so that each recording begins with a snapshot.
 
     Raises
     ------
     RecordingError
-        When there is no such folder.
+        When the folder does not exist.
     """
 
     def __init__(self, file: Path, rate_hz: float, rig: str, last_s: float) -> None:
         super().__init__(math.ceil((last_s + SNAPSHOT_NS * 1e-9) * rate_hz) + 1)
         self._ring: deque[Entry] = deque(maxlen=self._room)
         if not os.access(file.absolute().parent, os.W_OK):
-            raise RecordingError(f"{file}: cannot be written; name a file in a folder that is there")
+            raise RecordingError(f"{file}: cannot be written; name a file in an existing folder")
         self._path = file
         self._rig = rig
         self._last_s = last_s
@@ -204,7 +204,7 @@ class LastSecondsRecorder(Recorder):
         self._written: list[str] = []
 
     def save(self) -> None:
-        """Have the last seconds written in the background."""
+        """Write the last seconds in the background."""
         self._save_asked = True
 
     @property
@@ -215,7 +215,7 @@ class LastSecondsRecorder(Recorder):
     def _run(self) -> None:
         closing = False
         while not closing:
-            with suppress(queue.Empty):  # a signal handler wakes nobody, so look now and then
+            with suppress(queue.Empty):  # a signal handler wakes no thread, so look now and then
                 entry = self._queue.get(timeout=_LOOK_S)
                 closing = entry is None
                 if entry is not None:
@@ -261,15 +261,15 @@ class LastSecondsRecorder(Recorder):
 
 
 def new_recorder(file: Path, config: Config, last_s: float | None) -> Recorder:
-    """What records to a file: the last seconds on demand, or everything when `last_s` is None.
+    """A recorder for a file: of the last seconds on demand, or of everything when `last_s` is None.
 
     Raises
     ------
     RecordingError
-        When the file cannot be written, or has no name for a recording.
+        When the file cannot be written, or its name is not that of a recording.
     """
     if file.suffix != SUFFIX:
-        raise RecordingError(f"{file}: is no name for a recording: let it end in {SUFFIX}")
+        raise RecordingError(f"{file}: is not a name for a recording: it must end in {SUFFIX}")
     rate_hz, rig = config.trigger.rate_hz, (config.publish or PublishConfig()).rig
     if last_s is None:
         return ContinuousRecorder(file, rate_hz, rig)

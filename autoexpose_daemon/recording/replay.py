@@ -1,4 +1,4 @@
-"""A recording played again: what a policy decides on the frames that were recorded."""
+"""Replaying a recording: what a policy decides on the recorded frames."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Replayed:
     Attributes
     ----------
     decision
-        None where nothing can be said: before the first snapshot, and after recorder drops up to the next one.
+        None where it is unknown: before the first snapshot, and between recorder drops and the next snapshot.
     dropped
         Steps that the recorder dropped just before this one.
     undelivered
@@ -31,16 +31,16 @@ class Replayed:
 
     @property
     def same(self) -> bool:
-        """Whether it is what was decided in the recorded run, to the last bit."""
+        """Whether this was decided in the recorded run, to the last bit."""
         return self.decision == self.step.decision
 
 
 class Replay:
-    """Plays the items of a recording through the recorded policy, or through another one.
+    """Feeds the items of a recording to the recorded policy, or to another one.
 
     The recorded policy begins at a snapshot of its state and goes on until steps are missing that it would have
-    learnt from; the next snapshot lets it go on. Another policy begins knowing nothing and takes what comes: it sees
-    the frames that the recorded policy asked for, not those that it would ask for itself.
+    learnt from; the next snapshot lets it continue. Another policy begins without any knowledge and takes what comes:
+    it sees the frames that the recorded policy asked for, not those that it would ask for itself.
 
     Parameters
     ----------
@@ -57,11 +57,11 @@ class Replay:
 
     @property
     def faithful(self) -> bool:
-        """Whether it is the recorded policy that is played, so that its decisions must be those recorded."""
+        """Whether the recorded policy is replayed, so that its decisions must be those recorded."""
         return self.setup is None or self._policy_id in (None, self.setup.control.policy_id)
 
     def steps(self, items: Iterable[Item]) -> Iterator[Replayed]:
-        """What becomes of each step.
+        """The outcome of each step.
 
         Raises
         ------
@@ -101,4 +101,5 @@ class Replay:
         self._former = step
         if dropped and self.faithful:
             self._loop = None
-        return Replayed(step, None if self._loop is None else self._loop.step(step.pair), dropped, undelivered)
+        decision = None if self._loop is None else self._loop.step(step.pair, step.angular_rate_rad_s)
+        return Replayed(step, decision, dropped, undelivered)

@@ -1,4 +1,4 @@
-"""What a replay shows: a line for each second, where steps are missing, and how it all agrees."""
+"""What a replay prints: a line for each second, where steps are missing, and how well the decisions agree."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ def report_replay(path: Path, policy_id: str | None, say: Say) -> bool:
     Returns
     -------
     bool
-        False when the recorded policy decided otherwise than it had.
+        False when the recorded policy decided differently this time.
 
     Raises
     ------
     RecordingError, ConfigurationError
-        When the recording cannot be read, or the policy not be run on it.
+        When the recording cannot be read, or the policy cannot run on it.
     """
     recording, player = Recording(path), Replay(policy_id)
     second, total = _Figures(), _Figures()
@@ -55,7 +55,7 @@ def report_replay(path: Path, policy_id: str | None, say: Say) -> bool:
 
 @dataclass(slots=True)
 class _Figures:
-    """Counts over some steps; `apart` are differences of exposure level, stops, of steps that could be replayed."""
+    """Counts over some steps; `apart`: differences of exposure level (stops) over the steps that could be replayed."""
 
     steps: int = 0
     same: int = 0

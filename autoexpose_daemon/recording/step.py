@@ -26,15 +26,18 @@ class Step:
     cameras
         Cameras of the rig.
     pair
-        What control looked at. A gap in its `trigger` without one in `sequence` are pairs that never reached control.
+        What control looked at. A gap in its `trigger` without one in `sequence` means pairs that never reached control.
     decision
         What control decided.
+    angular_rate_rad_s
+        How fast the camera turned; None: control was not given it, and used optical flow.
     """
 
     sequence: int
     cameras: int
     pair: StereoPair
     decision: Decision
+    angular_rate_rad_s: float | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,9 +47,9 @@ class Setup:
     Attributes
     ----------
     control
-        What it is built from.
+        What the loop is built from.
     made_with
-        The software whose decisions these are, with versions.
+        The software that made the decisions, with versions.
     """
 
     control: ControlSetup

@@ -50,11 +50,11 @@ class ActiveLoop:
         if self._limits:
             self._install(loop)
 
-    def step(self, pair: StereoPair) -> Decision | None:
-        """Decide on a pair; None before a camera is ready."""
+    def step(self, pair: StereoPair, angular_rate_rad_s: float | None) -> Decision | None:
+        """Decide on a pair, at an angular rate where one is known; None before a camera is ready."""
         if self.loop is None:
             return None
-        decision = self.loop.step(pair)
+        decision = self.loop.step(pair, angular_rate_rad_s)
         self._newest = pair
         return decision
 

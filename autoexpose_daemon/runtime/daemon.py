@@ -9,8 +9,9 @@ import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
-from contextlib import AbstractContextManager, ExitStack
+from contextlib import AbstractContextManager, ExitStack, nullcontext
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -75,6 +76,7 @@ class Daemon:
         self.outlets = self._control.outlets
         self.outlets += outlets
         """Opened and closed by `run`, and told of every step."""
+        self._imu: AbstractContextManager[Any] = nullcontext()
         self.beat_ns = 0
         """When the control thread last began a turn (CLOCK_MONOTONIC); it does ten times a second, come what may."""
 
@@ -93,6 +95,10 @@ class Daemon:
         """What decides at present: for observers, who are called on its thread."""
         return self._control.active.loop
 
+    def follow_imu(self, imu: AbstractContextManager[Any], angular_rate: Callable[[], float | None]) -> None:
+        """Have control ask for an angular rate before each decision (rad/s, None: not known); `run` opens `imu`."""
+        self._imu, self._control.angular_rate = imu, angular_rate
+
     def run(self, stop: threading.Event) -> None:
         """Run until `stop` is set, then leave the cameras stopped and free.
 
@@ -108,6 +114,7 @@ class Daemon:
             for outlet in self.outlets:
                 if isinstance(outlet, AbstractContextManager):
                     outlets.enter_context(outlet)
+            outlets.enter_context(self._imu)
             self._rig.start()
             try:
                 self._warm_up()

@@ -53,6 +53,8 @@ class RigControl:
         Counts and latest values.
     outlets
         Take every pair.
+    angular_rate
+        Asked before each decision how fast the camera turns, rad/s; None: not known.
     record
         What became of every trigger and write.
     active
@@ -69,6 +71,7 @@ class RigControl:
     ) -> None:
         self.telemetry = Telemetry()
         self.outlets: list[Outlet] = []
+        self.angular_rate: Callable[[], float | None] = lambda: None
         lines = dict.fromkeys(config.triggered_sides, config.trigger.line)
         self.record = RigRecord(tuple(config.sides), lines, config.trigger.rate_hz, now_ns())
         self.active = ActiveLoop(Tuning(config))
@@ -128,7 +131,7 @@ class RigControl:
 
     def _step(self, pair: StereoPair) -> None:
         started_ns = self._now_ns()
-        decision = self.active.step(pair)
+        decision = self.active.step(pair, self.angular_rate())
         if decision is None or self.active.loop is None:
             return
         decided_ns = self._now_ns()

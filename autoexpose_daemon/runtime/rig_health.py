@@ -8,6 +8,7 @@ from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.runtime.complaints import Complaints
 from autoexpose_daemon.runtime.frame_watch import FrameWatch
 from autoexpose_daemon.runtime.stuck import StuckStreams
+from autoexpose_daemon.status.states import ADJUSTED
 from autoexpose_daemon.status.telemetry import GONE, Telemetry
 from drivers.camera import IncompleteFrame
 from drivers.errors import AutoexposeError
@@ -84,8 +85,8 @@ class RigHealth:
     def _written(self, event: Written) -> None:
         self._complaints.end(event.side, "refused")
         if event.read_back.agrees_with(event.asked):
-            self._complaints.end(event.side, "clipped")
+            self._complaints.end(event.side, ADJUSTED)
         else:
             self._telemetry.counts.adjusted_writes += 1
             taken = f"{event.asked} was asked for, the camera took {event.read_back}"
-            self._complaints.begin(event.side, "clipped", taken)
+            self._complaints.begin(event.side, ADJUSTED, taken)

@@ -1,15 +1,18 @@
-"""The outlets of a daemon's control steps: recorder and publisher, as configured."""
+"""The outlets of a daemon's control steps, and the source of its angular rate, as configured."""
 
 from __future__ import annotations
 
 import logging
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from autoexpose_daemon.config.document import Config
+from autoexpose_daemon.config.motion import ImuConfig
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.messages.keys import response_key, status_key
+from autoexpose_daemon.runtime.angular_rate import AngularRate
 from autoexpose_daemon.runtime.daemon import Daemon
 from autoexpose_daemon.status.describe import describe
 from autoexpose_daemon.status.document import response_to_json
@@ -37,10 +40,12 @@ class RecorderTap:
 
 
 def add_outlets(daemon: Daemon, config: Config, recorder: Recorder | None = None) -> Daemon:
-    """Have a daemon record, given a recorder, and publish, if configured.
+    """Have a daemon record, given a recorder, and publish and use an IMU, if configured.
 
-    Without the Python packages for publishing, the daemon runs on and says so.
+    Without the Python packages for zenoh, the daemon runs on and says so.
     """
+    if config.motion.imu is not None:
+        _add_imu(daemon, config.motion.imu)
     daemon.telemetry.recorder = recorder
     if recorder is not None:
         daemon.outlets.append(RecorderTap(recorder, daemon, len(config.sides)))
@@ -49,7 +54,7 @@ def add_outlets(daemon: Daemon, config: Config, recorder: Recorder | None = None
     try:
         from autoexpose_daemon.publish.publisher import Publisher  # noqa: PLC0415  an extra
     except ImportError as error:
-        trouble = f"{error.name} is missing: pip install 'autoexpose-daemon[publish]'"
+        trouble = _missing(error)
         log.warning("frames are not published: %s", trouble)
         daemon.telemetry.publishing = PublishTally(trouble=trouble)
         return daemon
@@ -57,6 +62,23 @@ def add_outlets(daemon: Daemon, config: Config, recorder: Recorder | None = None
     daemon.outlets.append(publisher)
     daemon.telemetry.publishing = publisher.tally
     return daemon
+
+
+def _add_imu(daemon: Daemon, config: ImuConfig) -> None:
+    rate = AngularRate(config, daemon.telemetry.counts)
+    daemon.telemetry.imu = rate.tally
+    subscriber: AbstractContextManager[Any]
+    try:
+        from autoexpose_daemon.publish.imu import ImuSubscriber  # noqa: PLC0415  an extra
+    except ImportError as error:
+        subscriber, rate.no_source = nullcontext(), _missing(error)
+    else:
+        subscriber = ImuSubscriber(config, rate)
+    daemon.follow_imu(subscriber, rate)
+
+
+def _missing(error: ImportError) -> str:
+    return f"{error.name} is missing: pip install 'autoexpose-daemon[publish]'"
 
 
 def _texts(daemon: Daemon, last: bool) -> dict[str, str]:

@@ -168,7 +168,7 @@ class Service:
 
     def _restart(self, config: Config) -> None:
         log.info(
-            "the new configuration changes cameras, trigger, image, transport or publishing: reopening all of them"
+            "the new configuration changes cameras, trigger, image, transport, IMU or publishing: reopening all of them"
         )
         daemon = self._make(config)  # may raise while the old one still runs
         self._end()
@@ -178,9 +178,9 @@ class Service:
 
 
 def _same_cameras(one: Config, other: Config) -> bool:
-    """Whether cameras and publishing would be opened the same way."""
+    """Whether the cameras, the IMU and publishing would be opened the same way."""
 
     def opening(config: Config) -> tuple[object, ...]:
-        return config.cameras, config.trigger, config.image, config.transport, config.publish
+        return config.cameras, config.trigger, config.image, config.transport, config.motion, config.publish
 
     return opening(one) == opening(other)

@@ -75,6 +75,8 @@ class Counts:
     frames_without_exposure_metadata: Count = _counter(
         "writes", "frames without exposure metadata",
         "Frames that lacked exposure metadata although the camera had sent them before.")
+    decisions_without_imu: Count = _counter(
+        "writes", "decisions without the IMU", "Decisions by optical flow although an IMU is configured.")
     decisions_at_darkest_limit: Count = _counter(
         "writes", "decisions at the darkest limit", "Decisions held at the darkest setting allowed.", anomaly=False)
     decisions_at_brightest_limit: Count = _counter(

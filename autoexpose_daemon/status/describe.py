@@ -57,6 +57,7 @@ def describe(telemetry: Telemetry, config: Config, ending: bool = False) -> Stat
         publishing=None if telemetry.publishing is None else _publishing(telemetry.publishing, now_ns),
         recorder=_recorder(telemetry),
         faults=fault_log().faults,
+        imu=None if telemetry.imu is None else replace(telemetry.imu),
     )
 
 

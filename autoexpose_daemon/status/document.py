@@ -10,6 +10,7 @@ from pydantic import AfterValidator, Field, TypeAdapter, ValidationError
 
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.status.counters import Count, Counts
+from autoexpose_daemon.status.imu import ImuTally
 from autoexpose_daemon.status.publishing import ConsumerTally
 from autoexpose_daemon.status.states import Health, State
 from calibration.response import CurveDocument, ResponseFunction
@@ -148,6 +149,8 @@ class Status:
         None if frames are not published, or not recorded.
     faults
         The latest, oldest first.
+    imu
+        None where none is configured.
     """
 
     version: int
@@ -173,6 +176,7 @@ class Status:
     publishing: PublishStatus | None
     recorder: RecorderStatus | None
     faults: Annotated[tuple[Fault, ...], _Few]
+    imu: ImuTally | None = None
 
     @property
     def health(self) -> Health:

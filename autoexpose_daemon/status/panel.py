@@ -10,6 +10,7 @@ from rich.text import Text
 from autoexpose_daemon.status.counters import anomalies
 from autoexpose_daemon.status.document import CameraStatus, DurationStatus, PublishStatus, Status
 from autoexpose_daemon.status.durations import DURATIONS
+from autoexpose_daemon.status.imu import ImuTally
 from autoexpose_daemon.status.losses import lost_in_words
 from autoexpose_daemon.status.states import State
 from drivers.exposure import ExposureSetting
@@ -95,11 +96,18 @@ def _responses(status: Status) -> Iterator[tuple[str, str]]:
 
 
 def _outlets(status: Status) -> Iterator[tuple[str, str]]:
+    if status.imu is not None:
+        yield "imu", _imu(status.imu)
     if status.publishing is not None:
         yield from _publishing(status.publishing)
     if status.recorder is not None:
         steps, dropped = status.recorder.steps, status.recorder.dropped
         yield "recorded", status.recorder.failure or f"{steps - dropped}, dropped: {dropped or 'none'}"
+
+
+def _imu(imu: ImuTally) -> str:
+    used = "not used" if imu.angular_rate_rad_s is None else f"{imu.angular_rate_rad_s:.2f} rad/s"
+    return f"{used}   {imu.samples} samples, refused: {imu.refused or 'none'}"
 
 
 def _publishing(publishing: PublishStatus) -> Iterator[tuple[str, str]]:

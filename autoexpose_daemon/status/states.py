@@ -13,7 +13,7 @@ START_PATIENCE_NS = 10_000_000_000
 """A rig without a pair this long after its start is no longer starting. A GigE Vision camera stays with a killed
 controller for 3 s; two searches of a second each and the pauses between them come on top."""
 
-CLIPPED = "clipped"
+ADJUSTED = "adjusted"
 """The kind of complaint that does not degrade: cameras round, and frames carry the setting they were taken with."""
 
 SILENCE_NS = 1_000_000_000
@@ -87,12 +87,14 @@ def _shortcomings(telemetry: Telemetry, expected: Expectation, now_ns: int) -> I
     ):
         yield "frames form no stereo pairs"
     for (side, kind), complaint in complaints.items():
-        if kind not in (GONE, CLIPPED):
+        if kind not in (GONE, ADJUSTED):
             yield f"{side} camera: {complaint}"
     for side, misfit in list(telemetry.misfits.items()):  # the control thread adds to it
         yield f"calibration of the {side} camera does not fit: {misfit}"
     if telemetry.publishing is not None and telemetry.publishing.trouble:
         yield f"frames are not published: {telemetry.publishing.trouble}"
+    if telemetry.imu is not None and telemetry.imu.trouble:
+        yield f"image speed comes from optical flow: {telemetry.imu.trouble}"
 
 
 def _silent(last_ns: int | None, expected: Expectation, now_ns: int) -> bool:

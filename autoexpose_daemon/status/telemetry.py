@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.status.counters import Counts
+from autoexpose_daemon.status.imu import ImuTally
 from autoexpose_daemon.status.publishing import PublishTally
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Side, StereoPair
@@ -88,6 +89,8 @@ class Telemetry:
         See `DURATIONS`.
     publishing, recorder
         Counts of the publisher and of the recorder; None without one.
+    imu
+        What became of the IMU's samples; None without one.
     """
 
     opened_ns: int | None = None
@@ -111,6 +114,7 @@ class Telemetry:
     command_to_effect_ms: DurationSamples = field(default_factory=DurationSamples)
     publishing: PublishTally | None = None
     recorder: RecorderCounts | None = None
+    imu: ImuTally | None = None
     _recent_ns: deque[int] = field(default_factory=lambda: deque(maxlen=120))
 
     @property

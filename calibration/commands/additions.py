@@ -1,4 +1,4 @@
-"""Response files that further measurements of the same camera are added to."""
+"""Adding further measurements of the same camera to its response file."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from drivers.errors import ConfigurationError
 
 
 def response_file_of(path: Path, serial: str) -> ResponseFile:
-    """The response file of a camera, looked at before the camera is measured for it.
+    """The response file of a camera, checked before the measurement.
 
     Raises
     ------
     ConfigurationError
-        When there is none, or it is of another camera.
+        When it does not exist, or is of another camera.
     """
     if not path.exists():
         raise ConfigurationError(
-            f"{path}: no response file is there to add to: make it first with autoexpose calibrate response "
+            f"{path}: there is no response file to add to: make it first with autoexpose calibrate response "
             f"--camera {serial} -o {path}"
         )
     file = ResponseFile.load(path)

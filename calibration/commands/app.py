@@ -71,7 +71,7 @@ def check(
     file: Path,
     camera: Annotated[str | None, typer.Option(help="Serial number: does the file still hold for this camera?")] = None,
 ) -> None:
-    """Tell what a response file is, and whether it still predicts what the camera does."""
+    """Show what a response file is, and whether it still predicts what the camera does."""
     console = Console(highlight=False)
     content = ResponseFile.load(file)
     for name, value in (*origin_facts(content.origin), *curve_facts(content)):
@@ -86,7 +86,7 @@ def check(
         text = "verdict: none: the file does not say how it was measured; check it with --camera SERIAL"
         console.print(text, soft_wrap=True)
         return
-    _tell(verdict(findings), findings, console)
+    _print_verdict(verdict(findings), findings, console)
     if verdict(findings) == "refused":
         raise typer.Exit(1)
 
@@ -129,21 +129,21 @@ def _places(rig: Sequence[CameraMode], output: Path) -> dict[Path, CameraMode]:
 
 
 def _previous(path: Path) -> ResponseFile | None:
-    """The response file that is to be replaced; what cannot or must not be is refused before a camera is swept."""
+    """The response file that is to be replaced; impossible names are refused before a camera is swept."""
     if path.suffix in (".html", ".png"):
-        raise ConfigurationError(f"{path}: the report is to have this name: name the response file .yaml")
+        raise ConfigurationError(f"{path}: the report needs this name: name the response file .yaml")
     if path.is_dir() or not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
-        raise ConfigurationError(f"{path}: cannot be written: name a file in a folder that is there and may be written")
+        raise ConfigurationError(f"{path}: cannot be written: name a file in an existing folder that you may write to")
     if not path.exists():
         return None
     try:
         return ResponseFile.load(path)
     except ConfigurationError as error:
-        raise ConfigurationError(f"{error}; it is no response file to be replaced: choose another name") from None
+        raise ConfigurationError(f"{error}; it is not a response file to replace: choose another name") from None
 
 
 def _keep(results: dict[Path, Result], console: Console) -> None:
-    """Write response files and reports, and tell what came out."""
+    """Write response files and reports, and print the results."""
     rig = list(results.values())
     solved = [result.solution for result in rig if result.solution is not None]
     comparison = compare(solved[0], solved[1]) if len(solved) == len(SIDES) else None
@@ -155,13 +155,13 @@ def _keep(results: dict[Path, Result], console: Console) -> None:
             console.print(f"{name}: {value}", soft_wrap=True)
         for note in result.notes:
             console.print(f"note: {note}", soft_wrap=True)
-        _tell(result.verdict, result.findings, console)
+        _print_verdict(result.verdict, result.findings, console)
         console.print(f"written: {f'{path}, ' if result.file is not None else ''}{report}", soft_wrap=True)
     if comparison is not None:
         console.print(str(comparison), soft_wrap=True)
 
 
-def _tell(judged: Verdict, findings: tuple[Finding, ...], console: Console) -> None:
+def _print_verdict(judged: Verdict, findings: tuple[Finding, ...], console: Console) -> None:
     for finding in findings:
         console.print(f"{finding.severity}: {finding.text}", soft_wrap=True)
     console.print(f"verdict: {judged}")

@@ -29,16 +29,16 @@ REACH_STOPS = 2.0
 STEPS = 9
 FRAMES = 4
 HEADROOM_STOPS = 2.0
-"""Where the median of the scene is put, below saturation: the brightest exposure then just reaches it."""
+"""How far below saturation the median of the scene is put: the brightest exposure then just reaches it."""
 NEAR_STOPS = 0.5
 MOST_STOPS = 20.0
-"""By which exposure times change in the search, also where a foreign file says more than any camera has."""
-_TRIES = 6  # a scene all black or all white tells a direction only
+"""Most by which exposure times change in the search, even if a foreign file implies more than any camera has."""
+_TRIES = 6  # a scene all black or all white gives only a direction
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Check:
-    """What a file predicts held against what the camera shows.
+    """What a file predicts, compared with what the camera shows.
 
     Attributes
     ----------
@@ -60,7 +60,7 @@ def check_camera(path: Path, serial: str, console: Console) -> Check:
     ConfigurationError
         When the file cannot be read, or is of another camera or mode.
     CameraError
-        When the camera does not do its part.
+        When the camera fails.
     """
     file = ResponseFile.load(path)
     origin = file.origin
@@ -73,7 +73,7 @@ def check_camera(path: Path, serial: str, console: Console) -> Check:
         plan = plan_check(session, file.response, gain_db)
         sweep = Sweep(tuple(take(session, plan, serial, console)))
     match = agreement(file.response, tones_by_exposure(sweep))
-    # Four stops need not cover many grey levels; that light and scene stood still they must show.
+    # Four stops need not cover many grey levels, but they must show that light and scene stood still.
     unsteady = [finding for finding in judge_sweep(sweep) if finding.reason != "few_levels"]
     return Check(match, (*unsteady, *judge_agreement(match, serial)))
 
@@ -104,6 +104,6 @@ def judge_agreement(match: Agreement, serial: str) -> list[Finding]:
         return []
     text = (
         f"predictions are off by {match.residual_grey:.1f} grey levels rms, where {GOOD_GREY:g} are expected: "
-        f"calibrate anew with autoexpose calibrate response --camera {serial}"
+        f"calibrate again with autoexpose calibrate response --camera {serial}"
     )
     return [Finding("warned" if match.residual_grey <= USABLE_GREY else "refused", "disagreement", text)]

@@ -25,7 +25,7 @@ def measure_camera(mode: CameraMode, gain_db: float, console: Console) -> Result
     Raises
     ------
     CameraError, ConfigurationError
-        When the camera cannot be opened, or does not do its part.
+        When the camera cannot be opened, or fails.
     """
     with Session(open_camera(mode.serial, mode.setup())) as session:
         check_gain(session, gain_db)
@@ -43,8 +43,8 @@ def measure_camera(mode: CameraMode, gain_db: float, console: Console) -> Result
 
 
 def measure_images(source: Path) -> Result:
-    """Solve the sweep that a folder or a list of images holds; no camera is known of it."""
-    from calibration.sources.images import read_images  # noqa: PLC0415  it needs pillow, of the extra
+    """Solve the sweep that a folder or a list of images holds; the camera is unknown."""
+    from calibration.sources.images import read_images  # noqa: PLC0415  it needs pillow, from the extra
 
     origin = Origin(date=datetime.now(UTC).replace(microsecond=0), tool=tool())
     return calibrate(f"the images of {source}", origin, read_images(source))

@@ -32,13 +32,13 @@ def latency(
     file = None if output is None else response_file_of(output, camera)
     with Session(open_camera(camera, session_setup(rate_hz=rate_hz))) as session:
         effects = _measure(session, camera, rate_hz, writes, console)
-    if any(effect.frames or effect.untold for effect in effects):
+    if any(effect.frames or effect.unclear for effect in effects):
         console.print(latency_table(f"camera {camera} at {rate_hz:g} Hz", effects))
     for effect in effects:
         if effect.frames:
             console.print(when_it_shows(effect), soft_wrap=True)
     if len(effects) == 1:
-        console.print("gain is left out: this camera has none in dB that can be changed")
+        console.print("gain is left out: this camera has no adjustable gain in dB")
     for finding in dict.fromkeys(finding for effect in effects for finding in effect.findings):
         console.print(f"{finding.severity}: {finding.text}", soft_wrap=True)
     refused = [effect for effect in effects if any(finding.severity == "refused" for finding in effect.findings)]
@@ -53,12 +53,12 @@ def latency_table(title: str, effects: Sequence[WriteEffect]) -> Table:
     """One row for each number of frames that was seen."""
     table = Table("write of", "frames until it shows", "writes", "share", "", title=title, title_justify="left")
     for effect in effects:
-        told = sum(effect.frames.values())
+        clear = sum(effect.frames.values())
         for frames, count in effect.frames.items():
-            share = count / told
+            share = count / clear
             table.add_row(effect.quantity, str(frames), str(count), f"{share:.0%}", "#" * round(20 * share))
-        if effect.untold:
-            table.add_row(effect.quantity, "untold", str(effect.untold), "", "")
+        if effect.unclear:
+            table.add_row(effect.quantity, "unclear", str(effect.unclear), "", "")
         table.add_section()
     return table
 
@@ -68,19 +68,19 @@ def when_it_shows(effect: WriteEffect) -> str:
     assert effect.lead_us is not None
     assert effect.delay_us is not None
     early_ms, late_ms = (delay_us * 1e-3 for delay_us in effect.delay_us)
-    told = f"{effect.quantity}: written {effect.lead_us * 1e-3:.1f} ms after the start of an exposure"
+    written = f"{effect.quantity}: written {effect.lead_us * 1e-3:.1f} ms after the start of an exposure"
     if early_ms < 0:
-        return f"{told}; exposures that start {late_ms:.1f} ms after the write, and earlier ones perhaps, show it"
+        return f"{written}; exposures that start {late_ms:.1f} ms after the write, and earlier ones perhaps, show it"
     if early_ms < late_ms:
-        return f"{told}; exposures that start {early_ms:.1f} ms after the write do not show it, {late_ms:.1f} ms do"
-    return f"{told}; how long after the write an exposure starts does not decide whether it shows it"
+        return f"{written}; exposures that start {early_ms:.1f} ms after the write do not show it, {late_ms:.1f} ms do"
+    return f"{written}; how long after the write an exposure starts does not decide whether it shows it"
 
 
 def latency_document(rate_hz: float, effects: Sequence[WriteEffect]) -> dict[str, Any]:
     """What stands under `latency` in a response file."""
     document: dict[str, Any] = {"rate_hz": rate_hz}
     for effect in effects:
-        document[effect.quantity] = {"mode_frames": effect.mode, "frames": effect.frames, "untold": effect.untold}
+        document[effect.quantity] = {"mode_frames": effect.mode, "frames": effect.frames, "untold": effect.unclear}
     return document
 
 
@@ -93,4 +93,6 @@ def _measure(session: Session, serial: str, rate_hz: float, writes: int, console
                 session, rate_hz, writes, lambda done, total: progress.update(bar, completed=done, total=total)
             )
     except KeyboardInterrupt:
-        raise AutoexposeError(f"camera {serial}: stopped before all was measured: nothing was written") from None
+        raise AutoexposeError(
+            f"camera {serial}: stopped before the measurement was complete: nothing was written"
+        ) from None

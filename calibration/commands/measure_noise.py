@@ -39,7 +39,7 @@ DEEPER = (PixelFormat.MONO12, PixelFormat.MONO16)
 def noise(
     *,
     camera: Annotated[str, typer.Option(help="Serial number.")],
-    gain_db: Annotated[list[float] | None, typer.Option(help="Gain to measure at (dB); may be given again.")] = None,
+    gain_db: Annotated[list[float] | None, typer.Option(help="Gain to measure at (dB); may be repeated.")] = None,
     pixel_format: Annotated[PixelFormat | None, typer.Option(help="The deepest the camera has, if not given.")] = None,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="Response file to add the result to.")] = None,
 ) -> None:
@@ -102,7 +102,7 @@ def _rounded(estimate: Estimate) -> list[float]:
 
 @contextmanager
 def _session(serial: str, pixel_format: PixelFormat | None) -> Iterator[Session]:
-    """A session in the format asked for, or the deepest; at its end the camera gets back the format it had."""
+    """A session in the format asked for, or the deepest; at its end the camera gets its previous format back."""
     with closing(open_camera(serial, session_setup())) as camera:
         former = camera.description.pixel_format
     try:
@@ -112,7 +112,7 @@ def _session(serial: str, pixel_format: PixelFormat | None) -> Iterator[Session]
         try:
             open_camera(serial, session_setup(former)).close()
         except AutoexposeError as error:  # it must not hide why the measurement ended
-            log.warning("camera %s: its pixel format is no longer %s: %s", serial, former, error)
+            log.warning("camera %s: its pixel format could not be set back to %s: %s", serial, former, error)
 
 
 def _open(serial: str, pixel_format: PixelFormat | None) -> AravisCamera:

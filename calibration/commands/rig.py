@@ -1,4 +1,4 @@
-"""Which cameras a calibration is of, and how they are to be set up."""
+"""Which cameras to calibrate, and how to set them up."""
 
 from __future__ import annotations
 

@@ -8,13 +8,13 @@ from calibration.response import GREY_LEVELS, ResponseFunction
 
 TOP = 255.0
 LEAST_STEP = 3e-5
-"""Just above what single precision, which those tools read with, tells apart below 255."""
+"""Just above what single precision, which those tools use, can distinguish below 255."""
 
 
 def tum_table(response: ResponseFunction) -> str:
     """One line of 256 numbers: the light of each grey level, strictly increasing from 0 to 255.
 
-    Grey levels that the response does not tell apart, up to the black level and from saturation on, get the least
+    Grey levels that the response does not distinguish, up to the black level and from saturation on, get the least
     step that keeps them apart.
     """
     stops = response.inverse(np.arange(GREY_LEVELS))

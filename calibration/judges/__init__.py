@@ -1,1 +1,1 @@
-"""What is wrong with a sweep or its solution, each reason a rule of its own."""
+"""What is wrong with a sweep or its solution, one rule for each reason."""

@@ -1,4 +1,4 @@
-"""Whether images follow the exposures that they are said to have."""
+"""Whether images follow their stated exposures."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ MID_GREY = 24
 """Groups so far from the ends of what was seen must brighten with exposure, ..."""
 
 LEAST_RISE_GREY = 2.5
-"""... by more than so many grey levels per stop: a power law of 0.3 gives twice as much."""
+"""... by more than this many grey levels per stop: a power law of 0.3 gives twice as much."""
 
 FLAT_STOPS = 0.9
-"""Brightness that stays the same over so much exposure does not follow it; flicker may hide less."""
+"""Brightness that stays the same over this many stops does not follow exposure; flicker may hide less."""
 
 AGREED_GREY = 2.0
 """Repeats agree when most differ by less."""
 
 SORTED_GREY = 0.7
-"""Shots sorted by brightness fall into groups as tight as this if their exposures were the ones said, in another order.
+"""Shots sorted by brightness fall into groups this tight if the stated exposures are right, but in another order.
 
 Brightness that varies for other reasons fills the gaps between the groups.
 """
 
 
 def judge_exposures(sweep: Sweep, by_shot: Tones) -> Finding | None:
-    """Exposures that did not act (an automatic function, bounds), or that belong to other images."""
+    """Exposures without effect (an automatic function, bounds), or that belong to other images."""
     levels, index = exposure_index(sweep)
     brightness = by_shot.greys.mean(axis=1)
     repeats_agree = _disagreement(brightness, index) < AGREED_GREY
@@ -78,7 +78,7 @@ def _not_followed(sweep: Sweep, levels: Curve, stretch: tuple[int, int]) -> Find
     if min(noises) > 0 and np.log2(noises[0] / noises[1]) > 0.3 * (levels[last] - levels[first]):
         return Finding("refused", "auto_gain", f"{words}, but less noisy: switch auto gain off")
     if (first == 0) != (last == len(levels) - 1):
-        text = f"{words}: the camera's bounds held the exposure; ask for exposures within them"
+        text = f"{words}: the camera's bounds limited the exposure; ask for exposures within them"
         return Finding("refused", "bounds", text)
     return Finding("refused", "auto_exposure", f"{words}: switch auto exposure and auto gain off")
 
@@ -104,7 +104,7 @@ def _disagreement(brightness: Curve, index: NDArray[np.intp]) -> float:
 
 def _wrong_order(levels: Curve, steps: NDArray[np.intp]) -> Finding:
     where = ", ".join(f"{_us(levels[j])} and {_us(levels[j + 1])}" for j in steps[:3])
-    text = f"images get darker where exposure times say brighter (between {where}): correct the list of exposure times"
+    text = f"images get darker where the exposure times rise (between {where}): correct the list of exposure times"
     return Finding("refused", "wrong_exposures", text)
 
 

@@ -21,22 +21,22 @@ EXPLAINED = 0.93
 """Share of the variance that a step or a drift must account for."""
 
 ALIKE = 0.001
-"""A step has one size only, a drift three numbers: a step is taken that explains as much but for so little.
+"""A step has one parameter, a drift three: a step that explains nearly as much is preferred.
 
 In a sweep up and down again that ends in long exposures a drift looks like a step in the middle, to half a percent.
 """
 
 LAG_EXPLAINED = 0.2
-"""Share that a lagging control must account for: its limits no linear model knows."""
+"""Share that a lagging control must account for: no linear model knows its limits."""
 
 LAG_SURPRISE = 0.6
-"""A control does the same again when the exposures before were the same, but for how it started; light does not."""
+"""Apart from how it started, a control repeats itself when the previous exposures repeat; light does not."""
 
 LONG_EXPOSURE_US = 15_000
 """Hardly anything is left of the flicker of mains in exposures as long as this or longer."""
 
 FLICKER_CHANGE = 0.5
-"""Change from shot to shot over that of any two shots; 1 is no memory at all."""
+"""Change from shot to shot, relative to that between any two shots; 1 means no memory."""
 
 MOST_STEPS = 3
 """Lights may be switched off and on again; with more steps anything could be explained."""
@@ -48,10 +48,10 @@ MID_GREY = 16
 """Groups nearer to the ends of what was seen are poor light meters."""
 
 MOST_STOPS = 4.0
-"""A group tells changes of light up to so much; the scale is only guessed beyond its ends."""
+"""Stops up to which a group measures changes of light; beyond its ends the scale is a guess."""
 
 LEAST_GROUPS = 3
-"""Fewer do not tell of a shot, but where there are no more."""
+"""Fewer do not judge a shot, unless there are no more."""
 
 _WORDS = {
     "auto_exposure": "after each change of exposure brightness goes back; switch auto exposure and auto gain off",
@@ -62,15 +62,15 @@ _WORDS = {
 
 
 def judge_light(sweep: Sweep, by_shot: Tones) -> Finding | None:
-    """Light that stepped, drifted or flickered, or an automatic function that lags; None when it was steady."""
+    """Light that stepped, drifted or flickered, or an automatic function that lags; None if it was steady."""
     light = Light.of(by_shot, *exposure_index(sweep))
     size = light.variation()
     if size < STEADY_STOPS:
         return None
     times = np.array([k if shot.time_s is None else shot.time_s for k, shot in enumerate(sweep.shots)], float)
     reason = _reason(light, times, by_shot.levels)
-    told = light.stops[light.weights > 0]
-    text = f"shots of one exposure differ by {np.ptp(told):.2f} stops of light: {_WORDS[reason]}"
+    known = light.stops[light.weights > 0]
+    text = f"shots of one exposure differ by {np.ptp(known):.2f} stops of light: {_WORDS[reason]}"
     return Finding("refused" if size > REFUSED_STOPS or reason == "auto_exposure" else "warned", reason, text)
 
 
@@ -98,7 +98,7 @@ class Light:
     stops
         By shot.
     weights
-        Share of the groups of pixels that tell; 0 where it cannot be told.
+        Share of the groups of pixels that could measure it; 0 where it is unknown.
     index
         Which exposure each shot has.
     """
@@ -111,7 +111,7 @@ class Light:
     def of(cls, by_shot: Tones, levels: Curve, index: NDArray[np.intp]) -> Light:
         """Each group of pixels is its own light meter: its grey levels over the exposures of the sweep are its scale.
 
-        The median of the groups counts: a window in the dark has light of its own that lamps do not change.
+        The median of the groups counts: a window in the dark has its own light, which lamps do not change.
         """
         usual = of_exposures(by_shot, levels, index).greys
         dark = usual.min() - 1.0
@@ -123,9 +123,11 @@ class Light:
         stops = np.clip(stops - levels[index][:, None], -MOST_STOPS, MOST_STOPS)
         low, high = usual.min() + MID_GREY, usual.max() - MID_GREY
         clear = ((usual > low) & (usual < high))[index] | ((by_shot.greys > low) & (by_shot.greys < high))
-        told = (clear.sum(axis=1) >= min(LEAST_GROUPS, clear.shape[1])) & (np.bincount(index)[index] > 1)
-        medians = [np.median(row[mask]) if known else 0.0 for row, mask, known in zip(stops, clear, told, strict=True)]
-        return cls(np.array(medians), np.where(told, clear.mean(axis=1), 0.0), index)
+        known = (clear.sum(axis=1) >= min(LEAST_GROUPS, clear.shape[1])) & (np.bincount(index)[index] > 1)
+        medians = [
+            np.median(row[mask]) if any_clear else 0.0 for row, mask, any_clear in zip(stops, clear, known, strict=True)
+        ]
+        return cls(np.array(medians), np.where(known, clear.mean(axis=1), 0.0), index)
 
     def variation(self, among: NDArray[np.bool_] | slice = slice(None)) -> float:
         """Standard deviation of the light of shots of one exposure (stops)."""
@@ -135,7 +137,7 @@ class Light:
     def surprise(self) -> float:
         """Share of the variance that is left between shots of the same exposure after the same change; 1 if no two are.
 
-        Shots of an exposure are told apart by the exposure before it and by their place after the change.
+        Shots of an exposure are distinguished by the exposure before it and by their place after the change.
         """
         histories: list[tuple[int, int, int]] = []
         before, since = -1, 0

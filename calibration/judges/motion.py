@@ -13,7 +13,7 @@ from calibration.sweep import Sweep
 BLOCK_PX = 16
 
 MOVED_CORRELATION = 0.35
-"""Between neighbouring pixels of what a block changed by: noise has none, edges that moved have more than a half."""
+"""Correlation between neighbouring pixels of a block's change: 0 for noise, above a half for edges that moved."""
 
 MOVED_GREY = 1.0
 """Root of the covariance between neighbouring pixels: less does not show in medians."""
@@ -22,7 +22,7 @@ TEXTURED_GREY = 2.0
 """Standard deviation within a block: with less, nothing shows that it moved."""
 
 EXPOSURES = 4
-"""So many are looked at, those of most contrast: motion shows in each of them."""
+"""Blocks examined, those with the most contrast: motion shows in each of them."""
 
 
 def moved_share(sweep: Sweep) -> float:
@@ -65,7 +65,7 @@ def _blocks(image: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def _moved(one: NDArray[np.float32], other: NDArray[np.float32]) -> float:
-    """Share of the textured, unclipped blocks in which what changed, apart from their light, is no noise."""
+    """Share of the textured, unclipped blocks whose change, apart from their light, is more than noise."""
     if not one.size:  # images smaller than a block
         return 0.0
     low, high = min(one.min(), other.min()), max(one.max(), other.max())

@@ -1,4 +1,4 @@
-"""What stands against a response function once it is solved."""
+"""What is wrong with a solved response function."""
 
 from __future__ import annotations
 
@@ -13,28 +13,28 @@ from calibration.solver.tones import Tones, tones_by_exposure
 from calibration.sweep import Sweep
 
 UNSEEN_GREY = 32
-"""More grey levels not seen, at an end or in between, are worth a word."""
+"""Grey levels missing in a row, at an end or in between, from which on a warning is given."""
 
 POOR_FIT_GREY = 1.5
-"""Tables of prediction are then off by more than noise."""
+"""From here on, prediction tables are off by more than noise."""
 
 REFUSED_FIT_GREY = 6.0
-"""Several times what is asked of a calibration: no table is of use."""
+"""Several times what a calibration should reach: no table is of use."""
 
 ODD_EXPOSURE_STOPS = 0.06
-"""An exposure so far from what all others say was not what it is said to be."""
+"""An exposure this far from what all others imply was not as stated."""
 
 REFUSED_ODD_STOPS = 0.25
-"""What a finer step of exposure would be: the others can hardly be trusted either."""
+"""As much as a fine step of exposure: the others can hardly be trusted either."""
 
 MOVED_SHARE = 0.1
 """Of the textured parts; more than in `judge_sweep`, since one image is predicted from another."""
 
 
 def judge_solution(sweep: Sweep, solution: ResponseSolution) -> list[Finding]:
-    """Reasons not to believe a solved response function; empty when there are none.
+    """Reasons not to believe a solved response function, if any.
 
-    Reasons: few_levels, poor_fit, odd_exposure, and moving_scene where `judge_sweep` had no repeats to tell it by.
+    Reasons: few_levels, poor_fit, odd_exposure, and moving_scene where `judge_sweep` had no repeats to see it in.
     """
     tones = tones_by_exposure(sweep)
     repeated = len(tones.levels) < len(sweep.shots)
@@ -66,7 +66,7 @@ def _poor_fit(solution: ResponseSolution) -> Finding | None:
         return None
     text = (
         f"no single response explains the sweep: grey levels are off by {solution.residual_grey:.1f} (rms); "
-        "see that gain, gamma and light stay as they are, and that each image has its own exposure time"
+        "keep gain, gamma and light constant, and check that each image has its own exposure time"
     )
     return Finding("refused" if solution.residual_grey > REFUSED_FIT_GREY else "warned", "poor_fit", text)
 
@@ -83,12 +83,12 @@ def _odd_exposure(tones: Tones, response: ResponseFunction) -> Finding | None:
     radiance = np.full(stops.shape[1], np.nan)
     seen = np.isfinite(stops).any(axis=0)
     radiance[seen] = np.nanmedian(stops[:, seen], axis=0)
-    errors = np.array([np.nanmedian(row - radiance) if told else 0.0 for row, told in zip(stops, known, strict=True)])
+    errors = np.array([np.nanmedian(row - radiance) if seen else 0.0 for row, seen in zip(stops, known, strict=True)])
     worst = int(np.argmax(np.abs(errors)))
     if abs(errors[worst]) <= ODD_EXPOSURE_STOPS:
         return None
     text = (
-        f"images at {np.exp2(tones.levels[worst]):.0f} us are {errors[worst]:+.2f} stops from what the others say: "
+        f"images at {np.exp2(tones.levels[worst]):.0f} us are {errors[worst]:+.2f} stops from what the others imply: "
         "check that exposure time, or shut out flicker"
     )
     return Finding("refused" if abs(errors[worst]) > REFUSED_ODD_STOPS else "warned", "odd_exposure", text)

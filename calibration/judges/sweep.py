@@ -1,4 +1,4 @@
-"""What is wrong with a sweep before it is solved: each spoilt sweep by the reason that spoilt it."""
+"""What is wrong with a sweep before it is solved: the cause, for each way of spoiling one."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ DARK_GREY, BRIGHT_GREY = 64, 224
 """Images without any structure are black below, white above; in between an automatic function holds them."""
 
 MOVED_SHARE = 0.03
-"""Of the textured parts of the image: more is no reflection or passing fly."""
+"""Of the textured parts of the image: more is not just a reflection or a passing fly."""
 
 MOVED_UNDER_CHANGING_LIGHT = 0.3
 """Light that changes differently in different places moves edges of shadows, too."""
 
 
 def judge_sweep(sweep: Sweep) -> list[Finding]:
-    """What stands against solving this sweep: the reason, not what follows from it; empty when it is sound.
+    """Reasons not to solve this sweep: the cause, not what follows from it; empty if it is sound.
 
     Reasons: all_black, all_white, auto_exposure, auto_gain, bounds, few_levels, flicker, light_drift, light_step,
-    moving_scene, too_few_exposures, wrong_exposures. docs/calibration-method.md tells them.
+    moving_scene, too_few_exposures, wrong_exposures. See docs/calibration-method.md.
     """
     gains = [shot.setting.gain_db for shot in sweep.shots]
     if max(gains) - min(gains) > 0.05:
@@ -67,7 +67,7 @@ def _too_few(levels: Curve) -> Finding | None:
         return None
     text = (
         f"exposures that differ: {len(levels)}, where {FEWEST_EXPOSURES} are the least: take 15, "
-        "and see that the bounds of exposure time leave room for them"
+        "and check that the bounds of exposure time leave room for them"
     )
     return Finding("refused", "too_few_exposures", text)
 

@@ -12,27 +12,27 @@ from statistics import median
 import numpy as np
 
 from calibration.findings import Finding
-from calibration.latency.write_effect import SeenFrame, Trial, WriteEffect, WrittenQuantity, is_told, write_effect
+from calibration.latency.write_effect import SeenFrame, Trial, WriteEffect, WrittenQuantity, is_clear, write_effect
 from calibration.sources.session import Session
 from drivers.exposure import DB_PER_STOP, ExposureLimits, ExposureSetting
 from drivers.frames import Frame, Pixels
 from drivers.genicam.write_latency import FRAMES_AFTER
 
 TRIALS = 100
-"""Of each quantity: enough to tell 95 % from less, in a dozen seconds at 60 Hz."""
+"""Of each quantity: enough to distinguish 95 % from less, in a dozen seconds at 60 Hz."""
 TRIES = 2
-"""Times as many writes are made, where a busy computer makes some of them useless."""
+"""Up to this many times as many writes are made, where a busy computer makes some of them useless."""
 LONGEST_PART = 0.6
-"""Of a frame period: the camera must keep its rate under the longer exposure, with readout behind it."""
+"""Of a frame period: the camera must keep its rate with the longer exposure, followed by readout."""
 LEAD = 0.1
-"""Part of a frame period after the start of an exposure at which it is written: just after, whatever the clocks err."""
+"""Part of a frame period after the start of an exposure at which it is written: shortly after, within clock errors."""
 STEP_STOPS = 1.0
 DARK, BRIGHT = 0.15, 0.6
-"""Median grey of the brighter setting, as parts of full scale, between which one stop less is plain to see."""
+"""Median grey of the brighter setting, as parts of full scale, between which one stop less is easy to see."""
 TARGET = 0.35
 SEARCH_STEPS = 8
 SPARSE = 4
-"""Every so many rows and columns are enough to see the brightness change."""
+"""Every fourth row and column are enough to see the brightness change."""
 
 Progress = Callable[[int, int], None]
 Alternatives = tuple[ExposureSetting, ExposureSetting]
@@ -54,7 +54,7 @@ class _Watch:
         self._recent.append(self._session.next_frame())
 
     def forget(self) -> None:
-        """Forget all but the last two frames, which show what there was before the next write."""
+        """Forget all but the last two frames, which show the state before the next write."""
         while len(self._recent) > 2:
             self._recent.popleft()
 
@@ -72,16 +72,16 @@ class _Watch:
         return started_ns, time.monotonic_ns(), taken
 
     def follow(self, started_ns: int, finished_ns: int, old: ExposureSetting, new: ExposureSetting) -> Trial:
-        """Take frames until a write has shown if it ever does, and return all that was seen of it."""
+        """Take frames until a write has shown, or should have, and return everything seen of it."""
         while sum(self._start_ns(frame) > finished_ns for frame in self._recent) < FRAMES_AFTER + 2:
             self.next_frame()
         return Trial(started_ns, finished_ns, tuple(self._seen(frame, old, new) for frame in self._recent))
 
     def _seen(self, frame: Frame, old: ExposureSetting, new: ExposureSetting) -> SeenFrame:
-        tells_new = None
+        says_new = None
         if frame.setting_source == "chunk":
-            tells_new = frame.setting.agrees_with(new) and not frame.setting.agrees_with(old)
-        return SeenFrame(frame.frame_id, self._start_ns(frame), _grey(frame.pixels), tells_new)
+            says_new = frame.setting.agrees_with(new) and not frame.setting.agrees_with(old)
+        return SeenFrame(frame.frame_id, self._start_ns(frame), _grey(frame.pixels), says_new)
 
     def _start_ns(self, frame: Frame) -> int:
         """When the exposure started: no later than its own length before the frame arrived, whatever its stamp says."""
@@ -98,16 +98,16 @@ def capture_latency(
     Parameters
     ----------
     session
-        A camera that runs freely at `rate_hz`, before a static scene under steady light.
+        A camera that runs freely at `rate_hz`, in front of a static scene in steady light.
     trials
-        Writes of each quantity that are to be told.
+        Clear writes of each quantity to aim for.
     progress
-        Called with the writes told, and those there will be.
+        Called with the number of clear writes so far, and in the end.
 
     Returns
     -------
     One for the exposure, and one for the gain where the camera has a gain in dB. A scene that is too dark or too bright
-    at this rate gives none of them told, with the finding that says so.
+    at this rate gives no clear write, and the finding that says so.
     """
     session.latch_clock()
     bright, finding = _bright_setting(session, LONGEST_PART * 1e6 / rate_hz)
@@ -141,14 +141,14 @@ def _trials(session: Session, settings: Alternatives, count: int, progress: Call
     for _ in range(FRAMES_AFTER):
         watch.next_frame()
     trials: list[Trial] = []
-    told = 0
-    while told < count and len(trials) < TRIES * count:
+    clear = 0
+    while clear < count and len(trials) < TRIES * count:
         watch.forget()
         started_ns, finished_ns, new = watch.write_just_after_a_start(settings[len(trials) % 2])
         trials.append(watch.follow(started_ns, finished_ns, old, new))
         old = new
-        if is_told(trials[-1]):
-            told += 1
+        if is_clear(trials[-1]):
+            clear += 1
             progress()
     return trials
 
@@ -177,5 +177,5 @@ def _bright_setting(session: Session, longest_us: float) -> tuple[ExposureSettin
 
 
 def _grey(pixels: Pixels) -> float:
-    """The median grey level: a window or a lamp in the picture, saturated whatever is set, does not rule it."""
+    """The median grey level: a window or a lamp in the picture, saturated whatever is set, does not decide it."""
     return float(np.median(pixels[::SPARSE, ::SPARSE]))

@@ -1,4 +1,4 @@
-"""How many frames after a write exposures show it, told by the brightness of the frames themselves."""
+"""How many frames after a write exposures show it, judged by the brightness of the frames."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from calibration.findings import Finding
 WrittenQuantity = Literal["exposure", "gain"]
 
 CLEAR_CHANGE = 0.25
-"""Relative change of grey that a trial must end with; a stop makes 50 to 100 %, light and clipping take some away."""
+"""Relative change of grey by which a trial must end; a stop gives 50 to 100 %, less what light and clipping take."""
 TORN = 0.2
 """A frame that lies farther than this part of the change from both its ends was taken with something in between."""
 MIN_TRIALS = 5
 REGULAR = 0.95
 UNCLEAR = 0.2
-"""Part of the trials that may be lost to traffic or light without a word."""
+"""Part of the trials that may be lost to traffic or light without a finding."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,14 +36,14 @@ class SeenFrame:
         When its exposure started (CLOCK_MONOTONIC).
     grey
         Its median grey level.
-    tells_new
-        Whether it says of itself that it was taken with what was written; None when it says nothing.
+    says_new
+        Whether its metadata say that it was taken with what was written; None when they do not say.
     """
 
     frame_id: int
     start_ns: int
     grey: float
-    tells_new: bool | None = None
+    says_new: bool | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,11 +69,11 @@ class WriteEffect:
     frames
         Number of writes by the frames from the exposure under way at the write (0) to the first that shows it: 1 is the
         very next exposure.
-    untold
-        Writes of which that cannot be said: two exposures met them, a frame was lost, or the light did not show them.
+    unclear
+        Writes for which that is unknown: two exposures met them, a frame was lost, or the light did not show them.
     delay_us
         Between these times after a write an exposure must start to show it, as (longest seen too early, shortest seen
-        late enough); where the first is above the second, time alone does not rule it.
+        late enough); if the first is above the second, time alone does not decide.
     lead_us
         How long after the start of an exposure the writes were made, as a median.
     findings
@@ -82,29 +82,29 @@ class WriteEffect:
 
     quantity: WrittenQuantity
     frames: dict[int, int]
-    untold: int
+    unclear: int
     delay_us: tuple[float, float] | None
     lead_us: float | None
     findings: tuple[Finding, ...]
 
     @property
     def mode(self) -> int | None:
-        """The most frequent number of frames; None when no write was told."""
+        """The most frequent number of frames; None when no write was clear."""
         return max(self.frames, key=lambda count: self.frames[count]) if self.frames else None
 
 
 @dataclass(frozen=True, slots=True)
 class _Effect:
-    """Of one write: frames to its effect, by light and by what frames tell; delays of the frames around the change."""
+    """Of one write: frames to its effect, by light and by metadata; delays of the frames around the change."""
 
     frames: int
-    told_frames: int | None
+    said_frames: int | None
     early_ns: int
     late_ns: int
     lead_ns: int
 
 
-def is_told(trial: Trial) -> bool:
+def is_clear(trial: Trial) -> bool:
     """Whether a write lay within one exposure, no frame around its effect was lost, and the light shows it."""
     return _effect(trial) is not None
 
@@ -117,12 +117,12 @@ def write_effect(quantity: WrittenQuantity, trials: Sequence[Trial]) -> WriteEff
     if effects:
         delay_us = max(effect.early_ns for effect in effects) * 1e-3, min(effect.late_ns for effect in effects) * 1e-3
         lead_us = float(np.median([effect.lead_ns for effect in effects])) * 1e-3
-    untold = len(trials) - len(effects)
-    return WriteEffect(quantity, counts, untold, delay_us, lead_us, tuple(_findings(quantity, effects, untold)))
+    unclear = len(trials) - len(effects)
+    return WriteEffect(quantity, counts, unclear, delay_us, lead_us, tuple(_findings(quantity, effects, unclear)))
 
 
 def _effect(trial: Trial) -> _Effect | None:
-    """What one write did; None when it cannot be said."""
+    """What one write did; None when that is unclear."""
     under_way = [index for index, frame in enumerate(trial.frames) if frame.start_ns <= trial.started_ns]
     if not under_way or len(trial.frames) < under_way[-1] + 3:
         return None
@@ -135,10 +135,10 @@ def _effect(trial: Trial) -> _Effect | None:
         later.frame_id != frame.frame_id + 1 for frame, later in pairwise(trial.frames[: shown + 1])
     ):
         return None
-    told = [frame.frame_id for frame in trial.frames if frame.tells_new]
+    said = [frame.frame_id for frame in trial.frames if frame.says_new]
     return _Effect(
         frames=trial.frames[shown].frame_id - first.frame_id,
-        told_frames=told[0] - first.frame_id if told else None,
+        said_frames=said[0] - first.frame_id if said else None,
         early_ns=trial.frames[shown - 1].start_ns - trial.finished_ns,
         late_ns=trial.frames[shown].start_ns - trial.finished_ns,
         lead_ns=trial.finished_ns - first.start_ns,
@@ -158,12 +158,12 @@ def _first_shown(greys: list[float], under_way: int) -> int | None:
     return first if first > 0 and shown[first:].all() else None
 
 
-def _findings(quantity: WrittenQuantity, effects: list[_Effect], untold: int) -> Iterator[Finding]:
+def _findings(quantity: WrittenQuantity, effects: list[_Effect], unclear: int) -> Iterator[Finding]:
     if len(effects) < MIN_TRIALS:
         yield Finding(
             "refused",
             "too_few_writes",
-            f"only {len(effects)} of {len(effects) + untold} writes of {quantity} showed in the images: use steady "
+            f"only {len(effects)} of {len(effects) + unclear} writes of {quantity} showed in the images: use steady "
             "light, neither dark nor saturated",
         )
         return
@@ -177,18 +177,18 @@ def _findings(quantity: WrittenQuantity, effects: list[_Effect], untold: int) ->
             f"a write of {quantity} takes no fixed number of frames to show ({spread}): lower the frame rate, or look "
             "for traffic that delays writes",
         )
-    if untold > UNCLEAR * (len(effects) + untold):
+    if unclear > UNCLEAR * (len(effects) + unclear):
         yield Finding(
             "warned",
             "unclear",
-            f"{untold} of {len(effects) + untold} writes of {quantity} could not be told in the images: use steady "
-            "light, and look for lost frames",
+            f"{unclear} of {len(effects) + unclear} writes of {quantity} did not show clearly in the images: use "
+            "steady light, and look for lost frames",
         )
-    told = Counter(effect.told_frames for effect in effects if effect.told_frames is not None)
-    if told and told.most_common(1)[0][0] != mode:
+    said = Counter(effect.said_frames for effect in effects if effect.said_frames is not None)
+    if said and said.most_common(1)[0][0] != mode:
         yield Finding(
             "warned",
             "metadata_off",
-            f"frames claim a new {quantity} {told.most_common(1)[0][0]} frames after its write, but show it after "
+            f"frames claim a new {quantity} {said.most_common(1)[0][0]} frames after its write, but show it after "
             f"{mode}: do not trust what this camera's chunks say",
         )

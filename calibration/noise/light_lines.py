@@ -16,8 +16,8 @@ PATCH_PX = 16
 """Small enough to be clipped as a whole or not at all, large enough to average noise away."""
 LIGHT_ERROR = 0.003
 """Relative error of the light from shot to shot: steady lamps do about this well."""
-TELLING_PATCHES = 0.02
-"""Part of the patches that it takes to tell the light of a shot: fewer are ruled by their noise."""
+LEAST_PATCHES = 0.02
+"""Part of the patches needed to measure the light of a shot: with fewer, noise decides."""
 ROUNDING = 0.05
 """Error of a patch's mean grey in steps between grey levels, where noise is too small to average rounding away."""
 
@@ -51,24 +51,24 @@ class LightLines:
     def light(self, least_dn: float) -> Array:
         """How much brighter the light was in each shot than the lines say, as a part of it; shape (shots,).
 
-        Told by the patches that are brighter than black by `least_dn`; NaN where there are too few of them.
+        Measured by the patches that are brighter than black by `least_dn`; NaN where there are too few of them.
         """
         excess = np.where(self.grey - self.black.value > least_dn, self.excess(), np.nan)
-        told = np.isfinite(excess).sum(axis=1) > TELLING_PATCHES * excess.shape[1]
+        known = np.isfinite(excess).sum(axis=1) > LEAST_PATCHES * excess.shape[1]
         light = np.full(len(excess), np.nan)
-        light[told] = np.nanmedian(excess[told], axis=1)
+        light[known] = np.nanmedian(excess[known], axis=1)
         return light
 
     def change(self, one: int, other: int, least_dn: float) -> float:
         """How much brighter the light was in one shot than in another of the same exposure, as a part of it.
 
-        Told by the patches that both show brighter than black by `least_dn`; 0 where there are too few of them.
+        Measured by the patches that both show brighter than black by `least_dn`; 0 where there are too few of them.
         """
         signal = (self.grey[one] + self.grey[other]) / 2.0 - self.black.value
-        told = signal > least_dn  # False for NaN
-        if told.sum() <= TELLING_PATCHES * len(told):
+        known = signal > least_dn  # False for NaN
+        if known.sum() <= LEAST_PATCHES * len(known):
             return 0.0
-        return float(np.median((self.grey[one] - self.grey[other])[told] / signal[told]))
+        return float(np.median((self.grey[one] - self.grey[other])[known] / signal[known]))
 
     def excess(self) -> Array:
         """How much brighter each patch is in each shot than its line says, relative to its signal; NaN: not seen."""
@@ -85,23 +85,23 @@ def fit_light_lines(shots: Sequence[Shot], saturation_dn: float, step: int) -> L
     grey = np.stack([_patches(shot, saturation_dn) for shot in shots])
     times_us = np.array([shot.setting.exposure_time_us for shot in shots])
     seen = np.isfinite(grey)
-    told = np.array([len(np.unique(times_us[column])) >= 2 for column in seen.T])
-    if not told.any():
+    known = np.array([len(np.unique(times_us[column])) >= 2 for column in seen.T])
+    if not known.any():
         return None
-    y, t = np.where(seen, grey, 0.0)[:, told], times_us[:, np.newaxis]
+    y, t = np.where(seen, grey, 0.0)[:, known], times_us[:, np.newaxis]
     black, rounding_dn = 0.0, ROUNDING * step
     for _ in range(4):
-        weight = seen[:, told] / (rounding_dn**2 + (LIGHT_ERROR * (y - black)) ** 2)
+        weight = seen[:, known] / (rounding_dn**2 + (LIGHT_ERROR * (y - black)) ** 2)
         w, wt, wtt = weight.sum(0), (weight * t).sum(0), (weight * t * t).sum(0)
         wy, wty = (weight * y).sum(0), (weight * t * y).sum(0)
         information = float((w - wt**2 / wtt).sum())
         black = float((wy - wt * wty / wtt).sum()) / information
     slopes = np.full(grey.shape[1], np.nan)
-    slopes[told] = (wty - black * wt) / wtt
-    residual = weight * (y - black - slopes[told] * t) ** 2
-    spread = float(residual.sum()) / max(int(seen[:, told].sum()) - int(told.sum()) - 1, 1)
-    # Patches share the light of their shot, so that many of them tell no more about it than one does.
-    error = math.sqrt(max(spread, 1e-12) * int(told.sum()) / information)
+    slopes[known] = (wty - black * wt) / wtt
+    residual = weight * (y - black - slopes[known] * t) ** 2
+    spread = float(residual.sum()) / max(int(seen[:, known].sum()) - int(known.sum()) - 1, 1)
+    # Patches share the light of their shot, so many of them say no more about it than one does.
+    error = math.sqrt(max(spread, 1e-12) * int(known.sum()) / information)
     return LightLines(Estimate(black, error), slopes, grey, times_us, rounding_dn)
 
 

@@ -38,8 +38,8 @@ class NoiseModel:
     read_noise_dn, read_noise_e
         Standard deviation of the grey level, and of the electrons it stands for, without light.
     saturation_dn, full_well_e
-        Grey level at which pixels stop to follow the light, and the electrons that takes; at a high gain that is what
-        the output holds, and less than the pixel's own well. None when the shots were too dark to show it.
+        Grey level at which pixels stop following the light, and the electrons that takes; at a high gain the output
+        is full before the pixel's own well is. None when the shots were too dark to show it.
     """
 
     gain_db: float

@@ -19,13 +19,13 @@ from calibration.sweep import Shot, Sweep
 Array = NDArray[np.float64]
 
 MARGIN_SIGMAS = 4.0
-"""So far from black and saturation grey levels must lie for their noise to be whole."""
+"""How far from black and saturation grey levels must be for their noise to be complete."""
 DITHER = 0.3
-"""Noise (in steps between grey levels) that is needed to blur the steps themselves; EMVA 1288 asks for 0.24."""
+"""Noise (in steps between grey levels) needed to smooth out the steps themselves; EMVA 1288 asks for 0.24."""
 LINEAR_PART = 0.7
 """Of the way from black to saturation: what EMVA 1288 takes the system gain from."""
 SYSTEMATIC = 0.005
-"""Relative error of a variance besides chance: no sensor is linear to better, and no bin is to rule by its size."""
+"""Relative error of a variance besides chance: no sensor is more linear, and no single bin may dominate."""
 BENT = 0.05
 """Deviation from the straight line of grey over exposure time that no linear sensor shows."""
 DARK, WHITE = 0.02, 0.98
@@ -37,7 +37,7 @@ ROUNDS = 6
 """Of choosing bins by the line and drawing the line through them; three settle it."""
 MIN_BINS = 8
 MIN_SPAN = 0.15
-"""Part of the way from black to saturation that grey levels must span for a slope to be told."""
+"""Part of the way from black to saturation that grey levels must span for a slope to be measured."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -188,10 +188,10 @@ def _too_few(curve: VarianceCurve, line: _Line | None, limit_dn: float) -> Findi
     pixels = max(float(curve.degrees.sum()), 1.0)
     saturated = float(curve.degrees[curve.mean > WHITE * limit_dn].sum()) / pixels
     dark = float(curve.degrees[curve.mean < DARK * limit_dn].sum()) / pixels
-    told = curve.mean[line.used] if line is not None else curve.mean[:0]
-    reach = f", from {told[0]:.0f} to {told[-1]:.0f}" if len(told) else ""
+    measured = curve.mean[line.used] if line is not None else curve.mean[:0]
+    reach = f", from {measured[0]:.0f} to {measured[-1]:.0f}" if len(measured) else ""
     text = (
-        f"noise can be told at {len(told)} steps of grey{reach} ({saturated:.0%} of the pixels are saturated, "
+        f"noise can be measured at {len(measured)} steps of grey{reach} ({saturated:.0%} of the pixels are saturated, "
         f"{dark:.0%} nearly black): take more exposures between nearly black and saturated"
     )
     return Finding("refused", "too_few_levels", text)
@@ -233,7 +233,7 @@ def _unresolved(model: NoiseModel) -> Iterator[Finding]:
         yield Finding(
             "warned",
             "read_noise_unresolved",
-            f"read noise is {noise.value:.1f} +- {noise.error:.1f} e, too little to be told at {model.bit_depth} bits "
+            f"read noise is {noise.value:.1f} +- {noise.error:.1f} e, too little to resolve at {model.bit_depth} bits "
             f"and {model.gain_db:g} dB: measure with Mono12 or Mono16, or at a higher gain",
         )
 

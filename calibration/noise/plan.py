@@ -10,12 +10,12 @@ from drivers.exposure import ExposureLimits, ExposureSetting
 DARKEST_STOPS, BRIGHTEST_STOPS = -9.0, 2.0
 """From where the scene's median is half of full scale: to a few electrons a pixel, and until most pixels saturate."""
 STEP_STOPS = 0.6
-"""A flat scene shows noise at as many levels as there are exposures; at a high gain only a stop of them tells."""
+"""A flat scene shows noise at as many levels as there are exposures; at a high gain only a stop of them helps."""
 PAIR = 2
 HALF = (0.3, 0.7)
 SEARCH_STEPS = 8
 SEARCH_FACTOR = 8.0
-"""A saturated image tells that it is too bright, and not by how much."""
+"""A saturated image shows that it is too bright, but not by how much."""
 
 
 def plan_noise(camera: StaticCamera, gain_db: float) -> SweepPlan:
@@ -24,7 +24,7 @@ def plan_noise(camera: StaticCamera, gain_db: float) -> SweepPlan:
     Raises
     ------
     CameraError
-        When the camera does not do its part.
+        When the camera fails.
     """
     shortest_us, longest_us = time_bounds_us(camera.limits)
     half_us = _half_exposure_us(camera, gain_db)
@@ -44,7 +44,7 @@ def default_gains_db(limits: ExposureLimits) -> tuple[float, ...]:
 
 
 def _half_exposure_us(camera: StaticCamera, gain_db: float) -> float:
-    """The exposure time at which the median pixel is about half of full scale, as near as the bounds let."""
+    """The exposure time at which the median pixel is about half of full scale, as near as the bounds allow."""
     shortest_us, longest_us = time_bounds_us(camera.limits)
     time_us = min(max(FIRST_TIME_US, shortest_us), longest_us)
     for _ in range(SEARCH_STEPS):

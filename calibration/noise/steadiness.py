@@ -16,17 +16,17 @@ from calibration.noise.light_lines import PATCH_PX, LightLines
 Array = NDArray[np.float64]
 
 FLICKER = 0.01
-"""Change of light between two images of a pair from which on it is told; it is taken out of the noise."""
+"""Change of light between two images of a pair from which on it is reported; it is subtracted from the noise."""
 DRIFT = 0.02
 """Change of light between pairs of one setting that were taken apart."""
 HOPELESS = 0.2
 """Light that changes by more says nothing about the black level."""
 BRIGHT = 0.1
-"""Part of the way to saturation from which on a patch tells the light to better than noise and black level blur it."""
+"""Part of the way to saturation from which on a patch measures the light despite noise and black level."""
 CHANGED_PATCHES = 0.1
 """Part of the patches that may change by themselves: a shadow, a leaf."""
 CHANGED_SIGMAS = 6.0
-"""A change of a patch's mean grey by so much is no noise, also of cameras whose rows have noise in common."""
+"""A change of a patch's mean grey by this much is not noise, even in cameras whose rows share noise."""
 TOGETHER = 0.9
 """Excess of patches that change one way over those that change the other, as a part of both: lights do that."""
 _ADVICE = {
@@ -43,9 +43,9 @@ class Steadiness:
     ----------
     light
         The largest change of light between shots of one setting, as a part of it; infinite where the scene moved, or
-        not all of its lights changed, so that it cannot be told.
+        not all of its lights changed, so that it is unknown.
     findings
-        What of it is worth telling.
+        What of it is worth reporting.
     """
 
     light: float
@@ -70,7 +70,7 @@ def judge_steadiness(
         The variance of a pixel (DN squared) by its grey level.
     """
     changed, together = max(_changed(lines, pair, variance) for pair in pairs)
-    if changed > CHANGED_PATCHES:  # how much the light changed cannot be told apart from that
+    if changed > CHANGED_PATCHES:  # which hides how much the light changed
         reason = "flicker" if together else "moving_scene"
         text = f"{changed:.0%} of the image changed by itself between two images of one setting: {_ADVICE[reason]}"
         return Steadiness(math.inf, (Finding("refused", reason, text),))

@@ -16,7 +16,7 @@ MOST_BINS = 1024
 GROUPS = 512
 """Of pixels alike in brightness: finer than the bins, so that clipped pixels do not hide among others."""
 MIN_DEGREES = 50
-"""A bin of fewer pixels tells its variance to no better than 20 %."""
+"""With fewer pixels, the variance of a bin is known to no better than 20 %."""
 
 Array = NDArray[np.float64]
 Pixels = NDArray[np.float32]

@@ -21,7 +21,7 @@ EXTRA = {"matplotlib": "matplotlib", "jinja2": "jinja2", "PIL": "pillow"}
 
 
 def check_extra() -> None:
-    """Raise a ConfigurationError where what reports and images need is not installed."""
+    """Raise a ConfigurationError if the packages for reports and images are not installed."""
     missing = [package for name, package in EXTRA.items() if importlib.util.find_spec(name) is None]
     if missing:
         raise ConfigurationError(
@@ -40,7 +40,7 @@ def write_report(path: Path, result: Result, other: tuple[Comparison, Result, Re
     result
         What the report is of.
     other
-        Of a rig, how left and right compare, and both.
+        For a rig: how left and right compare, and both results.
 
     Raises
     ------
@@ -84,7 +84,7 @@ def facts(result: Result) -> Iterator[Fact]:
     yield "sweep", f"{len(times_us)} images, {min(times_us):.0f} to {max(times_us):.0f} us"
     if result.solution is not None:
         yield from curve_facts(ResponseFile.of_solution(result.solution, result.origin))
-        yield "scale", "log2 exposure is 0 at saturation by convention: a sweep does not tell absolute light"
+        yield "scale", "log2 exposure is 0 at saturation by convention: a sweep does not measure absolute light"
     match = result.agreement
     if match is not None and match.enough:
         within = f"{match.residual_grey:.2f} grey levels rms, 99 % within {match.worst_grey:.1f}"
@@ -98,7 +98,7 @@ def _flat(values: Mapping[str, Any], parent: str = "") -> Iterator[Fact]:
         if isinstance(value, Mapping):
             yield from _flat(value, f"{name}: ")
         elif not _is_table(value):
-            yield name, _told(value)
+            yield name, _text(value)
 
 
 def _tables(values: Mapping[str, Any]) -> Iterator[tuple[list[str], list[list[str]]]]:
@@ -107,7 +107,7 @@ def _tables(values: Mapping[str, Any]) -> Iterator[tuple[list[str], list[list[st
         columns = list(value[0])
         yield (
             [name.replace("_", " ") for name in columns],
-            [[_told(row.get(name)) for name in columns] for row in value],
+            [[_text(row.get(name)) for name in columns] for row in value],
         )
 
 
@@ -115,7 +115,7 @@ def _is_table(value: Any) -> bool:
     return isinstance(value, list) and bool(value) and all(isinstance(entry, Mapping) for entry in value)
 
 
-def _told(value: Any) -> str:
+def _text(value: Any) -> str:
     """A pair of numbers is a value and its standard error."""
     match value:
         case None:

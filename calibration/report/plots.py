@@ -1,4 +1,4 @@
-"""The pictures of a calibration's report. Curves differ by dash or marker: they are told apart without colour."""
+"""The pictures of a calibration's report. Curves differ in dash or marker, not in colour alone."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def pictures(result: Result) -> list[Picture]:
         ),
         Picture(
             "Predictions",
-            "Grey level of a pixel after a change of exposure level by so many stops: what the daemon decides with.",
+            "Grey level of a pixel after a change of exposure level (stops), which is what the daemon decides with.",
             lambda axes: _draw_predictions(axes, solution.response),
         ),
         Picture(

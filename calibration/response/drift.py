@@ -13,29 +13,29 @@ from calibration.response import GREY_LEVELS, ResponseFunction
 Greys = NDArray[np.float64]
 
 SHARES = np.linspace(0.03, 0.97, 48)
-"""Shares of pixels whose grey levels are followed: unlike single pixels they hardly mind that the camera moves."""
+"""Shares of pixels whose grey levels are followed: unlike single pixels they hardly change when the camera moves."""
 
 LEAST_STOPS, MOST_STOPS = 0.2, 2.5
-"""Smaller changes of exposure tell little; beyond greater ones little is neither black nor saturated in both frames."""
+"""Smaller changes of exposure show little; beyond greater ones little is neither black nor saturated in both frames."""
 
 SAME_STOPS = 0.02
 CALM_GREY = 1.0
 """By how much the followed grey levels may move (rms) between the two frames before a change, and after it."""
 
 CLIPPED_GREY = 3.0
-"""So close to black or saturation noise is cut off on one side."""
+"""This close to black or saturation, noise is cut off on one side."""
 
 LEAST_FOLLOWED = 8
 REMEMBERED = 128
 ENOUGH = 12
-"""Changes that make a verdict: single ones may be the light's."""
+"""Changes needed for a verdict: single ones may be due to the light."""
 
-_EVERY = 4  # pixels across and down: a sixteenth of them tells enough
+_EVERY = 4  # pixels across and down: a sixteenth of them is enough
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Change:
-    """A change of exposure that nothing else disturbed: the same parts of the scene before and after it.
+    """A change of exposure and of nothing else: the same parts of the scene before and after it.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class _Seen:
 
 
 class ResponseWatch:
-    """Holds what a response predicts for changes of exposure against what frames then show.
+    """Compares what a response predicts for changes of exposure with what frames then show.
 
     Light that changes at the same time would look like a wrong response. So a change counts only when the two frames
     before it, taken with one exposure, look alike, and the two frames after it too. Not thread-safe.

@@ -10,7 +10,7 @@ Fact = tuple[str, str]
 
 
 def origin_facts(origin: Origin) -> Iterator[Fact]:
-    """Whose it is, and in which mode it was measured."""
+    """Which camera it is of, and in which mode it was measured."""
     if origin.camera is not None:
         camera = origin.camera
         yield "camera", f"{camera.vendor} {camera.model}, serial {camera.serial}"

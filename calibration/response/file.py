@@ -1,4 +1,4 @@
-"""A response file with all that it says besides the curve: whose it is, how it was made, how well it is known."""
+"""A response file: the curve, whose it is, how it was made, and how well it is known."""
 
 from __future__ import annotations
 

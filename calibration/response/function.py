@@ -86,7 +86,7 @@ class ResponseFunction:
 
 
 class CurveDocument(BaseModel):
-    """A response function as files and messages hold it; what describes a field is the advice after a bad value."""
+    """A response function as files and messages hold it; the description of a field is the advice after a bad value."""
 
     log2_exposure: list[Annotated[float, Strict()]] = Field(description="give 256 numbers of stops, for grey 0 to 255")
     black_level: Annotated[int, Strict()] = Field(description="give a grey level, 0 to 255")

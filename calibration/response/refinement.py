@@ -10,7 +10,7 @@ from calibration.response.drift import Change, misfit_grey
 
 LEAST_CHANGES = 48
 LEAST_GAIN = 0.3
-"""Share of the misfit that must go, on changes that were not used for the fit."""
+"""Share of the misfit that must disappear, on changes that were not used for the fit."""
 
 _KNOTS = 32
 _STIFFNESS = 1.0  # stops of bend from knot to knot that cost as much as a typical misfit
@@ -21,11 +21,11 @@ Values = NDArray[np.float64]
 
 
 def refine(response: ResponseFunction, changes: list[Change]) -> ResponseFunction | None:
-    """The response that explains the changes better, or None where it holds, or too few are there to tell.
+    """The response that explains the changes better; None if the present one holds, or for too few changes.
 
     The correction of f^-1 is a broken line over 32 steps of log grey, fitted by least squares to
-    ``f^-1(after) - f^-1(before) = dE`` with Huber's weights and a price on bends. Every other change is kept for the
-    trial.
+    ``f^-1(after) - f^-1(before) = dE`` with Huber's weights and a penalty on bends. Every other change is kept for the
+    test.
     """
     if len(changes) < LEAST_CHANGES:
         return None
@@ -63,7 +63,7 @@ def _corrected(response: ResponseFunction, knots: Values) -> ResponseFunction:
 
 
 def _hats(response: ResponseFunction, greys: Values) -> Values:
-    """Weights of the knots at each grey level, shape (n, knots): linear between neighbours, 1 in sum."""
+    """Weights of the knots at each grey level, shape (n, knots): linear between neighbours, summing to 1."""
     span = float(response.saturation - response.black_level)
     octave = np.log2(1.0 + np.clip(greys - response.black_level, 0.0, span)) / np.log2(1.0 + span)
     place = octave * (_KNOTS - 1)

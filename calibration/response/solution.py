@@ -23,13 +23,13 @@ class ResponseSolution:
         The response function; its log2 exposures are 0 at `response.saturation`, since a sweep fixes no scale.
     model
         The simplest kind of curve that explains the sweep as well as a free one: "linear" with clip, "gamma" (a power
-        law), "emor" (a few basis curves), or "free" (each grey level for itself, monotone).
+        law), "emor" (a few basis curves), or "free" (each grey level separately, monotone).
     parameters
         Those of the model by name, such as {"gamma": 0.45}; empty for a free curve.
     uncertainty_stops
         Standard error of the log2 exposure of each grey level (stops), float64, shape (256,).
     covered
-        The first and last grey level that the sweep itself speaks of; beyond them the curve is extended.
+        The first and last grey level that the sweep itself has seen; beyond them the curve is extended.
     residual_grey
         Root mean square of grey levels observed minus those predicted from the other exposures.
     """

@@ -13,7 +13,7 @@ from calibration.solver.tones import Tones
 MAX_DELTA_STOPS = 2.1
 """Two stops, however cameras round exposure times: the daemon predicts no further."""
 CLIPPED_GREY = 3.0
-"""So close to black or saturation noise is cut off on one side, which no curve can predict."""
+"""This close to black or saturation, noise is cut off on one side, which no curve can predict."""
 LEAST_PAIRS = 20
 """Of tones, for a verdict."""
 

@@ -1,4 +1,4 @@
-"""How alike the responses of two cameras are, in what the daemon does with them."""
+"""How similar the responses of two cameras are, judged by what the daemon does with them."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from calibration.solver.agreement import CLIPPED_GREY
 
 DELTA_LEVELS = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0)
 SAME_GREY = 1.0
-"""Predictions that differ by less come from one response, as far as a daemon is concerned."""
+"""Predictions that differ by less count as coming from the same response."""
 
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """By how many grey levels two cameras' predictions differ, entry by entry where neither is clipped."""
+    """By how many grey levels two cameras' predictions differ, entry by entry, where neither is clipped."""
 
     rms_grey: float
     worst_grey: float

@@ -1,4 +1,4 @@
-"""Families of response curves with few parameters: linear, power laws, and a basis of our own in the manner of EMoR."""
+"""Families of response curves with few parameters: linear, power laws, and our own basis in the manner of EMoR."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from calibration.solver.inverse_curve import Ends, InverseCurve, misfit, nodes, 
 from calibration.solver.tones import Curve, Tones
 
 BASIS_CURVES = 4
-"""Four curves in five of our family are then met within 0.22 grey levels (root mean square), the worst within 0.6."""
+"""Four in five curves of our family are then matched to 0.22 grey levels (root mean square), the worst to 0.6."""
 
 LEAST_BLACK_GREY = -2.0
 """A sensor may hide the lowest grey levels below 0, but hardly more."""
 
 BLACK_RANGE_GREY = 0.5
-"""So far black may be from the lowest median seen, since grey levels are whole numbers."""
+"""How far black may be from the lowest median seen, since grey levels are whole numbers."""
 
 _ROUNDS = 30
-"""A bound only: fits end when they gain no more."""
+"""Only a bound: fits end when they stop improving."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,7 +50,7 @@ class Family:
     log2_light: Callable[[Curve, Curve], Curve]
 
     def curve(self, black: float, parameters: Curve, saturation: float) -> InverseCurve:
-        """The member with these parameters. Black is light that was added before the response, and is taken off."""
+        """The member with these parameters. Black is light that was added before the response, and is subtracted."""
         greys = nodes(black, saturation)
         light = self._light(greys / saturation, parameters)
         offset = self._light(np.array([black / saturation]), parameters)
@@ -74,7 +74,7 @@ class FamilyFit:
 
 
 def fit_family(family: Family, tones: Tones, ends: Ends, within: NDArray[np.bool_]) -> FamilyFit:
-    """Least squares of the residuals that outliers do not rule (Levenberg & Marquardt); black is fitted if not seen."""
+    """Robust least squares of the residuals (Levenberg & Marquardt); black is fitted if not seen."""
     least = np.array([ends.lowest - BLACK_RANGE_GREY if ends.black_seen else LEAST_BLACK_GREY, *family.least])
     most = np.array([ends.lowest + BLACK_RANGE_GREY, *family.most])
 
@@ -84,7 +84,7 @@ def fit_family(family: Family, tones: Tones, ends: Ends, within: NDArray[np.bool
     def errors_of(unknown: Curve) -> Curve:
         size = residuals(curve_of(unknown), tones, within)[within] / tones.errors[within]
         limit = 3.0 * 1.48 * max(float(np.median(np.abs(size))), 0.3)
-        # Beyond the limit the square of this grows in proportion to the error only.
+        # Beyond the limit the square of this grows only in proportion to the error.
         return np.asarray(np.sign(size) * np.sqrt(np.where(np.abs(size) < limit, size**2, limit * np.abs(size))))
 
     best = np.array([ends.lowest, *family.start])
@@ -134,7 +134,7 @@ def families() -> tuple[Family, ...]:
 def _log2_light_of_basis(share: Curve, weights: Curve) -> Curve:
     mean, basis = _basis()
     grid = np.log2(_SHARES)
-    # Below the grid the power law of its lower end goes on.
+    # Below the grid the power law of its lower end continues.
     values = mean + weights @ basis
     slope = (values[1] - values[0]) / (grid[1] - grid[0])
     at = np.log2(share)
@@ -151,7 +151,7 @@ def _basis() -> tuple[Curve, Curve]:
     light = np.concatenate([[0.0], np.geomspace(1e-9, 1.0, 4000)])
     curves = np.array([np.log2(np.interp(_SHARES, grey, light)) for grey in _responses(light)])
     mean = curves.mean(axis=0)
-    # An error in log light weighs as much as it moves grey levels, about in proportion to them.
+    # An error in log light counts by how much it moves grey levels, which is roughly in proportion to them.
     _, _, directions = np.linalg.svd((curves - mean) * _SHARES, full_matrices=False)
     return mean, directions[:BASIS_CURVES] / _SHARES
 

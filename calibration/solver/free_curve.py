@@ -11,22 +11,22 @@ from calibration.solver.tones import Curve, Tones
 SMOOTHNESS = (1e4, 1e3, 1e2, 10.0, 1.0, 0.1)
 """Weights tried of the squared second derivative against squared errors of medians, the smoothest first.
 
-Where exposures are evenly spaced, ripples of the same spacing in the curve explain a sweep as well as none. So the
-smoothest curve is taken that explains it as well as the roughest.
+Where exposures are evenly spaced, ripples of the same spacing in the curve explain a sweep as well as no ripples. So
+the smoothest curve that explains it as well as the roughest is taken.
 """
 
 LEAST_STEP_STOPS = 1e-6
-"""From one node to the next the curve rises at least by so much."""
+"""Least rise of the curve from one node to the next."""
 
 _ROUNDS = 4
 """Weights follow from the slope of the curve, the curve from the weights; it settles within a few rounds."""
 
 _SQUARE_UP_TO = 3.0
-"""Beyond so many standard deviations a residual counts by its size and no longer by its square."""
+"""Standard deviations beyond which a residual counts by its size, no longer by its square."""
 
 
 def fit_free(tones: Tones, within: NDArray[np.bool_], prior: InverseCurve) -> tuple[InverseCurve, Curve]:
-    """The curve, and the standard errors (stops) at its nodes against the node in the middle.
+    """The curve, and the standard errors (stops) at its nodes relative to the node in the middle.
 
     Parameters
     ----------
@@ -95,9 +95,9 @@ def _without_radiances(rows: Curve, weights: Curve, levels: Curve) -> tuple[Curv
 
 
 def _increasing(normal: Curve, right: Curve) -> tuple[Curve, Curve]:
-    """The steps between nodes, none below the least one, and the variances of the nodes against the middle one.
+    """The steps between nodes, none below the least one, and the variances of the nodes relative to the middle one.
 
-    Steps that would be smaller are held at the least one, and the others found anew, until all are large enough.
+    Steps that would be smaller are set to the least one and the others solved again, until all are large enough.
     """
     count = len(right)
     sums = np.tri(count, count - 1, -1)

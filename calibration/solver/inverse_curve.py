@@ -11,7 +11,7 @@ from calibration.response import GREY_LEVELS
 from calibration.solver.tones import Curve, Tones
 
 CLEAR_OF_ENDS_GREY = 0.8
-"""A median so near to black or saturation may stand for anything beyond."""
+"""A median this near to black or saturation may stand for anything beyond."""
 
 LEAST_BEND = 0.02
 """Stops per octave of grey: a steeper response would be a step, and divide by zero."""
@@ -46,7 +46,7 @@ class Ends:
 class InverseCurve:
     """log2 exposure over grey, given at some grey levels (nodes) and straight between them.
 
-    Straight, that is, over the logarithm of grey above black, over which responses hardly bend: power laws not at all.
+    Straight over the logarithm of grey above black, that is: over it responses hardly bend, and power laws not at all.
 
     Attributes
     ----------
@@ -68,7 +68,7 @@ class InverseCurve:
         return octaves(self.greys, self.black)
 
     def at(self, grey: Curve) -> Curve:
-        """log2 exposure (stops) of grey levels, those beyond the ends counting as the ends."""
+        """log2 exposure (stops) of grey levels; those beyond the ends count as the ends."""
         return np.asarray(np.interp(octaves(grey, self.black), self.octaves, self.stops))
 
     def slope(self, grey: Curve) -> Curve:
@@ -99,14 +99,14 @@ def octaves(grey: Curve, black: float) -> Curve:
 
 
 def nodes(black: float, saturation: float) -> Curve:
-    """Grey levels from half a level above black to saturation, close where curves are steep, each fourth further up."""
+    """Grey levels from half a level above black to saturation: close where curves are steep, every fourth higher up."""
     above = np.concatenate([np.arange(1.0, 16.0), np.arange(16.0, 48.0, 2.0), np.arange(48.0, 256.0, 4.0)])
     inner = black + above[black + above < saturation - 0.5]
     return np.concatenate([[black + 0.5], inner, [saturation]])
 
 
 def usable(tones: Tones, ends: Ends) -> NDArray[np.bool_]:
-    """Which medians speak of the curve: within black and saturation, in groups that have at least two such."""
+    """Which medians say something about the curve: within black and saturation, in groups with at least two such."""
     inside = (tones.greys > ends.lowest + CLEAR_OF_ENDS_GREY) & (tones.greys < ends.saturation - CLEAR_OF_ENDS_GREY)
     return np.asarray(inside & (inside.sum(axis=0) >= 2))
 
@@ -139,5 +139,5 @@ def misfit(curve: InverseCurve, tones: Tones, within: NDArray[np.bool_]) -> floa
 
 
 def as_well(size: float, best: float) -> bool:
-    """Whether one misfit is as good as a better one: less than a tenth worse, or by less than medians are known."""
+    """Whether one misfit is as good as a better one: less than a tenth worse, or by less than the error of medians."""
     return size <= 1.1 * best + 0.4

@@ -26,7 +26,7 @@ from calibration.sweep import Sweep
 from drivers.errors import ConfigurationError
 
 LINEAR_WITHIN_GREY = 0.4
-"""Sensors are linear to a percent or so: what a straight line explains this well (rms) counts as linear."""
+"""Sensors are linear to about a percent: what a straight line explains this well (rms) counts as linear."""
 
 
 def solve_response(sweep: Sweep) -> ResponseSolution:

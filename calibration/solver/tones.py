@@ -12,13 +12,13 @@ from calibration.sweep import Shot, Sweep
 
 MAX_GROUPS = 400
 MIN_PIXELS = 12
-"""A group's median says little of fewer pixels."""
+"""With fewer pixels a group's median says little."""
 
 MAX_SAMPLES = 16_000_000
 """Of all shots together, about a second of work; of larger sweeps every n-th pixel is taken."""
 
 MEDIAN_FLOOR_GREY = 0.1
-"""What a median is at least uncertain by, since grey levels are whole numbers."""
+"""Least uncertainty of a median, since grey levels are whole numbers."""
 
 Curve = NDArray[np.float64]
 
@@ -111,7 +111,7 @@ def _medians(histogram: NDArray[np.intp]) -> tuple[Curve, Curve]:
     """Medians of the groups between whole grey levels, and their standard errors, from (groups * 256) counts.
 
     Where the cumulative distribution crosses one half is found on its logit, in which that of noise is nearly a
-    straight line: so that the median of narrow noise is not drawn to whole levels.
+    straight line: so that the median of narrow noise is not pulled to whole levels.
     """
     below = np.cumsum(histogram.reshape(-1, GREY_LEVELS), axis=1)
     count = below[:, -1:]

@@ -1,11 +1,11 @@
 """Exposure times of image files: from EXIF, from their names, or from a list.
 
-A name tells the time by a number right before `us`, `ms` or `s`, after which no letter or digit follows, once in a
+In a name, the time is a number right before `us`, `ms` or `s`, followed by no letter or digit, once in the
 name: `img_0.0333s.png`, `img_5000us.png`, `wall-2.5ms-b.tif`.
 
-A list is a text file. Each line holds an image's name (relative to the list) and its exposure time in seconds, or a
-time alone; times alone belong to the images next to the list, in the order of their names. A time may be a fraction
-(`1/30`). Empty lines and what follows `#` are left out.
+A list is a text file. Each line holds an image's name (relative to the list) and its exposure time in seconds, or only
+a time; times without names belong to the images next to the list, in the order of their names. A time may be a fraction
+(`1/30`). Empty lines, and everything after `#`, are ignored.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ def _in_folder(folder: Path) -> list[TimedFile]:
     for path, value in zip(paths, seconds, strict=True):
         if value is None:
             raise ConfigurationError(
-                f"{path}: tells no exposure time by EXIF or by its name (as in img_5000us.png): "
+                f"{path}: has no exposure time in EXIF or in its name (as in img_5000us.png): "
                 "give a list, one image and its time in seconds per line"
             )
     if any(by_exif):
@@ -74,21 +74,21 @@ def image_paths(folder: Path) -> list[Path]:
 
 
 def seconds_in_name(path: Path) -> float | None:
-    """The exposure time that a file's name tells, None when it tells none.
+    """The exposure time in a file's name, None if there is none.
 
     Raises
     ------
     ConfigurationError
-        When it tells two, or 0.
+        For two times, or a time of 0.
     """
     found = _TIME_IN_NAME.findall(path.stem)
     if not found:
         return None
     if len(found) > 1:
-        raise ConfigurationError(f"{path}: its name tells {len(found)} exposure times: leave one")
+        raise ConfigurationError(f"{path}: its name has {len(found)} exposure times: leave one")
     value = float(found[0][0]) * _SECONDS_PER_UNIT[found[0][1]]
     if value <= 0:
-        raise ConfigurationError(f"{path}: its name tells an exposure time of 0: give the real one")
+        raise ConfigurationError(f"{path}: its name has an exposure time of 0: give the real one")
     return value
 
 
@@ -138,7 +138,9 @@ def _seconds(word: str, where: str) -> float:
     except (ValueError, ZeroDivisionError):
         value = math.nan
     if not 0 < value < math.inf:
-        raise ConfigurationError(f"{where}: {word!r} is no exposure time: give seconds above 0, such as 0.0333 or 1/30")
+        raise ConfigurationError(
+            f"{where}: {word!r} is not an exposure time: give seconds above 0, such as 0.0333 or 1/30"
+        )
     return value
 
 
@@ -146,8 +148,8 @@ def _exif_number(path: Path, tag: int) -> float | None:
     try:
         with open_regular(path) as file, Image.open(file) as image:
             value = image.getexif().get_ifd(_EXIF_IFD).get(tag)
-    except Exception as error:  # Pillow checks little of what a damaged file announces
-        raise ConfigurationError(f"{path}: is not an image that can be read: remove or replace it") from error
+    except Exception as error:  # Pillow hardly checks what a damaged file claims
+        raise ConfigurationError(f"{path}: is not a readable image: remove or replace it") from error
     if isinstance(value, tuple):
         value = value[0] if value else None
     try:
@@ -162,7 +164,7 @@ def _exif_seconds(path: Path) -> float | None:
 
 
 def _require_one(paths: list[Path], tag: int, name: str) -> None:
-    """Refuse images between which something else than the exposure time was changed."""
+    """Refuse images between which anything but the exposure time changed."""
     first = _exif_number(paths[0], tag)
     for path in paths[1:]:
         value = _exif_number(path, tag)
@@ -170,5 +172,5 @@ def _require_one(paths: list[Path], tag: int, name: str) -> None:
             raise ConfigurationError(
                 f"{path}: its {name} is {value:g}, that of {paths[0].name} {first:g}: change the exposure time only"
                 if value is not None and first is not None
-                else f"{path}: EXIF tells the {name} of some images only: give a list of exposure times"
+                else f"{path}: EXIF has the {name} of some images only: give a list of exposure times"
             )

@@ -24,9 +24,9 @@ MOST_IMAGE_BYTES = 1 << 30
 
 
 def read_images(source: Path) -> Sweep:
-    """A sweep from the images of a folder or of a list; `exposure_times` says what tells their times.
+    """A sweep from the images of a folder or of a list; `exposure_times` says where their times come from.
 
-    Of colour images the green channel is taken: one channel has one response and one saturation, a mix of them has not.
+    Of colour images the green channel is taken: a single channel has one response and one saturation, a mix does not.
     Images of 16 bits whose pixels all stay below 4096 are taken for 12 bits in 16. The gain is not known and given as
     0 dB.
 
@@ -65,6 +65,6 @@ def _grey(path: Path) -> Pixels:
     except (OSError, cv2.error):
         image = None
     if image is None or image.dtype not in {np.dtype(np.uint8), np.dtype(np.uint16)}:
-        raise ConfigurationError(f"{path}: is no image of 8 or 16 bits that can be read: remove or replace it")
+        raise ConfigurationError(f"{path}: is not a readable image of 8 or 16 bits: remove or replace it")
     one = image[..., GREEN] if image.ndim == 3 and image.shape[2] >= 3 else image
     return one.astype(np.uint8) if one.dtype == np.uint8 else one.astype(np.uint16)

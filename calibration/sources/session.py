@@ -15,10 +15,10 @@ from drivers.pixel_format import PixelFormat
 from drivers.setup import CameraSetup, TriggerSetup
 
 PATIENCE_S = 3.0
-"""A frame may be late by so much, besides its own exposure and that of the setting before."""
+"""How late a frame may be, besides its own exposure and that of the previous setting."""
 FRAMES_TO_OBEY = 16
-"""A camera that takes none of so many frames with a setting it read back never will."""
-_POLL_S = 0.5  # so often a wait for a long exposure looks whether the camera is still there
+"""A camera that takes none of this many frames with a setting that it read back never will."""
+_POLL_S = 0.5  # how often a wait for a long exposure checks that the camera is still there
 
 
 def session_setup(pixel_format: PixelFormat | None = None, rate_hz: float | None = None) -> CameraSetup:
@@ -69,10 +69,10 @@ class Session:
         return self._source
 
     def take(self, setting: ExposureSetting, frames: int) -> list[Shot]:
-        """So many shots in a row, all really taken with `setting` as the camera rounds it.
+        """This many shots in a row, all really taken with `setting` as the camera rounds it.
 
-        Frames that tell their setting are waited for until they do. Of a camera whose frames tell nothing, those that
-        may still show the setting before are left out: more than any camera needs that can be controlled at all.
+        If frames report their setting, it waits until they report this one. Otherwise it leaves out those that may
+        still show the previous setting: more than any camera needs that can be controlled at all.
 
         Raises
         ------
@@ -95,7 +95,7 @@ class Session:
             elif since_write > FRAMES_TO_OBEY:
                 raise CameraError(
                     f"camera {self.description.serial}: it read back {taken}, but {FRAMES_TO_OBEY} frames later still "
-                    f"exposes with {frame.setting}: switch off what else sets it (automatics, sequencer, user sets)"
+                    f"exposes with {frame.setting}: switch off what else sets it (auto functions, sequencer, user sets)"
                 )
         return shots
 
@@ -106,7 +106,7 @@ class Session:
         return self._present
 
     def next_frame(self, previous: ExposureSetting | None = None) -> Frame:
-        """The next whole frame, awaited for as long as the present setting takes, and `previous` if that may be on.
+        """The next whole frame, awaited for as long as the present setting takes, and `previous` if it may still apply.
 
         Raises
         ------
@@ -127,7 +127,7 @@ class Session:
         )
 
     def frames_until(self, host_time_ns: int) -> list[Frame]:
-        """The whole frames that arrive until a moment of CLOCK_MONOTONIC; returns then, or at once when it is past."""
+        """The whole frames that arrive until a moment of CLOCK_MONOTONIC; returns then, or at once if it is past."""
         frames = []
         while (left_ns := host_time_ns - time.monotonic_ns()) > 0:
             frame = self._camera.next_frame(min(left_ns * 1e-9, _POLL_S))
@@ -136,7 +136,7 @@ class Session:
         return frames
 
     def latch_clock(self) -> None:
-        """Measure anew how the camera's clock maps to the host's; a minute's drift may be 3 ms."""
+        """Measure again how the camera's clock maps to the host's; it may drift by 3 ms a minute."""
         self._camera.latch_clock()
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""Which exposures a sweep takes of a scene, and taking them."""
+"""Which exposures a sweep takes of a scene, and how it takes them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from drivers.exposure import ExposureLimits, ExposureSetting
 
 FIRST_TIME_US = 2000.0
 LONGEST_TIME_US = 500_000.0
-"""Darker scenes are not worth the wait: two passes of half seconds are most of a minute already."""
+"""Darker scenes are not worth the wait: two passes at half a second already take most of a minute."""
 FRAMES = 3
 """Of each exposure in each pass; in a row, so that flicker shows."""
 STEP_STOPS = 0.5
@@ -23,22 +23,22 @@ SEARCH_STOPS = 2.0
 NEARLY_ALL_PERCENT = 95
 BLACK_GREY, WHITE_GREY = 6.0, 250.0
 STANDSTILL_GREY = 1.0
-"""An image that changes by no more over `SEARCH_STOPS` is at its end, wherever black or white of the camera lie."""
+"""An image that changes by no more over `SEARCH_STOPS` is at its end, wherever the camera's black or white is."""
 KEPT_PIXELS = 400_000
 """Plenty for a response, and a sweep of a large sensor fits into memory."""
 OVERHEAD_S = 0.15
-"""What the writing of a setting, and frames that do not show it yet, take besides the exposures."""
+"""Time for writing a setting, and for frames that do not show it yet, besides the exposures."""
 
 
 class StaticCamera(Protocol):
-    """What a sweep asks of a camera on a tripod; see `calibration.sources.session.Session`."""
+    """What a sweep needs from a camera on a tripod; see `calibration.sources.session.Session`."""
 
     @property
     def limits(self) -> ExposureLimits:
         """The camera's own bounds."""
 
     def take(self, setting: ExposureSetting, frames: int) -> list[Shot]:
-        """So many shots in a row, really taken with `setting`."""
+        """This many shots in a row, really taken with `setting`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +58,7 @@ class SweepPlan:
         Raises
         ------
         CameraError
-            When the camera does not do its part.
+            When the camera fails.
         """
         for setting in self.settings:
             yield setting, [_thinned(shot) for shot in camera.take(setting, self.frames)]
@@ -67,7 +67,7 @@ class SweepPlan:
 def plan_sweep(camera: StaticCamera, gain_db: float) -> SweepPlan:
     """Find the exposure times between which this scene goes from nearly all black to nearly all white.
 
-    The plan takes them up and then down again: what drifts meanwhile shows as a difference of the two.
+    The plan takes them up and then down again: a drift shows as a difference between the two.
     """
     low_us, high_us = exposure_span_us(camera, gain_db)
     stops = math.log2(high_us / low_us)
@@ -77,7 +77,7 @@ def plan_sweep(camera: StaticCamera, gain_db: float) -> SweepPlan:
 
 
 def exposure_span_us(camera: StaticCamera, gain_db: float) -> tuple[float, float]:
-    """Exposure times (us) of a nearly all black and a nearly all white image, as far as the camera's bounds let."""
+    """Exposure times (us) of a nearly all black and a nearly all white image, as far as the camera's bounds allow."""
     shortest_us, longest_us = time_bounds_us(camera.limits)
     start_us = min(max(FIRST_TIME_US, shortest_us), longest_us)
     start = _nearly_all(camera, start_us, gain_db)
@@ -99,7 +99,7 @@ def exposure_span_us(camera: StaticCamera, gain_db: float) -> tuple[float, float
 
 
 def time_bounds_us(limits: ExposureLimits) -> tuple[float, float]:
-    """The exposure times (us) that a calibration keeps to: the camera's, as far as they are worth the wait."""
+    """The range of exposure times (us) for a calibration: the camera's, as far as it is worth the wait."""
     return limits.min_time_us, max(min(limits.max_time_us, LONGEST_TIME_US), limits.min_time_us)
 
 

@@ -27,22 +27,20 @@ def choose_pixel_format(nodes: NodeMap, wanted: PixelFormat | None) -> PixelForm
             raise UnsupportedCameraError(f"camera {nodes.serial}: {_refusal(present, offered)}")
         return PIXEL_FORMATS[present]
     if wanted not in offered:
-        raise ConfigurationError(
-            f"camera {nodes.serial}: no pixel format {wanted} here; it offers {', '.join(offered)}"
-        )
+        raise ConfigurationError(f"camera {nodes.serial}: it has no pixel format {wanted}; it has {', '.join(offered)}")
     nodes.write_entry("PixelFormat", wanted.value)
     return wanted
 
 
 def _refusal(pixel_format: str, offered: tuple[str, ...]) -> str:
     if pixel_format.startswith("Bayer"):
-        why = "is a colour mosaic, whose neighbours differ by colour and not by light"
+        why = "is a colour mosaic, in which neighbouring pixels differ by colour"
     elif pixel_format.endswith(("Packed", "p")):
         why = "packs pixels across bytes"
     else:
         why = "is not plain grey"
     usable = [name for name in PixelFormat if name in offered]
-    advice = f"set pixel_format to {' or '.join(usable)}" if usable else f"it offers none of {', '.join(PixelFormat)}"
+    advice = f"set pixel_format to {' or '.join(usable)}" if usable else f"it has none of {', '.join(PixelFormat)}"
     return f"pixel format {pixel_format} {why}; {advice}"
 
 
@@ -59,7 +57,7 @@ def set_binning(nodes: NodeMap, binning: int | None) -> None:
     for name in ("BinningHorizontal", "BinningVertical"):
         if not nodes.available(name):
             raise ConfigurationError(
-                f"camera {nodes.serial}: it cannot bin pixels, it has no {name} (leave binning out)"
+                f"camera {nodes.serial}: it cannot bin pixels, since it has no {name} (leave binning out)"
             )
         low, high = nodes.integer_bounds(name)
         if not low <= binning <= high:

@@ -1,6 +1,6 @@
-"""Asking GigE Vision cameras who they are and whether someone controls them, without opening one.
+"""Asks GigE Vision cameras for their identity, and whether someone controls them, without opening any.
 
-Aravis' own search would not do before a start: it opens USB3 Vision cameras to read their names, and does not tell by
+Aravis' own search is unsuitable before a start: it opens USB3 Vision cameras to read their names, and does not say on
 which network interface a camera answered.
 """
 
@@ -21,7 +21,7 @@ from drivers.host.network import NetworkInterface
 PORT = 3956
 """The UDP port that every GigE Vision camera listens on."""
 SEARCH_S = 1.0
-"""How long answers to a search are awaited; cameras may spread theirs over some tenths of a second."""
+"""How long to wait for answers to a search; cameras may spread theirs over some tenths of a second."""
 ANSWER_S = 0.5
 TRIES = 3
 
@@ -35,7 +35,7 @@ _IDENTITY_BYTES = 0xF8
 _IP_PKTINFO = 8  # linux/in.h
 
 Control = Literal["free", "held", "silent"]
-"""Whether someone has control of a camera; `silent`: it did not answer the question."""
+"""Whether someone controls a camera; `silent`: it did not answer."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,16 +56,16 @@ class GigeCamera:
 
 @dataclass(frozen=True, slots=True)
 class Search:
-    """What a search found; `failures` tells for an interface's name why it could not be searched."""
+    """What a search found; `failures` gives the reasons for interfaces that could not be searched, by name."""
 
     cameras: tuple[GigeCamera, ...]
     failures: dict[str, str]
 
 
 def search(interfaces: Iterable[NetworkInterface], wait_s: float = SEARCH_S) -> Search:
-    """Ask on every interface for cameras.
+    """Search every interface for cameras.
 
-    Those of a foreign subnet are found as well: they are asked to answer by broadcast.
+    Cameras of a foreign subnet are found as well, since they are asked to answer by broadcast.
     """
     cameras: dict[tuple[str, IPv4Interface], GigeCamera] = {}
     failures = {}
@@ -83,7 +83,7 @@ def search(interfaces: Iterable[NetworkInterface], wait_s: float = SEARCH_S) -> 
         while (left_s := deadline_s - time.monotonic()) > 0:
             for asker in select.select(list(asking), [], [], left_s)[0]:
                 camera = _read_identity(asker.recv(2048), asking[asker])
-                # A question broadcast on a network card reaches cameras on the host's own loopback, too.
+                # A broadcast on a network card also reaches cameras on the host's own loopback.
                 if camera is not None and (camera.reachable or (camera.serial, camera.address) not in cameras):
                     cameras[camera.serial, camera.address] = camera
     return Search(tuple(sorted(cameras.values(), key=lambda camera: camera.serial)), failures)
@@ -98,11 +98,11 @@ def control_of(camera_address: str, answer_s: float = ANSWER_S) -> Control:
                 asker.connect((camera_address, PORT))
                 asker.send(_command(_READREG, struct.pack(">I", _CONTROL_PRIVILEGE), request_id))
                 status, acknowledged, payload = _parse(asker.recv(2048))
-            except OSError:  # time is up, or the host itself says that no one is there
+            except OSError:  # timed out, or the host itself reports that nothing is there
                 continue
             if acknowledged != _READREG + 1:
                 continue
-            if status == _ACCESS_DENIED:  # exclusive access hides even this register on some cameras
+            if status == _ACCESS_DENIED:  # on some cameras exclusive access hides even this register
                 return "held"
             if status == _SUCCESS and len(payload) >= 4:
                 return "held" if int.from_bytes(payload[:4], "big") & _HELD else "free"
@@ -110,10 +110,10 @@ def control_of(camera_address: str, answer_s: float = ANSWER_S) -> Control:
 
 
 def _ask_everyone(asker: socket.socket, interface: NetworkInterface) -> None:
-    # Bound to the device and to no address, it hears answers that were broadcast as well.
+    # Bound to the device but to no address, it also receives answers that were broadcast.
     asker.setsockopt(socket.SOL_SOCKET, socket.SO_BINDTODEVICE, interface.name.encode())
     asker.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
-    # Left to itself, the kernel does not send a broadcast from 127.0.0.1.
+    # By itself the kernel does not send broadcasts from 127.0.0.1.
     discovery = _command(_DISCOVERY, b"", 1, _BROADCAST_ANSWER)
     for own in interface.addresses:
         sender = struct.pack("=i4s4x", 0, own.ip.packed)
@@ -125,7 +125,7 @@ def _command(number: int, payload: bytes, request_id: int, flags: int = 0) -> by
 
 
 def _parse(datagram: bytes) -> tuple[int, int, bytes]:
-    """Status, number of the acknowledgement and payload; zeros for what is no acknowledgement."""
+    """Status, number of the acknowledgement and payload; zeros for anything else."""
     if len(datagram) < _ACK_HEADER.size:
         return 0, 0, b""
     status, acknowledged, _, _ = _ACK_HEADER.unpack_from(datagram)
@@ -143,8 +143,8 @@ def _read_identity(datagram: bytes, interface: NetworkInterface) -> GigeCamera |
     address, netmask = (socket.inet_ntoa(identity[at : at + 4]) for at in (0x24, 0x34))
     try:
         subnet = IPv4Interface(f"{address}/{netmask}")
-    except ValueError:  # a netmask of no sense says nothing of the subnet
+    except ValueError:  # an invalid netmask says nothing about the subnet
         subnet = IPv4Interface(address)
-    # Without a serial of its own a camera goes by its MAC address, in Aravis as well.
+    # A camera without a serial number is named by its MAC address, as in Aravis.
     serial = text(0xD8, 16) or identity[0x0A:0x10].hex(":")
     return GigeCamera(serial, text(0x48, 32), text(0x68, 32), subnet, interface)

@@ -1,7 +1,7 @@
-"""A filter on the UDP socket of a GigE Vision stream: the kernel hands on what its camera sends, and drops the rest.
+"""A filter on the UDP socket of a GigE Vision stream: the kernel passes what its camera sends and drops the rest.
 
 Stock Aravis takes stream packets from anyone, and a few of them end the process (docs/hostile-packets.md). Attaching a
-filter to a socket of one's own takes no privilege.
+filter to one's own socket needs no privilege.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ _IP_HEADER = 0xFFF00000  # SKF_NET_OFF: offsets from here on count from the IP h
 _INSTRUCTION = struct.Struct("=HBBI")
 _DROP, _WHOLE = 0, 0xFFFFFFFF
 
-# Where things stand: the source address in the IP header, the source port in the UDP header, and behind its 8 bytes the
-# GVSP header. With the extended-id bit set, the packet id is a word of its own.
+# Offsets: the source address is in the IP header, the source port in the UDP header, and the GVSP header follows after
+# its 8 bytes. With the extended-id bit set, the packet id is a word of its own.
 _SOURCE_ADDRESS, _SOURCE_PORT = _IP_HEADER + 12, 0
 _FLAGS, _EXTENDED_ID = 8 + 4, 0x80
 _PACKET_ID, _PACKET_ID_BITS, _EXTENDED_PACKET_ID = 8 + 4, 0x00FFFFFF, 8 + 16
@@ -35,17 +35,17 @@ Endpoint = tuple[str, int]
 
 
 def largest_packet_id(payload_bytes: int, packet_bytes: int) -> int:
-    """The largest packet id to be expected of frames of that size, doubled: cameras may send smaller packets."""
+    """Twice the largest packet id of a frame of that size, since cameras may send smaller packets."""
     return 2 * -(-payload_bytes // max(packet_bytes - _LARGEST_HEADERS_BYTES, 1)) + 16
 
 
 def admit_only(camera: Endpoint, largest_id: int, listening: Endpoint) -> None:
-    """Have this process' UDP socket at `listening` receive nothing but plausible stream packets of `camera`.
+    """Let this process's UDP socket at `listening` receive only plausible stream packets of `camera`.
 
     Parameters
     ----------
     camera
-        Where its stream comes from; port 0: from any.
+        Source of its stream; port 0 means any.
     largest_id
         Packets with a greater packet id are dropped.
     listening
@@ -54,17 +54,17 @@ def admit_only(camera: Endpoint, largest_id: int, listening: Endpoint) -> None:
     Raises
     ------
     OSError
-        When the kernel does not take the filter, or there is no such socket.
+        When the kernel refuses the filter, or there is no such socket.
     """
     own = _own_socket(listening)
     if own is None:
-        raise OSError(errno.ENOENT, f"no UDP socket of this process is at {listening[0]}:{listening[1]}")
+        raise OSError(errno.ENOENT, f"this process has no UDP socket at {listening[0]}:{listening[1]}")
     with own:
         _attach(own, filter_program(camera, largest_id))
 
 
 def why_not() -> str | None:
-    """Why this host lets no filter be attached; None when it does."""
+    """Why this host refuses a filter; None when it accepts one."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
             _attach(probe, filter_program(("127.0.0.1", 0), 0))
@@ -80,7 +80,7 @@ def _attach(target: socket.socket, program: bytes) -> None:
 
 
 def filter_program(camera: Endpoint, largest_id: int) -> bytes:
-    """The filter as classic BPF: jumps count instructions, to the one for a test that holds, to the other else."""
+    """The filter as classic BPF, whose jumps count instructions, one for a test that holds and one for failure."""
     address, port = int.from_bytes(socket.inet_aton(camera[0]), "big"), camera[1]
     source = [(_LOAD_WORD, _SOURCE_ADDRESS), (_IF_EQUAL, address)]
     if port:
@@ -97,17 +97,17 @@ def filter_program(camera: Endpoint, largest_id: int) -> bytes:
 
 
 def _own_socket(listening: Endpoint) -> socket.socket | None:
-    """Another descriptor of the socket. Libraries tell the port of theirs, and not the descriptor."""
+    """Another descriptor of the socket; libraries give the port of theirs, but not the descriptor."""
     for link in Path("/proc/self/fd").iterdir():
         try:
             if not str(link.readlink()).startswith("socket:"):
                 continue
             descriptor = os.dup(int(link.name))
-        except OSError:  # closed meanwhile
+        except OSError:  # closed in the meantime
             continue
         try:
             candidate = socket.socket(fileno=descriptor)
-        except OSError:  # and its number given to another file
+        except OSError:  # its number now belongs to another file
             os.close(descriptor)
             continue
         kind = candidate.family, candidate.type

@@ -1,4 +1,4 @@
-"""USB3 Vision cameras as libusb and the kernel see them, without claiming one."""
+"""USB3 Vision cameras as libusb and the kernel see them, without claiming any."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from drivers.host.sysfs import read_number, read_value
 USB3_VISION = (0xEF, 0x05)
 """Class and subclass of the interfaces of a USB3 Vision camera."""
 CONTROL_PROTOCOL = 0x00
-"""Protocol of the one among them that every camera has: control."""
+"""Protocol of the control interface, which every camera has."""
 UDEV_MATCH = "ef0500"
-"""How a udev rule names that interface."""
+"""How udev rules name that interface."""
 
 Blind = Literal["no bus", "no libusb", "no list"]
 """Why no USB camera can be seen at all: the kernel shows no USB, libusb does not load, or it cannot list devices."""
@@ -39,7 +39,7 @@ class Process:
 
 @dataclass(frozen=True, slots=True)
 class DeviceNode:
-    """The file through which a USB device is opened; `usable` by this user, for reading and writing."""
+    """The file through which a USB device is opened; `usable`: this user may read and write it."""
 
     path: str
     exists: bool
@@ -51,7 +51,7 @@ class DeviceNode:
 
 @dataclass(frozen=True, slots=True)
 class UsbCamera:
-    """A USB3 Vision camera; None stands for what the kernel does not tell.
+    """A USB3 Vision camera; None stands for what the kernel does not say.
 
     `bus` is the root hub, whose bandwidth its devices share; `controller` the hardware behind it.
     """
@@ -71,7 +71,7 @@ class UsbFacts:
     """What the host's USB offers.
 
     `usbfs_memory_mb` is the kernel's limit on the memory of all USB transfers together, 0 for none; `udev_rule` the
-    file that has a rule for USB3 Vision cameras.
+    file with a rule for USB3 Vision cameras.
     """
 
     cameras: tuple[UsbCamera, ...] = ()
@@ -81,7 +81,7 @@ class UsbFacts:
 
 
 def find_usb(root: Path = Path("/"), get_backend: Callable[[], Any] = libusb1.get_backend) -> UsbFacts:
-    """Look for cameras with libusb; what else there is to know of them is read below `root`."""
+    """Look for cameras with libusb; further facts are read below `root`."""
     cameras: list[UsbCamera] = []
     blind: Blind | None = None
     backend = get_backend()
@@ -111,7 +111,7 @@ def _is_camera(device: Any) -> bool:
             for configuration in device
             for interface in configuration
         )
-    except usb.core.USBError:  # pulled out while we looked
+    except usb.core.USBError:  # unplugged in the meantime
         return False
 
 
@@ -132,10 +132,10 @@ def _describe(device: Any, root: Path) -> UsbCamera:
 
 
 def _ask(device: Any, name: str) -> str | None:
-    """A text that the camera has and sysfs does not show: where there is no sysfs, libusb opens the camera for it."""
+    """A string descriptor that sysfs does not show; libusb opens the camera to read it."""
     try:
         text: str | None = getattr(device, name)
-    except (usb.core.USBError, ValueError):  # may not be opened; pyusb tells that in either way
+    except (usb.core.USBError, ValueError):  # no permission to open it; pyusb raises either
         return None
     return text
 
@@ -161,14 +161,14 @@ def _read_node(path: str, root: Path) -> DeviceNode:
 
 
 def _holders(path: str, root: Path) -> tuple[Process, ...]:
-    """The programs that have a file open, without this one; those of other users only root can see."""
+    """The other programs that have a file open; only root sees those of other users."""
     holders = []
     for folder in (root / "proc").glob("[0-9]*"):
         if int(folder.name) == os.getpid():
             continue
         try:
             held = any(str(descriptor.readlink()) == path for descriptor in (folder / "fd").iterdir())
-        except OSError:  # another user's, or it has ended
+        except OSError:  # of another user, or it has ended
             continue
         if held:
             holders.append(Process(int(folder.name), read_value(folder / "comm") or "unknown"))

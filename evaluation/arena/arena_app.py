@@ -24,7 +24,7 @@ from evaluation.effort import check_chosen
 from evaluation.progress import LongProgress
 from evaluation.scenes.scenarios import SCENARIOS
 
-_FRAME_S = 0.005  # of one core, for a frame of one policy: from full arenas of 14 policies
+_FRAME_S = 0.005  # of one core per frame and policy, measured on full arenas of 14 policies
 
 arena_app = typer.Typer(add_completion=False)
 
@@ -33,18 +33,18 @@ arena_app = typer.Typer(add_completion=False)
 def arena(
     *,
     quick: Annotated[bool, typer.Option("--quick", help="Every scenario once: about a minute.")] = False,
-    full: Annotated[bool, typer.Option("--full", help="Every scenario in many scenes: most of an hour.")] = False,
-    json_file: Annotated[Path | None, typer.Option("--json", help="Write all figures to this JSON file.")] = None,
+    full: Annotated[bool, typer.Option("--full", help="Every scenario in many scenes: up to an hour.")] = False,
+    json_file: Annotated[Path | None, typer.Option("--json", help="Write all numbers to this JSON file.")] = None,
     report: Annotated[Path | None, typer.Option(help="Write a report with plots into this folder.")] = None,
     policies: Annotated[str, typer.Option(help="Ids, separated by commas.")] = ",".join(POLICY_IDS),
     scenarios: Annotated[str, typer.Option(help="Ids, separated by commas.")] = ",".join(SCENARIOS),
-    pictures: Annotated[Path | None, typer.Option(help="A folder of Radiance .hdr files as further scenes.")] = None,
+    pictures: Annotated[Path | None, typer.Option(help="A folder of Radiance .hdr files: further scenes.")] = None,
     jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = len(os.sched_getaffinity(0)),
 ) -> None:
     """Run every policy through every scenario and compare them with the best exposure of each frame."""
     chosen = _chosen(policies, scenarios)
     if json_file is not None and not json_file.parent.is_dir():
-        raise ConfigurationError(f"{json_file}: there is no folder {json_file.parent}: make it, or choose another file")
+        raise ConfigurationError(f"{json_file}: there is no folder {json_file.parent}: create it or name another file")
     stills = _pictures(pictures) if pictures else []
 
     def plan_of(quick: bool) -> list[Task]:
@@ -63,7 +63,7 @@ def arena(
 
 
 def _chosen(policies: str, scenarios: str) -> tuple[list[str], list[str]]:
-    """The ids asked for, each once."""
+    """The requested ids, each once."""
     policy_ids = list(dict.fromkeys(policies.split(",")))
     scenario_ids = list(dict.fromkeys(scenarios.split(",")))
     for policy in policy_ids:
@@ -95,7 +95,7 @@ def _run(plan: Sequence[Task], policies: Sequence[str], jobs: int, console: Cons
                     runs += done
                     progress.update(bar, advance=task.frames * len(task.delays), description=task.scenario)
     except KeyboardInterrupt:
-        raise AutoexposeError("arena stopped before it was done: nothing was written") from None
+        raise AutoexposeError("the arena was stopped before it was done: nothing was written") from None
     return runs
 
 
@@ -105,7 +105,7 @@ def _print(rows: Sequence[dict[str, object]], console: Console) -> None:
     policies = [policy for policy, _ in ranking]
     ratios = cells(rows, policies, scenarios, "metric_ratio_mean")
     settle = cells(rows, policies, scenarios, "settle_frames")
-    title = "Metric as a share of the oracle's, mean; below it the median of frames to settle"
+    title = "Mean metric as a share of the oracle's; below it, the median of frames to settle"
     table = Table(title=title, box=None, padding=(0, 1, 0, 0), pad_edge=False)
     table.add_column("policy", no_wrap=True)
     for scenario in scenarios:

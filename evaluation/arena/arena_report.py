@@ -1,4 +1,4 @@
-"""The Markdown report of an arena, with its pictures."""
+"""The Markdown report of the arena, with its figures."""
 
 from __future__ import annotations
 
@@ -19,38 +19,39 @@ from evaluation.scenes.scenarios import SCENARIOS
 _NEVER_SEEN = " and ".join(f"`{scene}`" for scene in sorted({*HELD_OUT_SEEDS} - {*TUNE_SCENES}))
 
 HOW_TO_READ = f"""\
-Every policy ran through every scenario in closed loop and virtual time: the daemon's own control step, on frames of the
-simulated sensor, 60 a second, exposure time 20 to 7500 us, gain 0 to 30 dB. A decision on frame k applies from frame
-k + D; D = {MAIN_DELAY} unless it says otherwise.
+Every policy ran through every scenario in closed loop and virtual time: the daemon's own control step on frames of the
+simulated sensor, 60 a second, with exposure times of 20 to 7500 us and gains of 0 to 30 dB. A decision on frame k
+applies from frame k + D; D = {MAIN_DELAY} unless stated otherwise.
 
-* **Metric ratio**: gradient information (delta 0.30) of the frame taken, as a share of the **oracle**'s: the best that
-  this very frame could have shown, found by trying exposure levels 0.125 stops apart, each split into time and gain as
-  the policy splits it and with the same noise. 1.00 is perfect; a policy that sets time and gain apart from its rule of
-  splitting may come out above. With `lamp_right` it is the mean over both cameras, as a share of what the best common
-  exposure reaches; else the left camera's.
-* **Settled**: a ratio of at least 0.9 for 10 frames in a row. Frames count from the first one exposed wholly after the
-  step (scenarios without a step: from the first scored frame); 0 means at once, `-` that most runs never settled.
-  **Stuck**: the share of runs that never did. A decision cannot show earlier than D frames after the step.
+* **Metric ratio**: gradient information (delta 0.30) of the frame taken, as a share of the **oracle**'s. The oracle's
+  is the most that this frame could have shown, found by trying exposure levels 0.125 stops apart, with the same
+  noise, each split into time and gain as the policy splits it. 1.00 is perfect; a policy that departs from its rule
+  of splitting may exceed it. With `lamp_right` the ratio is the mean over both cameras, as a share of what the best
+  common exposure reaches; otherwise it is the left camera's.
+* **Settled**: a ratio of at least 0.9 for 10 frames in a row. Frames count from the first one exposed entirely after
+  the step (in scenarios without a step, from the first scored frame); 0 means immediately, `-` that most runs never
+  settled. **Stuck**: the share of runs that never settled. A decision cannot take effect sooner than D frames after
+  the step.
 * **Overshoot**: how far E went past the oracle's before it settled. **Spread**: standard deviation of E over the last
   half second. **Bad frames**: more than half of the left image black or saturated.
-* Every run starts from the best exposure of its first frame and has half a second that is not scored.
-* **Held out** are the scenes {_NEVER_SEEN}, never looked at while anything was tuned, and new rooms.
-  The scenarios themselves (how bright, how fast) were settled earlier, by us, while we looked at other courses, and
-  once, with `flicker`, in a way that happened to suit `metric-map`. The rule of its steps while the camera moves was
-  chosen on other courses, a second time after the first choice had missed the target of `pan` on these. Published
-  policies run with their papers' parameters on a sensor that is not their authors'.
+* Every run starts from the best exposure of its first frame; its first half second is not scored.
+* **Held out** are the scenes {_NEVER_SEEN}, which we never looked at while tuning anything, and new rooms. We
+  chose the scenarios themselves (how bright, how fast) earlier, looking at other courses, and in one case (`flicker`)
+  in a way that happened to suit `metric-map`. We chose its rule for steps while the camera moves on other courses
+  too, the second time after the first choice had missed the target of `pan` on these. Published policies run with
+  their papers' parameters, on a sensor that is not their authors'.
 """
 
 
 def mean_ratios(rows: Sequence[dict[str, Any]]) -> list[tuple[str, float]]:
-    """Policies by `metric_ratio_mean` averaged over scenarios, the best one first."""
+    """Policies with their `metric_ratio_mean` averaged over scenarios, best first."""
     policies = sorted({row["policy"] for row in rows})
     averages = [(p, float(np.mean([r["metric_ratio_mean"] for r in rows if r["policy"] == p]))) for p in policies]
     return sorted(averages, key=lambda item: -item[1])
 
 
 def write_arena_report(runs: Sequence[Run], default_policy: str, folder: Path) -> Path:
-    """Write `arena.md` and its pictures into a folder; returns the report's path."""
+    """Write `arena.md` and its figures into a folder; returns the report's path."""
     folder.mkdir(parents=True, exist_ok=True)
     held_out = [run for run in runs if run.split == "heldout"]
     rows = results([run for run in held_out if run.delay_frames == MAIN_DELAY])
@@ -92,7 +93,7 @@ def write_arena_report(runs: Sequence[Run], default_policy: str, folder: Path) -
 def cells(
     rows: Sequence[dict[str, Any]], policies: Sequence[str], scenarios: Sequence[str], key: str
 ) -> NDArray[np.float64]:
-    """One figure of the results as a table, float64 (policies, scenarios); NaN where there is none."""
+    """One score of the results as a table, float64 (policies, scenarios); NaN where it is missing."""
     known = {(row["policy"], row["scenario"]): row[key] for row in rows}
     table = [[known.get((policy, scenario)) for scenario in scenarios] for policy in policies]
     return np.array([[np.nan if value is None else value for value in row] for row in table], np.float64)
@@ -114,7 +115,7 @@ def _counts(runs: Sequence[Run]) -> str:
         scenes = sorted({Path(course[1]).name for course in chosen})
         if chosen:
             parts.append(f"{len(chosen)} courses {name} (scenes {', '.join(scenes)})")
-    return f"{len(runs)} runs over {'; '.join(parts)}. The tables are of the held-out ones."
+    return f"{len(runs)} runs over {'; '.join(parts)}. The tables show the held-out ones."
 
 
 def _targets(runs: Sequence[Run], policy: str) -> list[str]:
@@ -133,7 +134,7 @@ def _targets(runs: Sequence[Run], policy: str) -> list[str]:
 
 
 def _delays(runs: Sequence[Run], policies: Sequence[str]) -> list[str]:
-    """Only courses that were run with all delays are compared."""
+    """Compares only courses that were run with all delays."""
     delays = sorted({MAIN_DELAY, *OTHER_DELAYS})
     common = set.intersection(*({(r.scenario, r.scene, r.seed) for r in runs if r.delay_frames == d} for d in delays))
     if not common:

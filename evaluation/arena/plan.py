@@ -1,4 +1,4 @@
-"""Which courses the arena runs: scenes, seeds and delays, within a budget of time."""
+"""Which courses the arena runs: scenes, seeds and delays, within a time budget."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from evaluation.scenes.scenarios import SCENARIOS
 Split = Literal["tune", "heldout"]
 
 FIRST_HELD_OUT_SEED = 2000
-"""Seeds 0 to 99 are for tuning; those from 1000 on were, until the scenarios were final."""
+"""Seeds 0 to 99 are for tuning; seeds from 1000 were, until the scenarios were final."""
 
 MAIN_DELAY = 2
-"""The delay in frames of which results are made."""
+"""The delay (frames) that results are for."""
 
 OTHER_DELAYS = (1, 3)
 
@@ -26,12 +26,12 @@ tuned; of `room` only the seeds from 2000 on."""
 
 TUNE_SEEDS = 3
 SEEDS_OF_OTHER_DELAYS = 3
-"""Seeds per scene of the full arena: together about 40 minutes of two cores for 14 policies."""
+"""Seeds per scene in the full arena: about 40 minutes on two cores for 14 policies."""
 
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """One course, which all policies run with each of the delays side by side."""
+    """One course, which all policies run side by side with each of the delays."""
 
     scenario: str
     scene: str
@@ -47,7 +47,7 @@ class Task:
 
 
 def full_plan(scenarios: Sequence[str], pictures: Sequence[str] = ()) -> list[Task]:
-    """Every scenario in many scenes; `pictures` are .hdr files that join the held-out scenes with one seed each."""
+    """Every scenario in many scenes; `pictures` are .hdr files added to the held-out scenes, with one seed each."""
     tasks = []
     for scenario in scenarios:
         for scene, seeds in HELD_OUT_SEEDS.items():
@@ -63,7 +63,7 @@ def full_plan(scenarios: Sequence[str], pictures: Sequence[str] = ()) -> list[Ta
 
 
 def quick_plan(scenarios: Sequence[str], pictures: Sequence[str] = ()) -> list[Task]:
-    """Every scenario once, the held-out scenes in turn."""
+    """Every scenario once, cycling through the held-out scenes."""
     scenes = (*HELD_OUT_SEEDS, *pictures)
     tasks = [
         Task(scenario, scenes[index % len(scenes)], FIRST_HELD_OUT_SEED, (MAIN_DELAY,), "heldout", keep_traces=True)

@@ -1,4 +1,4 @@
-"""Pictures of the arena: the table as a heat map, and one course of every scenario over time."""
+"""Figures of the arena: the table as a heat map, and one course of every scenario over time."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from evaluation.drawing import save
 from evaluation.scenes.scenarios import RATE_HZ
 
 SHOWN_POLICIES = ("metric-map", "begin2022", "shim2018", "neves2009", "majer2018-standard")
-"""More lines than these cannot be told apart."""
+"""With more lines than these, a plot is unreadable."""
 
 
 def plot_table(
     policies: Sequence[str], scenarios: Sequence[str], values: NDArray[np.float64], title: str, file: Path
 ) -> None:
-    """A heat map of shares 0..1, float64 (policies, scenarios), with the figures in it."""
+    """A heat map of shares 0..1, float64 (policies, scenarios), with the numbers in its cells."""
     figure, axes = plt.subplots(figsize=(1.6 + 1.05 * len(scenarios), 1.2 + 0.36 * len(policies)), layout="constrained")
     axes.imshow(values, vmin=0, vmax=1, cmap="viridis", aspect="auto")
     axes.set_xticks(range(len(scenarios)), scenarios, rotation=30, ha="right")
@@ -35,7 +35,7 @@ def plot_table(
 
 
 def plot_traces(runs: Sequence[Run], folder: Path) -> Mapping[str, str]:
-    """One picture per scenario of the runs that carry a trace; returns file names by scenario."""
+    """One figure per scenario of the runs that carry a trace; returns file names by scenario."""
     traced = [run for run in runs if run.trace is not None and run.delay_frames == MAIN_DELAY]
     shown = [run for run in traced if run.policy in SHOWN_POLICIES] or traced
     files = {}

@@ -28,17 +28,14 @@ from evaluation.stage.rendering import Stage
 from fake_camera.world.simulation import Side
 
 LIGHT_JUMP_STOPS = 0.2
-"""The oracle is asked about both frames where the light changes by more in between."""
+"""Where the light changes by more between two frames, the oracle is asked about both."""
 
 
 @dataclass(slots=True, eq=False)
 class Series:
-    """What one entrant did in one course; float64 arrays of shape (frames,) after the run.
+    """What one entrant did in one course: float64 arrays of shape (frames,), unless stated otherwise.
 
-    `levels` are exposure levels in stops, `metrics` M_g of the judged cameras (frames, cameras), `oracle_metrics` and
-    `oracle_levels` those of the best exposure, `ratios` the metric as a share of the oracle's (NaN where there is
-    nothing to see at any exposure). Between the frames the oracle was asked about it is interpolated.
-    `clipped_shares` are the shares of saturated and black pixels of the left image together.
+    The oracle is interpolated between the frames that it was asked about.
     """
 
     entrant: Entrant
@@ -64,28 +61,28 @@ class Series:
 
     @property
     def clipped_shares(self) -> NDArray[np.float64]:
-        """Share of black and saturated pixels of each left image."""
+        """Share of black and saturated pixels, together, in each left image."""
         return np.array([decision.saturated_share + decision.black_share for decision in self.delayed.decisions])
 
     @property
     def oracle_metrics(self) -> NDArray[np.float64]:
-        """Largest M_g by frame and judged camera, interpolated, shape (frames, cameras)."""
+        """Largest M_g by frame and judged camera, shape (frames, cameras)."""
         return self._interpolated(lambda best: best.metrics)
 
     @property
     def oracle_levels(self) -> NDArray[np.float64]:
-        """The best level by frame, interpolated."""
+        """The best level of each frame, stops."""
         return self._interpolated(lambda best: (best.level,))[:, 0]
 
     @property
     def ratios(self) -> NDArray[np.float64]:
-        """How good each frame is, 1 being the best there is."""
+        """Metric as a share of the oracle's; NaN where no exposure shows anything."""
         with np.errstate(invalid="ignore", divide="ignore"):
             shares = np.mean(self.metrics / self.oracle_metrics, axis=1)
         return np.asarray(shares / self._interpolated(lambda best: (best.joint,))[:, 0])
 
     def score(self) -> Score:
-        """The figures of this run."""
+        """The scores of this run."""
         return score(
             levels=self.levels,
             oracle_levels=self.oracle_levels,
@@ -107,19 +104,19 @@ class Series:
 def run_course(
     scenario: str, scene: str, seed: int, entrants: Sequence[Entrant], *, frames: int | None = None
 ) -> list[Series]:
-    """Take all entrants through one course, each in a closed loop of its own.
+    """Take all entrants through one course, each in its own closed loop.
 
     Parameters
     ----------
     scenario, scene, seed
         The course.
     entrants
-        Who runs; the result of one does not depend on the others.
+        Who runs; no result depends on the other entrants.
     frames
-        Stop after so many frames; None: at the scenario's end.
+        Stop after this many frames; None for the whole scenario.
     """
     stage, first_scored = course_of(scenario, scene, seed)
-    # One exposure serves both cameras; where only one of them sees what matters, both are judged.
+    # One exposure serves both cameras; where they see different things, both are judged.
     sides: tuple[Side, ...] = ("left", "right") if stage.has_lamp else ("left",)
     oracle = Oracle(stage, sides)
     kind = SCENARIOS[scenario]
@@ -129,7 +126,7 @@ def run_course(
 
 
 def course_of(scenario: str, scene: str, seed: int, response: str = "linear") -> tuple[Stage, int]:
-    """The stage of one course, seen by sensors of a response function, and the first frame of it that is scored."""
+    """The stage of one course, seen by sensors with a response function, and its first scored frame."""
     kind = SCENARIOS[scenario]
     course = kind.draw(np.random.default_rng([seed, list(SCENARIOS).index(scenario)]))
     views = build_views(scene, seed, course.gaze, kind.at_window)
@@ -139,9 +136,9 @@ def course_of(scenario: str, scene: str, seed: int, response: str = "linear") ->
 def race(
     stage: Stage, entrants: Sequence[Entrant], oracle: Oracle, *, frames: int, first_scored: int, every: int
 ) -> list[Series]:
-    """Take all entrants through the first `frames` frames of a stage, from the best exposure of the first one.
+    """Take all entrants through the first `frames` frames of a stage, starting from the best exposure of the first.
 
-    The oracle is asked every so many frames, at the last one, and where the light jumps.
+    The oracle is asked about one frame in `every`, about the last one, and where the light jumps.
     """
     start = best_start(oracle)
     race = [Series(entrant, first_scored, entrant.enter(start)) for entrant in entrants]

@@ -1,4 +1,4 @@
-"""Many runs made into one table, and the JSON document of both."""
+"""Runs summarised in one table, and the JSON document of both."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ MEANS = (
 
 
 def document(runs: Sequence[Run], default_policy: str) -> dict[str, Any]:
-    """The JSON document: every run, and the results of the held-out ones with a delay of two frames."""
+    """The JSON document: every run, and the results of the held-out runs with a delay of two frames."""
     ordered = sorted(runs, key=lambda run: (run.policy, run.scenario, run.scene, run.seed, run.delay_frames))
     return {
         "default_policy": default_policy,
@@ -44,10 +44,9 @@ def document(runs: Sequence[Run], default_policy: str) -> dict[str, Any]:
 
 
 def results(runs: Sequence[Run]) -> list[dict[str, Any]]:
-    """One row per policy and scenario: median of the frames to settle, means else, and the share of stuck runs.
+    """One row per policy and scenario: the median of the frames to settle, the share of stuck runs, and means.
 
-    In the median a stuck run counts as one that settles later than all others; when it is the median itself, that is
-    None.
+    In the median, a stuck run counts as settling later than all others. The median is None when it is itself stuck.
     """
     rows = []
     for policy, scenario in sorted({(run.policy, run.scenario) for run in runs}):

@@ -1,4 +1,4 @@
-"""Runs a plan over processes."""
+"""Runs of a plan, spread over processes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from evaluation.stage.delayed_loop import Entrant
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trace:
-    """What a plot of one run shows, by frame: exposure levels (stops), the oracle's, and shares of its metric."""
+    """What a plot of one run shows for each frame: exposure level (stops), the oracle's, and share of its metric."""
 
     levels: NDArray[np.float32]
     oracle_levels: NDArray[np.float32]
@@ -41,13 +41,13 @@ class Run:
 
 
 def run_task(task: Task, policies: Sequence[str]) -> list[Run]:
-    """All policies through one course, with all of its delays."""
+    """Run all policies through one course, with each of its delays."""
     entrants = [Entrant.of(policy, delay) for delay in task.delays for policy in policies]
     return [_run_of(task, series) for series in run_course(task.scenario, task.scene, task.seed, entrants)]
 
 
 def run_plan(tasks: Sequence[Task], policies: Sequence[str], jobs: int) -> Generator[tuple[Task, list[Run]]]:
-    """Run all tasks in `jobs` processes; yields each as it is done."""
+    """Run all tasks in `jobs` processes; yields each when it is done."""
     return over_processes(partial(run_task, policies=policies), tasks, jobs)
 
 

@@ -1,4 +1,4 @@
-"""The figures of one run."""
+"""The scores of one run."""
 
 from __future__ import annotations
 
@@ -9,34 +9,34 @@ from numpy.typing import NDArray
 
 SETTLED_RATIO = 0.9
 SETTLED_FRAMES = 10
-"""Settled: at least so much of the oracle's metric for so many frames in a row."""
+"""Settled: at least this share of the oracle's metric for this many frames in a row."""
 
 STEADY_FRAMES = 30
-"""The steady state is judged over the last half second."""
+"""The steady state is the last half second."""
 
 BAD_SHARE = 0.5
-"""A frame with more pixels black or saturated is bad."""
+"""A frame with a larger share of black and saturated pixels is bad."""
 
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """The figures of one run, over its scored frames.
+    """The scores of one run, over its scored frames.
 
     Attributes
     ----------
     settle_frames
-        Frames from the first scored one (after a step: the first exposed wholly after it) to the first of ten in a
-        row that are settled; 0 when it is that one itself, None when never: the run is stuck.
+        Frames from the first scored one (after a step: the first exposed entirely after it) to the first of ten in a
+        row that are settled; 0 when the first one is settled, None when the run never settles: it is stuck.
     overshoot_stops
         How far the exposure level went past the oracle's, in the direction from the level of the first scored frame
-        to the oracle's there; 0 when it stayed on its side. Only frames before the settled ones count, and the
-        plateau's middle is the oracle's level.
+        to the oracle's there; 0 when it stayed on its side. Only frames before settling count, and the oracle's level
+        is the middle of its plateau.
     steady_std_stops
         Standard deviation of the exposure level over the last 30 frames.
     metric_ratio_mean, metric_ratio_p05
         Mean and fifth percentile of the metric as a share of the oracle's.
     bad_frame_share
-        Share of frames of whose left image more than half is black or saturated.
+        Share of frames whose left image is more than half black or saturated.
     gain_db_mean
         Mean gain.
     """
@@ -59,9 +59,9 @@ def score(
     gains_db: NDArray[np.float64],
     first_scored: int,
 ) -> Score:
-    """The figures of a run; all arrays have shape (frames,), frames before `first_scored` do not count.
+    """The scores of a run; all arrays have shape (frames,), and frames before `first_scored` do not count.
 
-    Frames whose ratio is NaN (nothing to see at any exposure) count neither as settled nor in the ratios.
+    Frames whose ratio is NaN (no exposure shows anything) neither count as settled nor enter the ratios.
     """
     scored = slice(first_scored, None)
     settle = frames_to_settle(ratios[scored])
@@ -78,14 +78,14 @@ def score(
 
 
 def frames_to_settle(ratios: NDArray[np.float64]) -> int | None:
-    """Index of the first of ten ratios in a row of at least 0.9; None when there are none."""
+    """Index of the first of ten ratios in a row of at least 0.9; None when there is no such row."""
     good = np.convolve(ratios >= SETTLED_RATIO, np.ones(SETTLED_FRAMES), "valid") if ratios.size else np.empty(0)
     settled = np.flatnonzero(np.rint(good) == SETTLED_FRAMES)
     return int(settled[0]) if settled.size else None
 
 
 def overshoot(levels: NDArray[np.float64], oracle_levels: NDArray[np.float64], settle: int | None) -> float:
-    """How far (stops) the levels went past the oracle's before they settled, see `Score`."""
+    """How far (stops) the levels went past the oracle's before settling; see `Score`."""
     end = len(levels) if settle is None else settle + 1
     direction = np.sign(oracle_levels[0] - levels[0])
     beyond = direction * (levels[:end] - oracle_levels[:end])

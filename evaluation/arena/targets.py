@@ -1,4 +1,4 @@
-"""What the default policy has to reach in the arena."""
+"""What the default policy must reach in the arena."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from evaluation.arena.runs import Run
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """A figure of held-out runs of one scenario, and what it must and should be at least."""
+    """A figure of held-out runs of one scenario, the least it must reach, and the least it should."""
 
     scenario: str
     what: str
@@ -23,7 +23,7 @@ class Target:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """A target and what was reached."""
+    """A target, and what was reached."""
 
     target: Target
     reached: float
@@ -68,6 +68,6 @@ TARGETS = (
 
 
 def outcomes(runs: Sequence[Run]) -> list[Outcome]:
-    """What `runs`, all of one policy, one delay and held out, reached of each target whose scenario was run."""
+    """What `runs` reached of each target whose scenario was run; all are held out, of one policy and one delay."""
     grouped = [(target, [run for run in runs if run.scenario == target.scenario]) for target in TARGETS]
     return [Outcome(target, target.figure(group)) for target, group in grouped if group]

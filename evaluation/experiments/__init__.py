@@ -1,1 +1,1 @@
-"""The papers' experiments, done again on the simulated rig: `autoexpose experiments`."""
+"""The papers' experiments, repeated on the simulated rig: `autoexpose experiments`."""

@@ -1,4 +1,4 @@
-"""Results of jobs on disk, found again by what they were made from."""
+"""Results of jobs on disk, found by a hash of what made them."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ _LIBRARIES = ("numpy", "opencv-python-headless", "numba", "evo")
 class ResultCache:
     """One file for each job, named by a hash of its function, its arguments and all of our code that it can reach.
 
-    So a run that was stopped goes on where it was, and after a change of code only what that code touches is done anew.
+    So a stopped run resumes where it was, and after a change of code only what that code affects is measured again.
     """
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
 
     def get(self, job: Job) -> tuple[Plain] | None:
-        """The result in a tuple, since it may be None; None when there is none."""
+        """The result in a tuple, because it may be None; None when no result is kept."""
         try:
             return (json.loads(self._path(job).read_text(encoding="utf-8")),)
         except (FileNotFoundError, ValueError):
             return None
 
     def put(self, job: Job, result: Plain) -> None:
-        """Keep a result; a reader sees all of it or nothing. AutoexposeError when it cannot be written."""
+        """Keep a result, atomically; AutoexposeError when it cannot be written."""
         path = self._path(job)
         unfinished = path.with_suffix(".part")
         try:
@@ -44,7 +44,7 @@ class ResultCache:
             unfinished.replace(path)
         except OSError as error:
             raise AutoexposeError(
-                f"{path}: a result cannot be kept ({error.strerror}): mend that, and the same command goes on"
+                f"{path}: the result cannot be saved ({error.strerror}): fix that and run the same command to resume"
             ) from None
 
     def key(self, job: Job) -> str:
@@ -59,7 +59,7 @@ class ResultCache:
 
 @cache
 def _digest(module: str) -> str:
-    """Of the sources that a module reaches by imports, and the versions of the libraries that make numbers."""
+    """Of the sources that a module reaches by imports, and of the versions of the libraries that produce numbers."""
     reached: dict[str, Path] = {}
     ahead = [module]
     while ahead:
@@ -78,7 +78,7 @@ def _digest(module: str) -> str:
 
 
 def _version(library: str) -> str:
-    """Of an installed library; what does not need one that is absent can run without it."""
+    """Of an installed library; an absent one does not stop jobs that do not need it."""
     try:
         return importlib.metadata.version(library)
     except importlib.metadata.PackageNotFoundError:
@@ -86,7 +86,7 @@ def _version(library: str) -> str:
 
 
 def _source(module: str) -> Path | None:
-    """The file of a module; None for what is no module, such as a name imported from one."""
+    """The file of a module; None for a name that is not a module."""
     try:
         spec = find_spec(module)
     except ModuleNotFoundError:
@@ -106,6 +106,6 @@ def _imports(path: Path) -> list[str]:
 
 
 def plain(value: Any) -> Plain:
-    """A result as it will come back from disk, so that fresh and kept results are the same."""
+    """A result as it will be read from disk, so that fresh and kept results are the same."""
     kept: Plain = json.loads(json.dumps(value))
     return kept

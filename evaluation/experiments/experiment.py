@@ -1,4 +1,4 @@
-"""What an experiment is: jobs that measure, and a section of the report that judges the papers' claims by them."""
+"""What an experiment is: jobs that measure, and a section of the report that judges the papers' claims."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 Plain: TypeAlias = "bool | int | float | str | list[Any] | dict[str, Any] | None"
-"""What JSON holds; NaN included."""
+"""What JSON can hold, NaN included."""
 
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """One piece of work that is done in one process, and kept.
+    """One piece of work, done in one process, whose result is kept.
 
     Attributes
     ----------
     measure
-        A function of a module; called with `arguments` by name. Its result must depend on nothing else.
+        A module-level function, called with `arguments` by name. Its result must depend on nothing else.
     arguments
         Names, seeds and numbers.
     cost_s
-        About how long it takes (s of one core): for the order of jobs, and the time left.
+        Approximate duration (s of one core): decides the order of jobs and the time left.
     """
 
     measure: Callable[..., Plain]
@@ -32,7 +32,7 @@ class Job:
 
 
 class Verdict(StrEnum):
-    """What became of a claim."""
+    """The judgement on a claim."""
 
     REPRODUCED = "reproduced"
     CONDITIONALLY = "reproduced under conditions"
@@ -42,7 +42,7 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Claim:
-    """A claim of a paper and what we saw.
+    """A claim of a paper, and what we saw.
 
     Attributes
     ----------
@@ -55,7 +55,7 @@ class Claim:
     verdict
         By a rule that the code fixes before it sees the numbers.
     condition
-        Under which conditions it holds, or why not.
+        Under which conditions it holds, or by which number it does not.
     """
 
     source: str
@@ -89,9 +89,9 @@ class Section:
     Attributes
     ----------
     setting
-        How it was measured, and where that differs from the paper: short paragraphs.
+        How it was measured, and how that differs from the paper: short paragraphs.
     claims
-        The paper's, each with its verdict.
+        The paper's claims, each with its verdict.
     parts
         Tables and figures, in their order. No prose: a conclusion must follow from the numbers by a rule, as verdicts
         do, or it stands in docs/experiments/discussion.md.
@@ -117,7 +117,7 @@ class Experiment:
     title
         One line.
     jobs
-        The jobs of a quick run (True: minutes in all, for CI) or of the full one.
+        The jobs of a quick run (True: minutes in total, for CI) or of the full run.
     section
         Judges the results; draws its figures into the folder that it is given.
     """

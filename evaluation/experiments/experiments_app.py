@@ -26,7 +26,7 @@ from evaluation.progress import LongProgress
 
 experiments_app = typer.Typer(add_completion=False, no_args_is_help=True)
 
-_Folder = Annotated[Path, typer.Option(help="Where report, figures and finished jobs go.")]
+_Folder = Annotated[Path, typer.Option(help="Folder for the report, figures and finished jobs.")]
 _COLOURS = {"reproduced": "green", "reproduced under conditions": "yellow", "not reproduced": "red", "undecided": "dim"}
 
 
@@ -37,21 +37,21 @@ def experiments() -> None:
 
 @experiments_app.command("list")
 def list_all() -> None:
-    """What there is to run."""
+    """List the experiments."""
     for experiment in EXPERIMENTS:
         typer.echo(f"{experiment.name:12} {experiment.title}")
 
 
 @experiments_app.command()
 def run(
-    names: Annotated[list[str], typer.Argument(help="`all`, or names that `autoexpose experiments list` shows.")],
+    names: Annotated[list[str], typer.Argument(help="`all`, or names shown by `autoexpose experiments list`.")],
     *,
     quick: Annotated[bool, typer.Option("--quick", help="Few scenes and seeds: minutes.")] = False,
     full: Annotated[bool, typer.Option("--full", help="What the verdicts rest on: up to hours.")] = False,
     out: _Folder = Path("out/experiments"),
     jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = len(os.sched_getaffinity(0)),
 ) -> None:
-    """Run experiments and write `experiments.md` and `experiments.html`; what was finished before is not done again."""
+    """Run experiments and write `experiments.md` and `experiments.html`; finished jobs are not repeated."""
     chosen = _chosen(names)
     check_chosen(quick, full, lambda quick: _duration_s(chosen, quick, jobs))
     _make_writable(out)
@@ -83,7 +83,7 @@ def _duration_s(chosen: Sequence[Experiment], quick: bool, processes: int) -> fl
 
 
 def _make_writable(out: Path) -> None:
-    """Before hours of work, not after them."""
+    """Checked before hours of work, not after."""
     try:
         out.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=out):
@@ -101,7 +101,7 @@ def _results(jobs: Sequence[Job], folder: Path, processes: int, console: Console
                 name = job.measure.__module__.rsplit(".", 1)[-1]
                 if took_s:
                     progress.update(bar, advance=job.cost_s, description=name)
-                else:  # kept from earlier: says nothing about the speed
+                else:  # kept from earlier, so it says nothing about the speed
                     total = progress.tasks[bar].total or 0.0
                     progress.update(bar, total=total - job.cost_s, description=name)
 
@@ -111,20 +111,20 @@ def _results(jobs: Sequence[Job], folder: Path, processes: int, console: Console
             return results
     except BrokenProcessPool:
         raise AutoexposeError(
-            "a process was killed from outside, perhaps for want of memory: "
-            "try fewer --jobs; what was finished is kept, and the same command goes on"
+            "a process was killed from outside, perhaps because memory ran out: "
+            "try fewer --jobs; finished jobs are kept, and the same command resumes"
         ) from None
     except KeyboardInterrupt:
         raise AutoexposeError(
-            "experiments stopped before they were done: the same command goes on where they were"
+            "the experiments were stopped before they were done: the same command resumes where they were"
         ) from None
 
 
 def _preface(names: Sequence[str], quick: bool) -> str:
     command = " ".join(["autoexpose experiments run", *names, "--quick" if quick else "--full"])
     return f"""\
-Made by `{command}`, in virtual time, from fixed seeds: the same code makes the same numbers, but for ORB-SLAM3's.
-Cameras, room and light are the fake cameras' (docs/fake-camera.md), control is the daemon's own.
+Made by `{command}`, in virtual time, from fixed seeds: the same code gives the same numbers, except ORB-SLAM3's.
+Cameras, room and light are those of the fake cameras (docs/fake-camera.md); control is the daemon's own.
 
 B&H is Bégin and Hunter, "Auto-Exposure Algorithm for Enhanced Mobile Robot Localization in Challenging Light
 Conditions" (2022); MH is Majer et al., "Adaptive image processing methods for outdoor autonomous vehicles" (2018).
@@ -132,7 +132,7 @@ Intervals in brackets are 95 % bootstrap intervals."""
 
 
 def _show(chapters: Sequence[Chapter], console: Console) -> None:
-    """The verdicts, each with what was claimed and seen, in as many columns as the terminal has."""
+    """Print the verdicts, each with the claim and what we saw, wrapped to the terminal."""
     for experiment, section in chapters:
         console.print(f"\n[bold]{experiment.name}[/]  {experiment.title}")
         for claim in section.claims:

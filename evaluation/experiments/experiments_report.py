@@ -1,4 +1,4 @@
-"""The report of a run: the verdicts first, then each experiment; as Markdown and as one HTML page."""
+"""The report of a run as Markdown and as one HTML page: the verdicts first, then each experiment."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def write_experiments_report(chapters: Sequence[Chapter], preface: str, folder: 
 
 
 def count_of_verdicts(chapters: Sequence[Chapter]) -> str:
-    """How many claims fared how, in a line."""
+    """The number of claims with each verdict, in a line."""
     counts = Counter(claim.verdict for _, section in chapters for claim in section.claims)
     return (
         f"{counts.total()} claim{'s' if counts.total() != 1 else ''}: "
@@ -75,11 +75,11 @@ def _row(cells: Sequence[str]) -> str:
 
 
 def _inline(text: str) -> str:
-    """A line of plain text, with `code` as Markdown has it."""
+    """A line of plain text with `code` spans, as HTML."""
     pieces = html.escape(text.strip()).split("`")
     return "".join(f"<code>{piece}</code>" if place % 2 else piece for place, piece in enumerate(pieces))
 
 
 def _prose(text: str) -> str:
-    """Paragraphs of such text."""
+    """Paragraphs of such text, as HTML."""
     return "".join(f"<p>{paragraph}</p>" for paragraph in _inline(text).split("\n\n"))

@@ -1,4 +1,4 @@
-"""Does the jobs of experiments that are not kept from earlier, over processes."""
+"""Runs those jobs of experiments whose results are not kept from earlier."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from evaluation.experiments.experiment import Job, Plain
 from evaluation.pool import over_processes
 
 Advance = Callable[[Job, float], None]
-"""Told of each job that is done, and how long it took (s; 0: it was kept)."""
+"""Called with each finished job and how long it took (s; 0 when its result was kept)."""
 
 
 def run_jobs(jobs: Sequence[Job], kept: ResultCache, processes: int, advance: Advance) -> list[Plain]:
-    """The results of all jobs, in their order; each is kept as soon as it is there, and equal ones are done once."""
+    """The results of all jobs, in their order; each is saved when it is ready, and equal jobs run once."""
     results: dict[int, Plain] = {}
     missing: dict[str, list[int]] = {}
     for place, job in enumerate(jobs):

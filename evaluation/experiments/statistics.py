@@ -19,13 +19,13 @@ class Interval:
     high: float
 
     def text(self, form: str = ".2f", unit: str = "") -> str:
-        """As a person reads it."""
+        """For people to read."""
         suffix = f" {unit}" if unit else ""
         return f"{self.value:{form}}{suffix} [{self.low:{form}}, {self.high:{form}}]"
 
 
 def mean_interval(values: ArrayLike, seed: int = 0) -> Interval:
-    """Mean of independent values with its percentile bootstrap interval; for paired runs, give their differences."""
+    """Mean of independent values with its percentile bootstrap interval; for paired runs, pass their differences."""
     sample = np.asarray(values, np.float64)
     means = sample[_draws(len(sample), seed)].mean(axis=1)
     low, high = np.percentile(means, [2.5, 97.5])

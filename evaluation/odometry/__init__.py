@@ -1,1 +1,1 @@
-"""Stereo visual odometry, by which exposure is judged: how well would a robot know its way on these images?"""
+"""Stereo visual odometry, which judges exposure: how well would a robot find its way with these images?"""

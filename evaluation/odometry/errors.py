@@ -1,4 +1,4 @@
-"""How far an estimated trajectory is off: relative pose errors, by evo."""
+"""The error of an estimated trajectory: relative pose errors, by evo."""
 
 from __future__ import annotations
 
@@ -8,23 +8,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 SUB_TRAJECTORY_M = 0.02
-"""Length of the way over which errors add up (Begin & Hunter 2022, section 3.1)."""
+"""Path length over which errors accumulate (Begin & Hunter 2022, section 3.1)."""
 
 TOLERANCE = 0.1
-"""How far a sub-trajectory's length may be off, as a share."""
+"""By which share a sub-trajectory's length may be off."""
 
 
 def relative_errors_mm(truth: Sequence[NDArray[np.float64]], estimate: Sequence[NDArray[np.float64]]) -> list[float]:
-    """Translation RPE (mm) over each sub-trajectory of 20 mm, beginning at every pose.
+    """Translation RPE (mm) over each sub-trajectory of 20 mm, one beginning at every pose.
 
-    Lengths are those of the true way: the estimated one is longer by its own noise.
+    Lengths are measured along the true path: the estimated one is longer because of its noise.
 
     Parameters
     ----------
     truth, estimate
-        Poses (4, 4) in metres at the same instants; each in a frame of its own.
+        Poses (4, 4) in metres at the same instants, each in its own frame of reference.
     """
-    from evo.core.metrics import RPE, PoseRelation, Unit  # noqa: PLC0415  it takes half a second to load
+    from evo.core.metrics import RPE, PoseRelation, Unit  # noqa: PLC0415  takes half a second to load
     from evo.core.trajectory import PosePath3D  # noqa: PLC0415
 
     errors = RPE(

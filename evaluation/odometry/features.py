@@ -1,4 +1,4 @@
-"""ORB features of a stereo pair, those that both cameras see with their depth."""
+"""ORB features of a stereo pair, with depth where both cameras see them."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ FEATURES = 800
 SCALE = 1.2
 LEVELS = 6
 FAST_THRESHOLD = 12
-"""Of ORB; a gamma of 0.3 lifts noise too, so lower thresholds drown in it."""
+"""Of ORB; a gamma of 0.3 amplifies noise too, so lower thresholds find mostly noise."""
 
 ROW_TOLERANCE_PX = 1.5
-"""How far rows of a match may differ in the finest level; coarser ones place features less well."""
+"""How far the rows of a match may differ at the finest level; coarser levels place features less precisely."""
 
 NEAREST_M = 0.15
 """Nothing comes nearer."""
@@ -31,7 +31,7 @@ LARGEST_DISTANCE = 64
 LOWE_RATIO = 0.85
 
 SEARCH = 3
-"""How far, in pixels, a match in the right image may be from where its feature was found there."""
+"""How far, in pixels, a match in the right image may lie from its feature there."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,11 +43,11 @@ class Features:
     image
         The left image.
     points
-        Where they are in the left image, x and y in pixels, (features, 2).
+        Position in the left image, x and y in pixels, (features, 2).
     right_x
-        Column in the right image; NaN for one that was not found there.
+        Column in the right image; NaN for a feature that was not found there.
     sigmas
-        How precisely they can be placed, pixels: that of the pyramid level they were found in.
+        Precision of the position, pixels: that of the pyramid level in which it was found.
     descriptors
         ORB's, uint8 (features, 32).
     """
@@ -95,14 +95,14 @@ class FeatureFinder:
 
 def apart(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float32]:
     """How far each of `first` is from each of `second`, shape (first, second)."""
-    # Single precision: these are the largest arrays of all.
+    # Single precision, because these are the largest arrays.
     return np.asarray(np.abs(np.subtract.outer(first.astype(np.float32), second.astype(np.float32))))
 
 
 def match(
     queries: NDArray[np.uint8], candidates: NDArray[np.uint8], allowed: NDArray[np.bool_]
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Indices of descriptors that fit one another best, clearly better than the next, and where it is allowed."""
+    """Indices of allowed pairs of descriptors that match best, and clearly better than the next candidate."""
     if not len(queries) or not len(candidates):
         return np.empty(0, np.intp), np.empty(0, np.intp)
     matcher = cv2.BFMatcher(cv2.NORM_HAMMING)
@@ -113,7 +113,7 @@ def match(
         if len(found) > 1 and found[0].distance > LOWE_RATIO * found[1].distance:
             continue
         best = found[0]
-        # Each candidate goes to the one that fits it best.
+        # Each candidate goes to the query that matches it best.
         if best.trainIdx not in pairs or best.distance < pairs[best.trainIdx][0]:
             pairs[best.trainIdx] = best.distance, best.queryIdx
     there = np.array(list(pairs), np.intp)

@@ -1,4 +1,4 @@
-"""Courses for odometry: a room under even or uneven light, and a lap through it that starts from rest."""
+"""Courses for odometry: a lap, starting from rest, through a room in even or uneven light."""
 
 from __future__ import annotations
 
@@ -10,59 +10,58 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from evaluation.scenes.scenarios import Course
+from evaluation.scenes.scenarios import Course, no_turn, steady
 from evaluation.scenes.views import CAMERA
 from evaluation.stage.rendering import Stage
-from fake_camera.world.lighting import Change, LightScript
 from fake_camera.world.render.renderer import Renderer, Surface
 from fake_camera.world.scene.path import CameraPath
 from fake_camera.world.scene.room import WINDOW_RADIANCE, furnished_room
 from fake_camera.world.simulation import RoomView
 
 Light = Literal["uneven", "low", "even"]
-"""Scenario (a) and (b) of Begin & Hunter's section 3.3, and the light of section 3.1."""
+"""Scenarios (a) and (b) of Begin & Hunter's section 3.3, and the light of section 3.1."""
 
 LUX: dict[Light, tuple[float, float]] = {"uneven": (1.0, 217.0), "low": (3.0, 3.0), "even": (20.0, 20.0)}
-"""Mean light on the walls of the dim and of the bright part of the room."""
+"""Mean light on the walls of the dim and the bright part of the room."""
 
 PAINT = 0.9
-"""What the window reflects: night is outside, and a poster hangs there, so that all light is the room's."""
+"""Reflectance of the window: it is covered by a poster, so that all light is the room's."""
 
 ROOM_SCALE = 0.6
-"""The room is made smaller, so that things are 0.2 to 2 m away, as the paper's were 0.2 to 2.5 m."""
+"""The room is scaled down, so that things are 0.2 to 2 m away; the paper's were 0.2 to 2.5 m away."""
 
 BRIGHT_HALF_ANGLE, FADE = 0.5, 0.4
-"""The bright part of the room as seen from its middle, and the way over which light fades around it (radians)."""
+"""The bright part of the room as seen from its middle, and the angle over which its light fades (radians)."""
 
 PERIOD_S, YAW_SWING = 15.0, 0.9
 """At most 86 mm and 89 degrees a second; the paper's table moved at up to 100 of both."""
 
 
 def odometry_stage(light: Light, room: int, seed: int, repeat: int) -> Stage:
-    """A course.
+    """One course.
 
     Parameters
     ----------
     light
         Its light.
     room
-        Decides the room.
+        Seed of the room.
     seed
-        Decides where the lap through it looks.
+        Of the heading of the lap through it.
     repeat
-        Of the same lap; decides the noise.
+        Number of the repeat of the same lap; decides the noise.
     """
     path = lap(seed)
     # At its turning point the camera looks into the middle of the bright part.
     surfaces = _lit(room, LUX[light], path.heading_rad + math.pi / 6 + YAW_SWING)
     renderer = Renderer(surfaces, CAMERA)
     left, right = (RoomView(renderer, path, side) for side in ("left", "right"))
-    course = Course(LightScript((Change(0.0, 1.0),)), lambda _: 0.0, 0)
+    course = Course(steady(1.0), no_turn, 0)  # the room has its light baked in
     return Stage({"left": left, "right": right}, course, 1000 * (1000 * room + seed) + repeat)
 
 
 def lap(seed: int) -> CameraPath:
-    """The way of the cameras: from rest, at full speed after two seconds."""
+    """The path of the cameras: from rest, at full speed after two seconds."""
     heading_rad = float(np.random.default_rng([seed, 41]).uniform(-math.pi, math.pi))
     standard = CameraPath()
     return replace(
@@ -85,7 +84,7 @@ def _furnished(room: int) -> list[Surface]:
 
 
 def _lit(room: int, lux: tuple[float, float], bright_rad: float) -> list[Surface]:
-    """The room with its light multiplied: `lux` far from and around a bearing from its middle."""
+    """The room with light on it: `lux[1]` around a bearing from its middle, `lux[0]` away from it."""
     surfaces = _furnished(room)
     painted = [
         surface if surface.follows_light

@@ -1,4 +1,4 @@
-"""The odometry of this house: ORB features, stereo matches, PnP with RANSAC, and a robust refinement on both images."""
+"""Our own odometry: ORB features, stereo matches, PnP with RANSAC, and a robust refinement on both images."""
 
 from __future__ import annotations
 
@@ -14,30 +14,30 @@ from evaluation.odometry.pose import IN_FRONT_M, project, refined_pose, rough_po
 from evaluation.odometry.stereo import StereoCamera, Tracked
 
 KEYS = 3
-"""A pair is tied to so many key pairs and to the pair before it: errors of one then average out."""
+"""A pair is tied to this many key pairs and to the pair before it, so that their errors average out."""
 
 STALE_SHARE = 0.6
-"""When a pair shares less than this with the last key pair, of what the first one after it did, it is the next one."""
+"""A pair becomes a key pair when it shares fewer points with the last one than this part of the most so far."""
 
 FEWEST_INLIERS = 20
-"""Fewer points that agree on a motion may do so by chance."""
+"""Fewer points may agree on a motion by chance."""
 
 LARGEST_JUMP_M, LARGEST_JUMP_RAD = 0.02, 0.1
-"""A pose further off than this from where the motion so far leads is an error."""
+"""A pose farther than this from where the motion so far leads is an error."""
 
 NEAR_PX = 90.0
-"""How far from where it is expected a feature is looked for."""
+"""How far from its expected position a feature is looked for."""
 
 REACH_PX = 2
-"""How far off ORB may place a feature: within a pixel, times the scale of its pyramid level."""
+"""How far off ORB may place a feature: a pixel, times the scale of its pyramid level."""
 
 PLACED_SIGMA = 0.4
-"""Of a point that its patch has placed (pixels); three to four times what it is in good light."""
+"""Of a point placed by its patch (pixels); three to four times its value in good light."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Key:
-    """A pair that later ones are tied to: its features with a depth, where seen, and in the frame of the first pair."""
+    """A pair that later ones are tied to: its features with depth, in its left image and in the first pair's frame."""
 
     image: NDArray[np.uint8]
     seen: NDArray[np.float64]
@@ -48,16 +48,16 @@ class _Key:
 class OrbOdometry:
     """Ties each pair to the last key pairs; a `StereoOdometry`.
 
-    The motion so far, taken on at constant speed, tells where to look for features. Matches are then placed to a
-    fraction of a pixel by their patches. A pair that shares too little with earlier ones is lost: its pose is the
-    guess, and it becomes a key pair, so that tracking goes on from there; the next guess is rest.
+    The motion so far, continued at constant speed, says where to look for features. Matches are then placed to a
+    fraction of a pixel by their patches. A pair that shares too little with earlier ones is lost: its pose is that
+    guess, and it becomes a key pair, from which tracking continues; the next guess is rest.
 
     Parameters
     ----------
     camera
         The stereo camera.
     seed
-        Of RANSAC's choices.
+        Of RANSAC's random choices.
     """
 
     def __init__(self, camera: StereoCamera, seed: int = 0) -> None:
@@ -80,7 +80,7 @@ class OrbOdometry:
             self._most_shared = max(self._most_shared, shared)
         else:
             pose, shared = expected, 0
-            # A motion that led astray must not lead on: from here, features are looked for where they were.
+            # Do not continue a motion that was wrong: features are now looked for where they were.
             self._motion = np.eye(4)
         first = self._before is None
         self._pose, self._before = pose, self._keep(pose, features)
@@ -97,9 +97,9 @@ class OrbOdometry:
         return _Key(features.image, seen[:, :2], points, features.descriptors[deep])
 
     def _tie(self, features: Features, expected: NDArray[np.float64]) -> tuple[NDArray[np.float64], int] | None:
-        """Pose of a pair by what it shares with earlier ones, and with how many points of the last key pair.
+        """Pose of a pair from what it shares with earlier ones, and how many points of the last key pair it shares.
 
-        None when it shares too little, or the pose cannot be.
+        None when it shares too little or the pose is implausible.
         """
         if self._before is None:
             return None
@@ -118,7 +118,7 @@ class OrbOdometry:
     def _shared(
         self, key: _Key, features: Features, expected: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """Points of a key pair that this one sees too, where (as of `project`), and how precisely placed."""
+        """Points of a key pair that this pair sees too, where (as `project` returns it), and how precisely."""
         local = transform(np.asarray(np.linalg.inv(expected), np.float64), key.points)
         where = project(self._camera, local)[:, :2]
         near = apart(features.points[:, 0], where[:, 0]) < NEAR_PX
@@ -128,7 +128,7 @@ class OrbOdometry:
         by_orb = features.points[here]
         placed, good = place(key.image, features.image, key.seen[there], by_orb, (REACH_PX, REACH_PX))
         seen = np.where(good[:, None], placed, by_orb)
-        # The disparity that was found for the feature holds for its neighbourhood.
+        # The disparity found for the feature holds in its neighbourhood.
         right_x = features.right_x[here] + seen[:, 0] - by_orb[:, 0]
         sigmas = np.where(good, PLACED_SIGMA, features.sigmas[here])
         return key.points[there], np.column_stack([seen, right_x]), sigmas

@@ -1,4 +1,4 @@
-"""ORB-SLAM3 as a `StereoOdometry`, where its Python package is installed (docs/odometry.md: licence and needs)."""
+"""ORB-SLAM3 as a `StereoOdometry`, where its Python package is installed (docs/odometry.md)."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ Viewer.ViewpointY: -0.7
 Viewer.ViewpointZ: -1.8
 Viewer.ViewpointF: 500.0
 """
-"""Nothing is drawn, but the settings of its viewer must be there."""
+"""Nothing is drawn, but the viewer's settings must be present."""
 
 
 def installed() -> bool:
@@ -55,16 +55,16 @@ def installed() -> bool:
 
 
 class OrbSlam3:
-    """One run of ORB-SLAM3. It maps in threads of its own, so results depend on what else the machine does.
+    """One run of ORB-SLAM3. It maps in its own threads, so results depend on the load of the machine.
 
     Parameters
     ----------
     camera
         The stereo camera.
     vocabulary
-        What `write_vocabulary` wrote, or ORB-SLAM3's own.
+        A file by `write_vocabulary`, or ORB-SLAM3's own.
     folder
-        Where its settings are written to.
+        Where its settings are written.
     """
 
     def __init__(self, camera: StereoCamera, vocabulary: Path, folder: Path) -> None:
@@ -81,13 +81,13 @@ class OrbSlam3:
         self._lost = False
 
     def track(self, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> Tracked:
-        """The pose at the next pair; a lost one has that of the pair before."""
+        """The pose at the next pair; a lost pair has that of the pair before."""
         self._system.process_image_stereo(left, right, self._pairs * EVERY / RATE_HZ)
         self._pairs += 1
         was_lost, self._lost = self._lost, self._system.get_tracking_state() != self._tracking
         if not self._lost:
             found = np.linalg.inv(np.asarray(self._system.get_frame_pose(), np.float64))
-            if was_lost and np.array_equal(found, np.eye(4)):  # it has begun another map
+            if was_lost and np.array_equal(found, np.eye(4)):  # it has started another map
                 self._start = self._pose
             self._pose = self._start @ found
         return Tracked(self._pose, self._lost)

@@ -1,4 +1,4 @@
-"""Places a point of one image in another to a fraction of a pixel, by laying the patch around it over the other."""
+"""Finds a point of one image in another to a fraction of a pixel, by matching the patch around it."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 HALF = 5
-"""Half size of patches, pixels."""
+"""Half the size of patches, pixels."""
 
 FAINT = 1.0
-"""Grey levels by which a patch must vary to be told from its surroundings."""
+"""Standard deviation (grey levels) that a patch needs to be distinguishable from its surroundings."""
 
 
 def place(
@@ -19,10 +19,10 @@ def place(
     guesses: NDArray[np.float64],
     reach: tuple[int, int],
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Where points of `source` are in `target`, and for which of them that could be said.
+    """Where points of `source` are in `target`, and for which of them the answer is reliable.
 
-    The patch is compared at whole shifts by the sum of squared differences; parabolas through the least one and its
-    neighbours give the fractions. Patches are brought to the same mean and contrast, since exposure differs.
+    Patches are compared at integer shifts by the sum of squared differences; parabolas through the smallest one and its
+    neighbours give the fractions. Patches are normalised to the same mean and contrast, because exposure differs.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ def place(
     points, guesses
         x and y in pixels, (n, 2).
     reach
-        How far from the guess to look, in x and y, pixels; 0 not at all.
+        How far from the guess to look in x and y, pixels; 0 for not at all.
     """
     height, width = source.shape
     at, near = np.rint(points).astype(np.intp), np.rint(guesses).astype(np.intp)
@@ -64,14 +64,14 @@ def _cut(image: NDArray[np.uint8], at: NDArray[np.intp], half: tuple[int, int]) 
 
 
 def _normalised(patches: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Patches of mean 0 and deviation 1, and the deviations they had."""
+    """Patches of mean 0 and standard deviation 1, and the deviations they had."""
     centred = patches - patches.mean(axis=(1, 2), keepdims=True)
     deviation = np.sqrt(np.einsum("nij,nij->n", centred, centred) / (patches.shape[1] * patches.shape[2]))
     return centred / np.maximum(deviation, 1e-3)[:, None, None], deviation
 
 
 def _least(costs: NDArray[np.float32], least: NDArray[np.intp]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """The place of the least cost in each row, between the whole ones, and whether it is not at an end."""
+    """The fractional position of the smallest cost in each row, and whether it is not at an end."""
     last = costs.shape[1] - 1
     if last == 0:
         return np.zeros(len(costs), np.float64), np.ones(len(costs), np.bool_)

@@ -12,14 +12,14 @@ RANSAC_ROUNDS = 200
 RANSAC_ERROR_PX = 3.0
 
 OUTLIER_SIGMAS = 2.8
-"""Points whose error exceeds this many sigmas count no more: 95 % of good ones stay, in two to three dimensions."""
+"""Points with larger errors are outliers; 95 % of the good ones stay below, in two to three dimensions."""
 
 IN_FRONT_M = 0.05
-"""Points nearer than this, or behind the camera, are not seen."""
+"""Points nearer than this, or behind the camera, are not visible."""
 
 ROUNDS = 10
 DAMPING = 1e-3
-"""Keeps the equations solvable when all points are on a line; too little to be felt else."""
+"""Keeps the equations solvable when all points are on a line; negligible otherwise."""
 
 
 def transform(pose: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -46,7 +46,7 @@ def triangulate(camera: StereoCamera, seen: NDArray[np.float64]) -> NDArray[np.f
 def rough_pose(
     camera: StereoCamera, points: NDArray[np.float64], seen: NDArray[np.float64]
 ) -> NDArray[np.float64] | None:
-    """What takes points (n, 3) to the camera, by RANSAC from where the left one sees them (n, 2); None for too few."""
+    """The pose that takes points (n, 3) to the left camera, by RANSAC from where it sees them (n, 2); None for none."""
     if len(points) < 6:
         return None
     matrix = np.array([[camera.focal_px, 0, camera.centre_px[0]], [0, camera.focal_px, camera.centre_px[1]], [0, 0, 1]])
@@ -68,7 +68,7 @@ def refined_pose(
     seen: NDArray[np.float64],
     sigmas: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """The pose with the least robust error (Gauss-Newton with Huber's weights), and the points that agree with it.
+    """The pose with the smallest robust error (Gauss-Newton with Huber's weights), and the points that agree with it.
 
     Parameters
     ----------
@@ -79,9 +79,9 @@ def refined_pose(
     points
         (n, 3), metres.
     seen
-        As of `project`; NaN where the right camera does not see a point.
+        As `project` returns it; NaN where the right camera does not see a point.
     sigmas
-        How precisely each is placed, pixels.
+        Precision of each position, pixels.
     """
     for _ in range(ROUNDS):
         local = transform(pose, points)
@@ -104,7 +104,7 @@ def refined_pose(
 def _errors(
     camera: StereoCamera, local: NDArray[np.float64], seen: NDArray[np.float64], sigmas: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Seen minus expected in pixels (0 where not seen), and its length in sigmas; far off behind the camera."""
+    """Seen minus expected in pixels (0 where not seen), and its length in sigmas, infinite behind the camera."""
     error = np.nan_to_num(seen - project(camera, local))
     length = np.linalg.norm(error, axis=1) / sigmas
     return error, np.where(local[:, 2] > IN_FRONT_M, length, np.inf)

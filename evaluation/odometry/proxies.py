@@ -1,4 +1,4 @@
-"""The seven measures of an image that might stand for the error of odometry (Begin & Hunter 2022, section 3.1)."""
+"""Measures of an image that might predict the error of odometry: the seven of Begin & Hunter 2022, section 3.1."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ PROXIES: dict[str, float | None] = {
     "Lowe ratio": -0.73,
     "gradient information, no gamma": None,
 }
-"""In the order of Fig. 9, with the paper's correlation with the error; and one that is not the paper's."""
+"""In the order of Fig. 9, with the paper's correlation with the error, and one that is not in the paper."""
 
 
 class Proxies:
     """Measures pairs as odometry gets them, median and gamma of 0.3 first, as the paper did.
 
-    Five measures are of the left image in control's size, and the last one as control sees it.
+    Five measures use the left image at control's size; the last one uses it as control sees it.
     """
 
     def __init__(self) -> None:
@@ -37,7 +37,7 @@ class Proxies:
         self._matcher = StereoMatcher()
 
     def measure(self, pair: StereoPair) -> list[float]:
-        """One value for each of `PROXIES`; a Lowe ratio of 1 stands for no match at all."""
+        """One value for each of `PROXIES`; a Lowe ratio of 1 stands for no match."""
         left, right = images(pair)
         image = self._preparation.prepare(left)
         matches = self._matcher.match(left, right)

@@ -1,4 +1,4 @@
-"""What any stereo odometry is to the experiments: pairs in, poses out."""
+"""The interface of stereo odometry: pairs in, poses out."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from fake_camera.world.render.renderer import Pinhole
 from fake_camera.world.scene.path import BASELINE_M
 
 GAMMA = 0.3
-"""Lifts the dark parts before features are looked for (Begin & Hunter 2022, section 3.1)."""
+"""Brightens the dark parts before features are detected (Begin & Hunter 2022, section 3.1)."""
 
 _CONTRAST = np.rint(255.0 * (np.arange(256) / 255.0) ** GAMMA).astype(np.uint8)
 
@@ -28,7 +28,7 @@ class StereoCamera:
     focal_px
         Focal length, pixels.
     centre_px
-        Where the optical axes meet the images: x, y in pixels.
+        Where the optical axes intersect the images: x, y in pixels.
     baseline_m
         Distance of the right camera from the left one, metres.
     """
@@ -46,7 +46,7 @@ class StereoCamera:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tracked:
-    """What odometry says of one pair.
+    """What odometry returns for one pair.
 
     Attributes
     ----------
@@ -61,17 +61,17 @@ class Tracked:
 
 
 class StereoOdometry(Protocol):
-    """Follows a stereo camera from pair to pair; whoever stands behind it, ours or another's."""
+    """Follows a stereo camera from pair to pair."""
 
     def track(self, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> Tracked:
         """The pose at the next pair of images, uint8 (height, width), as `prepared` makes them.
 
-        Always answers: a pair that cannot be tracked gets a guess and is told as lost.
+        Always answers: a pair that cannot be tracked gets a guess and is marked as lost.
         """
 
 
 def images(pair: StereoPair) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """Both images of a whole pair as odometry gets them."""
+    """Both images of a complete pair as odometry gets them."""
     return prepared(pair.frames["left"].grey8()), prepared(pair.frames["right"].grey8())
 
 

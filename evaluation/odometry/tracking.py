@@ -1,4 +1,4 @@
-"""Policies in closed loop through one course, side by side, each with an odometry of its own."""
+"""Policies in closed loop through one course, side by side, each with its own odometry."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from evaluation.stage.rendering import Stage
 from fake_camera.world.simulation import RoomView
 
 EVERY = 2
-"""Odometry gets every second pair, 30 a second: 20 mm are then at least 7 pairs."""
+"""Odometry gets every second pair, 30 a second: 20 mm then take at least 7 pairs."""
 
 FAILED_PAIRS = 5
-"""So many lost in a row, a sixth of a second, are tracking lost: the run has failed."""
+"""After this many lost pairs in a row, a sixth of a second, tracking is lost and the run has failed."""
 
 
 @dataclass(slots=True, eq=False)
 class TrackedRun:
-    """What became of one entrant; `estimate`, `lost` and `truth` have an entry for each pair that odometry got."""
+    """How one entrant did; `estimate`, `lost` and `truth` have an entry for each pair that odometry got."""
 
     entrant: Entrant
     delayed: DelayedLoop
@@ -37,7 +37,7 @@ class TrackedRun:
     truth: list[NDArray[np.float64]] = field(default_factory=list)
 
     def errors_mm(self) -> list[float]:
-        """Translation RPE of each sub-trajectory; guesses of lost pairs count like any pose."""
+        """Translation RPE of each sub-trajectory; guesses for lost pairs count like any pose."""
         return relative_errors_mm(self.truth, self.estimate)
 
 
@@ -48,20 +48,20 @@ def track_entrants(
     frames: int,
     look: Callable[[int, StereoPair], None] = lambda _entrant, _pair: None,
 ) -> list[TrackedRun]:
-    """Take all entrants through the first frames of a course, each from the best exposure of the first one.
+    """Take all entrants through the first frames of a course, each starting from the best exposure of the first.
 
     Parameters
     ----------
     stage
         The course.
     entrants
-        Who drives.
+        Who takes part.
     odometry
         Makes the odometry of one entrant.
     frames
         How many, at 60 a second.
     look
-        Shown the number of the entrant and each pair that odometry gets.
+        Called with the index of the entrant and each pair that odometry gets.
     """
     start = best_start(Oracle(stage))
     runs = [TrackedRun(entrant, entrant.enter(start), odometry()) for entrant in entrants]
@@ -82,8 +82,8 @@ def outcome(one: TrackedRun) -> dict[str, Any]:
     """The figures of one run, in plain JSON.
 
     rpe_mm: mean over sub-trajectories, guesses for lost pairs included; lost_share, failed; metric: median M_g;
-    truth, path: the way seen from above in the frame of the first camera, mm; times_us, gains_db, metrics: at each
-    pair that odometry got.
+    truth, path: the true and the estimated path from above, in the frame of the first camera, mm; times_us, gains_db,
+    metrics: at each pair that odometry got.
     """
     first = np.linalg.inv(one.truth[0])
     settings = one.delayed.settings[::EVERY]
@@ -103,7 +103,7 @@ def outcome(one: TrackedRun) -> dict[str, Any]:
 
 
 def lost_for_good(lost: Sequence[bool]) -> bool:
-    """Whether tracking was lost for so long that the run has failed."""
+    """Whether enough pairs in a row were lost for the run to have failed."""
     in_a_row = 0
     for one in lost:
         in_a_row = in_a_row + 1 if one else 0

@@ -1,1 +1,1 @@
-"""What the cameras of the evaluation look at, and under which light."""
+"""What the cameras of the evaluation look at, and in which light."""

@@ -1,4 +1,4 @@
-"""The response functions that simulated cameras have, as control knows them."""
+"""The response functions of simulated cameras, as control knows them."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class CameraResponse:
 
     @property
     def function(self) -> ResponseFunction:
-        """What a calibration without error would find."""
+        """What an error-free calibration would find."""
         return _function(self.curve, self.gamma)
 
     def __str__(self) -> str:
@@ -36,7 +36,7 @@ class CameraResponse:
 
 
 FAKE_CAMERAS = tuple(CameraResponse(curve) for curve in CURVES)
-"""Those that fake cameras can have."""
+"""Those available to fake cameras."""
 
 
 @cache

@@ -1,4 +1,4 @@
-"""Stills painted at random, with the contrasts of places where robots work."""
+"""Randomly painted stills with the contrasts of places where robots work."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def street(rng: np.random.Generator, width: int, height: int) -> Still:
 
 
 def shelves(rng: np.random.Generator, width: int, height: int) -> Still:
-    """Boxes with labels on shelves of a store, dark between them, under tubes 6 stops brighter."""
+    """Labelled boxes on the shelves of a store, dark in between, under fluorescent tubes 6 stops brighter."""
     still = np.full((height, width), 0.02, np.float32)
     ink = np.zeros((height, width), np.uint8)
     top = 90
@@ -72,7 +72,7 @@ def shelves(rng: np.random.Generator, width: int, height: int) -> Still:
 
 
 def hall(rng: np.random.Generator, width: int, height: int) -> Still:
-    """Machines in the half-dark of a workshop; windows 4 to 5 stops brighter, mirrored by the floor."""
+    """Machines in a dim workshop; windows 4 to 5 stops brighter, reflected in the floor."""
     floor, sill = int(0.7 * height), int(rng.uniform(0.25, 0.35) * height)
     still = np.full((height, width), rng.uniform(0.1, 0.2), np.float32)
     still[floor:] = 0.08

@@ -1,4 +1,4 @@
-"""What the cameras of the arena look at: rooms, stills painted at random, and pictures of real radiance."""
+"""What the cameras look at: rooms, randomly painted stills, and pictures of real radiance."""
 
 from __future__ import annotations
 
@@ -22,30 +22,30 @@ from fake_camera.world.simulation import RoomView, Side
 CAMERA = Pinhole()
 
 Gaze = Callable[[float], float]
-"""Where the camera looks over time (s): an angle in radians from the heading of the scene, positive to the left."""
+"""Where the camera looks at a time (s): an angle in radians from the heading of the scene, positive to the left."""
 
 WINDOW_HEADING_RAD = -math.pi / 2
 """The room's window is in its south wall."""
 
 NEAR_WINDOW_M = (-0.2, -0.75)
-"""From here the window fills the view, and no furniture stands in between."""
+"""From here the window fills the view, with no furniture in between."""
 
 OPENING = (600, 860)
-"""Height and width (pixels) of the window in stills: more than the view."""
+"""Height and width (pixels) of the window in stills: larger than the view."""
 
 OUTDOORS_LUX = 1000.0
-"""Light outside the window of stills, 8 stops over the 4 lux within."""
+"""Light outside the window of stills, 8 stops above the 4 lux inside."""
 
 DISPARITY_PX = 24.0
-"""Of stills: all is at one distance."""
+"""Of stills, where everything is at one distance."""
 
 STILL_SIZE = (3000, 700)
-"""Width and height of stills (pixels): the widest pan, one radian to both sides, and the view."""
+"""Width and height of stills (pixels): room for the widest pan, one radian to either side, plus the view."""
 
 
 @dataclass(frozen=True, slots=True)
 class GazePath(CameraPath):
-    """A camera at one place of the room that looks where `gaze` says, and sways 10 cm as it turns."""
+    """A camera that stays at one place in the room, looks where `gaze` says, and sways 10 cm as it turns."""
 
     gaze: Gaze = lambda _: 0.0
     place_m: tuple[float, float] = (0.0, 0.0)
@@ -122,16 +122,16 @@ def build_views(scene: str, seed: int, gaze: Gaze, at_window: bool) -> dict[Side
     scene
         "room", a painter of `evaluation.scenes.stills`, or the path of a Radiance .hdr file.
     seed
-        Decides the room or the painting, and where the camera starts to look.
+        Decides the room or the painting, and where the camera looks first.
     gaze
         Where the camera looks over time.
     at_window
-        Whether angle 0 is a window, brighter than all else when the light is dim.
+        Whether angle 0 is a window, brighter than everything else when the light is dim.
     """
     rng = np.random.default_rng([seed, 77])
     turn = float(rng.uniform(-1.0, 1.0))
     if scene == "room":
-        # The lap of the demo keeps clear of the furniture; so does every place inside it.
+        # The demo's lap stays clear of the furniture, and so does every place inside it.
         bearing = rng.uniform(0, 2 * math.pi)
         place = NEAR_WINDOW_M if at_window else (0.3 * math.cos(bearing), 0.2 * math.sin(bearing))
         heading = WINDOW_HEADING_RAD if at_window else turn * math.pi
@@ -147,7 +147,7 @@ def build_views(scene: str, seed: int, gaze: Gaze, at_window: bool) -> dict[Side
 
 
 def _still(scene: str, seed: int, at_window: bool) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
-    """Interior and outdoors of a painting or a picture."""
+    """Interior and outdoors of a painting or picture."""
     if scene in PAINTERS:
         interior = PAINTERS[scene](np.random.default_rng([seed, 78]), STILL_SIZE[0], STILL_SIZE[1])
     else:
@@ -166,7 +166,7 @@ def _still(scene: str, seed: int, at_window: bool) -> tuple[NDArray[np.float32],
 
 
 def _wide(picture: NDArray[np.float32]) -> NDArray[np.float32]:
-    """A picture, enlarged to the height of stills and mirrored at its sides until it is as wide."""
+    """A picture enlarged to the height of stills and mirrored at its sides until it is wide enough."""
     scale = max(1.0, STILL_SIZE[1] / picture.shape[0])
     size = (math.ceil(picture.shape[1] * scale), math.ceil(picture.shape[0] * scale))
     large = cv2.resize(picture, size, interpolation=cv2.INTER_CUBIC if scale > 1 else cv2.INTER_AREA)

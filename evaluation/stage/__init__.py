@@ -1,1 +1,1 @@
-"""One course in virtual time: frames for any exposure, and policies in closed loop on them."""
+"""A course in virtual time: frames for any exposure, the best exposure of each, and control loops with a delay."""

@@ -15,7 +15,7 @@ from evaluation.stage.camera import LIMITS
 
 
 class DelayedLoop:
-    """Takes one frame after another with the setting that was decided `delay_frames` before, and decides on each.
+    """Takes each frame with the setting decided `delay_frames` earlier, and decides on it.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ class DelayedLoop:
 
     @property
     def settings(self) -> list[ExposureSetting]:
-        """What each frame so far was taken with."""
+        """The setting of each frame so far."""
         return self._settings[: len(self.decisions)]
 
     def step(self, take: Callable[[ExposureSetting], StereoPair]) -> StereoPair:
@@ -53,7 +53,7 @@ MakeLoop = Callable[[ResponseFunction, ExposureLimits, ExposureSetting], Control
 
 @dataclass(frozen=True, slots=True)
 class Entrant:
-    """Who takes part: a name, the delay (a decision on frame k applies from frame k + delay_frames), and the loop."""
+    """A participant: its name, its delay (see `DelayedLoop`), and how its control loop is made."""
 
     name: str
     delay_frames: int
@@ -65,5 +65,5 @@ class Entrant:
         return cls(policy_id, delay_frames, partial(ControlLoop, policy_id))
 
     def enter(self, start: ExposureSetting) -> DelayedLoop:
-        """A fresh loop before linear cameras, starting from a setting."""
+        """A fresh loop for linear cameras that starts from a setting."""
         return DelayedLoop(self.make_loop(ResponseFunction.linear(), LIMITS, start), self.delay_frames)

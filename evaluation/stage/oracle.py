@@ -1,4 +1,4 @@
-"""The best exposure of a frame, known by trying: what policies are measured by."""
+"""The best exposure of a frame, found by trying: what policies are measured against."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ from fake_camera.world.simulation import Side
 
 GRID_STOPS = 0.125
 LEVELS = np.arange(LIMITS.darkest.level, LIMITS.brightest.level + GRID_STOPS / 2, GRID_STOPS)
-"""Levels that are tried."""
+"""The levels tried."""
 
 COARSE = 3
-"""Every third level is tried first: 0.375 stops apart, where plateaus are 0.5 to 3.5 stops wide."""
+"""Every third level is tried first: 0.375 stops apart, while plateaus are 0.5 to 3.5 stops wide."""
 
 PROMISING = 0.85
-"""Hills of the coarse curve of at least so much of its best are climbed on the full grid."""
+"""Hills of the coarse curve that reach this share of its maximum are searched on the full grid."""
 
 PLATEAU = 0.99
-"""The best level is the middle of the levels as good as this share of the best."""
+"""The best level is the middle of those that reach this share of the maximum."""
 
 
 @dataclass(frozen=True, slots=True)
 class Best:
-    """The best of one frame.
+    """The best exposure of one frame.
 
     Attributes
     ----------
@@ -41,8 +41,8 @@ class Best:
     metrics
         The largest metric of each judged camera, at its own best level.
     joint
-        The largest mean, over the judged cameras, of their shares of `metrics`: one exposure serves both, so with two
-        cameras not even the best reaches 1.
+        The largest mean, over the judged cameras, of their shares of `metrics`. One exposure serves both, so with two
+        cameras even the best one stays below 1.
     """
 
     level: float
@@ -51,20 +51,20 @@ class Best:
 
 
 class Oracle:
-    """Finds the best exposure of the stage's present frame, for any rule of splitting.
+    """Finds the best exposure of the stage's present frame, for any way of splitting it into time and gain.
 
-    Frames are judged as the loop does: its preparation (area average, 3x3 median) and gradient information with
-    delta 0.30. Answers are kept for the frame, so policies that split alike share them; for that, motion is rounded
-    to half octaves, which changes the best metric by less than 1 %.
+    Frames are judged as the control loop does: its preparation (area average, 3x3 median) and gradient information
+    with delta 0.30. Answers are kept for the frame, so policies that split alike share them. To that end, motion is
+    rounded to half octaves, which changes the best metric by less than 1 %.
 
     Parameters
     ----------
     stage
         Where frames come from.
     sides
-        The cameras that are judged.
+        The cameras judged.
     exhaustive
-        Try all levels at the exact motion.
+        Try all levels, with the exact motion.
     """
 
     def __init__(self, stage: Stage, sides: tuple[Side, ...] = ("left",), *, exhaustive: bool = False) -> None:
@@ -75,7 +75,7 @@ class Oracle:
         self._known: dict[tuple[ExposureSetting, ...], Best] = {}
 
     def judge(self, setting: ExposureSetting) -> tuple[float, ...]:
-        """Metric of each judged camera for the present frame taken with a setting."""
+        """Metric of each judged camera when the present frame is taken with a setting."""
         return tuple(
             self._metric.measure(self._preparation.prepare(self._stage.expose(side, setting))) for side in self._sides
         )
@@ -117,7 +117,7 @@ class Oracle:
 
 
 def best_start(oracle: Oracle) -> ExposureSetting:
-    """The best setting of the present frame, time before gain: where all entrants of a course start."""
+    """The best setting of the present frame, time before gain, from which all entrants start."""
     best = oracle.best(ExposurePriority(), 0.0)
     return time_first(LIMITS.brightest.level if best is None else best.level)
 
@@ -128,7 +128,7 @@ def rounded_motion(motion_px: float) -> float:
 
 
 def _hills(values: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Places of the local maxima that are at least `PROMISING` of the best."""
+    """Indices of the local maxima that reach `PROMISING` of the largest."""
     padded = np.concatenate([[-1.0], values, [-1.0]])
     highest = (values >= padded[:-2]) & (values >= padded[2:]) & (values >= PROMISING * values.max()) & (values > 0)
     return np.flatnonzero(highest)

@@ -1,4 +1,4 @@
-"""One frame after another of both cameras, for any exposure: what all runs of a course share."""
+"""The frames of both cameras along a course, for any exposure: what all runs of a course share."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ from fake_camera.world.simulation import Side
 BOTH: tuple[Side, Side] = ("left", "right")
 
 LAMP_RADIANCE = 2500.0
-"""In lux times reflectance: 8 to 10 stops over a wall under the light of `lamp_right`."""
+"""In lux times reflectance: 8 to 10 stops above a wall in the light of `lamp_right`."""
 
 BLUR_STEP_PX = 1.5
-"""A moving camera's exposure is rendered as one instant for every so many pixels that the image moves."""
+"""An exposure of a moving camera is rendered as one instant for every 1.5 pixels that the image moves."""
 
 
 class Stage:
     """Exposes frames of one course; the noise of a frame is the same whatever its exposure.
 
-    A still camera's radiance is affine in the light, so it is rendered twice and then combined. A moving one's is
-    rendered at instants spread over the longest exposure, one for every `BLUR_STEP_PX` of motion, each under the light
-    of its own moment; an exposure is the mean over its part of them. Both are rendered only when asked for, once for
-    all runs and oracles.
+    The radiance before a still camera is affine in the light, so it is rendered twice and combined. Before a moving
+    camera it is rendered at instants spread over the longest exposure, one for every `BLUR_STEP_PX` of motion, each in
+    the light of that instant; an exposure is the mean over the instants it spans. Both are rendered on demand, once
+    for all runs and oracles.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ class Stage:
     seed
         Of the noise.
     start_times_s
-        When exposures start; None: every 1/60 s from 0 on.
+        When exposures start; None for every 1/60 s from 0.
     response, gamma
         Name of the sensors' response function, and the cameras' Gamma node, a power law on top of it.
     """
@@ -74,7 +74,7 @@ class Stage:
         return frame / RATE_HZ if self._start_times_s is None else float(self._start_times_s[frame])
 
     def go_to(self, frame: int) -> None:
-        """All that follows is about this frame."""
+        """Make this the present frame."""
         self.frame = frame
         for film in self._films.values():
             film.go_to(self.start_s(frame))
@@ -88,17 +88,17 @@ class Stage:
         return self._films[side].radiance(exposure_s)
 
     def expose(self, side: Side, setting: ExposureSetting) -> Image:
-        """The image that one camera takes of this frame, uint8, (540, 720)."""
+        """The image that one camera takes of the present frame, uint8, (540, 720)."""
         return self._cameras[side].expose(self.radiance(side, setting.exposure_time_us * 1e-6), setting, self.frame)
 
     def take(self, setting: ExposureSetting, sides: Sequence[Side] = BOTH) -> StereoPair:
-        """The pair that the cameras take of this frame, the same setting in both; of one side only, a lone frame."""
+        """The pair that the cameras take of the present frame with one setting; of one side only, a lone frame."""
         images = {side: self.expose(side, setting) for side in sides}
         return pair_of(images, setting, self.frame, self.start_s(self.frame))
 
 
 class _Film:
-    """The radiance that one camera sees during exposures of any length from one start on."""
+    """The radiance that one camera sees in exposures of any length that start together."""
 
     def __init__(self, view: Scene, light: LightScript, lamp: LightScript | None) -> None:
         self._view, self._light, self._lamp = view, light, lamp
@@ -153,7 +153,7 @@ class _Film:
         cv2.addWeighted(before, (1 - share) * scale if whole else 0.0, after, share * scale, 0.0, dst=self._radiance)
 
     def _render_next(self, part_s: float) -> None:
-        """Append the sum of the radiance of all parts up to the next one."""
+        """Append the sum of the radiance of all instants up to the next one."""
         begin_s = self._start_s + len(self._integrals) * part_s
         lux = self._light.mean_lux(begin_s, part_s)
         radiance = self._view.radiance(np.array([begin_s + part_s / 2]), lux)
@@ -166,7 +166,7 @@ def _shape(view: Scene) -> tuple[int, int]:
 
 
 def lamp_radiance(height: int, width: int) -> Radiance:
-    """A frosted bulb that fills a twentieth of the image, with the veil that it lays over the lens."""
+    """A frosted bulb that fills a twentieth of the image, and the veil of its light in the lens."""
     y, x = np.mgrid[0:height, 0:width].astype(np.float32)
     distance = np.hypot(x - 0.62 * width, y - 0.4 * height) / height
     bulb = np.clip((0.145 - distance) * 40.0, 0.0, 1.0)

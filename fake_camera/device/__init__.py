@@ -1,1 +1,1 @@
-"""The camera behind any protocol: what it does with triggers, settings and faults."""
+"""The camera behind any protocol: its triggers, settings and faults."""

@@ -1,4 +1,4 @@
-"""Which trigger makes which exposure: a pure step machine that is told the time and starts no thread."""
+"""Which trigger makes which exposure: a pure state machine; the caller passes in the time, and there is no thread."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from fake_camera.imaging import ImageSettings
 class Exposure:
     """An exposure that has started; times are CLOCK_MONOTONIC.
 
-    `ready_ns` is the end of its readout, `pulse` the last pulse of Line0 at its start, `trigger` the same if that
-    pulse started it, `run` tells acquisitions apart, and `faults` are those that its trigger met.
+    `ready_ns` is the end of its readout, `pulse` the last pulse of Line0 before or at its start, `trigger` the same if
+    that pulse started it, `run` numbers the acquisitions, and `faults` are those that its trigger met.
     """
 
     run: int
@@ -31,9 +31,9 @@ class Exposure:
 class Counters:
     """What became of the triggers: pulses seen, exposures made, and why the others were not made or not sent.
 
-    `dropped` triggers came during exposure or readout, `ignored` ones by order of a fault, `missed` ones so long
-    before their thread got to run that no exposure was made; `overruns` are exposures too late to be sent, `discarded`
-    ones that found the camera's memory full because the host did not fetch what was there.
+    `dropped` triggers came during exposure or readout, `ignored` ones met a fault, and `missed` ones are those that
+    their thread was too late for; `overruns` are exposures that were too late to send, `discarded` ones those that
+    found the camera's memory full because the host had not fetched earlier frames.
     """
 
     pulses: int = 0
@@ -65,7 +65,7 @@ class Acquisition:
         self.counters = Counters()
 
     def start(self, now_ns: int) -> None:
-        """Begin to acquire (nothing when already acquiring); frame ids begin at 1."""
+        """Begin to acquire, unless already acquiring; frame ids begin at 1."""
         if self._acquiring:
             return
         self._acquiring = True
@@ -78,7 +78,7 @@ class Acquisition:
         self._features.update("TLParamsLocked", 1)
 
     def stop(self) -> None:
-        """End the acquisition: exposures of this `run` are not to be sent any more."""
+        """End the acquisition: exposures of this `run` are no longer to be sent."""
         self._end()
         self.run += 1
 
@@ -112,7 +112,7 @@ class Acquisition:
         return self._triggered(time_ns, None) if self._waits_for("Software") else None
 
     def free_run_start_ns(self, now_ns: int) -> int | None:
-        """When the next exposure of the free run starts, None when the camera is not in free run now."""
+        """When the next exposure of the free run starts; None when the camera is not running freely."""
         if not self._acquiring or self._features.get("TriggerMode") != "Off":
             self._free_since_ns = None
             return None
@@ -138,7 +138,7 @@ class Acquisition:
 
     def _triggered(self, time_ns: int, pulse: int | None) -> Exposure | None:
         overlap = self._features.get("TriggerOverlap") == "ReadOut"
-        # Overlapping, one image may be read out while the next is exposed, but no third may wait behind the two.
+        # With overlap one image may be read out while the next is exposed, but no third may wait behind these two.
         ready_ns = max(self._exposure_end_ns, self._readout_start_ns) if overlap else self._readout_end_ns
         if time_ns < ready_ns:
             self.counters.dropped += 1

@@ -1,4 +1,4 @@
-"""The control socket: orders for faults come in as JSON lines, each answered by one."""
+"""The control socket: orders for faults come in as JSON lines, and each is answered with one."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from fake_camera.device.faults import FaultError, FaultOrder, Faults
 from fake_camera.device.unix_socket import listen
 
 _LONGEST_ORDER_BYTES = 1 << 12
-"""What is longer is not collected; the longest order takes 80."""
+"""Of a longer line the rest is thrown away; the longest order takes 80."""
 
 
 class ControlSocket:
     """A Unix stream socket at `path` that hands orders to `faults`; one thread for each connection.
 
     Answers ``{"ok": true, "fault": ..., "after_trigger": ..., "count": ..., "last_trigger": n}``, the last trigger
-    being the one before the order, or ``{"ok": false, "error": "one sentence"}``. A socket file that nobody listens
-    to is replaced. OSError when the path cannot be used or another process listens there.
+    being the one before the order, or ``{"ok": false, "error": "one sentence"}``. A stale socket file
+    is replaced. OSError when the path cannot be used or another process listens there.
     """
 
     def __init__(self, path: Path, faults: Faults) -> None:
@@ -51,14 +51,14 @@ class ControlSocket:
 
 
 def answers(stream: BinaryIO, faults: Faults) -> Iterator[bytes]:
-    """A line for each line of a stream, which is handed to `faults` when it is an order."""
+    """The answer to each line of a stream; those that are orders are passed to `faults`."""
     for line in _lines(stream):
         yield json.dumps(_answer(line, faults)).encode() + b"\n"
 
 
 def _answer(line: bytes, faults: Faults) -> dict[str, object]:
     if len(line) > _LONGEST_ORDER_BYTES:
-        return {"ok": False, "error": f"the line is longer than {_LONGEST_ORDER_BYTES} bytes: no order is"}
+        return {"ok": False, "error": f"the line is longer than {_LONGEST_ORDER_BYTES} bytes, and no order is"}
     try:
         order = FaultOrder.from_json(line.decode(errors="replace"))
         last_trigger = faults.add(order)
@@ -74,7 +74,7 @@ def _answer(line: bytes, faults: Faults) -> dict[str, object]:
 
 
 def _lines(stream: BinaryIO) -> Iterator[bytes]:
-    """Lines, of those that are too long the beginning."""
+    """The lines; only the beginning of one that is too long."""
     while line := stream.readline(_LONGEST_ORDER_BYTES + 1):
         rest = line
         while len(rest) > _LONGEST_ORDER_BYTES and not rest.endswith(b"\n"):

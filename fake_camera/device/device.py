@@ -20,16 +20,16 @@ from fake_camera.device.truth import TruthFile
 from fake_camera.imaging import PIXEL_FORMATS, ExposedFrame, ImageSource, Pixels
 
 _TOO_LATE_NS = 500_000_000  # a pulse this old (the process was stopped) makes no exposure
-_OVERRUN_NS = 100_000_000  # a frame that would be sent this late is dropped, so that a slow machine stays in time
-_UNWIRED_RATE_HZ = 60.0  # what faults and truth are counted by when no wire is plugged in
+_OVERRUN_NS = 100_000_000  # a frame that would be sent this late is dropped, so that a slow machine keeps up
+_UNWIRED_RATE_HZ = 60.0  # of the pulses by which faults and truth are counted when no wire is plugged in
 
 
 class Device:
     """One camera: one thread follows Line0 and starts exposures, one renders them, one sends them when they are due.
 
     `line0` is the wire plugged in; without one the camera can only run free or be triggered by software. `seed` and
-    `serial` fix its clock's offset and drift and the noise of its images. Rendering gives way to other threads by
-    `niceness`: a real sensor takes no time of the host's. But neither does a busy host keep it from taking images.
+    `serial` determine its clock's offset and drift and the noise of its images. Rendering yields to other threads by
+    `niceness`, since a real sensor uses no processor time of the host (though a busy host would not slow it either).
 
     Attributes
     ----------
@@ -93,7 +93,7 @@ class Device:
     def execute(self, command: str) -> None:
         """Run AcquisitionStart, AcquisitionStop, TriggerSoftware, TimestampLatch or DeviceReset (else KeyError).
 
-        All may come at any time; a software trigger that finds the camera not waiting for one is dropped.
+        All may come at any time; a software trigger that the camera is not waiting for is dropped.
         """
         match command:
             case "AcquisitionStart":
@@ -114,7 +114,7 @@ class Device:
                 raise KeyError(command)
 
     def connect(self, sink: Callable[[ExposedFrame], None]) -> None:
-        """Hand each finished frame to `sink`, on the device's sending thread, which may take its time to send it."""
+        """Pass each finished frame to `sink`, on the device's sending thread, where sending may take time."""
         self._sink = sink
 
     def wire_line1(self, rise: Callable[[int], None]) -> None:
@@ -122,7 +122,7 @@ class Device:
         self._show_exposure = rise
 
     def line3_pulse(self, time_ns: int) -> None:
-        """Line3 rises at `time_ns`, CLOCK_MONOTONIC; one that is far from now makes no exposure."""
+        """Line3 rises at `time_ns`, CLOCK_MONOTONIC; a pulse far from the present makes no exposure."""
         with self._lock:
             if abs(time.monotonic_ns() - time_ns) > _TOO_LATE_NS:
                 self._acquisition.counters.missed += 1
@@ -130,7 +130,7 @@ class Device:
             self._start(self._acquisition.line3_pulse(time_ns))
 
     def on_power_on(self, callback: Callable[[], None]) -> None:
-        """Call `callback` when the camera restarts (DeviceReset, or back after it vanished): forget the client."""
+        """Call `callback` when the camera restarts (DeviceReset, or back after vanishing): forget the client."""
         self._on_power_on.append(callback)
 
     def on_power_off(self, callback: Callable[[], None]) -> None:
@@ -168,7 +168,7 @@ class Device:
         self._exposures.put(exposure)
 
     def _latch(self) -> None:
-        """Follow the wire and the free run, each by its nominal times; how late this thread runs does not show."""
+        """Follow the wire and the free run by their nominal times, so that delays of this thread do not show."""
         pulse = self._line0.first_pulse_after(time.monotonic_ns())
         while not self._closed.is_set():
             pulse_ns = self._line0.pulse_time_ns(pulse)
@@ -208,26 +208,26 @@ class Device:
                 self._start(self._acquisition.pulse(pulse, pulse_ns, faults, self._wired))
 
     def _on_free_run(self, now_ns: int) -> None:
-        with self._lock:  # the acquisition may have been stopped or set to trigger since it was asked
+        with self._lock:  # the acquisition may have been stopped or switched to triggers meanwhile
             start_ns = self._acquisition.free_run_start_ns(now_ns)
             if start_ns is not None and start_ns <= now_ns:
                 in_time = now_ns - start_ns <= _TOO_LATE_NS
                 self._start(self._acquisition.free_run(start_ns if in_time else now_ns))
 
     def _take(self) -> None:
-        """Render each exposure while it is exposed and read out, so that it is there when it is due."""
-        thread = threading.get_native_id()  # of this thread alone
+        """Render each exposure during its exposure and readout, so that it is ready when it is due."""
+        thread = threading.get_native_id()  # its niceness only, not that of the process
         os.setpriority(os.PRIO_PROCESS, thread, os.getpriority(os.PRIO_PROCESS, thread) + self._niceness)
         due_ns = 0
         while (exposure := self._exposures.get()) is not None:
-            # A frame that is delayed delays those behind it: frames stay in order.
+            # A delayed frame delays those behind it: frames stay in order.
             due_ns = max(due_ns, exposure.ready_ns + (DELAY_NS if Fault.DELAY in exposure.faults else 0))
             if Fault.FREEZE not in exposure.faults and self._wanted(exposure) and self._in_time(due_ns):
                 self._frames.put((due_ns, exposure, self._render(exposure)))
         self._frames.put(None)
 
     def _send(self) -> None:
-        """Send each frame when it is due, which takes as long as its transport asks."""
+        """Send each frame when it is due; sending takes as long as the transport needs."""
         while (rendered := self._frames.get()) is not None:
             due_ns, exposure, frame = rendered
             if self._closed.wait(max(0, due_ns - time.monotonic_ns()) * 1e-9):
@@ -237,7 +237,7 @@ class Device:
                 self._sink(frame)
 
     def _in_time(self, due_ns: int) -> bool:
-        """Whether a frame that was due then is worth sending; counts it where it is not."""
+        """Whether a frame due at that time is still worth sending; if not, it is counted as an overrun."""
         if time.monotonic_ns() - due_ns <= _OVERRUN_NS:
             return True
         self._acquisition.counters.overruns += 1
@@ -257,7 +257,7 @@ class Device:
 
 
 def _spoilt(pixels: Pixels, exposure: Exposure) -> Pixels:
-    """The image as the sensor's faults leave it."""
+    """The image after the faults of the sensor."""
     if Fault.BLACK in exposure.faults:
         return np.zeros_like(pixels)
     if Fault.WHITE in exposure.faults:

@@ -1,6 +1,6 @@
 """A wire from one camera's exposure output (Line1) to another's input (Line3).
 
-Each pulse is a datagram on a Unix socket with the time at which it rose, so how late a process runs does not show.
+Each pulse is a datagram on a Unix socket with the time at which it rose, so delays of a process do not show.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ _PULSE = struct.Struct("=q")  # CLOCK_MONOTONIC, ns
 
 
 class ExposureOutput:
-    """The end at which pulses are made; `path` is the socket of the other end, which need not be there."""
+    """The end that sends pulses; `path` is the socket of the other end, which need not exist."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -26,7 +26,7 @@ class ExposureOutput:
         self._socket.setblocking(False)
 
     def rise(self, time_ns: int) -> None:
-        """A pulse that rose at `time_ns` (CLOCK_MONOTONIC); nobody need see it."""
+        """Send a pulse that rose at `time_ns` (CLOCK_MONOTONIC), whether or not anyone listens."""
         with contextlib.suppress(OSError):
             self._socket.sendto(_PULSE.pack(time_ns), str(self._path))
 
@@ -36,9 +36,9 @@ class ExposureOutput:
 
 
 class ExposureInput:
-    """The end at which pulses arrive: `on_pulse` is called with the time of each, on a thread of its own.
+    """The end that receives pulses: `on_pulse` is called with the time of each, on a thread of its own.
 
-    A socket file that nobody listens to is replaced. OSError when `path` cannot be used, or somebody listens there.
+    A stale socket file is replaced. OSError when `path` cannot be used, or another process listens there.
     """
 
     def __init__(self, path: Path, on_pulse: Callable[[int], None]) -> None:

@@ -252,9 +252,9 @@ class Faults:
         """Whether the stream packet about to be sent is to be lost; asked once for each packet."""
         if not self._orders:  # nearly always, and a frame has dozens of packets
             return False
-        return self.spoils_frame(Fault.LOSE_PACKETS) or (
-            self._coin.random() < 0.5 and self.spoils_frame(Fault.LOSE_HALF)
-        )
+        if self.spoils_frame(Fault.LOSE_PACKETS):
+            return True
+        return self._coin.random() < 0.5 and self.spoils_frame(Fault.LOSE_HALF)
 
     def spoils_frame(self, fault: Fault) -> bool:
         """Whether the frame that is being sent meets this fault; asked once for each unit that the fault counts."""

@@ -46,7 +46,7 @@ CHUNK_TRAILER_BYTES = 8
 
 @dataclass(frozen=True, slots=True)
 class Spec:
-    """One feature as declared: `locked_while` names another feature and the value of it that locks this one."""
+    """One feature as declared: `locked_while` names another feature and the value at which that locks this one."""
 
     name: str
     type: Type
@@ -61,7 +61,7 @@ class Spec:
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Bounds of a number that hold now; an increment of 0 means any value."""
+    """The present bounds of a number; an increment of 0 means any value."""
 
     minimum: float
     maximum: float
@@ -69,7 +69,7 @@ class Limits:
 
 
 class FeatureError(Exception):
-    """The camera refuses an access, and why: the protocol answers with the status code of `kind`."""
+    """The camera refuses an access; the protocol answers with the status code for `kind`."""
 
     def __init__(self, kind: Literal["out_of_range", "read_only", "locked"], message: str) -> None:
         super().__init__(message)
@@ -81,7 +81,7 @@ FULL_READOUT_NS = 3_000_000
 """Readout of the sensor's full height; a lower region takes proportionally less."""
 
 _REGION = {"Width": "OffsetX", "OffsetX": "Width", "Height": "OffsetY", "OffsetY": "Height"}  # share an axis
-_HISTORY = 64  # writes that may come between a pulse and the moment its thread gets to run
+_HISTORY = 64  # writes that may come between a pulse and the moment when its thread runs
 
 
 def _specs(model: str, serial: str, sensor_width: int, sensor_height: int) -> list[Spec]:
@@ -159,7 +159,7 @@ def readout_ns(settings: ImageSettings, sensor_height: int) -> int:
 class Features:
     """The values of one camera's features; safe to use from any thread.
 
-    Commands (AcquisitionStart, AcquisitionStop, TriggerSoftware, TimestampLatch, DeviceReset) are no features:
+    Commands (AcquisitionStart, AcquisitionStop, TriggerSoftware, TimestampLatch, DeviceReset) are not features:
     see ``Device.execute``. `device_clock_ns` gives Timestamp; `host_clock_ns` dates the writes.
     """
 
@@ -201,7 +201,7 @@ class Features:
         return tuple(self._specs)
 
     def spec(self, name: str) -> Spec:
-        """The declaration of a feature; KeyError when there is none of this name."""
+        """The declaration of a feature; KeyError when there is none of that name."""
         return self._specs[name]
 
     def get(self, name: str) -> Value:
@@ -211,7 +211,7 @@ class Features:
             return self._values[name] if derived is None else derived()
 
     def set(self, name: str, value: Value) -> None:
-        """Write a feature: a number off the increment is rounded to the nearest, one out of range is refused.
+        """Write a feature: a number between increments is rounded to the nearest, one out of range is refused.
 
         Raises
         ------
@@ -233,7 +233,7 @@ class Features:
             if name == "ChunkEnable":
                 self._chunks[str(self._values["ChunkSelector"])] = bool(value)
             elif name in ("ExposureAuto", "GainAuto") and value == "Once":
-                self._values[name] = "Off"  # the firmware's auto function holds what it finds, so once is done at once
+                self._values[name] = "Off"  # auto functions keep the present value: finished at once
             else:
                 self._values[name] = value
             if name in ("BinningHorizontal", "BinningVertical"):
@@ -247,12 +247,12 @@ class Features:
             return self._values["LineSource"] == "ExposureActive"
 
     def locked(self, name: str) -> bool:
-        """Whether a writable feature refuses writes at the moment."""
+        """Whether a writable feature refuses writes at present."""
         condition = self._specs[name].locked_while
         return condition is not None and self.get(condition[0]) == condition[1]
 
     def limits(self, name: str) -> Limits:
-        """Bounds and increment of a number, as they hold now (the region shrinks with offset and binning)."""
+        """Present bounds and increment of a number (the region shrinks with offset and binning)."""
         spec = self._specs[name]
         with self._lock:
             maximum = spec.maximum
@@ -274,7 +274,7 @@ class Features:
             return self._history[0][1]
 
     def _checked(self, spec: Spec, value: Value) -> Value:
-        """The value as the camera takes it: of the right type, within the limits, on the increment."""
+        """The value that the camera takes: of the right type, within the limits, a multiple of the increment."""
         if spec.type == "enumeration":
             if value not in ENUM_ENTRIES[spec.name]:
                 raise FeatureError("out_of_range", f"{spec.name} has no entry {value!r}")

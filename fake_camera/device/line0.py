@@ -1,7 +1,7 @@
 """Line0: a virtual trigger wire. Processes that name the same wire see the same pulses with the same numbers.
 
-Nothing travels along it: its pulses lie on a grid of CLOCK_MONOTONIC, and the processes share the grid through a
-small file. Each holds a shared lock on the file, so whoever finds it unlocked knows that its grid is a dead one's.
+Nothing is sent along it: its pulses lie on a grid of CLOCK_MONOTONIC, which the processes share through a small file.
+Each holds a shared lock on that file; when it is unlocked, all processes of the wire have ended and its grid is stale.
 """
 
 from __future__ import annotations
@@ -46,15 +46,15 @@ class Line0:
         directory: Path | None = None,
         clock_ns: Callable[[], int] = time.monotonic_ns,
     ) -> Self:
-        """Join the wire `name`, or be its first process and start it now.
+        """Join the wire `name`, or start it if this is its first process.
 
         Raises
         ------
         WireError
-            The name is no plain word, the wire runs at another rate, or its file is held by something else.
+            The name has other characters, the wire runs at another rate, or its file is not a wire's.
         """
         if not _NAME.fullmatch(name):
-            raise WireError(f"the wire's name {name!r} must be up to 64 letters, digits, and any of _ . -")
+            raise WireError(f"the wire's name {name!r} must be 1 to 64 characters out of letters, digits and _ . -")
         path = (directory or _shared_directory()) / f"fake-camera-line0-{name}"
         lock = _open_locked(path, rate_hz, clock_ns)
         epoch_ns, running_hz = _read_grid(lock)
@@ -91,22 +91,22 @@ def _shared_directory() -> Path:
 def _open_locked(path: Path, rate_hz: float, clock_ns: Callable[[], int]) -> int:
     """The wire's file, open, holding a grid, under a shared lock."""
     while True:
-        # The folder may be everybody's: what lies there under this name is not followed, nor waited for.
+        # Anyone may write to the folder: do not follow a link of this name, and do not wait for a pipe.
         lock = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK, 0o666)
         if not stat.S_ISREG(os.fstat(lock).st_mode):
             os.close(lock)
-            raise WireError(f"{path} is no file of a wire: remove it, or name another wire")
+            raise WireError(f"{path} is not a wire's file: remove it, or name another wire")
         if _try_exclusive(lock):
             os.pwrite(lock, _GRID.pack(_MAGIC, clock_ns(), rate_hz), 0)
-        # Passing from one lock to the other is not atomic: between them another process may find the file unlocked
-        # and start the wire anew, or remove it. The first is harmless, as the grid is read under the shared lock.
+        # Changing from one lock to the other is not atomic: in between another process may find the file unlocked
+        # and restart the wire, or remove it. A restart is harmless, since the grid is read under the shared lock.
         fcntl.flock(lock, fcntl.LOCK_SH)
         there, grid = _is_file_at(lock, path), os.pread(lock, _GRID.size, 0)
         if there and len(grid) == _GRID.size and grid.startswith(_MAGIC):
             return lock
         os.close(lock)
-        if there:  # whoever holds it wrote no grid before
-            raise WireError(f"{path} is held by a program that is no camera: name another wire")
+        if there:  # another program holds it and has written no grid
+            raise WireError(f"{path} is locked by a program that is not a fake camera: name another wire")
 
 
 def _try_exclusive(lock: int) -> bool:

@@ -1,4 +1,4 @@
-"""The truth about the light: one JSON line for each pulse of Line0, for reports and never for control."""
+"""The true illumination: one JSON line for each pulse of Line0, for reports and never for control."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from fake_camera.device.line0 import Line0
 class TruthFile:
     """Writes ``{"host_time_ns": CLOCK_MONOTONIC, "lux": illumination, "trigger": n}`` for each pulse.
 
-    A thread of its own evaluates the light and writes, so that no exposure ever waits for a disk. `lux` gives the
-    illumination for a time in seconds since the wire's epoch. The file begins anew; OSError when it cannot be created.
-    When it cannot be written later, that is said once, and the camera goes on without.
+    A thread of its own computes the light and writes, so that no exposure ever waits for a disk. `lux` gives the
+    illumination at a time in seconds since the wire's epoch. An existing file is overwritten; OSError when it cannot be
+    created. If a later write fails, one line on stderr says so, and the camera goes on without the file.
     """
 
     def __init__(self, path: Path, lux: Callable[[float], float], line0: Line0) -> None:
@@ -32,11 +32,11 @@ class TruthFile:
         self._thread.start()
 
     def record(self, pulse: int) -> None:
-        """Note a pulse, whether or not the camera takes a frame at it; returns at once."""
+        """Record a pulse, whether or not the camera takes a frame at it; returns at once."""
         self._pulses.put(pulse)
 
     def close(self) -> None:
-        """Write what is noted, then close the file."""
+        """Write what is still queued, then close the file."""
         self._pulses.put(None)
         self._thread.join()
         if self._file is not None:
@@ -54,14 +54,14 @@ class TruthFile:
         try:
             file.write(line.encode())
         except OSError as error:
-            why = f"{error.strerror}; it ends before pulse {pulse}"
+            why = f"{error.strerror}; the file ends before pulse {pulse}"
             print(f"truth file {self._path}: {why}", file=sys.stderr, flush=True)
             self._file = None
             file.close()
 
 
 def _open_now(path: Path) -> IO[bytes]:
-    """An empty file, unbuffered: readers see each pulse at once. A pipe that nobody reads is not waited for."""
+    """An empty file, unbuffered: readers see each pulse at once. Does not wait for the reader of a pipe."""
     flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC
     descriptor = os.open(path, flags | os.O_NONBLOCK, 0o666)
     os.set_blocking(descriptor, True)

@@ -7,9 +7,9 @@ from pathlib import Path
 
 
 def listen(path: Path, purpose: str) -> socket.socket:
-    """A Unix stream socket that listens at `path`, where a socket file that nobody listens to is replaced.
+    """A Unix stream socket that listens at `path`; a stale socket file there is replaced.
 
-    OSError, which names the `purpose`, when the path cannot be used or another process listens there.
+    OSError, naming the `purpose`, when the path cannot be used or another process listens there.
     """
     listener = bind(path, purpose, socket.SOCK_STREAM)
     listener.listen()
@@ -17,7 +17,7 @@ def listen(path: Path, purpose: str) -> socket.socket:
 
 
 def bind(path: Path, purpose: str, kind: socket.SocketKind) -> socket.socket:
-    """A Unix socket of this kind at `path`, as with `listen`."""
+    """A Unix socket of this kind bound to `path`, with the rules of `listen`."""
     bound = socket.socket(socket.AF_UNIX, kind)
     try:
         _remove_stale(path, kind)
@@ -31,7 +31,7 @@ def bind(path: Path, purpose: str, kind: socket.SocketKind) -> socket.socket:
 def _remove_stale(path: Path, kind: socket.SocketKind) -> None:
     """Remove the socket file of a process that no longer listens."""
     if not path.is_socket():
-        return  # nothing there, or something that bind() will refuse to replace
+        return  # no such file, or one that bind() will refuse to replace
     with socket.socket(socket.AF_UNIX, kind) as probe:
         try:
             probe.connect(str(path))

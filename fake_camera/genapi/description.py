@@ -14,22 +14,22 @@ _LONGEST_NUMBER = 64  # characters: numbers have 64 bits
 
 
 class NodeError(ValueError):
-    """A node that has no value, or cannot be set: missing, circular, or beyond what is understood here."""
+    """A node that has no value or cannot be set: missing, circular, or not understood here."""
 
 
 def whole_number(text: str) -> int:
-    """The number that `text` is, in decimal or as 0x...; raises NodeError when it is none."""
+    """The number in `text`, in decimal or as 0x...; raises NodeError when there is none."""
     try:
         return int(text[:_LONGEST_NUMBER], 16 if "x" in text.lower() else 10)
     except ValueError:
-        raise NodeError(f"{text[:_LONGEST_NUMBER]!r} is no whole number") from None
+        raise NodeError(f"{text[:_LONGEST_NUMBER]!r} is not a whole number") from None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Node:
-    """One node: its kind (the name of its element), its name, and the elements in it, outer ones of a StructReg last.
+    """One node: its kind (the name of its element), its name, and the elements in it, those of an outer StructReg last.
 
-    An element may be there several times (Address, pVariable): the value of a node's own comes first.
+    An element may occur several times (Address, pVariable); the node's own comes before that of the StructReg.
     """
 
     name: str
@@ -59,7 +59,7 @@ class Description:
     Attributes
     ----------
     data
-        The description itself, as a camera hands it out.
+        The description itself, as a camera serves it.
     """
 
     data: bytes
@@ -70,17 +70,17 @@ class Description:
 
     @classmethod
     def from_bytes(cls, text: bytes, source: str) -> Description:
-        """Read a description; what stands before its XML declaration (a camera's name, say) is left out.
+        """Read a description; text before its XML declaration (such as a camera's name) is skipped.
 
         Raises
         ------
         ValueError
-            When it is no GenICam description; `source` tells which file it was.
+            When it is not a GenICam description; the message names `source` as the file.
         """
         data = text[max(text.find(b"<?xml"), 0) :].strip()
         try:
             root = fromstring(data)
-        except (ParseError, LookupError, ValueError) as error:  # also an encoding that is none, or not understood
+        except (ParseError, LookupError, ValueError) as error:  # an unknown encoding among them
             raise ValueError(f"{source}: not an XML file ({error}); give the GenICam description of a camera") from None
         for element in root.iter():
             element.tag = element.tag.rpartition("}")[2]
@@ -99,10 +99,10 @@ class Description:
 
     @property
     def standard(self) -> Literal["GEV", "U3V"] | None:
-        """Which standard the camera talks by, GigE Vision or USB3 Vision; None when the description does not tell.
+        """Which standard the camera follows, GigE Vision or USB3 Vision; None when the description does not say.
 
-        Where it names neither, its registers tell: USB3 Vision's are little-endian, and big-endian ones with features
-        called Gev... are GigE Vision's.
+        If it names neither, its registers decide: mostly little-endian ones mean USB3 Vision; otherwise features
+        called Gev... mean GigE Vision.
         """
         if self.namespace == "U3V":
             return "U3V"

@@ -15,22 +15,22 @@ from fake_camera.genapi.formula import FormulaError, Number, compile_formula
 from fake_camera.genapi.memory import Memory
 
 _WHOLE = ("Integer", "IntReg", "MaskedIntReg", "StructEntry", "IntSwissKnife", "IntConverter", "Enumeration", "Boolean")
-_DEEPEST = 64  # nodes that a value may rest on, one upon the other: more is a circle
+_DEEPEST = 64  # nodes in a chain of references: more means a circle
 _LARGEST_INTEGER = 1 << 64
-_LONGEST_REGISTER = 1 << 16  # bytes: more than any register that a camera has, a look-up table among them
-_MOST_STEPS = 20_000  # nodes that may be asked for one value; a few are asked some hundred times
+_LONGEST_REGISTER = 1 << 16  # bytes: longer than any register of a camera, look-up tables included
+_MOST_STEPS = 20_000  # nodes evaluated for one value; a few are evaluated some hundred times
 
-Told = ParamSpec("Told")
+Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
 
 
-def _in_words(
-    method: Callable[Concatenate[Evaluator, str, Told], Result],
-) -> Callable[Concatenate[Evaluator, str, Told], Result]:
-    """Make NodeErrors of what goes wrong with numbers out of range, circles, and texts that mean nothing."""
+def _raising_node_errors(
+    method: Callable[Concatenate[Evaluator, str, Arguments], Result],
+) -> Callable[Concatenate[Evaluator, str, Arguments], Result]:
+    """Turn errors from numbers out of range, circles and meaningless texts into NodeErrors."""
 
     @functools.wraps(method)
-    def asked(evaluator: Evaluator, name: str, /, *arguments: Told.args, **named: Told.kwargs) -> Result:
+    def wrapped(evaluator: Evaluator, name: str, /, *arguments: Arguments.args, **named: Arguments.kwargs) -> Result:
         try:
             return method(evaluator, name, *arguments, **named)
         except NodeError:
@@ -38,14 +38,15 @@ def _in_words(
         except (ValueError, ArithmeticError, RecursionError, struct.error) as error:
             raise NodeError(f"node {name}: {error}") from None
 
-    return asked
+    return wrapped
 
 
 class Evaluator:
     """Values of the nodes of a description over a camera's memory. Not thread-safe.
 
-    `ports` are further memories by the name of their Port, as those of chunk data. Nodes with a value of their own,
-    and no register, belong to the client: here they keep what the description says, unless `selecting`.
+    `ports` are further memories by the name of their Port, such as those of chunk data. Nodes that hold a value
+    themselves instead of in a register belong to the client: here they keep the description's value, except within
+    `selecting`.
     """
 
     def __init__(self, description: Description, memory: Memory, ports: dict[str, Memory] | None = None) -> None:
@@ -68,7 +69,7 @@ class Evaluator:
         """The kind of a node, None when there is none of that name."""
         return self._nodes[name].kind if name in self._nodes else None
 
-    @_in_words
+    @_raising_node_errors
     def value(self, name: str) -> Number:
         """The value of a node; an enumeration's is a number, a boolean's 0 or 1.
 
@@ -80,10 +81,10 @@ class Evaluator:
         if name in self._chosen:
             return self._chosen[name]
         if self._depth > _DEEPEST:
-            raise NodeError(f"node {name} rests on itself")
+            raise NodeError(f"node {name} depends on itself")
         self._steps = self._steps + 1 if self._depth else 0
         if self._steps > _MOST_STEPS:
-            raise NodeError(f"node {name} is asked for again and again")
+            raise NodeError(f"node {name} takes too many steps to evaluate")
         self._depth += 1
         try:
             return self._value(self.node(name))
@@ -91,32 +92,32 @@ class Evaluator:
             self._depth -= 1
 
     def fields(self, name: str) -> dict[str, Field]:
-        """The registers that the value of a node rests on at present, by the names of their nodes."""
+        """The registers that the value of a node depends on at present, by the names of their nodes."""
         self._seen = {}
         with contextlib.suppress(NodeError):
             self.value(name)
         return self._seen
 
-    @_in_words
+    @_raising_node_errors
     def chain(self, name: str) -> tuple[Node, ...]:
         """A node and those behind it, which must all be available for the first to be."""
         nodes = [self.node(name)]
         while (behind := self._behind(nodes[-1])) is not None:
             if len(nodes) > _DEEPEST:
-                raise NodeError(f"node {name} rests on itself")
+                raise NodeError(f"node {name} depends on itself")
             nodes.append(self.node(behind))
         return tuple(nodes)
 
     def target(self, name: str) -> str:
-        """The node that holds the value of `name`: behind its pValue and its chosen index; itself where one misses."""
+        """The node that holds the value of `name`, behind its pValue and its index; itself where one is missing."""
         try:
             return self.chain(name)[-1].name
         except NodeError:
             return name
 
-    @_in_words
+    @_raising_node_errors
     def field(self, name: str) -> Field:
-        """Where a register node lies at present."""
+        """Where the register of a node is at present."""
         return self._field(self.node(name))
 
     def bytes_of(self, field: Field) -> bytes:
@@ -127,14 +128,14 @@ class Evaluator:
         """Store the bytes of a register."""
         self._port(field).write(field.address, data)
 
-    @_in_words
+    @_raising_node_errors
     def set(self, name: str, value: Number) -> None:
-        """Set a node by its pValue and the formulas of its converters, down to a register.
+        """Set a node through its pValue and the formulas of its converters, down to a register.
 
         Raises
         ------
         NodeError
-            When there is no way down: a SwissKnife, or a node that is the client's.
+            When there is no way to a register: a SwissKnife, or a node that belongs to the client.
         """
         node = self.node(name)
         if node.kind in REGISTERS:
@@ -153,7 +154,7 @@ class Evaluator:
 
     @contextlib.contextmanager
     def selecting(self, selector: str, value: int) -> Iterator[None]:
-        """Within the block the selector stands at `value`, whatever it stands at."""
+        """Within the block the selector is at `value`, whatever its registers say."""
         before, self._chosen = self._chosen, {**self._chosen, selector: value, self.target(selector): value}
         try:
             yield
@@ -161,7 +162,7 @@ class Evaluator:
             self._chosen = before
 
     def selecting_entry(self, selector: str, entry: str) -> contextlib.AbstractContextManager[None]:
-        """As `selecting`, by the name of the entry; nothing where there is no such selector or entry."""
+        """Like `selecting`, by the name of the entry; does nothing where there is no such selector or entry."""
         entries = self._nodes[selector].entries if self.kind(selector) == "Enumeration" else {}
         return (
             self.selecting(selector, entries[entry].integer("Value", 0))
@@ -169,9 +170,9 @@ class Evaluator:
             else contextlib.nullcontext()
         )
 
-    @_in_words
+    @_raising_node_errors
     def bound(self, name: str, which: str) -> Number | None:
-        """The Min, Max or Inc (`which`) of a number, its own or that of what is behind it; None when not declared."""
+        """The Min, Max or Inc (`which`) of a number, its own or that of the node behind it; None when not declared."""
         node = self.node(name)
         if f"p{which}" in node.parts:
             return self.value(node.text(f"p{which}"))
@@ -185,7 +186,7 @@ class Evaluator:
             return limit
         return None if which == "Inc" else self._formula(node, "FormulaFrom", "TO", limit)
 
-    @_in_words
+    @_raising_node_errors
     def bounded(self, name: str, value: Number) -> tuple[str, Number]:
         """The node at or behind `name` that declares bounds (else the last one), and `value` in its own terms."""
         node = self.node(name)
@@ -235,12 +236,12 @@ class Evaluator:
         return node.text("Value")
 
     def _formula(self, node: Node, tag: str, given: str = "", value: Number = 0) -> Number:
-        """Evaluate a formula of a node, the variable `given` being `value`."""
+        """Evaluate a formula of a node with its variable `given` set to `value`."""
         known = {part.get("Name", ""): (part.text or "").strip() for part in node.parts.get("pVariable", [])}
         constants = {part.get("Name", ""): part.text or "" for part in node.parts.get("Constant", [])}
         expressions = {part.get("Name", ""): part.text or "" for part in node.parts.get("Expression", [])}
         integer = node.kind in _WHOLE
-        values: dict[str, Number] = {given: value}  # some formulas ask for one variable a hundred times
+        values: dict[str, Number] = {given: value}  # some formulas use one variable a hundred times
 
         def variable(name: str) -> Number:
             if name in values:
@@ -261,7 +262,7 @@ class Evaluator:
         except (ValueError, ArithmeticError, RecursionError) as error:
             raise NodeError(f"formula of node {node.name}: {error}") from error
         if abs(result) > _LARGEST_INTEGER and isinstance(result, int):
-            raise NodeError(f"formula of node {node.name}: its value has more than 64 bits")
+            raise NodeError(f"formula of node {node.name}: its value does not fit into 64 bits")
         return result
 
     def _field(self, node: Node) -> Field:
@@ -272,20 +273,20 @@ class Evaluator:
             lsb = node.integer("LSB", node.integer("Bit", 0))
             msb = node.integer("MSB", node.integer("Bit", 0))
             bits = abs(msb - lsb) + 1
-            # Big-endian descriptions count bits from the highest one, as the registers of GigE Vision are drawn.
+            # Big-endian descriptions count bits from the highest one, as GigE Vision draws its registers.
             shift = min(lsb, msb) if little_endian else 8 * length - 1 - max(lsb, msb)
         floating = node.kind == "FloatReg"
         if not 0 < length <= _LONGEST_REGISTER or not 0 <= shift <= shift + bits <= 8 * length:
             raise NodeError(f"node {node.name}: bits {shift} to {shift + bits} of a register of {length} bytes")
         if floating and length not in (4, 8):
-            raise NodeError(f"node {node.name}: no float has {length} bytes")
+            raise NodeError(f"node {node.name}: a float cannot have {length} bytes")
         return Field(
             node.text("pPort"), self._address(node, length), length, shift, bits, node.text("Sign") == "Signed",
             little_endian, floating,
         )  # fmt: skip
 
     def _address(self, node: Node, length: int) -> int:
-        """The sum of all that says where a register is."""
+        """The sum of everything that contributes to the address of a register."""
         address = sum(whole_number((part.text or "0").strip()) for part in node.parts.get("Address", []))
         address += sum(int(self.value((part.text or "").strip())) for part in node.parts.get("pAddress", []))
         for part in node.parts.get("IntSwissKnife", []):
@@ -305,7 +306,7 @@ class Evaluator:
 
 
 def _number(text: str) -> Number:
-    """A number as descriptions write it."""
+    """The number in a text of a description."""
     text = text.strip()
     try:
         return whole_number(text) if text else 0

@@ -1,4 +1,4 @@
-"""Where a value lies in a camera's memory, and how it is written there."""
+"""Where a value is in a camera's memory, and how it is encoded."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _LONGEST_NUMBER = 8  # bytes
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """A register, or some bits of one: where a value lies in a camera's memory."""
+    """A register, or some bits of one, that holds a value."""
 
     port: str
     address: int
@@ -30,12 +30,12 @@ class Field:
         if self.floating:
             return float(struct.unpack(order + ("d" if self.length == 8 else "f"), data)[0])
         if self.length > _LONGEST_NUMBER:
-            raise NodeError(f"a register of {self.length} bytes is no number")
+            raise NodeError(f"a register of {self.length} bytes is not a number")
         raw = int.from_bytes(data, "little" if self.little_endian else "big") >> self.shift & (1 << self.bits) - 1
         return raw - (1 << self.bits) if self.signed and raw >> self.bits - 1 else raw
 
     def encode(self, value: Number, data: bytes) -> bytes:
-        """The register's bytes `data` with `value` in them, cut to the bits there are."""
+        """The register's bytes `data` with `value` written into them, clipped to the bits available."""
         if self.floating:
             return struct.pack(("<" if self.little_endian else ">") + ("d" if self.length == 8 else "f"), value)
         order = "little" if self.little_endian else "big"

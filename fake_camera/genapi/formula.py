@@ -19,7 +19,7 @@ _PRECEDENCE = (
     ("||",), ("&&",), ("|",), ("^",), ("&",), ("=", "==", "<>", "!="), ("<", ">", "<=", ">="), ("<<", ">>"),
     ("+", "-"), ("*", "/", "%"),
 )  # fmt: skip
-"""Binary operators that group from the left, the loosest first."""
+"""Left-associative binary operators, the loosest first."""
 _FUNCTIONS: dict[str, Callable[[Number], Number]] = {
     "SIN": math.sin, "COS": math.cos, "TAN": math.tan, "ASIN": math.asin, "ACOS": math.acos, "ATAN": math.atan,
     "ABS": abs, "EXP": math.exp, "LN": math.log, "LG": math.log10, "SQRT": math.sqrt, "TRUNC": math.trunc,
@@ -29,11 +29,11 @@ _FUNCTIONS: dict[str, Callable[[Number], Number]] = {
 
 
 _LARGEST_EXPONENT = 1023
-_MOST_BITS = 4096  # of a power: floats end at 1024
+_MOST_BITS = 4096  # of a power; floats end at 1024
 
 
 class FormulaError(ValueError):
-    """A formula that cannot be read, or has no value for these variables."""
+    """A formula that cannot be parsed, or has no value for these variables."""
 
 
 def _divide(integer: bool, left: Number, right: Number) -> Number:
@@ -44,11 +44,11 @@ def _divide(integer: bool, left: Number, right: Number) -> Number:
 
 def _raise(base: Number, exponent: Number) -> Number:
     if abs(exponent) > _LARGEST_EXPONENT:
-        raise FormulaError(f"{exponent} is too large an exponent")
+        raise FormulaError(f"the exponent {exponent} is too large")
     if isinstance(base, int) and base.bit_length() * exponent > _MOST_BITS:
-        raise FormulaError("a power is too large a number")
+        raise FormulaError("a power is too large")
     if base < 0 and exponent != int(exponent):
-        raise FormulaError(f"{base} to the power of {exponent} is no real number")
+        raise FormulaError(f"{base} to the power of {exponent} is not a real number")
     return base**exponent if base or exponent >= 0 else 0
 
 
@@ -168,11 +168,11 @@ class _Parser:
 
 @functools.lru_cache(maxsize=8192)
 def compile_formula(text: str, integer: bool) -> Compiled:
-    """The function of its variables that a formula is; `integer` formulas divide as integers do.
+    """The formula as a function of its variables; `integer` formulas divide as integers do.
 
     Raises
     ------
     FormulaError
-        When the text is no formula. The function raises it for a division by zero.
+        When the text is not a formula. The function raises it too, for a division by zero among others.
     """
     return _Parser(text, integer).parse()

@@ -9,7 +9,7 @@ Fixed = Callable[[int, int], bytes | None]
 
 
 class Memory:
-    """Sparse bytes. `fixed` may answer for registers that live elsewhere: it returns None for all others."""
+    """Sparse bytes. `fixed` may answer for registers that are kept elsewhere, and returns None for all others."""
 
     def __init__(self, fixed: Fixed = lambda address, count: None) -> None:
         self.fixed = fixed
@@ -33,7 +33,7 @@ class Memory:
 
 
 def _spans(address: int, count: int) -> Iterable[tuple[int, int, int]]:
-    """The pages that a range touches, each with the first and the end of its bytes."""
+    """The pages that a range touches, each with the start and the end of its bytes there."""
     while count > 0:
         page, start = divmod(address, _PAGE_BYTES)
         stop = min(start + count, _PAGE_BYTES)

@@ -1,4 +1,4 @@
-"""Finding what registers must hold so that nodes come out as wished, where no formula leads back."""
+"""Finds what registers must hold for a node to have a wanted value, where no formula can be inverted."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ _STEPS = 64  # halvings of a 64-bit register
 
 
 def assign(evaluator: Evaluator, name: str, value: Number) -> None:
-    """Make a node come out as `value`, or as near to it as its registers can; a node that is fixed stays.
+    """Make a node evaluate to `value`, or as near to it as its registers allow; a constant node keeps its value.
 
-    By the way that the node itself goes; else the bits of the registers that it rests on are put together by what
-    each adds (sums, shifts, scales); else one register is searched by halving (any rising or falling formula).
+    First through the node's own pValue and converters; else from the bits of the registers that it depends on, by what
+    each bit adds (sums, shifts, scales); else by bisecting one register (any monotonic formula).
     """
     try:
         evaluator.set(name, value)
@@ -37,11 +37,10 @@ def assign(evaluator: Evaluator, name: str, value: Number) -> None:
 
 
 def achieve(evaluator: Evaluator, wish: Wish, name: str, kept: Mapping[int, Sequence[Wish]]) -> bool:
-    """Try values in the registers behind the node `name` until `wish` holds.
+    """Try values in the registers behind the node `name` until `wish` holds; whether it does.
 
-    What was `kept` for the address of a register that changes must stay true.
-
-    First one register at a time: the numbers that formulas compare with, single bits, nothing, everything. Then two.
+    Wishes `kept` for the address of a register that changes must stay true. One register is changed at a time (to the
+    numbers that the formulas compare with, single bits, zero, all ones), then two.
     """
     if _holds(wish):
         return True
@@ -76,7 +75,7 @@ def _restore(evaluator: Evaluator, fields: dict[str, Field], before: dict[str, b
 
 
 def _trials(evaluator: Evaluator, field: Field, constants: set[int]) -> list[int]:
-    """Values worth a try in one register, the present one among them with bits added."""
+    """Values worth trying in one register, among them its present one with bits added."""
     present = 0 if field.floating else int(field.decode(evaluator.bytes_of(field)))
     bits = [present | 1 << bit for bit in range(min(field.bits, 64))]
     everything = (1 << field.bits) - 1
@@ -84,7 +83,7 @@ def _trials(evaluator: Evaluator, field: Field, constants: set[int]) -> list[int
 
 
 def _formulas(evaluator: Evaluator, name: str) -> str:
-    """The formulas that a node rests on, one after the other."""
+    """The formulas that a node depends on, joined."""
     seen: set[str] = set()
     texts: list[str] = []
 
@@ -103,7 +102,7 @@ def _formulas(evaluator: Evaluator, name: str) -> str:
 
 
 def _compose(evaluator: Evaluator, name: str, value: Number, fields: dict[str, Field]) -> bool:
-    """Choose bits, those that add most first, until their sum reaches `value`; whether it did."""
+    """Choose bits, those that add most first, until their sum reaches `value`; whether it does."""
     try:
         for node in fields:
             evaluator.set(node, 0)
@@ -136,8 +135,8 @@ def _contributions(
 
 
 def _halve(evaluator: Evaluator, name: str, value: Number, fields: dict[str, Field]) -> bool:
-    """Search the registers one by one for the number that gives `value` or comes nearest; whether it came near."""
-    for node, field in reversed(fields.items()):  # a divisor comes after what many nodes share, such as a time base
+    """Bisect the registers one by one for the number that comes nearest to `value`; whether one came near."""
+    for node, field in reversed(fields.items()):  # divisors come after what many nodes share, such as a time base
         before = evaluator.bytes_of(field)
         if _search(evaluator, name, value, node, field):
             return True

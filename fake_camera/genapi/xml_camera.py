@@ -1,4 +1,4 @@
-"""A device that wears the GenICam description of a real camera: its memory, and what writes to it set going."""
+"""A device that wears the GenICam description of a real camera: its memory, and what writes to it cause."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ _IDENTITY = {
     "DeviceVendorName": "DeviceVendorName", "DeviceModelName": "DeviceModelName",
     "DeviceSerialNumber": "DeviceSerialNumber", "DeviceID": "DeviceSerialNumber",
 }  # fmt: skip
-"""The features of the device that say who it is, by the names of the nodes that may hold them."""
+"""Features that identify the device, by the names of the nodes that may hold them."""
 
 
 class XmlCamera:
-    """The memory of a described camera. Thread-safe; knows no wire: addresses in, bytes out.
+    """The memory of a described camera. Thread-safe and independent of the transport: addresses in, bytes out.
 
     Attributes
     ----------
     description
         The description that it wears.
     not_available
-        Features of interest that stay out of reach, because no registers were found that open them.
+        Wanted features that stay unavailable, because no register contents were found that unlock them.
     """
 
     def __init__(self, description: Description, device: Device) -> None:
@@ -52,7 +52,7 @@ class XmlCamera:
 
     @property
     def trigger_line(self) -> str | None:
-        """The line that the wire is plugged into, by the camera's own name for it."""
+        """The trigger line that the wire is plugged into, by the camera's own name."""
         return next(iter(trigger_lines(self._evaluator)), None)
 
     @property
@@ -62,7 +62,7 @@ class XmlCamera:
             return int(self._device.features.get("PayloadSize")) + self._chunk_bytes()
 
     def address(self, name: str) -> int | None:
-        """Where the register of a node lies, None when there is none."""
+        """The address of the register of a node; None when there is none."""
         with self._lock:
             return next((field.address for field in self._evaluator.fields(name).values()), None)
 
@@ -78,12 +78,12 @@ class XmlCamera:
             return self._memory.read(address, count)
 
     def write(self, address: int, data: bytes) -> None:
-        """Write memory, and do what the registers written are for.
+        """Write memory, with the effects of the registers written.
 
         Raises
         ------
         FeatureError
-            "locked" by a fault that was ordered; "out_of_range" when a number would leave its limits.
+            "locked" by an ordered fault; "out_of_range" when a number would leave its limits.
         """
         if self._device.faults.spoils_command(Fault.REFUSE_WRITES):
             raise FeatureError("locked", "writes are refused, as ordered")
@@ -107,7 +107,7 @@ class XmlCamera:
             self._show_payload()
 
     def chunks(self, frame: ExposedFrame) -> list[tuple[int, bytes]] | None:
-        """Id and data of each chunk that is switched on, in their order; None while there are no chunk data at all."""
+        """Id and data of each enabled chunk, in order; None while chunk data are off."""
         with self._lock:
             if not self._animation.chunk_mode:
                 return None
@@ -149,7 +149,7 @@ class XmlCamera:
             self._show_payload()
 
     def _identify(self) -> None:
-        """Say who it is where the description keeps that outside the bootstrap registers."""
+        """Write vendor, model and serial number where the description keeps them outside the bootstrap registers."""
         for name, feature in _IDENTITY.items():
             register = self._evaluator.target(name)
             if self._evaluator.kind(register) != "StringReg":
@@ -164,7 +164,7 @@ class XmlCamera:
         return kind == "Enumeration" and self._evaluator.kind(self._evaluator.target(selector)) in REGISTERS
 
     def _is_banked(self, selector: str, name: str) -> bool:
-        """Whether a feature lies at one address for all entries of its selector: the camera itself swaps the value."""
+        """Whether a feature has one address for all entries of its selector: the camera itself then swaps the value."""
         if self._evaluator.kind(name) in (None, "Category"):
             return False
         places = set()
@@ -176,7 +176,7 @@ class XmlCamera:
         return len(places) == 1
 
     def _change_banks(self, selected: dict[str, float]) -> None:
-        """Swap what lies behind the selectors that were written."""
+        """Swap the values behind the selectors that were written."""
         for selector, names in self._banked.items():
             old, new = int(selected[selector]), int(self._evaluator.value(selector))
             for name in names if old != new else ():
@@ -185,7 +185,7 @@ class XmlCamera:
                 self._evaluator.write(field, self._banks.get((name, new), bytes(field.length)))
 
     def _find_commands(self) -> list[tuple[Field, int, str]]:
-        """The register of each command, the number that gives it, and its name."""
+        """The register of each command, the number that triggers it, and its name."""
         found = []
         for name in LIVE_COMMANDS:
             if self._evaluator.kind(name) != "Command":
@@ -213,14 +213,14 @@ class XmlCamera:
                 self._latched_ns = int(self._device.features.get("TimestampLatchValue"))
 
     def _show_latch(self) -> None:
-        """The latched time goes into its registers when someone reads, so that latching takes no time."""
+        """Write the latched time into its registers, on the first read, so that latching itself takes no time."""
         if self._latched_ns is not None:
             latched_ns, self._latched_ns = self._latched_ns, None
             with contextlib.suppress(NodeError):
                 assign(self._evaluator, "TimestampLatchValue", latched_ns)
 
     def _show_payload(self) -> None:
-        """Bring the payload size up to date, where it lies in a register."""
+        """Update the payload size, where it is in a register."""
         payload_bytes = self.payload_bytes
         with contextlib.suppress(NodeError):
             self._evaluator.set("PayloadSize", payload_bytes)
@@ -230,15 +230,15 @@ class XmlCamera:
         for field in self._evaluator.fields(f"Chunk{entry}").values():
             if field.port in self._ports:
                 return field.port, int(self.description.nodes[field.port].text("ChunkID"), 16)
-        raise NodeError(f"Chunk{entry} is read through no chunk's port")
+        raise NodeError(f"Chunk{entry} is not read through the port of a chunk")
 
     def _chunk_size(self, port: str) -> int:
-        """Bytes of a chunk: up to the end of the last register that is read through its port."""
+        """Bytes of a chunk, up to the end of the last register read through its port."""
         nodes = [node for node in self.description.nodes.values() if node.text("pPort") == port]
         return max(node.integer("Address", 0) + node.integer("Length", 4) for node in nodes)
 
     def _chunk_bytes(self) -> int:
-        """What the chunk data add to the payload: image and chunks are followed by a tag each."""
+        """What the chunk data add to the payload: a tag follows the image and each chunk."""
         if not self._animation.chunk_mode:
             return 0
         sizes = [self._chunk_size(self._chunk_port(entry)[0]) for entry in self._animation.enabled_chunks]

@@ -1,4 +1,4 @@
-"""The features of a described camera that come to life: decoded from its registers into those of the device."""
+"""The features of a described camera that have an effect: decoded from its registers into those of the device."""
 
 from __future__ import annotations
 
@@ -26,17 +26,17 @@ from fake_camera.genapi.xml_power_on import (
 from fake_camera.imaging import PIXEL_FORMATS, ExposedFrame
 
 RAW_GAIN_RANGE_DB = 24.0
-"""What a gain without dB spans from its least to its greatest value, linear in dB."""
+"""What a gain that is not in dB spans from its lowest to its highest value, linear in dB."""
 _RAW_GAIN_LIMITS = (0.0, 240.0)
-"""Of a gain that declares none."""
+"""For a gain that declares none."""
 EXPOSURE_RANGE_US = (1.0, 1e7)
-"""What the sensor can do, should a description's limits allow more."""
-_TOLERANCE = 1e-6  # of limits that went through formulas
+"""What the sensor can do, even if a description's limits allow more."""
+_TOLERANCE = 1e-6  # for limits that went through formulas
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Watch:
-    """One feature: where it lies, what its value must meet, and what follows from it."""
+    """One feature: where its registers are, a check of its value, and what the value changes."""
 
     places: tuple[tuple[int, int], ...]
     check: Callable[[], None]
@@ -53,7 +53,7 @@ class Animation:
     Attributes
     ----------
     watches
-        The features that writes are looked out for.
+        The features whose writes have an effect.
     chunk_mode
         Whether chunk data follow the images.
     """
@@ -70,11 +70,11 @@ class Animation:
 
     @property
     def enabled_chunks(self) -> tuple[str, ...]:
-        """The entries of ChunkSelector that are switched on, of those that are filled."""
+        """The enabled entries of ChunkSelector, of those that are simulated."""
         return tuple(entry for entry, enabled in self._chunks.items() if enabled)
 
     def chunk_value(self, content: str, frame: ExposedFrame) -> float:
-        """What a chunk tells of a frame, in the units of its node."""
+        """What a chunk says of a frame, in the units of its node."""
         match content:
             case "ExposureTime":
                 return frame.settings.exposure_time_us / time_unit_us(self._evaluator, "ChunkExposureTime")
@@ -168,7 +168,7 @@ class Animation:
     def _apply_trigger(self) -> None:
         source = self._entry("TriggerSource") if self._evaluator.kind("TriggerSource") else ""
         mode = self._entry("TriggerMode") if self._evaluator.kind("TriggerMode") else "Off"
-        free = source in ("Freerun", "FixedRate")  # the camera's own clock, by another name
+        free = source in ("Freerun", "FixedRate")  # free run, by another name
         self._features.update("TriggerMode", "Off" if free else mode)
         self._features.update("TriggerSource", "Line0" if source in self._lines[:1] else source)
 
@@ -188,14 +188,14 @@ class Animation:
                 yield from self._watch("ChunkEnable", apply, ("ChunkSelector", entry))
 
     def _watch(self, name: str, apply: Callable[[], None], selection: tuple[str, str] | None = None) -> Iterator[Watch]:
-        """Look out for a feature, if there is one; under `selection`, for what it is at that entry of its selector."""
+        """Watch a feature, if it exists; with `selection`, its value at that entry of its selector."""
         if self._evaluator.kind(name) in (None, "Category"):
             return
         with self._selecting(selection):
             places = tuple((field.address, field.length) for field in self._evaluator.fields(name).values())
 
         def applied() -> None:
-            with contextlib.suppress(NodeError, FeatureError):  # a value that means nothing changes nothing
+            with contextlib.suppress(NodeError, FeatureError):  # a meaningless value changes nothing
                 if not self._elsewhere(name, selection):
                     with self._selecting(selection):
                         apply()
@@ -210,14 +210,14 @@ class Animation:
         return contextlib.nullcontext() if selection is None else self._evaluator.selecting_entry(*selection)
 
     def _elsewhere(self, name: str, selection: tuple[str, str] | None) -> bool:
-        """Whether the register now holds the feature's value for another entry of a selector than the one asked for."""
+        """Whether the register now holds the feature's value for another entry of the selector."""
         if selection is None or self._banked.get(name) != selection[0]:
             return False
         entries = self._evaluator.node(selection[0]).entries
         return selection[1] in entries and self._entry(selection[0]) != selection[1]
 
     def _check(self, name: str) -> None:
-        """Refuse a number that a client put out of its limits, and an entry that does not exist."""
+        """Refuse a number outside its limits, and an entry that does not exist."""
         if self._evaluator.node(name).kind == "Enumeration":
             entry = self._entry(name)
             if name == "PixelFormat" and entry not in PIXEL_FORMATS:
@@ -230,15 +230,15 @@ class Animation:
             raise FeatureError("out_of_range", f"{name} {value:g} is not within {low:g} to {high:g}")
 
     def _entry(self, name: str) -> str:
-        """The entry that an enumeration stands at."""
+        """The present entry of an enumeration."""
         value = self._evaluator.value(name)
         for entry, node in self._evaluator.node(name).entries.items():
             if node.integer("Value", 0) == value:
                 return entry
-        raise FeatureError("out_of_range", f"{name} has no entry of value {value:g}")
+        raise FeatureError("out_of_range", f"{name} has no entry with the value {value:g}")
 
     def _copied(self, name: str, feature: str) -> Iterator[Watch]:
-        """Look out for a feature whose value is that of a `feature` of the device."""
+        """Watch a feature whose value is copied to a `feature` of the device."""
 
         def apply() -> None:
             value = self._evaluator.value(name)

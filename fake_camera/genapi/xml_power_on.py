@@ -1,4 +1,4 @@
-"""Power-on state of a camera known by its description only: features available, within limits, at usual values."""
+"""Power-on state of a camera known only by its description: features available, within limits, at usual values."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from fake_camera.genapi.solve import Wish, achieve, assign
 from fake_camera.imaging import PIXEL_FORMATS
 
 TIME_UNITS_US = {"s": 1e6, "ms": 1e3, "ns": 1e-3}
-"""Microseconds in the units of time that descriptions name; other texts and none mean microseconds."""
+"""Microseconds per unit of time, by the names in descriptions; any other name, or none, means microseconds."""
 EXPOSURE_TIMES = ("ExposureTime", "ExposureTimeAbs", "ExposureTimeRaw")
 GAINS = ("Gain", "GainAbs", "GainRaw")
 FRAME_RATES = ("AcquisitionFrameRate", "AcquisitionFrameRateAbs")
@@ -24,7 +24,7 @@ CHUNK_CONTENTS = {
     "ExposureTime": "ExposureTime", "Gain": "Gain", "GainAll": "Gain", "FrameID": "FrameID", "FrameCounter": "FrameID",
     "Framecounter": "FrameID", "Timestamp": "Timestamp",
 }  # fmt: skip
-"""What the chunks hold that are filled, by the names that vendors give the entries of ChunkSelector."""
+"""What simulated chunks contain, by the vendors' names for the entries of ChunkSelector."""
 LIVE_COMMANDS = ("AcquisitionStart", "AcquisitionStop", "TimestampLatch", "TriggerSoftware")
 LOCKED = "TLParamsLocked"
 
@@ -49,7 +49,7 @@ _RATE_HZ = Wished(1.0, 200.0, 0.01, 30.0)
 _GAMMA = Wished(0.25, 4.0, 0.01, 0.8)
 _PACKET_BYTES = Wished(220, 9000, 4, 9000)
 _FILLINGS = (0, 1, 10, 1_000_000)
-"""What empty registers are tried with, for formulas may divide by them: a count, some bits, a time base (us)."""
+"""What empty registers are filled with on trial, since formulas may divide by them: counts, a time base (us)."""
 _CONDITIONS = (("pIsImplemented", True), ("pIsAvailable", True), ("pIsLocked", False))
 _LIMITS = ("pMin", "pMax", "pInc")
 _NUMBERS = ("Integer", "Float", "IntReg", "MaskedIntReg", "FloatReg", "Converter", "IntConverter")
@@ -61,7 +61,7 @@ class PowerOn:
     Attributes
     ----------
     failed
-        What could not be made available.
+        Features that could not be made available.
     """
 
     def __init__(self, evaluator: Evaluator, sensor_width: int, sensor_height: int) -> None:
@@ -122,7 +122,7 @@ class PowerOn:
         self._choice("TriggerOverlap", ("Off", "ReadOut"))
 
     def _chunks(self) -> None:
-        self._switch("ChunkModeActive", True)  # some selectors are there only while chunks are on
+        self._switch("ChunkModeActive", True)  # some selectors exist only while chunks are on
         if self._evaluator.kind("ChunkSelector") == "Enumeration":
             for entry in CHUNK_CONTENTS:
                 with self._selecting("ChunkSelector", entry) as offered:
@@ -133,7 +133,7 @@ class PowerOn:
 
     @contextlib.contextmanager
     def _selecting(self, selector: str, entry: str) -> Iterator[bool]:
-        """Within the block, features are those that the selector selects at this entry, if there is one."""
+        """Within the block the selector is at this entry; yields whether it has that entry."""
         if self._evaluator.kind(selector) != "Enumeration" or entry not in self._evaluator.node(selector).entries:
             yield False
             return
@@ -143,7 +143,7 @@ class PowerOn:
 
     @contextlib.contextmanager
     def _at(self, name: str, value: int) -> Iterator[None]:
-        """Within the block, all that is wished for is wished for while the client has set `name` to `value`."""
+        """Within the block conditions must hold while the client has set `name` to `value`."""
         if self._evaluator.kind(name) is None:
             yield
             return
@@ -153,7 +153,7 @@ class PowerOn:
         self._selection = None
 
     def _number(self, name: str, wished: Wished, writable: bool = True) -> None:
-        """Open a number, give it limits where registers hold them, and its value within the limits it then has."""
+        """Open a number, set its limits where they are in registers, and its value within the limits it then has."""
         evaluator = self._evaluator
         if evaluator.kind(name) not in _NUMBERS or not self._open(name, writable):
             return
@@ -177,10 +177,10 @@ class PowerOn:
             self.failed.append(name)
 
     def _limit(self, name: str, wished: Wished, filling: int) -> None:
-        """Set those limits and increments that lie in registers."""
+        """Set the limits and increments that are in registers."""
         evaluator = self._evaluator
         holder, one = evaluator.bounded(name, wished.low)
-        low, high = sorted((one, evaluator.bounded(name, wished.high)[1]))  # a falling converter swaps them
+        low, high = sorted((one, evaluator.bounded(name, wished.high)[1]))  # a decreasing converter swaps them
         step = max(evaluator.bounded(name, wished.step)[1], 1e-3)
         for tag, value in (("pInc", step), ("pMin", low), ("pMax", high)):
             limit = evaluator.node(holder).text(tag)
@@ -196,7 +196,7 @@ class PowerOn:
             assign(self._evaluator, name, int(on))
 
     def _choice(self, name: str, entries: Sequence[str]) -> None:
-        """Open an enumeration and these of its entries, and choose the first that there is."""
+        """Open an enumeration and those of `entries` that it has, and choose the first of them."""
         if self._evaluator.kind(name) != "Enumeration" or not self._open(name):
             return
         there = {entry: node for entry, node in self._evaluator.node(name).entries.items() if entry in entries}
@@ -210,7 +210,7 @@ class PowerOn:
                 return
 
     def _open(self, name: str, writable: bool = True) -> bool:
-        """Make a node, and those that it rests on, implemented, available and not locked; False if it has no value."""
+        """Make a node, and those it depends on, implemented, available and not locked; False if it has no value."""
         evaluator = self._evaluator
         if evaluator.kind(name) is None:
             return False
@@ -220,7 +220,7 @@ class PowerOn:
                 nodes += [
                     part for node in tuple(nodes) if node.text(limit) for part in evaluator.chain(node.text(limit))
                 ]
-        except NodeError:  # the description misses a node
+        except NodeError:  # a node is missing in the description
             self.failed.append(name)
             return False
         for node in nodes:
@@ -230,7 +230,7 @@ class PowerOn:
         return True
 
     def _fulfil(self, name: str, condition: str, wanted: bool) -> None:
-        """Find registers that make a condition come true, and keep it true."""
+        """Find register contents that make a condition true, and keep it true."""
         evaluator, selection = self._evaluator, self._selection
 
         def wish() -> bool:
@@ -245,7 +245,7 @@ class PowerOn:
 
 
 def spoken(evaluator: Evaluator, names: Sequence[str]) -> tuple[str, ...]:
-    """Those of `names` that drive this camera: numbers, and raw ones only where no other name stands for the same."""
+    """Those of `names` that drive this camera; a raw one only if it is the only one or the same register."""
     there = [name for name in names if evaluator.kind(name) in _NUMBERS]
     physical = [name for name in there if not name.endswith("Raw")]
     registers = {evaluator.target(name) for name in physical}
@@ -253,20 +253,20 @@ def spoken(evaluator: Evaluator, names: Sequence[str]) -> tuple[str, ...]:
 
 
 def in_db(evaluator: Evaluator, name: str) -> bool:
-    """Whether a gain says that it is in dB."""
+    """Whether the unit of a gain is dB."""
     return evaluator.node(name).text("Unit").lower() == "db"
 
 
 def time_unit_us(evaluator: Evaluator, name: str) -> float:
-    """How many microseconds one unit of a time is."""
+    """Microseconds per unit of a time."""
     return TIME_UNITS_US.get(evaluator.node(name).text("Unit"), 1.0)
 
 
 def limits(evaluator: Evaluator, name: str) -> tuple[Number, Number]:
-    """Least and greatest value of a number; where none is declared, any."""
+    """Lowest and highest value of a number; infinite where not declared."""
     low, high = evaluator.bound(name, "Min"), evaluator.bound(name, "Max")
     if low is not None and high is not None:
-        return min(low, high), max(low, high)  # a falling converter swaps them
+        return min(low, high), max(low, high)  # a decreasing converter swaps them
     return float("-inf") if low is None else low, float("inf") if high is None else high
 
 

@@ -14,7 +14,7 @@ _BASES = (0x100000, 0x4000_0000, 0x5000_0000, 0x6000_0000, 0x7000_0000, 0xE000_0
 
 
 def free_address(camera: XmlCamera, length: int) -> int:
-    """Where `length` bytes of zipped description lie in the way of none of the camera's registers."""
+    """An address for `length` bytes of zipped description away from all registers of the camera."""
     taken = [
         whole_number((part.text or "0").strip())
         for node in camera.description.nodes.values()
@@ -25,7 +25,7 @@ def free_address(camera: XmlCamera, length: int) -> int:
 
 
 class XmlRegisters(RegisterMap):
-    """All registers of a described camera; `alignment` as of `RegisterMap`."""
+    """All registers of a described camera; `alignment` as in `RegisterMap`."""
 
     def __init__(self, bootstrap: Iterable[Register], camera: XmlCamera, alignment: int = 4) -> None:
         super().__init__(bootstrap, alignment)
@@ -33,7 +33,7 @@ class XmlRegisters(RegisterMap):
         camera.place(self._bootstrap)
 
     def read(self, address: int, count: int) -> bytes:
-        """Read `count` bytes; what is no bootstrap register is the camera's memory, see `RegisterMap.read`."""
+        """Read `count` bytes; beside the bootstrap registers from the camera's memory; see `RegisterMap.read`."""
         self._check_alignment(address, count)
         known = self._bootstrap(address, count)
         return self._camera.read(address, count) if known is None else known
@@ -51,11 +51,11 @@ class XmlRegisters(RegisterMap):
             self._camera.write(address, data)
         except FeatureError as error:
             raise CommandError(FEATURE_STATUS[error.kind]) from error
-        except NodeError as error:  # what was written leaves a node without a value
+        except NodeError as error:  # the write leaves a node without a value
             raise CommandError(Status.INVALID_PARAMETER) from error
 
     def _bootstrap(self, address: int, count: int) -> bytes | None:
-        """What bootstrap registers hold there, None where there are none or not only they."""
+        """The content of the bootstrap registers there; None unless they cover the whole range."""
         try:
             return super().read(address, count)
         except CommandError:

@@ -1,4 +1,4 @@
-"""Chunk data: how each image was taken, in tagged pieces behind its pixels."""
+"""Chunk data: how each image was taken, in tagged pieces after its pixels."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ CHUNKS: dict[str, Chunk] = {
     "FrameID": Chunk(0x1003, "integer"),
     "Timestamp": Chunk(0x1004, "integer", "ns"),
 }
-"""The chunks on offer, under the names of the entries of ChunkSelector."""
+"""The chunks offered, by their entries of ChunkSelector."""
 
 
 def chunk_bytes(frame: ExposedFrame, names: Sequence[str], byte_order: ByteOrder) -> bytes:
     """What follows the pixels of `frame` on the wire: the image's own tag, then the chunks `names` with theirs.
 
-    Each piece is followed by its id and its length, so that a reader walks from the end.
+    Id and length follow each piece, so that a reader starts at the end.
     """
     values: dict[str, float] = {
         "ExposureTime": frame.settings.exposure_time_us,
@@ -50,7 +50,7 @@ def chunk_bytes(frame: ExposedFrame, names: Sequence[str], byte_order: ByteOrder
 
 
 def tagged(frame: ExposedFrame, chunks: Sequence[tuple[int, bytes]], byte_order: ByteOrder) -> bytes:
-    """What follows the pixels of `frame` when its chunks are these, each an id and its data."""
+    """What follows the pixels of `frame` with these chunks, each an id and its data."""
     tag = struct.Struct(f"{PREFIX[byte_order]}II")
     pieces = [tag.pack(IMAGE_CHUNK_ID, frame.pixels.nbytes)]
     for chunk_id, data in chunks:

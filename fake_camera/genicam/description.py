@@ -1,4 +1,4 @@
-"""The GenICam description of the camera, written from the same table of features that its registers come from."""
+"""The GenICam description of the camera, written from the same table of features as its registers."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ _CATEGORIES = {
     "ChunkDataControl": ("Chunk",),
     "TransportLayerControl": ("PayloadSize", "TLParamsLocked", "Gev", "U3V"),
 }
-"""Features belong to the category that lists the beginning of their name."""
+"""The categories, with the prefixes of the features that belong to them."""
 
 _SELECTED = {
     "GainSelector": ("Gain", "GainAuto"),
@@ -85,11 +85,11 @@ def genicam_xml(features: Features, transport: Transport) -> bytes:
 
 
 def zipped(name: str, description: bytes) -> bytes:
-    """The description in a zip archive; its length is a multiple of 4, as memory is read."""
+    """The description in a zip archive; its length is a multiple of 4, the unit in which memory is read."""
     for padding in range(4):
         archive = io.BytesIO()
         with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as file:
-            # a fixed date: the same features make the same bytes
+            # ZipInfo has a fixed date, so that the same features give the same bytes
             file.writestr(zipfile.ZipInfo(f"{name}.xml"), description, zipfile.ZIP_DEFLATED)
             file.comment = b" " * padding
         if len(archive.getvalue()) % 4 == 0:

@@ -9,13 +9,13 @@ Peer = tuple[str, int]
 
 _EXCLUSIVE = 0b01
 _CONTROL = 0b10
-_MIN_HEARTBEAT_MS = 500  # the least that the GigE Vision standard allows
+_MIN_HEARTBEAT_MS = 500  # the minimum of the GigE Vision standard
 
 
 class ControlPrivilege:
-    """The privilege of at most one client to write, lost when nothing is heard of it for the heartbeat timeout.
+    """The privilege of at most one client to write, lost after the heartbeat timeout without a sign of life.
 
-    Times are in seconds, on whatever monotonic clock the caller passes in.
+    Times are in seconds on any monotonic clock.
     """
 
     def __init__(self) -> None:
@@ -36,7 +36,7 @@ class ControlPrivilege:
         self._heartbeat_ms = timeout_ms
 
     def hear(self, peer: Peer, now_s: float) -> None:
-        """Note a sign of life of a client."""
+        """Note a sign of life from a client."""
         if peer == self.holder:
             self._heard_s = now_s
 
@@ -55,12 +55,12 @@ class ControlPrivilege:
             raise CommandError(Status.ACCESS_DENIED)
 
     def request(self, peer: Peer, value: int, now_s: float) -> None:
-        """Take (exclusive, control) or give back (0) the privilege.
+        """Take (exclusive, control) or return (0) the privilege.
 
         Raises
         ------
         CommandError
-            ACCESS_DENIED when another client holds it, INVALID_PARAMETER for a bit that is not on offer.
+            ACCESS_DENIED when another client holds it, INVALID_PARAMETER for an unsupported bit.
         """
         if self.holder not in (None, peer):
             raise CommandError(Status.ACCESS_DENIED)
@@ -71,5 +71,5 @@ class ControlPrivilege:
         self._heard_s = now_s
 
     def drop(self) -> None:
-        """Take the privilege away from whoever holds it."""
+        """Take the privilege away from its holder."""
         self.holder, self.value = None, 0

@@ -1,4 +1,4 @@
-"""The camera's memory as a client sees it: registers by address, among them one slot for each feature."""
+"""The camera's memory as a client sees it: registers by address, with a slot for each feature."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ COMMANDS = ("AcquisitionStart", "AcquisitionStop", "TriggerSoftware", "Timestamp
 
 STRING_BYTES = 64
 
-# Where things lie in a feature's slot.
+# Offsets within a feature's slot; the value is at 0.
 MINIMUM = 0x40
 MAXIMUM = 0x48
 INCREMENT = 0x50
@@ -35,7 +35,7 @@ FEATURE_STATUS = {
     "read_only": Status.WRITE_PROTECT,
     "locked": Status.ACCESS_DENIED,
 }
-"""How GigE Vision answers what a feature refuses."""
+"""Status codes for what a feature refuses."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +82,7 @@ class RegisterMap:
         Raises
         ------
         CommandError
-            BAD_ALIGNMENT for what is no multiple of the alignment, INVALID_ADDRESS where there is no register.
+            BAD_ALIGNMENT for what is not a multiple of the alignment, INVALID_ADDRESS where there is no register.
         """
         self._check_alignment(address, count)
         data = b""
@@ -98,8 +98,8 @@ class RegisterMap:
         Raises
         ------
         CommandError
-            BAD_ALIGNMENT (as `read`, and for a part of a register), INVALID_ADDRESS, WRITE_PROTECT, or what the
-            register itself answers: INVALID_PARAMETER for a value out of range, ACCESS_DENIED for one that is locked.
+            BAD_ALIGNMENT (as for `read`, and for part of a register), INVALID_ADDRESS, WRITE_PROTECT, or the answer of
+            the register itself: INVALID_PARAMETER for a value out of range, ACCESS_DENIED for one that is locked.
         """
         self._check_alignment(address, len(data))
         while data:
@@ -129,19 +129,19 @@ def slots(features: Features) -> dict[str, int]:
 
 
 def has_limits(spec: Spec) -> bool:
-    """Whether a feature is a number with bounds, which then lie in its slot."""
+    """Whether a feature is a number with bounds, which are then in its slot."""
     return spec.writable and spec.type in ("integer", "float")
 
 
 def value_bytes(spec: Spec) -> int:
-    """Length of a feature's value in its slot: times in ns need more than 32 bits."""
+    """Length of a feature's value in its slot; times in ns need more than 32 bits."""
     if spec.type == "string":
         return STRING_BYTES
     return 8 if spec.type == "float" or spec.unit == "ns" else 4
 
 
 def encode(spec: Spec, value: Value, byte_order: ByteOrder) -> bytes:
-    """A value as it lies in the feature's slot; strings are padded with zeros."""
+    """The bytes of a value in the feature's slot; strings are padded with zeros."""
     if spec.type == "string":
         return str(value).encode()[:STRING_BYTES].ljust(STRING_BYTES, b"\0")
     if spec.type == "float":
@@ -152,7 +152,7 @@ def encode(spec: Spec, value: Value, byte_order: ByteOrder) -> bytes:
 
 
 def decode(spec: Spec, data: bytes, byte_order: ByteOrder) -> Value:
-    """The value in a feature's slot; raises CommandError INVALID_PARAMETER when the bytes mean nothing."""
+    """The value in a feature's slot; raises CommandError INVALID_PARAMETER when the bytes are meaningless."""
     if spec.type == "string":
         try:
             return data.split(b"\0", 1)[0].decode("ascii")
@@ -216,7 +216,7 @@ def _command(device: Device, name: str, address: int, byte_order: ByteOrder) -> 
         if value:
             device.execute(name)
 
-    return unsigned(address, lambda: 0, write, byte_order)  # reads 0: done
+    return unsigned(address, lambda: 0, write, byte_order)  # reads 0: has finished
 
 
 def _lock(features: Features, name: str, address: int, byte_order: ByteOrder) -> Register:

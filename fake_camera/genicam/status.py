@@ -6,7 +6,7 @@ from enum import IntEnum
 
 
 class Status(IntEnum):
-    """How a command ended; GVSP packets carry the same codes. Those above 0xA000 are of USB3 Vision only."""
+    """How a command ended; GVSP packets carry the same codes. Those above 0xA000 are USB3 Vision's only."""
 
     SUCCESS = 0x0000
     PACKET_RESEND = 0x0100
@@ -23,7 +23,7 @@ class Status(IntEnum):
 
 
 class CommandError(Exception):
-    """A command cannot be done: `status` says why, to the sender, and `payload` what had been done before."""
+    """A command failed: `status` tells the sender why, and `payload` what had been done before."""
 
     def __init__(self, status: Status, payload: bytes = b"") -> None:
         super().__init__(status.name)

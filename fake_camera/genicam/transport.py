@@ -1,4 +1,4 @@
-"""What a GenICam description says of the transport: its name, its byte order, and its own registers."""
+"""The transport in a GenICam description: its name, byte order and bootstrap registers."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class RegisterField:
 
 @dataclass(frozen=True, slots=True)
 class Transport:
-    """A standard by which a camera talks: what GenICam calls it, its byte order, and the registers of its own."""
+    """A transport standard: its name in GenICam, its byte order, and the described bits of its bootstrap registers."""
 
     name_space: Literal["GEV", "U3V"]
     byte_order: ByteOrder

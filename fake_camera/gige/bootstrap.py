@@ -1,4 +1,4 @@
-"""The bootstrap registers: what the GigE Vision standard puts at fixed addresses in every camera."""
+"""The bootstrap registers, which the GigE Vision standard puts at fixed addresses in every camera."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from fake_camera.genicam.transport import RegisterField, Transport
 from fake_camera.gige.stream_channel import MAX_PACKET_BYTES, MAX_PACKET_DELAY_NS, MIN_PACKET_BYTES, StreamChannel
 
 CONTROL_PRIVILEGE = 0x0A00
-"""Address of the one register whose write depends on who writes: the control channel handles it."""
+"""Address of the one register that depends on who writes it; the control channel handles it."""
 
 DESCRIPTION_ADDRESS = 0x100000
-"""Where the zipped GenICam description lies, unless the camera has registers there."""
+"""Address of the zipped GenICam description, unless the camera has registers there."""
 
 LATCH_TIMESTAMP = 2
 """What to write to the timestamp control register."""
@@ -64,11 +64,11 @@ GIGE_VISION = Transport(
         RegisterField("GevSCSP", 0x0D1C, msb=16),
     ),
 )
-"""How a description speaks of the registers below."""
+"""How a description names the registers below."""
 
 
 def mac_address(serial: str) -> int:
-    """A locally administered MAC address of this serial's own."""
+    """A locally administered MAC address derived from a serial number."""
     digest = hashlib.blake2s(serial.encode(), digest_size=5).digest()
     return int.from_bytes(b"\x02" + digest, "big")
 
@@ -107,10 +107,10 @@ def _identity(device: Device, address: str) -> Iterator[Register]:
     def text(at: int, length: int, value: str) -> Register:
         return constant(at, value.encode()[: length - 1].ljust(length, b"\0"))
 
-    yield constant(0x0000, _u32(2 << 16))  # GigE Vision 2.0, in its mode of 16-bit block ids
+    yield constant(0x0000, _u32(2 << 16))  # GigE Vision 2.0, with 16-bit block ids
     yield constant(0x0004, _u32(0x80000001))  # big-endian transmitter, UTF-8
     yield constant(0x0008, mac_address(str(features.get("DeviceSerialNumber"))).to_bytes(8, "big"))
-    yield constant(0x0010, _u32(0b110))  # IP configurations on offer: DHCP, link-local
+    yield constant(0x0010, _u32(0b110))  # supported IP configurations: DHCP, link-local
     yield constant(0x0014, _u32(0b110))
     yield constant(0x0018, bytes(12))
     yield constant(0x0024, socket.inet_aton(address))
@@ -160,8 +160,8 @@ def _stream(stream: StreamChannel) -> Iterator[Register]:
     yield settable(0x0D08, "packet_delay_ns")
     yield settable(0x0D18, "destination")
     yield unsigned(0x0D1C, lambda: stream.source_port)
-    yield constant(0x0D20, _u32(0))  # nothing optional on offer
-    yield constant(0x0D24, _u32(0))  # nor chosen
+    yield constant(0x0D20, _u32(0))  # no optional capabilities
+    yield constant(0x0D24, _u32(0))  # none enabled
 
 
 def _u32(value: int) -> bytes:

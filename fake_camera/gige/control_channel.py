@@ -1,4 +1,4 @@
-"""The control channel: answers GVCP commands, to each client what its privilege allows."""
+"""The control channel: answers GVCP commands, as far as the client's privilege allows."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _WRITES = (Command.WRITEREG, Command.WRITEMEM)
 class ControlChannel:
     """Executes commands; thread-safe.
 
-    `resend` sends stream packets again; `released` is called when control was given back or lost.
+    `resend` sends stream packets again; `released` is called when control has been returned or lost.
     """
 
     def __init__(
@@ -38,7 +38,7 @@ class ControlChannel:
     def answer(self, datagram: bytes, peer: Peer, now_s: float) -> bytes | None:
         """Execute the command in a datagram and return the acknowledgement.
 
-        None when there is nothing to say: no command at all, or one that wants no acknowledgement.
+        None when there is none: the datagram is not a command, or one that asks for no acknowledgement.
         """
         request = Request.from_bytes(datagram)
         if request is None or request.command == Command.FORCEIP:
@@ -46,7 +46,7 @@ class ControlChannel:
         with self._lock:
             self.expire(now_s)
             self._privilege.hear(peer, now_s)
-            # A client that missed an answer asks again with the same id: a write must not happen twice.
+            # A client that missed an answer repeats the request with the same id; a write must not happen twice.
             if self._last_write is not None and self._last_write[:2] == (peer, datagram):
                 return self._last_write[2]
             try:
@@ -72,7 +72,7 @@ class ControlChannel:
             self._released()
 
     def _execute(self, request: Request, peer: Peer, now_s: float) -> bytes:
-        """Do what a request asks for; the payload of its acknowledgement."""
+        """Execute a request; returns the payload of its acknowledgement."""
         payload = b""
         match request.command:
             case Command.DISCOVERY:
@@ -97,7 +97,7 @@ class ControlChannel:
         values = b""
         try:
             for address in addresses:
-                if address != CONTROL_PRIVILEGE:  # anyone may see whether the camera is taken
+                if address != CONTROL_PRIVILEGE:  # anyone may see whether the camera is under control
                     self._privilege.check_read(peer)
                 values += self._registers.read(address, 4)
         except CommandError as error:
@@ -132,7 +132,7 @@ class ControlChannel:
         self._registers.write(address, data)
 
     def _send_again(self, request: Resend, peer: Peer) -> None:
-        # The request may come from the client's stream socket, hence from another port than its commands.
+        # The request may come from the client's stream socket, and so from another port than its commands.
         holder = self._privilege.holder
         if holder is not None and holder[0] == peer[0] and request.channel == 0:
             self._resend(request)

@@ -1,4 +1,4 @@
-"""The words of GVCP, the GigE Vision control protocol: commands in, acknowledgements out."""
+"""GVCP, the GigE Vision control protocol, as messages: commands in, acknowledgements out."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ PORT = 3956
 """The UDP port that every GigE Vision camera listens on."""
 
 MAX_READ_BYTES = 536
-"""Most bytes that one READMEM may ask for: a datagram of 576 bytes, which every IPv4 host accepts, less its headers."""
+"""Most bytes that a READMEM may ask for: a datagram of 576 bytes, which every IPv4 host accepts, minus headers."""
 
 DISCOVERY_BYTES = 0xF8
-"""A DISCOVERY is answered with this much of the bootstrap registers, from address 0 on."""
+"""The answer to a DISCOVERY: the bootstrap registers from address 0 up to this."""
 
 _KEY = 0x42
 _ACK_REQUIRED = 0x01
@@ -25,7 +25,7 @@ _ACK_HEADER = struct.Struct(">HHHH")
 
 
 class Command(IntEnum):
-    """The commands this camera knows; the acknowledgement of each has the next number."""
+    """The commands that this camera knows; each acknowledgement has the next number."""
 
     DISCOVERY = 0x0002
     FORCEIP = 0x0004
@@ -40,7 +40,7 @@ class Command(IntEnum):
 class Request:
     """One command datagram.
 
-    `command` is a plain number, since a camera must also answer commands it does not know.
+    `command` is a plain number, since a camera must also answer unknown commands.
     """
 
     command: int
@@ -50,12 +50,12 @@ class Request:
 
     @classmethod
     def from_bytes(cls, datagram: bytes) -> Request | None:
-        """Read a datagram; None when it is no GVCP command at all, and hence to be ignored."""
+        """Parse a datagram; None when it is not a GVCP command, and so to be ignored."""
         if len(datagram) < _HEADER.size:
             return None
         key, flags, command, length, request_id = _HEADER.unpack_from(datagram)
         payload = datagram[_HEADER.size :]
-        # Longer than announced is padding (Ethernet pads short frames); shorter was cut on its way.
+        # Longer than announced means padding (Ethernet pads short frames); shorter means truncated.
         if key != _KEY or request_id == 0 or length > len(payload):
             return None
         return cls(command, request_id, bool(flags & _ACK_REQUIRED), payload[:length])
@@ -76,7 +76,7 @@ class Resend:
 
     @classmethod
     def from_payload(cls, payload: bytes) -> Resend:
-        """Read the payload of a PACKETRESEND (standard, 16-bit block ids).
+        """Parse the payload of a PACKETRESEND (standard, 16-bit block ids).
 
         Raises
         ------
@@ -88,12 +88,12 @@ class Resend:
 
 
 def register_addresses(payload: bytes) -> list[int]:
-    """The addresses that a READREG asks for; raises CommandError INVALID_HEADER when there is none or half of one."""
+    """The addresses that a READREG asks for; raises CommandError INVALID_HEADER when none is complete."""
     return [address for (address,) in _records(">I", payload)]
 
 
 def register_writes(payload: bytes) -> list[tuple[int, bytes]]:
-    """The addresses and 4-byte values of a WRITEREG; raises CommandError INVALID_HEADER as `register_addresses`."""
+    """The addresses and 4-byte values of a WRITEREG; raises CommandError INVALID_HEADER like `register_addresses`."""
     return [(address, value.to_bytes(4, "big")) for address, value in _records(">II", payload)]
 
 

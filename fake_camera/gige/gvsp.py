@@ -21,7 +21,7 @@ _EXTENDED_CHUNKS = 0x4000
 
 
 def block_id(frame_id: int) -> int:
-    """The 16-bit block id of frame 1, 2, 3 ...: it wraps from 65535 to 1, for 0 means a test packet."""
+    """The 16-bit block id of frame 1, 2, 3 ...: it wraps from 65535 to 1, since 0 marks a test packet."""
     return (frame_id - 1) % 0xFFFF + 1
 
 
@@ -40,7 +40,7 @@ class Block:
     def from_frame(cls, frame: ExposedFrame, chunks: bytes, packet_bytes: int) -> Block:
         """Cut a frame and its chunk data (may be empty) into packets of `packet_bytes`, headers included.
 
-        The pixels are not copied; deeper ones than 8 bits go little-endian, as the standard has it.
+        The pixels are not copied; those of more than 8 bits are sent little-endian, as the standard demands.
         """
         settings = frame.settings
         height, width = frame.pixels.shape
@@ -80,7 +80,7 @@ class Block:
         return -(-(len(self.image) + len(self.chunks)) // self.payload_bytes_per_packet) + 1
 
     def packet(self, packet_id: int, status: Status = Status.SUCCESS) -> list[bytes | memoryview]:
-        """The buffers that make up one packet, for ``socket.sendmsg``."""
+        """The buffers of one packet, for ``socket.sendmsg``."""
         if packet_id == 0:
             return [packet_header(self.block_id, _LEADER_FORMAT, 0, status), self.leader]
         if packet_id == self.last_packet_id:
@@ -96,15 +96,15 @@ class Block:
 
 
 def packet_header(block: int, packet_format: int, packet_id: int, status: Status) -> bytes:
-    """The eight bytes in front of every packet, with a standard 16-bit block id."""
+    """The eight bytes at the start of every packet, with a standard 16-bit block id."""
     return _HEADER.pack(status, block, packet_format << 24 | packet_id)
 
 
 def unavailable_packet(block: int, packet_id: int) -> bytes:
-    """The answer to a request for a packet that is not kept any more."""
+    """The answer to a request for a packet that is no longer kept."""
     return packet_header(block, _PAYLOAD_FORMAT, packet_id, Status.PACKET_UNAVAILABLE)
 
 
 def trial_packet(packet_bytes: int) -> bytes:
-    """A test packet of the size of a stream packet, by which a client finds out whether that size gets through."""
+    """A test packet of the size of a stream packet, with which a client finds out whether that size gets through."""
     return packet_header(0, _PAYLOAD_FORMAT, 0, Status.SUCCESS) + bytes(packet_bytes - PACKET_OVERHEAD)

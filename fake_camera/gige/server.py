@@ -1,4 +1,4 @@
-"""A device on the network as a GigE Vision camera: its sockets, and the thread that answers commands."""
+"""A device as a GigE Vision camera on the network: its sockets, and the thread that answers commands."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class GigeServer:
     """Serves one device at one IPv4 address of this machine (127.0.0.1, 127.0.0.2 ...), always on UDP port 3956."""
 
     def __init__(self, device: Device, address: str, xml: XmlCamera | None = None) -> None:
-        """Bind the sockets; the device shows the description and the memory of `xml` when there is one.
+        """Bind the sockets; with `xml` the device shows the description and the memory of that camera.
 
         Raises
         ------
@@ -45,7 +45,7 @@ class GigeServer:
             When this machine has no such address.
         """
         self._device = device
-        # Without SO_REUSEADDR: two cameras at one address would each get some of the commands.
+        # Without SO_REUSEADDR, since two cameras at one address would each get some of the commands.
         self._socket = _bind(address, reuse=False)
         self._broadcast_sockets = [_bind(broadcast, reuse=True) for broadcast in _BROADCAST_ADDRESSES]
         self._stream = StreamChannel(address, device.faults)
@@ -60,7 +60,7 @@ class GigeServer:
         device.on_power_on(self._power_on)
 
     def start(self) -> None:
-        """Start to answer."""
+        """Start answering."""
         self._thread.start()
 
     def close(self) -> None:
@@ -109,7 +109,7 @@ class GigeServer:
         self._stream.send(frame, chunks)
 
     def _released(self) -> None:
-        """Without a client the camera does not stream."""
+        """Stop streaming: there is no client."""
         self._stream.stop()
         self._device.execute("AcquisitionStop")
         self._device.features.update("TLParamsLocked", 0)

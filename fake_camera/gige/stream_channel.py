@@ -1,4 +1,4 @@
-"""The stream channel: frames go out as GVSP packets, at a pace a receiver keeps up with; lost ones go again."""
+"""The stream channel: sends frames as GVSP packets, at a pace that a receiver keeps up with, and again on request."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from fake_camera.gige.gvsp import Block, trial_packet, unavailable_packet
 from fake_camera.imaging import ExposedFrame
 
 MIN_PACKET_BYTES = 220
-MAX_PACKET_BYTES = 9000  # also at power-on: large packets cost a third of the CPU of small ones
+MAX_PACKET_BYTES = 9000  # also at power-on, since large packets take a third of the processor time of small ones
 
 MAX_PACKET_DELAY_NS = 1_000_000
 
 _PACE_S_PER_BYTE = 0.3e-3 / 65536
-"""Pause per byte sent, for a client's default socket buffer (about 200 kB) loses packets of an unpaced frame."""
+"""Pause per byte sent: a client's default socket buffer (about 200 kB) loses packets of an unpaced frame."""
 
-_SHORTEST_PAUSE_S = 0.25e-3  # pauses are saved up to this: shorter ones cost more CPU than they give rest
+_SHORTEST_PAUSE_S = 0.25e-3  # pauses are saved up to this, since shorter ones cost more processor time than they help
 _BLOCKS_KEPT = 8
 
 _FIRE_TEST_PACKET = 1 << 31
 _DO_NOT_FRAGMENT = 1 << 30
 
-# Linux names that Python's socket module does not carry (linux/in.h).
+# Constants that Python's socket module lacks (linux/in.h).
 _IP_MTU_DISCOVER, _IP_PMTUDISC_DONT, _IP_PMTUDISC_DO = 10, 0, 2
 
 
@@ -62,7 +62,7 @@ class StreamChannel:
         self._kept.clear()
 
     def stop(self) -> None:
-        """Close the channel to the client, whose settings stay."""
+        """Close the channel to the client; its settings stay."""
         self._host_port = 0
 
     def close(self) -> None:
@@ -86,7 +86,7 @@ class StreamChannel:
 
     @host_port.setter
     def host_port(self, value: int) -> None:
-        self._host_port = value & 0xFFFF  # the upper half of its register names a network interface: there is one
+        self._host_port = value & 0xFFFF  # the upper half selects a network interface: there is one
 
     @property
     def packet_delay_ns(self) -> int:
@@ -115,13 +115,13 @@ class StreamChannel:
             self._send([trial_packet(packet_bytes)])
 
     def send(self, frame: ExposedFrame, chunks: bytes) -> None:
-        """Send a frame with its chunk data and keep it for a while; takes as long as the pace demands."""
+        """Send a frame with its chunk data at the channel's pace, and keep it for a while."""
         if not self._host_port:
             return
         block = Block.from_frame(frame, chunks, self._packet_bytes)
         packet_ids = list(range(block.last_packet_id + 1))
         if self._faults.spoils_frame(Fault.TRUNCATE):
-            del packet_ids[len(packet_ids) // 2 : -1]  # of the rest nothing is kept to be sent again
+            del packet_ids[len(packet_ids) // 2 : -1]  # nor is the rest kept for sending again
         else:
             self._kept.append(block)
         pause_s = 0.0
@@ -129,11 +129,11 @@ class StreamChannel:
             sent = self._send(block.packet(packet_id))
             pause_s += sent * _PACE_S_PER_BYTE + self._packet_delay_ns * 1e-9
             if pause_s > _SHORTEST_PAUSE_S:
-                time.sleep(pause_s)  # never made up for when it lasted longer: a burst is what loses packets
+                time.sleep(pause_s)  # a longer sleep is not made up for, because bursts lose packets
                 pause_s = 0.0
 
     def resend(self, request: Resend) -> None:
-        """Send packets again; those not kept any more are answered with an error, once for the whole request."""
+        """Send packets again; those no longer kept are answered with one error for the whole request."""
         block = next((block for block in tuple(self._kept) if block.block_id == request.block_id), None)
         if block is None or request.first > block.last_packet_id:
             self._send([unavailable_packet(request.block_id, request.first)])
@@ -142,11 +142,11 @@ class StreamChannel:
             self._send(block.packet(packet_id, Status.PACKET_RESEND))
 
     def _send(self, buffers: list[bytes | memoryview]) -> int:
-        """Send one packet and return its bytes, whether a fault or the network loses it or not."""
+        """Send one packet and return its size, even if a fault or the network loses it."""
         size = sum(map(len, buffers))
         if not self._host_port or self._faults.vanished or self._faults.lose_packet():
             return size
-        with contextlib.suppress(OSError):  # UDP promises nothing: too big to go unfragmented, no route, no room
+        with contextlib.suppress(OSError):  # too big to go unfragmented, no route, no room
             self._socket.sendmsg(buffers, (), 0, (self._client, self._host_port))
         return size
 

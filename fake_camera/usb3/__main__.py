@@ -1,4 +1,4 @@
-"""A program that sees fake cameras which run elsewhere: ``python -m fake_camera.usb3 SOCKET... -- COMMAND...``."""
+"""Runs a program that sees fake cameras of other processes: ``python -m fake_camera.usb3 SOCKET... -- COMMAND...``."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _USAGE = "usage: python -m fake_camera.usb3 SOCKET... -- COMMAND..."
 
 
 def main(arguments: list[str]) -> int:
-    """Become the command; returns 2, with one sentence on stderr, when that cannot be."""
+    """Become the command; returns 2, with one sentence on stderr, when that fails."""
     if "--" not in arguments[:-1]:
         print(_USAGE, file=sys.stderr)
         return 2

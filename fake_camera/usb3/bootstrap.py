@@ -1,4 +1,4 @@
-"""The bootstrap registers of USB3 Vision: what GenCP and U3V put into every camera (little-endian)."""
+"""The bootstrap registers of USB3 Vision, which GenCP and U3V demand of every camera (little-endian)."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from fake_camera.usb3.u3vcp import MAX_TRANSFER_BYTES
 SBRM, SIRM, EIRM, MANIFEST, DESCRIPTION = (1 << 48 | offset for offset in (0x1000, 0x2000, 0x3000, 0x4000, 0x100000))
 """Addresses of the register maps of U3V, of its streams and events, of the manifest and the zipped description.
 
-Beyond 48 bits they are in the way of no real camera's registers, not even of those that keep IEEE 1394's addresses.
+Beyond 48 bits they overlap no real camera's registers, not even those at the addresses of IEEE 1394.
 """
 
 MAX_RESPONSE_MS = 200
@@ -31,7 +31,7 @@ _DEVICE_CAPABILITY = (
     | 1 << 8  # family name
     | 1 << 9  # SBRM
     | 1 << 10  # endianness registers
-    | 1 << 11  # acknowledgements of writes tell their length
+    | 1 << 11  # acknowledgements of writes give their length
 )
 _SIRM_AND_EIRM = 0b11
 _SUPER_SPEED = 1 << 3
@@ -52,7 +52,7 @@ USB3_VISION = Transport(
         RegisterField("U3VCurrentSpeed", SBRM + 0x40),
     ),
 )
-"""How a description speaks of the registers below."""
+"""How a description names the registers below."""
 
 
 def bootstrap_registers(
@@ -66,7 +66,7 @@ def bootstrap_registers(
 ) -> Iterator[Register]:
     """The bootstrap registers of a camera, and the memory of its zipped description.
 
-    `payload_bytes` tells the size of image and chunk data; `sbrm` is where the camera's description expects the SBRM.
+    `payload_bytes` gives the size of image and chunk data; `sbrm` is the SBRM's address in the camera's description.
     """
     yield from _technology_agnostic(device, sbrm)
     yield from _technology_specific(sbrm)
@@ -103,7 +103,7 @@ def _technology_agnostic(device: Device, sbrm: int) -> Iterator[Register]:
     yield constant(0x01E8, bytes(8))  # no heartbeat, no message channel
     yield Register(0x01F0, 8, lambda: struct.pack("<Q", features.get("TimestampLatchValue")))
     yield _unsigned(0x01F8, lambda: 0, latch)
-    yield constant(0x01FC, _u64(1))  # ns a tick
+    yield constant(0x01FC, _u64(1))  # ns per tick
     yield constant(0x0204, bytes(12))  # open access, little-endian in protocol and implementation
 
 
@@ -137,7 +137,7 @@ def _technology_specific(sbrm: int) -> Iterator[Register]:
 
 
 def _streaming(stream: StreamChannel, payload_bytes: Callable[[], int]) -> Iterator[Register]:
-    """The SIRM: what the camera needs, and what sizes of transfers the host chose."""
+    """The SIRM: what the camera needs, and the sizes of transfers that the host chose."""
 
     def size(offset: int, name: str) -> Register:
         return _unsigned(SIRM + offset, lambda: getattr(stream.sizes, name), lambda value: stream.set_size(name, value))
@@ -167,7 +167,7 @@ def _events(events: EventChannel) -> Iterator[Register]:
 
 
 def _manifest(description: bytes) -> Iterator[Register]:
-    """One entry: where the zipped GenICam description lies."""
+    """One entry, for the zipped GenICam description."""
     file_version = struct.pack("<HBB", 0, 0, 1)
     entry = struct.pack("<4sIQQ", file_version, _ZIP | _GENAPI_SCHEMA_1_1, DESCRIPTION, len(description))
     yield constant(MANIFEST, _u64(1))

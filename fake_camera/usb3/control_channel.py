@@ -1,4 +1,4 @@
-"""The control channel: takes commands from one endpoint and sends acknowledgements to the other."""
+"""The control channel: takes commands from one endpoint and acknowledges them on another."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The event channel: what the camera tells of its own accord; so far only that it was asked for a test."""
+"""The event channel: messages that the camera sends unasked; so far only the test event."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _TEST_EVENT = 0x4FFF
 
 
 class EventChannel:
-    """Sends events to `endpoint` while it is enabled; `clock_ns` is the device's."""
+    """Sends events to `endpoint` while it is enabled; `clock_ns` is the device's clock."""
 
     def __init__(self, endpoint: InEndpoint, clock_ns: Callable[[], int]) -> None:
         self._endpoint = endpoint

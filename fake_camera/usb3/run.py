@@ -1,4 +1,4 @@
-"""Programs that see fake cameras on their USB bus: the shim, the environment that loads it, and a command under it."""
+"""Runs programs that see fake cameras on their USB bus: the shim, and the environment that loads it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 CAMERAS_VARIABLE = "FAKE_CAMERA_USB3"
-"""The environment variable that lists the cameras' sockets for the shim, with colons between them."""
+"""The environment variable that lists the cameras' sockets for the shim, separated by colons."""
 
 _SHIM = "fake_camera.usb3._shim"
 
@@ -23,22 +23,22 @@ def shim_path() -> Path:
     """The shared library to preload; raises ShimError when it has not been built."""
     found = importlib.util.find_spec(_SHIM)
     if found is None or found.origin is None:
-        raise ShimError("the shim for libusb is not built: `make demo` builds it, and so does pip where gcc is")
+        raise ShimError("the shim for libusb is not built: run `make demo`, or install with pip where there is gcc")
     return Path(found.origin)
 
 
 def client_environment(sockets: Sequence[Path], environment: Mapping[str, str] = os.environ) -> dict[str, str]:
-    """The environment in which a program's libusb sees the cameras at these sockets, beside those it saw already.
+    """The environment in which a program's libusb also sees the cameras at these sockets.
 
     Raises
     ------
     ShimError
-        The shim is not built, or a path has a colon or a blank in it.
+        The shim is not built, or a path contains a colon or a blank.
     """
     shim = str(shim_path())
     for path, forbidden in [*((str(socket), ":") for socket in sockets), (shim, ": ")]:
         if any(character in path for character in forbidden):
-            raise ShimError(f"{path!r} cannot be handed on in an environment variable: rename it")
+            raise ShimError(f"{path!r} cannot be passed in an environment variable: rename it")
     cameras = [environment.get(CAMERAS_VARIABLE, ""), *(str(path.absolute()) for path in sockets)]
     preloaded = [item for item in environment.get("LD_PRELOAD", "").split(":") if item and item != shim]
     return {

@@ -1,4 +1,4 @@
-"""The stream channel: frames go out as leader, payload and trailer, in transfers of the sizes the host chose."""
+"""The stream channel: sends frames as leader, payload and trailer, in transfers of the sizes that the host chose."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from fake_camera.usb3 import u3vsp
 from fake_camera.usb3.usb.endpoint import InEndpoint
 
 MEMORY_BYTES = 8 << 20
-"""Frames that the host does not fetch wait in the camera's memory; those that find it full are discarded."""
+"""The camera's memory for frames that the host has not fetched; frames that find it full are discarded."""
 
 
 @dataclass(slots=True)
 class TransferSizes:
-    """What the host chose: a frame is a leader, `payload_count` transfers, two that may be shorter, and a trailer."""
+    """The host's choice: a frame is a leader, `payload_count` transfers, two that may be shorter, and a trailer."""
 
     max_leader_bytes: int = 0
     payload_bytes: int = 0
@@ -33,14 +33,14 @@ class TransferSizes:
 
 
 class StreamChannel:
-    """The stream of one camera; its settings are those of the SIRM.
+    """The stream of one camera, with the settings of the SIRM.
 
     Attributes
     ----------
     enabled
         Whether frames are sent.
     sizes
-        Of the transfers they are sent in.
+        Sizes of the transfers in which they are sent.
     """
 
     LEADER_BYTES = u3vsp.LEADER_BYTES
@@ -66,7 +66,7 @@ class StreamChannel:
         setattr(self.sizes, name, value)
 
     def enable(self, on: bool) -> None:
-        """Start or stop to send frames; what the host has not fetched is forgotten.
+        """Start or stop sending frames; what the host has not fetched is dropped.
 
         Raises
         ------
@@ -111,7 +111,7 @@ class StreamChannel:
         return [u3vsp.leader(frame, has_chunks), *pieces, trailer]
 
     def _cut(self, payload: memoryview) -> list[memoryview]:
-        """The payload in the transfers that the host expects; what does not fit is discarded."""
+        """The payload cut into the transfers that the host expects; what does not fit is discarded."""
         sizes = self.sizes
         equal = itertools.repeat(sizes.payload_bytes, sizes.payload_count if sizes.payload_bytes else 0)
         pieces = []

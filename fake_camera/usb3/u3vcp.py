@@ -1,4 +1,4 @@
-"""The words of U3VCP, the USB3 Vision control protocol: commands in, acknowledgements and events out."""
+"""U3VCP, the USB3 Vision control protocol, as messages: commands in, acknowledgements and events out."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from enum import IntEnum
 from fake_camera.genicam.status import CommandError, Status
 
 MAX_TRANSFER_BYTES = 1024
-"""Most bytes of a command or an acknowledgement, its header included."""
+"""Most bytes of a command or an acknowledgement, header included."""
 
 _COMMAND_MAGIC, _EVENT_MAGIC = b"U3VC", b"U3VE"
 _HEADER = struct.Struct("<4sHHHH")
@@ -20,7 +20,7 @@ MAX_READ_BYTES = MAX_TRANSFER_BYTES - _HEADER.size
 
 
 class Command(IntEnum):
-    """The commands this camera knows; the acknowledgement of each has the next number."""
+    """The commands that this camera knows; each acknowledgement has the next number."""
 
     READMEM = 0x0800
     WRITEMEM = 0x0802
@@ -29,7 +29,7 @@ class Command(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """One command; `command` is a plain number, since a camera must also answer commands it does not know."""
+    """One command; `command` is a plain number, since a camera must also answer unknown commands."""
 
     command: int
     request_id: int
@@ -38,7 +38,7 @@ class Request:
 
     @classmethod
     def from_bytes(cls, transfer: bytes) -> Request | None:
-        """Read a transfer; None when it is no command at all, and hence to be ignored."""
+        """Parse a transfer; None when it is not a command, and so to be ignored."""
         if len(transfer) < _HEADER.size:
             return None
         magic, flags, command, length, request_id = _HEADER.unpack_from(transfer)
@@ -53,7 +53,7 @@ class Request:
         return header + payload
 
     def pending(self, timeout_ms: int) -> bytes:
-        """The transfer that asks the host to wait `timeout_ms` more for the answer."""
+        """The transfer that asks the host to wait for the answer for another `timeout_ms`."""
         header = _HEADER.pack(_COMMAND_MAGIC, Status.SUCCESS, Command.PENDING + 1, 4, self.request_id)
         return header + struct.pack("<HH", 0, timeout_ms)
 
@@ -82,11 +82,11 @@ def memory_write(payload: bytes) -> tuple[int, bytes]:
 
 
 def write_acknowledgement(written: int) -> bytes:
-    """The payload that acknowledges a WRITEMEM of so many bytes."""
+    """The payload that acknowledges a WRITEMEM of `written` bytes."""
     return struct.pack("<HH", 0, written)
 
 
 def event(event_id: int, request_id: int, device_time_ns: int) -> bytes:
-    """The transfer that tells of an event without data."""
+    """The transfer of an event without data."""
     body = struct.pack("<HHQ", 0, event_id, device_time_ns)
     return _HEADER.pack(_EVENT_MAGIC, 0, _EVENT, len(body), request_id) + body

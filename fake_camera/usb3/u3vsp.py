@@ -1,4 +1,4 @@
-"""The transfers of U3VSP, the USB3 Vision stream protocol: leader, payload, trailer."""
+"""U3VSP, the USB3 Vision stream protocol: the leader and the trailer of a frame."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _SUCCESS, _DATA_DISCARDED = 0x0000, 0xA100
 
 
 def leader(frame: ExposedFrame, has_chunks: bool) -> bytes:
-    """What precedes the payload: which block it is, when it was taken, and what kind of image."""
+    """What precedes the payload: the block id, when the image was taken, and its kind."""
     settings = frame.settings
     height, width = frame.pixels.shape
     return struct.pack(
@@ -38,7 +38,7 @@ def leader(frame: ExposedFrame, has_chunks: bool) -> bytes:
 
 
 def trailer(frame: ExposedFrame, has_chunks: bool, sent_bytes: int, payload_bytes: int) -> bytes:
-    """What follows the payload: whether all of its `payload_bytes` were sent, or fewer."""
+    """What follows the payload: how many of its `payload_bytes` were sent."""
     status = _SUCCESS if sent_bytes == payload_bytes else _DATA_DISCARDED
     layout = struct.pack("<I", 0) if has_chunks else b""  # the set of chunks never changes while the camera streams
     size = MAX_TRAILER_BYTES - 4 + len(layout)

@@ -44,7 +44,7 @@ class Standard(IntEnum):
 
 
 class StallError(Exception):
-    """The device does not know a request to its default endpoint."""
+    """The device does not support a request to its default endpoint."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -59,7 +59,7 @@ class Setup:
 
     @classmethod
     def from_bytes(cls, setup: bytes) -> Setup:
-        """Read the eight bytes of a setup packet."""
+        """Parse the eight bytes of a setup packet."""
         return cls(*_SETUP.unpack(setup))
 
     @property
@@ -69,7 +69,7 @@ class Setup:
 
 
 class UsbDevice:
-    """A device as the USB host sees it; it shows the description and the memory of `xml` when there is one.
+    """A device as the USB host sees it; with `xml` it shows the description and the memory of that camera.
 
     Attributes
     ----------
@@ -90,7 +90,7 @@ class UsbDevice:
         device.connect(self._send)
 
     def reset(self) -> None:
-        """Back to the power-on state of everything but the camera's features."""
+        """Back to the power-on state, except for the camera's features."""
         self._stream.reset()
         self._events.reset()
         self._configuration = 0
@@ -99,7 +99,7 @@ class UsbDevice:
             endpoint.reset()
 
     def released(self, interface: int) -> None:
-        """Nobody listens to an interface any more: forget what waits there."""
+        """No program has an interface any more: drop what waits there."""
         for address, endpoint in self.endpoints.items():
             if descriptors.INTERFACE_OF[address] == interface:
                 endpoint.flush()
@@ -111,7 +111,7 @@ class UsbDevice:
         return 0 if self._control.take(data) else None
 
     def request(self, setup: Setup) -> bytes:
-        """Answer a request to the default endpoint; raises StallError for one that the device does not know."""
+        """Answer a request to the default endpoint; raises StallError for an unsupported one."""
         match setup.request:
             case Standard.GET_DESCRIPTOR if setup.request_type == 0x80:
                 answer = self._descriptor(setup.value >> 8, setup.value & 0xFF)
@@ -145,7 +145,7 @@ class UsbDevice:
         return XmlRegisters(bootstrap, xml, alignment=1)
 
     def _send(self, frame: ExposedFrame) -> None:
-        frame = dataclasses.replace(frame, frame_id=frame.frame_id - 1)  # on USB they count from 0
+        frame = dataclasses.replace(frame, frame_id=frame.frame_id - 1)  # on USB frame ids begin at 0
         chunks = sent_chunks(frame, self._device, self._xml, USB3_VISION.byte_order)
         self._stream.send(frame, chunks)
 
@@ -184,11 +184,11 @@ class UsbDevice:
             case Standard.SET_CONFIGURATION if setup.value in (0, 1):
                 self._configuration = setup.value
             case Standard.SET_INTERFACE if setup.value == 0:
-                pass  # there is no other setting
+                pass  # the only setting
             case Standard.CLEAR_FEATURE | Standard.SET_FEATURE if setup.recipient == _TO_DEVICE:
                 pass  # link power management: nothing to do
             case Standard.SET_SEL | Standard.SET_ISOCHRONOUS_DELAY:
-                pass  # the same
+                pass  # likewise
             case _:
                 raise StallError
 

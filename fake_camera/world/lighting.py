@@ -18,11 +18,11 @@ _MOST_BYTES = 1 << 18
 
 
 class _PlainLoader(yaml.SafeLoader):
-    """YAML without aliases: aliases of aliases may stand for more than any memory holds."""
+    """YAML without aliases, since nested aliases can expand beyond any memory."""
 
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
         if self.check_event(yaml.AliasEvent):
-            raise yaml.YAMLError("aliases (*name) are not understood: write out what they stand for")
+            raise yaml.YAMLError("aliases (*name) are not supported: write out what they stand for")
         return super().compose_node(parent, index)
 
 
@@ -56,7 +56,7 @@ class Flicker:
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """From `at_s` on the light goes to `lux`: at once, or in a straight line over `ramp_s`."""
+    """From `at_s` on the light changes to `lux`: at once, or linearly over `ramp_s`."""
 
     at_s: float
     lux: float
@@ -67,9 +67,9 @@ class Change:
 class LightScript:
     """Illumination in lux over the time since the wire's epoch.
 
-    A script's file is YAML; `flicker` and `repeat_s` may be left out, the last light then stays::
+    A script's file is YAML; `flicker` and `repeat_s` are optional; without `repeat_s` the last light stays::
 
-        repeat_s: 20                 # start again after so many seconds
+        repeat_s: 20                 # start again after this many seconds
         flicker: {frequency_hz: 100, depth: 0.8}
         light:
           - {at_s: 0, lux: 150}      # the first change is at 0
@@ -79,7 +79,7 @@ class LightScript:
     Raises
     ------
     ValueError
-        When times do not increase, the first is not 0, light is negative or a ramp runs into the next change.
+        When times do not increase, the first is not 0, light is negative, or a ramp overlaps the next change.
     """
 
     changes: tuple[Change, ...]
@@ -92,31 +92,31 @@ class LightScript:
         for change, following in zip(self.changes, self.changes[1:], strict=False):
             if change.at_s + change.ramp_s > following.at_s or change.at_s == following.at_s:
                 raise ValueError(
-                    f"light at_s {following.at_s:g} must come after the change at {change.at_s:g} s has ended"
+                    f"light at_s {following.at_s:g} must come after the end of the change at {change.at_s:g} s"
                 )
         for change in self.changes:
             if change.lux < 0 or change.ramp_s < 0:
                 raise ValueError(f"light at_s {change.at_s:g} must not have a negative lux or ramp_s")
         last = self.changes[-1]
         if self.repeat_s is not None and not self.repeat_s >= last.at_s + last.ramp_s + 1e-3:
-            raise ValueError(f"repeat_s {self.repeat_s:g} must be longer than the script's own changes")
+            raise ValueError(f"repeat_s {self.repeat_s:g} must be later than the end of the last change")
         if self.flicker and not (0 < self.flicker.frequency_hz <= 1000 and 0 <= self.flicker.depth <= 1):
             raise ValueError("flicker must have a frequency_hz above 0 up to 1000 and a depth from 0 to 1")
 
     @classmethod
     def default(cls) -> LightScript:
-        """Lights going on and off: 150 lux, from 4 s on 1 lux, from 8 s on 150 lux again, and so on."""
+        """Lights going on and off: 150 lux, 1 lux from 4 s, 150 lux again from 8 s, and so on."""
         return cls((Change(0.0, 150.0), Change(4.0, 1.0)), repeat_s=8.0)
 
     @classmethod
     def from_file(cls, path: Path) -> LightScript:
-        """Read a script; raises ValueError with one sentence that names the file and the key."""
+        """Read a script; raises ValueError with one sentence naming the file and the key."""
         try:
             content = yaml.load(read_regular(path, _MOST_BYTES).decode(), _PlainLoader)
         except (OSError, UnicodeDecodeError) as error:
-            reason = error.strerror if isinstance(error, OSError) else "it is no text"
+            reason = error.strerror if isinstance(error, OSError) else "it is not text"
             raise ValueError(f"light script {path} cannot be read: {reason}") from error
-        except Exception as error:  # PyYAML checks little of what tags such as !!int or a date announce
+        except Exception as error:  # PyYAML raises anything for bad values of tags such as !!int or dates
             raise ValueError(f"light script {path} is not YAML: {' '.join(str(error).split())}") from error
         try:
             return cls._from_mapping(content)
@@ -162,7 +162,7 @@ class LightScript:
         index = max(bisect_right(self.changes, time_s - cycle_s, key=lambda change: change.at_s) - 1, 0)
         change = self.changes[index]
         since_s = time_s - cycle_s - change.at_s
-        # Rounding may put an end a hair before `time_s`: time must go on all the same.
+        # Rounding may put an end just before `time_s`, but time must advance.
         later_s = math.nextafter(time_s, math.inf)
         if 0.0 <= since_s < change.ramp_s:
             before = self.changes[index - 1].lux
@@ -176,7 +176,7 @@ class LightScript:
 
 
 def _fields(value: object, where: str, required: set[str], optional: set[str]) -> Mapping[str, Any]:
-    """`value` as a mapping that has all required keys and none that is not known."""
+    """`value` as a mapping with all required keys and no unknown ones."""
     if not isinstance(value, Mapping):
         raise ValueError(f"{where} must be a mapping of {', '.join(sorted(required | optional))}")
     for key in value:

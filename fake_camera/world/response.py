@@ -35,7 +35,7 @@ def response_table(name: str, entries: int) -> NDArray[np.float64]:
     Raises
     ------
     ValueError
-        When there is no response function of that name.
+        When no response function has that name.
     """
     if name not in CURVES:
         raise ValueError(f"there is no response function {name!r}: choose one of {', '.join(CURVES)}")

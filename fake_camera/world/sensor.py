@@ -1,4 +1,4 @@
-"""A machine-vision sensor after the EMVA 1288 model: from radiance to grey levels, apart from scene and protocol."""
+"""A machine-vision sensor after the EMVA 1288 model: from radiance to grey levels."""
 
 # Compiled kernels take plain arrays and numbers, by position:
 # ruff: noqa: PLR0917
@@ -19,7 +19,7 @@ _STEPS = 1 << 16
 """Steps of the converter, finer than any pixel format, so that the format alone decides the quantisation."""
 
 _POOL = 1 << 20
-"""Normal deviates drawn once (4 MB): drawing 390000 for every frame would cost more than rendering it."""
+"""Normal deviates, drawn once (4 MB): drawing 390000 for each frame would cost more than rendering it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,14 +44,14 @@ class SensorModel:
 
 
 class Sensor:
-    """Exposes images of one simulated sensor; not for two threads at once.
+    """Exposes images of one simulated sensor. Not thread-safe.
 
     Parameters
     ----------
     model
         The sensor's parameters.
     seed
-        Seed of the pool of normal deviates that all noise is taken from.
+        Seed of the pool of normal deviates for all noise.
     response
         Name of the response function (`fake_camera.world.response.CURVES`).
     """
@@ -85,7 +85,7 @@ class Sensor:
         Raises
         ------
         ValueError
-            When the region leaves the sensor.
+            When the region is not within the sensor.
         """
         exposure_s = settings.exposure_time_us * 1e-6
         pixels = settings.binning_horizontal * settings.binning_vertical
@@ -137,7 +137,7 @@ def _expose(  # type: ignore[no-untyped-def]
     """Electrons, shot and read noise as one normal deviate, full well, gain, black level, converter, table.
 
     Read noise joins the shot noise before the full well clips, so that a saturated pixel is free of noise. The black
-    level is added before the converter, which would else clip the lower half of the noise in the dark.
+    level is added before the converter, which would otherwise clip the lower half of the noise in the dark.
     """
     height, width = radiance.shape
     top = np.float32(table.size - 1)

@@ -30,12 +30,12 @@ class Scene(Protocol):
     def exposed(self, start_s: float, exposure_s: float, lux: float) -> NDArray[np.float32]:
         """Mean radiance over an exposure, in lux times reflectance, shape (height, width); affine in `lux`.
 
-        What is returned is overwritten by the next call.
+        The next call overwrites the result.
         """
 
 
 class RoomView:
-    """What one camera of the stereo pair sees of the furnished room on its way along the path."""
+    """What one camera of the stereo pair sees of the furnished room along the path."""
 
     def __init__(self, renderer: Renderer, path: CameraPath, side: Side) -> None:
         self._renderer = renderer
@@ -48,17 +48,17 @@ class RoomView:
         return right_of(pose) if self._side == "right" else pose
 
     def image_shift_px(self, start_s: float, end_s: float) -> float:
-        """About how far the image moves between two instants: the turn, and the way seen from 1 m."""
+        """Roughly how far the image moves between two instants, by the turn and by the distance seen from 1 m."""
         start, end = self.pose(start_s), self.pose(end_s)
         turn_rad = math.acos(min(max(float(start[:3, 2] @ end[:3, 2]), -1.0), 1.0))
         return self._renderer.camera.focal_px * (turn_rad + math.dist(start[:3, 3], end[:3, 3]))
 
     def radiance(self, times_s: NDArray[np.float64], lux: float) -> NDArray[np.float32]:
-        """Mean radiance over the instants in lux times reflectance, shape (height, width); overwritten by the next."""
+        """Mean radiance over the instants in lux times reflectance, shape (height, width), until the next call."""
         return self._renderer.render(np.array([self.pose(float(time_s)) for time_s in times_s]), lux)
 
     def exposed(self, start_s: float, exposure_s: float, lux: float) -> NDArray[np.float32]:
-        """Mean radiance over an exposure, see `Scene`; its cost hardly depends on the motion."""
+        """Mean radiance over an exposure, see `Scene`; the cost hardly depends on the motion."""
         shift_px = self.image_shift_px(start_s, start_s + exposure_s)
         parts = max(math.ceil(shift_px / _LONGEST_PART_PX), 1)
         times_s = start_s + exposure_s * np.linspace(0.0, 1.0, 2 * parts + 1)
@@ -67,9 +67,9 @@ class RoomView:
 
 
 class SimulatedCamera:
-    """An `ImageSource`: a scene under a light script, exposed by a sensor. It reads no clock; not for two threads.
+    """An `ImageSource`: a scene under a light script, exposed by a sensor. It reads no clock. Not thread-safe.
 
-    With `still` the camera stands where it is at time 0, and what it sees is rendered anew only when the light changes.
+    With `still` the camera stays where it is at time 0, and the scene is rendered again only when the light changes.
     """
 
     def __init__(self, scene: Scene, light: LightScript, sensor: Sensor, *, still: bool = False) -> None:
@@ -82,7 +82,7 @@ class SimulatedCamera:
         self._rendered: tuple[float, NDArray[np.float32]] | None = None
 
     def take(self, start_s: float, settings: ImageSettings, noise_seed: int) -> Pixels:
-        """The image of one exposure, see `ImageSource.take`; motion and light are those of this very exposure."""
+        """The image of one exposure, see `ImageSource.take`, with the motion and the light during it."""
         exposure_s = settings.exposure_time_us * 1e-6
         lux = self._light.mean_lux(start_s, exposure_s)
         radiance = self._at_rest(lux) if self._still else self._scene.exposed(start_s, exposure_s, lux)
@@ -108,7 +108,7 @@ def build_image_source(
     still: bool = False,
     paint: Callable[[int], Sequence[Surface]] = furnished_room,
 ) -> ImageSource:
-    """Build the world of one camera. Its first image of each pixel format is slow where kernels are not compiled yet.
+    """Build the world of one camera. The first image of each pixel format is slow unless kernels are compiled.
 
     Parameters
     ----------
@@ -119,18 +119,18 @@ def build_image_source(
     light
         Illumination over time.
     seed
-        Decides the room; the noise also depends on the side.
+        Determines the room and, with the side, the noise.
     response
         Name of the sensor's response function.
     still
-        Whether the camera stands still, as on a tripod.
+        Whether the camera does not move, as on a tripod.
     paint
-        Makes the room of a seed.
+        Makes the room for a seed.
 
     Raises
     ------
     ValueError
-        One sentence: what is wrong with the file, or that there is no such response function.
+        One sentence: what is wrong with the file, or that the response function is unknown.
     """
     model = SensorModel()
     sensor = Sensor(model, 2 * seed + (side == "right"), response)

@@ -127,7 +127,7 @@ def test_sighup_takes_what_can_be_and_says_why_not(rig: Rig, file: Path) -> None
 
 
 @pytest.mark.parametrize(("sections", "why"), [IMPOSSIBLE[0], IMPOSSIBLE[-1]])
-def test_a_start_that_cannot_be_is_told_and_is_not_worth_another(
+def test_a_start_that_cannot_be_is_clear_and_is_not_worth_another(
     rig: Rig, file: Path, sections: dict[str, Any], why: str
 ) -> None:
     configure(file, rig, **sections)

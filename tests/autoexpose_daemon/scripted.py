@@ -13,6 +13,7 @@ import numpy as np
 
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.recording.recorder import Recorder
 from autoexpose_daemon.runtime.daemon import Daemon
 from autoexpose_daemon.service.outlets import add_outlets
 from drivers.camera import Camera
@@ -120,13 +121,13 @@ def config(**sections: Any) -> Config:
 
 
 @contextlib.contextmanager
-def scripted_daemon(**sections: Any) -> Iterator[tuple[Daemon, ScriptedRig, Seen]]:
+def scripted_daemon(recorder: Recorder | None = None, **sections: Any) -> Iterator[tuple[Daemon, ScriptedRig, Seen]]:
     """A daemon at work with these sections of its configuration, and all that its control sees."""
     seen: Seen = []
     configuration = config(**sections)
     with ScriptedRig() as rig:
         daemon = Daemon(configuration, rig.openers, outlets=[lambda pair, decision: seen.append((pair, decision))])
-        add_outlets(daemon, configuration)
+        add_outlets(daemon, configuration, recorder)
         stop = threading.Event()
         thread = threading.Thread(target=daemon.run, args=(stop,))
         thread.start()

@@ -13,6 +13,7 @@ from autoexpose_daemon.status.document import (
     RecorderStatus,
     Status,
 )
+from autoexpose_daemon.status.imu import ImuTally
 from autoexpose_daemon.status.publishing import ConsumerTally
 from autoexpose_daemon.status.states import State
 from drivers.exposure import ExposureSetting
@@ -47,6 +48,7 @@ EXPOSING = Status(
         frames_off_setting=13,
         frames_without_exposure_metadata=14,
         clock_jumps=15,
+        decisions_without_imu=16,
         decisions_at_brightest_limit=8,
         reconnects=9,
     ),
@@ -61,5 +63,6 @@ EXPOSING = Status(
     publishing=PublishStatus(432_000, 431_990, {"behind": 10}, "", {"slam": ConsumerTally(400_000, 12, 8, 4, 0)}),
     recorder=RecorderStatus(1000, 11, None),
     faults=(Fault(1.7e9, "WARNING", "right camera: no frames; asking whether it is there"),),
+    imu=ImuTally(1_440_000, 17, 0.75),
 )
 """All is well, and every number is different."""

@@ -35,7 +35,7 @@ class SteadyLoop:
         self.setup = dataclasses.make_dataclass("Setup", ["limits"])(limits)
         self._decision = Decision(setting, setting.level, "steady", 0.5, 0.0, 0.0, 0.0)
 
-    def step(self, pair: StereoPair) -> Decision:
+    def step(self, pair: StereoPair, _angular_rate_rad_s: float | None = None) -> Decision:
         return self._decision
 
 

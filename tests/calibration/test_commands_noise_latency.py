@@ -72,7 +72,7 @@ def test_the_table_of_latency_shows_the_distribution() -> None:
     assert rows == [
         ["gain", "1", "19", "95%", "#" * 19],
         ["gain", "2", "1", "5%", "#"],
-        ["gain", "untold", "3", "", ""],
+        ["gain", "unclear", "3", "", ""],
     ]
 
 
@@ -84,7 +84,7 @@ def test_the_table_of_latency_shows_the_distribution() -> None:
         ((29_000.0, 13_000.0), "does not decide"),
     ],
 )
-def test_latency_is_told_in_time_as_well(delay_us: tuple[float, float], text: str) -> None:
+def test_latency_is_clear_in_time_as_well(delay_us: tuple[float, float], text: str) -> None:
     told = when_it_shows(replace(EFFECT, delay_us=delay_us))
     assert told.startswith("gain: written 2.1 ms after the start of an exposure; ")
     assert text in told
@@ -120,8 +120,8 @@ def test_files_that_cannot_be_added_to_are_refused_before_the_camera_is_looked_f
     assert "camera.serial is OTHER, but this is camera S" in output
 
 
-@pytest.mark.parametrize("offered", ["Mono12", "Mono16", "Mono8"])
-def test_noise_is_measured_in_the_deepest_format(offered: str, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("offered", list(PixelFormat))
+def test_noise_is_measured_in_the_deepest_format(offered: PixelFormat, monkeypatch: pytest.MonkeyPatch) -> None:
     opened: list[CameraSetup] = []
 
     def open_camera(serial: str, setup: CameraSetup) -> None:
@@ -133,7 +133,7 @@ def test_noise_is_measured_in_the_deepest_format(offered: str, monkeypatch: pyte
     measure_noise._open("S", None)
     assert opened == [session_setup(offered)]
     with pytest.raises(ConfigurationError, match="no pixel format"):
-        measure_noise._open("S", "Mono16" if offered == "Mono12" else "Mono12")
+        measure_noise._open("S", PixelFormat.MONO16 if offered == PixelFormat.MONO12 else PixelFormat.MONO12)
 
 
 @pytest.mark.parametrize(
@@ -218,7 +218,7 @@ def test_latency_over_the_wire(fake: FakeCamera, tmp_path: Path) -> None:
 
 
 @pytest.mark.wire
-def test_a_camera_lost_while_it_is_measured_is_told_as_such(fake: FakeCamera, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_camera_lost_while_it_is_measured_is_clear_as_such(fake: FakeCamera, monkeypatch: pytest.MonkeyPatch) -> None:
     def measure(*arguments: object) -> None:
         def lost(*arguments: object) -> None:
             raise ConfigurationError("no such camera")
@@ -231,7 +231,7 @@ def test_a_camera_lost_while_it_is_measured_is_told_as_such(fake: FakeCamera, mo
 
 
 @pytest.mark.wire
-def test_a_scene_too_dark_is_told_once_and_without_a_table(fake: FakeCamera, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_scene_too_dark_is_clear_once_and_without_a_table(fake: FakeCamera, monkeypatch: pytest.MonkeyPatch) -> None:
     dark = Finding("refused", "too_dark", "the scene is too dark")
     effects = [WriteEffect(quantity, {}, 0, None, None, (dark,)) for quantity in ("exposure", "gain")]
     monkeypatch.setattr(measure_latency, "_measure", lambda *arguments: effects)

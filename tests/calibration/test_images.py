@@ -94,10 +94,10 @@ def test_images_written_and_read_give_the_curve(tmp_path: Path) -> None:
     [
         ("", "list.txt: is empty"),
         ("# only this", "list.txt: is empty"),
-        ("a.png 0.1\nb.png fast", "list.txt: line 2: 'fast' is no exposure time"),
-        ("a.png 0.1\n\nb.png 0", "list.txt: line 3: '0' is no exposure time"),
-        ("a.png 1/0", "list.txt: line 1: '1/0' is no exposure time"),
-        ("a.png nan", "list.txt: line 1: 'nan' is no exposure time"),
+        ("a.png 0.1\nb.png fast", "list.txt: line 2: 'fast' is not an exposure time"),
+        ("a.png 0.1\n\nb.png 0", "list.txt: line 3: '0' is not an exposure time"),
+        ("a.png 1/0", "list.txt: line 1: '1/0' is not an exposure time"),
+        ("a.png nan", "list.txt: line 1: 'nan' is not an exposure time"),
         ("a.png 0.1\nc.png 0.2", "list.txt: line 2: there is no image .*c.png"),
         ("a.png 0.1\na.png 0.2", "list.txt: line 2: names a.png again"),
         ("a.png 0.1\n0.2", "list.txt: line 2: names no image"),
@@ -121,13 +121,13 @@ def test_mistakes_in_folders_are_named(tmp_path: Path) -> None:
 
     assert "holds no images" in refusal()
     write(tmp_path / "a.png")
-    assert "a.png: tells no exposure time" in refusal()
+    assert "a.png: has no exposure time" in refusal()
     (tmp_path / "a.png").rename(tmp_path / "a_2ms_3ms.png")
-    assert "a_2ms_3ms.png: its name tells 2 exposure times" in refusal()
+    assert "a_2ms_3ms.png: its name has 2 exposure times" in refusal()
     (tmp_path / "a_2ms_3ms.png").rename(tmp_path / "0us.png")
-    assert "0us.png: its name tells an exposure time of 0" in refusal()
+    assert "0us.png: its name has an exposure time of 0" in refusal()
     (tmp_path / "0us.png").write_bytes(b"no image")
-    assert "0us.png: is not an image that can be read" in refusal()
+    assert "0us.png: is not a readable image" in refusal()
     write(tmp_path / "0us.png").rename(tmp_path / "1ms.png")
     write(tmp_path / "2ms.png", np.zeros((8, 9), np.uint8))
     assert "2ms.png: is 9x8 pixels of 8 bits, 1ms.png is 8x8 pixels of 8 bits" in refusal()
@@ -154,5 +154,5 @@ def test_a_source_that_is_neither_folder_nor_text_is_refused(tmp_path: Path, con
 def test_a_damaged_image_in_a_list_is_named(tmp_path: Path) -> None:
     (tmp_path / "a.png").write_bytes(b"no image")
     (tmp_path / "list.txt").write_text("a.png 1")
-    with pytest.raises(ConfigurationError, match=r"a.png: is no image of 8 or 16 bits"):
+    with pytest.raises(ConfigurationError, match=r"a.png: is not a readable image of 8 or 16 bits"):
         read_images(tmp_path / "list.txt")

@@ -60,7 +60,7 @@ def auto_gain(most_db: float) -> Spoil:
     return lambda curve: Bench(curve).sweep(really=really)
 
 
-def auto_gain_that_is_told(curve: str) -> Sweep:
+def auto_gain_that_is_clear(curve: str) -> Sweep:
     shots = Bench(curve).sweep(TIMES_US).shots
     return Sweep(
         tuple(replace(shot, setting=replace(shot.setting, gain_db=0.1 * k)) for k, shot in enumerate(reversed(shots)))
@@ -138,7 +138,7 @@ SPOILT: list[tuple[str, Spoil, str, str]] = [
     ("slow drift up", light(Change(1e-3, 1.5, DURATION_S)), "refused", "light_drift"),
     ("auto gain, any gain", auto_gain(60.0), "refused", "auto_gain"),
     ("auto gain, 24 dB", auto_gain(24.0), "refused", "auto_gain"),
-    ("auto gain, told", auto_gain_that_is_told, "refused", "auto_gain"),
+    ("auto gain, told", auto_gain_that_is_clear, "refused", "auto_gain"),
     ("auto gain that lags", lagging_auto_gain, "refused", "auto_exposure"),  # which of the two cannot be told
     ("auto exposure", auto_exposure, "refused", "auto_exposure"),
     ("a slow pan", panned(2.0), "refused", "moving_scene"),
@@ -159,7 +159,7 @@ SPOILT: list[tuple[str, Spoil, str, str]] = [
 
 @pytest.mark.parametrize("curve", CURVES)
 @pytest.mark.parametrize(("spoil", "severity", "reason"), [row[1:] for row in SPOILT], ids=[row[0] for row in SPOILT])
-def test_a_spoilt_sweep_is_told_with_its_reason(spoil: Spoil, severity: str, reason: str, curve: str) -> None:
+def test_a_spoilt_sweep_is_clear_with_its_reason(spoil: Spoil, severity: str, reason: str, curve: str) -> None:
     findings = judge_sweep(spoil(curve))
 
     assert [finding.reason for finding in findings] == [reason]

@@ -122,7 +122,7 @@ def test_writes_that_a_busy_computer_spoils_are_made_again(measure: Measure) -> 
     exposure, gain = measure(camera)
     for effect in (exposure, gain):
         assert effect.frames == {1: 20}
-        assert effect.untold > 5
+        assert effect.unclear > 5
         assert [finding.reason for finding in effect.findings] == ["unclear"]
 
 
@@ -162,5 +162,5 @@ def test_a_computer_that_spoils_every_write_is_given_up_after_twice_as_many(meas
     camera = VirtualCamera(lambda: 1)
     camera.write_ns = lambda: 2 * PERIOD_NS
     for effect in measure(camera):
-        assert (effect.mode, effect.untold) == (None, 40)
+        assert (effect.mode, effect.unclear) == (None, 40)
         assert [finding.reason for finding in effect.findings] == ["too_few_writes"]

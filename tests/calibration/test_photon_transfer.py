@@ -60,7 +60,7 @@ def test_noise_is_that_of_the_sensor(
         assert abs(estimate.value - truth) < 5.0 * estimate.error, "the stated error covers the real one"
 
 
-def test_read_noise_below_the_quantisation_is_told_as_such() -> None:
+def test_read_noise_below_the_quantisation_is_clear_as_such() -> None:
     result = photon_transfer(noisy_sweep("Mono8", 0.0, 2.0))
     assert reasons(result) == [("warned", "read_noise_unresolved")]
     assert result.model is not None

@@ -13,6 +13,7 @@ from calibration.response import ResponseFunction
 from calibration.response.file import CameraIdentity, Origin, ResponseFile
 from calibration.response.solution import ResponseSolution
 from drivers.errors import ConfigurationError
+from drivers.pixel_format import PixelFormat
 
 SOLUTION = ResponseSolution(
     ResponseFunction.linear(4), "gamma", {"gamma": 0.4545}, np.full(256, 0.0125), (6, 250), 0.312
@@ -21,7 +22,7 @@ SOLUTION = ResponseSolution(
 
 ORIGIN = Origin(
     CameraIdentity("Maker", "Model 7", "0012"),
-    "Mono8",
+    PixelFormat.MONO8,
     binning=2,
     gain_db=3.0,
     date=datetime(2026, 11, 21, 12, 0, tzinfo=UTC),

@@ -19,6 +19,7 @@ from drivers.errors import CameraError
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Frame, SettingSource
 from drivers.genicam.write_latency import FRAMES_AFTER
+from drivers.pixel_format import PixelFormat
 from tests.fakes import fake_camera
 
 BEFORE = ExposureSetting(1000.0, 0.0)
@@ -86,7 +87,7 @@ def test_a_setting_that_stands_is_not_waited_for_anew() -> None:
     assert next(camera._ids) == FRAMES_AFTER + 3
 
 
-def test_a_camera_that_never_takes_the_setting_is_told_with_what_it_shows() -> None:
+def test_a_camera_that_never_takes_the_setting_is_clear_with_what_it_shows() -> None:
     session = Session(ObedientCamera(latency=2 * FRAMES_TO_OBEY))
     with pytest.raises(
         CameraError, match=r"read back 4000 us, 6\.0 dB, but 16 frames later still exposes with 1000 us"
@@ -95,7 +96,7 @@ def test_a_camera_that_never_takes_the_setting_is_told_with_what_it_shows() -> N
 
 
 @pytest.mark.parametrize("fault", ["silent", "broken"])
-def test_a_camera_without_whole_frames_is_told(fault: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_camera_without_whole_frames_is_clear(fault: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(session_module, "PATIENCE_S", 0.02)
     session = Session(ObedientCamera(**{fault: True}))
     with pytest.raises(CameraError, match=r"camera S: no whole frame arrived within 0\.0 s: check its cable"):
@@ -115,7 +116,7 @@ def test_a_session_over_the_wire_from_the_shortest_exposure_to_a_long_one(tmp_pa
     light.write_text("light: [{at_s: 0, lux: 20}]")
     with (
         fake_camera(options=["--still", "--light", str(light)]) as fake,
-        Session(open_camera(fake.serial, session_setup("Mono12"))) as session,
+        Session(open_camera(fake.serial, session_setup(PixelFormat.MONO12))) as session,
     ):
         short, mid, long = (
             session.take(ExposureSetting(time_us, gain_db), 2)

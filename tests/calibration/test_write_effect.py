@@ -31,7 +31,7 @@ def trial(latency: int, *, lead_ns: int = 2_000_000, took_ns: int = 500_000, tol
 def test_a_steady_camera_has_one_latency(latency: int) -> None:
     effect = write_effect("exposure", [trial(latency)] * 20)
     assert effect.frames == {latency: 20}
-    assert (effect.mode, effect.untold, effect.findings) == (latency, 0, ())
+    assert (effect.mode, effect.unclear, effect.findings) == (latency, 0, ())
     assert effect.lead_us == pytest.approx(2500.0)
     assert effect.delay_us == pytest.approx((latency * 16_000 - 18_500.0, latency * 16_000 - 2500.0))
 
@@ -48,7 +48,7 @@ def test_the_histogram_counts_every_write(counts: dict[int, int], seed: int) -> 
     assert ("irregular" in reasons) == (len(trials) >= 5 and max(counts.values()) < 0.95 * len(trials))
 
 
-def test_an_irregular_camera_is_told_with_its_histogram() -> None:
+def test_an_irregular_camera_is_clear_with_its_histogram() -> None:
     (finding,) = write_effect("gain", [trial(1)] * 15 + [trial(2)] * 5).findings
     assert (finding.severity, finding.reason) == ("warned", "irregular")
     assert "(15 times 1, 5 times 2)" in finding.text
@@ -65,7 +65,7 @@ def torn(spoilt: Trial) -> Trial:
 
 
 @pytest.mark.parametrize(
-    "untold",
+    "unclear",
     [
         trial(2, lead_ns=15_800_000),
         trial(20),
@@ -89,9 +89,9 @@ def torn(spoilt: Trial) -> Trial:
         "nothing",
     ],
 )
-def test_writes_that_cannot_be_told_are_counted_apart(untold: Trial) -> None:
-    effect = write_effect("exposure", [trial(2)] * 10 + [untold] * 3)
-    assert (effect.frames, effect.untold) == ({2: 10}, 3)
+def test_writes_that_are_unclear_are_counted_apart(unclear: Trial) -> None:
+    effect = write_effect("exposure", [trial(2)] * 10 + [unclear] * 3)
+    assert (effect.frames, effect.unclear) == ({2: 10}, 3)
     assert [finding.reason for finding in effect.findings] == ["unclear"]
 
 
@@ -114,4 +114,4 @@ def test_a_write_whose_effect_goes_away_again_is_not_told() -> None:
     blinking = replace(
         gone, frames=tuple(replace(frame, grey=OLD) if frame.frame_id == 16 else frame for frame in gone.frames)
     )
-    assert write_effect("exposure", [trial(2)] * 10 + [blinking] * 3).untold == 3
+    assert write_effect("exposure", [trial(2)] * 10 + [blinking] * 3).unclear == 3

@@ -1,4 +1,4 @@
-"""The command from end to end, its JSON and its report."""
+"""The command from end to end, with its JSON and its report."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def test_processes_give_what_one_process_gives() -> None:
     assert alone == spread
 
 
-def test_ctrl_c_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ctrl_c_ends_in_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
@@ -97,7 +97,7 @@ def test_ctrl_c_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
         (["--pictures", "nowhere"], "no .hdr file"),
     ],
 )
-def test_bad_options_are_one_sentence(options: list[str], message: str) -> None:
+def test_bad_options_get_one_sentence(options: list[str], message: str) -> None:
     with pytest.raises(ConfigurationError, match=message):
         app([*options, "--quick"], standalone_mode=False)
 
@@ -109,7 +109,7 @@ def test_bad_options_are_one_sentence(options: list[str], message: str) -> None:
         (["--quick", "--full"], "--quick and --full exclude each other: leave one out"),
     ],
 )
-def test_most_of_an_hour_is_not_begun_unasked(options: list[str], message: str) -> None:
+def test_long_runs_must_be_asked_for(options: list[str], message: str) -> None:
     with pytest.raises(ConfigurationError, match=message):
         app(options, standalone_mode=False)
 

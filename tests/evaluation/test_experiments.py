@@ -1,4 +1,4 @@
-"""The machinery of experiments: results are kept, judged, and reported."""
+"""The machinery of experiments: results are kept, judged and reported."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ def square(number: int) -> Plain:
 
 
 def fails(number: int) -> Plain:
-    raise ValueError(f"{number} cannot be")
+    raise ValueError(f"{number} is refused")
 
 
 def test_results_are_kept_and_come_in_the_order_of_their_jobs(tmp_path: Path) -> None:
     CALLS.clear()
     jobs = [Job(square, {"number": n}, cost_s=n) for n in (2, 5, 3)]
-    told: list[tuple[int, bool]] = []
+    reported: list[tuple[int, bool]] = []
 
     def advance(job: Job, took_s: float) -> None:
-        told.append((jobs.index(job), took_s > 0))
+        reported.append((jobs.index(job), took_s > 0))
 
     first = run_jobs(jobs, ResultCache(tmp_path), 1, advance)
     assert CALLS == [5, 3, 2]  # the long ones first
@@ -45,19 +45,19 @@ def test_results_are_kept_and_come_in_the_order_of_their_jobs(tmp_path: Path) ->
     assert CALLS == [5, 3, 2]
     assert [r["square"] for r in first if isinstance(r, dict)] == [4, 25, 9]
     assert repr(first) == repr(again)
-    assert told == [(1, True), (2, True), (0, True), (0, False), (1, False), (2, False)]
+    assert reported == [(1, True), (2, True), (0, True), (0, False), (1, False), (2, False)]
 
 
-def test_a_run_that_failed_goes_on_where_it_was(tmp_path: Path) -> None:
+def test_a_failed_run_resumes_where_it_was(tmp_path: Path) -> None:
     CALLS.clear()
     kept = ResultCache(tmp_path)
-    with pytest.raises(ValueError, match="1 cannot be"):
+    with pytest.raises(ValueError, match="1 is refused"):
         run_jobs([Job(square, {"number": 7}, 2.0), Job(fails, {"number": 1})], kept, 1, lambda _job, _took: None)
     run_jobs([Job(square, {"number": 7}, 2.0)], kept, 1, lambda _job, _took: None)
     assert CALLS == [7]
 
 
-def test_what_two_experiments_need_is_done_once(tmp_path: Path) -> None:
+def test_equal_jobs_run_once(tmp_path: Path) -> None:
     CALLS.clear()
     jobs = [Job(square, {"number": n}) for n in (4, 6, 4)]
     found = run_jobs(jobs, ResultCache(tmp_path), 1, lambda _job, _took: None)
@@ -65,15 +65,13 @@ def test_what_two_experiments_need_is_done_once(tmp_path: Path) -> None:
     assert sorted(CALLS) == [4, 6]
 
 
-def test_a_result_that_cannot_be_kept_ends_the_run_with_a_sentence(tmp_path: Path) -> None:
+def test_a_result_that_cannot_be_saved_ends_the_run_with_a_sentence(tmp_path: Path) -> None:
     (tmp_path / "jobs").write_text("a file where a folder should be")
-    with pytest.raises(AutoexposeError, match="a result cannot be kept"):
+    with pytest.raises(AutoexposeError, match="the result cannot be saved"):
         ResultCache(tmp_path / "jobs").put(Job(square, {"number": 2}), 4)
 
 
-def test_a_result_is_done_anew_when_code_that_it_reaches_changes(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_job_runs_again_when_code_that_it_reaches_changes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     kept, job = ResultCache(tmp_path), Job(square, {"number": 2})
     kept.put(job, 4)
     assert kept.get(job) == (4,)
@@ -122,7 +120,7 @@ def _section(_results: list[tuple[Mapping[str, Plain], Plain]], _folder: Path) -
     raise NotImplementedError
 
 
-def test_the_report_says_the_verdicts_first_in_both_forms(tmp_path: Path) -> None:
+def test_the_report_gives_the_verdicts_first_in_both_forms(tmp_path: Path) -> None:
     claim = Claim("B&H Fig. 0", "a < b", "|1| < 2", Verdict.CONDITIONALLY, "only `here`")
     section = Section(
         "As in the paper, but for `x`.", [claim], [Table("Plain & simple", ["a", "b"], [["1", "2"]]),
@@ -138,7 +136,7 @@ def test_the_report_says_the_verdicts_first_in_both_forms(tmp_path: Path) -> Non
     assert "Plain &amp; simple" in page and "only <code>here</code>" in page
 
 
-def test_the_command_refuses_what_it_cannot_do_before_it_works(tmp_path: Path) -> None:
+def test_the_command_refuses_bad_arguments_before_it_starts_work(tmp_path: Path) -> None:
     for arguments, said in (
         (["run", "fig1"], "say how much: --full takes about a minute with these --jobs, --quick about a minute"),
         (["run", "all", "--jobs", "1"], " hours with these --jobs, --quick about 2 minutes"),
@@ -151,7 +149,7 @@ def test_the_command_refuses_what_it_cannot_do_before_it_works(tmp_path: Path) -
         assert isinstance(outcome.exception, AutoexposeError) and said in str(outcome.exception)
 
 
-def test_the_command_makes_the_report_and_a_second_time_from_what_was_kept(
+def test_the_command_writes_the_report_and_again_from_kept_results(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def section(results: Results, _folder: Path) -> Section:

@@ -1,4 +1,4 @@
-"""The quick runs of the experiments with odometry show the effects that do not hang on chance."""
+"""The quick runs of the experiments with odometry show the effects that do not depend on chance."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from tests.evaluation.sections import check_no_prose
 
 @contextmanager
 def quick(experiment: Experiment, folder: Path) -> Iterator[tuple[Any, Section]]:
-    """The results of the last quick job, for others of other light as well, and the section; all figures are there."""
+    """The section, and the results of the last quick job, which stand for those of all jobs; all figures are there."""
     jobs = experiment.jobs(True)
     (measured,) = run_jobs(jobs[-1:], ResultCache(folder / "jobs"), 1, lambda _job, _took_s: None)
     results = [(job.arguments, measured) for job in jobs]
@@ -47,7 +47,7 @@ def test_longer_exposures_cost_odometry_more(tmp_path: Path, monkeypatch: pytest
         short, long = runs[0], runs[-1]
         assert long["rpe_mm"] > 1.15 * short["rpe_mm"]
         assert not any(run["failed"] for run in runs)
-        # Noise makes gradients everywhere, though not strong ones.
+        # Noise causes gradients everywhere, though weak ones.
         assert short["proxies"][1] > long["proxies"][1]
         assert len(section.claims) == 3
         # One course proves nothing, and the report says so.
@@ -108,4 +108,4 @@ def test_claims_are_judged_by_their_rules() -> None:
     assert fig12._error_is_lower(runs, "low").verdict is Verdict.NOT_REPRODUCED
     for _, of_course in results:
         of_course[0]["failed"] = True
-    assert fig12._ours(runs, "low").verdict is Verdict.NOT_REPRODUCED  # fewer millimetres, more failures
+    assert fig12._ours(runs, "low").verdict is Verdict.NOT_REPRODUCED  # smaller error, but more failures

@@ -1,4 +1,4 @@
-"""That each frame is judged by the setting it was taken with, and each pose by the moment it belongs to."""
+"""Each frame is judged by the setting it was taken with, and each pose by the moment it belongs to."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ FIRST_S = 3.0
 
 
 class Watched:
-    """A control loop that keeps what it decided."""
+    """A control loop that records its decisions."""
 
     def __init__(self, loop: ControlLoop) -> None:
         self._loop = loop
@@ -41,7 +41,7 @@ class Watched:
 
 @pytest.mark.parametrize("delay", [1, 3])
 def test_the_arena_judges_the_frame_that_the_policy_saw(delay: int) -> None:
-    """Not one taken with the setting just decided, which shows `delay` frames later."""
+    """Not a frame taken with the setting just decided, which takes effect `delay` frames later."""
     loops: list[Watched] = []
 
     def make(*setup: object) -> Watched:
@@ -54,7 +54,7 @@ def test_the_arena_judges_the_frame_that_the_policy_saw(delay: int) -> None:
 
 
 class Ladder:
-    """Decides on another exposure time upon every frame: 1000 us upon the first, 1020 upon the second, and so on."""
+    """Decides on a new exposure time at every frame: 1000 us at the first, 1020 us at the second, and so on."""
 
     def __init__(self, *_setup: object) -> None:
         self.setup = SimpleNamespace(start=START)
@@ -73,7 +73,7 @@ class Nowhere:
 
 
 def driven(delays: tuple[int, ...], frames: int) -> tuple[Stage, list[TrackedRun], list[list[StereoPair]]]:
-    """The stage, what became of the entrants with these delays, and the pairs that odometry got of each."""
+    """The stage, the runs of entrants with these delays, and the pairs that odometry got of each."""
     views, light = (stage := odometry_stage("even", 1, 0, 0)).views, stage.light
     times_s = FIRST_S + np.arange(frames) / 60.0
     stage = Stage(views, Course(light, lambda _: 0.0, 0), 0, times_s)
@@ -86,7 +86,7 @@ def driven(delays: tuple[int, ...], frames: int) -> tuple[Stage, list[TrackedRun
 def test_odometry_gets_pairs_taken_with_decisions_of_d_frames_ago_and_the_poses_in_their_middle(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("evaluation.odometry.tracking.best_start", lambda _: START)  # dear, and not what this is about
+    monkeypatch.setattr("evaluation.odometry.tracking.best_start", lambda _: START)  # slow, and not under test here
     stage, runs, shown = driven((1, 3), 8)
     view = stage.views["left"]
     assert isinstance(view, RoomView)
@@ -102,7 +102,7 @@ def test_odometry_gets_pairs_taken_with_decisions_of_d_frames_ago_and_the_poses_
 
 
 def test_odometry_sees_into_the_dark_as_the_paper_does() -> None:
-    """A gamma of 0.3: what is 1 % of full scale becomes a quarter of it."""
+    """With a gamma of 0.3, 1 % of full scale becomes a quarter of it."""
     for grey, seen in ((0, 0), (3, 67), (26, 129), (128, 207), (255, 255)):
         assert np.unique(prepared(np.full((5, 5), grey, np.uint8))).tolist() == [seen]
     hot = np.full((5, 5), 26, np.uint8)

@@ -1,4 +1,4 @@
-"""Odometry against motions and images that are known."""
+"""Odometry on known motions and images."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def test_points_are_found_again_from_where_both_cameras_see_them() -> None:
     assert np.allclose(triangulate(CAMERA, project(CAMERA, points)), points)
 
 
-def test_pose_is_exact_without_noise_and_does_not_follow_outliers() -> None:
+def test_the_pose_is_exact_without_noise_and_ignores_outliers() -> None:
     points, motion = cloud(), moved((0.01, 0.03, -0.005), (0.004, -0.001, 0.003))
     seen = project(CAMERA, transform(motion, points))
     seen[:40] += np.random.default_rng(4).uniform(-60, 60, (40, 3))
@@ -65,7 +65,7 @@ def test_patches_are_placed_to_a_tenth_of_a_pixel_whatever_the_contrast() -> Non
     assert good.mean() > 0.9
     assert np.median(np.abs(placed - points - (1.3, -0.6))[good]) < 0.1
     _, far = place(texture.astype(np.uint8), other.astype(np.uint8), points, points + 30, (3, 3))
-    assert far.mean() < 0.7  # many find their least cost at the edge of the search and say so
+    assert far.mean() < 0.7  # many find their smallest cost at the edge of the search, and say so
 
 
 def test_flat_images_place_nothing() -> None:
@@ -79,20 +79,20 @@ def test_error_of_a_trajectory_that_is_5_percent_too_long() -> None:
     estimate = [moved((0, 0, 0), (0.0021 * i, 0, 0)) for i in range(40)]
     errors = relative_errors_mm(truth, estimate)
     assert len(errors) >= 30
-    assert np.allclose(errors[:30], 1.0)  # beginning at each pose with 20 mm ahead of it
+    assert np.allclose(errors[:30], 1.0)  # one beginning at each pose with 20 mm of path ahead
     # Where the world's axes are does not matter.
     elsewhere = moved((0.3, -0.2, 1.0), (1, 2, 3))
     assert np.allclose(relative_errors_mm(truth, [elsewhere @ pose for pose in truth]), 0.0, atol=1e-6)
 
 
-def test_tracking_is_lost_when_it_is_for_some_pairs_in_a_row() -> None:
+def test_a_run_has_failed_after_some_lost_pairs_in_a_row() -> None:
     almost = [True] * (FAILED_PAIRS - 1) + [False]
     assert not lost_for_good(almost * 3)
     assert lost_for_good([*almost, *[True] * FAILED_PAIRS])
 
 
 def track(setting: ExposureSetting, first: int, pairs: int, seed: int = 0) -> tuple[list[float], list[bool], float]:
-    """Errors, which pairs were lost, and the first number of the eighth pose, of a piece of the lap in good light."""
+    """Errors, lost pairs, and the first number of the eighth pose, on part of the lap in good light."""
     stage = odometry_stage("even", 1, 0, 0)
     view = stage.views["left"]
     assert isinstance(view, RoomView)
@@ -106,7 +106,7 @@ def track(setting: ExposureSetting, first: int, pairs: int, seed: int = 0) -> tu
     return errors, [one.lost for one in tracked], float(tracked[7].pose[0, 3])
 
 
-def test_a_lap_in_good_light_is_followed_and_always_in_the_same_way() -> None:
+def test_a_lap_in_good_light_is_followed_and_repeatably() -> None:
     sharp = ExposureSetting(940.0, 24.0)
     errors, lost, eighth = track(sharp, 60, 22)
     assert not any(lost)
@@ -114,7 +114,7 @@ def test_a_lap_in_good_light_is_followed_and_always_in_the_same_way() -> None:
     assert track(sharp, 60, 15)[2] == eighth
 
 
-def test_pairs_without_anything_to_see_are_lost_and_told() -> None:
+def test_pairs_without_anything_to_see_are_marked_as_lost() -> None:
     odometry = OrbOdometry(CAMERA)
     black = np.zeros((540, 720), np.uint8)
     assert [odometry.track(black, black).lost for _ in range(3)] == [True, True, True]

@@ -1,4 +1,4 @@
-"""The oracle's short cuts against trying everything."""
+"""The oracle's short cuts compared with trying everything."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from fake_camera.world.simulation import Side
 @pytest.mark.parametrize(
     ("scenario", "scene", "seed", "frame"),
     [
-        ("step_down", "street", 1003, 80),  # hills so narrow that a coarser grid overlooks the best one
+        ("step_down", "street", 1003, 80),  # hills so narrow that a coarser grid misses the best one
         ("pan", "leaves", 6, 75),
         ("lowlight_fast", "shelves", 4, 50),
         ("flicker", "street", 7, 61),

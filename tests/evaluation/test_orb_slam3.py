@@ -1,4 +1,4 @@
-"""ORB-SLAM3's vocabulary, and what is said where it is not installed; it itself where it is."""
+"""ORB-SLAM3's vocabulary, what the report says without ORB-SLAM3, and ORB-SLAM3 itself where it is installed."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from evaluation.odometry.vocabulary import BRANCHES, LEVELS, write_vocabulary
 from fake_camera.world.simulation import RoomView
 
 
-def test_a_vocabulary_is_a_tree_whose_words_lie_near_what_it_was_made_from(tmp_path: Path) -> None:
+def test_a_vocabulary_is_a_tree_whose_words_are_near_its_descriptors(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     kinds = rng.integers(0, 256, (50, 32), dtype=np.uint8)
     seen = kinds[rng.integers(0, 50, 3000)] ^ (1 << rng.integers(0, 64, (3000, 32))).astype(np.uint8)

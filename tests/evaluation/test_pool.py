@@ -1,4 +1,4 @@
-"""Work over processes."""
+"""Work spread over processes."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def test_workers_end_with_a_parent_that_is_killed() -> None:
 
 
 def print_worker() -> None:
-    """Print the number of a process that is then busy for longer than any test."""
+    """Print the id of a process that is then busy for longer than any test."""
     for _, number in over_processes(_number_or_sleep, [0, 600, 600], 2):
         print(number, flush=True)
 

@@ -36,7 +36,7 @@ Quick = tuple[list[tuple[dict[str, Any], Any]], Section]
 
 
 def run_quick(experiment: Experiment, folder: Path, keep: Callable[[dict[str, Any]], bool] = lambda _: True) -> Quick:
-    """The quick jobs of an experiment, or those to keep of them, and the section made of them with its figures."""
+    """The quick jobs of an experiment, or those of them to keep, and the section with its figures."""
     jobs = [job for job in experiment.jobs(True) if keep(dict(job.arguments))]
     found = run_jobs(jobs, ResultCache(folder / "jobs"), 1, lambda _job, _took: None)
     results: Results = [(job.arguments, result) for job, result in zip(jobs, found, strict=True)]
@@ -61,7 +61,7 @@ def test_a_strong_threshold_decouples_the_metric_from_gain(tmp_path: Path) -> No
     assert section.claims[1].verdict == Verdict.REPRODUCED
 
 
-def test_the_response_foretells_an_exposure_and_gamma_curves_do_not(tmp_path: Path) -> None:
+def test_the_response_predicts_an_exposure_and_gamma_curves_do_not(tmp_path: Path) -> None:
     results, section = run_quick(fig3.EXPERIMENT, tmp_path)
     assert {arguments["camera"][0] for arguments, _ in results} == {"linear", "gamma", "s_shaped"}
     for _, changes in results:
@@ -97,7 +97,7 @@ def test_gamma_curves_underestimate_the_best_exposure_the_more_the_lower_the_gam
 
 
 def _a_room_and_leaves(arguments: dict[str, Any]) -> bool:
-    """The room in the low step, the leaves in the paper's."""
+    """The room with the low step, the leaves with the paper's step."""
     return (arguments["scene"], arguments["rise_stops"]) in {("room", 4.0), ("leaves", fig10.THE_PAPERS_RISE)}
 
 
@@ -121,7 +121,7 @@ def test_control_knows_the_response_that_the_simulated_camera_has(camera: Camera
     assert np.median(apart) == pytest.approx(0.5, abs=0.02)
 
 
-def test_all_pairs_of_a_level_have_it() -> None:
+def test_all_pairs_of_a_level_have_that_level() -> None:
     pairs = pairs_of(12.0)
     assert len(pairs) >= 6 and all(pair.level == pytest.approx(12.0) for pair in pairs)
     assert {pair.gain_db for pair in pairs} <= set(map(float, GAINS_DB))
@@ -145,7 +145,7 @@ def test_the_best_level_is_the_middle_of_the_plateau() -> None:
     assert plateau_centre(levels, np.array([0.1, 0.2, 0.3, 0.4, 0.5, 1.0, 1.0])) == 5.5
 
 
-def test_a_law_rests_where_it_wants_up_from_below_and_down_from_above() -> None:
+def test_a_law_rests_where_it_wants_to_go_up_from_below_and_down_from_above() -> None:
     levels = np.array([0.0, 1.0, 2.0, 3.0, 4.0])
     assert rest_level(levels, np.array([2.0, 1.0, -1.0, -2.0, -3.0]), near=4.0) == pytest.approx(1.5)
     assert rest_level(levels, np.array([1.0, -1.0, 1.0, -3.0, -3.0]), near=4.0) == pytest.approx(2.25)
@@ -159,8 +159,8 @@ def test_frames_to_converge_count_from_the_step_to_the_last_frame_far_from_the_e
     assert frames_to_converge(np.where(np.arange(len(way)) % 2, 5.0, 6.0), share=0.9) is None  # never at rest
 
 
-def test_feedback_can_be_switched_off_and_nothing_else_with_it() -> None:
-    """A frame that is far better than promised makes the next step longer, unless feedback is off."""
+def test_feedback_alone_can_be_switched_off() -> None:
+    """A frame that is far better than predicted makes the next step longer, unless feedback is off."""
     blocks = np.random.default_rng(3).uniform(0.0, 1.0, (135, 180)).repeat(4, axis=0).repeat(4, axis=1)
     dull, rich = ((5.0 + contrast * blocks).astype(np.uint8) for contrast in (15.0, 110.0))
     reasons: dict[str, list[str]] = {}
@@ -186,7 +186,7 @@ def test_the_rule_of_the_published_code_leaves_white_and_black_images_only() -> 
     assert steps == pytest.approx([-2.0, 2.0, 0.0])
 
 
-def test_wrappers_split_as_the_law_they_wrap() -> None:
+def test_wrappers_split_levels_as_the_law_they_wrap() -> None:
     policy: ExposurePolicy = CONTESTANTS["feedback"].loop(CameraResponse(), LIMITS.brightest)._policy
     for wrapper in (WithoutFeedback, LeavesWhiteAndBlack):
         assert wrapper(policy).balance is policy.balance

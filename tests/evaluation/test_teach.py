@@ -1,4 +1,4 @@
-"""Teach and repeat: its method on cases with known answers, and its quick run."""
+"""Teach and repeat: the method on cases with known answers, and the quick run."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from tests.evaluation.sections import check_no_prose
 
 @pytest.fixture(scope="module", autouse=True)
 def parks() -> Iterator[Callable[[int, Daylight], list[Surface]]]:
-    """Each park is grown once."""
+    """Builds each park only once."""
     kept = functools.cache(park)
     with pytest.MonkeyPatch.context() as patch:
         for module in ("replay", "sweep"):
@@ -56,7 +56,7 @@ def test_the_vote_goes_to_the_shift_that_most_agree_on() -> None:
     assert won.shift == pytest.approx(-23.0, abs=0.7) and 40 <= won.votes < 50
 
 
-def test_what_hardly_any_agree_on_is_no_shift() -> None:
+def test_a_shift_needs_enough_votes() -> None:
     assert vote(np.array([])).shift is None
     assert vote(np.array([4.0, 90.0, -60.0, 5.0])).shift is None
     assert vote(np.array([4.0, 90.0, 5.0, 6.0])).shift == pytest.approx(5.0)
@@ -91,7 +91,7 @@ def test_the_true_shift_is_that_of_the_heading(surfaces: list[Surface]) -> None:
         cos, sin = math.cos(math.radians(turn_deg)), math.sin(math.radians(turn_deg))
         turned = pose.copy()
         turned[:3, :3] = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]]) @ pose[:3, :3]
-        # To the left the image moves to the right, and more so at its sides.
+        # When the camera turns left, the image moves right, and more so at its sides.
         at_centre = CAMERA.focal_px * math.tan(math.radians(turn_deg))
         assert 1.0 <= truth.shift(pose, turned) / at_centre < 1.18
 
@@ -131,8 +131,8 @@ def test_the_top_half_alone_can_be_held_at_one_half() -> None:
     assert whole.mean() / 255 == pytest.approx(0.5, abs=0.02) and whole.mean() > top.mean()
 
 
-def test_what_is_far_too_bright_is_not_registered() -> None:
-    """The sign of the sweep: from the exposure of `standard` on, votes fall to both sides."""
+def test_images_that_are_far_too_bright_are_not_registered() -> None:
+    """From the exposure of `standard`, votes fall to both sides."""
     result: Any = sweep(0, 0.0, "clear", 3)
     votes = np.array(result["votes"]).mean(axis=0)
     assert len(votes) == len(OFFSETS)
@@ -141,7 +141,7 @@ def test_what_is_far_too_bright_is_not_registered() -> None:
     assert all(error[OFFSETS.index(0)] < 5.0 for error in result["errors"])
 
 
-def test_what_faces_the_sun_is_lighter_and_so_is_the_sky_around_it() -> None:
+def test_what_faces_the_sun_is_brighter_and_so_is_the_sky_around_it() -> None:
     for light in (TEACHING, REPLAYS["clear"]):
         sun = light.sun_azimuth_deg
         assert light.on_upright(sun) > 2 * light.on_upright(sun + 180.0)
@@ -158,7 +158,7 @@ def test_leaves_move_between_days_and_nothing_else_does(
     stays = [cv2.minMaxLoc(after.pattern / before.pattern)[:2] for before, after in zip(surfaces, later, strict=True)]
     same = [low == pytest.approx(high, rel=1e-3) for low, high in stays]
     trunks_and_house = 4 * 40 + 4
-    assert sum(same) == trunks_and_house + 1  # and the far ground
+    assert sum(same) == trunks_and_house + 1  # plus the far ground
     assert all(np.array_equal(a.corner, b.corner) for a, b in zip(surfaces, later, strict=True))
 
 
@@ -181,14 +181,14 @@ def _result(shifts: dict[str, list[float | None]], truth: list[float]) -> Any:
 def test_a_failure_lies_beyond_the_curve_and_counts_as_lost() -> None:
     drive = _result({"a": [3.0, None, 90.0, 2.0]}, [1.0, 5.0, 10.0, math.nan])
     errors = errors_of([drive, drive], "way", "a")
-    assert errors.failures == 2 and len(errors.errors) == 6  # what has no truth is left out
+    assert errors.failures == 2 and len(errors.errors) == 6  # registrations without truth are omitted
     assert errors.share_within(1e6).value == pytest.approx(4 / 6)
     assert errors.capped.tolist() == [2.0, LOST_PX, LOST_PX] * 2
-    assert errors.places.tolist() == [0, 0, 0, 1, 1, 1]  # another park has other maps
+    assert errors.places.tolist() == [0, 0, 0, 1, 1, 1]  # each park has its own maps
 
 
-def test_alike_registrations_of_one_map_do_not_count_as_many() -> None:
-    """Errors that are the same throughout a map: the test over registrations is sure of what is chance."""
+def test_similar_registrations_of_one_map_do_not_count_as_many() -> None:
+    """With errors that are the same throughout a map, a test over registrations mistakes chance for certainty."""
     places = np.repeat(np.arange(40), 8)
     rng = np.random.default_rng(6)
     first, second = (Errors(np.repeat(rng.exponential(2.0, 40), 8), places) for _ in range(2))
@@ -214,7 +214,7 @@ def test_the_full_run_has_as_many_views_and_registrations_as_the_paper() -> None
 
 @pytest.mark.timeout(300)
 def test_the_quick_run_shows_how_the_policies_expose_and_registers(tmp_path: Path) -> None:
-    """Effects far beyond noise: where each holds its brightness, and that all find their way in even less of it."""
+    """Effects far beyond noise: the brightness that each policy holds, and that all three register well."""
     jobs = [replace(job, arguments={**job.arguments, "maps": 3}) for job in EXPERIMENT.jobs(True)]
     measured: list[Any] = run_jobs(jobs, ResultCache(tmp_path / "jobs"), 1, lambda _job, _took: None)
     (result,) = measured
@@ -226,7 +226,7 @@ def test_the_quick_run_shows_how_the_policies_expose_and_registers(tmp_path: Pat
     assert level[STANDARD] < level[FULL] - 0.2  # the sky is in the top half
     assert whole[STANDARD] < whole[FULL] - 0.04
     assert np.ptp(looks[FIXED][:, 0]) == 0.0
-    assert level["begin2022"] > level[FULL] + 0.4  # gradients are in what is darkest
+    assert level["begin2022"] > level[FULL] + 0.4  # gradients are in the darkest parts
     assert saturated["begin2022"] > saturated[FULL] + 0.1
     results = list(zip([job.arguments for job in jobs], measured, strict=True))
     (errors,) = cases_of(results).values()

@@ -24,7 +24,7 @@ def test_a_regular_file_is_read_up_to_a_length(tmp_path: Path) -> None:
     path = tmp_path / "notes"
     path.write_bytes(b"x" * 4096)
     assert read_regular(path, 4096) == b"x" * 4096
-    with pytest.raises(OSError, match="it is longer than 3 KiB"):
+    with pytest.raises(OSError, match="it is larger than 3 KiB"):
         read_regular(path, 4095)
 
 
@@ -38,7 +38,7 @@ def odd(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
 @pytest.mark.timeout(20)
 @pytest.mark.parametrize("read", READERS)
 def test_pipes_devices_and_folders_are_refused_at_once(read: Callable[[Path], object], odd: Path) -> None:
-    with pytest.raises((OSError, ValueError), match="it is no regular file") as refused:
+    with pytest.raises((OSError, ValueError), match="it is not a regular file") as refused:
         read(odd)
     assert str(odd) in str(refused.value)
 
@@ -49,5 +49,5 @@ def test_a_file_larger_than_any_is_not_read(read: Callable[[Path], object], tmp_
     path = tmp_path / "sparse"
     with path.open("wb") as file:
         file.truncate(1 << 40)
-    with pytest.raises((OSError, ValueError), match="it is longer than"):
+    with pytest.raises((OSError, ValueError), match="it is larger than"):
         read(path)

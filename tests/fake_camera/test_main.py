@@ -51,11 +51,11 @@ def test_a_mistake_is_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ("--address localhost", "argument --address: 'localhost' is no IPv4 address"),
-        ("--usb3 --tcp 99999", "argument --tcp: '99999' is no whole number from 1 to 65535"),
-        ("--seed 18446744073709551616", "argument --seed: '18446744073709551616' is no whole number from 0 to"),
-        ("--seed -1", "argument --seed: '-1' is no whole number from 0 to 18446744073709551615"),
-        ("--seed many", "argument --seed: 'many' is no whole number"),
+        ("--address localhost", "argument --address: 'localhost' is not an IPv4 address"),
+        ("--usb3 --tcp 99999", "argument --tcp: '99999' is not a whole number from 1 to 65535"),
+        ("--seed 18446744073709551616", "argument --seed: '18446744073709551616' is not a whole number from 0 to"),
+        ("--seed -1", "argument --seed: '-1' is not a whole number from 0 to 18446744073709551615"),
+        ("--seed many", "argument --seed: 'many' is not a whole number"),
     ],
 )
 def test_an_option_out_of_bounds_is_named(options: str, words: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -67,15 +67,15 @@ def test_an_option_out_of_bounds_is_named(options: str, words: str, capsys: pyte
 @pytest.mark.parametrize(
     ("serial", "transport", "words"),
     [
-        ("", "gige", "cannot be a serial number"),
-        (" ", "gige", "cannot be a serial number"),
-        ("L ", "usb3", "cannot be a serial number"),
-        ("L\n", "gige", "cannot be a serial number"),
-        ("\x1b[31mL", "usb3", "cannot be a serial number"),
-        ("\u00e9", "gige", "cannot be a serial number"),
-        ("\u00e9", "usb3", "cannot be a serial number"),
-        ("1" * 16, "gige", "is too long: GigE Vision has room for 15 characters"),
-        ("1" * 64, "usb3", "is too long: USB3 Vision has room for 63 characters"),
+        ("", "gige", "is not a serial number"),
+        (" ", "gige", "is not a serial number"),
+        ("L ", "usb3", "is not a serial number"),
+        ("L\n", "gige", "is not a serial number"),
+        ("\x1b[31mL", "usb3", "is not a serial number"),
+        ("\u00e9", "gige", "is not a serial number"),
+        ("\u00e9", "usb3", "is not a serial number"),
+        ("1" * 16, "gige", "is too long: GigE Vision allows 15 characters"),
+        ("1" * 64, "usb3", "is too long: USB3 Vision allows 63 characters"),
     ],
 )
 def test_a_serial_number_that_cannot_be_sent_is_refused(
@@ -107,7 +107,7 @@ def test_a_camera_in_a_description_says_what_it_passes_for(tmp_path: Path, name_
         (
             "GEV",
             ["--usb3", "--socket", "unused"],
-            "camera.xml describes a GigE Vision camera: leave out --usb3 and what belongs to it\n",
+            "camera.xml describes a GigE Vision camera: leave out --usb3 and its options\n",
         ),
     ],
 )

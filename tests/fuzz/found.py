@@ -13,6 +13,7 @@ from autoexpose_daemon.messages.write import MessageWriter
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame, StereoPair
 from fake_camera.usb3.usb.descriptors import CONTROL_IN, CONTROL_OUT
+from tests.autoexpose_daemon.imu import imu_message
 from tests.autoexpose_daemon.publish.steps import DECISION
 from tests.autoexpose_daemon.statuses import EXPOSING
 from tests.fuzz.of_fake_camera import ATTACH, submit
@@ -121,6 +122,7 @@ FOUND: dict[str, Iterable[bytes]] = {
         _decided(1, 1, 100.0, (0, 3)),
         _decided(1, 1, 100.0) + _decided(2**63, 2**63, 100.0),
     ),
+    "imu": (imu_message((math.nan, 0.0, 0.0)), imu_message((0.0, 1e308, 1e308))),
     "truth": (b"{}", b"[" * 100_000, b'{"trigger": 1, "host_time_ns": 1e999, "lux": 1}', b'{"trigger": 1, "host'),
     "tally": (
         b"[" * 100_000,

@@ -25,7 +25,7 @@ from starlette.responses import PlainTextResponse
 
 from autoexpose_daemon.client.pairs import PairAssembler, PairQueue
 from autoexpose_daemon.client.top import Sparklines, panel_of
-from autoexpose_daemon.config.document import load_config
+from autoexpose_daemon.config.load import load_config
 from autoexpose_daemon.control.loop import ControlSetup
 from autoexpose_daemon.control.snapshot import parse, plain
 from autoexpose_daemon.demo.fakes import read_pulses
@@ -52,6 +52,7 @@ from drivers.host.network import NetworkInterface, largest_socket_buffer_bytes
 from drivers.pixel_format import PixelFormat
 from fake_camera.device.line0 import Line0
 from fake_camera.device.truth import TruthFile
+from tests.autoexpose_daemon.imu import imu_message
 from tests.autoexpose_daemon.publish.test_pairs import messages
 from tests.autoexpose_daemon.recording.runs import LIMITS, VirtualRun, record
 from tests.autoexpose_daemon.statuses import EXPOSING
@@ -133,7 +134,9 @@ def config_seeds() -> Iterator[bytes]:
         b'cameras:\n  left: {serial: "1"}\n  right: {serial: "2"}\n'
         b"trigger: {mode: external, line: Line0, rate_hz: 60}\n"
         b"exposure: {min_time_us: 20, max_time_us: 7500, min_gain_db: 0, max_gain_db: 30}\n"
-        b"control:\n  policy: begin2022\n  start: {exposure_time_us: 2000, gain_db: 3}\n  balance: flicker\n"
+        b"motion: {imu: {key: 0/imu/data/*, max_age_s: 0.1}}\n"
+        b"control:\n  policy: begin2022\n  focal_length_px: 800\n"
+        b"  start: {exposure_time_us: 2000, gain_db: 3}\n  balance: flicker\n"
         b"  roi:\n    left: &roi\n      mask: mask.png\n      background_weight: 0.2\n"
         b"      rectangles: [{box: [0, 0, 20, 20], weight: 0.5}]\n    right: *roi\n"
         b"transport: {packet_size_bytes: 1500}\nimage: {pixel_format: Mono8, binning: 2}\n"
@@ -224,6 +227,10 @@ def published_seeds() -> Iterator[bytes]:
         yield received(message for number in range(2) for message in messages(number, cameras=cameras))
 
 
+def imu_seeds() -> Iterator[bytes]:
+    yield imu_message((0.3, -0.4, 1.2))
+
+
 def truth(data: bytes) -> None:
     read_pulses([in_file(data, "truth.jsonl")])
 
@@ -311,7 +318,7 @@ def _recording() -> bytes:
 
 
 def _run() -> VirtualRun:
-    return VirtualRun("neves2009")
+    return VirtualRun("neves2009", imu=True)
 
 
 def _bare(recording: bytes) -> bytes:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from autoexpose_daemon.messages.read import DamagedMessageError
+from autoexpose_daemon.messages.read import DamagedMessageError, read_angular_rate
 from autoexpose_daemon.recording.step import RecordingError
 from drivers.errors import AutoexposeError, ConfigurationError
 from fake_camera.device.faults import FaultError
@@ -30,6 +30,7 @@ TARGETS = (
     Target("image-file", host.image_file, (ConfigurationError,), host.image_file_seeds),
     Target("last-exposure", host.last_exposure, (), host.last_exposure_seeds),
     Target("published", host.published, (DamagedMessageError,), host.published_seeds),
+    Target("imu", read_angular_rate, (DamagedMessageError,), host.imu_seeds),
     Target("tally", host.tally, (), host.tally_seeds),
     Target("status", host.status, (), host.status_seeds),
     Target("published-response", host.published_response, (), host.published_response_seeds),

@@ -51,7 +51,7 @@ def follow(finding: dict[str, Any]) -> None:
     output("udevadm", "settle")
 
 
-def test_what_the_doctor_tells_to_do_mends_it(fake: FakeCamera) -> None:
+def test_the_fixes_of_the_doctor_work(fake: FakeCamera) -> None:
     could_run, findings = examined(**as_user("video"))
     assert not could_run
     assert findings["usb-link"]["sentence"].endswith(f"{fake.serial} (Autoexpose FakeU3V287M) is linked at 5000 Mbit/s")

@@ -52,7 +52,7 @@ class ScriptedLoop:
         self._clock = clock
         self._decision: dict[int, Decision] = {}
 
-    def step(self, pair: StereoPair) -> Decision:
+    def step(self, pair: StereoPair, _angular_rate_rad_s: float | None = None) -> Decision:
         self._clock.now_ns += (1 + pair.trigger % 5) * MS
         tenths = pair.reference.host_time_ns // (100 * MS)
         level = 10.0 + round(1.5 * math.sin(tenths * math.tau / 200), 1) + (0.5 if tenths // 70 % 2 else 0.0)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from autoexpose_daemon.config.document import load_config
+from autoexpose_daemon.config.load import load_config
 from autoexpose_daemon.config.publish import PublishConfig
 from tests import REPOSITORY
 

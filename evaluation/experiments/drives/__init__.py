@@ -1,1 +1,1 @@
-"""Experiments that drive: what exposures are worth to odometry."""
+"""Experiments with odometry: what exposures are worth to it."""

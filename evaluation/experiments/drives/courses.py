@@ -1,4 +1,4 @@
-"""Intervals over courses, where a few runs through one room must not pass for knowledge."""
+"""Intervals over courses: repeats of one course are not independent."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from evaluation.experiments.experiment import Claim, Verdict
 from evaluation.experiments.statistics import Interval, mean_interval
 
 ROOMS = (11, 12, 13)
-"""Of full runs; nothing was tuned on them."""
+"""Rooms of full runs; nothing was tuned on them."""
 
 SEEDS = (0, 1, 2)
 """Headings in each room."""
 
 FEWEST_COURSES = 3
-"""Fewer differ by chance, and nobody can tell how much."""
+"""With fewer, the spread between courses is unknown."""
 
 
 def over_courses(values: NDArray[np.float64]) -> Interval:

@@ -1,4 +1,4 @@
-"""B&H Fig. 12 to 14: what a policy's exposures are worth to odometry, in uneven light and in low light."""
+"""B&H Fig. 12 to 14: how well odometry does with each policy's exposures, in uneven light and in low light."""
 
 from __future__ import annotations
 
@@ -9,20 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from evaluation.drawing import COLOURS, panels, save
-from evaluation.experiments.boxes import boxes
+from evaluation.drawing import COLOURS, boxes, panels, save
 from evaluation.experiments.drives.courses import ROOMS, SEEDS, by_course, over_courses, unless_few
 from evaluation.experiments.drives.policy_drives import FIXED, measure
-from evaluation.experiments.experiment import (
-    Claim,
-    Experiment,
-    Figure,
-    Job,
-    Results,
-    Section,
-    Table,
-    Verdict,
-)
+from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, Results, Section, Table, Verdict
 from evaluation.experiments.statistics import Interval
 from evaluation.odometry.lap import Light
 from evaluation.odometry.tracking import EVERY
@@ -31,29 +21,29 @@ from evaluation.scenes.scenarios import RATE_HZ
 POLICIES = ("metric-map", "begin2022", "shim2018", "neves2009", "fixed")
 
 FURTHER_ROOMS = range(14, 62)
-"""For our default and `begin2022` in low light: they differ so little there that nine courses cannot tell."""
+"""For our default and `begin2022` in low light, where they differ by less than nine courses can show."""
 
 LIGHTS: dict[Light, str] = {"uneven": "(a) 1 to 217 lux", "low": "(b) 2 to 4 lux"}
 
 TOLERANCE_MM = 0.05
-"""By which our default's error may exceed that of `begin2022`, at the upper end of the interval."""
+"""How far our default's error may exceed that of `begin2022`, at the upper end of the interval."""
 
 _SETTING = f"""\
 The paper sent its rig along one trajectory in two lights: (a) 1 to 217 lux in different parts of the room, (b) 2 to 4
-lux; exposures of at most 7.5 ms. Ours is the simulated rig's lap through a furnished room made 0.6 times
-as large (things are 0.2 to 2 m away), from rest to 86 mm/s and 89 degrees a second, headings and rooms drawn at
-random, repeats with other noise. (a): the walls around one bearing have 217 lux, those away from it 1 lux, with 23
-degrees of fading in between; (b): 3 lux on the mean of the walls. Every policy runs in closed loop at 60 Hz with a
-delay of two frames, from the best exposure of the first frame: our default `metric-map`, `begin2022`, `shim2018` with
-the paper's balance of time and gain (as in its comparison), `neves2009` (mean of 20 %, exposure time first, as cameras
-have it built in), and `fixed`, {FIXED}, in both lights.
+lux; exposures of at most 7.5 ms. Ours is the simulated rig's lap through a furnished room scaled to 0.6 (things are 0.2
+to 2 m away), from rest to 86 mm/s and 89 degrees a second; headings and rooms are drawn at random, and repeats differ
+in noise. (a): the walls around one bearing have 217 lux, those away from it 1 lux, with 23 degrees of fading in
+between; (b): the walls have 3 lux on average. Every policy runs in closed loop at 60 Hz with a delay of two frames,
+from the best exposure of the first frame: our default `metric-map`, `begin2022`, `shim2018` with the paper's balance of
+time and gain (as in its comparison), `neves2009` (a mean of 20 %, exposure time first, as built into cameras), and
+`fixed`, {FIXED}, in both lights.
 
-Odometry as in fig7. Error: mean translation RPE over sub-trajectories of 20 mm, by evo; a pair that cannot be tracked
-gets a guess, which counts. Five such in a row are tracking lost, a failed run: told beside the error, never dropped.
+Odometry as in fig7. Error: mean translation RPE over sub-trajectories of 20 mm, by evo; a lost pair gets a guess, which
+counts. After five lost pairs in a row the run has failed: failures are reported next to the error, and never dropped.
 Differences are paired by course (room and heading, the mean over its repeats)."""
 
 _FURTHER = """
-In (b) our default and `begin2022` also drove {} further courses. Only the claim about these two counts them."""
+In (b), our default and `begin2022` also drove {} further courses, which count only in the claim about these two."""
 
 
 def jobs(quick: bool) -> list[Job]:
@@ -100,15 +90,15 @@ def section(results: Results, folder: Path) -> Section:
         unless_few(claims, runs.courses("uneven")),
         [
             *(_table(runs, light) for light in LIGHTS),
-            Figure("fig12.png", "Median gradient information over the way."),
-            Figure("fig13.png", "Error of odometry. Failed runs are among the points; the scale is logarithmic."),
+            Figure("fig12.png", "Median gradient information along the path."),
+            Figure("fig13.png", "Error of odometry, failed runs included; the scale is logarithmic."),
             Figure("fig14.png", f"Exposure time and gain in uneven light, {shown}."),
         ],
     )
 
 
 class PolicyRuns:
-    """Results by light and policy; every run has the policies of the first one, or those that it begins with."""
+    """Results by light and policy; every run has the policies of the first one, or the first few of them."""
 
     def __init__(self, results: Results) -> None:
         self._results = results
@@ -135,7 +125,7 @@ class PolicyRuns:
         return np.array([100 * one["room"] + one["seed"] for one in driven])
 
     def failed(self, light: str, policy: str) -> int:
-        """How many runs lost track."""
+        """How many runs failed."""
         return sum(run["failed"] for run in self.of(light, policy))
 
 
@@ -153,17 +143,17 @@ def level(run: Mapping[str, Any]) -> float:
 
 
 def _ours(runs: PolicyRuns, light: Light) -> Claim:
-    """Reached when the interval ends at 0.05 mm or below, and no more runs fail."""
+    """Reproduced when the interval ends at or below 0.05 mm and no more runs fail."""
     apart = runs.difference(light, "metric-map", "begin2022", _error)
     failed = runs.failed(light, "metric-map"), runs.failed(light, "begin2022")
     holds = apart.high <= TOLERANCE_MM and failed[0] <= failed[1]
     alike = apart.low <= 0 <= apart.high and failed[0] <= failed[1]
     return Claim(
         "this project",
-        f"{LIGHTS[light]}: our default's error is at most {TOLERANCE_MM} mm above that of `begin2022`, surely",
+        f"{LIGHTS[light]}: our default's error is at most {TOLERANCE_MM} mm above that of `begin2022`",
         f"{apart.text('+.3f', 'mm')}; failed {failed[0]} and {failed[1]} of {len(runs.of(light, 'metric-map'))} runs",
         Verdict.REPRODUCED if holds else Verdict.NOT_REPRODUCED,
-        "no difference is seen, but one as small cannot be excluded" if alike and not holds else "",
+        "the interval includes 0, but is too wide" if alike and not holds else "",
     )
 
 
@@ -172,7 +162,7 @@ def _others(runs: PolicyRuns) -> list[str]:
 
 
 def _metric_is_higher(runs: PolicyRuns) -> Claim:
-    """Reproduced when surely higher than every other active policy in both lights; conditionally, in one."""
+    """Reproduced when higher than with all others (intervals above 0) in both lights; conditionally, in one."""
     apart = {
         light: {other: runs.difference(light, "begin2022", other, _metric) for other in _others(runs)}
         for light in LIGHTS
@@ -193,7 +183,7 @@ def _metric_is_higher(runs: PolicyRuns) -> Claim:
 
 
 def _error_is_lower(runs: PolicyRuns, light: Light) -> Claim:
-    """Reproduced when surely lower than with both others; conditionally, with one."""
+    """Reproduced when lower than with both others (intervals below 0); conditionally, than with one."""
     apart = {other: runs.difference(light, "begin2022", other, _error) for other in _others(runs)}
     lower = [other for other, one in apart.items() if one.high < 0]
     verdict = Verdict.CONDITIONALLY if lower else Verdict.NOT_REPRODUCED
@@ -207,7 +197,7 @@ def _error_is_lower(runs: PolicyRuns, light: Light) -> Claim:
 
 
 def _fixed_like(runs: PolicyRuns) -> Claim:
-    """Reproduced when the interval of the difference holds 0."""
+    """Reproduced when the interval of the difference includes 0."""
     apart = runs.difference("uneven", "begin2022", "fixed", _error)
     return Claim(
         "B&H Fig. 13",
@@ -220,7 +210,7 @@ def _fixed_like(runs: PolicyRuns) -> Claim:
 
 
 def _fixed_worse(runs: PolicyRuns) -> Claim:
-    """Reproduced when surely worse."""
+    """Reproduced when the interval of the difference is below 0."""
     apart = runs.difference("low", "begin2022", "fixed", _error)
     return Claim(
         "B&H Fig. 13",
@@ -231,7 +221,7 @@ def _fixed_worse(runs: PolicyRuns) -> Claim:
 
 
 def _shim_is_darker(runs: PolicyRuns) -> Claim:
-    """Reproduced when the interval of the mean level lies below 0."""
+    """Reproduced when the interval of the difference of mean levels is below 0."""
     apart = runs.difference("uneven", "shim2018", "begin2022", level)
     return Claim(
         "B&H Fig. 14",

@@ -1,4 +1,4 @@
-"""A part of Fig. 13 with ORB-SLAM3, the odometry of the paper, where it is installed."""
+"""Part of Fig. 13 with ORB-SLAM3, the paper's odometry, where it is installed."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from evaluation.scenes.scenarios import RATE_HZ
 
 POLICIES = ("metric-map", "begin2022")
 
-_ABSENT = f"`{PACKAGE}` is not installed, so nothing was measured: docs/odometry.md tells what it needs."
+_ABSENT = f"`{PACKAGE}` is not installed, so nothing was measured: see docs/odometry.md."
 
 _SETTING = f"""\
-The first heading of each room of fig12, driven with ORB-SLAM3 (`{PACKAGE}`) instead of our odometry. Its vocabulary of
-visual words was made from our own frames of another room. Poses are those that it gives at once, as a robot gets them;
-it maps in threads of its own, so these numbers are not the same in every run, and a few courses decide nothing: they
-are here to be compared with those of our odometry."""
+The first heading of each room of fig12 with ORB-SLAM3 (`{PACKAGE}`) instead of our odometry. Its vocabulary of visual
+words was made from our own frames of another room. Poses are those that it returns immediately, as a robot gets them.
+It maps in its own threads, so these numbers differ from run to run. A few courses decide nothing: the numbers are for
+comparison with those of our odometry."""
 
 
 def jobs(quick: bool) -> list[Job]:
-    """One for each light, room and policy; none where it is not installed."""
+    """One for each light, room and policy; none if ORB-SLAM3 is not installed."""
     if not installed():
         return []
     rooms, seconds = ((1,), 1.7) if quick else (ROOMS, 8.0)
@@ -46,7 +46,7 @@ def jobs(quick: bool) -> list[Job]:
 
 
 def section(results: Results, _folder: Path) -> Section:
-    """A table; no claim is judged by so few courses."""
+    """A table only: so few courses judge no claim."""
     if not results:
         return Section(_ABSENT, [], [])
     rows = []

@@ -1,4 +1,4 @@
-"""B&H Fig. 7 to 9: fixed settings, the error of odometry with each, and which measure of images foretells it."""
+"""B&H Fig. 7 to 9: the error of odometry with fixed settings, and which measures of images predict it."""
 
 from __future__ import annotations
 
@@ -9,20 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from evaluation.drawing import COLOURS, panels, save
-from evaluation.experiments.boxes import boxes
+from evaluation.drawing import COLOURS, boxes, panels, save
 from evaluation.experiments.drives.courses import ROOMS, SEEDS, by_course, over_courses, unless_few
 from evaluation.experiments.drives.fixed_drives import SETTINGS, measure
-from evaluation.experiments.experiment import (
-    Claim,
-    Experiment,
-    Figure,
-    Job,
-    Results,
-    Section,
-    Table,
-    Verdict,
-)
+from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, Results, Section, Table, Verdict
 from evaluation.experiments.statistics import Interval, pearson
 from evaluation.odometry.proxies import PROXIES
 from evaluation.scenes.scenarios import RATE_HZ
@@ -30,20 +20,19 @@ from evaluation.scenes.scenarios import RATE_HZ
 MARKERS = "osv^"
 
 EQUALLY_GOOD = 0.05
-"""Differences of |r| that are none."""
+"""Smaller differences of |r| do not count."""
 
 _SETTING = """\
-The paper drove its motion table four times with each of four fixed settings, and ORB-SLAM3 ten times over each
-recording. Ours are four pairs of time and gain at one exposure level, so that only blur and noise differ: the paper's
-settings are not in its text. The way is the simulated rig's lap through a furnished room made 0.6 times as large, at
-20 lux, from rest to 86 mm/s and 89 degrees a second; rooms and headings differ, and repeats differ in noise. Odometry
-is our own (ORB, stereo matches, PnP, refinement; 30 pairs a second), on images after a 3x3 median and a gamma of 0.3
-as in the paper. Error: mean translation RPE over sub-trajectories of 20 mm, by evo. A pair that cannot be tracked gets
-a guess, which counts.
+The paper ran its motion table four times with each of four fixed settings, and ORB-SLAM3 ten times on each recording.
+Ours are four pairs of time and gain at one exposure level, so that only blur and noise differ: the paper's settings are
+not in its text. The path is the simulated rig's lap through a furnished room scaled to 0.6, at 20 lux, from rest to 86
+mm/s and 89 degrees a second; rooms and headings differ, and repeats differ in noise. Odometry is our own (ORB, stereo
+matches, PnP, refinement; 30 pairs a second), on images after a 3x3 median and a gamma of 0.3 as in the paper. Error:
+mean translation RPE over sub-trajectories of 20 mm, by evo. A pair that is lost gets a guess, which counts.
 
-Each point of Fig. 9 is one setting in one course, the mean over its repeats: median of the measure over the pairs of
-a run against its error; images are measured as odometry gets them. The paper had one scene; rooms differ in what there
-is to see, so correlations are of deviations from the mean over the settings in one course."""
+Each point of Fig. 9 is one setting in one course, averaged over its repeats: the median of the measure over the pairs
+of a run, against its error. Images are measured as odometry gets them. The paper had one scene; rooms differ in what
+they offer to see, so correlations are of deviations from the mean over the settings in one course."""
 
 
 def jobs(quick: bool) -> list[Job]:
@@ -79,7 +68,9 @@ def section(results: Results, folder: Path) -> Section:
         [
             _table(results, errors),
             Figure("fig7.png", "Error of odometry by setting, over all rooms, headings and repeats."),
-            Figure("fig8.png", "The way of the left camera from above in one course, and the best and worst estimate."),
+            Figure(
+                "fig8.png", "The path of the left camera in one course from above, and the best and worst estimate."
+            ),
             Figure("fig9.png", "Seven measures of images against the error, as deviations from the course's mean."),
             _proxy_table(correlations),
         ],
@@ -94,7 +85,7 @@ def correlate(values: NDArray[np.float64], errors: NDArray[np.float64]) -> dict[
 
 
 def _time_hurts(errors: NDArray[np.float64], of_course: NDArray[np.float64]) -> Claim:
-    """Reproduced when the longest time is surely worse than the shortest, in error and in spread."""
+    """Reproduced when the longest time is worse than the shortest, in error (interval above 0) and in spread."""
     worse = over_courses(of_course[:, -1] - of_course[:, 0])
     spreads = np.percentile(errors, 75, axis=0) - np.percentile(errors, 25, axis=0)
     holds = worse.low > 0
@@ -118,7 +109,7 @@ def _of_the_paper(correlations: Mapping[str, Interval]) -> dict[str, Interval]:
 
 
 def _best_proxy(correlations: Mapping[str, Interval]) -> Claim:
-    """Reproduced when gradient information and Lowe ratio are surely related to the error, and none is more so."""
+    """Reproduced when gradient information and Lowe ratio correlate with the error, and nothing correlates more."""
     theirs = _of_the_paper(correlations)
     best = max(abs(one.value) for one in theirs.values())
     named = [correlations["gradient information"], correlations["Lowe ratio"]]
@@ -129,7 +120,7 @@ def _best_proxy(correlations: Mapping[str, Interval]) -> Claim:
     leaders = sorted(theirs, key=lambda name: -abs(theirs[name].value))[:3]
     return Claim(
         "B&H Fig. 9",
-        "Gradient information and Lowe ratio foretell the error best, r = -0.73 each",
+        "Gradient information and Lowe ratio predict the error best, r = -0.73 each",
         f"{named[0].text('+.2f')} and {named[1].text('+.2f')}; strongest: {', '.join(leaders)}",
         Verdict.REPRODUCED if related and first else Verdict.CONDITIONALLY if related else Verdict.NOT_REPRODUCED,
         f"both do, but {', '.join(rivals)} as well" if related and not first else "",
@@ -142,7 +133,7 @@ def _poor_proxies(correlations: Mapping[str, Interval]) -> Claim:
     none = [name for name, one in poor.items() if one.low <= 0 <= one.high]
     return Claim(
         "B&H Fig. 9",
-        "Entropy (r = 0.26) and the number of stereo matches (0.02) do not foretell it",
+        "Entropy (r = 0.26) and the number of stereo matches (0.02) do not predict it",
         " and ".join(one.text("+.2f") for one in poor.values()),
         (Verdict.NOT_REPRODUCED, Verdict.CONDITIONALLY, Verdict.REPRODUCED)[len(none)],
         f"of {none[0]} only" if len(none) == 1 else "",
@@ -172,7 +163,7 @@ def _table(results: Results, errors: NDArray[np.float64]) -> Table:
 
 def _proxy_table(correlations: Mapping[str, Interval]) -> Table:
     return Table(
-        "Correlation with the error. Our Lowe ratio is small for distinct matches.",
+        "Correlation with the error. Our Lowe ratio is small when matches are distinct.",
         ["measure", "the paper", "ours"],
         [
             [name, "-" if (paper := PROXIES[name]) is None else f"{paper:+.2f}", one.text("+.2f")]
@@ -228,6 +219,4 @@ def _draw_proxies(
     save(figure, file)
 
 
-EXPERIMENT = Experiment(
-    "fig7", "Fig. 7 to 9: odometry with fixed settings, and what foretells its error", jobs, section
-)
+EXPERIMENT = Experiment("fig7", "Fig. 7 to 9: odometry with fixed settings, and what predicts its error", jobs, section)

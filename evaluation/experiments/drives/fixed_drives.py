@@ -1,4 +1,4 @@
-"""The error of odometry with each of a few fixed settings, and what measures of images say meanwhile."""
+"""The error of odometry with each of a few fixed settings, and measures of its images."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from evaluation.odometry.tracking import outcome, track_entrants
 from evaluation.stage.delayed_loop import Entrant
 
 SETTINGS = ((940.0, 24.0), (1880.0, 18.0), (3750.0, 12.0), (7500.0, 6.0))
-"""Exposure time (us) and gain (dB), all of one exposure level, right for the light of 20 lux."""
+"""Exposure time (us) and gain (dB), all at one exposure level, right for 20 lux."""
 
 LOOK_EVERY = 8
-"""Pairs of odometry between two whose images are measured."""
+"""Images of every eighth pair that odometry gets are measured."""
 
 
 def measure(room: int, seed: int, repeat: int, frames: int) -> Plain:
-    """For each setting: what `outcome` says, and the medians of the measures of images."""
+    """For each setting, what `outcome` returns, and the medians of the measures of images."""
     entrants = [Entrant(f"{time_us:g} us", 2, partial(_fixed, time_us, gain_db)) for time_us, gain_db in SETTINGS]
     looks: list[list[list[float]]] = [[] for _ in SETTINGS]
     stage = odometry_stage("even", room, seed, repeat)

@@ -15,12 +15,12 @@ from evaluation.odometry.tracking import outcome, track_entrants
 from evaluation.stage.delayed_loop import Entrant
 
 FIXED = ExposureSetting(3000.0, 6.0)
-"""Chosen by hand: of 1.5, 3 and 6 ms with 6, 12, 18 and 24 dB, it had the least error over two laps of room 1 in uneven
-light, and lost no pair. Room 1 is not one of the report's."""
+"""Chosen by hand: of 1.5, 3 and 6 ms with 6, 12, 18 and 24 dB, it had the smallest error over two laps of room 1 in
+uneven light, and lost no pair. Room 1 is not in the report."""
 
 
 def measure(*, light: Light, room: int, seed: int, repeat: int, policies: list[str], frames: int) -> Plain:
-    """What `outcome` says of each policy."""
+    """What `outcome` returns for each policy."""
     stage = odometry_stage(light, room, seed, repeat)
     runs = track_entrants(stage, [entrant(policy) for policy in policies], in_house, frames)
     return [outcome(one) for one in runs]

@@ -22,13 +22,13 @@ from evaluation.odometry.tracking import outcome, track_entrants
 from evaluation.odometry.vocabulary import write_vocabulary
 
 TAUGHT_ROOM = 1
-"""Not one of those that are driven through."""
+"""Not one of the rooms in the report."""
 
 TAUGHT_FRAMES = range(0, 900, 30)
 
 
 def measure(*, light: Light, room: int, seed: int, policy: str, frames: int, version: str) -> Plain:
-    """What `outcome` says; `version` of the package only tells results of one from those of another."""
+    """What `outcome` returns. The package's `version` only keeps results of different versions apart."""
     with tempfile.TemporaryDirectory() as name, _silent():
         folder = Path(name)
         write_vocabulary(_descriptors(), folder / "vocabulary.txt")
@@ -49,7 +49,7 @@ def _descriptors() -> NDArray[np.uint8]:
 
 @contextmanager
 def _silent() -> Iterator[None]:
-    """ORB-SLAM3 talks to both outputs, over the progress bar."""
+    """ORB-SLAM3 prints to stdout and stderr, over the progress bar."""
     spoken = {output: os.dup(output) for output in (1, 2)}
     with Path(os.devnull).open("wb") as nowhere:
         for output in spoken:

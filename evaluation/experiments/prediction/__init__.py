@@ -1,1 +1,1 @@
-"""Experiments on prediction: what an image tells about other exposures of it."""
+"""Experiments on prediction: what an image says about other exposures of the same view."""

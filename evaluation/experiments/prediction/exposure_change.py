@@ -1,4 +1,4 @@
-"""What a change of exposure does to grey levels, and how well curves foretell it."""
+"""What a change of exposure does to grey levels, and how well curves predict it."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from evaluation.scenes.responses import CameraResponse
 from evaluation.stage.camera import time_first
 
 GAMMAS: NDArray[np.float64] = np.exp2(np.arange(-4.0, 4.001, 0.02))
-"""Among these the gamma is sought that foretells a change best: 1/16 to 16."""
+"""The gamma that predicts a change best is sought among these: 1/16 to 16."""
 
 _CLIPPED_MARGIN = 3
-"""Greys nearer than this to black or white may be clipped in some shots, and tell nothing of light."""
+"""Greys nearer than this to black or white may be clipped in some shots, and say nothing about light."""
 
 
 def gamma_curve(gamma: float) -> NDArray[np.float64]:
@@ -29,15 +29,15 @@ def gamma_curve(gamma: float) -> NDArray[np.float64]:
 def measure(
     *, scene: str, seed: int, lux: float, camera: list[Any], level: float, changes: list[float], shots: int
 ) -> Plain:
-    """Photograph a still scene at a level and at changes of it (stops), and compare with what curves foretell.
+    """Photograph a still scene at a level and after changes of it (stops), and compare with what curves predict.
 
     Noise is averaged out over shots. Errors are over the pixels that are neither black nor white at `level`.
 
     Returns
     -------
     For each change {"change", "seen": for each grey level at `level` the mean one after the change or None,
-    "response_rms", "gamma_rms", "gamma"}: errors in grey levels of the prediction by the camera's response, and of that
-    gamma curve which, knowing the outcome, errs least.
+    "response_rms", "gamma_rms", "gamma"}: errors in grey levels of the prediction by the camera's response, and of the
+    gamma curve with the smallest error, chosen with knowledge of the outcome.
     """
     response = CameraResponse(*camera)
     life = StillLife(scene, seed, lux, response)

@@ -24,10 +24,10 @@ LUX = 50.0
 """As in the paper."""
 
 DARK_STOPS = 1.0
-"""Frames at least so far below the best exposure are dark."""
+"""Frames at least this far below the best exposure are dark."""
 
 COUPLED, DECOUPLED = 0.10, 0.05
-"""A metric that gain alone changes by more than a tenth of its peak depends on gain; by less than a twentieth, not."""
+"""A metric depends on gain if gain alone changes it by more than a tenth of its peak; below a twentieth it does not."""
 
 SAME_OPTIMUM_STOPS = 0.5
 """Narrower than the plateaus on which the metric is within 1 % of its peak often are."""
@@ -42,15 +42,15 @@ _VIEW_NAMES = {
 
 _SETTING = """\
 The paper took a static room of about 50 lux with one FLIR BFS-U3-16S2M, at many pairs of exposure time and gain, and
-computed M_g for delta 0.06 and 0.30. Ours is a simulated sensor of 22000 electrons full well and 3 electrons read
-noise at 50 lux, before furnished rooms and painted stills that keep still; times of 20 to 7500 us with gains of 0 to
-48 dB in steps of 6, so each level is made of up to nine pairs. Gain amplifies what light and read noise leave, as in
-a camera: at one level, more gain is less light and more noise.
+computed M_g for delta 0.06 and 0.30. Ours is a simulated sensor with 22000 electrons full well and 3 electrons read
+noise at 50 lux, in front of furnished rooms and painted stills that do not move; times of 20 to 7500 us with gains of
+0 to 48 dB in steps of 6, so up to nine pairs make one level. Gain amplifies both signal and read noise, as in a
+camera: at one level, more gain means less light and more noise.
 
-Gain dependence is, at one level, the largest metric minus the least over all gains, as a share of the curve's peak.
-The paper is not of one mind about what is done to a frame before it is measured: its text has a median filter, its
-published code computes one and then measures the frame without it, and its frames elsewhere went through a gamma of
-0.3. So all of these are shown. The verdicts are for frames as the daemon's control sees them."""
+Gain dependence is the difference between the largest and the smallest metric at one level over all gains, as a share
+of the curve's peak. The paper is not consistent about what is done to a frame before it is measured: its text has a
+median filter, its published code computes one and then measures the frame without it, and its frames elsewhere went
+through a gamma of 0.3. So all of these are shown. The verdicts are for frames as the daemon's control sees them."""
 
 
 def jobs(quick: bool) -> list[Job]:
@@ -136,12 +136,12 @@ def _best(rows: Rows, delta: float) -> float:
 
 
 def _worst(measured: Sequence[Rows], view: str, delta: float, max_gain_db: float) -> Interval:
-    """Over scenes, of each the largest gain dependence of any level."""
+    """Mean over scenes of the largest gain dependence at any level."""
     return mean_interval([max(coupling(rows, view, delta, max_gain_db).values()) for rows in measured])
 
 
 def _dark(measured: Sequence[Rows], view: str, delta: float) -> Interval:
-    """As `_worst` over all gains, of dark frames only."""
+    """As `_worst` over all gains, for dark frames only."""
     values = []
     for rows in measured:
         best = plateau_centre(*curve_of_least_gain(rows, view, delta))

@@ -33,31 +33,31 @@ THE_PAPERS = CameraResponse("linear", 0.3)
 CAMERAS = (THE_PAPERS, CameraResponse("linear"))
 
 QUICK_FRAMES, SLOW_FRAMES = 30, 70
-"""The paper reads about 15 and up to 100 frames off a plot: within a factor of two, and of a good two thirds."""
+"""The paper reads about 15 and up to 100 frames off a plot: at most twice the one, at least two thirds of the other."""
 
 LARGE_FACTOR = 3.0
 """Half of the paper's 100 over 15."""
 
 A_WAY_TO_GO = 8
-"""Frames: four steps at a delay of two. Feedback cannot tell in fewer."""
+"""Frames: four steps at a delay of two. In fewer, feedback can make no difference."""
 
 SAME_LEVEL_STOPS = 0.25
 
 _SETTING = f"""\
 The paper switched the light from about 1 to about 150 lux in a static room and ran its algorithm live at 60 Hz, with
-and without saturation feedback, and Shim's law by gamma curves. Ours is one step of light at 1 lux in virtual time,
-in rooms and painted stills before the simulated camera (20 to 7500 us, 0 to 30 dB), from half a second of rest. The
-laws are the daemon's: `begin2022`; the same without feedback (it is not told which decision a frame realises, so r of
-eq. 21 is 0); for gamma curves `mehta2020`, whose code the paper ran, and `shim2018`. A decision on frame k shows in
-frame k + 2, as in the paper's published code; with "delay 1" it shows in the next, as eq. (22) is written.
+and without saturation feedback, and Shim's law by gamma curves. Ours is one step of light from 1 lux in virtual time,
+with rooms and painted stills in front of the simulated camera (20 to 7500 us, 0 to 30 dB), after half a second at rest.
+The laws are the daemon's: `begin2022`; the same without feedback (it does not learn which decision a frame realises, so
+r of eq. 21 is 0); for gamma curves `mehta2020`, whose code the paper ran, and `shim2018`. A decision on frame k takes
+effect in frame k + 2, as in the paper's published code; with "delay 1" in the next frame, as eq. (22) is written.
 
-Two things are in that code and not in the text. Its table for one stop less makes grey 254 into
-209, which is a response of about exposure^0.3: the gamma of 0.3 that the paper applies to its frames is in. So our
-main camera is `linear^0.3` (Gamma node at 0.3); a linear one is beside it. And from an image of mean grey above 245
-or below 10 the code goes 2 stops down or up, whatever is predicted; that is "rule" below.
+Two things are in that code but not in the text. Its table for one stop less turns grey 254 into 209, a response of
+about exposure^0.3: it includes the gamma of 0.3 that the paper applies to its frames. So our main camera is
+`linear^0.3` (Gamma node at 0.3), with a linear one for comparison. And after an image of mean grey above 245 or below
+10 the code goes 2 stops down or up, whatever the prediction; this is "rule" below.
 
 Converged: from then on within {BAND_STOPS} stop of the median of the last {END_FRAMES} frames of {FRAMES}, with at
-least {USEFUL_SHARE:.0%} of the best metric there. A law that stays in a white image is stuck, not converged."""
+least {USEFUL_SHARE:.0%} of the best metric there. A law that stays at a white image is stuck, not converged."""
 
 
 def jobs(quick: bool) -> list[Job]:
@@ -118,9 +118,9 @@ def _converged(runs: StepRuns, name: str) -> list[int]:
 
 
 def _speed_up(runs: StepRuns, variant: str) -> Interval | None:
-    """Frames without feedback over frames with it, where both converged and had a way to go; None for no such run.
+    """Frames without feedback over frames with it, where both converged and took some frames; None for no such run.
 
-    Mean over scenes, of each the mean over its runs.
+    Mean over scenes of the mean over their runs.
     """
     ratios: dict[tuple[str, int], list[float]] = {}
     for arguments, found in runs:
@@ -138,7 +138,7 @@ def _feedback_is_faster(results: Results, papers: StepRuns) -> Claim:
     speed_up = _speed_up(everywhere, ", rule")
     fast, slow = _converged(papers, "feedback, rule"), _converged(papers, "no feedback, rule")
     if speed_up is None:
-        return Claim(_FEEDBACK[0], _FEEDBACK[1], "no run to compare", Verdict.NOT_REPRODUCED)
+        return Claim(_FEEDBACK[0], _FEEDBACK[1], "no runs to compare", Verdict.NOT_REPRODUCED)
     faster = speed_up.low > 1.0
     as_fast = bool(fast and slow) and np.median(fast) <= QUICK_FRAMES and max(slow) >= SLOW_FRAMES
     if faster and as_fast and speed_up.value >= LARGE_FACTOR:

@@ -1,4 +1,4 @@
-"""B&H Fig. 11: the exposure that gamma curves take for the best, and the true best."""
+"""B&H Fig. 11: the exposure that gamma curves consider best, and the true best."""
 
 from __future__ import annotations
 
@@ -17,27 +17,27 @@ from evaluation.scenes.responses import CameraResponse
 LUX = 50.0
 
 THE_PAPERS = (CameraResponse("linear"), CameraResponse("linear", 0.6), CameraResponse("linear", 0.3))
-"""The paper's camera, taken for linear, and the two that it made of it by gamma transformations."""
+"""The paper's camera, taken to be linear, and the two that the paper derived from it by gamma transformations."""
 
 CAMERAS = (*THE_PAPERS, CameraResponse("gamma"), CameraResponse("s_shaped"))
-"""Those, and the fake camera's other responses."""
+"""The paper's, and the fake camera's other responses."""
 
 SLIGHT_STOPS = 1.0
-"""A best level that moves by less from camera to camera varies slightly: gamma curves are off by 1 to 3 stops."""
+"""A best level that moves by less from camera to camera varies slightly: gamma curves err by 1 to 3 stops."""
 
 _LAW_NAMES = {"begin2022": "by the response", "shim2018": "by gamma, shim2018", "mehta2020": "by gamma, mehta2020"}
 
 _SETTING = """\
 The paper photographed a static scene at many exposure levels, computed M_g and the gamma* of Shim's method for each,
-and did so for three responses: its FLIR camera's, and that with gamma transformations of 0.6 and 0.3 on the images.
-Ours are rooms and painted stills at 50 lux before the simulated sensor, linear and with its Gamma node at 0.6 and 0.3
-(which acts before the 8 bits, not after; `linear^0.6` below), and besides the fake camera's gamma and S-shaped
-responses.
+and did so for three responses: that of its FLIR camera, and the same with gamma transformations of 0.6 and 0.3 on the
+images. Ours are rooms and painted stills at 50 lux in front of the simulated sensor, linear and with its Gamma node at
+0.6 and 0.3 (which acts before quantisation to 8 bits, not after; `linear^0.6` below), and also with the fake camera's
+gamma and S-shaped responses.
 
-The true best level is the middle of the levels within 1 % of the largest M_g. From each frame the daemon's own laws,
-which know that frame only, say how many stops they want to go: `begin2022` by the response, without feedback, and
-Shim's law by gamma curves as `shim2018` and as `mehta2020`. Where a law wants up from below and down from above it
-comes to rest: that is the level it takes for the best, and its bias is the distance to the true one. Of several such
+The true best level is the middle of the levels within 1 % of the largest M_g. For each frame the daemon's own laws,
+which know only that frame, say how many stops they want to go: `begin2022` by the response, without feedback, and
+Shim's law by gamma curves as `shim2018` and as `mehta2020`. A law comes to rest where it wants to go up from below and
+down from above: that is the level it considers best, and its bias is the distance from the true one. Of several such
 levels the one nearest to the true best counts, in favour of the law."""
 
 
@@ -59,7 +59,7 @@ def jobs(quick: bool) -> list[Job]:
 
 
 Summaries = Mapping[CameraResponse, Sequence[Mapping[str, Mapping[str, float]]]]
-"""For each camera what `predicted_optimum.summary` says of each scene, scenes in the same order."""
+"""For each camera, what `predicted_optimum.summary` returns for each scene, with scenes in the same order."""
 
 
 def section(results: Results, folder: Path) -> Section:
@@ -80,9 +80,9 @@ def section(results: Results, folder: Path) -> Section:
         [
             Figure(
                 "fig11.png",
-                "Above, M_g against exposure level for each response; dashed lines its best levels. Below, how far "
-                "Shim's law (gamma curves, full lines) and `begin2022` (dotted) want to go; full vertical lines where "
-                "Shim's law comes to rest.",
+                "Above, M_g against exposure level for each response; dashed lines mark the best levels. Below, how "
+                "far Shim's law (gamma curves, solid lines) and `begin2022` (dotted) want to go; solid vertical lines "
+                "mark where Shim's law comes to rest.",
             ),
             _table(found, scenes),
         ],
@@ -94,7 +94,7 @@ def _camera(arguments: Mapping[str, Any]) -> CameraResponse:
 
 
 def _bias(found: Summaries, camera: CameraResponse, law: str) -> Interval:
-    """Over scenes where the law comes to rest."""
+    """Mean over the scenes in which the law comes to rest."""
     return mean_interval([b for scene in found[camera] if np.isfinite(b := scene[law]["bias"])])
 
 
@@ -108,7 +108,7 @@ def _linear_bias(found: Summaries, scenes: Sequence[str], *, rooms: bool) -> str
 
 
 def _ruled(holding: Sequence[object], claimed: Sequence[object], where: str) -> tuple[Verdict, str]:
-    """Reproduced where a claim holds for all that it was made for, under conditions where it holds for some."""
+    """Reproduced when a claim holds for everything it was made for, under conditions when it holds for some."""
     if set(claimed) <= set(holding):
         return Verdict.REPRODUCED, ""
     if holding:
@@ -130,7 +130,7 @@ def _underestimates(found: Summaries) -> Claim:
 
 
 def _steady_optimum(found: Summaries, scenes: Sequence[str]) -> Claim:
-    """For each kind of scene by itself: kinds differ more than scenes of a kind."""
+    """Judged for each kind of scene separately: kinds differ more than scenes of a kind."""
     kinds = list(dict.fromkeys(scenes))
     true = dict(zip(kinds, (_range(found, scenes, kind, "true") for kind in kinds), strict=True))
     gamma = {kind: _range(found, scenes, kind, "shim2018") for kind in kinds}
@@ -147,7 +147,7 @@ def _steady_optimum(found: Summaries, scenes: Sequence[str]) -> Claim:
 
 
 def _range(found: Summaries, scenes: Sequence[str], kind: str, law: str) -> Interval:
-    """How far apart a law's levels are over the paper's cameras (stops), over scenes of a kind."""
+    """The range of a law's levels over the paper's cameras (stops), mean over scenes of a kind."""
     spreads = [
         np.ptp(np.array([by_law[law]["level"] for by_law in scene]))
         for name, *scene in zip(scenes, *(found[camera] for camera in THE_PAPERS), strict=True)
@@ -157,7 +157,7 @@ def _range(found: Summaries, scenes: Sequence[str], kind: str, law: str) -> Inte
 
 
 def _closer(found: Summaries) -> Claim:
-    """By the difference of the two absolute biases, paired by scene."""
+    """Judged by the difference of the two absolute biases, paired by scene."""
     closer = {}
     for camera in CAMERAS:
         pairs = [(abs(scene["shim2018"]["bias"]), abs(scene["begin2022"]["bias"])) for scene in found[camera]]

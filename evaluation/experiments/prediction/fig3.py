@@ -1,4 +1,4 @@
-"""B&H Fig. 3: response functions, the prediction curves that follow from them, and gamma curves."""
+"""B&H Fig. 3: response functions, the prediction curves they imply, and gamma curves."""
 
 from __future__ import annotations
 
@@ -17,30 +17,30 @@ from evaluation.scenes.responses import FAKE_CAMERAS, CameraResponse
 
 LUX = 50.0
 CHANGES = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0)
-"""Stops: those that the paper's algorithm predicts."""
+"""In stops: the changes that the paper's algorithm predicts."""
 
 LEVELS = {"room": 11.5, "leaves": 13.5, "street": 13.0, "hall": 13.5}
-"""Well-exposed frames to start from: most is neither black nor white."""
+"""Levels of well-exposed frames to start from: most pixels are neither black nor white."""
 
 EXACT_GREY = 1.0
-"""A prediction that errs by less (rms, grey levels) is as good as 8 bits allow."""
+"""A prediction with a smaller error (rms, grey levels) is as good as 8 bits allow."""
 
 FAR_GREY = 4.0
-"""A prediction that errs by more is wrong by more than the noise of most frames."""
+"""A prediction with a larger error is off by more than the noise of most frames."""
 
 _SHOWN = (-2.0, -1.0, 1.0, 2.0)
 _SHOTS = 16
 
 _SETTING = """\
-The paper shows the response of its FLIR camera, found by a calibration on a static scene, the transformations g_exp
-that follow from it, and gamma curves beside them; it measures no error. We ask how far both are from the truth, which
-a simulation can tell: a still scene at 50 lux is photographed at one level and again 0.5 to 2 stops brighter and
-darker, noise averaged out over shots. Three cameras: the responses that the fake camera can have (linear; gamma
-1/2.2; S-shaped over a power law). The response that predicts is the sensor's own, as a calibration without error
-would find it; what a real calibration adds in error is docs/calibration-method.md's matter.
+The paper shows the response of its FLIR camera, found by calibration on a static scene, the transformations g_exp that
+follow from it, and gamma curves for comparison; it measures no error. We ask how far both are from the truth, which a
+simulation knows: a still scene at 50 lux is photographed at one level and again 0.5 to 2 stops brighter and darker,
+with noise averaged out over shots. There are three cameras, with the responses that the fake camera can have (linear;
+gamma 1/2.2; S-shaped over a power law). The predicting response is the sensor's own, as an error-free calibration
+would find it; for the error of a real calibration, see docs/calibration-method.md.
 
-The gamma curve is given every advantage: for each change of exposure, camera and scene it is the one that, knowing
-the outcome, errs least. In use nobody tells which gamma stands for which change."""
+The gamma curve is given every advantage: for each change of exposure, camera and scene it is the one with the smallest
+error, chosen with knowledge of the outcome. In use, nothing says which gamma stands for which change."""
 
 
 def jobs(quick: bool) -> list[Job]:
@@ -62,7 +62,7 @@ def jobs(quick: bool) -> list[Job]:
 
 
 def section(results: Results, folder: Path) -> Section:
-    """Judge the prediction by the response, and that by gamma curves."""
+    """Judge prediction by the response and by gamma curves."""
     by_camera: dict[CameraResponse, list[Sequence[Mapping[str, Any]]]] = {}
     for arguments, found in results:
         by_camera.setdefault(_camera(arguments), []).append(found)
@@ -92,7 +92,7 @@ def section(results: Results, folder: Path) -> Section:
             Figure(
                 "fig3.png",
                 "Above, the responses. Below, what grey levels become: lines as predicted from the response, dots as "
-                "seen, dashes the best gamma curve of the same room.",
+                "seen, dashes the best gamma curve of the same scene.",
             ),
             _table(by_camera),
         ],
@@ -104,7 +104,7 @@ def _camera(arguments: Mapping[str, Any]) -> CameraResponse:
 
 
 def _over_all(found: Sequence[Sequence[Mapping[str, Any]]], figure: str) -> Interval:
-    """Mean over scenes, of each the mean over changes."""
+    """Mean over scenes of the mean over changes."""
     return mean_interval([np.mean([change[figure] for change in scene]) for scene in found])
 
 

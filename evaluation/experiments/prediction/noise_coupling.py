@@ -1,4 +1,4 @@
-"""How much the gradient metric at one exposure level depends on what the level is made of: time or gain."""
+"""How much the gradient metric at one exposure level depends on the split of the level into time and gain."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from evaluation.scenes.responses import CameraResponse
 from evaluation.stage.camera import LIMITS, Image
 
 DELTAS = (0.06, 0.30)
-"""Activation thresholds: Shim's and that of Begin & Hunter."""
+"""Activation thresholds: Shim's, and Begin & Hunter's."""
 
 GAINS_DB = tuple(range(0, 49, 6))
-"""Up to what the paper's camera can give; the daemon's bound in the arena is 30."""
+"""Up to the most that the paper's camera can give; the arena's limit is 30."""
 
 Rows: TypeAlias = "Sequence[Mapping[str, Any]]"
 """What `measure` returns."""
@@ -38,19 +38,20 @@ VIEWS: Mapping[str, Callable[[Image], Image]] = {
 }
 """What is done to an image before it is measured.
 
-`control` shrinks it and takes a median, as the paper says and the daemon does. `lifted` before that applies the paper's
-gamma of 0.3 against darkness. `shrunk` leaves the median out, as the paper's code in effect does. `raw` does nothing.
+`control` shrinks it and takes a median, as the paper says and the daemon does. `lifted` first applies the paper's gamma
+of 0.3, which brightens dark parts. `shrunk` leaves out the median, as the paper's code in effect does. `raw` does
+nothing.
 """
 
 
 def pairs_of(level: float) -> list[ExposureSetting]:
-    """All settings of a level (stops) with gains of `GAINS_DB` and times that the camera can take."""
+    """All settings of a level (stops) with a gain of `GAINS_DB` and a time that the camera supports."""
     settings = [ExposureSetting(2.0 ** (level - gain / DB_PER_STOP), float(gain)) for gain in GAINS_DB]
     return [s for s in settings if LIMITS.min_time_us <= s.exposure_time_us <= LIMITS.max_time_us]
 
 
 def measure(scene: str, seed: int, lux: float, levels: list[float], shots: int) -> Plain:
-    """The metric of a still scene for each level, gain, view and delta, mean over some shots.
+    """The metric of a still scene for each level, gain, view and delta, averaged over shots.
 
     Returns a list of {"level", "gain_db", view: [M_g of each of `DELTAS`]}.
     """
@@ -72,7 +73,7 @@ def measure(scene: str, seed: int, lux: float, levels: list[float], shots: int) 
 
 
 def curve_of_least_gain(rows: Rows, view: str, delta: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Levels, and at each the metric (view, delta) of the pair with the least gain."""
+    """Levels, and the metric (view, delta) of the pair with the lowest gain at each."""
     by_level: dict[float, float] = {}
     for row in sorted(rows, key=lambda row: (row["level"], row["gain_db"])):
         by_level.setdefault(row["level"], row[view][DELTAS.index(delta)])

@@ -1,4 +1,4 @@
-"""Where laws of exposure come to rest on a still scene, and where they should."""
+"""Where exposure laws come to rest on a still scene, and where they should."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ LAWS = ("begin2022", "shim2018", "mehta2020")
 """One predicts through the response function, two by gamma curves."""
 
 _UNBOUNDED = ExposureLimits(1e-6, 1e15, 0.0, 0.0)
-"""So that a law's step is what it wants, and not what a camera could do."""
+"""So that a step is what the law wants, not what a camera could do."""
 
 
 def measure(scene: str, seed: int, lux: float, camera: list[Any], levels: list[float]) -> Plain:
@@ -31,11 +31,11 @@ def measure(scene: str, seed: int, lux: float, camera: list[Any], levels: list[f
     Parameters
     ----------
     scene, seed, lux
-        What is seen.
+        What the camera sees.
     camera
         Curve and gamma of its response.
     levels
-        Exposure levels (stops), rising.
+        Exposure levels (stops), ascending.
 
     Returns
     -------
@@ -56,15 +56,15 @@ def measure(scene: str, seed: int, lux: float, camera: list[Any], levels: list[f
 
 
 def step_of(law: str, response: ResponseFunction, image: NDArray[np.uint8], setting: ExposureSetting) -> float:
-    """The change of level (stops) that a law wants after one image, knowing nothing of others."""
+    """The change of level (stops) that a law wants after one image, knowing no other."""
     loop = ControlLoop(law, response, _UNBOUNDED, setting)
     return loop.step(pair_of({"left": image}, setting, 0, 0.0)).level - setting.level
 
 
 def rest_level(levels: NDArray[np.float64], steps: NDArray[np.float64], near: float) -> float:
-    """The level where a law comes to rest: it wants up below it and down above it.
+    """The level where a law comes to rest: it wants to go up below it and down above it.
 
-    Of several the one nearest to `near`; NaN where there is none.
+    Of several such levels, the one nearest to `near`; NaN for none.
     """
     turns = np.flatnonzero((steps[:-1] > 0) & (steps[1:] <= 0))
     if not turns.size:
@@ -74,9 +74,9 @@ def rest_level(levels: NDArray[np.float64], steps: NDArray[np.float64], near: fl
 
 
 def summary(measured: Mapping[str, Any]) -> dict[str, dict[str, float]]:
-    """For each law of a result of `measure`: its bias (stops), and the share of the best metric that it rests at.
+    """For each law in a result of `measure`: where it rests, its bias (stops), and the share of the best metric there.
 
-    Besides, under "true", the best level as its bias' zero.
+    Under "true" is the best level, from which biases count.
     """
     levels, metrics = np.array(measured["levels"]), np.array(measured["metrics"])
     best = plateau_centre(levels, metrics)

@@ -1,4 +1,4 @@
-"""How laws of exposure answer to light that is switched on."""
+"""How exposure laws respond to a light that is switched on."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.policy import ExposurePolicy, Observation, Target
 from drivers.exposure import ExposureSetting
 from evaluation.experiments.experiment import Plain
+from evaluation.experiments.prediction.still_life import still_stage
 from evaluation.scenes.responses import CameraResponse
-from evaluation.scenes.scenarios import RATE_HZ, Course
-from evaluation.scenes.views import build_views
+from evaluation.scenes.scenarios import RATE_HZ
 from evaluation.stage.camera import LIMITS
 from evaluation.stage.delayed_loop import DelayedLoop
 from evaluation.stage.oracle import Oracle
@@ -25,23 +25,23 @@ from evaluation.stage.rendering import Stage
 from fake_camera.world.lighting import Change, LightScript
 
 WARM_UP_FRAMES = 30
-"""From the best exposure to whatever a law prefers, before the light is switched on."""
+"""Time to go from the best exposure to the one that a law prefers, before the light is switched on."""
 
 FRAMES = 150
-"""Watched after the step: half again as many as the paper's slowest answer takes."""
+"""Observed after the step: half again as many as the paper's slowest response takes."""
 
 END_FRAMES = 20
-"""The level where a law ends is the median over so many last frames."""
+"""The level where a law ends is the median over this many last frames."""
 
 BAND_STOPS = 0.25
-"""Converged: for good within this of the level where the law ends."""
+"""Converged: permanently within this distance of the level where the law ends."""
 
 USEFUL_SHARE = 0.5
-"""A law that ends with less of the best metric than this has not converged but is stuck."""
+"""A law that ends with a smaller share of the best metric is stuck, not converged."""
 
 
 class WithoutFeedback(ExposurePolicy):
-    """A law that never learns which decision a frame realises: for `begin2022`, eq. (22) with its first case only."""
+    """A law that never learns which decision a frame realises: for `begin2022`, only the first case of eq. (22)."""
 
     def __init__(self, law: ExposurePolicy) -> None:
         self.law, self.balance = law, law.balance
@@ -52,16 +52,16 @@ class WithoutFeedback(ExposurePolicy):
 
 
 class LeavesWhiteAndBlack(ExposurePolicy):
-    """A law with the rule that the paper's published code has and its text has not.
+    """A law with the rule that is in the paper's published code but not in its text.
 
-    From an image whose mean grey is above 245 or below 10 the exposure goes 2 stops down or up, whatever is predicted.
+    After an image whose mean grey is above 245 or below 10, exposure goes 2 stops down or up, whatever the prediction.
     """
 
     def __init__(self, law: ExposurePolicy) -> None:
         self.law, self.balance = law, law.balance
 
     def decide(self, observation: Observation) -> Target:
-        """The rule where it holds, else what the law decides."""
+        """What the rule decides where it applies, otherwise what the law decides."""
         mean = float(observation.image.mean())
         if 10 <= mean <= 245:
             return self.law.decide(observation)
@@ -69,7 +69,7 @@ class LeavesWhiteAndBlack(ExposurePolicy):
 
 
 class _ChangedLoop(ControlLoop):
-    """The daemon's loop with its law wrapped."""
+    """The daemon's loop around a wrapped law."""
 
     def wrap(self, wrappers: Sequence[Callable[[ExposurePolicy], ExposurePolicy]]) -> ControlLoop:
         for wrapper in wrappers:
@@ -86,7 +86,7 @@ class Contestant:
     delay_frames: int = 2
 
     def loop(self, camera: CameraResponse, start: ExposureSetting) -> ControlLoop:
-        """A fresh loop that knows the camera's response."""
+        """A fresh loop with the camera's response."""
         return _ChangedLoop(self.policy_id, camera.function, LIMITS, start).wrap(self.changes)
 
 
@@ -101,11 +101,11 @@ CONTESTANTS = {
     "gamma, shim2018": Contestant("shim2018"),
     "metric-map": Contestant("metric-map"),
 }
-"""By the names that results have. Gamma prediction is Mehta's code, which is what the paper ran."""
+"""By their names in results. Gamma prediction is Mehta's code, which is what the paper ran."""
 
 
 def measure(scene: str, seed: int, camera: list[Any], before_lux: float, rise_stops: float) -> Plain:
-    """Every contestant through the same step of light before a still scene.
+    """Run every contestant through the same step of light on a still scene.
 
     Returns
     -------
@@ -115,8 +115,7 @@ def measure(scene: str, seed: int, camera: list[Any], before_lux: float, rise_st
     response = CameraResponse(*camera)
     step_s = (WARM_UP_FRAMES - 0.5) / RATE_HZ
     light = LightScript((Change(0.0, before_lux), Change(step_s, before_lux * 2.0**rise_stops)))
-    views = build_views(scene, seed, _no_turn, at_window=False)
-    stage = Stage(views, Course(light, _no_turn, WARM_UP_FRAMES), seed, response=response.curve, gamma=response.gamma)
+    stage = still_stage(scene, seed, light, response)
     oracle = Oracle(stage)
     first = oracle.best(ExposurePriority(), 0.0)
     start = LIMITS.brightest if first is None else LIMITS.realise(first.level, LIMITS.max_time_us)
@@ -141,20 +140,16 @@ def _run(
 
 
 def frames_to_converge(levels: ArrayLike, share: float) -> int | None:
-    """Frames from the first after the step to the first that is, for good, near where the law ends; None for never.
+    """Frames from the first after the step to the first that stays near where the law ends; None for never.
 
     Parameters
     ----------
     levels
         Of all frames of a run (stops).
     share
-        Of the best metric, at the end.
+        Of the best metric, reached at the end.
     """
     after = np.asarray(levels, np.float64)[WARM_UP_FRAMES:]
     away = np.flatnonzero(np.abs(after - np.median(after[-END_FRAMES:])) > BAND_STOPS)
     frames = int(away[-1]) + 1 if away.size else 0
     return frames if share >= USEFUL_SHARE and frames <= len(after) - END_FRAMES else None
-
-
-def _no_turn(_: float) -> float:
-    return 0.0

@@ -1,4 +1,4 @@
-"""A scene that keeps still under a steady light, photographed with any setting as often as one likes."""
+"""A still scene in steady light, photographed with any setting, any number of times."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from numpy.typing import NDArray
 
 from drivers.exposure import ExposureSetting
 from evaluation.scenes.responses import CameraResponse
-from evaluation.scenes.scenarios import Course
+from evaluation.scenes.scenarios import Course, no_turn, steady
 from evaluation.scenes.views import build_views
 from evaluation.stage.rendering import Stage
-from fake_camera.world.lighting import Change, LightScript
+from fake_camera.world.lighting import LightScript
 
 
 class StillLife:
@@ -27,25 +27,25 @@ class StillLife:
     """
 
     def __init__(self, scene: str, seed: int, lux: float, camera: CameraResponse) -> None:
-        course = Course(LightScript((Change(0.0, lux),)), _no_turn, 0)
-        views = build_views(scene, seed, _no_turn, at_window=False)
-        self._stage = Stage(views, course, seed, response=camera.curve, gamma=camera.gamma)
+        self._stage = still_stage(scene, seed, steady(lux), camera)
 
     def take(self, setting: ExposureSetting, shot: int = 0) -> NDArray[np.uint8]:
-        """An image, uint8, (540, 720); each shot has noise of its own."""
+        """An image, uint8, (540, 720); each shot has its own noise."""
         if shot != self._stage.frame:
             self._stage.go_to(shot)
         return self._stage.expose("left", setting)
 
 
+def still_stage(scene: str, seed: int, light: LightScript, camera: CameraResponse) -> Stage:
+    """A scene that does not move, seen by a camera with a response."""
+    views = build_views(scene, seed, no_turn, at_window=False)
+    return Stage(views, Course(light, no_turn, 0), seed, response=camera.curve, gamma=camera.gamma)
+
+
 def plateau_centre(levels: NDArray[np.float64], metrics: NDArray[np.float64], share: float = 0.99) -> float:
-    """The best level: the middle of those around the maximum that reach `share` of it, since maxima are flat."""
+    """The best level: the middle of those around the maximum that reach `share` of it, because maxima are flat."""
     top = int(np.argmax(metrics))
     good = metrics >= share * metrics[top]
     low = top - int(np.argmin(good[top::-1])) + 1 if not good[: top + 1].all() else 0
     high = top + int(np.argmin(good[top:])) - 1 if not good[top:].all() else len(good) - 1
     return float((levels[low] + levels[high]) / 2)
-
-
-def _no_turn(_: float) -> float:
-    return 0.0

@@ -1,4 +1,4 @@
-"""The cases that are compared, lights and placements of the sky, and the results of each over all parks."""
+"""The cases compared (lights and placements of the sky), and the results of each over all parks."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from evaluation.experiments.teach.replay import POLICIES, WAYS
 STANDARD, FULL, FIXED = POLICIES[:3]
 
 TILTS = {"in the upper half": 0.0, "beyond it": 12.0, "hardly seen": -14.0}
-"""Where the sky is, by how far the camera looks up (degrees): level; raised, so that the sky reaches into the lower
+"""Where the sky is, by the upward tilt of the camera (degrees): level; raised, so that the sky reaches into the lower
 half; and lowered, so that the view ends in the trees."""
 
 AS_PAPER = next(iter(WAYS))
@@ -39,7 +39,7 @@ class Sweep:
     votes
         Shape (maps, offsets).
     whole
-        Offset at which the mean of the whole image is 0.5, shape (maps,).
+        Offset at which the whole image has a mean of 0.5, shape (maps,).
     """
 
     offsets: NDArray[np.float64]
@@ -49,7 +49,7 @@ class Sweep:
 
 
 def replays_of(results: Results, light: str, tilt_deg: float | None = None) -> list[Any]:
-    """Results of `replay.measure` under a light, of one tilt or of all."""
+    """Results of `replay.measure` in a light, with one tilt or with all."""
     return [
         result
         for arguments, result in results
@@ -58,7 +58,7 @@ def replays_of(results: Results, light: str, tilt_deg: float | None = None) -> l
 
 
 def cases_of(results: Results, way: str = AS_PAPER) -> dict[Case, dict[str, Errors]]:
-    """Errors by policy of all cases that were run."""
+    """Errors by policy for each case that was run."""
     return {
         (light, placement): {policy: errors_of(replays, way, policy) for policy in POLICIES}
         for light in REPLAYS
@@ -68,7 +68,7 @@ def cases_of(results: Results, way: str = AS_PAPER) -> dict[Case, dict[str, Erro
 
 
 def errors_of(replays: list[Any], way: str, policy: str) -> Errors:
-    """One policy's errors over several replays; registrations without a true shift are left out for all policies."""
+    """One policy's errors over several replays; registrations without a true shift are omitted for all policies."""
     errors: list[NDArray[np.float64]] = []
     places: list[NDArray[np.int64]] = []
     first = 0
@@ -82,7 +82,7 @@ def errors_of(replays: list[Any], way: str, policy: str) -> Errors:
 
 
 def sweeps_of(results: Results) -> dict[Case, Sweep]:
-    """The sweeps of all cases that were run."""
+    """The sweep of each case that was run."""
     sweeps = {}
     for light in REPLAYS:
         for placement, tilt in TILTS.items():
@@ -97,12 +97,12 @@ def sweeps_of(results: Results) -> dict[Case, Sweep]:
 
 
 def name(case: Case) -> str:
-    """A case as a person reads it."""
+    """A case, for people to read."""
     return f"{case[0]}, sky {case[1]}"
 
 
 def short(policy: str) -> str:
-    """A policy's name among the paper's."""
+    """The paper's name for a policy."""
     return policy.removeprefix("majer2018-")
 
 

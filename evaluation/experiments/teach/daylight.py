@@ -1,4 +1,4 @@
-"""Daylight: sun and sky at one time of the day, and what they send onto surfaces and into the camera."""
+"""Daylight: sun and sky at one time of day, and the light they send onto surfaces and into the camera."""
 
 from __future__ import annotations
 
@@ -9,37 +9,37 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 BOUNCE = 0.1
-"""Light that the ground throws back onto what is upright, as a share of what falls on level ground."""
+"""Light reflected from the ground onto upright surfaces, as a share of the light on level ground."""
 
 GLOW_WIDTH_DEG, GLOW_HEIGHT_DEG = 40.0, 18.0
-"""Reach of the bright sky around the sun."""
+"""Extent of the bright sky around the sun."""
 
 HAZE_HEIGHT_DEG = 10.0
-"""Above the horizon the sky darkens by 1/e in so much."""
+"""Above the horizon, haze falls to 1/e over this angle."""
 
 
 @dataclass(frozen=True, slots=True)
 class Daylight:
     """Sun and sky. All radiances are in lux times reflectance per lux that falls on open level ground.
 
-    An even sky that alone gives the light has radiance 1 everywhere, since then it sends what it receives; so a sky
-    that gives the share 1 - direct has about that radiance, more at the horizon and around the sun.
+    An even sky that gives all of the light has radiance 1 everywhere, so a sky that gives the share 1 - direct has
+    about that radiance, with more at the horizon and around the sun.
 
     Attributes
     ----------
     sun_azimuth_deg, sun_elevation_deg
         Where the sun stands; azimuth 0 is east, counted to the north.
     direct
-        Share of the light that comes straight from the sun.
+        Share of the light that comes directly from the sun.
     haze
-        By how much the horizon is brighter than the zenith.
+        How much brighter the horizon is than the zenith.
     glow
         Radiance added around the sun.
     first_lux, last_lux
-        Light on open level ground when the drive begins and ends, in the units of the fake camera's sensor: outdoors
-        its lens is stopped down, so 1000 of these are some 20000 lux.
+        Light on open level ground when the drive begins and ends, in the units of the fake camera's sensor. Outdoors
+        its lens is stopped down, so 1000 of these stand for about 20000 lux.
     day
-        Seed of what changes from day to day, clouds and leaves; 0 is the day of the teaching.
+        Seed of what changes from day to day (clouds and leaves); 0 is the day of teaching.
     """
 
     sun_azimuth_deg: float
@@ -52,7 +52,7 @@ class Daylight:
     day: int
 
     def lux(self, progress: float) -> float:
-        """Light at a share 0..1 of the drive: equal shares change it by equal factors."""
+        """Light at a share (0..1) of the drive; equal shares change it by equal factors."""
         return float(self.first_lux * (self.last_lux / self.first_lux) ** progress)
 
     def on_upright(self, outward_deg: float) -> float:
@@ -79,8 +79,8 @@ REPLAYS = {
     "overcast": Daylight(195.0, 20.0, direct=0.0, haze=0.0, glow=0.0, first_lux=500.0, last_lux=550.0, day=2),
     "sunset": Daylight(180.0, 1.0, direct=0.0, haze=0.8, glow=7.0, first_lux=40.0, last_lux=10.0, day=3),
 }
-"""Late in the afternoon, when light is steady: under a clear sky, when shadows have moved and what faces the sun is
-almost as bright as the sky, or under an overcast one, 3 to 4 stops brighter than trees. And after sunset, when only the
+"""Late in the afternoon, in steady light: under a clear sky, where shadows have moved and what faces the sun is almost
+as bright as the sky, or under an overcast sky, 3 to 4 stops brighter than the trees. And after sunset, when only the
 sky gives light, which falls by two stops during the drive."""
 
 STEADY = ("clear", "overcast")

@@ -1,4 +1,4 @@
-"""Pictures of the experiment: what the policies saw, the error curves, and what exposure does to registration."""
+"""Figures of the experiment: what the policies saw, the error curves, and how registration depends on exposure."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ POLICY_COLOURS = {
     "begin2022": "#CC79A7",
     "metric-map": "#222222",
 }
-"""After Okabe and Ito: to be told apart by everyone."""
+"""After Okabe and Ito: distinct for everyone."""
 
 PIXELS = np.arange(0.0, 18.01, 0.25)
-"""The axis of the paper's figure 7."""
+"""The horizontal axis of the paper's figure 7."""
 
 SWEEP_COLOURS = ("#0072B2", "#D55E00", "#009E73")
 
@@ -49,7 +49,7 @@ def plot_views(views: Mapping[str, Mapping[str, str]], file: Path) -> None:
 
 
 def plot_curves(cases: Mapping[Case, Mapping[str, Errors]], file: Path) -> None:
-    """p(error <= x) with 95 % bands by (light, placement): a row for each light, a column for each placement."""
+    """p(error <= x) with 95 % bands: a row for each light, a column for each placement."""
     lights, placements = (list(dict.fromkeys(key[axis] for key in cases)) for axis in (0, 1))
     figure, grid = plt.subplots(
         len(lights),
@@ -111,7 +111,7 @@ def plot_sweeps(sweeps: Mapping[Case, Sweep], file: Path) -> None:
 
 
 def _legend(figure: Figure, axes: Axes) -> None:
-    """Above all panels, where it hides nothing."""
+    """A legend above all panels, where it hides nothing."""
     handles, labels = axes.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=len(labels), fontsize=8, frameon=False)
 

@@ -13,7 +13,7 @@ from evaluation.experiments.experiment import Verdict
 from evaluation.experiments.statistics import Interval
 
 LOST_PX = 50.0
-"""In means and tests no error counts for more, and no shift found counts as this: a robot cannot be more than lost."""
+"""In means and tests, larger errors and failures count as this: a robot cannot be more than lost."""
 
 WITHIN_PX = 5.0
 """Where the curves are compared."""
@@ -24,22 +24,22 @@ SMALL_DIFFERENCE = 0.1
 SIGNIFICANT = 0.05
 
 FOLLOWS_PX, FOLLOWS_SHARE = 10.0, 0.9
-"""A robot can follow its path when so many registrations err by at most so much: two thirds of a degree."""
+"""A robot can follow its path if this share of registrations is within this error, two thirds of a degree."""
 
 _DRAWS = 2000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Errors:
-    """Registration errors of one policy, in the order of all others of the same case.
+    """Registration errors of one policy, in the same order for all policies of a case.
 
     Attributes
     ----------
     errors
         In pixels, infinite where no shift was found, float64, (registrations,).
     places
-        Which local map each belongs to, numbered from 0 over all parks, int64. Registrations with one map are alike,
-        so bootstraps draw maps, not registrations.
+        The local map of each, numbered from 0 over all parks, int64. Registrations with one map are alike, so
+        bootstraps draw maps, not registrations.
     """
 
     errors: NDArray[np.float64]
@@ -47,12 +47,12 @@ class Errors:
 
     @property
     def capped(self) -> NDArray[np.float64]:
-        """Errors of at most `LOST_PX`."""
+        """Errors capped at `LOST_PX`."""
         return np.minimum(self.errors, LOST_PX)
 
     @property
     def failures(self) -> int:
-        """Registrations that found no shift."""
+        """How many registrations found no shift."""
         return int(np.isinf(self.errors).sum())
 
     def share_within(self, pixels: float) -> Interval:
@@ -60,7 +60,7 @@ class Errors:
         return _interval((self.errors <= pixels).astype(np.float64), self.places)
 
     def curve(self, pixels: NDArray[np.float64]) -> NDArray[np.float64]:
-        """p(error <= x) and the lower and upper end of its 95 % band, shape (3, x)."""
+        """p(error <= x) and the lower and upper end of its 95 % band, shape (3, len(pixels))."""
         within = (self.errors[:, None] <= pixels).astype(np.float64)
         low, high = np.percentile(_drawn_means(within, self.places), [2.5, 97.5], axis=0)
         return np.stack([within.mean(axis=0), low, high])
@@ -68,14 +68,14 @@ class Errors:
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """Errors of one policy less those of another, image by image.
+    """Errors of one policy minus those of another, image by image.
 
     Attributes
     ----------
     difference
         Mean difference (pixels), below 0 where the first is better, with its interval over maps.
     t, p
-        Student's paired test over registrations, two-sided; as independent as the paper takes them to be.
+        Student's paired test over registrations, two-sided; it takes them as independent, as the paper does.
     """
 
     difference: Interval
@@ -84,7 +84,7 @@ class Comparison:
 
     @property
     def sign(self) -> int:
-        """-1: the first is better, 1: worse, both beyond doubt by the test and by the interval; else 0."""
+        """-1: the first is better, 1: it is worse, each by both test and interval; otherwise 0."""
         if self.p >= SIGNIFICANT or self.difference.low <= 0 <= self.difference.high:
             return 0
         return 1 if self.difference.value > 0 else -1
@@ -98,7 +98,7 @@ def compare(first: Errors, second: Errors) -> Comparison:
 
 
 def paired_t(differences: NDArray[np.float64]) -> tuple[float, float]:
-    """Student's t of paired differences and its two-sided probability, by the normal limit: there are hundreds."""
+    """Student's t of hundreds of paired differences and its two-sided probability, by the normal approximation."""
     spread = float(differences.std(ddof=1))
     if spread == 0:
         return 0.0, 1.0
@@ -107,19 +107,19 @@ def paired_t(differences: NDArray[np.float64]) -> tuple[float, float]:
 
 
 def better_everywhere(signs: Sequence[int]) -> Verdict:
-    """Verdict on "is better": in all cases, in some, or in none."""
+    """The verdict on "is better": in all cases, in some, or in none."""
     if signs and all(sign < 0 for sign in signs):
         return Verdict.REPRODUCED
     return Verdict.CONDITIONALLY if any(sign < 0 for sign in signs) else Verdict.NOT_REPRODUCED
 
 
 def probability(p: float) -> str:
-    """As a person reads it."""
+    """For people to read."""
     return "< 0.001" if p < 0.001 else f"= {p:.3f}"
 
 
 def follows(errors: Errors) -> bool:
-    """Whether a robot could follow its path by these registrations."""
+    """Whether a robot could follow its path with these registrations."""
     return bool((errors.errors <= FOLLOWS_PX).mean() >= FOLLOWS_SHARE)
 
 

@@ -17,25 +17,25 @@ from fake_camera.world.scene.shapes import block, level, upright
 from fake_camera.world.scene.textures import Pattern, clouds, plaster
 
 MEADOW_M, MEADOW_TEXELS = 26.0, 4096
-"""The ground around the path: 6 mm for a texel, which is one pixel at 5 m."""
+"""The ground around the path: a texel is 6 mm, one pixel at 5 m."""
 
 BACKDROP_M, PANELS = 30.0, 8
-"""Distance of the wood around the park, and the sky over it, on so many panels."""
+"""Distance of the wood around the park with the sky above, and the number of panels they are painted on."""
 
 PANEL_TEXELS = (820, 1024)
 SKY_TOP_M = 20.0
-"""Top of the panels: 32 degrees over the horizon, more than the view shows."""
+"""Top of the panels: 32 degrees above the horizon, more than the view shows."""
 
 TRUNKS, TRUNK_HEIGHT_M = 40, 12.0
-"""Trunks reach beyond the view; their crowns are known by their shadows only."""
+"""Trunks reach beyond the view; of their crowns only the shadows are seen."""
 
 SHRUBS = 24
 
 HEDGES, HEDGE_TEXELS = 6, (420, 1800)
-"""Shrubs are cut out of so many patterns of leaves, 256 texels to the metre."""
+"""Shrubs are cut out of this many patterns of leaves, 256 texels per metre."""
 
 BRIGHTEST_LEAF = 0.25
-"""Leaves reflect 5 to 25 % of the light that the eye sees, 8 % in the middle."""
+"""Leaves reflect 5 to 25 % of visible light, typically 8 %."""
 
 LITTER = 25_000
 """Fallen leaves on the meadow."""
@@ -54,8 +54,8 @@ class _Thing:
 def park(seed: int, daylight: Daylight) -> list[Surface]:
     """The surfaces of a park, with the light baked in: radiance per lux on level ground.
 
-    The seed decides what stays; the daylight decides sun, sky and shadows, and on another day than that of the
-    teaching, half of the leaves have moved, on the trees and on the ground.
+    The seed decides what stays; the daylight decides sun, sky and shadows. On any day after that of teaching, half of
+    the leaves have moved, on the trees and on the ground.
     """
     rng = np.random.default_rng([seed, 42])
     wind = np.random.default_rng([seed, 48, daylight.day]) if daylight.day else None
@@ -76,7 +76,7 @@ def park(seed: int, daylight: Daylight) -> list[Surface]:
     meadow = _meadow(rng, wind, seed) * _sunlit([*trunks, *shrubs, house], daylight)
     middle = np.zeros(2)
     surfaces.append(level(middle, (MEADOW_M, MEADOW_M), 0.0, 0.0, meadow.astype(np.float32)))
-    # Farther off it is a little lower, so that the meadow hides it.
+    # The far ground is slightly lower, so that the meadow hides it.
     surfaces.append(level(middle, (80.0, 80.0), 0.0, -0.03, far * np.float32(1.0 - 0.5 * daylight.direct)))
     return surfaces
 
@@ -84,7 +84,7 @@ def park(seed: int, daylight: Daylight) -> list[Surface]:
 def _thing(
     rng: np.random.Generator, ring_m: tuple[float, float], width_m: tuple[float, float], height: float
 ) -> _Thing:
-    """Something of a random width somewhere in a ring around the middle."""
+    """Something of random width, somewhere in a ring around the middle."""
     bearing, radius = float(rng.uniform(0, 2 * math.pi)), math.sqrt(float(rng.uniform(ring_m[0] ** 2, ring_m[1] ** 2)))
     place = np.array([math.cos(bearing), math.sin(bearing)]) * radius
     size = (float(rng.uniform(*width_m)), float(rng.uniform(*width_m)))
@@ -96,14 +96,14 @@ def _sides(thing: _Thing, patterns: list[Pattern]) -> list[Surface]:
 
 
 def _shaded(side: Surface, daylight: Daylight) -> Surface:
-    """A side of a thing with the light that falls onto it."""
+    """A side of a thing, with the light that falls on it."""
     x, y, z = np.cross(side.edge_v, side.edge_u)
     light = 1.0 if z > 1e-9 else daylight.on_upright(math.degrees(math.atan2(y, x)))
     return replace(side, pattern=side.pattern * np.float32(light))
 
 
 def _bark(rng: np.random.Generator) -> Pattern:
-    """Ribbed lengthwise, with moss and scars."""
+    """Bark with lengthwise ribs, moss and scars."""
     ribs = cv2.resize(rng.standard_normal((48, 32)).astype(np.float32), (64, 1024), interpolation=cv2.INTER_CUBIC)
     stains = clouds(rng, 1024, 64, 96, 5)
     return np.asarray(rng.uniform(0.1, 0.2) * (1.0 + 0.3 * ribs + 0.4 * stains), np.float32).clip(0.02, 0.5)
@@ -147,7 +147,7 @@ def _front(rng: np.random.Generator) -> Pattern:
 
 
 def _backdrop(seed: int, wind: np.random.Generator | None, daylight: Daylight) -> list[Surface]:
-    """The wood around, and the sky above it and through its gaps."""
+    """The surrounding wood, and the sky above it and through its gaps."""
     rows, columns = PANEL_TEXELS
     rng = np.random.default_rng([seed, 43])
     treeline = 5.0 + 1.8 * _around(clouds(rng, 8, columns * PANELS // 2, 700, 6))[0]
@@ -173,12 +173,12 @@ def _backdrop(seed: int, wind: np.random.Generator | None, daylight: Daylight) -
 
 
 def _around(half: Pattern) -> Pattern:
-    """A pattern and its mirror image, which close without a seam."""
+    """A pattern and its mirror image, which join without a seam."""
     return np.concatenate([half, half[:, ::-1]], axis=1)
 
 
 def _meadow(rng: np.random.Generator, wind: np.random.Generator | None, seed: int) -> Pattern:
-    """Grass with fallen leaves, and a gravel path where the robot drives; north is up."""
+    """Grass with fallen leaves, and a gravel path for the robot; north is up."""
     size = MEADOW_TEXELS
     blades = cv2.GaussianBlur(rng.standard_normal((size, size), np.float32), (0, 0), 1.2) * 2.0
     grass = 0.15 * (1.0 + 0.35 * clouds(rng, size, size, 256, 5) + 0.35 * blades)
@@ -197,7 +197,7 @@ def _meadow(rng: np.random.Generator, wind: np.random.Generator | None, seed: in
 
 
 def _sunlit(things: list[_Thing], daylight: Daylight) -> NDArray[np.float32]:
-    """Light on the meadow per lux on open ground: shadows of all things, and the flecks of sun under the crowns."""
+    """Light on the meadow per lux on open ground: the shadows of things, and flecks of sun under the crowns."""
     size = MEADOW_TEXELS
     if daylight.direct == 0:
         return np.ones((size, size), np.float32)

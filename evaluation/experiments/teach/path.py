@@ -1,4 +1,4 @@
-"""The taught path, a closed loop through the park, and how a robot repeats it: nearly."""
+"""The taught path, a closed loop through the park, and how a robot repeats it: approximately."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ MAPS = 80
 CAMERA_HEIGHT_M = 0.7
 
 LATERAL_M, HEADING_DEG, DISTANCE_M = 0.03, 1.5, 0.04
-"""How far (standard deviation) the repeating robot is beside the path, turned, and wrong about its distance."""
+"""The repeating robot's lateral offset, heading error and distance error (standard deviations)."""
 
 SWAY_DEG = 0.4
-"""Pitch and roll of a tracked robot on gravel (standard deviation), in teaching and repeating alike."""
+"""Pitch and roll of a tracked robot on gravel (standard deviation), when teaching and when repeating."""
 
 
 def path_radius_m(seed: int, bearing_rad: ArrayLike) -> NDArray[np.float64]:
@@ -35,7 +35,7 @@ class TaughtPath:
     seed
         Of the park.
     tilt_deg
-        How far the camera looks up (above 0) or down.
+        How far the camera looks up (positive) or down.
     """
 
     def __init__(self, seed: int, tilt_deg: float) -> None:
@@ -44,7 +44,7 @@ class TaughtPath:
 
     @property
     def spacing_m(self) -> float:
-        """Path between two maps."""
+        """Path length between two maps."""
         return float(self._distances[-1]) / MAPS
 
     def taught(self, index: int) -> NDArray[np.float64]:
@@ -53,7 +53,7 @@ class TaughtPath:
         return self._pose(distance, 0.0, 0.0, self._sways(0, distance))
 
     def repeated(self, drive: int, distance_m: float) -> NDArray[np.float64]:
-        """Pose of the camera in a repeating drive where the robot believes to have driven a distance (m)."""
+        """Pose of the camera in a repeating drive when the robot believes it has driven a distance (m)."""
         beside, turned, ahead = (self._wander((drive, kind), distance_m, (1.5, 8.0)) for kind in range(3))
         return self._pose(
             distance_m + DISTANCE_M * ahead, LATERAL_M * beside, HEADING_DEG * turned, self._sways(drive, distance_m)
@@ -97,7 +97,7 @@ def _looking(yaw: float, pitch: float, roll: float) -> NDArray[np.float64]:
 
 @lru_cache(maxsize=4)
 def _loop(seed: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Distances along the loop, and the places there, shape (points, 2)."""
+    """Distances along the loop, and the positions there, shape (points, 2)."""
     bearings = np.linspace(0.0, 2 * math.pi, 4001)
     places = path_radius_m(seed, bearings)[:, None] * np.stack([np.cos(bearings), np.sin(bearings)], axis=1)
     steps = np.hypot(*np.diff(places, axis=0).T)

@@ -18,22 +18,22 @@ FEATURES = 500
 """f_d of the paper."""
 
 FAST_THRESHOLD = 5
-"""So low that there are always enough corners to take the best of: the paper adapts its threshold to that end."""
+"""So low that there are always enough corners to choose the best from; the paper adapts its threshold to that end."""
 
 BORDER_PX = 31
 """ORB finds no features nearer to the border of an image."""
 
 RATIO = 0.8
-"""A match counts when it is so much nearer than the second best (Lowe)."""
+"""A match counts when its distance is below this share of the second best one's (Lowe)."""
 
 CELL_PX = 5.0
-"""The vote is for two neighbouring cells of the histogram of shifts, 10 pixels together."""
+"""The vote goes to two neighbouring cells of the histogram of shifts, 10 pixels together."""
 
 LEAST_VOTES = 3
-"""Fewer agree by chance: no shift is found."""
+"""Fewer may agree by chance, so no shift is found."""
 
 GRID_PX = 18
-"""Distance of the points of the image at which the true shift is looked up."""
+"""Spacing of the image points at which the true shift is looked up."""
 
 Part = Literal["top half", "whole image"]
 
@@ -54,7 +54,7 @@ class Detector:
 
     def find(self, image: NDArray[np.uint8], part: Part) -> MapFeatures:
         """Features of an image, uint8, (height, width)."""
-        if part == "top half":  # with a border below it, so that features reach down to its edge
+        if part == "top half":  # with a border below, so that features reach down to the edge
             image = image[: image.shape[0] // 2 + BORDER_PX]
         points, descriptors = self._orb.detectAndCompute(np.ascontiguousarray(image), None)
         if descriptors is None:
@@ -64,14 +64,14 @@ class Detector:
 
 @dataclass(frozen=True, slots=True)
 class Vote:
-    """The winning shift in pixels, None when too few agree, and how many agree."""
+    """The winning shift in pixels (None when too few agree), and how many agree."""
 
     shift: float | None
     votes: int
 
 
 def register(taught: MapFeatures, seen: MapFeatures) -> Vote:
-    """By how much the seen image lies to the right of the taught one."""
+    """How far the seen image is shifted to the right of the taught one."""
     if min(len(taught.columns), len(seen.columns)) < 2:
         return Vote(None, 0)
     pairs = cv2.BFMatcher(cv2.NORM_HAMMING).knnMatch(taught.descriptors, seen.descriptors, 2)
@@ -91,9 +91,9 @@ def vote(shifts: NDArray[np.float64]) -> Vote:
 
 
 class Truth:
-    """The shift that would win the vote if all that stands upright were matched rightly: from the park's geometry.
+    """The shift that would win the vote if everything upright were matched correctly, from the park's geometry.
 
-    What lies on the ground is left out: it is displaced as much as it is near, and says nothing of the heading.
+    The ground is left out: its displacement depends on its distance, and says nothing about the heading.
     """
 
     def __init__(self, surfaces: Sequence[Surface]) -> None:
@@ -120,7 +120,7 @@ class Truth:
         return math.nan if winner is None else winner
 
     def _points(self, pose: NDArray[np.float64]) -> NDArray[np.float64]:
-        """World point seen at each point of the grid, shape (points, 3); NaN where it is not upright."""
+        """World point seen at each point of the grid, shape (points, 3); NaN where nothing upright is seen."""
         rays = self._rays @ pose[:3, :3].T
         nearest = np.full(len(rays), np.inf)
         upright = np.zeros(len(rays), bool)

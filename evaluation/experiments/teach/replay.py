@@ -1,4 +1,4 @@
-"""Drives along the taught path: every policy in a loop of its own, all seeing the same park at the same time."""
+"""Teaching a path and replaying it: every policy in its own loop, all seeing the same park at the same time."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from evaluation.stage.delayed_loop import Entrant
 from fake_camera.world.render.renderer import Renderer
 
 POLICIES = ("majer2018-standard", "majer2018-full", "majer2018-fixed", "begin2022", "metric-map")
-"""The three of the paper, and two that it does not know."""
+"""The paper's three, and two newer ones."""
 
 RATE_HZ = 30.0
 DELAY_FRAMES = 2
-"""A decision on one frame applies from so many frames later on."""
+"""A decision on one frame applies from this many frames later."""
 
 IMAGES_PER_MAP, FRAMES_PER_IMAGE = 8, 5
-"""640 images in a drive (658 in the paper), and frames from one to the next: the robot drives at about 0.3 m/s."""
+"""640 images in a drive (658 in the paper), and frames from one image to the next, at about 0.3 m/s."""
 
 STILL_FRAMES, FIRST_FRAMES = 10, 40
 """Frames at rest before a map is taught, and before a drive begins."""
@@ -40,7 +40,7 @@ WAYS: dict[str, tuple[str | None, Part]] = {
     "each its own map": (None, "top half"),
     "features everywhere": ("majer2018-standard", "whole image"),
 }
-"""By whose exposure the map was taught (None: that of the replaying policy), and where features are looked for."""
+"""The policy that taught the map (None: the replaying one), and where features are looked for."""
 
 
 class Robot:
@@ -53,7 +53,7 @@ class Robot:
     camera
         The robot's.
     first
-        Radiance of the first frame: what the operator sets the exposure by that all start with, and `fixed` keeps.
+        Radiance of the first frame, from which the operator sets the exposure that all start with and `fixed` keeps.
     """
 
     def __init__(self, camera: SimulatedCamera, first: Radiance) -> None:
@@ -65,7 +65,7 @@ class Robot:
             self.step(first)
 
     def step(self, radiance: Radiance) -> dict[str, Image]:
-        """One frame: each policy takes it with its own exposure and decides; the images by policy."""
+        """One frame, which each policy takes with its own exposure and decides on; returns the images by policy."""
 
         def take(setting: ExposureSetting) -> StereoPair:
             image = self._camera.expose(radiance, setting, self._frame)
@@ -115,7 +115,7 @@ def replayed(
 
 
 def measure(seed: int, tilt_deg: float, light: str, maps: int) -> Plain:
-    """Teach a path and replay it under another light.
+    """Teach a path and replay it in another light.
 
     Parameters
     ----------
@@ -126,13 +126,13 @@ def measure(seed: int, tilt_deg: float, light: str, maps: int) -> Plain:
     light
         Of the replay, one of `REPLAYS`.
     maps
-        How many of the 80 maps, from the first on.
+        How many of the 80 maps, starting with the first.
 
     Returns
     -------
-    `map` and true `shift` (pixels) of each registration; by way and policy the `shifts` found, None for none, and the
-    `votes` for them; `looks` of each image by policy: exposure level, mean of the top half and of all (0 to 1), share
-    of saturated pixels. `views`: by policy one image from the middle of the drive, a small JPEG in base 64.
+    `map` and true `shift` (pixels) of each registration; by way and policy, the `shifts` found (None for none) and
+    their `votes`; `looks` of each image by policy: exposure level, mean of the top half and of the whole (0 to 1),
+    share of saturated pixels. `views`: one image by policy from the middle of the drive, a small JPEG in base 64.
     """
     path = TaughtPath(seed, tilt_deg)
     surfaces = park(seed, TEACHING)

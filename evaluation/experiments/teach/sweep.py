@@ -1,4 +1,4 @@
-"""Why one exposure registers better than another: the same views at nine exposures, without any policy."""
+"""How registration depends on exposure: the same views at nine exposures, without any policy."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ OFFSETS = tuple(range(-4, 5))
 """Stops from the exposure that holds the top half at 0.5."""
 
 AHEAD = 0.2
-"""Where a view is replayed: so much of the way from its map to the next one."""
+"""Where a view is replayed: this share of the way from its map to the next."""
 
 
 def sweep(seed: int, tilt_deg: float, light: str, maps: int) -> Plain:
@@ -26,8 +26,8 @@ def sweep(seed: int, tilt_deg: float, light: str, maps: int) -> Plain:
 
     Returns
     -------
-    By map, from the first on: `errors` (pixels, None where no shift was found) and `votes` at each of the `offsets`,
-    and at which offset the mean of the `whole` image is 0.5.
+    For each map: `errors` (pixels, None where no shift was found) and `votes` at each of the `offsets`, and the offset
+    at which the `whole` image has a mean of 0.5.
     """
     path, detector, camera = TaughtPath(seed, tilt_deg), Detector(), SimulatedCamera(2 * seed, 2 * seed)
     surfaces = park(seed, TEACHING)

@@ -25,7 +25,7 @@ from evaluation.experiments.teach.replay import POLICIES, WAYS
 
 
 def shares_table(cases: Mapping[Case, Mapping[str, Errors]]) -> Table:
-    """How each policy registers in each case."""
+    """How each policy registered in each case."""
     rows = [
         [name(case), policy, errors[policy].share_within(WITHIN_PX).text(".3f"),
          f"{errors[policy].capped.mean():.2f}", str(errors[policy].failures), str(len(errors[policy].errors))]
@@ -33,14 +33,14 @@ def shares_table(cases: Mapping[Case, Mapping[str, Errors]]) -> Table:
         for policy in errors
     ]  # fmt: skip
     return Table(
-        f"Registrations. `mean error` counts a failure, and whatever exceeds it, as {LOST_PX:g} px.",
+        f"Registrations. In `mean error`, failures and larger errors count as {LOST_PX:g} px.",
         ["replay", "policy", f"p(error <= {WITHIN_PX:g} px)", "mean error, px", "no shift found", "registrations"],
         rows,
     )
 
 
 def comparisons_table(cases: Mapping[Case, Mapping[str, Errors]]) -> Table:
-    """The paired tests of `standard` against all others."""
+    """Paired tests of `standard` against each other policy."""
     rows = []
     for case, errors in cases.items():
         for other in POLICIES[1:]:
@@ -50,7 +50,7 @@ def comparisons_table(cases: Mapping[Case, Mapping[str, Errors]]) -> Table:
                  probability(found.p)]
             )  # fmt: skip
     return Table(
-        f"`{STANDARD}` less another policy, image by image: below 0 it registers better. Student's paired test takes "
+        f"`{STANDARD}` minus another policy, image by image: below 0 it registers better. Student's paired test takes "
         "all registrations as independent, as the paper does; the interval draws maps, since the eight registrations "
         "with one map are alike.",
         ["replay", "against", "difference of mean errors", "t", "p"],
@@ -59,7 +59,7 @@ def comparisons_table(cases: Mapping[Case, Mapping[str, Errors]]) -> Table:
 
 
 def looks_table(results: Results) -> Table:
-    """How each policy exposes."""
+    """How each policy exposed."""
     rows = []
     for light in REPLAYS:
         replays = replays_of(results, light)
@@ -99,7 +99,7 @@ def sweeps_table(sweeps: Mapping[Case, Sweep]) -> Table:
 
 
 def ways_table(results: Results) -> Table:
-    """What becomes of it with other maps and features."""
+    """The results with other maps and features."""
     rows = []
     for way in WAYS:
         for case, errors in cases_of(results, way).items():
@@ -107,9 +107,9 @@ def ways_table(results: Results) -> Table:
             against = [compare(errors[STANDARD], errors[other]).difference.text("+.2f") for other in (FULL, FIXED)]
             rows.append([f"{way}: {name(case)}", *shares, *against])
     return Table(
-        f"Done otherwise: p(error <= {WITHIN_PX:g} px) by policy, and the differences of mean errors (px) of "
+        f"Alternatives: p(error <= {WITHIN_PX:g} px) by policy, and the differences of mean errors (px) of "
         "`standard` from `full` and from `fixed`. `as the paper`: maps taught by `standard`, features of the top half. "
-        "`each its own map`: each policy replays a map that it taught itself. `features everywhere`: of the whole "
+        "`each its own map`: each policy replays the map that it taught itself. `features everywhere`: of the whole "
         "image.",
         ["way", *(short(policy) for policy in POLICIES), "standard - full", "standard - fixed"],
         rows,

@@ -18,7 +18,7 @@ SEEDS = (2, 3)
 
 
 def jobs(quick: bool) -> list[Job]:
-    """Two parks, three placements and three lights; quick: a sixteenth of one drive, in another park."""
+    """Two parks, three placements and three lights; a quick run has a sixteenth of one drive, in another park."""
     if quick:
         return [Job(measure, {"seed": 0, "tilt_deg": 0.0, "light": "sunset", "maps": 5}, cost_s=18.0)]
     cases: list[dict[str, bool | int | float | str | None]] = [
@@ -31,7 +31,7 @@ def jobs(quick: bool) -> list[Job]:
 
 
 def section(results: Results, folder: Path) -> Section:
-    """Curves, tests, and the verdicts on section 4.2."""
+    """Curves, tests, and verdicts on section 4.2."""
     cases, sweeps = cases_of(results), sweeps_of(results)
     views = {light: replays[0]["views"] for light in REPLAYS if (replays := replays_of(results, light, 0.0))}
     plot_views(views, folder / "teach_views.png")
@@ -40,7 +40,7 @@ def section(results: Results, folder: Path) -> Section:
         Figure("teach_views.png", "The same view as each policy exposes it in the middle of the drive, camera level."),
         Figure(
             "teach_curves.png",
-            "Share of registrations that err by at most x, with 95 % bands over maps (the paper's figure 7).",
+            "Share of registrations with an error of at most x, with 95 % bands over maps (the paper's figure 7).",
         ),
         shares_table(cases),
         comparisons_table(cases),
@@ -62,25 +62,25 @@ def section(results: Results, folder: Path) -> Section:
 
 
 _SETTING = f"""\
-A robot is taught a closed path of {MAPS} local maps and replays it, eight images to a map, near the path but not on it.
-Each image is registered with the nearest map: 500 ORB features of the top half of each image, Lowe's ratio, and a vote
-on the horizontal shift by histogram. The paper has SURF with an adaptive threshold, which OpenCV's wheels lack; ORB
-takes the 500 best of whatever corners there are, to the same end. The truth is not annotated by hand but comes from the
-renderer: the shift that would win the vote if all that stands upright were matched rightly.
+A robot is taught a closed path of {MAPS} local maps and replays it, with eight images per map, near the path but not on
+it. Each image is registered with the nearest map: 500 ORB features of the top half of each image, Lowe's ratio, and a
+vote on the horizontal shift by histogram. The paper has SURF with an adaptive threshold, which OpenCV's wheels lack; to
+the same end, ORB takes the 500 best of all corners. The truth is not annotated by hand but comes from the renderer: the
+shift that would win the vote if everything upright were matched correctly.
 
 The park is rendered in perspective: trunks, shrubs, a small building, a wood with the sky above it, and a meadow with
-sun and shadow. The map is taught early in the afternoon by `{STANDARD}`, the paper's default; it does not say how. It
-is replayed on other days, when half of the leaves have moved. Late in the afternoon light is steady: under a `clear`
-sky, where shadows have moved and what faces the sun is almost as bright as the sky, or under an `overcast` one, 3 to 4
-stops brighter than the trees. After `sunset` only the sky gives light, 2 stops less at the end of the drive than at its
-beginning. Sky and surfaces have the radiance that physics gives them, settled on parks that are not among these.
-The camera looks level (sky in the upper half of the view), 12 degrees up (sky beyond it, into the lower half), or 14
-degrees down (sky hardly seen).
+sun and shadow. The map is taught early in the afternoon by `{STANDARD}`, the paper's default; the paper does not say by
+which policy it was. It is replayed on other days, when half of the leaves have moved. Late in the afternoon the light
+is steady: under a `clear` sky, where shadows have moved and what faces the sun is almost as bright as the sky, or under
+an `overcast` one, 3 to 4 stops brighter than the trees. After `sunset` only the sky gives light, 2 stops less at the
+end of the drive than at its beginning. The radiance of sky and surfaces is physical; its parameters were chosen on
+other parks. The camera looks level (sky in the upper half of the view), 12 degrees up (sky beyond it, into the lower
+half), or 14 degrees down (sky hardly seen).
 
 All policies see the same frames, at 30 a second, each with its own exposure; a decision applies two frames later. They
 start from the operator's exposure, a mean of 0.5 in the first view, which `fixed` keeps. `begin2022` and `metric-map`
-run beside them, without a claim of the paper on them. One is better than another where Student's paired test says so
-(p < 0.05) and the interval of the difference, which draws maps, leaves out 0."""
+run too, though the paper makes no claim about them. One policy is better than another where Student's paired test says
+so (p < 0.05) and the interval of the difference, which draws maps, excludes 0."""
 
 
 EXPERIMENT = Experiment("teach", "Teach and repeat under a bright sky (Majer et al. 2018, 4.2)", jobs, section)

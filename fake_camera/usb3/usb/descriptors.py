@@ -10,17 +10,17 @@ CONTROL_OUT, CONTROL_IN, EVENT_IN, STREAM_IN = 0x01, 0x81, 0x82, 0x83
 """Endpoint addresses."""
 
 INTERFACE_OF = {CONTROL_OUT: 0, CONTROL_IN: 0, EVENT_IN: 1, STREAM_IN: 2}
-"""Which interface an endpoint belongs to."""
+"""The interface of each endpoint."""
 
 INTERFACES = tuple(sorted(set(INTERFACE_OF.values())))
-"""Their numbers."""
+"""Numbers of the interfaces."""
 
 VENDOR_ID, PRODUCT_ID = 0x1209, 0x0001
-"""Numbers of the pid.codes registry that are free for tests: no driver takes the camera for another device."""
+"""Reserved for tests in the pid.codes registry, so that no driver takes the camera for another device."""
 
 DEVICE_RELEASE = 0x0100
 DEVICE_CLASS = (0xEF, 0x02, 0x01)
-"""Miscellaneous; functions are told by interface association descriptors."""
+"""Miscellaneous; interface association descriptors name the functions."""
 
 FUNCTION = (0xEF, 0x05)
 """Class and subclass of the interfaces of USB3 Vision."""
@@ -44,7 +44,7 @@ _STRINGS = (
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """What a camera says of itself in string descriptors."""
+    """The string descriptors of a camera."""
 
     vendor: str
     model: str
@@ -56,7 +56,7 @@ class Identity:
 
     @property
     def guid(self) -> str:
-        """Twelve digits: four of the vendor, eight of this camera's own."""
+        """Twelve digits: four for the vendor, eight for this camera."""
         return f"{VENDOR_ID:04X}{hashlib.blake2s(self.serial.encode(), digest_size=4).hexdigest().upper()}"
 
 
@@ -80,7 +80,7 @@ def device_descriptor() -> bytes:
 
 
 def configuration_descriptor() -> bytes:
-    """The one configuration: control, event and stream interface, bound into one function."""
+    """The one configuration: control, event and stream interface, associated as one function."""
     association = struct.pack("<BBBBBBBB", 8, 0x0B, 0, 3, *FUNCTION, 0, 0)
     body = (
         association
@@ -98,14 +98,14 @@ def configuration_descriptor() -> bytes:
 
 
 def object_store_descriptor() -> bytes:
-    """The BOS: what SuperSpeed devices tell of their link power and speeds."""
+    """The BOS: link power management and speeds of a SuperSpeed device."""
     usb2 = struct.pack("<BBBI", 7, 0x10, 0x02, 1 << 1)  # link power management, which SuperSpeed devices must have
     super_speed = struct.pack("<BBBBHBBH", 10, 0x10, 0x03, 0, _SUPER_SPEED, 3, 0, 0)
     return struct.pack("<BBHB", 5, 0x0F, 5 + len(usb2) + len(super_speed), 2) + usb2 + super_speed
 
 
 def string_descriptor(identity: Identity, index: int) -> bytes | None:
-    """String `index`, or the languages there are (index 0); None when there is no such string."""
+    """String `index`, or the list of languages (index 0); None when there is no such string."""
     if index == 0:
         return struct.pack("<BBH", 4, 0x03, 0x0409)
     if index > len(_STRINGS):
@@ -130,7 +130,7 @@ def _endpoint(address: int) -> bytes:
 
 
 def _device_info() -> bytes:
-    """The descriptor by which USB3 Vision tells a camera's strings, among them its GUID."""
+    """The USB3 Vision descriptor of a camera's strings, among them its GUID."""
     names = ("guid", "vendor", "model", "family", "version", "manufacturer_info", "serial", "user_name")
     gencp_1_1, u3v_1_0 = 0x00010001, 0x00010000
     strings = bytes(_string_index(name) for name in names)

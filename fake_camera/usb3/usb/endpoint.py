@@ -1,4 +1,4 @@
-"""A bulk IN endpoint: where the transfers that the camera sends meet those that the host asks for."""
+"""A bulk IN endpoint, which matches the camera's transfers with the host's read requests."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from dataclasses import dataclass
 from fake_camera.usb3.usb.descriptors import MAX_PACKET_BYTES
 
 Complete = Callable[[int, memoryview], None]
-"""How a transfer that the host asked for ends: 0 or a negative errno as Linux has it for URBs, and its data."""
+"""Called with the result of a read: 0 or a negative errno as Linux has it for URBs, and the data."""
 
 _NOTHING = memoryview(b"")
 
 
 @dataclass(slots=True, eq=False)
 class ReadRequest:
-    """A transfer that the host asks for: at most `length` bytes."""
+    """A transfer that the host asks for, of at most `length` bytes."""
 
     length: int
     complete: Complete
@@ -27,8 +27,8 @@ class ReadRequest:
 class InEndpoint:
     """One endpoint; safe to use from any thread.
 
-    A transfer of the camera's ends with a short packet, and with it the host's transfer; one longer than the host's
-    goes on in the host's next. `complete` is called under the endpoint's lock, so that data stay in order.
+    A transfer of the camera ends with a short packet, which also ends the read that it fills; one longer than the read
+    continues in the next. `complete` is called under the endpoint's lock, so that data stay in order.
     """
 
     def __init__(self) -> None:
@@ -44,7 +44,7 @@ class InEndpoint:
 
     @property
     def backlog_bytes(self) -> int:
-        """What the camera has sent and the host has not fetched."""
+        """Bytes that the camera has sent and the host has not fetched."""
         with self._lock:
             return sum(len(transfer) for transfer in self._transfers)
 
@@ -58,7 +58,7 @@ class InEndpoint:
             self._match()
 
     def cancel(self, request: ReadRequest) -> bool:
-        """The host takes a request back; False when it has been answered."""
+        """Cancel a request of the host; False when it has been answered."""
         with self._lock:
             if request not in self._requests:
                 return False
@@ -66,19 +66,19 @@ class InEndpoint:
             return True
 
     def write(self, *transfers: bytes | memoryview) -> None:
-        """Send transfers, in order and with nothing between them; a halted endpoint discards them."""
+        """Send transfers in order, with none in between; a halted endpoint discards them."""
         with self._lock:
             if not self._halted:
                 self._transfers.extend(memoryview(transfer) for transfer in transfers)
                 self._match()
 
     def flush(self) -> None:
-        """Forget what the host has not fetched."""
+        """Drop what the host has not fetched."""
         with self._lock:
             self._transfers.clear()
 
     def reset(self) -> None:
-        """The camera is unplugged: whoever waited waits no more."""
+        """The camera is unplugged: drop all transfers and requests."""
         with self._lock:
             self._halted = False
             self._transfers.clear()
@@ -103,6 +103,6 @@ class InEndpoint:
             rest = transfer[request.length :]
             if rest:
                 self._transfers.appendleft(rest)
-            # A packet that does not fit into the end of the host's buffer: the host controller sees babble.
+            # A packet that does not fit into the rest of the host's buffer is babble to the host controller.
             babble = bool(rest) and request.length % MAX_PACKET_BYTES != 0
             request.complete(-errno.EOVERFLOW if babble else 0, transfer[: request.length])

@@ -1,4 +1,4 @@
-"""One connection of a USB/IP client: its transfers on their way, and what it has claimed."""
+"""One connection of a USB/IP client: its pending transfers, and the interfaces it has claimed."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _LONGEST_TRANSFER_BYTES = 64 << 20
 
 
 class Claims:
-    """Who has claimed which interface; `released` is called when one has become free."""
+    """Which connection has claimed which interface; `released` is called for an interface that becomes free."""
 
     def __init__(self, released: Callable[[int], None]) -> None:
         self._released = released
@@ -25,7 +25,7 @@ class Claims:
         self._holders: dict[int, Connection] = {}
 
     def claim(self, holder: Connection, *interfaces: int) -> bool:
-        """Claim all of these, or none and answer False when another connection holds one."""
+        """Claim all of these; if another connection holds one, claim none and return False."""
         with self._lock:
             if any(self._holders.get(interface, holder) is not holder for interface in interfaces):
                 return False
@@ -33,7 +33,7 @@ class Claims:
             return True
 
     def release(self, holder: Connection, *interfaces: int) -> None:
-        """Release those of these that `holder` has claimed."""
+        """Release those of `interfaces` that `holder` has claimed."""
         with self._lock:
             freed = [interface for interface in interfaces if self._holders.get(interface) is holder]
             for interface in freed:
@@ -42,7 +42,7 @@ class Claims:
             self._released(interface)
 
     def forget(self) -> None:
-        """The camera is unplugged: nobody holds anything any more."""
+        """Drop all claims: the camera is unplugged."""
         with self._lock:
             self._holders.clear()
 
@@ -50,8 +50,8 @@ class Claims:
 class Connection:
     """A client on a stream socket.
 
-    On a Unix socket many clients import the camera at once, and claim its interfaces; a client on TCP is a Linux host,
-    which takes all of it.
+    On a Unix socket many clients may import the camera at once and claim its interfaces; a client on TCP is a Linux
+    host, which takes the whole camera.
     """
 
     def __init__(self, stream: socket.socket, usb: UsbDevice, claims: Claims) -> None:
@@ -64,7 +64,7 @@ class Connection:
         self._pending: dict[int, tuple[InEndpoint | None, ReadRequest]] = {}
 
     def serve(self) -> None:
-        """Answer until the client hangs up or talks nonsense."""
+        """Answer until the client hangs up or violates the protocol."""
         with self._socket, contextlib.suppress(OSError, EOFError, messages.ProtocolError):
             if self._imported():
                 while not self._hung_up:
@@ -74,13 +74,13 @@ class Connection:
         self._claims.release(self, *INTERFACES)
 
     def hang_up(self) -> None:
-        """Cut the connection; what has been received and not yet been answered never will be."""
+        """Cut the connection; pending transfers are never answered."""
         self._hung_up = True
         with contextlib.suppress(OSError):
             self._socket.shutdown(socket.SHUT_RDWR)
 
     def _imported(self) -> bool:
-        """Answer what comes before transfers; whether these may follow."""
+        """Answer the request before the transfers; whether transfers may follow."""
         _version, code, _status = messages.OPERATION.unpack(self._receive(messages.OPERATION.size))
         if code == messages.REQUEST_DEVICE_LIST:
             self._send(messages.device_list_reply())
@@ -103,8 +103,8 @@ class Connection:
                     raise messages.ProtocolError(f"sequence number {message.sequence} twice")
                 self._submit(message, self._receive(message.data_bytes))
             case messages.Unlink():
-                taken_back = self._cancel(message.unlinked)
-                self._send(messages.unlinked(message.sequence, -errno.ECONNRESET if taken_back else 0))
+                cancelled = self._cancel(message.unlinked)
+                self._send(messages.unlinked(message.sequence, -errno.ECONNRESET if cancelled else 0))
             case messages.Claim():
                 self._claim(message)
 
@@ -127,7 +127,7 @@ class Connection:
         interface = INTERFACE_OF.get(submit.endpoint)
         if interface is None:
             self._complete(submit.sequence, -errno.ENOENT)
-        elif not self._claims.claim(self, interface):  # as Linux does it: to use an interface is to claim it
+        elif not self._claims.claim(self, interface):  # as in Linux, using an interface claims it
             self._complete(submit.sequence, -errno.EBUSY)
         elif submit.endpoint & 0x80:
             self._read(submit)
@@ -161,7 +161,7 @@ class Connection:
             self._complete(submit.sequence, status, accepted_bytes=len(data) if status == 0 else 0)
 
     def _cancel(self, sequence: int) -> bool:
-        """Take a transfer back; False when it has been answered."""
+        """Cancel a transfer; False when it has been answered."""
         endpoint, request = self._pending.get(sequence, (None, None))
         if request is None or (endpoint is not None and not endpoint.cancel(request)):
             return False
@@ -169,7 +169,7 @@ class Connection:
         return True
 
     def _complete(self, sequence: int, status: int, data: bytes | memoryview = b"", accepted_bytes: int = 0) -> None:
-        with contextlib.suppress(OSError):  # the client has gone: its own thread finds out
+        with contextlib.suppress(OSError):  # the client has gone; its own thread finds out
             self._send(messages.submitted(sequence, status, len(data) or accepted_bytes), data)
 
     def _send(self, header: bytes, data: bytes | memoryview = b"") -> None:

@@ -1,6 +1,6 @@
-"""The words of USB/IP, the protocol by which Linux attaches USB devices over sockets (big-endian).
+"""The messages of USB/IP (big-endian), which Linux documents in Documentation/usb/usbip_protocol.rst.
 
-Linux documents it as Documentation/usb/usbip_protocol.rst. One pair of words is our own, see `Claim`.
+One pair of messages is our own: see `Claim`.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ BUS_ID = "1-1"
 """The name under which a server exports its one camera."""
 
 HEADER_BYTES = 48
-"""Every word after the import begins with a header of this size."""
+"""Every message after the import begins with a header of this size."""
 
 OPERATION = struct.Struct(">HHI")
 REQUEST_DEVICE_LIST, REQUEST_IMPORT = 0x8005, 0x8003
@@ -33,12 +33,12 @@ _NOT_ISOCHRONOUS = 0xFFFFFFFF
 
 
 class ProtocolError(Exception):
-    """What the peer sent is no USB/IP."""
+    """What the peer sent is not USB/IP."""
 
 
 @dataclass(frozen=True, slots=True)
 class Submit:
-    """The host submits a transfer; `endpoint` is an address with its direction bit, the data follow when it is OUT."""
+    """The host submits a transfer; `endpoint` has its direction bit, and an OUT transfer's data follow."""
 
     sequence: int
     endpoint: int
@@ -47,13 +47,13 @@ class Submit:
 
     @property
     def data_bytes(self) -> int:
-        """How many bytes follow the header."""
+        """Bytes that follow the header."""
         return 0 if self.endpoint & 0x80 else self.length
 
 
 @dataclass(frozen=True, slots=True)
 class Unlink:
-    """The host takes the transfer `unlinked` back."""
+    """The host cancels the transfer `unlinked`."""
 
     sequence: int
     unlinked: int
@@ -61,10 +61,10 @@ class Unlink:
 
 @dataclass(frozen=True, slots=True)
 class Claim:
-    """A process wants an interface for itself, or gives it back.
+    """A process claims an interface, or releases it.
 
-    Linux settles this between processes when it attaches the camera. Where it does not, the server does: so this word
-    is no part of USB/IP, and understood on Unix sockets only.
+    Where Linux attaches the camera, it arbitrates between processes itself; elsewhere the server does. So this message
+    is not part of USB/IP, and is accepted on Unix sockets only.
     """
 
     sequence: int
@@ -73,7 +73,7 @@ class Claim:
 
 
 def parse(header: bytes) -> Submit | Unlink | Claim:
-    """Read a header of `HEADER_BYTES`; raises ProtocolError when it makes no sense."""
+    """Parse a header of `HEADER_BYTES`; raises ProtocolError when it is invalid."""
     command, sequence, _device, direction, endpoint = _BASIC.unpack_from(header)
     if direction not in (_OUT, _IN) or endpoint > 15:
         raise ProtocolError(f"direction {direction}, endpoint {endpoint}")
@@ -88,14 +88,14 @@ def parse(header: bytes) -> Submit | Unlink | Claim:
 
 
 def submitted(sequence: int, status: int, actual_bytes: int) -> bytes:
-    """The header that answers a Submit; the data follow when it was IN."""
+    """The header that answers a Submit; the data of an IN transfer follow."""
     return struct.pack(
         ">IIIIIiIIIIQ", _RETURN_SUBMIT, sequence, 0, 0, 0, status, actual_bytes, 0, _NOT_ISOCHRONOUS, 0, 0
     )
 
 
 def unlinked(sequence: int, status: int) -> bytes:
-    """The answer to an Unlink: -ECONNRESET when the transfer was taken back, 0 when it had been answered."""
+    """The answer to an Unlink: -ECONNRESET when the transfer was cancelled, 0 when it had been answered."""
     return struct.pack(">IIIIIi24x", _RETURN_UNLINK, sequence, 0, 0, 0, status)
 
 
@@ -111,7 +111,7 @@ def device_list_reply() -> bytes:
 
 
 def import_reply(accepted: bool) -> bytes:
-    """The camera is the host's from now on, or is not."""
+    """Whether the host gets the camera."""
     if not accepted:
         return OPERATION.pack(_VERSION, _REPLY_IMPORT, 1)
     return OPERATION.pack(_VERSION, _REPLY_IMPORT, 0) + _device()

@@ -1,4 +1,4 @@
-"""A device behind USB/IP: the sockets it listens on, and who has claimed which of its interfaces."""
+"""A device behind USB/IP: the sockets that it listens on, and its connections."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from fake_camera.usb3.usbip.connection import Claims, Connection
 
 
 class Usb3Server:
-    """Serves one device, as `xml` describes it when that is given, on a Unix socket, and on a TCP port too if asked.
+    """Serves one device on a Unix socket, and on a TCP port if given; with `xml` as that describes it.
 
-    While the camera is unplugged it does not listen: who can connect knows that it is there.
+    While the camera is unplugged nothing listens, so that a connection means a plugged-in camera.
     """
 
     def __init__(self, device: Device, path: Path, tcp_port: int | None = None, xml: XmlCamera | None = None) -> None:
@@ -41,12 +41,12 @@ class Usb3Server:
         device.on_power_on(self._power_on)
 
     def close(self) -> None:
-        """Stop to listen, for good, hang up, and remove the socket file."""
+        """Stop listening for good, hang up, and remove the socket file."""
         self._sockets.clear()
         self._unplug()
 
     def _power_on(self) -> None:
-        """The camera restarts: its host sees it go and come."""
+        """The camera restarts: the host sees it go and come back."""
         self._unplug()
         self._usb.reset()
         self._plug()

@@ -1,4 +1,4 @@
-"""Where each textured rectangle shows in an image: plain loops over tiles and rows, compiled by numba.
+"""Which textured rectangle is visible at each pixel: plain loops over tiles and rows, compiled by numba.
 
 A rectangle seen by a pinhole camera is one 3x3 matrix: with corner O and edges U, V in camera coordinates, pixel p lies
 at (a, b) of the rectangle and at depth z where (a, b, 1) / z = [U V O]^-1 K^-1 p. All three are linear in the pixel, so
@@ -19,7 +19,7 @@ from fake_camera.world.render.smear import BLOCK
 TILE_WIDTH, TILE_HEIGHT = 128, 18
 
 _SEAM_PX = 1e-6
-"""Surfaces reach so much farther than they do, so that no gap opens between two that share an edge."""
+"""Surfaces are extended by this much, so that no gap opens between two that share an edge."""
 
 
 @njit(cache=True, nogil=True)
@@ -59,7 +59,7 @@ def pixel_matrices(corners, pose, focal, centre_x, centre_y):  # type: ignore[no
 
 @njit(cache=True, nogil=True)
 def _cover(matrix, left, top, right, bottom):  # type: ignore[no-untyped-def]
-    """How a surface covers a tile: 0 not, 1 perhaps partly, 2 wholly; and its least and greatest 1 / z there."""
+    """How a surface covers a tile: 0 not, 1 perhaps partly, 2 wholly; and its lowest and highest 1 / z there."""
     before, right_of, left_of, below, above = 0, 0, 0, 0, 0
     least, greatest = np.inf, -np.inf
     for corner in range(4):
@@ -119,7 +119,7 @@ def _span(matrix, y, left, right):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _nearest(matrices, found, spans, x, y, right):  # type: ignore[no-untyped-def]
-    """Which of the surfaces `found` is the nearest at (x, y), -1 for none, and up to which x it surely stays so."""
+    """Which of the surfaces `found` is the nearest at (x, y), -1 for none, and up to which x that is certain."""
     best, best_w, best_slope, until = -1, 0.0, 0.0, right
     for i in range(len(found)):
         if spans[i, 0] > x:
@@ -143,7 +143,7 @@ def _nearest(matrices, found, spans, x, y, right):  # type: ignore[no-untyped-de
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
 def _fill(matrix, shape, scale, texels, x, y, until, margin, at, fu, fv, radiance, add):  # type: ignore[no-untyped-def]
-    """Write, or add, one surface in a row from x to `until`. First where, then what: the first loop vectorises."""
+    """Write or add one surface in a row from x to `until`: first the addresses, in a loop that vectorises."""
     offset, stride = np.uint32(shape[0]), np.uint32(shape[2] + 1)
     rows, columns = np.float32(shape[1]), np.float32(shape[2])
     half, zero = np.float32(0.5), np.float32(0.0)
@@ -174,9 +174,9 @@ def _fill(matrix, shape, scale, texels, x, y, until, margin, at, fu, fv, radianc
 
 @njit(cache=True, nogil=True)
 def _in_tile(matrices, visible, left, top, right, bottom, found, nearer):  # type: ignore[no-untyped-def]
-    """Which of the visible surfaces may show in a tile: writes `found`.
+    """Write to `found` which of the visible surfaces may show in a tile.
 
-    Returns how many, and whether it is one that covers the whole tile.
+    Returns how many, and whether it is a single one that covers the whole tile.
     """
     number, behind = 0, 0.0
     for s in visible:
@@ -197,7 +197,7 @@ def _in_tile(matrices, visible, left, top, right, bottom, found, nearer):  # typ
 
 @njit(cache=True, nogil=True)
 def rasterise(matrices, scales, texels, levels, counts, margin, radiance, add, nearness):  # type: ignore[no-untyped-def]
-    """Write, or add, scale times texel for one pose, tile by tile; note 1 / z in the middle of each block there is.
+    """Write or add scale times texel for one pose, tile by tile, and record 1 / z in the middle of each block.
 
     Pixel (0, 0) of the camera is at [margin, margin] of `radiance`.
     """
@@ -237,7 +237,7 @@ def rasterise(matrices, scales, texels, levels, counts, margin, radiance, add, n
 
 @njit(cache=True, nogil=True)
 def _note(matrix, x, y, until, nearness):  # type: ignore[no-untyped-def]
-    """Note 1 / z of a surface in those blocks of row y whose middle lies within [x, until)."""
+    """Record 1 / z of a surface in those blocks of row y whose middle is within [x, until)."""
     block = max((x + BLOCK // 2 - 1) // BLOCK, 0)
     while block < nearness.shape[1] and block * BLOCK + BLOCK // 2 < until:
         nearness[y, block] = matrix[2, 0] * (block * BLOCK + BLOCK // 2) + matrix[2, 1] * y + matrix[2, 2]

@@ -26,15 +26,15 @@ class Pinhole:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Surface:
-    """A rectangle that sends light; it is seen only from the side where `edge_u` goes right and `edge_v` goes down.
+    """A rectangle that emits light; visible only from the side where `edge_u` goes right and `edge_v` goes down.
 
     Attributes
     ----------
     corner, edge_u, edge_v
         Upper left corner and the two edges in world metres, shape (3,).
     pattern
-        What it sends, in lux times reflectance, shape (rows, columns), float32: radiance per lux of the room's light
-        for `follows_light`, else absolute radiance.
+        Its radiance in lux times reflectance, shape (rows, columns), float32: per lux of the room's light with
+        `follows_light`, else absolute.
     follows_light
         Whether its radiance is in proportion to the room's light.
     """
@@ -47,7 +47,7 @@ class Surface:
 
 
 class Renderer:
-    """Renders surfaces as seen by one camera; what its methods return is overwritten by the next call."""
+    """Renders surfaces as seen by one camera; each call overwrites the result of the one before."""
 
     def __init__(self, surfaces: Sequence[Surface], camera: Pinhole) -> None:
         self.camera = camera
@@ -84,10 +84,10 @@ class Renderer:
         Parameters
         ----------
         poses
-            At the begin, in the middle and at the end of each part, camera to world, shape (parts, 3, 4, 4). No part
-            may move the image by more than `smear.LONGEST_PX`: what does is blurred by that much.
+            At the beginning, in the middle and at the end of each part, camera to world, shape (parts, 3, 4, 4). No
+            part may move the image by more than `smear.LONGEST_PX`: a longer motion is blurred by that much.
         lux
-            As for `render`, which gives the same image, but for the errors of `smear`, from many poses.
+            As for `render`, which from many poses gives the same image except for the errors of `smear`.
 
         Returns
         -------
@@ -112,13 +112,13 @@ class Renderer:
         margin: int = 0,
         nearness: NDArray[np.float64] = _NO_BLOCKS,
     ) -> None:
-        """Write, or add, a share of one instant to `radiance`, which has a margin, and note how near things are."""
+        """Write or add a share of one instant to `radiance`, which has a margin, and record how near things are."""
         matrices = pixel_matrices(self._corners, pose, *self._lens)
         scales = (share * self._scales_at(lux)).astype(np.float32)
         rasterise(matrices, scales, self._texels, self._levels, self._counts, margin, radiance, add, nearness)
 
     def _scales_at(self, lux: float) -> NDArray[np.float64]:
-        """Radiance of one texel step by surface."""
+        """Radiance of one texel step, by surface."""
         return self._scales * np.where(self._follows_light, lux, 1.0)
 
 

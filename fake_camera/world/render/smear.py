@@ -1,9 +1,9 @@
-"""Motion blur from one rendered instant: every pixel is averaged along the way that the image moves there.
+"""Motion blur from one rendered instant: every pixel is averaged along the motion of the image there.
 
 How the image moves follows from the camera's poses and from the depth seen at each place. The average along the row is
-a difference of two running sums, so that it costs the same at any length. What differs from the mean over many
-instants: edges of near things, behind which a moving camera uncovers what one instant does not show, and the bend of
-the way within the exposure. `tests/fake_camera/world/test_smear.py` holds how much.
+a difference of two running sums, so that it costs the same at any length. It differs from the mean over many
+instants at edges of near things, behind which a moving camera uncovers what one instant does not show, and by the
+curvature of the motion. `tests/fake_camera/world/test_smear.py` checks by how much.
 """
 
 # Compiled kernels take plain arrays and numbers, by position:
@@ -18,16 +18,16 @@ BLOCK = 32
 """Pixels of a row that share one motion."""
 
 MARGIN = 12
-"""Pixels rendered beyond each edge of the image, because motion brings them in."""
+"""Pixels rendered beyond each edge of the image, since motion brings them in."""
 
 LONGEST_PX = 2 * MARGIN - 3
-"""The longest motion that the margin has room for; longer ones are cut to it."""
+"""The longest motion that the margin allows; longer ones are cut to it."""
 
 _STEADY_PX = 0.3
-"""Motion across the rows is averaged in parts no longer than a pixel; this little more is left out."""
+"""Motion across the rows is averaged in parts of at most a pixel; this much is neglected."""
 
 _LARGEST_SUM = 2.0**30
-"""Of the brightest pixels over the longest motion: running sums may wrap, their differences may not."""
+"""For the brightest pixels over the longest motion: running sums may overflow, their differences must not."""
 
 
 @njit(cache=True, nogil=True)
@@ -42,7 +42,7 @@ def projection(middle, pose, focal, centre_x, centre_y):  # type: ignore[no-unty
             for axis in range(3):
                 apart = middle[axis, j] - (pose[axis, 3] if j == 3 else 0.0)
                 result[i, j] += pose[axis, i] * apart
-    # From rays and points of a camera to pixels, on both sides.
+    # From rays and points to pixels, for both cameras.
     result[0] = focal * result[0] + centre_x * result[2]
     result[1] = focal * result[1] + centre_y * result[2]
     for i in range(3):
@@ -56,9 +56,9 @@ def projection(middle, pose, focal, centre_x, centre_y):  # type: ignore[no-unty
 def smear(rendered, nearness, ends, brightest, share, sums, radiance, add):  # type: ignore[no-untyped-def]
     """Write `share` of an image to `radiance`, or add it when `add`, blurred by a motion.
 
-    `rendered` is the image with `MARGIN`, nowhere above `brightest`; `nearness` is 1 / z by row and block; `ends` are
-    the projections at either end of the motion. Images are float32, `share` and `brightest` too; `sums` is room for as
-    many int32 as `rendered` has pixels.
+    `rendered` is the image with `MARGIN`, at most `brightest` everywhere; `nearness` is 1 / z by row and block; `ends`
+    are the projections at either end of the motion. Images are float32, `share` and `brightest` too; `sums` is scratch
+    space, one int32 for each pixel of `rendered`.
     """
     height, width = radiance.shape
     blocks, stride = nearness.shape[1], rendered.shape[1]
@@ -85,7 +85,7 @@ def smear(rendered, nearness, ends, brightest, share, sums, radiance, add):  # t
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
 def _running_sums(rendered, step, sums):  # type: ignore[no-untyped-def]
-    """Sum of all pixels to the left in the same row, in steps; it may wrap."""
+    """Sum of all pixels to the left in the same row, in steps; it may overflow."""
     height, width = rendered.shape
     per_step = np.float32(1.0) / step
     for y in range(height):

@@ -1,1 +1,1 @@
-"""What there is to see, and the way through it."""
+"""What the cameras see, and their path."""

@@ -1,4 +1,4 @@
-"""A painted room kept in a file: to paint one takes most of a camera's start."""
+"""A painted room kept in a file, since painting takes most of a camera's start."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ _FILE = "room.npz"
 
 
 def kept_room(seed: int, folder: Path) -> tuple[Surface, ...]:
-    """The room of a seed as `furnished_room` paints it, from the file in `folder` if that is the last one painted.
+    """The room of `furnished_room` for a seed, from the file in `folder` if that holds it.
 
-    A folder that cannot be used costs time only.
+    An unusable folder only costs time.
     """
     made_by = _made_by(seed)
     surfaces = _load(folder / _FILE, made_by)
@@ -32,7 +32,7 @@ def kept_room(seed: int, folder: Path) -> tuple[Surface, ...]:
 
 
 def _made_by(seed: int) -> str:
-    """All that decides what a room looks like."""
+    """Everything that determines what a room looks like."""
     sources = b"".join(Path(str(module.__file__)).read_bytes() for module in (room, shapes, textures))
     return f"{seed} {np.__version__} {cv2.__version__} {hashlib.sha256(sources).hexdigest()}"
 
@@ -52,7 +52,7 @@ def _load(file: Path, made_by: str) -> tuple[Surface, ...] | None:
 
 
 def _save(file: Path, made_by: str, surfaces: tuple[Surface, ...]) -> None:
-    """Put the file there whole: two cameras may write it at the same time."""
+    """Write the file atomically, since two cameras may do so at the same time."""
     content: dict[str, Any] = {f"pattern{index}": surface.pattern for index, surface in enumerate(surfaces)}
     content["rectangles"] = [[surface.corner, surface.edge_u, surface.edge_v] for surface in surfaces]
     content["follows_light"] = [surface.follows_light for surface in surfaces]

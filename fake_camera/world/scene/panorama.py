@@ -1,4 +1,4 @@
-"""Pans a camera's view across a still of real radiance."""
+"""Pans a camera's view across a still with real radiances."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from fake_camera.files import read_regular
 _MOST_BYTES = 1 << 28
 
 GREY = 0.18
-"""Reflectance that the still's log-mean radiance stands for: the photographers' grey card."""
+"""The reflectance that the still's log-mean radiance is taken for: a photographer's grey card."""
 
 ROOM_TO_PAN = 1.4
-"""Least size of the still in views, across and down: a smaller one is enlarged."""
+"""Minimum size of the still relative to the view, across and down; a smaller one is enlarged."""
 
 _BLUR_STEP_PX = 1.5
-"""An exposure is the mean of one instant for every so many pixels that the image moves ..."""
+"""An exposure is the mean of one instant for each 1.5 pixels of motion ..."""
 
 _MOST_INSTANTS = 4
-"""... but of no more: a pan of long exposures is blurred in steps."""
+"""... but of at most so many: the blur of long exposures has steps."""
 
 DISPARITY_PX = 24.0
-"""What the right camera sees lies this much farther left: all of the still is at one distance."""
+"""Shift of the right camera's image to the left; the whole still is at one distance."""
 
 
 def load_radiance(path: Path) -> NDArray[np.float32]:
@@ -70,7 +70,7 @@ class Panorama:
     width, height
         Size of the view in pixels.
     period_s
-        Duration of one pan to and fro.
+        Duration of one pan there and back.
     """
 
     def __init__(
@@ -101,7 +101,7 @@ class Panorama:
         phase = 2.0 * math.pi * max(time_s, 0.0) / self._period_s
         reach_x = (columns - self._size[0] - DISPARITY_PX) / 2.0
         reach_y = (rows - self._size[1]) / 2.0
-        # Cosines only: the pan is at rest at time 0.
+        # Only cosines, so that the pan starts at rest.
         x = (columns - DISPARITY_PX) / 2.0 - reach_x * math.cos(phase)
         y = rows / 2.0 + reach_y * 0.5 * (1.0 - math.cos(2.0 * phase))
         return x, y

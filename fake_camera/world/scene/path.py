@@ -1,4 +1,4 @@
-"""The way the stereo camera moves through the room, known exactly at every instant."""
+"""The path of the stereo camera through the room, known exactly at every instant."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 BASELINE_M = 0.08
-"""Distance of the right camera from the left one, along the camera's x axis."""
+"""Distance of the right camera from the left one along the x axis of the camera."""
 
 
 @dataclass(frozen=True, slots=True)
 class CameraPath:
-    """An ellipse driven at constant phase rate, while the camera turns about the vertical and looks back and forth.
+    """An ellipse at a constant phase rate, while the camera turns about the vertical and swings to and fro.
 
     The world has its origin on the floor in the middle of the room, x east, y north, z up, in metres. A camera has x to
     the right, y down and z along the optical axis. Both speeds stay below 100 mm/s and 100 deg/s; the camera stands

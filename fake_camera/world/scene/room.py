@@ -25,15 +25,15 @@ LAMP_RADIANCE = 14.0
 """The lampshade, in lux times reflectance per lux of the room's light: a white wall sends about 1."""
 
 AMBIENT = 0.05
-"""Light that reaches every corner, as a share of the mean light on the walls."""
+"""Ambient light, as a share of the mean light on the walls."""
 
 WALL_TEXELS_PER_M = 410.0
-"""About one texel for a pixel at 2 m."""
+"""About one texel per pixel at 2 m."""
 
 
 @lru_cache(maxsize=1)
 def furnished_room(seed: int) -> tuple[Surface, ...]:
-    """The surfaces of a room; the seed decides all targets, paints, stains and the places of the furniture.
+    """The surfaces of a room; the seed determines all targets, paints, stains and the places of the furniture.
 
     Furniture leaves the middle free: at least 0.2 m around the camera's path.
     """
@@ -73,7 +73,7 @@ def _shell(rng: np.random.Generator) -> list[Surface]:
 
 
 def _cartons(rng: np.random.Generator) -> list[Surface]:
-    """Five cartons with targets, 0.3 to 1.3 m from the cameras as they pass: what gives parallax."""
+    """Five cartons with targets, passed at 0.3 to 1.3 m, for parallax."""
     surfaces = []
     for bearing in np.arange(5) * 72.0 + rng.uniform(-12.0, 12.0, 5) + 20.0:
         angle, distance = math.radians(bearing), rng.uniform(0.88, 1.3)
@@ -91,7 +91,7 @@ def _cartons(rng: np.random.Generator) -> list[Surface]:
 
 
 def _dark_corner(rng: np.random.Generator) -> list[Surface]:
-    """A loft over the north-west corner and a black cupboard under it: the light hardly gets there."""
+    """A loft over the north-west corner and a black cupboard under it: hardly any light gets there."""
     wood = [plaster(rng, 96, 512, 0.25) for _ in range(4)]
     centre, size = np.array([-1.9, 1.45]), (1.2, 1.1)
     loft = block(centre, size, 0.0, (1.3, 1.45), [*wood, plaster(rng, 128, 128, 0.25)])
@@ -167,7 +167,7 @@ def _blocked(point, ray, occluders):  # type: ignore[no-untyped-def]
     return False
 
 
-# By index, not on slices: making those was nine tenths of the work.
+# By index instead of slices: creating those took nine tenths of the time.
 @njit(cache=True, nogil=True, inline="always")
 def _dot_row(a, occluders, i, j):  # type: ignore[no-untyped-def]
     return a[0] * occluders[i, j, 0] + a[1] * occluders[i, j, 1] + a[2] * occluders[i, j, 2]

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, TypeAdapter, ValidationError
 from pydantic.fields import FieldInfo
 
-from autoexpose_daemon.config.document import Config, load_config
+from autoexpose_daemon.config.document import Config
+from autoexpose_daemon.config.load import load_config
 from autoexpose_daemon.control.parameters import ControlParameters
 from autoexpose_daemon.control.region import Rectangle
 from calibration.response import ResponseFunction
@@ -65,7 +66,7 @@ def test_a_short_file_has_the_documented_defaults(tmp_path: Path) -> None:
         ("cameras: {left: {serial: A}}\ncontrol: {start: {exposure_time_us: 9000}}", ["control.start", "9000"]),
         ("cameras: {left: {serial: A}, right: {serial: A}}", ["same camera"]),
         ("cameras: {left: {serial: A}, right: {serial: B}}\ntrigger: {mode: free_run}", ["free_run"]),
-        ("cameras: {left: {serial: A}}\ntrigger: {mode: primary}", ["primary takes two cameras"]),
+        ("cameras: {left: {serial: A}}\ntrigger: {mode: primary}", ["primary needs two cameras"]),
         ("cameras: {left: {serial: A, response: missing.yaml}}", ["missing.yaml"]),
         ("cameras: {left: {serial: 22500001}}", ["cameras.left.serial", "quotes"]),
         ("x: 2024-13-45", ["YAML"]),
@@ -75,6 +76,23 @@ def test_a_short_file_has_the_documented_defaults(tmp_path: Path) -> None:
         (LEFT + "control: {metric_delta: 2}", ["control.metric_delta: 2.0 is out of bounds: give 0 to 0.99"]),
         (LEFT + "control: {flicker_hz: 0}", ["control.flicker_hz: 0.0 is out of bounds: give 10 to 1000 Hz"]),
         (LEFT + "control: {focal_length_px: -1}", ["control.focal_length_px: -1.0 is out of bounds"]),
+        (LEFT + "control: {focal_length_px: 800}", ["control.focal_length_px has no effect without motion.imu: give"]),
+        (LEFT + "motion: {imu: {key: imu/data}}", ["motion.imu needs control.focal_length_px: give the left camera's"]),
+        (LEFT + "motion: {imu: {kye: imu/data}}", ["motion.imu.kye: unknown key; did you mean motion.imu.key?"]),
+        (LEFT + "motion: {imu: {max_age_s: 0.1}}", ["motion.imu.key: is missing"]),
+        (
+            LEFT + "motion: {imu: {key: /imu/data}}",
+            ["motion.imu.key: '/imu/data' is no key expression of zenoh: write"],
+        ),
+        (LEFT + "motion: {imu: {key: a, max_age_s: 0}}", ["motion.imu.max_age_s", "give 0.001 to 10 s"]),
+        (
+            LEFT + "motion: {imu: {key: a, connect: [router:7447]}}",
+            ["motion.imu.connect: router:7447 is not an endpoint"],
+        ),
+        (
+            LEFT + "motion: {imu: {key: a, zenoh: z.json5}}\ncontrol: {focal_length_px: 800}",
+            ["motion.imu.zenoh", "z.json5 cannot be read"],
+        ),
         (
             LEFT + "control: {roi: {left: {rectangle: []}}}",
             ["control.roi.left.rectangle", "control.roi.left.rectangles"],
@@ -89,7 +107,7 @@ def test_a_short_file_has_the_documented_defaults(tmp_path: Path) -> None:
             (LEFT + f"trigger: {{rate_hz: {rate}}}", ["trigger.rate_hz: ", "is out of bounds: give 0.1 to 1000 Hz"])
             for rate in ("1.0e-300", "1.0e-9", "1.0e+6", ".nan", ".inf")
         ),
-        (LEFT + "trigger: {rate_hz: yes}", ["trigger.rate_hz: true is no number"]),
+        (LEFT + "trigger: {rate_hz: yes}", ["trigger.rate_hz: true is not a number"]),
         (LEFT + "exposure: {max_gain_db: 7000}", ["exposure.max_gain_db: 7000.0 is out of bounds: give -60 to 100 dB"]),
         (LEFT + "exposure: {min_time_us: 1.0e-9}", ["exposure.min_time_us", "give 0.1 to 10000000 us"]),
         (LEFT + "control: {start: {exposure_time_us: 1.0e+9}}", ["control.start.exposure_time_us"]),
@@ -98,15 +116,15 @@ def test_a_short_file_has_the_documented_defaults(tmp_path: Path) -> None:
         (LEFT + "control: {balance_weight: 1.0e+300}", ["control.balance_weight", "give 1e-06 to 1000"]),
         (LEFT + "image: {binning: 9}", ["image.binning: 9 is out of bounds: give 1 to 8 pixels"]),
         (LEFT + "transport: {packet_size_bytes: 99999}", ["transport.packet_size_bytes", "give 576 to 16000 bytes"]),
-        (LEFT + "trigger: {line: ''}", ["trigger.line: '' is no name"]),
-        (LEFT + 'trigger: {output_line: "Line1\\e[2J"}', ["trigger.output_line: 'Line1\\x1b[2J' is no name"]),
-        ('cameras: {left: {serial: "A\\nB"}}', ["cameras.left.serial: 'A\\nB' is no name"]),
-        ('cameras: {left: {serial: "\\e[31mA"}}', ["cameras.left.serial: '\\x1b[31mA' is no name"]),
-        ("cameras: {left: {serial: '  '}}", ["cameras.left.serial: '  ' is no name", "without blanks around"]),
-        ("cameras: {left: {serial: 'A '}}", ["cameras.left.serial: 'A ' is no name"]),
+        (LEFT + "trigger: {line: ''}", ["trigger.line: '' is not a valid name"]),
+        (LEFT + 'trigger: {output_line: "Line1\\e[2J"}', ["trigger.output_line: 'Line1\\x1b[2J' is not a valid name"]),
+        ('cameras: {left: {serial: "A\\nB"}}', ["cameras.left.serial: 'A\\nB' is not a valid name"]),
+        ('cameras: {left: {serial: "\\e[31mA"}}', ["cameras.left.serial: '\\x1b[31mA' is not a valid name"]),
+        ("cameras: {left: {serial: '  '}}", ["cameras.left.serial: '  ' is not a valid name", "without blanks around"]),
+        ("cameras: {left: {serial: 'A '}}", ["cameras.left.serial: 'A ' is not a valid name"]),
         (
             "cameras: {left: {serial: left-1a}, right: {serial: LEFT-1A}}",
-            ["cameras: left and right are the same but for case, left-1a and LEFT-1A", "autoexpose list"],
+            ["cameras: left and right differ only in case, left-1a and LEFT-1A", "autoexpose list"],
         ),
         (
             LEFT + "control: {roi: {left: {rectangles: [{box: [0, 0, 9, 9]}, {box: [0, 0, 99, 99], weight: 0}]}}}",
@@ -134,7 +152,7 @@ WHITE = np.full((540, 720), 255, np.uint8)
     ("file_name", "picture", "words"),
     [
         ("mask.jpg", WHITE, ["not a PNG"]),
-        ("mask.png", np.zeros((540, 720), np.uint8), ["black all over"]),
+        ("mask.png", np.zeros((540, 720), np.uint8), ["entirely black"]),
         ("mask.png", np.full((540, 720), 65535, np.uint16), ["8-bit grey"]),
         ("mask.png", np.full((540, 720, 3), 255, np.uint8), ["8-bit grey"]),
         ("mask.png", np.pad(np.full((2, 2), 255, np.uint8), 269), ["no pixel"]),
@@ -194,7 +212,8 @@ def test_regions_are_read_relative_to_the_configuration(tmp_path: Path) -> None:
 def test_tuning_reaches_the_loop(tmp_path: Path) -> None:
     file = tmp_path / "rig.yaml"
     file.write_text(
-        LEFT + "control: {balance: flicker, flicker_hz: 120, motion: dis, focal_length_px: 860, metric_delta: 0.06,"
+        LEFT + "motion: {imu: {key: imu/data}}\n"
+        "control: {balance: flicker, flicker_hz: 120, motion: dis, focal_length_px: 860, metric_delta: 0.06,"
         " metric_lambda: 10, balance_weight: 0.1, balance_offset: 1, mean_target: 0.4}"
     )
     assert load_config(file).control.parameters() == ControlParameters(

@@ -203,11 +203,27 @@ def test_an_angular_rate_replaces_the_flow() -> None:
     frame = expose(radiance(5), START, 11.0)
     # 30 degrees a second at a focal length of 860 pixels: 450 pixels a second
     assert loop.step(StereoPair(0, {"left": frame}), -np.pi / 6).motion_px == pytest.approx(7.505, abs=1e-3)
-    assert loop.step(StereoPair(1, {"left": at_time(frame, 1)})).motion_px == 0  # no predecessor that flow was told of
-    with pytest.raises(ConfigurationError, match="finite"):
-        loop.step(StereoPair(2, {"left": frame}), float("nan"))
+    for rate in (float("nan"), 101.0):
+        with pytest.raises(ConfigurationError, match="give at most 100 rad/s"):
+            loop.step(StereoPair(2, {"left": frame}), rate)
     with pytest.raises(ConfigurationError, match="focal_length_px"):
         make("begin2022").step(StereoPair(0, {"left": frame}), 0.5)
+
+
+@pytest.mark.parametrize("before", [0, 2])
+def test_where_flow_takes_over_from_angular_rates_the_last_speed_holds_for_a_frame(before: int) -> None:
+    """However near the last frame that flow has seen: across fast frames in between it would measure too little."""
+    loop = ControlLoop("begin2022", LINEAR, LIMITS, START, ControlParameters(focal_length_px=600.0))
+    scene = radiance(5, 1.0, (540, 720))
+    rates = [*[None] * before, 2.0, 1.5, None, None]
+    speeds_px = [
+        loop.step(StereoPair(i, {"left": at_time(expose(np.roll(scene, 8 * i, 1), START, 11.0), i)}), rate).motion_px
+        for i, rate in enumerate(rates)
+    ]
+    assert speeds_px[before : before + 3] == [20.0, 15.0, 15.0]
+    assert speeds_px[-1] == pytest.approx(8, rel=0.1)
+    if before:
+        assert speeds_px[:2] == [0.0, pytest.approx(8, rel=0.1)]
 
 
 @pytest.mark.parametrize("regions", [{}, {"left": Region("roi", (Rectangle(0, 0, 720, 270, 0.5),), 0.1)}])

@@ -14,6 +14,7 @@ from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.image import ImagePreparation
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
+from autoexpose_daemon.control.parameters import ControlParameters
 from autoexpose_daemon.control.policies.metric_map.memory import Sighting
 from autoexpose_daemon.control.policies.metric_map.policy import MetricMap
 from autoexpose_daemon.control.policies.metric_map.view import DELTAS, MetricView, Viewer
@@ -100,6 +101,19 @@ def test_the_maximum_found_is_the_global_one() -> None:
     assert near < 0.8 * best
     levels = run(make(), [14.0] * 50, ExposureSetting(7500.0, 6.0), scene=scene)
     assert metric(levels[-1], 14.0, scene) > 0.95 * best
+
+
+@pytest.mark.parametrize("rate", [None, 2.0])
+def test_across_a_change_of_light_a_gyroscope_is_believed_and_flow_is_not(rate: float | None) -> None:
+    loop = ControlLoop("metric-map", LINEAR, LIMITS, START, ControlParameters(focal_length_px=600.0))
+    frames = [expose(np.roll(SCENE, 3 * i, axis=1), START, light) for i, light in enumerate([11.0, 11.0, 9.0])]
+    _, before, after = (
+        loop.step(StereoPair(i, {"left": at_time(frame, i)}), rate if i == 2 else None)
+        for i, frame in enumerate(frames)
+    )
+    assert before.motion_px != after.motion_px
+    assert isinstance(loop._policy, MetricMap)
+    assert loop._policy.motion_px == (before.motion_px if rate is None else 20.0)
 
 
 def drive(lights: list[float], scene: NDArray[np.float64], motion_px: float) -> list[float]:

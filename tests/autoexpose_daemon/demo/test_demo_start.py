@@ -88,9 +88,9 @@ def test_a_container_with_a_quota_has_no_more_cores_than_that(tmp_path: Path) ->
         ({"rate_hz": 1e300}, "--rate-hz 1e+300 is not within 10 to 200 Hz"),
         ({"seed": 2**64}, f"--seed {2**64} is not within 0 to {2**64 - 1}"),
         ({"seed": -1}, f"--seed -1 is not within 0 to {2**64 - 1}"),
-        ({"scene": "/dev/zero"}, "--scene /dev/zero is no file: name a Radiance .hdr file, or `room`"),
-        ({"light": Path("/dev/zero")}, "--light /dev/zero is no file: name a light script (docs/fake-camera.md)"),
-        ({"plot": Path("/dev")}, "/dev: cannot be written; name a file in a folder that is there"),
+        ({"scene": "/dev/zero"}, "--scene /dev/zero is not a file: name a Radiance .hdr file, or `room`"),
+        ({"light": Path("/dev/zero")}, "--light /dev/zero is not a file: name a light script (docs/fake-camera.md)"),
+        ({"plot": Path("/dev")}, "/dev: cannot be written; name a file in an existing folder"),
     ],
 )
 def test_what_cannot_be_is_refused_in_a_sentence(change: dict[str, object], sentence: str) -> None:
@@ -133,7 +133,7 @@ def test_a_camera_that_does_not_start_says_why(tmp_path: Path) -> None:
         camera.line(threading.Event())
         camera.line(threading.Event())
         camera.say("nought")
-        with pytest.raises(AutoexposeError, match=r"the right fake camera did not start: .* no rate .* 'nought'"):
+        with pytest.raises(AutoexposeError, match=r"the right fake camera did not start: .* gave 'nought' as the rate"):
             camera.line(threading.Event())
     finally:
         camera.end()

@@ -91,7 +91,7 @@ USB_TROUBLES: list[tuple[UsbFacts, *Trouble]] = [
     (
         usb_facts(node=replace(NODE, holders=(Process(815, "arv-viewer-0.8"), Process(4711, "spinview")))),
         need(ONE), "usb-holder", "stops",
-        r"left camera U is held by arv-viewer-0.8 \(process 815\), spinview \(process 4711\)", "^kill 815 4711$",
+        r"left camera U is in use by arv-viewer-0.8 \(process 815\), spinview \(process 4711\)", "^kill 815 4711$",
     ),
     (
         usb_facts(bus_speed_mbps=480),
@@ -126,12 +126,12 @@ GIGE_TROUBLES: list[tuple[GigeFacts, *Trouble]] = [
     (gige_facts(SENSELESS), need(), "gige-subnet", "stops", "10.9.8.7", "ip address add 10.9.8.1/24 dev eth0"),
     (
         gige_facts(on(GIGE, mtu_bytes=1500)),
-        need(), "gige-packets", "warning", "packets of 1500 bytes .* takes 266", "ip link set dev eth0 mtu 9000",
+        need(), "gige-packets", "warning", "an MTU of 1500 bytes: a frame takes 266", "ip link set dev eth0 mtu 9000",
     ),
     (
         gige_facts(on(GIGE, mtu_bytes=1500)),
         need(BOTH, transport={"packet_size_bytes": 8000}), "gige-packets", "stops",
-        r"transport.packet_size_bytes 8000 is more than eth0 lets through, 1500 bytes", "ip link set dev eth0 mtu 8000",
+        r"transport.packet_size_bytes 8000 exceeds the MTU of eth0, 1500 bytes", "ip link set dev eth0 mtu 8000",
     ),
     (
         gige_facts(on(GIGE, speed_mbps=100)),
@@ -147,13 +147,13 @@ GIGE_TROUBLES: list[tuple[GigeFacts, *Trouble]] = [
     ),
     (
         gige_facts(GIGE, buffer=212992),
-        need(), "socket-buffer", "warning", "net.core.rmem_max grants socket buffers of 212992 bytes, less than",
+        need(), "socket-buffer", "warning", "net.core.rmem_max allows socket buffers of 212992 bytes, less than",
         "net.core.rmem_max=4194304",
     ),
     (gige_facts(GIGE, buffer=None), need(), "socket-buffer", "warning", "cannot be read", "net.core.rmem_max=4194304"),
     (
         replace(gige_facts(GIGE), no_filter="Function not implemented"),
-        need(), "stream-filter", "warning", "streams on eth0 take packets from anyone.*: Function not implemented",
+        need(), "stream-filter", "warning", "streams on eth0 accept packets from anyone.*: Function not implemented",
         r'iifname "eth0" .* ip saddr != \{ 192.168.7.5 \} drop',
     ),
     (
@@ -168,7 +168,7 @@ GIGE_TROUBLES: list[tuple[GigeFacts, *Trouble]] = [
     [(Facts(trouble[0], gige_facts(GIGE)), trouble[1:]) for trouble in USB_TROUBLES]
     + [(Facts(SOUND_USB, trouble[0]), trouble[1:]) for trouble in GIGE_TROUBLES],
 )
-def test_each_trouble_is_found_alone_with_what_mends_it(facts: Facts, trouble: Trouble) -> None:
+def test_each_trouble_is_found_alone_with_what_fixes_it(facts: Facts, trouble: Trouble) -> None:
     wanted, check, severity, sentence, fix = trouble
     assert troubles(facts, wanted) == {check: severity}
     (found,) = (finding for finding in judge(facts, wanted) if finding.severity != "ok")
@@ -181,7 +181,7 @@ def test_a_configured_camera_that_is_missing_stops_and_the_others_are_named() ->
     findings = judge(SOUND, need({"left": {"serial": "X"}, "right": {"serial": "G"}}))
     (missing,) = (finding for finding in findings if finding.severity != "ok")
     assert missing.severity == "stops"
-    assert missing.sentence == "left camera X is not there; cameras that are: G, U"
+    assert missing.sentence == "left camera X not found; cameras found: G, U"
 
 
 def test_a_node_out_of_reach_without_a_rule_is_mended_by_the_rule() -> None:
@@ -306,7 +306,7 @@ def test_the_command_on_a_camera_on_the_wire(tmp_path: Path) -> None:
         assert result.returncode == 1
         assert result.stderr == ""
         (stop,) = (finding for finding in json.loads(result.stdout)["findings"] if finding["severity"] == "stops")
-        assert stop["sentence"].startswith(f"right camera {missing} is not there; cameras that are: ")
+        assert stop["sentence"].startswith(f"right camera {missing} not found; cameras found: ")
         assert camera.serial in stop["sentence"]
 
         with GvcpClient(camera.address) as client:

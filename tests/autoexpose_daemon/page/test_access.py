@@ -167,7 +167,7 @@ def test_a_browser_logs_in(locked_page: PageProcess) -> None:
         ("rig", "0.0.0.0", "short", ["short has fewer than 16 characters"]),
         ("rig", "203.0.113.1", "good", ["cannot listen on 203.0.113.1 port 8420"]),
         ("rig", "no.such.host.invalid", "good", ["cannot listen on no.such.host.invalid", "no address for that name"]),
-        ("a/b", "127.0.0.1", None, ["a/b is no name for a rig"]),
+        ("a/b", "127.0.0.1", None, ["a/b is not a valid name for a rig"]),
     ],
 )
 def test_what_cannot_be_is_named(tmp_path: Path, rig: str, host: str, token_file: str | None, words: list[str]) -> None:

@@ -1,4 +1,4 @@
-"""A daemon as its page shows it; the cameras do as they are told. tests/accept has it on fake cameras."""
+"""A daemon as its page shows it, on scripted cameras; tests/accept has the same on fake cameras."""
 
 from __future__ import annotations
 

@@ -100,7 +100,7 @@ def published(at: str, status: Status) -> Publisher:
 def test_it_tells_state_reasons_and_counts_in_words(tab: Tab, page: PageProcess, at: str) -> None:
     tab.open(page.url)
     tab.wait_for(f"{STATE} === 'waiting'", "a page without a daemon")
-    tab.wait_for(f"{REASONS}.includes('{at}')", "where nobody answers")
+    tab.wait_for(f"{REASONS}.includes('{at}')", "the endpoint that does not answer")
     assert "is the daemon running" in tab.text("reasons")
     with published(at, TROUBLED):
         tab.wait_for(f"{STATE} === 'degraded'", "the state")
@@ -112,7 +112,7 @@ def test_it_tells_state_reasons_and_counts_in_words(tab: Tab, page: PageProcess,
         for place, words in SHOWN.items():
             assert [word for word in words if word not in tab.text(place)] == [], place
     assert tab.value("document.querySelectorAll('img').length") == 0
-    tab.wait_for(f"{STATE} === 'silent'", "the silence to be told")
+    tab.wait_for(f"{STATE} === 'silent'", "the silence to be reported")
     assert "nothing heard from the daemon for" in tab.text("reasons")
     assert tab.complaints == []
     wait_until(lambda: 'autoexpose_up{rig="rig"} 0.0' in page.get("/metrics")[1], "silence in the metrics")

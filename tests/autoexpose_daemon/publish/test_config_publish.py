@@ -6,7 +6,8 @@ from typing import Any
 
 import pytest
 
-from autoexpose_daemon.config.document import Config, load_config
+from autoexpose_daemon.config.document import Config
+from autoexpose_daemon.config.load import load_config
 from autoexpose_daemon.messages.keys import LOOPBACK
 from autoexpose_daemon.runtime.daemon import Daemon
 from autoexpose_daemon.service.outlets import add_outlets
@@ -32,10 +33,10 @@ def test_nothing_is_published_unless_the_section_is_there(tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("publish", "words"),
     [
-        ("publish: {rig: a/b}", ["publish.rig", "a/b is no name for a rig"]),
+        ("publish: {rig: a/b}", ["publish.rig", "a/b is not a valid name for a rig"]),
         ("publish: {lisen: []}", ["publish.lisen", "did you mean publish.listen"]),
-        ("publish: {connect: [router:7447]}", ["publish", "router:7447 is no endpoint", "tcp/127.0.0.1"]),
-        ("publish: {zenoh: z.json5, connect: [tcp/r:7447]}", ["publish", "remove publish.listen"]),
+        ("publish: {connect: [router:7447]}", ["publish", "router:7447 is not an endpoint", "tcp/127.0.0.1"]),
+        ("publish: {zenoh: z.json5, connect: [tcp/r:7447]}", ["publish", "remove connect"]),
         ("publish: {ros2_domain: 233}", ["publish.ros2_domain", "232"]),
         ("publish: {ros2_domain: yes}", ["publish.ros2_domain", "integer"]),
         ("publish: {zenoh: z.json5}", ["publish.zenoh", "z.json5 cannot be read (No such file"]),
@@ -61,14 +62,17 @@ def test_without_zenoh_the_daemon_goes_on_and_says_so(
     really_import = builtins.__import__
 
     def without_zenoh(name: str, *rest: Any) -> Any:
-        if name == "autoexpose_daemon.publish.publisher":
+        if name in ("autoexpose_daemon.publish.publisher", "autoexpose_daemon.publish.imu"):
             raise ModuleNotFoundError("No module named 'zenoh'", name="zenoh")
         return really_import(name, *rest)
 
     monkeypatch.setattr(builtins, "__import__", without_zenoh)
-    config = load(tmp_path, "publish: {}")
+    config = load(tmp_path, "publish: {}\nmotion: {imu: {key: imu/data}}\ncontrol: {focal_length_px: 800}")
     daemon = add_outlets(Daemon(config, {}), config)
     assert daemon.outlets == []
     assert daemon.telemetry.publishing is not None
     assert "zenoh is missing" in daemon.telemetry.publishing.trouble
     assert "autoexpose-daemon[publish]" in caplog.text
+    assert daemon._control.angular_rate() is None
+    assert daemon.telemetry.imu is not None
+    assert "zenoh is missing" in daemon.telemetry.imu.trouble

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlLoop
+from autoexpose_daemon.control.parameters import ControlParameters
 from autoexpose_daemon.recording.read import Recording
 from autoexpose_daemon.recording.recorder import ContinuousRecorder, Recorder
 from autoexpose_daemon.recording.replay import Replay, Replayed
@@ -30,12 +31,14 @@ class VirtualRun:
 
     policy_id: str = "metric-map"
     bits: int = 8
+    imu: bool = False
     loop: ControlLoop = field(init=False)
     decisions: dict[int, Decision] = field(default_factory=dict)
     trigger: int = 99
 
     def __post_init__(self) -> None:
-        self.loop = ControlLoop(self.policy_id, ResponseFunction.linear(), LIMITS, START)
+        parameters = ControlParameters(focal_length_px=800.0 if self.imu else None)
+        self.loop = ControlLoop(self.policy_id, ResponseFunction.linear(), LIMITS, START, parameters)
         self._scenes = radiance(1, 1.2, SHAPE), radiance(2, 0.8, SHAPE)
         self._rng = np.random.default_rng(5)
         self._light = 13.0
@@ -55,10 +58,14 @@ class VirtualRun:
         """Have the recorder see so many steps, of pairs that `shape` may change first."""
         for _, pair in zip(range(steps), self.pairs(), strict=False):
             shaped = shape(pair)
-            decision = self.loop.step(shaped)
+            decision = self.loop.step(shaped, self._angular_rate_rad_s())
             self._settings = [self._settings[-1], decision.setting]
             self.decisions[pair.trigger] = decision
             recorder.take(shaped, decision, self.loop, 2)
+
+    def _angular_rate_rad_s(self) -> float | None:
+        """Of an IMU that fails for 3 steps in 8."""
+        return self._rng.random() * 3 if self.imu and self.trigger % 8 < 5 else None
 
     def _frame(self, scene: NDArray[np.float64]) -> Frame:
         frame = expose(np.roll(scene, self.trigger, axis=1), self._settings[0], self._light, self.bits)

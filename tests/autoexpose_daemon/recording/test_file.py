@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import os
 import re
 import resource
@@ -135,7 +136,7 @@ def test_a_recording_of_something_else_is_refused(tmp_path: Path) -> None:
         schema = writer.register_schema("std_msgs/msg/String", "ros2msg", b"string data")
         writer.add_message(writer.register_channel("/chatter", "cdr", schema), 0, b"\0\1\0\0\1\0\0\0\0", 0)
         writer.finish()
-    with pytest.raises(RecordingError, match="holds no steps of control: it is no recording of autoexpose"):
+    with pytest.raises(RecordingError, match="contains no steps of control: it is not a recording of autoexpose"):
         list(Recording(path))
 
 
@@ -164,6 +165,17 @@ def test_a_state_that_does_not_fit_its_setup_is_one_sentence(tmp_path: Path) -> 
         replayed(path)
 
 
+@pytest.mark.parametrize("rate", [math.nan, -1e300, 101.0])
+def test_an_impossible_angular_rate_is_one_sentence(tmp_path: Path, rate: float) -> None:
+    run, path = VirtualRun("fixed", imu=True), tmp_path / "run.mcap"
+    pair = next(run.pairs())
+    file = RecordingFile(path, "rig")
+    file.write(Step(1, 2, pair, run.loop.step(pair), rate), run.loop.setup, None)
+    file.close(1, 0)
+    with pytest.raises(RecordingError, match=r"is damaged: an angular rate of .* rad/s"):
+        replayed(path)
+
+
 @pytest.mark.parametrize("missing", ["missing.mcap", "."])
 def test_what_cannot_be_opened_is_one_sentence(tmp_path: Path, missing: str) -> None:
     with pytest.raises(RecordingError, match="cannot be read: "):
@@ -171,12 +183,12 @@ def test_what_cannot_be_opened_is_one_sentence(tmp_path: Path, missing: str) -> 
 
 
 def test_a_file_that_exists_or_cannot_be_is_refused_at_once(whole: Path, tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match="is there already: name a new file"):
+    with pytest.raises(RecordingError, match="already exists: name a new file"):
         ContinuousRecorder(whole, 60, "rig")
     nowhere = tmp_path / "no folder" / "run.mcap"
     with pytest.raises(RecordingError, match=r"run\.mcap: cannot be written: No such file or directory"):
         ContinuousRecorder(nowhere, 60, "rig")
-    with pytest.raises(RecordingError, match=r"run\.mcap: cannot be written; name a file in a folder that is there"):
+    with pytest.raises(RecordingError, match=r"run\.mcap: cannot be written; name a file in an existing folder"):
         LastSecondsRecorder(nowhere, 60, "rig", 5)
 
 
@@ -280,6 +292,6 @@ def test_a_disk_that_fills_up_at_the_last_moment_is_no_success(
 @pytest.mark.parametrize("last_s", [None, 5.0])
 def test_a_recording_is_named_for_what_it_is(tmp_path: Path, name: str, last_s: float | None) -> None:
     config = Config.model_validate({"cameras": {"left": {"serial": "A"}}})
-    with pytest.raises(RecordingError, match=r"is no name for a recording: let it end in \.mcap"):
+    with pytest.raises(RecordingError, match=r"is not a name for a recording: it must end in \.mcap"):
         new_recorder(tmp_path / name, config, last_s)
     assert list(tmp_path.iterdir()) == []

@@ -61,7 +61,7 @@ def test_what_is_no_recording_is_one_sentence(tmp_path: Path) -> None:
     path.write_text("Buy milk")
     result = autoexpose("replay", str(path))
     assert result.returncode == 1
-    assert result.stderr == f"autoexpose: {path}: is no MCAP file, or damaged from its first bytes on\n"
+    assert result.stderr == f"autoexpose: {path}: is not an MCAP file, or is damaged from its first bytes on\n"
 
 
 def test_a_policy_to_replay_that_does_not_exist_is_named_with_a_near_one(tmp_path: Path) -> None:
@@ -76,7 +76,7 @@ def test_a_file_that_is_not_named_as_a_recording_is_refused_at_once(tmp_path: Pa
     config.write_text("cameras: {left: {serial: A}}")
     result = autoexpose("record", str(path), "-c", str(config), *last)
     assert result.returncode == 1
-    assert result.stderr == f"autoexpose: {path}: is no name for a recording: let it end in .mcap\n"
+    assert result.stderr == f"autoexpose: {path}: is not a name for a recording: it must end in .mcap\n"
 
 
 def test_a_recording_is_never_overwritten(tmp_path: Path) -> None:
@@ -85,5 +85,5 @@ def test_a_recording_is_never_overwritten(tmp_path: Path) -> None:
     path.write_text("precious")
     result = autoexpose("record", str(path), "-c", str(config))
     assert result.returncode == 1
-    assert result.stderr == f"autoexpose: {path}: is there already: name a new file\n"
+    assert result.stderr == f"autoexpose: {path}: already exists: name a new file\n"
     assert path.read_text() == "precious"

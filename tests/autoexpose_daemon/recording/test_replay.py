@@ -34,6 +34,20 @@ def test_every_decision_but_the_first_is_replayed_bit_for_bit(tmp_path: Path, po
     assert all(each.same for each in steps[1:])
 
 
+@pytest.mark.parametrize("policy_id", ["metric-map", "begin2022"])
+def test_decisions_by_an_imu_that_comes_and_goes_are_replayed_bit_for_bit(tmp_path: Path, policy_id: str) -> None:
+    path = record(tmp_path / "run.mcap", VirtualRun(policy_id, imu=True))
+    steps = replayed(path)
+    assert [each.step.angular_rate_rad_s is not None for each in steps] == [
+        each.step.pair.trigger % 8 < 5 for each in steps
+    ]
+    for each in steps:
+        if each.step.angular_rate_rad_s is not None:
+            assert each.step.decision.motion_px == each.step.angular_rate_rad_s * 800 / 60
+    assert all(each.same for each in steps[1:])
+    assert len([each for each in replayed(path, "neves2009") if each.decision]) == len(steps)
+
+
 @pytest.mark.parametrize("bits", [8, 12, 16])
 def test_frames_come_back_as_they_were(tmp_path: Path, bits: int) -> None:
     run, kept = VirtualRun("neves2009", bits), []

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from autoexpose_daemon.config.document import load_config
+from autoexpose_daemon.config.load import load_config
 from autoexpose_daemon.runtime import cameras
 from autoexpose_daemon.runtime.cameras import openers
 from autoexpose_daemon.runtime.daemon import Daemon

@@ -52,7 +52,7 @@ def service_manager(log: Callable[[], str]) -> Iterator[tuple[Notifications, str
 
 @dataclass
 class ServiceProcess:
-    """A running daemon, and what it tells its service manager."""
+    """A running daemon, and its messages to its service manager."""
 
     process: subprocess.Popen[bytes]
     notifications: Notifications

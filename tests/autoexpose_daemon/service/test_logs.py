@@ -35,7 +35,7 @@ raise ZeroDivisionError("died")
 def stderr_of(command: Sequence[str], journal: bool) -> list[str]:
     reading, writing = os.pipe()
     stream = os.fstat(writing)
-    number = stream.st_ino if journal else stream.st_ino + 1  # of what systemd gave to whoever started this
+    number = stream.st_ino if journal else stream.st_ino + 1  # another stream than the journal's
     environment = os.environ | {"JOURNAL_STREAM": f"{stream.st_dev}:{number}"}
     with os.fdopen(reading) as lines:
         process = subprocess.run(command, stderr=writing, env=environment, check=False)

@@ -50,7 +50,7 @@ def test_what_this_process_starts_does_not_speak_for_it(monkeypatch: pytest.Monk
     monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "nobody"))
     notifier = Notifier.from_environment()
     assert "NOTIFY_SOCKET" not in os.environ
-    notifier.ready()  # nobody listens there: not an error
+    notifier.ready()  # no listener is not an error
 
 
 def test_a_manager_that_does_not_read_holds_nothing_up(

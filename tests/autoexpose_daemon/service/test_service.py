@@ -1,6 +1,6 @@
-"""The daemon as a service: what it tells systemd, and reloads.
+"""The daemon as a service: its messages to systemd, and reloads.
 
-As a process on fake cameras once; states and reloads on cameras that do as they are told. tests/accept/test_service.py
+As a process on fake cameras once; states and reloads on scripted cameras. tests/accept/test_service.py
 has all of it on fake cameras, in real time.
 """
 
@@ -180,8 +180,12 @@ def test_a_reload_of_control_leaves_the_cameras_open(running: RunningService) ->
     assert (running.rig.left.starts, running.rig.right.starts) == (1, 1)
 
 
-def test_a_reload_of_the_trigger_opens_the_cameras_again(running: RunningService) -> None:
-    running.reload(config(trigger={"rate_hz": 60.001}))
+@pytest.mark.parametrize(
+    "sections",
+    [{"trigger": {"rate_hz": 60.001}}, {"motion": {"imu": {"key": "imu/data"}}, "control": {"focal_length_px": 800}}],
+)
+def test_a_reload_of_trigger_or_imu_opens_the_cameras_again(running: RunningService, sections: dict[str, Any]) -> None:
+    running.reload(config(**sections))
     running.manager.wait_for("RELOADING=1")
     running.manager.wait_for("READY=1")
     assert (running.rig.left.starts, running.rig.right.starts) == (2, 2)
@@ -210,7 +214,7 @@ def test_a_process_is_ready_reloads_and_stops(tmp_path: Path) -> None:
         service.wait_until(lambda _: "configuration rejected" in service.log, "a refusal")
         assert "exposure.max_time: unknown key" in service.log
         file.unlink()
-        os.mkfifo(file)  # whoever opens it waits for somebody to write
+        os.mkfifo(file)  # opening it would wait for a writer
         service.reload()
         service.wait_until(lambda _: "a named pipe, no regular file" in service.log, "a refusal of the pipe")
         file.unlink()

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from autoexpose_daemon.status.states import START_PATIENCE_NS, Expectation, Health, State, judge
+from autoexpose_daemon.status.states import ADJUSTED, START_PATIENCE_NS, Expectation, Health, State, judge
 from autoexpose_daemon.status.telemetry import GONE, Telemetry
 
 NOW_NS = 100_000_000_000
@@ -68,7 +68,7 @@ def test_a_camera_whose_frames_are_all_incomplete_sends_frames() -> None:
 
 def test_a_camera_that_rounds_is_as_good_as_another() -> None:
     seen = telemetry()
-    seen.complaints = {("left", "clipped"): "25 us was asked for, the camera took 24 us"}
+    seen.complaints = {("left", ADJUSTED): "25 us was asked for, the camera took 24 us"}
     assert judge(seen, STEREO, NOW_NS).state is State.EXPOSING
 
 

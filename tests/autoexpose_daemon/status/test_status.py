@@ -1,4 +1,4 @@
-"""What a daemon says of itself, and what others make of it."""
+"""The status of a daemon: how it is built, sent and read."""
 
 from __future__ import annotations
 
@@ -177,6 +177,6 @@ def test_the_fault_log_keeps_the_latest_faults_a_line_each(monkeypatch: pytest.M
     assert (kept[-1].level, kept[-1].message) == ("ERROR", "state failed")
 
 
-def test_durations_are_told_in_the_unit_that_suits_them() -> None:
-    told = [duration_text(seconds) for seconds in (1.2, 119, 120, 3600, 47 * 3600, 49 * 3600)]
-    assert told == ["1 s", "119 s", "2 min", "1 h 0 min", "47 h 0 min", "2 d 1 h"]
+def test_durations_have_a_unit_that_suits_their_length() -> None:
+    texts = [duration_text(seconds) for seconds in (1.2, 119, 120, 3600, 47 * 3600, 49 * 3600)]
+    assert texts == ["1 s", "119 s", "2 min", "1 h 0 min", "47 h 0 min", "2 d 1 h"]

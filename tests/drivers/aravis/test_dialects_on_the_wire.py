@@ -22,6 +22,7 @@ from drivers.aravis.introspection import Aravis
 from drivers.errors import NodeError, UnsupportedCameraError
 from drivers.exposure import ExposureSetting, linear_gain
 from drivers.frames import Frame
+from drivers.pixel_format import PixelFormat
 from drivers.setup import CameraSetup, TriggerSetup
 from fake_camera.device.device import Device
 from fake_camera.device.line0 import Line0
@@ -146,7 +147,7 @@ def worn(request: pytest.FixtureRequest, cameras: dict[int | str, Worn]) -> Worn
 def set_up(worn: Worn) -> CameraSetup:
     line = worn.camera.trigger_line
     assert line is not None
-    return CameraSetup(TriggerSetup("external", line, RATE_HZ), pixel_format="Mono8")
+    return CameraSetup(TriggerSetup("external", line, RATE_HZ), pixel_format=PixelFormat.MONO8)
 
 
 def frames_until(camera: AravisCamera, grey: float) -> list[Frame]:

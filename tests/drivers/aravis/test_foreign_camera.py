@@ -14,11 +14,12 @@ from drivers.camera import IncompleteFrame
 from drivers.errors import NodeError
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame
+from drivers.pixel_format import PixelFormat
 from drivers.setup import CameraSetup, TriggerSetup
 from tests.fakes import foreign_camera
 
 PATIENCE_S = 20.0
-FREE_RUN = CameraSetup(TriggerSetup("free_run", rate_hz=60.0), pixel_format="Mono8")
+FREE_RUN = CameraSetup(TriggerSetup("free_run", rate_hz=60.0), pixel_format=PixelFormat.MONO8)
 
 pytestmark = [pytest.mark.realtime, pytest.mark.needs("arv-fake-gv-camera-0.8", "arv-tool-0.8")]
 

@@ -33,7 +33,7 @@ def test_other_formats_are_refused_by_name(present: str, why: str) -> None:
 
 
 def test_a_format_not_offered_is_refused_with_those_that_are() -> None:
-    with pytest.raises(ConfigurationError, match="no pixel format Mono16 here; it offers BayerRG8, Mono8"):
+    with pytest.raises(ConfigurationError, match="it has no pixel format Mono16; it has BayerRG8, Mono8"):
         choose_pixel_format(colour_camera("Mono8"), PixelFormat.MONO16)
 
 

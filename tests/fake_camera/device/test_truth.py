@@ -72,7 +72,7 @@ def test_a_full_disk_is_said_once_and_ends_the_file_only(capfd: pytest.CaptureFi
     for pulse in range(7, 20):
         truth.record(pulse)
     truth.close()
-    assert capfd.readouterr().err == "truth file /dev/full: No space left on device; it ends before pulse 7\n"
+    assert capfd.readouterr().err == "truth file /dev/full: No space left on device; the file ends before pulse 7\n"
 
 
 def test_a_file_that_cannot_be_created_is_an_error(tmp_path: Path) -> None:

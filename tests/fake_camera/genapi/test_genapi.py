@@ -122,7 +122,7 @@ def test_converters_go_both_ways_and_carry_limits() -> None:
 
 def test_circles_and_missing_nodes_are_told() -> None:
     evaluator = camera('<Integer Name="A"><pValue>B</pValue></Integer><Integer Name="B"><pValue>A</pValue></Integer>')
-    with pytest.raises(NodeError, match="rests on itself"):
+    with pytest.raises(NodeError, match="depends on itself"):
         evaluator.value("A")
     with pytest.raises(NodeError, match="no node C"):
         evaluator.value("C")
@@ -173,7 +173,7 @@ def test_what_cannot_be_achieved_leaves_the_registers_alone() -> None:
 
 
 @pytest.mark.parametrize(
-    ("namespace", "order", "feature", "told"),
+    ("namespace", "order", "feature", "standard"),
     [
         ("GEV", "LittleEndian", "R", "GEV"),
         ("U3V", "BigEndian", "R", "U3V"),
@@ -183,13 +183,13 @@ def test_what_cannot_be_achieved_leaves_the_registers_alone() -> None:
     ],
 )
 def test_its_standard_or_its_registers_tell_the_wire(
-    namespace: str, order: str, feature: str, told: str | None
+    namespace: str, order: str, feature: str, standard: str | None
 ) -> None:
     text = (
         f'<RegisterDescription ModelName="M" VendorName="V" StandardNameSpace="{namespace}"><IntReg Name="{feature}">'
         f"<Address>0</Address><pPort>Device</pPort><Endianess>{order}</Endianess></IntReg></RegisterDescription>"
     )
-    assert Description.from_bytes(text.encode(), "").standard == told
+    assert Description.from_bytes(text.encode(), "").standard == standard
 
 
 def test_text_before_the_declaration_is_left_out() -> None:

@@ -1,4 +1,4 @@
-"""The other side of the wire, written apart from the camera: a scene, a camera in this process, a bare GVCP client."""
+"""The other side of the wire, independent of the camera: a scene, a camera in this process, a bare GVCP client."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Stock Aravis takes the fake for a real camera."""
+"""Stock Aravis accepts the fake as a real camera."""
 
 from __future__ import annotations
 
@@ -259,5 +259,5 @@ def test_arv_camera_test_streams(fake: Device) -> None:
         timeout=30,
     )
     counts = dict(re.findall(r"^(n_\w+)\s*= (\d+)", process.stdout, re.MULTILINE))
-    # With its default socket buffer a client that waits for a busy processor loses frames; tests/accept has none lost.
+    # With its default socket buffer a client on a busy processor loses frames; tests/accept checks that none are lost.
     assert int(counts["n_completed_buffers"]) > 0

@@ -191,7 +191,7 @@ def test_a_capture_of_stock_aravis(tmp_path: Path) -> None:
 
 
 def wait_until_captured(capture: Path) -> None:
-    """dumpcap says that it captures a moment before it does: knock until a packet is in its file."""
+    """dumpcap reports that it captures a moment before it does: send packets until one is in its file."""
     deadline_s = time.monotonic() + 5
     with GvcpClient(ADDRESS) as client:
         while time.monotonic() < deadline_s:

@@ -1,4 +1,4 @@
-"""A minimal USB3 Vision host on stock libusb, which keeps as many transfers on their way as it is told.
+"""A minimal USB3 Vision host on stock libusb, with any number of pending transfers.
 
 By hand, under the shim:
 python -m fake_camera --usb3 --exec python -m tests.fake_camera.usb3.libusb_client FRAMES SECONDS
@@ -79,13 +79,13 @@ class LibusbCamera:
         self._frames: list[tuple[int, bytes]] = []
 
     def close(self) -> None:
-        """Give the camera back."""
+        """Release the camera."""
         self._usb.libusb_close(self._device)
         self._usb.libusb_exit(self._context)
 
     @contextmanager
     def streaming(self, frames: int, piece_bytes: int) -> Iterator[Iterator[tuple[int, bytes]]]:
-        """Frame id and payload of frame after frame, with the transfers of so many of them on their way."""
+        """Frame id and payload of one frame after another, with the transfers of several frames pending."""
         count, rest = divmod(self.payload_bytes, piece_bytes)
         sizes = [LEADER_BYTES, *[piece_bytes] * count, *([rest] if rest else []), TRAILER_BYTES]
         for offset, value in (
@@ -138,7 +138,7 @@ class LibusbCamera:
         self._waiting -= 1
 
     def _ended(self, slot: Slot) -> None:
-        """The trailer of a frame is there, or was taken back."""
+        """The trailer of a frame has arrived, or was cancelled."""
         self._waiting -= 1
         if self._resubmitting:
             self._frames.append(slot.frame())
@@ -163,7 +163,7 @@ class LibusbCamera:
         return answer[12:]
 
     def _bulk(self, endpoint: int, data: bytes) -> bytes:
-        """One transfer, waited for: what is sent, or room for what comes."""
+        """One synchronous transfer of what is sent, or of room for what comes."""
         buffer, moved = c.create_string_buffer(data, len(data)), c.c_int()
         bulk = self._usb.libusb_bulk_transfer
         self._check(bulk(self._device, c.c_ubyte(endpoint), buffer, len(data), c.byref(moved), TIMEOUT_MS))

@@ -1,4 +1,4 @@
-"""Stock Aravis takes the fake for a USB3 Vision camera. Run by test_usb3_aravis.py, in a process under the shim."""
+"""Stock Aravis accepts the fake as a USB3 Vision camera. Run by test_usb3_aravis.py, in a process under the shim."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def found() -> dict[str, str]:
 
 
 def id_of(fake: Device) -> str:
-    """Its id, as soon as it is found: one that was reset takes a moment to come back."""
+    """Its id, as soon as it is found, since a camera that was reset takes a moment to come back."""
     ids: dict[str, str] = {}
     wait_for(lambda: serial_of(fake) in ids or bool(ids.update(found())))
     return ids[serial_of(fake)]
@@ -115,7 +115,7 @@ def next_buffer(stream: Any, status: Any = Aravis.BufferStatus.SUCCESS) -> Any:
 
 
 def next_with_status(stream: Any, status: Any) -> Any:
-    """The first buffer of this status; those before it are given back."""
+    """The first buffer with this status; those before it are returned to the stream."""
     for _ in range(100):
         buffer = stream.timeout_pop_buffer(round(PATIENCE_S * 1e6))
         assert buffer is not None
@@ -233,7 +233,7 @@ def test_two_cameras_follow_the_trigger_wire_at_once(fake: Device, other: Device
 
 @pytest.mark.parametrize("ahead", [1, 16])
 def test_transfers_of_many_frames_at_once_come_in_order_and_whole(fake: Device, ahead: int) -> None:
-    """As asynchronous clients have them; what is late is counted by the camera, and nothing is lost on the way."""
+    """As with asynchronous clients; late frames are counted by the camera, and nothing is lost on the way."""
     fake.features.set("AcquisitionFrameRate", 100.0)
     camera = LibusbCamera()
     with camera.streaming(ahead, 64 << 10) as arriving:

@@ -35,7 +35,7 @@ def fake() -> Iterator[FakeCamera]:
 
 
 def output(environment: Mapping[str, str], *command: str) -> str:
-    """What a command prints; it must not say a word on standard error."""
+    """What a command prints; it must print nothing on standard error."""
     process = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=30, check=False)
     assert (process.returncode, process.stderr) == (0, ""), process.stdout
     return process.stdout
@@ -130,8 +130,8 @@ def test_exec_ends_as_the_command_does() -> None:
     ("arguments", "sentence"),
     [
         (["--usb3"], "--usb3 needs a way to reach the camera: --socket PATH, --tcp or --exec COMMAND"),
-        (["--usb3", "--address", "127.0.9.9", "--tcp"], "--address is of GigE Vision cameras: leave it out"),
-        (["--socket", "camera"], "--socket is of USB3 Vision cameras: add --usb3"),
+        (["--usb3", "--address", "127.0.9.9", "--tcp"], "--address is for GigE Vision cameras: leave out"),
+        (["--socket", "camera"], "--socket is for USB3 Vision cameras: add --usb3"),
         (["--usb3", "--exec"], "--exec needs a command"),
     ],
 )
@@ -148,7 +148,7 @@ def test_the_environment_keeps_what_was_preloaded_and_the_cameras_there_were() -
     assert after[CAMERAS_VARIABLE] == "/tmp/a:/tmp/b"
     assert after["LD_PRELOAD"].endswith(":libother.so")
     assert again == after
-    with pytest.raises(ShimError, match="cannot be handed on"):
+    with pytest.raises(ShimError, match="cannot be passed"):
         client_environment([Path("/tmp/a:b")], before)
 
 
@@ -188,7 +188,7 @@ def test_a_libusb_that_needs_more_of_udev_is_refused_by_name(tmp_path: Path) -> 
 @needs_gcc
 @needs_arv_tool
 def test_the_shim_minds_its_memory(fake: FakeCamera, tmp_path: Path) -> None:
-    """AddressSanitizer and UndefinedBehaviorSanitizer find nothing to say."""
+    """AddressSanitizer and UndefinedBehaviorSanitizer report nothing."""
     shim = tmp_path / "shim.so"
     flags = ["-std=gnu11", "-g", "-fsanitize=address,undefined", "-fPIC", "-shared", "-fvisibility=hidden"]
     output(os.environ, "gcc", *flags, *(str(path) for path in sorted(SHIM_SOURCES.glob("*.c"))), "-o", str(shim))

@@ -1,4 +1,4 @@
-"""The camera over USB/IP, met by a client of our own."""
+"""The camera over USB/IP, with a client of our own."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The other side of USB/IP, written apart from the camera: a client that knows bytes only."""
+"""The other side of USB/IP, written independently of the camera: a client that knows only bytes."""
 
 from __future__ import annotations
 
@@ -171,7 +171,7 @@ def receive(stream: socket.socket, count: int) -> bytes:
 
 
 def hung_up(stream: socket.socket) -> bool:
-    """Whether the server ends the connection rather than say a word."""
+    """Whether the server ends the connection without an answer."""
     try:
         receive(stream, 1)
     except EOFError:

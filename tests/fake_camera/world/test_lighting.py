@@ -94,7 +94,7 @@ def test_short_exposures_see_the_flicker_and_whole_periods_do_not() -> None:
         ("light: 5", "light must be a list"),
         ("light: [{at_s: 0, lux: -1}]", "negative"),
         ("light: [{at_s: 0, lux: 1}, {at_s: 2, lux: 1, ramp_s: 2}, {at_s: 3, lux: 1}]", "at_s 3 must come after"),
-        ("light: [{at_s: 0, lux: 1}, {at_s: 2, lux: 1}]\nrepeat_s: 1", "repeat_s 1 must be longer"),
+        ("light: [{at_s: 0, lux: 1}, {at_s: 2, lux: 1}]\nrepeat_s: 1", "repeat_s 1 must be later than the end"),
         ("light: [{at_s: 0, lux: 1}]\nflicker: {depth: 2}", "depth from 0 to 1"),
         ("light: [", "is not YAML"),
         ("- 3", "the script must be a mapping"),

@@ -1,4 +1,4 @@
-"""What the light will have done by the time a decision shows: ramps go on, and what is periodic comes again."""
+"""How the light will have changed by the time a decision shows: ramps continue, and periods repeat."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ LEAST_CHANGE = 0.1
 
 RESIDUE = 0.15
 """Share of the changes' variance that a period may leave unexplained. Variance, not power: a ramp, the same change
-every frame, would else have a period of 2 frames."""
+every frame, would otherwise have a period of 2 frames."""
 
 RAMP_FRAMES = 4
 RAMP_SLOPE = 0.03
-"""A ramp: so many changes in a row of one sign, each of at least so many stops."""
+"""A ramp: this many changes in a row with one sign, each of at least this many stops."""
 
 _SLACK = 1.0 + 1e-6
-"""What is quickly excluded must be so by this factor."""
+"""What is excluded quickly must be excluded by this factor."""
 
 LONGEST_LEAD = 1.0
 """Stops. A ramp may end at any frame, and then the lead is the error."""
@@ -54,7 +54,7 @@ class Forecast:
     def ahead(self, frames: int, steady: bool) -> float:
         """Stops by which the light will have risen `frames` from now; 0 when there is no pattern in it.
 
-        A ramp is led only when `steady`, the camera moving slowly: in fast motion the content makes such slopes too.
+        A ramp is led only when `steady`, the camera moving slowly: in fast motion the content causes such slopes too.
         """
         period = self.period()
         if period is not None:

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 USUAL_FRAMES = 2
-"""Until the first change has been seen to arrive."""
+"""Until a first change has been seen to arrive."""
 
 DISTINCT_STOPS = 0.15
-"""A change of exposure that cannot be rounding."""
+"""A change of exposure too large to be rounding."""
 
 
 @dataclass(slots=True)

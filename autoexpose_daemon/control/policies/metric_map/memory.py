@@ -16,13 +16,13 @@ CELL = 0.12
 darkens in a frame, so that what was seen on the way is kept."""
 
 CAPACITY = 16
-"""Sightings; the oldest make room."""
+"""Sightings; the oldest are dropped."""
 
 BLINDNESS = 3.0
 """A prediction downward counts as (1 + 3 s) times as far, s the saturated share of the frame it is made from."""
 
 TRUSTED_RISE = 3.0
-"""Stops upward that a prediction holds. From there on it takes noise for gradient."""
+"""Stops upward that a prediction holds. Beyond that it takes noise for gradient."""
 
 NEARER_UP = 0.4
 FARTHER_BEYOND = 2.0
@@ -30,7 +30,7 @@ FARTHER_BEYOND = 2.0
 
 DOUBT = 0.5
 """A prediction upward loses the factor exp(-0.5) of its promise for each stop beyond `TRUSTED_RISE`, the camera still:
-what is far up has then to be better by much than what is sure. In motion the whole content may be new."""
+what is far up must then be much better than what is sure. In motion the whole content may be new."""
 
 LEAST_GAP = 1.0
 """Stops that must be unknown between two sightings before a look into the gap is worth a frame."""
@@ -45,7 +45,7 @@ CONTRADICTION = 0.3
 """Share by which the metric may differ from what was expected ..."""
 
 CONTRADICTION_RANGE = 1.5
-"""... of a prediction no farther than this (stops), before the map is taken for that of another scene."""
+"""... of a prediction no farther than this (stops), before the map is taken to be of another scene."""
 
 
 @dataclass(slots=True, eq=False)
@@ -57,7 +57,7 @@ class Sighting:
     level
         Where in exposure the pair lies now, stops: the level it was taken with, less the rise of the light since.
     views
-        By camera.
+        One `MetricView` for each camera.
     age
         Stops by which it counts as farther away.
     """
@@ -82,7 +82,7 @@ class MetricMemory:
     sightings: list[Sighting] = field(default_factory=list)
 
     def pass_frame(self, light_change: float, ageing: float) -> None:
-        """The light rose by `light_change` stops, and all that was seen is `ageing` stops less sure."""
+        """The light rose by `light_change` stops, and everything seen is `ageing` stops less sure."""
         for sighting in self.sightings:
             sighting.level -= light_change
             sighting.age += ageing
@@ -110,8 +110,8 @@ class MetricMemory:
     def frontier(self, longest_gap: float) -> tuple[Sighting, float]:
         """Where the known ends below the newest sighting: the last sighting before it, and the level it begins again.
 
-        A sighting tells what is up to `longest_gap` stops above it. Going down from the newest, a next one farther away
-        than that and `LEAST_GAP` leaves a gap. Without a gap the unknown reaches down to minus infinity.
+        A sighting covers up to `longest_gap` stops above it. Going down from the newest, the next one leaves a gap if
+        it is farther away than that plus `LEAST_GAP`. Without a gap the unknown reaches down to minus infinity.
         """
         frontier = self.sightings[-1]
         below = [sighting for sighting in self.sightings if sighting.level < frontier.level]

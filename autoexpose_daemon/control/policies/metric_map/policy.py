@@ -27,16 +27,16 @@ BIN = 0.25
 
 HOLD_GAIN, HOLD_GAIN_MOVING, HOLD_GAIN_FOLLOWING = 0.015, 0.03, 0.005
 """Share by which the metric must promise to rise before the target is moved: the camera still, moving, and while the
-light follows a ramp or a period, when holding only means to lag."""
+light follows a ramp or a period, when holding only means lagging."""
 
 MOVING_PX = 2.0
 """Flow (pixels per 1/60 s) from which the camera counts as moving; noise and flicker of a still one stay below."""
 
 SLOW_PX = 8.0
-"""Flow up to which slopes of brightness are taken for the light's and led."""
+"""Flow up to which slopes of brightness are attributed to the light, and led."""
 
 FLOW_STOPS = 0.5
-"""Flow across a greater change of light or exposure is an error of the flow: the motion known before stands."""
+"""Flow across a greater change of light or exposure is an error of the flow: the motion known before still counts."""
 
 AGE_PER_PX = 0.02
 AGE_PER_STOP = 0.1
@@ -44,28 +44,28 @@ AGE_PER_STOP = 0.1
 
 LEAST_DENSITY = 0.01
 DENSITY_DECAY = 0.98
-"""Of the metric per unsaturated pixel that a good exposure has lately had: halved in half a second."""
+"""Of the metric per unsaturated pixel that a good exposure recently had: halved in half a second."""
 
 BLIND_SHARE = 0.8
 """Saturated share above which a darker sighting, however far, knows more of what lies between."""
 
 SAME_JUMP_STOPS = 0.5
-"""Jumps out of the dark are rough: one that is on its way is not corrected by less."""
+"""Jumps out of the dark are rough: one in progress is not corrected by less."""
 
 NOTHING = 1e-9
-"""A metric that is none."""
+"""A metric this small counts as zero."""
 
 LONGEST_STEP = 0.4
 WORTH_KEEPING = 0.7
 """Stops by which frames of a moving camera may come to differ in brightness from one to the next, as long as the last
-target is worth this share of the best: odometry needs to find its points again."""
+target is worth this share of the best: odometry must find its points again."""
 
 LEAST_CAMERA = 0.1
 """A camera that sees less than this share of the other's metric does not get a full vote."""
 
 
 class MetricMap(ExposurePolicy):
-    """Goes where the map promises most, for both cameras of a pair; docs/policy.md tells why.
+    """Goes where the map promises most, for both cameras of a pair; docs/policy.md says why.
 
     All targets are absolute levels, and the map is one of absolute levels, so frames in flight are never corrected
     twice.
@@ -131,7 +131,8 @@ class MetricMap(ExposurePolicy):
         self.forecast.add(change)
         # What was seen before an unmeasured change either still fits, or is contradicted and dropped.
         measured = change if light and light.measured else 0.0
-        if light and light.measured and max(abs(measured), abs(level_change)) < FLOW_STOPS:
+        steady = light and light.measured and max(abs(measured), abs(level_change)) < FLOW_STOPS
+        if steady or not observation.by_flow:
             self.motion_px = observation.motion_px
         motion = max(self.motion_px - MOVING_PX, 0.0)
         self.memory.pass_frame(measured, AGE_PER_PX * motion + AGE_PER_STOP * abs(measured))
@@ -188,7 +189,7 @@ class MetricMap(ExposurePolicy):
         blind = max(view.saturated_share for view in self.memory.sightings[-1].views) > BLIND_SHARE
         frontier, known_again = self.memory.frontier(math.inf if moving or blind else TRUSTED_RISE)
         unknown = levels > known_again
-        # What a camera may yet see is part of its best, until a darker frame has shown whether it is there.
+        # What a camera may yet see is part of its best, until a darker frame has shown whether it exists.
         hidden = np.array([view.saturated_share for view in frontier.views]) * np.array(self.densities)
         best = np.maximum(metrics.max(axis=1), hidden)
         best = np.maximum(best, max(LEAST_CAMERA * float(best.max()), NOTHING))
@@ -200,7 +201,7 @@ class MetricMap(ExposurePolicy):
 
 
 def _step_towards(target: float, held: float, risen: float) -> float:
-    """From `held` at most a step towards `target` (stops), besides what the light has risen by since."""
+    """From `held` at most a step towards `target` (stops), besides the rise of the light since."""
     low, high = sorted((held, held - risen))
     return min(max(target, low - LONGEST_STEP), high + LONGEST_STEP)
 

@@ -14,13 +14,13 @@ from calibration.response import ResponseFunction
 from drivers.frames import Side
 
 STRIDE = 5
-"""Every fifth pixel across and down: some 3900 of 360x270 fix a median to 0.01 stop."""
+"""Every fifth pixel across and down: some 3900 of 360x270 determine a median to 0.01 stop."""
 
 LEAST_SHARE = 0.01
 """Of the compared pixels, which must be unclipped in both frames: a handful of them is noise, or one small thing."""
 
 MARGIN = 0.03
-"""Of the range from black level to saturation: closer to the ends noise is clipped, and the median would lean."""
+"""Of the range from black level to saturation: closer to the ends noise is clipped, and the median would be biased."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +32,7 @@ class LightChange:
     stops
         The rise of the light.
     measured
-        Whether enough pixels were unclipped in both frames; else `stops` is but a bound, on the side of less change.
+        Whether enough pixels were unclipped in both frames; otherwise `stops` is only a bound, towards less change.
     """
 
     stops: float
@@ -40,11 +40,11 @@ class LightChange:
 
 
 class Registration:
-    """The median change of log radiance, clipped pixels counted as the bounds that they are.
+    """The median change of log radiance, with clipped pixels used as bounds.
 
     A pixel unclipped in both frames gives a change. One that is clipped in one of them gives a bound: saturated now, it
-    changed at least so much. The median sought is the M with as many pixels surely above as surely below it, which is
-    the ordinary median when nothing is clipped. Without the bounds, a large change would be judged by the few pixels
+    changed by at least this much. The median sought is the M with as many pixels surely above as surely below it: the
+    ordinary median when nothing is clipped. Without the bounds, a large change would be judged by the few pixels
     of extreme noise that remain unclipped.
 
     Attributes

@@ -1,4 +1,4 @@
-"""Which exposure level to take: the best of the map, or one that would tell more."""
+"""Which exposure level to take: the best of the map, or one that would show more."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ DARK_SIGNAL = 1 / 16
 """A frame whose 99th percentile lies below this is dark: more than 3 stops up, prediction turns noise into gradient."""
 
 LONGEST_JUMP = 7.0
-"""Stops, up out of the dark."""
+"""Longest jump up out of the dark, stops."""
 
 SHALLOWEST_PROBE = 1.5
 PROBE_PER_SHARE = 5.0
@@ -24,7 +24,7 @@ PROBE_PER_SHARE = 5.0
 PROBE_WORTH, PROBE_POWER = 1.5, 0.5
 PROBE_WORTH_MOVING, PROBE_POWER_MOVING = 1.0, 1.0
 """What a saturated pixel may be worth, as a multiple of what a well exposed one carries, and how soon the bonus rises
-with depth. A still camera pays for a probe once and may look half a stop deeper; a moving one would nibble for ever."""
+with depth. A still camera pays for a probe once and may look half a stop deeper; a moving one would probe for ever."""
 
 
 def plateau_centre(levels: NDArray[np.float64], values: NDArray[np.float64]) -> float:

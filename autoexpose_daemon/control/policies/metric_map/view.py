@@ -25,7 +25,7 @@ FEWER_DELTAS: NDArray[np.float64] = np.array([-6, -4, -2.5, -1.5, -1, -0.5, 0, 0
 """For the second camera, which sees much the same: half the price, the rest interpolated."""
 
 FEWEST_DELTAS: NDArray[np.float64] = np.array([-6, -3, -1, 0, 1, 3, 6])
-"""For the second camera when predictions are dear."""
+"""For the second camera when predictions are expensive."""
 
 BRIGHT_QUANTILE = 0.99
 """Of the pixels: what is brighter may be a lamp or a reflection."""

@@ -17,16 +17,16 @@ from drivers.exposure import DB_PER_STOP, ExposureLimits
 
 GRID_STOPS = 0.125
 PROCESS = GaussianProcess(length=1.25, deviation=1.0, noise=0.05)
-"""Over stops; values are brought to mean 0 and deviation 1. Chosen here: Kim's are for milliseconds and sums."""
+"""Over stops; values are scaled to mean 0 and deviation 1. Chosen here: Kim's are for milliseconds and sums."""
 
 KNOWN_DEVIATION = 0.3
-"""The search ends when nowhere more than this is unknown, as a share of what was unknown at first..."""
+"""The search ends when no more than this is unknown anywhere, as a share of what was unknown at first..."""
 
 MOST_SAMPLES = 16
-"""... or with so many samples: 0.8 s at 60 Hz and two frames of delay."""
+"""... or after this many samples: 0.8 s at 60 Hz and two frames of delay."""
 
 NEAR_STOPS = 0.2
-"""A maximum counts when a sample confirms it this near."""
+"""A maximum counts when a sample this near confirms it."""
 
 
 @dataclass(slots=True)

@@ -25,10 +25,10 @@ SMALLEST_GAIN = 0.005
 class Lu2010(ExposurePolicy):
     """Climbs M_e of eq. (2) (Lu et al. 2010; Table 1 of Begin & Hunter: entropy, preset relation, policy unspecified).
 
-    Lu's relation makes time and gain one coordinate, the exposure level. What remains open is how to climb; this is
-    a pattern search: go on in a direction while the entropy rises, else try the other one, else halve the step. Each
+    Lu's relation makes time and gain one coordinate, the exposure level. How to climb remains open; this is
+    a pattern search: go on in a direction while the entropy rises, else try the other, else halve the step. Each
     step waits for the frame that was really taken with it. When the last step is too short the best level is held
-    until the picture there changes; then the search begins anew.
+    until the picture there changes; then the search starts again.
 
     Attributes
     ----------
@@ -91,7 +91,7 @@ class Lu2010(ExposurePolicy):
         self.turned = not self.turned
 
     def _ask(self, observation: Observation) -> Target:
-        """Ask for the next level; a step that bounds leave nothing of has failed without a frame."""
+        """Ask for the next level; a step that the bounds leave nothing of fails without a frame."""
         while abs(self.step) >= LAST_STEP_STOPS:
             level = observation.limits.clamp_level(self.best_level + self.step)
             if abs(level - self.best_level) >= LAST_STEP_STOPS / 2:

@@ -52,7 +52,7 @@ class Majer2018(ExposurePolicy):
         return cls(region, setup.balance(ExposurePriority()))
 
     def decide(self, observation: Observation) -> Target:
-        """Eq. (1) at every fifth frame; else the target that stands."""
+        """Eq. (1) at every fifth frame; otherwise the previous target."""
         due = self.frames % FRAMES_PER_DECISION == 0
         self.frames += 1
         if self.level is not None and not due:

@@ -31,13 +31,13 @@ _EV_OFFSET = math.log2(2.8**2 * 1e6)
 def next_level(level: float, gamma: float) -> float:
     """The exposure level (stops) that follows from gamma* by eq. (17) to (19), on Mehta's exposure value.
 
-    Exposure value falls as exposure rises, and gamma is the inverse of eq. (15)'s: the two turn the law over twice.
-    What remains of it: steps are in proportion to EV, so they are the longer the shorter the exposure, and it is
-    brightening that alpha halves.
+    Exposure value falls as exposure rises, and gamma is the inverse of eq. (15)'s: the two invert the law twice.
+    What remains: steps are in proportion to EV, so they are longer for shorter exposures, and alpha halves
+    the brightening.
     """
     ratio = STEEPNESS * math.tan(math.atan(1 / STEEPNESS) * (1 - gamma)) + 1
     alpha = 0.5 if gamma >= 1 else 1.0
-    value = max(_EV_OFFSET - level, 1.0)  # at 0 the law would stand still, below it turn over
+    value = max(_EV_OFFSET - level, 1.0)  # at 0 the law would stand still, below it would invert
     return level - alpha * PROPORTIONAL_GAIN * (ratio - 1) * value
 
 

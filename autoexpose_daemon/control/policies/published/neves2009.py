@@ -1,4 +1,4 @@
-"""Policy `neves2009`: a PI controller holds the mean intensity, as the automatic of most cameras does."""
+"""Policy `neves2009`: a PI controller holds the mean intensity, as most cameras' automatic exposure does."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from autoexpose_daemon.control.policy import ExposurePolicy, Observation, Policy
 INTEGRAL_GAIN = 0.6
 PROPORTIONAL_GAIN = 0.15
 """Tuned here, in stops. With them the next level is a mean of the last two levels and
-the right one, all with positive weights (0.25, 0.15, 0.6): no delay can then make the loop swing."""
+the right one, all with positive weights (0.25, 0.15, 0.6): so no delay can make the loop oscillate."""
 
 SMALLEST_SIGNAL = 0.5 / 255
 """A black image has at most half a grey level of signal; less would ask for infinitely many stops."""

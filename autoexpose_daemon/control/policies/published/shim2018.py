@@ -48,7 +48,7 @@ def next_level(level: float, gamma: float) -> float:
 class Shim2018(ExposurePolicy):
     """Finds gamma* that maximises gradient information, and steps as eq. (15) to (19) say. No state.
 
-    An image that has equal gradient under every gamma (black, white) tells nothing: gamma* = 1, the exposure is held.
+    An image that has equal gradient under every gamma (black, white) says nothing: gamma* = 1, the exposure is held.
     """
 
     def __init__(self, metric: GradientMetric, balance: Balance) -> None:

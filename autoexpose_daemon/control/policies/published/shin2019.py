@@ -1,4 +1,4 @@
-"""Policy `shin2019`: image quality with an eye on noise, climbed by Nelder and Mead over time and gain."""
+"""Policy `shin2019`: image quality including noise, climbed by Nelder and Mead over time and gain."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ MOST_QUERIES = 40
 
 @dataclass(slots=True)
 class Shin2019(ExposurePolicy):
-    """Maximises M_q of eq. (14) over log2 of time and gain (Shin et al. 2019): it chooses both by itself.
+    """Maximises M_q of eq. (14) over log2 of time and gain (Shin et al. 2019): it chooses both itself.
 
     The search of Nelder and Mead asks for query images and waits for the frame really taken with each. It ends when
     its simplex is small; the best vertex is held until the picture there changes, then a new simplex is laid around

@@ -1,0 +1,49 @@
+"""What sections that open a session of zenoh have in common."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Self
+
+from pydantic import field_validator, model_validator
+
+from autoexpose_daemon.config.section import Section
+from autoexpose_daemon.messages.keys import check_endpoints
+from drivers.config.files import read_regular
+from drivers.errors import ConfigurationError
+
+_MOST_ZENOH_BYTES = 1 << 20
+
+
+class ConnectionConfig(Section):
+    """Endpoints of zenoh, or a configuration file of zenoh's instead."""
+
+    connect: tuple[str, ...] = ()
+    zenoh: Path | None = None
+
+    @field_validator("listen", "connect", check_fields=False)
+    @classmethod
+    def _endpoints_are_endpoints(cls, endpoints: tuple[str, ...]) -> tuple[str, ...]:
+        check_endpoints(endpoints)
+        return endpoints
+
+    @model_validator(mode="after")
+    def _endpoints_stand_in_one_place(self) -> Self:
+        twice = [name for name in ("listen", "connect") if name in self.model_fields_set]
+        if self.zenoh is not None and twice:
+            raise ValueError(f"with a file of zenoh's, its endpoints count: remove {' and '.join(twice)}")
+        return self
+
+    def relative_to(self, folder: Path, section: str) -> Self:
+        """With its file named from `folder`; raises ConfigurationError, naming `section`, when it cannot be read."""
+        if self.zenoh is None:
+            return self
+        file = folder / self.zenoh
+        try:
+            read_regular(file, _MOST_ZENOH_BYTES)  # zenoh itself would wait for a pipe to speak
+        except (OSError, ValueError) as error:
+            reason = error.strerror if isinstance(error, OSError) else error
+            raise ConfigurationError(
+                f"{section}.zenoh: {file} cannot be read ({reason}): name a configuration file of zenoh"
+            ) from error
+        return self.model_copy(update={"zenoh": file})

@@ -1,0 +1,96 @@
+"""How fast the camera turns, by the newest sample of an IMU, while that is fresh."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable
+
+from autoexpose_daemon.config.motion import ImuConfig
+from autoexpose_daemon.status.counters import Counts
+from autoexpose_daemon.status.imu import ImuTally
+
+log = logging.getLogger(__name__)
+
+_SETTLED_NS = 1_000_000_000
+"""The IMU counts as back after a second without a gap, so that one that comes and goes is said once."""
+
+
+class AngularRate:
+    """Keeps the newest sample. Samples come on one thread, control asks on another; neither waits for the other.
+
+    Parameters
+    ----------
+    config
+        The key, for what is logged, and how old a sample may be.
+    counts
+        Where decisions without a rate are counted.
+    now_ns
+        The clock: CLOCK_MONOTONIC, except in virtual time.
+
+    Attributes
+    ----------
+    tally
+        For the status.
+    no_source
+        Why there are no samples at all, in words; empty when there should be some.
+    """
+
+    def __init__(self, config: ImuConfig, counts: Counts, now_ns: Callable[[], int] = time.monotonic_ns) -> None:
+        self.tally = ImuTally()
+        self.no_source = ""
+        self._config = config
+        self._counts = counts
+        self._now_ns = now_ns
+        self._newest: tuple[float, int] | None = None
+        self._refused_last = False
+        self._there_since_ns: int | None = None
+
+    def take(self, rate_rad_s: float) -> None:
+        """A sample has arrived."""
+        self._newest, self._refused_last = (rate_rad_s, self._now_ns()), False
+        self.tally.samples += 1
+
+    def refuse(self) -> None:
+        """Something has arrived that is no sample."""
+        self._refused_last = True
+        self.tally.refused += 1
+
+    def __call__(self) -> float | None:
+        """The rate to decide by, rad/s; None: optical flow is to be used. Asked once for each decision."""
+        now_ns, newest = self._now_ns(), self._newest
+        rate_rad_s = None
+        if newest is not None and now_ns - newest[1] <= self._config.max_age_s * 1e9:
+            rate_rad_s = newest[0]
+            self._is_there(now_ns)
+        else:
+            self._is_missing()
+        self.tally.angular_rate_rad_s = rate_rad_s
+        return rate_rad_s
+
+    def _is_missing(self) -> None:
+        self._counts.decisions_without_imu += 1
+        self._there_since_ns = None
+        begins = not self.tally.trouble
+        self.tally.trouble = self._trouble()
+        if begins:
+            log.warning("image speed comes from optical flow: %s", self.tally.trouble)
+
+    def _is_there(self, now_ns: int) -> None:
+        if not self.tally.trouble:
+            return
+        if self._there_since_ns is None:
+            self._there_since_ns = now_ns
+        if now_ns - self._there_since_ns >= _SETTLED_NS:
+            self.tally.trouble = ""
+            log.info("image speed comes from the IMU")
+
+    def _trouble(self) -> str:
+        """The same words as long as it is the same trouble: each change of the state is logged."""
+        if self.no_source:
+            return self.no_source
+        if self._refused_last:
+            return f"what comes as {self._config.key} is no angular velocity in rad/s"
+        if self._newest is None:
+            return f"no IMU sample as {self._config.key} yet"
+        return f"no IMU sample as {self._config.key} for more than {self._config.max_age_s:g} s"
