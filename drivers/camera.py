@@ -57,4 +57,7 @@ class Camera(Protocol):
         """Measure again how the camera's clock maps to the host's."""
 
     def close(self) -> None:
-        """Stop acquisition, release control and free everything; safe on a lost camera, and to call twice."""
+        """Stop acquisition, release control and free everything; safe on a lost camera, and to call twice.
+
+        It is final: every later call raises `CameraLostError`.
+        """

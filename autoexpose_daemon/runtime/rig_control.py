@@ -13,7 +13,6 @@ from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.runtime.active_loop import ActiveLoop
 from autoexpose_daemon.runtime.outlet import Outlet
-from autoexpose_daemon.runtime.response_drift import ResponseDrift
 from autoexpose_daemon.runtime.rig_health import RigHealth
 from autoexpose_daemon.runtime.tuning import Tuning
 from autoexpose_daemon.status.telemetry import Telemetry
@@ -78,14 +77,13 @@ class RigControl:
         self._cameras = cameras
         self._now_ns = now_ns
         self._health = RigHealth(config, self.telemetry, self.record)
-        self._drift = ResponseDrift(config)
         self._asked: ExposureSetting | None = start or config.start  # None: write the next one, even if it is the same
         self._last_trigger = -1
 
     def tune(self, tuning: Tuning) -> None:
         """Switch to another tuning; ConfigurationError, with nothing changed, if it does not fit cameras or frames."""
         self.active.tune(tuning)
-        self._drift = ResponseDrift(tuning.config)
+        self._health.tune(tuning)
 
     def close(self) -> None:
         """Account for the triggers up to now that will never make a pair."""
@@ -147,8 +145,7 @@ class RigControl:
     def _deliver(self, pair: StereoPair, decision: Decision | None) -> None:
         """Record what a pair shows, and pass it on."""
         self.telemetry.delivered(pair, self.record, complete=self._complete(pair))
-        self._drift.see(pair)
-        self.telemetry.drift_grey, self.telemetry.misfits = self._drift.residual_grey, self._drift.misfits
+        self._health.pair(pair)
         for outlet in self.outlets:
             outlet(pair, decision)
 

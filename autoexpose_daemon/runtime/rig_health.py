@@ -7,12 +7,14 @@ import logging
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.runtime.complaints import Complaints
 from autoexpose_daemon.runtime.frame_watch import FrameWatch
+from autoexpose_daemon.runtime.response_drift import ResponseDrift
 from autoexpose_daemon.runtime.stuck import StuckStreams
+from autoexpose_daemon.runtime.tuning import Tuning
 from autoexpose_daemon.status.states import ADJUSTED
 from autoexpose_daemon.status.telemetry import GONE, Telemetry
 from drivers.camera import IncompleteFrame
 from drivers.errors import AutoexposeError
-from drivers.frames import Frame, Side
+from drivers.frames import Frame, Side, StereoPair
 from drivers.log_throttle import LogThrottle
 from drivers.rig.events import CameraGone, CameraReady, CameraSilent, FrameArrived, RigEvent, WriteFailed, Written
 from drivers.triggers.record import RigRecord
@@ -30,6 +32,7 @@ class RigHealth:
         self._complaints = Complaints(telemetry.complaints)
         self._frame_watch = FrameWatch(telemetry, self._complaints, record, config)
         self._stuck = StuckStreams(1.0 / config.trigger.rate_hz)
+        self._drift = ResponseDrift(config)
         self._record = record
         self._ever_ready: set[Side] = set()
         self._throttle = LogThrottle(_SILENCE_LOG_PAUSE_S)
@@ -56,6 +59,15 @@ class RigHealth:
                 self._telemetry.counts.refused_writes += 1
                 self._frame_watch.refused(side)
                 self._complaints.begin(side, "refused", f"{asked} was refused: {error}")
+
+    def pair(self, pair: StereoPair) -> None:
+        """Look at a pair: do the cameras still respond as calibrated?"""
+        self._drift.see(pair)
+        self._telemetry.drift_grey, self._telemetry.misfits = self._drift.residual_grey, self._drift.misfits
+
+    def tune(self, tuning: Tuning) -> None:
+        """Go on by the responses of another tuning."""
+        self._drift = ResponseDrift(tuning.config)
 
     def look(self, now_ns: int) -> list[Side]:
         """To be called at least ten times a second; returns the cameras to reopen."""

@@ -17,6 +17,7 @@ from autoexpose_daemon.recording.recorder import Recorder
 from autoexpose_daemon.runtime.daemon import Daemon
 from autoexpose_daemon.service.outlets import add_outlets
 from drivers.camera import Camera
+from drivers.errors import CameraLostError
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame, Side, StereoPair
 from drivers.pixel_format import PixelFormat
@@ -42,6 +43,7 @@ class TriggeredCamera(ScriptedCamera):
         self._noise = np.random.default_rng(ord(serial))
 
     def start(self) -> None:
+        super().start()
         self.starts += 1
         while not self.frames.empty():  # of the time when it was not open
             self.frames.get()
@@ -52,6 +54,35 @@ class TriggeredCamera(ScriptedCamera):
         pixels ^= self._noise.integers(0, 4, pixels.shape, np.uint8)
         frame_id = next(self._ids)
         self.frames.put(Frame(pixels, 8, frame_id, time_ns, time_ns, time.monotonic_ns(), setting))
+
+
+class Session:
+    """A scripted camera while it is open (see `drivers.camera.Camera`): closed for good, while the camera may go on."""
+
+    def __init__(self, camera: ScriptedCamera) -> None:
+        self.description, self.limits = camera.description, camera.limits
+        self._camera = camera
+        self._closed = False
+
+    def start(self) -> None:
+        self._open().start()
+
+    def next_frame(self, timeout_s: float) -> Frame | None:
+        return self._open().next_frame(timeout_s)
+
+    def write(self, setting: ExposureSetting) -> ExposureSetting:
+        return self._open().write(setting)
+
+    def latch_clock(self) -> None:
+        self._open().latch_clock()
+
+    def close(self) -> None:
+        self._closed = True
+
+    def _open(self) -> ScriptedCamera:
+        if self._closed:
+            raise CameraLostError(f"camera {self.description.serial} is closed")
+        return self._camera
 
 
 class ScriptedRig:
@@ -65,7 +96,7 @@ class ScriptedRig:
 
     @property
     def openers(self) -> dict[Side, Callable[[], Camera]]:
-        return {"left": lambda: self.left, "right": lambda: self.right}
+        return {"left": lambda: Session(self.left), "right": lambda: Session(self.right)}
 
     def __enter__(self) -> ScriptedRig:
         self._thread.start()

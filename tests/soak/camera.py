@@ -206,6 +206,7 @@ class VirtualCamera:
 
     def close(self) -> None:
         """Stop the stream; of a lost camera nothing is held."""
+        self._lost = True
         if self._device.session == self._session:
             self._device.forget_stream()
 

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, get_args
@@ -13,6 +14,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from pydantic import BaseModel, TypeAdapter, ValidationError
+from pydantic.fields import FieldInfo
 
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.config.load import load_config
@@ -236,18 +238,28 @@ def parts(kind: Any) -> Iterator[Any]:
         yield from parts(part)
 
 
-def numbers(model: type[BaseModel], parent: str = "") -> Iterator[tuple[str, Any]]:
-    """The keys of a model and those below it that hold one number, with what they take."""
+def keys(model: type[BaseModel], parent: str = "") -> Iterator[tuple[str, FieldInfo]]:
+    """The keys of a model and of those below it."""
     for name, field in model.model_fields.items():
-        kinds = [*parts(field.annotation)]
-        for kind in kinds:
+        yield parent + name, field
+        for kind in parts(field.annotation):
             if isinstance(kind, type) and issubclass(kind, BaseModel):
-                yield from numbers(kind, f"{parent}{name}.")
-        if (float in kinds or int in kinds) and name != "box":
-            yield parent + name, Annotated[field.annotation, field, *field.metadata]
+                yield from keys(kind, f"{parent}{name}.")
 
 
-NUMBERS = dict(numbers(Config))
+KEYS = dict(keys(Config))
+NUMBERS = {
+    key: Annotated[field.annotation, field, *field.metadata]
+    for key, field in KEYS.items()
+    if {float, int} & {*parts(field.annotation)} and not key.endswith(".box")
+}
+WORDS = sorted({key.rpartition(".")[2] for key in KEYS})
+
+
+@pytest.mark.parametrize("word", WORDS)
+def test_the_page_of_the_configuration_names_every_key(word: str) -> None:
+    page = (REPOSITORY / "docs" / "configuration.md").read_text()
+    assert re.search(rf"\b{word}\b", page)
 
 
 @pytest.mark.parametrize("key", NUMBERS)
@@ -285,14 +297,10 @@ def test_a_response_file_of_another_camera_is_refused(tmp_path: Path) -> None:
     assert "pixel_format is Mono8" in message
 
 
-WORDS = """cameras left right serial response trigger mode line rate_hz exposure min_time_us max_time_us max_gain_db
-    control policy start exposure_time_us roi rectangles box weight mask image binning pixel_format transport
-    packet_size_bytes publish rig refine flicker_hz motion imu key max_age_s connect zenoh focal_length_px"""
-KEYS = st.sampled_from(WORDS.split())
 SCALARS = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8) | st.dates()
 GARBAGE = st.recursive(
     SCALARS,
-    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(KEYS | SCALARS, inner, max_size=4),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.sampled_from(WORDS) | SCALARS, inner, max_size=4),
     max_leaves=12,
 )
 
@@ -322,7 +330,7 @@ def test_any_text_is_a_configuration_or_a_sentence(
 
 
 @settings(max_examples=300, deadline=None)
-@given(content=st.dictionaries(KEYS, GARBAGE, max_size=5), with_camera=st.booleans())
+@given(content=st.dictionaries(st.sampled_from(WORDS), GARBAGE, max_size=5), with_camera=st.booleans())
 @example({"cameras": {"\x85": None}}, False)
 def test_any_keys_and_values_are_a_configuration_or_a_sentence_for_each_mistake(
     tmp_path_factory: pytest.TempPathFactory, content: dict[str, object], with_camera: bool

@@ -30,7 +30,7 @@ from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureSetting
 from drivers.frames import Side
 from drivers.pixel_format import PixelFormat
-from tests.autoexpose_daemon.scripted import LONG_S, ScriptedRig, TriggeredCamera, config
+from tests.autoexpose_daemon.scripted import LONG_S, ScriptedRig, Session, TriggeredCamera, config
 from tests.autoexpose_daemon.service.service_process import PATIENCE_S, Notifications, running_service, service_manager
 from tests.autoexpose_daemon.stereo import stereo_cameras
 
@@ -80,7 +80,7 @@ class RunningService:
 def _open(camera: TriggeredCamera, wanted: Config) -> Camera:
     if wanted.trigger.line == "Line9":
         raise ConfigurationError("camera L: there is no Line9")
-    return camera
+    return Session(camera)
 
 
 @pytest.fixture

@@ -66,7 +66,7 @@ class ScriptedCamera:
 
     def _check(self) -> None:
         if self.lost:
-            raise CameraLostError("camera S does not answer")
+            raise CameraLostError(f"camera {self.description.serial} does not answer")
 
 
 @contextmanager
