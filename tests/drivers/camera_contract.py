@@ -1,4 +1,4 @@
-"""What every `Camera` must do, whatever it is: the part of its contract that needs no transport."""
+"""What every `Camera` must do: the part of its contract that needs no transport."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ MOST_PULSES = 600
 
 
 class Bench(Protocol):
-    """A camera opened for one test, never started, and what it hangs on."""
+    """A camera opened for one test, never started, and its surroundings."""
 
     @property
     def camera(self) -> Camera:
         """The camera."""
 
     def pulse(self) -> None:
-        """Trigger it, unless triggers come by themselves, and let its frame arrive."""
+        """Trigger it, unless triggers run anyway, and let its frame arrive."""
 
     def vanish(self) -> None:
         """Take it away."""
@@ -41,7 +41,7 @@ def frames_until(bench: Bench, enough: Callable[[Frame], bool]) -> list[Frame]:
             frames.append(frame)
             if enough(frame):
                 return frames
-    raise AssertionError(f"none of {len(frames)} frames was the one waited for")
+    raise AssertionError(f"none of {len(frames)} frames was the expected one")
 
 
 def next_frames(bench: Bench, count: int) -> list[Frame]:
@@ -50,16 +50,16 @@ def next_frames(bench: Bench, count: int) -> list[Frame]:
 
 
 class CameraContract:
-    """To be inherited by the tests of an implementation, which give the fixture `bench`."""
+    """For the tests of an implementation to inherit; they provide the fixture `bench`."""
 
-    def test_it_says_who_it_is_and_what_it_can(self, bench: Bench) -> None:
+    def test_it_describes_itself_and_its_limits(self, bench: Bench) -> None:
         description, limits = bench.camera.description, bench.camera.limits
         assert description.vendor and description.model and description.serial
         assert 0 < limits.min_time_us < limits.max_time_us
         assert limits.min_gain_db <= limits.max_gain_db
         assert limits.contain(OLD) and limits.contain(NEW)
 
-    def test_frames_come_from_the_start_on(self, bench: Bench) -> None:
+    def test_frames_arrive_after_the_start(self, bench: Bench) -> None:
         assert bench.camera.next_frame(0.05) is None
         bench.camera.start()
         frames = next_frames(bench, 5)
@@ -73,7 +73,7 @@ class CameraContract:
             assert before.device_time_ns < after.device_time_ns
             assert before.host_time_ns < after.host_time_ns <= after.arrival_time_ns
 
-    def test_a_write_is_read_back_and_shows_in_its_own_frames(self, bench: Bench) -> None:
+    def test_a_write_is_read_back_and_shows_in_its_frames(self, bench: Bench) -> None:
         old = bench.camera.write(OLD)
         bench.camera.start()
         frames_until(bench, lambda frame: frame.setting == old)

@@ -1,4 +1,4 @@
-"""The contract of cameras on those that stand in for real ones; aravis/test_camera_contract.py runs it on real ones."""
+"""The contract of cameras, on stand-ins for real ones; aravis/test_camera_contract.py runs it over the wire."""
 
 from __future__ import annotations
 

@@ -124,7 +124,7 @@ def next_frames(camera: AravisCamera, count: int) -> list[Frame]:
 
 @dataclass(frozen=True)
 class AravisBench:
-    """Triggers come by themselves."""
+    """Triggers run anyway."""
 
     camera: AravisCamera
 
@@ -139,19 +139,19 @@ class TestAravisCamera(CameraContract):
             yield AravisBench(camera)
 
     def test_a_vanished_camera_is_lost_and_can_be_closed(self, backend: Backend) -> None:  # type: ignore[override]
-        """And opened again meanwhile: to close it takes up to 10 s."""
+        """And reopened meanwhile: closing it takes up to 10 s."""
         with backend.start() as fake, opened(fake) as camera:
             camera.start()
             next_frames(camera, 5)
             fake.inject(Fault.VANISH, count=None)
-            with contextlib.suppress(CameraLostError):  # over USB the first call that waits in vain may tell
+            with contextlib.suppress(CameraLostError):  # over USB the first call that times out may raise it
                 while isinstance(camera.next_frame(0.2), Frame | IncompleteFrame):
                     pass
             with pytest.raises(CameraLostError, match=fake.serial):
                 camera.write(ExposureSetting(3000.0, 0.0))
             with pytest.raises(CameraLostError):
                 camera.next_frame(0.2)
-            closing = threading.Thread(target=camera.close)  # it waits for answers that do not come
+            closing = threading.Thread(target=camera.close)  # it waits for answers that never come
             closing.start()
             fake.inject(Fault.COME_BACK)
             with opened(fake) as again:

@@ -185,16 +185,16 @@ def test_a_gain_in_another_unit_is_named_with_that_unit() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "error", "told"),
+    ("name", "error", "reported"),
     [("ExposureTime", 0.08, False), ("ExposureTime", 0.12, True), ("Gain", 0.4, False), ("Gain", 0.6, True)],
 )
-def test_a_tenth_of_the_time_and_half_a_db_are_rounding(name: str, error: float, told: bool) -> None:
+def test_a_tenth_of_the_time_and_half_a_db_are_rounding(name: str, error: float, reported: bool) -> None:
     nodes = sfnc2()
     node = nodes.nodes[name]
     assert isinstance(node, FloatNode)
     node.take = lambda value: value - error * (value if name == "ExposureTime" else 1.0)
     asked = ExposureSetting(2000.0, 6.0)
-    if told:
+    if reported:
         with pytest.raises(NodeError, match=f"node {name} was set to"):
             find_dialect(nodes).write(nodes, asked, None)
     else:

@@ -40,9 +40,9 @@ def test_a_camera_that_does_not_follow_is_reported_until_it_does() -> None:
     watch, history = EffectWatch(), WriteHistory()
     history.write(written(OLD, -1))
     history.write(written(NEW, 0))
-    told = [watch.frame(frame(number, OLD), history) for number in range(PATIENCE + 2 * SUSPECT_FRAMES)]
-    assert told[PATIENCE + SUSPECT_FRAMES - 2] is None
-    assert told[-1] == (
+    reported = [watch.frame(frame(number, OLD), history) for number in range(PATIENCE + 2 * SUSPECT_FRAMES)]
+    assert reported[PATIENCE + SUSPECT_FRAMES - 2] is None
+    assert reported[-1] == (
         "its frames do not follow what is written: its nodes hold 500 us, 6.0 dB, "
         "frames are taken with 2000 us, 0.0 dB; switch the camera off and on"
     )
@@ -54,8 +54,8 @@ def test_a_few_frames_with_half_of_a_setting_are_ignored() -> None:
     watch, history = EffectWatch(), WriteHistory()
     history.write(written(NEW, 0))
     half = ExposureSetting(NEW.exposure_time_us, OLD.gain_db)
-    told = [watch.frame(frame(number, half if number % SUSPECT_FRAMES else NEW), history) for number in range(200)]
-    assert set(told) == {None}
+    reported = [watch.frame(frame(number, half if number % SUSPECT_FRAMES else NEW), history) for number in range(200)]
+    assert set(reported) == {None}
 
 
 def test_frames_without_metadata_and_unknown_nodes_give_no_verdict() -> None:
@@ -70,9 +70,9 @@ def test_frames_without_metadata_and_unknown_nodes_give_no_verdict() -> None:
 def test_a_camera_that_ignores_one_write_after_another_is_reported() -> None:
     watch, history = EffectWatch(), WriteHistory()
     history.write(written(OLD, -1))
-    told = []
+    reported = []
     for number in range(PATIENCE + 2 * SUSPECT_FRAMES):
         history.write(written(NEW, number * PERIOD_NS))
-        told.append(watch.frame(frame(number, OLD), history))
-    assert told[PATIENCE - 2] is None
-    assert "do not follow what is written" in str(told[-1])
+        reported.append(watch.frame(frame(number, OLD), history))
+    assert reported[PATIENCE - 2] is None
+    assert "do not follow what is written" in str(reported[-1])
