@@ -1,1 +1,1 @@
-"""Cameras: exposure settings, frames, Aravis cameras and the stereo rig that accounts for every trigger."""
+"""Exposure settings, frames, Aravis cameras, and the stereo rig that accounts for every trigger."""

@@ -1,4 +1,4 @@
-"""What the rig asks of a camera, whatever transport it hangs on."""
+"""What the rig needs from a camera, whatever its transport."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from drivers.pixel_format import PixelFormat
 
 @dataclass(frozen=True, slots=True)
 class IncompleteFrame:
-    """A frame that arrived with holes: its image cannot be used, but its trigger is known to have been taken."""
+    """A frame that arrived with holes: its image is useless, but the camera did take its trigger."""
 
     frame_id: int
     host_time_ns: int | None
@@ -20,7 +20,7 @@ class IncompleteFrame:
 
 @dataclass(frozen=True, slots=True)
 class CameraDescription:
-    """Who a camera is, the pixel format it sends, and its limitations, in words for the user."""
+    """A camera's identity, the pixel format it sends, and its limitations as phrases for the user."""
 
     vendor: str
     model: str
@@ -32,32 +32,32 @@ class CameraDescription:
 class Camera(Protocol):
     """An opened camera.
 
-    Two threads use it: one calls `next_frame`, the other everything else, so that a thread owns the nodes.
+    Two threads use it: one calls `next_frame`, the other everything else, so that one thread owns the nodes.
     Every method may raise `CameraLostError`.
     """
 
     @property
     def description(self) -> CameraDescription:
-        """Who the camera is."""
+        """The camera's identity and limitations."""
 
     @property
     def limits(self) -> ExposureLimits:
         """The camera's own bounds and increments of exposure time and gain."""
 
     def start(self) -> None:
-        """Start acquisition: from here on triggers make frames."""
+        """Start acquisition: from now on triggers make frames."""
 
     def next_frame(self, timeout_s: float) -> Frame | IncompleteFrame | None:
-        """Wait for the next frame; None when none came within `timeout_s`."""
+        """Wait for the next frame; None if none arrives within `timeout_s`."""
 
     def write(self, setting: ExposureSetting) -> ExposureSetting:
         """Write exposure time and gain, and return what the camera's nodes read back."""
 
     def latch_clock(self) -> None:
-        """Measure anew how the camera's clock maps to the host's."""
+        """Measure again how the camera's clock maps to the host's."""
 
     def close(self) -> None:
-        """Stop acquisition, give control back and free everything; safe to call on a lost camera, and twice.
+        """Stop acquisition, release control and free everything; safe on a lost camera, and to call twice.
 
         It is final: every later call raises `CameraLostError`.
         """

@@ -6,7 +6,7 @@ class AutoexposeError(Exception):
 
 
 class ConfigurationError(AutoexposeError, ValueError):
-    """What the user asked for cannot be: mend the configuration."""
+    """The configuration is invalid, or does not fit the cameras: it must be changed."""
 
 
 class CameraError(AutoexposeError):
@@ -14,7 +14,7 @@ class CameraError(AutoexposeError):
 
 
 class CameraNotFoundError(CameraError):
-    """No camera of that serial answers: try again later."""
+    """No camera with that serial answers: try again later."""
 
 
 class CameraBusyError(CameraError):
@@ -22,12 +22,12 @@ class CameraBusyError(CameraError):
 
 
 class CameraLostError(CameraError):
-    """The camera stopped answering: tear it down and build it anew."""
+    """The camera stopped answering: close it and open it again."""
 
 
 class UnsupportedCameraError(CameraError):
-    """The camera lacks what is needed, or offers it in a way that cannot be driven: trying again does not help."""
+    """The camera lacks a feature we need, or offers it in a form we cannot use: retrying does not help."""
 
 
 class NodeError(CameraError):
-    """A node refused a value, or holds another one than was written."""
+    """A node refused a value, or holds a different one than was written."""

@@ -22,7 +22,7 @@ def linear_gain(gain_db: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class ExposureSetting:
-    """An exposure time (us) and a gain (dB), as a camera takes one frame with."""
+    """The exposure time (us) and gain (dB) that a frame is taken with."""
 
     exposure_time_us: float
     gain_db: float
@@ -34,11 +34,11 @@ class ExposureSetting:
 
     @property
     def is_physical(self) -> bool:
-        """Whether a frame can be taken so: within an hour, and 200 dB. What other processes send may be anything."""
+        """Whether a frame could be taken with it (up to an hour and 200 dB): other processes may send anything."""
         return 0 < self.exposure_time_us <= _LONGEST_TIME_US and abs(self.gain_db) <= _HIGHEST_GAIN_DB
 
     def agrees_with(self, other: ExposureSetting) -> bool:
-        """Whether the two are the same but for the rounding of cameras (1 % of time, 0.1 dB)."""
+        """Whether the two are equal within the rounding of cameras (1 % of time, 0.1 dB)."""
         ratio = self.exposure_time_us / other.exposure_time_us
         return abs(ratio - 1.0) < 0.01 and abs(self.gain_db - other.gain_db) < 0.1
 
@@ -89,12 +89,12 @@ class ExposureLimits:
         return min(max(level, self.darkest.level), self.brightest.level)
 
     def within(self, other: ExposureLimits) -> ExposureLimits:
-        """These limits cut to `other`, with the coarser increments of the two, counted from where a camera counts them.
+        """The range common to both, with the coarser increments of the two, counted from their own minimum.
 
         Raises
         ------
         ConfigurationError
-            When the two leave nothing to choose.
+            When they have no range in common.
         """
         time_grid = max(self, other, key=lambda limits: limits.time_step_us)
         gain_grid = max(self, other, key=lambda limits: limits.gain_step_db)
@@ -110,8 +110,8 @@ class ExposureLimits:
     def realise(self, level: float, exposure_time_us: float) -> ExposureSetting:
         """The setting within limits and increments whose level is nearest to `level`, its time near `exposure_time_us`.
 
-        What the time cannot give, because it met a bound or an increment, is handed to the gain; what the gain
-        cannot give is handed back to the time.
+        What the time cannot provide, because of a bound or an increment, goes to the gain; what the gain cannot
+        provide goes back to the time.
         """
         level = self.clamp_level(level)
         gain_db = self._gain_for(level, min(max(exposure_time_us, self.min_time_us), self.max_time_us))
@@ -122,7 +122,7 @@ class ExposureLimits:
         return min(settings, key=lambda setting: abs(setting.level - level))
 
     def _neighbours_us(self, exposure_time_us: float) -> tuple[float, ...]:
-        """The exposure times that the camera can take just below and just above a wished one."""
+        """The exposure times that the camera can take just below and just above a wanted one."""
         if self.time_step_us <= 0:
             return (min(max(exposure_time_us, self.min_time_us), self.max_time_us),)
         steps = (exposure_time_us - self.min_time_us) / self.time_step_us

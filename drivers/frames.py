@@ -1,4 +1,4 @@
-"""Frames and stereo pairs, each with the exposure it was really taken with."""
+"""Frames and stereo pairs, each with the exposure it was actually taken with."""
 
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ class Frame:
     arrival_time_ns
         When the frame was complete in the host's memory, CLOCK_MONOTONIC.
     setting
-        Exposure time and gain that this very frame was taken with.
+        Exposure time and gain that this frame was taken with.
     setting_source
-        How that is known: "chunk", the frame itself says so; "ledger", inferred from when the camera was written.
+        How that is known: "chunk", the frame itself says so; "ledger", inferred from when settings were written.
     """
 
     pixels: Pixels
@@ -60,7 +60,7 @@ class Frame:
 class StereoPair:
     """The frames of one trigger, by camera, left first; at least one.
 
-    A camera is missing in a rig that does not have it, and where its frame did not come.
+    A camera is absent if the rig does not have it, or its frame did not arrive.
     """
 
     trigger: int
@@ -68,7 +68,7 @@ class StereoPair:
 
     @property
     def reference_side(self) -> Side:
-        """The camera that decisions refer to: the left one, or else the one that there is."""
+        """The camera that decisions refer to: the left one if present, else the right one."""
         return next(iter(self.frames))
 
     @property

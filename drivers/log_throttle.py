@@ -1,4 +1,4 @@
-"""Log lines about conditions that last or recur."""
+"""Limits log lines about conditions that last or recur."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ class LogThrottle:
         self._logged_ns: dict[Hashable, int] = {}
 
     def due(self, subject: Hashable, now_ns: int) -> bool:
-        """Whether to log now (CLOCK_MONOTONIC), which then counts as logged. Subjects are few, and remembered."""
+        """Whether to log at `now_ns` (CLOCK_MONOTONIC), which then counts as done. All subjects are remembered."""
         logged_ns = self._logged_ns.get(subject)
         if logged_ns is not None and now_ns - logged_ns < self._pause_ns:
             return False

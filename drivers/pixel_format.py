@@ -1,4 +1,4 @@
-"""The pixel formats that can be driven: one table, read wherever a format matters."""
+"""The supported pixel formats, in one table."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class PixelFormat(StrEnum):
 
     @property
     def bits_per_pixel(self) -> int:
-        """Bits of a pixel on the wire, which PFNC puts into the code."""
+        """Bits of a pixel on the wire, part of its PFNC code."""
         return self.pfnc_code >> 16 & 0xFF
 
     @property

@@ -1,4 +1,4 @@
-"""How a camera is to be set up before its first frame."""
+"""What a camera is set to before its first frame."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ class TriggerSetup:
     line
         The camera's input line, by the name of its TriggerSource entry.
     rate_hz
-        Frame rate (Hz); with an external trigger the rate of the pulses, which the camera is not told. None, in a free
-        run: as fast as each exposure and its readout allow, so that exposures of any length can be asked for.
+        Frame rate (Hz); with an external trigger the rate of the pulses, not written to the camera. None, in a free
+        run: as fast as exposure and readout allow, so that exposures may have any length.
     longest_exposure_us
         The longest exposure time that will be asked for.
     output_line
-        In a free run, the output line that the camera holds active while it exposes, for another camera to be
-        triggered by; None: none.
+        In a free run, the output line that the camera holds active while it exposes, to trigger another camera;
+        None: none.
     """
 
     mode: TriggerMode
@@ -50,7 +50,7 @@ class CameraSetup:
     binning
         `binning` x `binning` pixels are read as one, over the whole sensor.
     packet_size_bytes
-        GigE Vision only: size of a stream packet, headers included; None asks for the largest that arrives.
+        GigE Vision only: size of a stream packet, headers included; None uses the largest that gets through.
     """
 
     trigger: TriggerSetup

@@ -1,1 +1,1 @@
-"""From a stereo pair to the next exposure: pure steps without threads, clocks and I/O."""
+"""From a stereo pair to the next exposure: pure steps without threads, clocks or I/O."""

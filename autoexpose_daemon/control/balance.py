@@ -10,10 +10,10 @@ from drivers.exposure import ExposureLimits, linear_gain
 
 
 class Balance(Protocol):
-    """Wishes for an exposure time; `ExposureLimits.realise` gives bounds their due, and the remainder to the gain."""
+    """Proposes an exposure time; `ExposureLimits.realise` applies the bounds and leaves the remainder to the gain."""
 
     def exposure_time_us(self, level: float, motion_px: float, limits: ExposureLimits) -> float:
-        """The exposure time wished for (us, not yet bounded).
+        """The exposure time wanted (us, not yet bounded).
 
         Parameters
         ----------
@@ -33,7 +33,7 @@ class BlurNoiseBalance:
     Attributes
     ----------
     weight
-        w, the price of gain.
+        w, the cost of gain.
     offset
         k_offset, which keeps the gain up without motion.
     """
@@ -50,7 +50,7 @@ class BlurNoiseBalance:
 
 @dataclass(frozen=True, slots=True)
 class ExposurePriority:
-    """Exposure time first, at the lowest gain; gain only once the time has met its bound (section 1.3)."""
+    """Exposure time first, at the lowest gain; gain only once the time is at its bound (section 1.3)."""
 
     def exposure_time_us(self, level: float, motion_px: float, limits: ExposureLimits) -> float:
         """The time that gives the whole level at the lowest gain."""
@@ -61,8 +61,8 @@ class ExposurePriority:
 class FixedRatio:
     """``g = k t``: gain and time rise together (Lu et al. 2010, Begin & Hunter 2022, section 1.3).
 
-    k is such that both reach their upper bounds at once, so the whole range of levels can be had; below the level
-    where the gain meets its lower bound only the time is left to change.
+    k is such that both reach their upper bounds at once, so the whole range of levels is covered; below the level
+    where the gain is at its lower bound only the time changes.
     """
 
     def exposure_time_us(self, level: float, motion_px: float, limits: ExposureLimits) -> float:
@@ -73,7 +73,7 @@ class FixedRatio:
 
 @dataclass(frozen=True, slots=True)
 class FixedGain:
-    """The gain stays, only the time changes (Kim et al. 2018); beyond what the time can give, bounds decide."""
+    """Constant gain, only the time changes (Kim et al. 2018); beyond the bounds of the time, the gain has to follow."""
 
     gain_db: float
 
@@ -84,10 +84,10 @@ class FixedGain:
 
 @dataclass(frozen=True, slots=True)
 class FlickerBalance:
-    """Exposure times of whole flicker periods, which see every phase of the light alike; the gain gives the rest.
+    """Exposure times of whole flicker periods, which average over all phases of the light; the gain provides the rest.
 
-    As `ExposurePriority`, with the time rounded down to whole periods. Where not even one period fits under the
-    upper bound of the time, or the light is too strong for it at the lowest gain, exposure priority it is.
+    Like `ExposurePriority`, with the time rounded down to whole periods. Where not even one period fits under the
+    upper bound of the time, or the light is too strong for it at the lowest gain, it is just exposure priority.
 
     Attributes
     ----------

@@ -9,7 +9,7 @@ from drivers.exposure import ExposureSetting
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """The setting both cameras are to take next, and what it rests on.
+    """The next setting for both cameras, and what it is based on.
 
     Attributes
     ----------
@@ -18,7 +18,7 @@ class Decision:
     level
         The exposure level aimed at (stops), within the limits, before quantisation.
     reason
-        Why, in a few words for a person.
+        Why, in a few words for the user.
     metric
         M_g of the left frame, 0..1 per pixel (eq. 5).
     saturated_share, black_share

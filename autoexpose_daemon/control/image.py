@@ -1,4 +1,4 @@
-"""Frames made small for control: the preparation of Begin & Hunter 2022, algorithm 1, lines 38 and 39."""
+"""Frames shrunk for control: the preparation of Begin & Hunter 2022, algorithm 1, lines 38 and 39."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from numpy.typing import NDArray
 from drivers.errors import ConfigurationError
 
 CONTROL_SIZE = (360, 270)
-"""Width and height in which the paper measures its metric."""
+"""Width and height at which the paper measures its metric."""
 
 FLOW_SIZE = (90, 68)
-"""Width and height in which the paper estimates motion; no frame may be smaller."""
+"""Width and height at which the paper estimates motion; no frame may be smaller."""
 
 
 def fit(shape: tuple[int, ...], size: tuple[int, int]) -> tuple[int, int]:
-    """(width, height) of an image of `shape` (height, width) shrunk as a whole into `size`, never enlarged.
+    """(width, height) of an image of `shape` (height, width) shrunk to fit into `size`, never enlarged.
 
-    The aspect ratio is kept to the pixel; that of 4:3 gives the paper's 360x270 and 90x68 (67.5, rounded).
+    The aspect ratio is kept; 4:3 gives the paper's 360x270 and 90x68 (67.5, rounded).
     """
     height, width = shape
     scale = min(1.0, size[0] / width, size[1] / height)
@@ -26,17 +26,17 @@ def fit(shape: tuple[int, ...], size: tuple[int, int]) -> tuple[int, int]:
 
 
 class ImagePreparation:
-    """Shrinks the whole scene to about 360x270 and takes a 3x3 median; reuses its images from call to call."""
+    """Shrinks the whole scene to about 360x270 and takes a 3x3 median; reuses its buffers."""
 
     def __init__(self) -> None:
         self._small = np.empty((0, 0), np.uint8)
         self._image = np.empty((0, 0), np.uint8)
 
     def prepare(self, grey: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """The image that control looks at, uint8, valid until the next call.
+        """The image that control works on, uint8, valid until the next call.
 
-        Area averaging sees every pixel, so that thin structures do not flicker in and out; at exactly one half, the
-        usual case of 720x540, it is also the cheapest.
+        Area averaging uses every pixel, so that thin structures do not flicker; at exactly one half, the usual case of
+        720x540, it is also the cheapest.
 
         Parameters
         ----------

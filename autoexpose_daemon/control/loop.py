@@ -35,7 +35,7 @@ _DEFAULT_PARAMETERS = ControlParameters()
 
 
 STATE_FORMAT = "autoexpose-control/3"
-"""Of `ControlSetup` and `ControlLoop.state` as plain data: another number when names, types or meaning change."""
+"""Format of `ControlSetup` and `ControlLoop.state` as plain data: a new number when names, types or meaning change."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,7 +50,7 @@ class ControlSetup:
     regions: dict[Side, Region]
 
     def loop(self) -> ControlLoop:
-        """A loop that knows nothing yet."""
+        """A new loop."""
         return ControlLoop(
             self.policy_id, self.responses, self.limits, self.start, self.parameters, regions=self.regions
         )
@@ -59,15 +59,15 @@ class ControlSetup:
 class ControlLoop:
     """Decides once per stereo pair, for both cameras.
 
-    Targets are absolute: the level of this frame, as its metadata tell it, plus a change. So frames that were on
-    their way while a setting was being written are never corrected twice.
+    Targets are absolute: the level of this frame, from its metadata, plus a change. So frames in flight while a
+    setting is written are never corrected twice.
 
     Parameters
     ----------
     policy_id
         One of `POLICY_IDS`.
     responses
-        Response function of each camera; one alone is that of all.
+        Response function of each camera; a single one applies to all.
     limits
         Bounds and increments that both cameras can take.
     start
@@ -75,7 +75,7 @@ class ControlLoop:
     parameters
         Tuning and choices.
     regions
-        What counts in the picture of a camera; all of it where there is none.
+        What counts in a camera's picture; without one, everything.
 
     Attributes
     ----------
@@ -103,17 +103,17 @@ class ControlLoop:
         *,
         regions: Mapping[Side, Region] | None = None,
     ) -> None:
-        of_sides = dict.fromkeys(SIDES, responses) if isinstance(responses, ResponseFunction) else dict(responses)
-        self.setup = ControlSetup(policy_id, of_sides, limits, start, parameters, dict(regions or {}))
+        by_side = dict.fromkeys(SIDES, responses) if isinstance(responses, ResponseFunction) else dict(responses)
+        self.setup = ControlSetup(policy_id, by_side, limits, start, parameters, dict(regions or {}))
         self.angular_rate_rad_s: float | None = None
         self._limits = limits
         self._focal_length_px = parameters.focal_length_px
         self._metric = GradientMetric(parameters.metric_delta, parameters.metric_lambda)
-        self._policy = build_policy(PolicySetup(policy_id, of_sides, self._metric, start, parameters))
-        self._views = {side: View(response, self.setup.regions.get(side)) for side, response in of_sides.items()}
+        self._policy = build_policy(PolicySetup(policy_id, by_side, self._metric, start, parameters))
+        self._views = {side: View(response, self.setup.regions.get(side)) for side, response in by_side.items()}
         flow = self._policy.FLOW if parameters.motion == "policy" else parameters.motion
         motion = FarnebackMotion if flow == "farneback" else DisMotion
-        self._motions: dict[Side, FlowMotion] = {side: motion(response) for side, response in of_sides.items()}
+        self._motions: dict[Side, FlowMotion] = {side: motion(response) for side, response in by_side.items()}
         self._motion_side = None
         self._motion_px = 0.0
         self._past = deque(maxlen=REMEMBERED_STEPS)
@@ -125,29 +125,29 @@ class ControlLoop:
 
     @property
     def shortfall(self) -> str | None:
-        """What the policy does less of than it could, and why; None for nothing."""
+        """What the policy must do without, and why; None: nothing."""
         return self._policy.shortfall
 
     def state(self) -> dict[str, Plain]:
-        """All that later decisions depend on beside `setup`, as plain data (a copy)."""
+        """Everything besides `setup` that later decisions depend on, as plain data (a copy)."""
         return take(self)
 
     def restore(self, state: Plain) -> None:
-        """Go on where a loop of the same setup was when its `state` was taken; ValueError when it does not fit."""
+        """Continue from the `state` of a loop with the same setup; ValueError if it does not fit."""
         restore(self, state)
 
     def step(self, pair: StereoPair, angular_rate_rad_s: float | None = None) -> Decision:
         """Look at a pair and decide on the next setting of both cameras.
 
         Frames must have at least 90x68 pixels. They may have been taken with different settings: everything refers to
-        the pair's reference frame, the left one where there is one, and to its own setting.
+        the pair's reference frame, the left one if present, and to its own setting.
 
         Parameters
         ----------
         pair
             The frames.
         angular_rate_rad_s
-            How fast the camera turns, by an inertial sensor; the speed of image points is then this rate times the
+            How fast the camera turns, from an inertial sensor; the speed of image points is then this rate times the
             focal length, and no flow is computed. None: flow.
 
         Raises
@@ -160,10 +160,10 @@ class ControlLoop:
         observation = self._observe(pair, angular_rate_rad_s)
         target = self._policy.decide(observation)
         level = self._limits.clamp_level(target.level)
-        wished_us = target.exposure_time_us
-        if wished_us is None:
-            wished_us = self._policy.balance.exposure_time_us(level, observation.motion_px, self._limits)
-        setting = self._limits.realise(level, wished_us)
+        wanted_us = target.exposure_time_us
+        if wanted_us is None:
+            wanted_us = self._policy.balance.exposure_time_us(level, observation.motion_px, self._limits)
+        setting = self._limits.realise(level, wanted_us)
         self._past.append(PastStep(setting, observation.setting.level, observation.metric, target))
         return Decision(
             setting=setting,
@@ -214,8 +214,8 @@ class ControlLoop:
     def _flow_px(self, side: Side, image: NDArray[np.uint8], frame: Frame) -> float:
         """The speed by optical flow; the last one where flow takes over from another camera or from angular rates.
 
-        Flow then has no recent frame. It is not measured across frames that had an angular rate either: it saturates
-        where they are far apart.
+        Flow then has no recent frame. It is not measured across frames with an angular rate either: it saturates where
+        they are far apart.
         """
         speed_px = self._motions[side].measure(image, frame.pixels.shape[1], frame.setting.level, frame.device_time_ns)
         if speed_px is None:
@@ -229,7 +229,7 @@ class ControlLoop:
 
 
 class View:
-    """How control looks at one camera: the prepared image, by its response function, and the weights of its region."""
+    """How control sees one camera: the prepared image, its response function, and the weights of its region."""
 
     def __init__(self, response: ResponseFunction, region: Region | None = None) -> None:
         self.shares = ExtremeShares(response)

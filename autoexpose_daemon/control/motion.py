@@ -18,19 +18,19 @@ REFERENCE_INTERVAL_NS = 1e9 / 60
 """Speeds are per 1/60 s: the paper's tuning (k_offset, w) belongs to displacements per frame of its 60 Hz camera."""
 
 _DIS_FINEST_SCALE = 1
-"""Flow is found at half of the size and enlarged."""
+"""Flow is computed at half the size and enlarged."""
 
 _DIS_LEAST_SIDE = 16
 """Twice DIS' patches of 8 pixels; OpenCV 5.0 may crash below."""
 
 LONGEST_INTERVAL_NS = 250e6
-"""Frames further apart (quarter of a second, 15 frames of the paper's camera) do not show the same things any more."""
+"""Frames further apart (a quarter of a second, 15 frames of the paper's camera) no longer show the same things."""
 
 
 class FlowMotion(ABC):
-    """Mean speed of image points between successive frames, by an optical flow that subclasses bring.
+    """Mean speed of image points between successive frames, by the optical flow of a subclass.
 
-    The previous frame is first brought to the exposure of this one through the response function, since flow takes a
+    The previous frame is first brought to the exposure of this one through the response function, since flow mistakes a
     change of brightness for motion.
     """
 
@@ -91,7 +91,7 @@ class FlowMotion(ABC):
         self._previous_time_ns = None
 
     def _shrink(self, image: NDArray[np.uint8]) -> None:
-        """Halve by area, then interpolate: close to an area average at a ratio like 3.97, for a sixth of its price."""
+        """Halve by area, then interpolate: close to an area average at a ratio like 3.97, for a sixth of its cost."""
         width, height = self._current.shape[1], self._current.shape[0]
         half_width, half_height = self._half.shape[1], self._half.shape[0]
         cv2.resize(image, (half_width, half_height), dst=self._half, interpolation=cv2.INTER_AREA)
@@ -102,7 +102,7 @@ class FlowMotion(ABC):
         table = prediction_table(self._response, level - self._previous_level)
         cv2.LUT(self._previous, table, dst=self._previous_here)
         self._calculate(self._previous_here, self._current, self._flow)
-        # Not cv2.magnitude and cv2.mean: their last bit depends on where in memory the data lie, and replays are exact.
+        # Not cv2.magnitude and cv2.mean: their last bit depends on where in memory the data are, and replays are exact.
         np.multiply(self._flow, self._flow, out=self._squares)
         np.sqrt(np.add(self._squares[..., 0], self._squares[..., 1], out=self._length), out=self._length)
         return float(self._length.mean())
@@ -122,8 +122,8 @@ class FlowMotion(ABC):
 class FarnebackMotion(FlowMotion):
     """Motion by Farneback's flow with the paper's parameters.
 
-    Of 720x540 frames shifted by up to 40 pixels it finds the speed within 5 %; it saturates near 45 to 50 and reports
-    less the further beyond. In the dark it reports too little: at a mean of 4 grey levels an eighth to a third.
+    For 720x540 frames shifted by up to 40 pixels the speed is within 5 %; it saturates near 45 to 50 and falls beyond.
+    In the dark it is too low: at a mean of 4 grey levels an eighth to a third.
     """
 
     def _calculate(self, previous: NDArray[np.uint8], current: NDArray[np.uint8], flow: NDArray[np.float32]) -> None:
@@ -134,9 +134,9 @@ class FarnebackMotion(FlowMotion):
 class DisMotion(FlowMotion):
     """Motion by dense inverse search (DIS), preset ultrafast: a quarter of the time of Farneback's flow or less.
 
-    Of 720x540 frames shifted by 8 to 40 pixels it finds the speed within 3 %, by 48 within 8 %, in the dark too; with
-    sharp edges up to 60. Beyond it reports less: a third at 80 without sharp edges. Where the mean is 4 grey levels,
-    noise passes for a speed of 1.
+    For 720x540 frames shifted by 8 to 40 pixels the speed is within 3 %, by 48 within 8 %, even in the dark; with sharp
+    edges up to 60. Beyond that it is too low: a third at 80 without sharp edges. At a mean of 4 grey levels noise
+    looks like a speed of 1.
     """
 
     def __init__(self, response: ResponseFunction) -> None:
@@ -151,5 +151,5 @@ class DisMotion(FlowMotion):
                 f"frames shrunk to {width}x{height} pixels are too narrow for DIS flow: at least {_DIS_LEAST_SIDE} "
                 "pixels either way are needed; use Farneback flow or a squarer region of the sensor"
             )
-        flow.fill(0)  # DIS starts from what it finds there
+        flow.fill(0)  # DIS starts from its content
         self._dis.calc(previous, current, flow)

@@ -34,7 +34,7 @@ class ControlParameters:
     metric_delta
         delta of eq. (3), the smallest gradient that counts, of full scale.
     metric_lambda
-        lambda of eq. (3), which lifts weak gradients against strong ones.
+        lambda of eq. (3), which raises weak gradients relative to strong ones.
     balance_weight
         w of eq. (25): how much gain hurts against motion blur.
     balance_offset
@@ -42,19 +42,19 @@ class ControlParameters:
     mean_target
         Mean signal that `neves2009` holds, as a share of saturation.
     balance
-        What splits a level into time and gain; `policy`: what the policy's paper does (its Table 1).
+        How a level is split into time and gain; `policy`: as in the policy's paper (its Table 1).
     flicker_hz
         Flashes of the light per second, for the balance `flicker`: twice the mains frequency.
     motion
         How optical flow is computed; `policy`: Farneback's for the policies of Begin & Hunter, as in the paper, and DIS
         for all others.
     focal_length_px
-        Of the left camera, in pixels of its frames; needed for steps that are given an angular rate. None: not known.
+        Of the left camera, in pixels of its frames; needed for steps that are given an angular rate. None: unknown.
 
     Raises
     ------
     ConfigurationError
-        Naming the parameter that makes no sense.
+        Names a parameter that is out of bounds.
     """
 
     metric_delta: float = 0.30

@@ -1,4 +1,4 @@
-"""What a policy is built from, what it sees of a frame, and what it answers."""
+"""The interface of policies: what one is built from, what it sees of a frame, and what it returns."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class PastStep:
 
     @property
     def predicted_metric(self) -> float | None:
-        """M_g that the policy promised for the frame to be taken with `setting`; None when it promised none."""
+        """M_g that the policy predicted for frames taken with `setting`; None if it predicted nothing."""
         return self.target.predicted_metric
 
 
@@ -52,12 +52,12 @@ class Look:
     side
         Which camera it is.
     image
-        The frame made small (`ImagePreparation`), uint8, (height, width). Valid during this step only.
+        The shrunk frame (`ImagePreparation`), uint8, (height, width). Valid during this step only.
     response
         The camera's response function.
     weights
         How much each pixel of `image` counts, uint8 of its shape; None: all alike. The figures of an `Observation`
-        honour them; a policy that looks at pixels must, too.
+        respect them; a policy that looks at pixels must, too.
     """
 
     side: Side
@@ -73,9 +73,9 @@ class Observation:
     Attributes
     ----------
     looks
-        The frames, the reference first: that of the left camera, or of the only one there is. All else is of it.
+        The frames, the reference first: the left camera's, or the only one. Everything else refers to it.
     setting
-        Exposure time and gain which the frame was really taken with.
+        Exposure time and gain that the frame was actually taken with.
     device_time_ns
         Its time stamp on its camera's clock.
     metric
@@ -89,11 +89,11 @@ class Observation:
     limits
         Bounds and increments that the next setting will be cut to.
     past
-        The latest decisions, oldest first, one for each frame.
+        The latest decisions, oldest first, one per frame.
     realised
-        That of them which this frame was taken with; None when none fits its setting.
+        The one of them that this frame was taken with; None if none fits its setting.
     by_flow
-        Whether `motion_px` is by optical flow, which may mistake a change of light for motion, not a gyroscope's.
+        Whether `motion_px` is from optical flow, which may mistake a change of light for motion, not from a gyroscope.
     """
 
     looks: Sequence[Look]
@@ -116,7 +116,7 @@ class Observation:
 
     @property
     def image(self) -> NDArray[np.uint8]:
-        """The reference frame made small."""
+        """The shrunk reference frame."""
         return self.looks[0].image
 
     @property
@@ -128,7 +128,7 @@ class Observation:
         """Whether this frame was taken because `target` was asked for.
 
         A policy that asks for query images recognises its answers by this; it never counts frames, since cameras
-        take one to three of them until a setting shows.
+        take one to three of them to show a setting.
         """
         past = self.realised
         return past is not None and (past.target.level, past.target.exposure_time_us) == (
@@ -146,12 +146,12 @@ class Target:
     level
         The exposure level to take next (stops): absolute, not a change, so frames in flight are never corrected twice.
     reason
-        Why, in a few words for a person.
+        Why, in a few words for the user.
     predicted_metric
         M_g expected at `level`; None when the policy does not predict.
     exposure_time_us
-        For a policy that chooses time and gain by itself: the time, the gain being what `level` leaves. None: the
-        policy's balance splits.
+        The time, from a policy that chooses time and gain itself; the gain is what `level` leaves. None: split by the
+        policy's balance.
     """
 
     level: float
@@ -162,7 +162,7 @@ class Target:
 
 @dataclass(frozen=True, slots=True)
 class PolicySetup:
-    """What policies are built from. `metric` is shared with the loop: its buffers are needed once."""
+    """What policies are built from. `metric` is shared with the loop, for its buffers."""
 
     policy_id: str
     responses: Mapping[Side, ResponseFunction]
@@ -170,11 +170,11 @@ class PolicySetup:
     start: ExposureSetting
     parameters: ControlParameters
 
-    def balance(self, of_the_paper: Balance | None = None) -> Balance:
-        """The configured balance, or else that of the policy's paper; None: Begin & Hunter's."""
+    def balance(self, paper_balance: Balance | None = None) -> Balance:
+        """The configured balance, or else that of the policy's paper (None: Begin & Hunter's)."""
         match self.parameters.balance:
-            case "policy" if of_the_paper is not None:
-                return of_the_paper
+            case "policy" if paper_balance is not None:
+                return paper_balance
             case "policy" | "blur_noise":
                 return BlurNoiseBalance(self.parameters.balance_weight, self.parameters.balance_offset)
             case "exposure_priority":
@@ -188,17 +188,16 @@ class PolicySetup:
 class ExposurePolicy(ABC):
     """Decides on one exposure level per stereo pair.
 
-    The state that a policy carries from frame to frame is plain data in its own attributes, named in `STATE`: see
-    `snapshot`.
+    The state that a policy carries from frame to frame is plain data in attributes named in `STATE`: see `snapshot`.
 
     Attributes
     ----------
     FLOW
-        The optical flow that its paper measures motion with, and that is used unless another is configured.
+        The optical flow of its paper, used unless another is configured.
     balance
         How the level is split into time and gain.
     shortfall
-        What it does less of than it could, and why; None for nothing.
+        What it must do without, and why; None: nothing.
     """
 
     STATE: ClassVar[tuple[str, ...]] = ()
@@ -208,7 +207,7 @@ class ExposurePolicy(ABC):
 
     @classmethod
     def build(cls, setup: PolicySetup) -> Self:
-        """A fresh one; every policy of the table has this."""
+        """A new policy; every one in the table implements this."""
         raise NotImplementedError
 
     @abstractmethod

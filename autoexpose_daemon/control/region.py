@@ -12,7 +12,7 @@ from autoexpose_daemon.control.image import CONTROL_SIZE, fit
 from drivers.errors import ConfigurationError
 
 _REACH = np.ones((5, 5), np.uint8)
-"""What a measure of one prepared pixel looks at: the median filter one pixel around it, the gradient another one."""
+"""What a measure of one prepared pixel sees: the median filter one pixel around it, the gradient another one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,9 +33,9 @@ class Region:
     Attributes
     ----------
     name
-        What to call this region in errors: file and key of the configuration.
+        What errors call this region: file and key of the configuration.
     rectangles
-        Painted in this order: where two overlap, the later one counts. None at all: the whole picture.
+        Painted in this order: where two overlap, the later one counts. Without any: the whole picture.
     background_weight
         Weight 0 to 1 of what no rectangle covers.
     mask
@@ -50,13 +50,13 @@ class Region:
     def weights(self, shape: tuple[int, ...]) -> NDArray[np.uint8]:
         """Weights of the prepared image of frames of `shape` (height, width): uint8, of the prepared size.
 
-        A prepared pixel weighs as much as the least of all that it and its measures look at, so that not even the
-        blurred edge of what is masked counts.
+        A prepared pixel weighs as little as the least of what it and its measures see, so that not even the blurred
+        edge of what is masked counts.
 
         Raises
         ------
         ConfigurationError
-            When the region does not fit such frames, or nothing of it is left.
+            When the region does not fit such frames, or leaves nothing that counts.
         """
         full = self._full_weights((shape[0], shape[1]))
         size = fit(shape, CONTROL_SIZE)
@@ -71,10 +71,10 @@ class Region:
         return weights
 
     def check_something_counts(self) -> None:
-        """Raise ConfigurationError when rectangles and background let no pixel count, however large frames are."""
+        """Raise ConfigurationError if rectangles and background leave no pixel that counts, whatever the frame size."""
         if not self.rectangles or round(255 * self.background_weight):
             return
-        # All pixels between two neighbouring edges are alike, so one of each will do.
+        # All pixels between two neighbouring edges are alike, so one of each is enough.
         columns = sorted({edge for one in self.rectangles for edge in (one.x, one.x + one.width)})
         rows = sorted({edge for one in self.rectangles for edge in (one.y, one.y + one.height)})
         weights = np.zeros((len(rows), len(columns)), np.float32)

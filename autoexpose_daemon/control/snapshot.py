@@ -1,9 +1,9 @@
-"""State as plain data and back: what lets a replay begin in the middle of a run.
+"""State as plain data and back, so that a replay can start in the middle of a run.
 
-A class that carries state from frame to frame names those of its attributes in `STATE`. What else it has follows from
-how it was built, or is a buffer whose content no later step reads. `take` turns the named ones into plain data;
-`restore` puts them into an object that was built the same way. What an attribute may hold is read off its annotation,
-so data from outside cannot bring in anything else.
+A class that carries state from frame to frame names those attributes in `STATE`. Its others follow from how it was
+built, or are buffers whose content no later step reads. `take` turns the named ones into plain data;
+`restore` puts them into an object that was built the same way. An attribute's annotation says what it may hold, so
+data from outside cannot bring in anything else.
 """
 
 from __future__ import annotations
@@ -31,17 +31,17 @@ class Stateful(Protocol):
 
 
 def take(holder: Stateful) -> dict[str, Plain]:
-    """A copy of the state of an object, by attribute; underscores at the front are left out."""
+    """A copy of the state of an object, by attribute, without leading underscores."""
     return {name.lstrip("_"): _state_or_plain(getattr(holder, name)) for name in holder.STATE}
 
 
 def restore(holder: Stateful, state: Plain) -> None:
-    """Give an object the state that `take` has copied from one built the same way.
+    """Give an object the state that `take` copied from one built the same way.
 
     Raises
     ------
     ValueError
-        Naming what does not fit; the object may then be half restored.
+        Names what does not fit; the object may then be half restored.
     """
     hints = _hints(type(holder))
     values = _members(state, [name.lstrip("_") for name in holder.STATE], type(holder).__name__)
@@ -52,7 +52,7 @@ def restore(holder: Stateful, state: Plain) -> None:
         elif _holds_stateful(current):
             for key, member in zip(current, _members(value, list(current), name), strict=True):
                 restore(current[key], member)
-        elif isinstance(current, deque):  # how much it remembers follows from how it was built
+        elif isinstance(current, deque):  # its length follows from how it was built
             current.clear()
             current.extend(parse(value, hints[name]))
         else:
@@ -65,7 +65,7 @@ def plain(value: object) -> Plain:
         case None | bool() | int() | str():
             return value
         case float():
-            return float(value)  # numpy's float64 is one, too
+            return float(value)  # numpy's float64 is also a float
         case np.ndarray():
             return value.copy()
         case list() | tuple() | deque():
@@ -78,7 +78,7 @@ def plain(value: object) -> Plain:
 
 
 def parse(data: Plain, hint: Any) -> Any:
-    """The value of an annotated type that `plain` made this data of.
+    """The value of an annotated type from which `plain` made this data.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The control loop at work: built when cameras are ready, and again when their limits or the tuning change."""
+"""The control loop in use: built when cameras are ready, and rebuilt when their limits or the tuning change."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class ActiveLoop:
     tuning
         What the loop is built from, besides the cameras' limits.
     loop
-        None before a camera is ready.
+        None until a camera is ready.
     """
 
     def __init__(self, tuning: Tuning) -> None:
@@ -33,7 +33,7 @@ class ActiveLoop:
         self._newest: StereoPair | None = None
 
     def ready(self, event: CameraReady) -> None:
-        """Heed the limits of a camera; raises ConfigurationError when they leave nothing."""
+        """Take over the limits of a camera; raises ConfigurationError if no common range is left."""
         self._limits[event.side] = event.limits
         self._pixel_formats[event.side] = event.description.pixel_format
         limits = self.tuning.limits(self._limits.values())
@@ -41,7 +41,7 @@ class ActiveLoop:
             self._install(self.tuning.loop(limits))
 
     def tune(self, tuning: Tuning) -> None:
-        """Go on by another tuning; raises ConfigurationError, with nothing changed, when it fits no camera or frame."""
+        """Switch to another tuning; ConfigurationError, with nothing changed, if it does not fit cameras or frames."""
         tuning.check_belongs(self._pixel_formats)
         loop = tuning.loop(tuning.limits(self._limits.values()))
         if self._newest is not None:
@@ -51,7 +51,7 @@ class ActiveLoop:
             self._install(loop)
 
     def step(self, pair: StereoPair, angular_rate_rad_s: float | None) -> Decision | None:
-        """Decide on a pair, at an angular rate where one is known; None before a camera is ready."""
+        """Decide on a pair, given the angular rate if known; None before a camera is ready."""
         if self.loop is None:
             return None
         decision = self.loop.step(pair, angular_rate_rad_s)

@@ -1,4 +1,4 @@
-"""How fast the camera turns, by the newest sample of an IMU, while that is fresh."""
+"""How fast the camera turns, from the newest sample of an IMU, while it is fresh."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from autoexpose_daemon.status.imu import ImuTally
 log = logging.getLogger(__name__)
 
 _SETTLED_NS = 1_000_000_000
-"""The IMU counts as back after a second without a gap, so that one that comes and goes is said once."""
+"""The IMU counts as back after a second without a gap, so that one that comes and goes is logged once."""
 
 
 class AngularRate:
-    """Keeps the newest sample. Samples come on one thread, control asks on another; neither waits for the other.
+    """Keeps the newest sample. Samples arrive on one thread, control asks on another; neither waits for the other.
 
     Parameters
     ----------
     config
-        The key, for what is logged, and how old a sample may be.
+        The key, for the log, and how old a sample may be.
     counts
         Where decisions without a rate are counted.
     now_ns
@@ -33,7 +33,7 @@ class AngularRate:
     tally
         For the status.
     no_source
-        Why there are no samples at all, in words; empty when there should be some.
+        Why there can be no samples, in words; empty if there should be some.
     """
 
     def __init__(self, config: ImuConfig, counts: Counts, now_ns: Callable[[], int] = time.monotonic_ns) -> None:
@@ -52,12 +52,12 @@ class AngularRate:
         self.tally.samples += 1
 
     def refuse(self) -> None:
-        """Something has arrived that is no sample."""
+        """Something other than a sample has arrived."""
         self._refused_last = True
         self.tally.refused += 1
 
     def __call__(self) -> float | None:
-        """The rate to decide by, rad/s; None: optical flow is to be used. Asked once for each decision."""
+        """The rate to decide by, rad/s; None: use optical flow. Called once per decision."""
         now_ns, newest = self._now_ns(), self._newest
         rate_rad_s = None
         if newest is not None and now_ns - newest[1] <= self._config.max_age_s * 1e9:
@@ -86,11 +86,11 @@ class AngularRate:
             log.info("image speed comes from the IMU")
 
     def _trouble(self) -> str:
-        """The same words as long as it is the same trouble: each change of the state is logged."""
+        """Always the same words for the same trouble: each change of the state is logged."""
         if self.no_source:
             return self.no_source
         if self._refused_last:
-            return f"what comes as {self._config.key} is no angular velocity in rad/s"
+            return f"{self._config.key} does not carry an angular velocity in rad/s"
         if self._newest is None:
             return f"no IMU sample as {self._config.key} yet"
         return f"no IMU sample as {self._config.key} for more than {self._config.max_age_s:g} s"

@@ -15,7 +15,7 @@ from drivers.setup import CameraSetup, TriggerSetup
 
 
 def openers(config: Config) -> dict[Side, Callable[[], Camera]]:
-    """For each side of the rig, what opens its camera as configured."""
+    """For each side of the rig, a function that opens its camera as configured."""
     return {
         side: partial(
             _open,
@@ -33,7 +33,7 @@ def openers(config: Config) -> dict[Side, Callable[[], Camera]]:
 
 
 def _open(serial: str, response: ResponseFile, setup: CameraSetup) -> Camera:
-    """Open a camera, and refuse a response file for another pixel format than it turns out to send."""
+    """Open a camera, and refuse a response file made for another pixel format than it sends."""
     camera = open_camera(serial, setup)
     try:
         response.check_belongs(serial, camera.description.pixel_format)
@@ -44,7 +44,7 @@ def _open(serial: str, response: ResponseFile, setup: CameraSetup) -> Camera:
 
 
 def _trigger(config: Config, side: Side) -> TriggerSetup:
-    """With mode primary the left camera runs by its own clock, and its exposures trigger the right one."""
+    """In mode primary the left camera runs by its own clock, and its exposures trigger the right one."""
     trigger = config.trigger
     return TriggerSetup(
         "external" if side in config.triggered_sides else "free_run",

@@ -1,4 +1,4 @@
-"""A daemon in a thread of its own."""
+"""The daemon in its own thread."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from autoexpose_daemon.runtime.daemon import Daemon
 
 
 class ControlThread:
-    """Runs a daemon until it is asked to stop; `error` is what ended it before."""
+    """Runs a daemon until it is asked to stop; `error` is what ended it earlier."""
 
     def __init__(self, daemon: Daemon) -> None:
         self.error: BaseException | None = None
@@ -22,7 +22,7 @@ class ControlThread:
         self._stop.set()
 
     def ended(self, timeout_s: float) -> bool:
-        """Wait a moment for the end; whether it has come."""
+        """Wait up to `timeout_s` for the end; returns whether it has come."""
         self._thread.join(timeout_s)
         return not self._thread.is_alive()
 

@@ -1,4 +1,4 @@
-"""The daemon's control thread: hands what the rig reports to control, and gives a sign of life."""
+"""The daemon's control thread: passes the rig's events to control, and shows that it is alive."""
 
 from __future__ import annotations
 
@@ -35,30 +35,30 @@ log = logging.getLogger(__name__)
 _STOP_S = 9.0  # a camera that does not answer holds up its teardown for 5 to 10 s
 _BEAT_S = 0.1
 _TURN_S = 0.0005
-"""So long one thread may keep the others from running Python. With Python's own 5 ms, whatever draws a terminal's view
-held up a decision, or its write, for as long as the decision itself takes."""
+"""How long one thread may keep the others from running Python. With Python's default of 5 ms, drawing the terminal view
+delayed a decision, or its write, by as long as the decision itself takes."""
 _SILENCE_S = 0.2
 _SILENCE_PERIODS = 3.0
 
 
 def silence_s(config: Config) -> float:
-    """A camera that sends nothing for this long is asked whether it is still there."""
+    """A camera that sends nothing for this long is checked for an answer."""
     return max(_SILENCE_S, _SILENCE_PERIODS / config.trigger.rate_hz)
 
 
 class Daemon:
-    """Exposes the cameras of a rig well, until told to stop.
+    """Exposes the cameras of a rig well until it is stopped.
 
     Parameters
     ----------
     config
         The checked configuration.
     openers
-        For each side, what opens its camera.
+        For each side, a function that opens its camera.
     start
-        The setting the cameras begin with; None: as configured.
+        The setting that the cameras start with; None: as configured.
     outlets
-        Take every pair, on the control thread.
+        Called with every pair, on the control thread.
     """
 
     def __init__(
@@ -75,10 +75,10 @@ class Daemon:
         self.telemetry = self._control.telemetry
         self.outlets = self._control.outlets
         self.outlets += outlets
-        """Opened and closed by `run`, and told of every step."""
+        """Opened and closed by `run`, and called at every step."""
         self._imu: AbstractContextManager[Any] = nullcontext()
         self.beat_ns = 0
-        """When the control thread last began a turn (CLOCK_MONOTONIC); it does ten times a second, come what may."""
+        """When the control thread last began a turn (CLOCK_MONOTONIC), which it does at least ten times a second."""
 
     @property
     def tally(self) -> Tally:
@@ -87,20 +87,20 @@ class Daemon:
 
     @property
     def tuning(self) -> Tuning:
-        """What control goes by at present."""
+        """The present tuning of control."""
         return self._control.active.tuning
 
     @property
     def loop(self) -> ControlLoop | None:
-        """What decides at present: for observers, who are called on its thread."""
+        """The present loop: for observers, which are called on its thread."""
         return self._control.active.loop
 
     def follow_imu(self, imu: AbstractContextManager[Any], angular_rate: Callable[[], float | None]) -> None:
-        """Have control ask for an angular rate before each decision (rad/s, None: not known); `run` opens `imu`."""
+        """Have control ask for an angular rate before each decision (rad/s; None: unknown); `run` opens `imu`."""
         self._imu, self._control.angular_rate = imu, angular_rate
 
     def run(self, stop: threading.Event) -> None:
-        """Run until `stop` is set, then leave the cameras stopped and free.
+        """Run until `stop` is set, then stop and release the cameras.
 
         Raises
         ------
@@ -130,16 +130,16 @@ class Daemon:
                 self._stop_rig()
 
     def tune(self, tuning: Tuning) -> Future[None]:
-        """Have control go on by another tuning, with the cameras as they are.
+        """Have control switch to another tuning; the cameras keep running.
 
-        The future holds a ConfigurationError when it does not fit cameras or frames: nothing has changed then.
+        The future holds a ConfigurationError if it does not fit cameras or frames; then nothing has changed.
         """
         taken: Future[None] = Future()
         self._tunings.put((tuning, taken))
         return taken
 
     def _tune(self) -> None:
-        while not self._tunings.empty():  # this thread alone takes them out
+        while not self._tunings.empty():  # only this thread takes them out
             tuning, taken = self._tunings.get_nowait()
             try:
                 self._control.tune(tuning)
@@ -166,11 +166,11 @@ class Daemon:
         loop.step(StereoPair(1, {"left": replace(black, device_time_ns=1)}))
 
     def _next_events(self) -> list[RigEvent]:
-        """All that has happened, waiting a moment for the first."""
+        """All waiting events; waits a moment for the first."""
         try:
             events = [self._rig.events.get(timeout=_BEAT_S)]
         except queue.Empty:
             return []
-        while not self._rig.events.empty():  # this thread alone takes events out
+        while not self._rig.events.empty():  # only this thread takes events out
             events.append(self._rig.events.get_nowait())
         return events

@@ -1,4 +1,4 @@
-"""What the frames of a running rig reveal of its cameras' troubles."""
+"""What the frames of a running rig reveal about trouble with its cameras."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from drivers.triggers.record import RigRecord
 log = logging.getLogger(__name__)
 
 INCOMPLETE_FRAMES = 20
-"""So many in a row are no chance."""
+"""This many in a row are not chance."""
 
 _INCOMPLETE = "all its frames arrive incomplete: check its cable, and network or USB for what they can carry"
-_UNTOLD = "its frames do not say any more how they were taken: their exposure is inferred from when it was written"
+_NO_METADATA = "its frames no longer say how they were taken: their exposure is inferred from when it was written"
 
 
 class FrameWatch:
-    """Looks at every whole frame; counts in `telemetry`, complains in `complaints`."""
+    """Checks every complete frame; counts in `telemetry`, complains in `complaints`."""
 
     def __init__(self, telemetry: Telemetry, complaints: Complaints, record: RigRecord, config: Config) -> None:
         self._telemetry = telemetry
@@ -33,7 +33,7 @@ class FrameWatch:
         self._rates = RateWatch(config.trigger.rate_hz, config.triggered_sides)
         self._effects = {side: EffectWatch() for side in config.sides}
         self._jumps = JumpWatch()
-        self._telling: set[Side] = set()
+        self._with_metadata: set[Side] = set()
         self._incomplete: Counter[Side] = Counter()
 
     def refused(self, side: Side) -> None:
@@ -41,7 +41,7 @@ class FrameWatch:
         self._effects[side].gone()
 
     def frame(self, side: Side, frame: Frame) -> None:
-        """The next whole frame of a camera."""
+        """The next complete frame of a camera."""
         self._incomplete[side] = 0
         self._complaints.end(side, "incomplete")
         jump_s = self._jumps.frame(side, frame)
@@ -52,11 +52,11 @@ class FrameWatch:
         self._complaints.judge(side, "effect", self._effects[side].frame(frame, self._record.history(side)))
         self._telemetry.counts.frames_off_setting = sum(watch.frames_off_setting for watch in self._effects.values())
         if frame.setting_source == "chunk":
-            self._telling.add(side)
-            self._complaints.end(side, "untold")
-        elif side in self._telling:
+            self._with_metadata.add(side)
+            self._complaints.end(side, "metadata")
+        elif side in self._with_metadata:
             self._telemetry.counts.frames_without_exposure_metadata += 1
-            self._complaints.begin(side, "untold", _UNTOLD)
+            self._complaints.begin(side, "metadata", _NO_METADATA)
 
     def incomplete(self, side: Side) -> None:
         """A frame of a camera arrived with holes."""
@@ -65,15 +65,15 @@ class FrameWatch:
             self._complaints.begin(side, "incomplete", _INCOMPLETE)
 
     def silent(self, side: Side) -> None:
-        """A camera sends no frames: what was wrong with them is past."""
+        """A camera sends no frames: what was wrong with them is over."""
         self._rates.gone(side)
         self._incomplete[side] = 0
         for kind in ("rate", "incomplete"):
             self._complaints.end(side, kind)
 
     def gone(self, side: Side) -> None:
-        """The camera is lost: everything is judged afresh when it is back."""
+        """The camera is lost: everything is judged afresh when it returns."""
         for watch in (self._rates, self._jumps):
             watch.gone(side)
         self._effects[side].gone()
-        self._telling.discard(side)
+        self._with_metadata.discard(side)

@@ -1,4 +1,4 @@
-"""The cameras' responses held against what they show at work, and copies kept up to date where that is asked for."""
+"""Checks the cameras' responses against their frames in operation, and keeps refined copies if configured."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from drivers.log_throttle import LogThrottle
 
 log = logging.getLogger(__name__)
 
-_THROTTLE = LogThrottle(600.0)  # in changing light there is an attempt every second or so
+_THROTTLE = LogThrottle(600.0)  # in changing light an attempt is made every second or so
 
 DOUBTFUL_GREY = 3.0
-"""Misfit (grey levels rms) from which a response is doubted: a good one misses by half a grey level."""
+"""Misfit (grey levels rms) from which a response is doubted: a good one is off by half a grey level."""
 
 TRUSTED_GREY = 2.0
 """Misfit at which it is trusted again."""
@@ -49,9 +49,9 @@ class ResponseDrift:
     Attributes
     ----------
     residual_grey
-        For each side with a verdict, by how much its response misses (grey levels rms).
+        For each side with a verdict, how far its response is off (grey levels rms).
     misfits
-        For each side whose response does not hold, by how much, in words.
+        For each side whose response does not hold, how far it is off, in words.
     """
 
     def __init__(self, config: Config) -> None:
@@ -62,7 +62,7 @@ class ResponseDrift:
         self._cameras = {side: _Camera(camera.serial, config.responses[side]) for side, camera in config.sides.items()}
 
     def see(self, pair: StereoPair) -> None:
-        """The next pair; of frames that do not say themselves how they were taken nothing is concluded."""
+        """The next pair; frames without their own exposure metadata are ignored."""
         follows, self._last_trigger = pair.trigger == self._last_trigger + 1, pair.trigger
         for side, camera in self._cameras.items():
             frame = pair.frames.get(side)
@@ -95,7 +95,7 @@ class ResponseDrift:
 
 
 def refined_path(calibrated: Path) -> Path:
-    """Where the updated copy of a response file is kept: in the directory of the service's state, else beside it."""
+    """Where the refined copy of a response file is kept: in the service's state directory, else beside it."""
     folder = os.environ.get("STATE_DIRECTORY", "").split(":")[0] or calibrated.parent
     return Path(folder, f"{calibrated.stem}.refined.yaml")
 
@@ -113,7 +113,7 @@ def _refine(side: Side, file: ResponseFile, path: Path, changes: list[Change]) -
         part.replace(path)
     except (ConfigurationError, OSError) as error:
         if _THROTTLE.due((path, "failed"), time.monotonic_ns()):
-            log.warning("%s camera: no refined response is kept: %s", side, error)
+            log.warning("%s camera: the refined response could not be written: %s", side, error)
         return
     if not _THROTTLE.due((path, "refined"), time.monotonic_ns()):
         return

@@ -1,6 +1,6 @@
-"""Control of a rig: decides on what its record returns, has the cameras written, and delivers pairs and decisions.
+"""Control of a rig: decides on the pairs of its record, has the cameras written, and delivers pairs and decisions.
 
-There are no threads and no waiting here: the thread that has the rig's events calls `RigControl.take`.
+No threads and no waiting here: the thread with the rig's events calls `RigControl.take`.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.runtime.active_loop import ActiveLoop
 from autoexpose_daemon.runtime.outlet import Outlet
-from autoexpose_daemon.runtime.response_drift import ResponseDrift
 from autoexpose_daemon.runtime.rig_health import RigHealth
 from autoexpose_daemon.runtime.tuning import Tuning
 from autoexpose_daemon.status.telemetry import Telemetry
@@ -24,26 +23,26 @@ from drivers.triggers.record import RigRecord
 
 
 class Cameras(Protocol):
-    """What control asks of a rig."""
+    """What control needs from a rig."""
 
     def write(self, setting: ExposureSetting, not_before_ns: int) -> None:
-        """Have every camera take `setting`, not before a time; a write still waiting is replaced."""
+        """Write `setting` to every camera, no earlier than `not_before_ns`; replaces a pending write."""
 
     def reopen(self, side: Side) -> None:
-        """Close and open a camera that answers, but sends nothing."""
+        """Close and reopen a camera that answers but sends nothing."""
 
 
 class RigControl:
-    """Exposes the cameras of a rig well, by what they report.
+    """Exposes the cameras of a rig well, based on what they report.
 
     Parameters
     ----------
     config
         The checked configuration.
     cameras
-        Those of the rig.
+        The cameras of the rig.
     start
-        The setting the cameras begin with; None: as configured.
+        The setting that the cameras start with; None: as configured.
     now_ns
         The clock: CLOCK_MONOTONIC, except in virtual time.
 
@@ -52,13 +51,13 @@ class RigControl:
     telemetry
         Counts and latest values.
     outlets
-        Take every pair.
+        Called with every pair.
     angular_rate
-        Asked before each decision how fast the camera turns, rad/s; None: not known.
+        Called before each decision: how fast the camera turns, rad/s; None: unknown.
     record
         What became of every trigger and write.
     active
-        The loop that decides: for outlets, which are called on its thread.
+        The loop that decides: for outlets, which run on its thread.
     """
 
     def __init__(
@@ -78,14 +77,13 @@ class RigControl:
         self._cameras = cameras
         self._now_ns = now_ns
         self._health = RigHealth(config, self.telemetry, self.record)
-        self._drift = ResponseDrift(config)
-        self._asked: ExposureSetting | None = start or config.start  # None: again, whatever it is
+        self._asked: ExposureSetting | None = start or config.start  # None: write the next one, even if it is the same
         self._last_trigger = -1
 
     def tune(self, tuning: Tuning) -> None:
-        """Go on by another tuning; raises ConfigurationError, with nothing changed, when it fits no camera or frame."""
+        """Switch to another tuning; ConfigurationError, with nothing changed, if it does not fit cameras or frames."""
         self.active.tune(tuning)
-        self._drift = ResponseDrift(tuning.config)
+        self._health.tune(tuning)
 
     def close(self) -> None:
         """Account for the triggers up to now that will never make a pair."""
@@ -93,7 +91,7 @@ class RigControl:
         self.telemetry.account(self.record)
 
     def take(self, events: Sequence[RigEvent]) -> None:
-        """Act on all that has happened since the last call; also called when nothing has, ten times a second.
+        """Act on all events since the last call; also called without any, ten times a second.
 
         Raises
         ------
@@ -145,10 +143,9 @@ class RigControl:
         self._deliver(pair, decision)
 
     def _deliver(self, pair: StereoPair, decision: Decision | None) -> None:
-        """Note what a pair shows, and hand it on."""
+        """Record what a pair shows, and pass it on."""
         self.telemetry.delivered(pair, self.record, complete=self._complete(pair))
-        self._drift.see(pair)
-        self.telemetry.drift_grey, self.telemetry.misfits = self._drift.residual_grey, self._drift.misfits
+        self._health.pair(pair)
         for outlet in self.outlets:
             outlet(pair, decision)
 

@@ -1,4 +1,4 @@
-"""How the cameras of a rig are: what their events reveal, counted in telemetry, logged, and kept as complaints."""
+"""The health of a rig's cameras: what their events reveal, counted in telemetry, logged, and kept as complaints."""
 
 from __future__ import annotations
 
@@ -7,32 +7,35 @@ import logging
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.runtime.complaints import Complaints
 from autoexpose_daemon.runtime.frame_watch import FrameWatch
+from autoexpose_daemon.runtime.response_drift import ResponseDrift
 from autoexpose_daemon.runtime.stuck import StuckStreams
+from autoexpose_daemon.runtime.tuning import Tuning
 from autoexpose_daemon.status.states import ADJUSTED
 from autoexpose_daemon.status.telemetry import GONE, Telemetry
 from drivers.camera import IncompleteFrame
 from drivers.errors import AutoexposeError
-from drivers.frames import Frame, Side
+from drivers.frames import Frame, Side, StereoPair
 from drivers.log_throttle import LogThrottle
 from drivers.rig.events import CameraGone, CameraReady, CameraSilent, FrameArrived, RigEvent, WriteFailed, Written
 from drivers.triggers.record import RigRecord
 
 log = logging.getLogger(__name__)
 
-_SILENCE_SAID_S = 60.0  # a trigger much slower than configured makes each frame end a silence
+_SILENCE_LOG_PAUSE_S = 60.0  # a trigger much slower than configured makes each frame end a silence
 
 
 class RigHealth:
-    """Looks at every event after the record has taken it."""
+    """Examines every event after the record has taken it."""
 
     def __init__(self, config: Config, telemetry: Telemetry, record: RigRecord) -> None:
         self._telemetry = telemetry
         self._complaints = Complaints(telemetry.complaints)
         self._frame_watch = FrameWatch(telemetry, self._complaints, record, config)
         self._stuck = StuckStreams(1.0 / config.trigger.rate_hz)
+        self._drift = ResponseDrift(config)
         self._record = record
         self._ever_ready: set[Side] = set()
-        self._throttle = LogThrottle(_SILENCE_SAID_S)
+        self._throttle = LogThrottle(_SILENCE_LOG_PAUSE_S)
 
     def see(self, event: RigEvent, now_ns: int) -> None:
         """Look at an event; raises the error of a camera that can never be driven."""
@@ -44,7 +47,7 @@ class RigHealth:
                 self._frame_watch.frame(side, frame)
             case CameraSilent(side):
                 if self._throttle.due(side, now_ns):
-                    log.warning("%s camera: no frames; asking whether it is there", side)
+                    log.warning("%s camera: no frames; checking that it answers", side)
                 self._frame_watch.silent(side)
             case CameraGone(side, error, final):
                 self._gone(side, error, final)
@@ -57,8 +60,17 @@ class RigHealth:
                 self._frame_watch.refused(side)
                 self._complaints.begin(side, "refused", f"{asked} was refused: {error}")
 
+    def pair(self, pair: StereoPair) -> None:
+        """Look at a pair: do the cameras still respond as calibrated?"""
+        self._drift.see(pair)
+        self._telemetry.drift_grey, self._telemetry.misfits = self._drift.residual_grey, self._drift.misfits
+
+    def tune(self, tuning: Tuning) -> None:
+        """Go on by the responses of another tuning."""
+        self._drift = ResponseDrift(tuning.config)
+
     def look(self, now_ns: int) -> list[Side]:
-        """Look around, ten times a second at least; returns the cameras to be opened again."""
+        """To be called at least ten times a second; returns the cameras to reopen."""
         for finding in self._record.findings(now_ns):
             log.warning("%s", finding)
         return self._stuck.sides(self._telemetry, now_ns)

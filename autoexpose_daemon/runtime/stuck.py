@@ -1,4 +1,4 @@
-"""Cameras that answer and send nothing while another one sends: a stalled stream is mended by opening them anew."""
+"""Cameras that answer but send nothing while another one sends: reopening them revives a stalled stream."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ from drivers.frames import Side
 
 FIRST_PAUSE_NS = 3_000_000_000
 LONGEST_PAUSE_NS = 600_000_000_000
-"""So long it is silent before the first attempt, and twice as long before each further one: should its trigger wire be
-cut, opening it anew is of no use."""
+"""How long it is silent before the first attempt; the pause doubles with each one, since reopening does not help if its
+trigger wire is cut."""
 
 FLOWING_NS = 500_000_000
 PERIODS = 10.0
-"""Whatever the rate: another camera has sent a frame within so many periods, and this one has missed more."""
+"""At low rates: another camera has sent a frame within this many periods, and this one has missed more."""
 
 
 class StuckStreams:
-    """Decides when to open a camera anew; for one thread.
+    """Decides when to reopen a camera; for one thread.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ class StuckStreams:
         self._pause_ns: dict[Side, float] = {}
 
     def sides(self, telemetry: Telemetry, now_ns: int) -> list[Side]:
-        """The cameras to be opened anew now."""
+        """The cameras to reopen now."""
         flowing_ns = max(FLOWING_NS, self._periods_ns)
         flowing = {side for side, last_ns in telemetry.last_frame_ns.items() if now_ns - last_ns < flowing_ns}
         stuck = []

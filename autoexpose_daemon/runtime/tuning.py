@@ -1,4 +1,4 @@
-"""What control goes by: the part of a configuration that may change while the cameras run."""
+"""The tuning of control: the part of a configuration that may change while the cameras run."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from drivers.frames import Side
 
 
 class Tuning:
-    """Bounds, policy, parameters, response and regions; their files are read here, if the configuration has not yet.
+    """Bounds, policy, parameters, response and regions; reads their files unless the configuration has.
 
     Raises
     ------
@@ -25,19 +25,19 @@ class Tuning:
         self._regions = config.control.roi.regions
 
     def check_belongs(self, pixel_formats: Mapping[Side, str | None]) -> None:
-        """Refuse a response file for another pixel format than a camera sends; raises ConfigurationError."""
+        """Refuse a response file made for another pixel format than a camera sends; raises ConfigurationError."""
         for side, pixel_format in pixel_formats.items():
             self.config.responses[side].check_belongs(self.config.sides[side].serial, pixel_format)
 
     def limits(self, cameras: Iterable[ExposureLimits]) -> ExposureLimits:
-        """The bounds, cut to those of the cameras; raises ConfigurationError when that leaves nothing."""
+        """The bounds, cut to those of the cameras; raises ConfigurationError if nothing is left."""
         limits = self.config.exposure.limits()
         for own in cameras:
             limits = limits.within(own)
         return limits
 
     def loop(self, limits: ExposureLimits) -> ControlLoop:
-        """A control loop that knows nothing yet."""
+        """A new control loop."""
         control = self.config.control
         return ControlLoop(
             control.policy,

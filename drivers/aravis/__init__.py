@@ -1,4 +1,4 @@
-"""Cameras through Aravis: finding them, opening one by its serial number, streaming frames."""
+"""Cameras through Aravis: find them, open one by its serial number, stream frames."""
 
 from drivers.aravis.camera import AravisCamera
 from drivers.aravis.discovery import FoundCamera, find_cameras

@@ -27,7 +27,7 @@ from drivers.genicam.trigger import arm_trigger
 from drivers.setup import CameraSetup
 
 SPARSE = 8
-"""Every so many rows and columns are enough to see the brightness change."""
+"""One row and column in this many is enough to see the brightness change."""
 _HOLES = (
     Aravis.BufferStatus.TIMEOUT,
     Aravis.BufferStatus.MISSING_PACKETS,
@@ -64,13 +64,13 @@ class AravisCamera:
         self._unreadable = False
         self._stream = create_stream(camera, nodes, setup)
         self._chunks = camera.create_chunk_parser()
-        # The handler runs on a thread of Aravis and must never be the last to hold the camera: it knows the event only.
+        # The handler runs on a thread of Aravis and must never hold the last reference to the camera, only the event.
         lost = nodes.silent
         self._control_lost = camera.get_device().connect("control-lost", lambda _device: lost.set())
 
     @property
     def description(self) -> CameraDescription:
-        """Who the camera is, and its limitations."""
+        """The camera's identity and limitations."""
         return self._description
 
     @property
@@ -84,7 +84,7 @@ class AravisCamera:
         self._nodes.call("start acquisition", self._camera.start_acquisition)
 
     def next_frame(self, timeout_s: float) -> Frame | IncompleteFrame | None:
-        """Wait for the next frame; None when none came within `timeout_s`."""
+        """Wait for the next frame; None if none arrives within `timeout_s`."""
         with self._frames:
             self._check_present()
             buffer = self._stream.timeout_pop_buffer(int(timeout_s * 1e6))
@@ -94,27 +94,27 @@ class AravisCamera:
             try:
                 return self._read(buffer, arrival_time_ns)
             finally:
-                buffer.set_timestamp(0)  # shows whether the next frame in this buffer brought its leader
+                buffer.set_timestamp(0)  # still 0 if the next frame in this buffer comes without its leader
                 self._stream.push_buffer(buffer)
 
     def write(self, setting: ExposureSetting) -> ExposureSetting:
-        """Write what differs from the last setting read back, and return what the nodes read back now."""
+        """Write what differs from the last setting read back, and return what the nodes read back."""
         self._check_present()
-        present, self._setting = self._setting, None  # unknown, should a node refuse half-way
+        present, self._setting = self._setting, None  # unknown if a node refuses half-way
         with self._nodes.unchecked():
             self._setting = self._dialect.write(self._nodes, setting, present)
         self._ledger.record(time.monotonic_ns(), self._setting)
         return self._setting
 
     def latch_clock(self) -> None:
-        """Measure anew how the camera's clock maps to the host's."""
+        """Measure again how the camera's clock maps to the host's."""
         self._check_present()
         self._clock.latch()
 
     def close(self) -> None:
-        """Stop acquisition, give control back and free everything; waits for a `next_frame` under way.
+        """Stop acquisition, release control and free everything; waits for a `next_frame` in progress.
 
-        A camera that does not answer holds this up for 5 to 10 s: Aravis tells it goodbye and awaits the answers.
+        A camera that does not answer delays this by 5 to 10 s: Aravis says goodbye and waits for the answers.
         """
         self._closed.set()
         with self._frames:
@@ -122,20 +122,20 @@ class AravisCamera:
                 return
             device = self._camera.get_device()
             device.disconnect(self._control_lost)
-            self._part("stop acquisition", self._camera.stop_acquisition)
+            self._closing_step("stop acquisition", self._camera.stop_acquisition)
             if self._camera.is_gv_device():
-                self._part("give control back", device.leave_control)
+                self._closing_step("release control", device.leave_control)
             self._nodes.release()
-            # The stream first: its thread ends while the device is still there to be told.
+            # The stream first: its thread must end while the device still exists.
             self._chunks = self._stream = None
             self._camera = None
 
-    def _part(self, doing: str, function: Callable[[], object]) -> None:
-        """One step of parting, left out once the camera is silent: each would block for seconds."""
+    def _closing_step(self, action: str, function: Callable[[], object]) -> None:
+        """One step of closing, skipped once the camera is silent: each would block for seconds."""
         if self._nodes.silent.is_set():
             return
         try:
-            self._nodes.call(doing, function)
+            self._nodes.call(action, function)
         except CameraError as error:
             _log.warning("%s", error)
 
@@ -148,10 +148,10 @@ class AravisCamera:
     def _read(self, buffer: Any, arrival_time_ns: int) -> Frame | IncompleteFrame | None:
         status = buffer.get_status()
         if status != Aravis.BufferStatus.SUCCESS and status not in _HOLES:
-            return None  # emptied by a stop
+            return None  # cleared by a stop
         device_time_ns = buffer.get_timestamp()
         if status in _HOLES and not device_time_ns:
-            return None  # its leader is among what was lost, and with it its number: the gap in the ids tells of it
+            return None  # its leader was lost, and with it its id: the gap in the ids will show it
         frame_id = self._frame_ids.unwrap(buffer.get_frame_id())
         host_time_ns = self._clock.host_time_ns(device_time_ns, arrival_time_ns)
         if status in _HOLES or host_time_ns is None:
@@ -170,14 +170,14 @@ class AravisCamera:
         return Frame(pixels, bit_depth, frame_id, device_time_ns, host_time_ns, arrival_time_ns, setting, source)
 
     def _read_setting(self, buffer: Any, pixels: Pixels, host_time_ns: int) -> tuple[ExposureSetting, SettingSource]:
-        told = self._read_chunks(buffer)
-        if told is not None:
-            return told, "chunk"
+        setting = self._read_chunks(buffer)
+        if setting is not None:
+            return setting, "chunk"
         self._ledger.observe(host_time_ns, float(pixels[::SPARSE, ::SPARSE].mean()))
         return self._ledger.setting_at(host_time_ns), "ledger"
 
     def _read_chunks(self, buffer: Any) -> ExposureSetting | None:
-        """What a frame itself says of its exposure, None when that is nothing, or nothing that can be."""
+        """The setting in a frame's own chunks; None if it carries none, or an impossible one."""
         chunks = self._chunk_nodes
         if chunks is None or not buffer.has_chunks():
             return None

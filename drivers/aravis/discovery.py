@@ -1,4 +1,4 @@
-"""Which cameras answer, and by which name Aravis opens them."""
+"""Finding the cameras that answer, with the id by which Aravis opens each."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from drivers.aravis.introspection import Aravis
 from drivers.errors import CameraNotFoundError
 
 FRESH_S = 2.0
-"""A search takes a second: the second camera of a rig is opened from what the search for the first one found."""
+"""A search takes a second: the second camera of a rig is found by the search for the first."""
 OPENING = threading.Lock()
 """One camera at a time is searched for and opened. Aravis keeps one device list for the process, and two cameras whose
 descriptions were parsed at the same time came up with broken node maps (0.8.26, once in six tries)."""
@@ -23,7 +23,7 @@ _TRANSPORTS: dict[str, Transport] = {"GigEVision": "gige", "USB3Vision": "usb3"}
 
 @dataclass(frozen=True, slots=True)
 class FoundCamera:
-    """A camera that answered the search; `id` is the name that Aravis opens it by."""
+    """A camera that answered the search; Aravis opens it by its `id`."""
 
     serial: str
     vendor: str
@@ -44,7 +44,7 @@ def find_cameras() -> list[FoundCamera]:
 
 
 def _search() -> list[FoundCamera]:
-    global _found, _found_s  # noqa: PLW0603  beside Aravis' own list, which is one for the process too
+    global _found, _found_s  # noqa: PLW0603  like Aravis' own list, one per process
     Aravis.update_device_list()
     _found = [
         FoundCamera(
@@ -63,7 +63,7 @@ def _search() -> list[FoundCamera]:
 
 
 def find_camera(serial: str) -> FoundCamera:
-    """The camera of that serial, from a recent search or a new one; raises CameraNotFoundError."""
+    """The camera with that serial, from a recent search or a new one; raises CameraNotFoundError."""
     with OPENING:
         recent = _found if time.monotonic() - _found_s < FRESH_S else []
         for camera in itertools.chain(recent, _searched()):
@@ -74,5 +74,5 @@ def find_camera(serial: str) -> FoundCamera:
 
 
 def _searched() -> Iterator[FoundCamera]:
-    """A new search, made only when it is asked for its first camera."""
+    """A new search, made only when its first camera is asked for."""
     yield from _search()

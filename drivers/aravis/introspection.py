@@ -1,4 +1,4 @@
-"""The only file that imports `gi`: Aravis and GLib, as GObject introspection offers them."""
+"""The only file that imports `gi`: Aravis and GLib, through GObject introspection."""
 
 from __future__ import annotations
 

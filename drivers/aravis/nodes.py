@@ -1,4 +1,4 @@
-"""The nodes of an Aravis device, its errors in this project's words."""
+"""The nodes of an Aravis device, with its errors translated into ours."""
 
 from __future__ import annotations
 
@@ -16,26 +16,26 @@ _SILENCE = (Aravis.DeviceError.TIMEOUT, Aravis.DeviceError.NOT_CONNECTED)
 
 
 def is_silence(error: GLib.Error) -> bool:
-    """Whether Aravis says that a request was left without an answer."""
+    """Whether Aravis reports that a request got no answer."""
     return any(error.matches(Aravis.device_error_quark(), code) for code in _SILENCE)
 
 
 class AravisNodes:
-    """The node map of an Aravis device (see `drivers.genicam.nodes.NodeMap`), its errors in this project's words."""
+    """The node map of an Aravis device (see `drivers.genicam.nodes.NodeMap`), with its errors translated into ours."""
 
     def __init__(self, device: Any, serial: str) -> None:
         self._device = device
         self.serial = serial
         self.silent = threading.Event()
-        """Set once a request was left without an answer: the camera is lost."""
+        """Set once a request got no answer: the camera is lost."""
         device.set_register_cache_policy(Aravis.RegisterCachePolicy.DISABLE)
         self._check_writes(True)
 
     @contextlib.contextmanager
     def unchecked(self) -> Iterator[None]:
-        """Write without a look at bounds and locks first, which costs a round trip each; for what is read back after.
+        """Write without checking bounds and locks first, which costs a round trip each; for values that are read back.
 
-        Aravis then leaves it to the camera to refuse a value.
+        Only the camera itself can then refuse a value.
         """
         self._check_writes(False)
         try:
@@ -44,50 +44,50 @@ class AravisNodes:
             self._check_writes(True)
 
     def _check_writes(self, on: bool) -> None:
-        """By itself Aravis checks nothing: even a write to a read-only node then passes in silence."""
+        """By default Aravis checks nothing: even a write to a read-only node passes silently."""
         ranges, access = Aravis.RangeCheckPolicy, Aravis.AccessCheckPolicy
         self._device.set_range_check_policy(ranges.ENABLE if on else ranges.DISABLE)
         self._device.set_access_check_policy(access.ENABLE if on else access.DISABLE)
 
     def release(self) -> None:
-        """Let go of the device, so that what still refers to these nodes (a traceback) does not keep it open."""
+        """Drop the device, so that what still refers to these nodes (a traceback) does not keep it open."""
         self._device = None
 
-    def call(self, doing: str, function: Callable[..., T], *arguments: object) -> T:
-        """Call into Aravis; `doing` completes the sentence "camera S: could not ..."."""
+    def call(self, action: str, function: Callable[..., T], *arguments: object) -> T:
+        """Call into Aravis; `action` completes the sentence "camera S: could not ..."."""
         try:
             return function(*arguments)
         except GLib.Error as error:
-            failure = self._told(error, doing)
+            failure = self._translated(error, action)
         del function  # it holds the device, and the traceback would hold it
         try:
             raise failure
         finally:
             del failure  # it would hold this frame, the frame it, and the garbage collector block on a dead camera
 
-    def _told(self, error: GLib.Error, doing: str) -> CameraError:
+    def _translated(self, error: GLib.Error, action: str) -> CameraError:
         if is_silence(error):
             self.silent.set()
-            return CameraLostError(f"camera {self.serial} does not answer: could not {doing}")
-        return NodeError(f"camera {self.serial}: could not {doing}: {error.message}")
+            return CameraLostError(f"camera {self.serial} does not answer: could not {action}")
+        return NodeError(f"camera {self.serial}: could not {action}: {error.message}")
 
     def exists(self, name: str) -> bool:
         """Whether the camera's description has this feature."""
         return self._device.get_feature(name) is not None
 
     def available(self, name: str) -> bool:
-        """Whether the camera has this feature and offers it at present."""
+        """Whether the camera has this feature and currently offers it."""
         node = self._device.get_feature(name)
         if node is None or isinstance(node, Aravis.GcCategory):
             return False
         return bool(self.call(f"look for {name}", self._device.is_feature_available, name))
 
     def is_float(self, name: str) -> bool:
-        """Whether the feature is there and holds a floating-point number."""
+        """Whether the feature is available and holds a floating-point number."""
         return isinstance(self._device.get_feature(name), Aravis.GcFloat) and self.available(name)
 
     def is_integer(self, name: str) -> bool:
-        """Whether the feature is there and holds an integer that counts something."""
+        """Whether the feature is available and holds an integer, not an enumeration or boolean."""
         node = self._device.get_feature(name)
         if isinstance(node, Aravis.GcEnumeration | Aravis.GcBoolean | Aravis.GcFloat):
             return False
@@ -98,7 +98,7 @@ class AravisNodes:
         return self._device.get_feature(name).get_unit() or None
 
     def entries(self, name: str) -> tuple[str, ...]:
-        """The entries an enumeration offers at present."""
+        """The entries that an enumeration currently offers."""
         if not isinstance(self._device.get_feature(name), Aravis.GcEnumeration) or not self.available(name):
             return ()
         names = self._device.dup_available_enumeration_feature_values_as_strings
@@ -110,13 +110,13 @@ class AravisNodes:
         return bounds.min, bounds.max
 
     def float_increment(self, name: str) -> float:
-        """The declared increment; Aravis gives an error, or the least positive float, when none is declared."""
+        """The declared increment; without one Aravis gives an error, or the smallest positive float."""
         try:
             increment: float = self._device.get_float_feature_increment(name)
         except GLib.Error as error:
             if error.matches(Aravis.gc_error_quark(), Aravis.GcError.PROPERTY_NOT_DEFINED):
                 return 0.0
-            raise self._told(error, f"read the increment of {name}") from None
+            raise self._translated(error, f"read the increment of {name}") from None
         return increment if increment > 1e-9 else 0.0
 
     def integer_bounds(self, name: str) -> tuple[int, int]:
@@ -149,13 +149,13 @@ class AravisNodes:
         self.call(f"set {name} to {value}", self._device.set_boolean_feature_value, name, value)
 
     def read_entry(self, name: str) -> str:
-        """The entry an enumeration stands at."""
+        """The current entry of an enumeration."""
         return str(self.call(f"read {name}", self._device.get_string_feature_value, name))
 
     def write_entry(self, name: str, entry: str) -> None:
         """Choose an entry of an enumeration.
 
-        Without the check of ranges: Aravis 0.8.26 takes a lookup table between entries and register, as behind the
+        Without the range check: Aravis 0.8.26 mistakes a lookup table between entries and register, as behind the
         pixel formats of Basler's ace, for a scale, and finds every entry out of range.
         """
         self._device.set_range_check_policy(Aravis.RangeCheckPolicy.DISABLE)

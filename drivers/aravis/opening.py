@@ -1,4 +1,4 @@
-"""Opening a camera: finding it, insisting on control, setting it up."""
+"""Opening a camera: find it, take control, set it up."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from drivers.errors import AutoexposeError, CameraBusyError, CameraLostError, Ca
 from drivers.setup import CameraSetup
 
 _CLAIM_REFUSED = "Failed to claim USB interface"
-"""How Aravis says that another program has a USB3 Vision camera; it gives this error no code of its own."""
+"""Aravis' message when another program holds a USB3 Vision camera; the error has no code of its own."""
 
 
 def open_camera(serial: str, setup: CameraSetup) -> AravisCamera:
@@ -21,7 +21,7 @@ def open_camera(serial: str, setup: CameraSetup) -> AravisCamera:
     Raises
     ------
     CameraNotFoundError, CameraBusyError, CameraLostError
-        Worth another try later.
+        Try again later.
     ConfigurationError, UnsupportedCameraError, NodeError
         The setup does not fit this camera; the message says what to change.
     """
@@ -29,7 +29,7 @@ def open_camera(serial: str, setup: CameraSetup) -> AravisCamera:
     try:
         return _set_up(found, setup)
     except AutoexposeError as error:
-        # The frames of a traceback hold the camera open, and in control, for as long as someone keeps the error.
+        # The frames of a traceback keep the camera open, and controlled, for as long as the error is kept.
         raise error.with_traceback(None) from None
 
 
@@ -47,9 +47,9 @@ def _set_up(found: FoundCamera, setup: CameraSetup) -> AravisCamera:
 
 
 def _take_control(camera: Any, serial: str) -> None:
-    """A GigE Vision camera opens for anyone, without a word on who controls it. USB3 claims are exclusive.
+    """A GigE Vision camera opens even while another program controls it. USB3 claims are exclusive.
 
-    A camera keeps a killed controller for its heartbeat timeout, 3 s as a rule: after a CameraBusyError, try again.
+    A camera stays with a killed controller for its heartbeat timeout, usually 3 s: after a CameraBusyError, try again.
     """
     device = camera.get_device()
     if not camera.is_gv_device() or device.is_controller():

@@ -1,4 +1,4 @@
-"""The stream of frames of an opened camera: its packets, its buffers, and whom it listens to."""
+"""The stream of frames of an opened camera: its packets, its buffers, and its only sender."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from drivers.setup import CameraSetup
 log = logging.getLogger(__name__)
 
 BUFFERS = 16
-"""A quarter of a second at 60 Hz: longer than any pause of the reading thread worth surviving."""
+"""A quarter of a second at 60 Hz: longer than any pause of the reading thread that is worth surviving."""
 PACKET_TIMEOUT_US = 2_000
-"""A packet so late is asked for again. With Aravis' own 20 ms one lost packet holds up its frame, and those behind it,
-for two periods at 60 Hz."""
+"""A packet this late is requested again. With Aravis' default of 20 ms one lost packet delays its frame, and the next
+ones, by two periods at 60 Hz."""
 FRAME_RETENTION_US = 50_000
 """A GigE Vision frame still incomplete so long after its last packet is given up; frames behind it wait until then."""
 
 
 def create_stream(camera: Any, nodes: AravisNodes, setup: CameraSetup) -> Any:
-    """The stream with its pool of buffers, made once chunks and format are set, as they decide the payload's size."""
+    """Create the stream and its buffers; chunks and format must be set before, as they decide the payload size."""
     if camera.is_gv_device():
         # The kernel hands packet sockets over in 5 ms blocks; a plain socket is quicker.
         camera.gv_set_stream_options(Aravis.GvStreamOption.PACKET_SOCKET_DISABLED)
@@ -54,7 +54,7 @@ def _shut_strangers_out(stream: Any, camera: Any, nodes: AravisNodes, payload_by
         admit_only(sender, largest_packet_id(payload_bytes, packet_bytes), listening)
     except OSError as error:
         log.warning(
-            "camera %s: its stream takes packets from anyone, a filter could not be attached: %s; "
+            "camera %s: its stream takes packets from anyone, as no filter could be attached: %s; "
             "keep strangers off its network: docs/hostile-packets.md",
             nodes.serial,
             error.strerror or error,
@@ -66,7 +66,7 @@ def _ip(address: Any) -> str:
 
 
 def _source_port(nodes: AravisNodes) -> int:
-    """The port that the stream comes from; 0 for a camera that does not say."""
+    """The port that the stream is sent from; 0 if the camera does not say."""
     try:
         return nodes.read_integer("GevSCSP")
     except CameraLostError:

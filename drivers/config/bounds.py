@@ -1,4 +1,4 @@
-"""What a number may be at all: beyond these bounds it is a slip of the pen, whatever the camera."""
+"""Bounds of configured numbers: beyond them a value is a typo, whatever the camera."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Range:
         return f"{self.low:.10g} to {self.high:.10g} {self.unit}".rstrip()
 
     def check(self, value: N) -> N:
-        """The value itself; raises ValueError when it is out of range, or no number."""
+        """The value itself; raises ValueError if it is out of range or NaN."""
         if value not in self:
             raise ValueError(f"{value!r} is out of bounds: give {self}")
         return value

@@ -1,4 +1,4 @@
-"""Opening the files that people name: regular ones only, for pipes and devices may block, never end, or act."""
+"""Opening files that users name: regular ones only, since pipes and devices may block, never end, or react."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ def open_regular(path: Path) -> BinaryIO:
     Raises
     ------
     OSError
-        Also for what is no regular file; `strerror` completes "cannot be read: ...".
+        Also if it is not a regular file; `strerror` completes "cannot be read: ...".
     ValueError
         For a name that no file can have.
     """
-    _check(path.stat())  # before it is opened, which some devices act upon
+    _check(path.stat())  # before opening it, to which some devices react
     descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     try:
         _check(os.fstat(descriptor))  # another file may have taken its place
@@ -38,10 +38,10 @@ def open_regular(path: Path) -> BinaryIO:
 
 
 def read_regular(path: Path, most_bytes: int) -> bytes:
-    """The content of a file; raises what `open_regular` does, and OSError for one that is longer than `most_bytes`."""
+    """The content of a file; raises what `open_regular` does, and OSError if it is longer than `most_bytes`."""
     with open_regular(path) as file:
         content: bytes | None = file.read(most_bytes + 1)
-    if content is None:  # files of the kernel may have nothing to give for now
+    if content is None:  # a kernel file may have nothing to read yet
         raise BlockingIOError(errno.EAGAIN, os.strerror(errno.EAGAIN))
     if len(content) > most_bytes:
         raise OSError(errno.EFBIG, f"longer than {most_bytes >> 10} KiB")
@@ -51,4 +51,4 @@ def read_regular(path: Path, most_bytes: int) -> bytes:
 def _check(status: os.stat_result) -> None:
     if not stat.S_ISREG(status.st_mode):
         kind = _KINDS.get(stat.S_IFMT(status.st_mode), "something")
-        raise OSError(errno.EINVAL, f"{kind}, no regular file")
+        raise OSError(errno.EINVAL, f"{kind}, not a regular file")

@@ -1,4 +1,4 @@
-"""Whether a file that says it is a PNG picture may be decoded."""
+"""Whether a file that claims to be a PNG image is safe to decode."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ import struct
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
 MOST_PIXELS = 1 << 28
-"""More than any sensor has: some hundred bytes can announce a picture that fills all memory."""
+"""More than any sensor has: a few hundred bytes can declare an image that fills all memory."""
 
-_CHUNK_BYTES = 12  # of a chunk beside its data: length, type, checksum
+_CHUNK_BYTES = 12  # per chunk, besides its data: length, type, checksum
 
 
 def is_whole_png(content: bytes) -> bool:
-    """Whether its pieces are as long as they say, the last one is there, and its size is one that a sensor has.
+    """Whether its chunks are as long as declared, the last one is present, and a sensor could have its size.
 
-    OpenCV makes room for what a length announces, up to 4 GB, before it looks at what there is.
+    OpenCV allocates the declared length, up to 4 GB, before it looks at the data.
     """
     if not content.startswith(SIGNATURE + b"\0\0\0\rIHDR") or len(content) < 24:
         return False

@@ -1,4 +1,4 @@
-"""Text that comes from outside, made fit for terminals and logs."""
+"""Text from outside, made safe for terminals and logs."""
 
 from __future__ import annotations
 

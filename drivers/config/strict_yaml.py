@@ -1,4 +1,4 @@
-"""YAML files whose every mistake is one sentence."""
+"""YAML files in which every mistake is reported, in one sentence."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from drivers.config.files import read_regular
 from drivers.errors import ConfigurationError
 
 MOST_BYTES = 1 << 18
-"""A response file has 8000; a file given by mistake is to be refused before minutes of parsing."""
+"""A response file has 8000; a file named by mistake is refused before minutes of parsing."""
 MOST_ALIASES = 16
-"""Two cameras may share a region; aliases of aliases double what a file says with each, to more than any memory."""
+"""Two cameras may share a region; nested aliases can multiply a file's content beyond any memory."""
 
 
 class _StrictLoader(yaml.SafeLoader):
-    """YAML takes the last of two equal keys without a word; a limit given twice must not silently be lost."""
+    """PyYAML silently keeps the last of two equal keys; a limit that is given twice must not be lost."""
 
     _aliases = 0
 
@@ -34,12 +34,12 @@ class _StrictLoader(yaml.SafeLoader):
         keys = Counter(key_node.value for key_node, _ in node.value if isinstance(key_node, yaml.ScalarNode))
         for key, times in keys.items():
             if times > 1:
-                raise yaml.YAMLError(f"the key {key!r} stands twice, the second time in line {_line(node, key)}")
+                raise yaml.YAMLError(f"the key {key!r} appears twice, the second time in line {_line(node, key)}")
         return super().construct_mapping(node, deep)
 
     def construct_scalar(self, node: yaml.ScalarNode | yaml.MappingNode) -> Any:
         if isinstance(node, yaml.ScalarNode):
-            node.value.encode()  # escapes can make half characters, which nobody can print: UnicodeEncodeError
+            node.value.encode()  # escapes can make lone surrogates, which cannot be printed: UnicodeEncodeError
         return super().construct_scalar(node)
 
 
@@ -54,7 +54,7 @@ def load_mapping(path: Path, hint: str) -> dict[Any, Any]:
     Raises
     ------
     ConfigurationError
-        When the file cannot be read, is too long or no regular file, is not YAML, has a key twice, or holds no keys
+        When the file cannot be read, is too long, is not a regular file or not YAML, has a key twice, or has no keys
         (then `hint` says what to write).
     """
     try:
@@ -62,11 +62,11 @@ def load_mapping(path: Path, hint: str) -> dict[Any, Any]:
     except OSError as error:
         raise ConfigurationError(f"{path}: cannot be read ({error.strerror}): check its name and access") from error
     except ValueError as error:  # a NUL in its name
-        raise ConfigurationError(f"{str(path)!r}: is no name of a file: {error}") from error
+        raise ConfigurationError(f"{str(path)!r}: is not a file name: {error}") from error
     try:
         document = yaml.load(content.decode("utf-8"), _StrictLoader)
-    except Exception as error:  # PyYAML checks little of what tags such as !!int or a date announce
+    except Exception as error:  # PyYAML hardly checks values of dates or of tags such as !!int
         raise ConfigurationError(f"{path}: not a YAML file: {' '.join(str(error).split())}") from error
     if not isinstance(document, dict):
-        raise ConfigurationError(f"{path}: no keys in it: {hint}")
+        raise ConfigurationError(f"{path}: has no keys: {hint}")
     return document

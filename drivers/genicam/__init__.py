@@ -1,1 +1,1 @@
-"""What the driver asks of a camera's GenICam nodes, whatever transport they are reached by."""
+"""Driving a camera through its GenICam nodes, whatever the transport."""

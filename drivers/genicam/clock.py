@@ -11,19 +11,19 @@ from drivers.frames import Frame, Side
 from drivers.genicam.nodes import NodeMap
 
 LATCH_TRIES = 5
-"""A latch is as exact as half its round trip (0.1 ms on a quiet wire); the quickest of a few is kept."""
+"""A latch is accurate to half its round trip (0.1 ms on a quiet wire); the quickest of a few is kept."""
 COMPARED_DELAYS = 60
-"""Frames of the recent past; the delay changes with the exposure time."""
+"""Recent frames only: the delay changes with the exposure time."""
 SURE_FRAMES = 5
-"""One of so many is as quick as any, unless the machine is very busy; a late one would pass for the next trigger's."""
+"""One of so many arrives undelayed unless the machine is very busy; a late one would look like the next trigger's."""
 ARRIVAL_WINDOW = 600
-"""Frames whose delays are compared without a latch: 10 s at 60 Hz, in which crystals of 50 ppm part by 0.5 ms."""
+"""Frames whose delays are compared without a latch: 10 s at 60 Hz; crystals of 50 ppm drift by 0.5 ms in it."""
 LATCH_ERROR_NS = 1_000_000
-"""A latch that had to wait for the processor is off by so much: no jump."""
+"""A latch that had to wait for the processor may be off by this much: not a jump."""
 OUT_OF_ORDER_NS = 100_000_000
-"""A frame given up late may come after newer ones: no jump either."""
+"""A frame given up late may come after newer ones: not a jump either."""
 JUMP_NS = 500_000_000
-"""Time stamps that leave the host's clock by so much between two frames have jumped; crystals and latches do not."""
+"""A clock that moves this much against the host's between two frames has jumped; drift and latches are smaller."""
 NANOSECONDS = 1_000_000_000
 
 
@@ -31,18 +31,18 @@ class DeviceClock(Protocol):
     """Maps device time to host time."""
 
     def host_time_ns(self, device_time_ns: int, arrival_time_ns: int) -> int | None:
-        """Host time of a frame's time stamp, the frame having arrived at `arrival_time_ns`; None: it cannot be told."""
+        """Host time of a frame's time stamp, the frame having arrived at `arrival_time_ns`; None: unknown."""
 
     def latch(self) -> None:
-        """Measure the mapping anew, where the camera can be asked."""
+        """Measure the mapping again, if the camera allows it."""
 
 
 class LatchedClock:
-    """Latches the camera's clock between two looks at the host's; the offset is that of their middle.
+    """Latches the camera's clock between two readings of the host's; the offset refers to their midpoint.
 
-    A clock that jumps is noticed at its next frame, whose time stamp then lies in the future or before the last one's.
-    The host times of the first few are not told. From then on, until the next latch, the quickest frame since counts
-    as on its way for as long as the quickest before.
+    A jump is noticed at the next frame, whose time stamp is then in the future or before the last one. The first few
+    host times after it are unknown. From then until the next latch, the quickest frame since the jump is assumed to
+    have taken as long as the quickest before it.
 
     Raises, from `latch` and at construction, `NodeError` and `CameraLostError`.
     """
@@ -67,7 +67,7 @@ class LatchedClock:
         self.latch()
 
     def latch(self) -> None:
-        """Measure the offset anew; a drift of some ppm moves it by microseconds a second."""
+        """Measure the offset again; a drift of some ppm moves it by microseconds a second."""
         _, self._offset_ns = min(self._sample() for _ in range(LATCH_TRIES))
         self._since_jump = None
 
@@ -81,7 +81,7 @@ class LatchedClock:
         return round_trip_ns, before_ns + round_trip_ns // 2 - device_ns
 
     def host_time_ns(self, device_time_ns: int, arrival_time_ns: int) -> int | None:
-        """Host time of a time stamp; the arrival tells whether the clock has jumped."""
+        """Host time of a time stamp; the arrival shows whether the clock has jumped."""
         jumped_back = device_time_ns < self._newest_ns - OUT_OF_ORDER_NS
         self._newest_ns = device_time_ns
         in_the_future = device_time_ns + self._offset_ns > arrival_time_ns + LATCH_ERROR_NS
@@ -97,14 +97,14 @@ class LatchedClock:
         return device_time_ns + self._offset_ns
 
     def _offset_by(self, device_time_ns: int, arrival_time_ns: int) -> int:
-        """The offset, if this frame was on its way for as long as the quickest recent one."""
+        """The offset, if this frame took as long to arrive as the quickest recent one."""
         return arrival_time_ns - min(self._delays_ns, default=0) - device_time_ns
 
 
 class ArrivalClock:
-    """For cameras without a latch: the quickest recent frame is taken to have arrived at once.
+    """For cameras without a latch: the quickest recent frame is assumed to have arrived at once.
 
-    Host times so mapped are late by the least delay from time stamp to arrival (exposure, readout and transfer).
+    These host times are late by the shortest delay from time stamp to arrival (exposure, readout and transfer).
     """
 
     def __init__(self) -> None:
@@ -120,11 +120,11 @@ class ArrivalClock:
         return device_time_ns + min(self._offsets_ns)
 
     def latch(self) -> None:
-        """Nothing to ask: frames alone tell."""
+        """Does nothing: the mapping comes from frames alone."""
 
 
 class JumpWatch:
-    """Tells from the frames of a rig when the clock of a camera has jumped."""
+    """Detects from frames that the clock of a camera has jumped."""
 
     def __init__(self) -> None:
         self._offsets_ns: dict[Side, int] = {}
@@ -137,7 +137,7 @@ class JumpWatch:
         return jump_ns * 1e-9 if abs(jump_ns) > JUMP_NS else 0.0
 
     def gone(self, side: Side) -> None:
-        """The camera is lost: when it is back, its clock may have begun anew."""
+        """The camera is lost: its clock may have restarted when it returns."""
         self._offsets_ns.pop(side, None)
 
 
@@ -150,4 +150,4 @@ def find_clock(nodes: NodeMap) -> tuple[DeviceClock, tuple[str, ...]]:
         if nodes.available("GevTimestampTickFrequency"):
             tick_frequency_hz = nodes.read_integer("GevTimestampTickFrequency") or NANOSECONDS
         return LatchedClock(nodes, "GevTimestampControlLatch", "GevTimestampValue", tick_frequency_hz), ()
-    return ArrivalClock(), ("no time stamp latch: host times are inferred from arrival, late by the least delay",)
+    return ArrivalClock(), ("no time stamp latch: host times are inferred from arrival, late by the shortest delay",)

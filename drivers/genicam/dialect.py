@@ -1,4 +1,4 @@
-"""Which nodes drive this camera's exposure, and in which units: the dialects of exposure time and gain."""
+"""Dialects of exposure time and gain: which nodes drive them on a camera, and in which units."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from drivers.genicam.quantity import DECIBELS, MICROSECONDS, Quantity
 TIME_NODES = ("ExposureTime", "ExposureTimeAbs")
 """SFNC 2 and SFNC 1 names."""
 RAW_TIME, RAW_TIME_UNIT = "ExposureTimeRaw", "ExposureTimeBaseAbs"
-"""A time in counts, and the node that tells how many microseconds a count is."""
+"""A time in counts, and the node that holds the microseconds per count."""
 GAIN_NODES = ("Gain", "GainAbs")
 UNDRIVEN_TIME_NODES = (RAW_TIME, "ExposureValue", "Shutter", "ShutterTime")
 """Other names seen in the field: known, so that the refusal can say what the camera offers instead."""
@@ -20,7 +20,7 @@ UNDRIVEN_TIME_NODES = (RAW_TIME, "ExposureValue", "Shutter", "ShutterTime")
 TIME_ROUNDING = 0.1
 GAIN_ROUNDING_DB = 0.5
 """Cameras round exposure time to sensor lines and gain to steps without declaring it; more than a tenth of the time
-(0.14 stops), or half a dB, is no rounding but a value refused."""
+(0.14 stops), or half a dB, is not rounding but a refusal."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,11 +42,11 @@ class ExposureDialect:
         return ExposureLimits(*time_us, *self.gain.bounds(nodes), time_step_us, self.gain.increment(nodes))
 
     def read(self, nodes: NodeMap) -> ExposureSetting:
-        """The setting that the nodes hold."""
+        """The setting that the nodes hold now."""
         time_us = self.time.read(nodes)
         if time_us <= 0:
             raise NodeError(
-                f"camera {nodes.serial}: node {self.time.node} reads {time_us:g} us, which is no exposure time"
+                f"camera {nodes.serial}: node {self.time.node} reads {time_us:g} us, which is not an exposure time"
             )
         return ExposureSetting(time_us, 0.0 if self.gain is None else self.gain.read(nodes))
 
@@ -71,7 +71,7 @@ class ExposureDialect:
         return taken
 
     def _check_rounding(self, nodes: NodeMap, asked: ExposureSetting, taken: ExposureSetting) -> None:
-        # Increments are looked at last, as some cameras must be asked for them.
+        # Increments are checked last: reading them may take a round trip.
         off_us = abs(taken.exposure_time_us - asked.exposure_time_us)
         if off_us > TIME_ROUNDING * asked.exposure_time_us and off_us > self.time.increment(nodes):
             raise NodeError(
@@ -94,14 +94,14 @@ def find_dialect(nodes: NodeMap) -> ExposureDialect:
     Raises
     ------
     UnsupportedCameraError
-        When no exposure time of a known length is offered.
+        When the camera offers no exposure time in a known unit.
     """
     gain, limitations = _find_gain(nodes)
     return ExposureDialect(_find_time(nodes), gain, limitations)
 
 
 def switch_auto_off(nodes: NodeMap) -> None:
-    """Take exposure and gain from the camera's own automatics, and let the exposure time rule the exposure."""
+    """Switch the camera's automatic exposure and gain off, and have ExposureTime set the exposure."""
     for name, entry in (("ExposureMode", "Timed"), ("ExposureAuto", "Off"), ("GainAuto", "Off")):
         if entry in nodes.entries(name) and nodes.read_entry(name) != entry:
             nodes.write_entry(name, entry)
@@ -116,21 +116,21 @@ def _find_time(nodes: NodeMap) -> Quantity:
             continue
         if nodes.unit(name) in MICROSECONDS:
             return Quantity(name, MICROSECONDS[nodes.unit(name)], nodes.is_integer(name))
-        refusals.append(f"its {name} is in {nodes.unit(name)!r}, which is no unit of time known here")
+        refusals.append(f"its {name} is in {nodes.unit(name)!r}, which is not a known unit of time")
     if _is_number(nodes, RAW_TIME):
         scale = _length_of_count_us(nodes)
         if scale is not None:
             return Quantity(RAW_TIME, scale, nodes.is_integer(RAW_TIME))
-        refusals.append(f"its {RAW_TIME} counts in steps whose length it does not tell, having no {RAW_TIME_UNIT}")
+        refusals.append(f"its {RAW_TIME} counts in steps of unknown length, as it has no {RAW_TIME_UNIT}")
     if not refusals:
         others = [name for name in UNDRIVEN_TIME_NODES if nodes.available(name)]
-        offer = f"it offers only {', '.join(others)}" if others else "it offers no other exposure node known here"
+        offer = f"it offers only {', '.join(others)}" if others else "it offers no other known exposure node"
         refusals = [f"neither {' nor '.join(TIME_NODES)} can be written; {offer}"]
     raise UnsupportedCameraError(f"camera {nodes.serial}: {'; '.join(refusals)}")
 
 
 def _length_of_count_us(nodes: NodeMap) -> float | None:
-    """How many microseconds a count of the raw exposure time is, None when the camera does not tell."""
+    """Microseconds per count of the raw exposure time; None if the camera does not say."""
     unit = nodes.unit(RAW_TIME)
     if unit is not None and unit in MICROSECONDS:
         return MICROSECONDS[unit]
@@ -144,8 +144,8 @@ def _find_gain(nodes: NodeMap) -> tuple[Quantity | None, tuple[str, ...]]:
     for name in (*GAIN_NODES, "GainRaw"):
         if nodes.available(name):
             unit = nodes.unit(name) if _is_number(nodes, name) else None
-            told = f"{name} is in {unit or 'numbers without a unit'}"
-            return None, (f"gain has no dB scale: left at its present value, exposure time alone is driven ({told})",)
+            scale = f"{name} is in {unit or 'numbers without a unit'}"
+            return None, (f"gain has no dB scale: left at its present value, exposure time alone is driven ({scale})",)
     return None, ("no gain node: exposure time alone is driven",)
 
 

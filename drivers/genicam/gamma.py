@@ -1,4 +1,4 @@
-"""Grey levels in proportion to light: the camera's own gamma, switched off."""
+"""Switching the camera's gamma off, so that grey levels are proportional to light."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ SWITCHES = ("GammaEnable", "GammaEnabled")
 
 
 def switch_gamma_off(nodes: NodeMap) -> tuple[str, ...]:
-    """Switch gamma off, or set it to 1, and return what stands in the way, in words."""
+    """Switch gamma off, or set it to 1, and return the limitations, in words."""
     try:
         for name in SWITCHES:
             if nodes.available(name):
@@ -20,5 +20,5 @@ def switch_gamma_off(nodes: NodeMap) -> tuple[str, ...]:
             return ()
         nodes.write_float("Gamma", 1.0)
     except NodeError as error:
-        return (f"gamma cannot be switched off, so grey levels are not in proportion to light ({error})",)
+        return (f"gamma cannot be switched off, so grey levels are not proportional to light ({error})",)
     return ()

@@ -11,14 +11,14 @@ _BY_PFNC_CODE = {pixel_format.pfnc_code: pixel_format for pixel_format in PixelF
 
 
 def choose_pixel_format(nodes: NodeMap, wanted: PixelFormat | None) -> PixelFormat:
-    """Set the pixel format, or accept the camera's present one, and return it.
+    """Set the pixel format, or accept the camera's current one, and return it.
 
     Raises
     ------
     ConfigurationError
         When the camera does not offer the wanted one.
     UnsupportedCameraError
-        When its present one cannot be driven.
+        When its current one is not supported.
     """
     offered = nodes.entries("PixelFormat")
     if wanted is None:
@@ -79,7 +79,7 @@ def decode_pixels(data: bytes, pfnc_code: int, width: int, height: int) -> tuple
     Raises
     ------
     ValueError
-        When the image has no pixels, the bytes are fewer than it needs, or the format is unknown.
+        When the image has no pixels, there are too few bytes for it, or the format is unknown.
     """
     if width < 1 or height < 1:
         raise ValueError(f"an image of {width}x{height} pixels")

@@ -1,4 +1,4 @@
-"""What is known of a frame besides its pixels: its number, and the setting that it was taken with."""
+"""A frame's number, and the setting that it was taken with."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from drivers.genicam.write_latency import WriteLatency
 FRAME_ID_CYCLE = 0xFFFF
 """GigE Vision 1 counts frames 1 ... 65535 and skips 0, so that ids repeat after 65535 frames and not 65536."""
 LEDGER_LENGTH = 64
-"""Writes remembered; at one a frame, a second at 60 Hz, longer than a frame is ever under way."""
+"""Writes remembered: at one per frame, a second at 60 Hz, longer than any frame takes to arrive."""
 
 _INFERRED = "a frame's setting is inferred from when it was written"
 
@@ -43,8 +43,8 @@ class FrameIdUnwrapper:
 class SettingLedger:
     """Which setting a frame was taken with, for cameras that do not say so themselves.
 
-    A setting holds for exposures that start later than it was read back by the camera's latency: that of cameras that
-    latch at the start of an exposure (none), until the brightness of frames has told another (`WriteLatency`).
+    A setting applies to exposures that start at least the camera's latency after it was read back. The latency counts
+    as zero until the brightness of frames has shown another (`WriteLatency`).
     """
 
     def __init__(self, setting: ExposureSetting) -> None:
@@ -64,7 +64,7 @@ class SettingLedger:
             self._latency.frame(host_time_ns, grey)
 
     def setting_at(self, host_time_ns: int) -> ExposureSetting:
-        """The setting of an exposure that started at `host_time_ns`; the oldest remembered one for times before all."""
+        """The setting of an exposure that started at `host_time_ns`; before all writes, the oldest one remembered."""
         with self._lock:
             for written_ns, setting in reversed(self._writes):
                 if written_ns + self._latency.latency_ns <= host_time_ns:
@@ -74,7 +74,7 @@ class SettingLedger:
 
 @dataclass(frozen=True, slots=True)
 class ChunkNodes:
-    """The chunk nodes that tell a frame's setting: exposure time in units of `us_per_unit`; gain in dB, if driven."""
+    """The chunk nodes that hold a frame's setting: exposure time in units of `us_per_unit`; gain in dB, if driven."""
 
     exposure_time: str
     us_per_unit: float
@@ -82,7 +82,7 @@ class ChunkNodes:
 
 
 def enable_chunks(nodes: NodeMap, gain_driven: bool) -> tuple[ChunkNodes | None, tuple[str, ...]]:
-    """Have each frame tell its exposure time and gain; None when the camera cannot, with the limitation in words."""
+    """Have each frame carry its exposure time and gain; None if the camera cannot, with the limitation in words."""
     wanted = ("ExposureTime", "Gain") if gain_driven else ("ExposureTime",)
     try:
         if nodes.exists("ChunkSelector") and nodes.available("ChunkModeActive"):

@@ -1,4 +1,4 @@
-"""What the driver asks of a camera's GenICam nodes, so that its rules are testable without a camera."""
+"""The interface to a camera's GenICam nodes, so that the driver's rules can be tested without a camera."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import Protocol
 class NodeMap(Protocol):
     """The nodes of one camera, by name.
 
-    Every method that touches the camera raises `NodeError` when the camera or the node's own bounds refuse, and
-    `CameraLostError` when nobody answers.
+    Every method that touches the camera raises `NodeError` when the camera or the node's bounds refuse, and
+    `CameraLostError` when the camera does not answer.
     """
 
     @property
@@ -17,22 +17,22 @@ class NodeMap(Protocol):
         """Serial number of the camera, for messages."""
 
     def exists(self, name: str) -> bool:
-        """Whether the camera has this feature, in whatever state."""
+        """Whether the camera has this feature, available or not."""
 
     def available(self, name: str) -> bool:
-        """Whether the camera has this feature and offers it in its present state; a category is not a feature."""
+        """Whether the camera has this feature and currently offers it; a category is not a feature."""
 
     def is_float(self, name: str) -> bool:
         """Whether the feature holds a floating-point number."""
 
     def is_integer(self, name: str) -> bool:
-        """Whether the feature holds an integer that counts something: no enumeration, no boolean."""
+        """Whether the feature holds an integer, not an enumeration or boolean."""
 
     def unit(self, name: str) -> str | None:
         """The unit that a number declares, None when it declares none."""
 
     def entries(self, name: str) -> tuple[str, ...]:
-        """The entries an enumeration offers at present; empty when the camera has no such enumeration."""
+        """The entries that an enumeration currently offers; empty if the camera has no such enumeration."""
 
     def float_bounds(self, name: str) -> tuple[float, float]:
         """Least and greatest value that the feature takes at present."""
@@ -62,7 +62,7 @@ class NodeMap(Protocol):
         """Write a boolean feature."""
 
     def read_entry(self, name: str) -> str:
-        """The entry an enumeration stands at."""
+        """The current entry of an enumeration."""
 
     def write_entry(self, name: str, entry: str) -> None:
         """Choose an entry of an enumeration."""

@@ -1,4 +1,4 @@
-"""A number on the camera as a quantity in this project's units, whatever units the camera counts in."""
+"""A number node as a quantity in our units, whatever unit the camera uses."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from drivers.errors import NodeError
 from drivers.genicam.nodes import NodeMap
 
 MICROSECONDS = {None: 1.0, "us": 1.0, "µs": 1.0, "μs": 1.0, "usec": 1.0, "s": 1e6, "ms": 1e3, "ns": 1e-3}
-"""Microseconds in a unit that a time node declares. None declared counts as microseconds, as the SFNC prescribes."""
+"""Microseconds per unit that a time node may declare; no unit means microseconds, as the SFNC prescribes."""
 DECIBELS = {"db": 1.0}
-"""The one unit of gain that says what it is."""
+"""The only unit of gain with a defined meaning."""
 
 EXACT = 1 << 53
-"""Floating-point numbers tell all integers below this one apart."""
+"""Floating-point numbers represent all integers below this one exactly."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +30,7 @@ class Quantity:
         low, high = nodes.integer_bounds(self.node) if self.integer else nodes.float_bounds(self.node)
         if math.isnan(low) or math.isnan(high):
             raise NodeError(
-                f"camera {nodes.serial}: the bounds of node {self.node} are no numbers: {low:g} to {high:g}"
+                f"camera {nodes.serial}: the bounds of node {self.node} are not numbers: {low:g} to {high:g}"
             )
         return low * self.scale, high * self.scale
 
@@ -45,20 +45,20 @@ class Quantity:
         """The value that the node holds."""
         value = nodes.read_integer(self.node) if self.integer else nodes.read_float(self.node)
         if not math.isfinite(value):
-            raise NodeError(f"camera {nodes.serial}: node {self.node} reads {value:g}, which is no number")
+            raise NodeError(f"camera {nodes.serial}: node {self.node} reads {value:g}, which is not a number")
         return value * self.scale
 
     def write(self, nodes: NodeMap, value: float) -> None:
-        """Write the node; an integer takes the value of its increment that is nearest."""
+        """Write the node; an integer node takes the nearest multiple of its increment."""
         if not self.integer:
             nodes.write_float(self.node, self._own(nodes, value))
             return
         low, increment = nodes.integer_bounds(self.node)[0], max(nodes.integer_increment(self.node), 1)
-        origin = low if abs(low) < EXACT else 0  # no least value is declared: steps count from 0
+        origin = low if abs(low) < EXACT else 0  # no minimum is declared: steps count from 0
         nodes.write_integer(self.node, origin + round((value / self.scale - origin) / increment) * increment)
 
     def _own(self, nodes: NodeMap, value: float) -> float:
-        """A value in the node's own unit; one at a limit is not to leave it by the last digit."""
+        """A value in the node's own unit; one at a limit must not exceed it by rounding."""
         if self.scale == 1.0:
             return value
         own = value / self.scale

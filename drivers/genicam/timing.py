@@ -6,11 +6,11 @@ from drivers.genicam.nodes import NodeMap
 from drivers.setup import TriggerSetup
 
 _READOUT_NODES = ("SensorReadoutTime", "ReadoutTimeAbs")
-"""Readout time in us, of cameras that tell it (Basler's names; other makes tell none)."""
+"""Readout time in us (Basler's names; other makers have no such node)."""
 
 
 def timing_limitations(nodes: NodeMap, trigger: TriggerSetup) -> tuple[str, ...]:
-    """What of the longest exposure and the readout does not fit, in words; nothing of a camera that tells no readout.
+    """Why the longest exposure and the readout do not fit, in words; empty if the camera reports no readout.
 
     The camera must have been armed: with TriggerOverlap ReadOut a frame is read out while the next one is exposed.
     """

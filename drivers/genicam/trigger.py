@@ -13,7 +13,7 @@ FIXED_RATE = "FixedRate"
 
 
 def arm_trigger(nodes: NodeMap, setup: TriggerSetup) -> tuple[str, ...]:
-    """Set the camera up to be triggered as `setup` says, and return its limitations in that, in words.
+    """Set the camera's trigger up as `setup` says, and return its limitations, in words.
 
     Raises
     ------
@@ -35,7 +35,7 @@ def arm_trigger(nodes: NodeMap, setup: TriggerSetup) -> tuple[str, ...]:
 
 
 def _switch_triggers_off(nodes: NodeMap) -> None:
-    """Every trigger, because one left on elsewhere (AcquisitionStart, LineStart) would starve FrameStart."""
+    """Every trigger, as one left on elsewhere (AcquisitionStart, LineStart) would starve FrameStart."""
     for selector in nodes.entries("TriggerSelector"):
         nodes.write_entry("TriggerSelector", selector)
         if "Off" in nodes.entries("TriggerMode"):  # some list selectors whose trigger has no mode
@@ -76,7 +76,7 @@ def _arm_line(nodes: NodeMap, line: str) -> tuple[str, ...]:
 
 
 def _drive_line(nodes: NodeMap, line: str) -> None:
-    """Have an output line tell when the camera exposes."""
+    """Have an output line signal when the camera exposes."""
     lines = nodes.entries("LineSelector")
     if line not in lines:
         has = f"it has {', '.join(lines)}" if lines else "it has no LineSelector"
@@ -86,7 +86,7 @@ def _drive_line(nodes: NodeMap, line: str) -> None:
         nodes.write_entry("LineMode", "Output")
     if "ExposureActive" not in nodes.entries("LineSource"):
         raise UnsupportedCameraError(
-            f"camera {nodes.serial}: {line} cannot tell when it exposes (no LineSource ExposureActive): choose an "
+            f"camera {nodes.serial}: {line} cannot signal when it exposes (no LineSource ExposureActive): choose an "
             "output line (trigger output_line), or trigger both cameras from outside"
         )
     nodes.write_entry("LineSource", "ExposureActive")

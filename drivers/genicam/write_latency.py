@@ -1,4 +1,4 @@
-"""How long after a write exposures begin to show it: measured on the brightness of the frames around it."""
+"""How long after a write exposures show it, measured by the brightness of the frames around it."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 
 FRAMES_AFTER = 4
-"""A camera that takes more than three frames to show a write is none that an exposure loop can be built on."""
+"""No exposure loop can be built on a camera that takes more than three frames to show a write."""
 DISTINCT_STOPS = 0.5
-"""Smaller changes drown in what the scene does by itself."""
+"""Smaller changes drown in those of the scene."""
 SHOWN = 0.4
 """Part of the change that one step from frame to frame must show; saturated and dark pixels swallow the rest."""
 REMEMBERED = 8
@@ -18,7 +18,7 @@ REMEMBERED = 8
 
 @dataclass(slots=True)
 class _Write:
-    """A write of `change_stops` at `time_ns`, the frame before it and those after it as (start in ns, log2 of grey)."""
+    """A write of `change_stops` at `time_ns`; the frame before it and those after as (start in ns, log2 of grey)."""
 
     time_ns: int
     change_stops: float
@@ -26,10 +26,10 @@ class _Write:
 
 
 class WriteLatency:
-    """The least delay from a write to the start of the exposures that show it.
+    """The shortest delay from a write to the start of an exposure that shows it.
 
-    Each distinct change of exposure that has a few frames to itself is looked for in them. It stands between two
-    frames, and the latency between their delays after the write. Not thread-safe.
+    Each distinct change with a few frames to itself is searched for in them. It lies between two frames, and the
+    latency between their delays after the write. Not thread-safe.
     """
 
     def __init__(self) -> None:
@@ -40,10 +40,10 @@ class WriteLatency:
 
     @property
     def latency_ns(self) -> int:
-        """Exposures that start so long after a write have it; 0 until a change was seen."""
+        """Exposures that start this long after a write show it; 0 until a change was seen."""
         spans_ns = list(self._spans_ns)
         while spans_ns and max(early for early, _ in spans_ns) >= min(late for _, late in spans_ns):
-            spans_ns.pop(0)  # what contradicts newer sightings was the light
+            spans_ns.pop(0)  # one that contradicts newer ones was a change of light
         return max(max((early for early, _ in spans_ns), default=-1) + 1, 0)
 
     def write(self, time_ns: int, change_stops: float) -> None:
@@ -69,7 +69,7 @@ class WriteLatency:
         self._last = seen
 
     def _find(self, write: _Write) -> None:
-        """Find the two frames between which the change came, if one step alone shows it."""
+        """Find the two frames between which the change came, if a single step shows it."""
         steps = [
             ((later - earlier) * math.copysign(1.0, write.change_stops), before_ns, after_ns)
             for (before_ns, earlier), (after_ns, later) in pairwise(write.frames)

@@ -1,1 +1,1 @@
-"""The cameras of a rig, each kept alive by threads of its own."""
+"""The cameras of a rig, each kept alive by its own threads."""

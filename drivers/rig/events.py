@@ -1,4 +1,4 @@
-"""What a rig reports of its cameras."""
+"""What a rig reports about its cameras."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ class CameraReady:
 
 @dataclass(frozen=True, slots=True)
 class CameraSilent:
-    """No frame has come for longer than the trigger explains; the camera may still answer."""
+    """No frame has come for longer than the trigger period explains; the camera may still answer."""
 
     side: Side
 
 
 @dataclass(frozen=True, slots=True)
 class CameraGone:
-    """A camera is lost or cannot be opened; it is tried again unless `final`: it never can be."""
+    """A camera is lost or cannot be opened; retried unless `final`."""
 
     side: Side
     error: AutoexposeError
@@ -38,7 +38,7 @@ class CameraGone:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameArrived:
-    """A frame, whole or with holes; without pixels and `stale` when control is so far behind that nobody will look."""
+    """A frame, complete or not; `stale` and without pixels when control is too far behind to use it."""
 
     side: Side
     frame: Frame | IncompleteFrame
@@ -75,4 +75,4 @@ class EventQueue(Protocol):
         """Add an event."""
 
     def qsize(self) -> int:
-        """How many events nobody has taken yet."""
+        """How many events are waiting."""

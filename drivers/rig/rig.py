@@ -1,6 +1,6 @@
-"""The cameras of a rig, each kept alive by threads of its own, so that a camera in trouble disturbs no other.
+"""The cameras of a rig, each kept alive by its own threads, so that a camera in trouble does not disturb the other.
 
-Per camera one thread owns the nodes and one takes frames. All that happens is put into a single queue of events, for
+Per camera one thread owns the nodes and one takes frames. All that happens goes into a single queue of events, for
 the one thread that pairs frames and decides.
 """
 
@@ -24,11 +24,11 @@ class Rig:
     Parameters
     ----------
     openers
-        For each side, what opens its camera.
+        For each side, a function that opens its camera.
     silence_s
-        A camera that sends nothing for this long is called silent and asked whether it is still there.
+        A camera that sends nothing for this long is reported silent and checked for an answer.
     start
-        The setting each camera begins with.
+        The setting that each camera starts with.
     """
 
     def __init__(self, openers: Mapping[Side, Callable[[], Camera]], silence_s: float, start: ExposureSetting) -> None:
@@ -44,11 +44,11 @@ class Rig:
             unit.start()
 
     def reopen(self, side: Side) -> None:
-        """Close and open a camera that answers, but sends nothing."""
+        """Close and reopen a camera that answers but sends nothing."""
         self._units[side].supervisor.reopen()
 
     def write(self, setting: ExposureSetting, not_before_ns: int) -> None:
-        """Have every camera take `setting`, not before a host time; a write still waiting is replaced."""
+        """Write `setting` to every camera, no earlier than `not_before_ns` (host time); replaces a pending write."""
         for unit in self._units.values():
             unit.supervisor.request(setting, not_before_ns)
 
@@ -62,7 +62,7 @@ class Rig:
 
 
 class _Unit:
-    """One camera's supervisor and the threads that work for it."""
+    """One camera's supervisor and its threads."""
 
     def __init__(self, side: Side, supervisor: Supervisor) -> None:
         self.supervisor = supervisor
@@ -96,7 +96,7 @@ class _Unit:
             self.supervisor.take_frame()
 
     def _wait_until(self, due_ns: Callable[[], float]) -> bool:
-        """Wait for a time that may change meanwhile; False when the rig is to stop."""
+        """Wait for a time that may change meanwhile; False if the rig is to stop."""
         with self.supervisor.news:
             while not self._stopping and (pause_s := (due_ns() - time.monotonic_ns()) * 1e-9) > 0:
                 self.supervisor.news.wait(min(pause_s, threading.TIMEOUT_MAX))

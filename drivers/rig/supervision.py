@@ -1,7 +1,7 @@
-"""One camera kept alive: opened, written, asked whether it is still there, torn down, and opened again.
+"""Keeping one camera alive: open it, write to it, check that it answers, close it and open it again.
 
-There are no threads here. Whoever has them calls `Supervisor.serve` on one, which owns the camera's nodes, and
-`Supervisor.take_frame` on another, each when it is due by the clock that the supervisor was given.
+There are no threads here. The caller calls `Supervisor.serve` on one, which owns the camera's nodes, and
+`Supervisor.take_frame` on another, each when it is due by the given clock.
 """
 
 from __future__ import annotations
@@ -41,34 +41,34 @@ log = logging.getLogger(__name__)
 _CLOCK_PERIOD_NS = 1_000_000_000  # a crystal off by 50 ppm drifts 50 us in it, far below a trigger period
 _SHORTEST_BACK_OFF_NS = 100_000_000
 _LONGEST_BACK_OFF_NS = 2_000_000_000
-_CLOCK_SAID_S = 600.0
+_CLOCK_LOG_PAUSE_S = 600.0
 _FRAME_POLL_S = 0.05
-_BACKLOG = 24  # frames that may wait for the control thread before pixels are let go
+_BACKLOG = 24  # frames that may wait for the control thread before pixels are dropped
 _NO_PIXELS = np.empty((0, 0), np.uint8)
 
 
 class Supervisor:
-    """Keeps one camera open, writes what is asked for, and reports all that happens.
+    """Keeps one camera open, writes requested settings, and reports everything that happens.
 
     Parameters
     ----------
     side
         Which camera of the rig it is.
     opener
-        Opens it.
+        Opens the camera.
     silence_s
-        A camera that sends nothing for this long is called silent and asked whether it is still there.
+        A camera that sends nothing for this long is reported silent and checked for an answer.
     start
-        The setting the camera begins with.
+        The setting that the camera starts with.
     events
         Where to report.
     now_ns
-        The clock: CLOCK_MONOTONIC, but in virtual time.
+        The clock: CLOCK_MONOTONIC, except in virtual time.
 
     Attributes
     ----------
     news
-        Notified when something may have become due earlier than it was.
+        Notified when something may be due earlier than before.
     """
 
     def __init__(
@@ -88,7 +88,7 @@ class Supervisor:
         self._poll_s = min(_FRAME_POLL_S, silence_s)
         self._events = events
         self._now_ns = now_ns
-        self._throttle = LogThrottle(_CLOCK_SAID_S)
+        self._throttle = LogThrottle(_CLOCK_LOG_PAUSE_S)
         self._wanted = start
         self._pending: tuple[ExposureSetting, int] | None = None
         self._camera: Camera | None = None  # while it is open and streams
@@ -97,7 +97,7 @@ class Supervisor:
         self._back_off_ns = _SHORTEST_BACK_OFF_NS
         self._open_due_ns: float = 0
         self._latch_due_ns = 0
-        self._trouble = False  # whoever takes frames wants the camera looked at
+        self._check_wanted = False  # by the thread that takes frames
         self._stuck = False
         self._taking = threading.Lock()
         self._take_due_ns = 0
@@ -105,24 +105,24 @@ class Supervisor:
         self._silent = False
 
     def request(self, setting: ExposureSetting, not_before_ns: int) -> None:
-        """Have the camera take `setting`, not before that time; a write still waiting is replaced. Any thread."""
+        """Write `setting`, no earlier than `not_before_ns`; replaces a pending write. Any thread."""
         with self.news:
             self._wanted = setting
             self._pending = (setting, not_before_ns)
             self.news.notify_all()
 
     def reopen(self) -> None:
-        """Have the camera closed and opened, because it sends nothing although it should. Any thread."""
+        """Close and reopen the camera, because it sends nothing although it should. Any thread."""
         with self.news:
             self._stuck = True
             self.news.notify_all()
 
     @property
     def serve_due_ns(self) -> float:
-        """From when on `serve` has something to do; infinite for a camera that can never be driven."""
+        """When `serve` next has something to do; infinite for a camera that can never be driven."""
         if self._camera is None:
             return self._open_due_ns
-        if self._trouble or self._stuck:
+        if self._check_wanted or self._stuck:
             return 0
         return self._latch_due_ns if self._pending is None else min(self._latch_due_ns, self._pending[1])
 
@@ -134,29 +134,29 @@ class Supervisor:
             return
         if self._stuck:
             self.close()
-            stuck = f"camera {camera.description.serial} sends no frames while the other one does; it is opened anew"
+            stuck = f"camera {camera.description.serial} sends no frames while the other one does; it is reopened"
             self._report_gone(CameraLostError(stuck), final=False)
             return
         now_ns, setting = self._now_ns(), None
         with self.news:
             if self._pending is not None and self._pending[1] <= now_ns:
                 setting, self._pending = self._pending[0], None
-            look, self._trouble = self._trouble, False
+            check, self._check_wanted = self._check_wanted, False
         try:
             if setting is not None:
                 self._write(camera, setting)
-            elif look or now_ns >= self._latch_due_ns:
+            elif check or now_ns >= self._latch_due_ns:
                 self._latch_clock(camera)
         except CameraError as error:
             self._lose(camera, error)
 
     @property
     def take_due_ns(self) -> float:
-        """From when on `take_frame` has something to do; infinite while no camera streams."""
+        """When `take_frame` next has something to do; infinite while no camera streams."""
         return math.inf if self._camera is None else self._take_due_ns
 
     def take_frame(self) -> None:
-        """Wait a moment for a frame and report it, or that frames have ceased to come."""
+        """Wait a moment for a frame and report it, or that frames have stopped."""
         with self._taking:
             camera = self._camera
             if camera is None:
@@ -165,7 +165,7 @@ class Supervisor:
                 frame = camera.next_frame(self._poll_s)
             except CameraLostError:
                 self._take_due_ns = self._now_ns() + self._silence_ns
-                self._look()
+                self._want_check()
                 return
             if frame is not None:
                 stale = self._events.qsize() > _BACKLOG
@@ -176,10 +176,10 @@ class Supervisor:
             elif not self._silent and self._now_ns() - self._last_frame_ns > self._silence_ns:
                 self._silent = True
                 self._events.put(CameraSilent(self._side))
-                self._look()
+                self._want_check()
 
     def close(self) -> None:
-        """Close the camera, should it be open. For whoever calls `serve`, as the last thing."""
+        """Close the camera, if open: the last call, on the thread of `serve`."""
         camera = self._camera
         if camera is not None:
             self._end_frames()
@@ -205,7 +205,7 @@ class Supervisor:
         with self.news:
             self._last_frame_ns = self._take_due_ns = self._now_ns()
             self._latch_due_ns = self._last_frame_ns + _CLOCK_PERIOD_NS
-            self._trouble = self._stuck = self._silent = False
+            self._check_wanted = self._stuck = self._silent = False
             self._camera = camera
             self.news.notify_all()
 
@@ -214,18 +214,18 @@ class Supervisor:
         if self._now_ns() - self._opened_ns > _LONGEST_BACK_OFF_NS:
             self._back_off_ns = _SHORTEST_BACK_OFF_NS
         self._report_gone(error, final=False)
-        # A dead camera is closed aside: that takes up to 10 s, and it may be back long before.
+        # A dead camera is closed on another thread: that takes up to 10 s, and it may be back long before.
         threading.Thread(target=camera.close, name=f"close-{self._side}", daemon=True).start()
 
     def _report_gone(self, error: AutoexposeError, final: bool) -> None:
-        """Report it, and rest before the next attempt."""
+        """Report it, and back off before the next attempt."""
         # An error's traceback would keep the camera from being freed.
         self._events.put(CameraGone(self._side, error.with_traceback(None), final))
         self._open_due_ns = math.inf if final else self._now_ns() + self._back_off_ns
         self._back_off_ns = min(2 * self._back_off_ns, _LONGEST_BACK_OFF_NS)
 
     def _end_frames(self) -> None:
-        """From here on no frame is reported."""
+        """From now on no frame is reported."""
         self._camera = None
         with self._taking:
             pass
@@ -242,17 +242,17 @@ class Supervisor:
         self._events.put(Written(self._side, setting, read_back, started_ns, self._now_ns()))
 
     def _latch_clock(self, camera: Camera) -> None:
-        """Also tells whether a silent camera still answers."""
+        """Also shows whether a silent camera still answers."""
         try:
             camera.latch_clock()
         except CameraLostError:
             raise
         except CameraError as error:
             if self._throttle.due("clock", self._now_ns()):
-                log.warning("%s camera: its clock was not read: %s", self._side, error)
+                log.warning("%s camera: its clock could not be read: %s", self._side, error)
         self._latch_due_ns = self._now_ns() + _CLOCK_PERIOD_NS
 
-    def _look(self) -> None:
+    def _want_check(self) -> None:
         with self.news:
-            self._trouble = True
+            self._check_wanted = True
             self.news.notify_all()

@@ -1,8 +1,8 @@
-"""The account of triggers: each ends as a pair, or lost for exactly one reason.
+"""The account of triggers: each becomes a pair, or is lost for exactly one reason.
 
-Triggers are not seen by the host. They are inferred from three things: the camera's frame counter (a gap means frames
-that were taken and did not arrive), the time stamps of frames (a gap in time without one in the counter means triggers
-that the camera did not take), and the trigger period (how many triggers an outage swallowed).
+The host does not see triggers. It infers them from the camera's frame counter (a gap means frames that were taken and
+did not arrive), the time stamps of frames (a gap in time without one in the counter means triggers that the camera did
+not take), and the trigger period (how many triggers an outage swallowed).
 """
 
 from __future__ import annotations
@@ -42,19 +42,19 @@ _BLAME: Final = (
     (Fate.STALE, LossReason.STALE),
     (Fate.SHUTDOWN, LossReason.SHUTDOWN),
 )
-"""Which fate names the loss when the two cameras met different ones; missing frames come last."""
+"""Which fate names the loss when the two cameras' fates differ; missing frames come last."""
 
 _SILENCE_PERIODS = 30
-"""A pause of this many periods on every camera, with no frame missing, is a trigger that stood still."""
+"""A pause of this many periods on every camera, with no frame missing, means that the trigger had stopped."""
 
 _HOLD_PERIODS = 8
 """A frame waits this long for a partner that is silent or coming back; it is handed out alone meanwhile."""
 
 _NEXT_PERIODS = 0.75
-"""Sooner after a frame on the grid there is no trigger: a frame between two could be paired with another instant's."""
+"""No trigger follows a frame on the grid sooner: a frame in between could be paired with another instant's."""
 
 _SURPLUS = -1
-"""Instead of a trigger's number."""
+"""In place of a trigger number, for a surplus frame."""
 
 _PATIENCE_PERIODS = 600
 """Triggers are kept open this long for a camera that answers but sends no frames; bounds the memory they take."""
@@ -69,15 +69,15 @@ class _Track:
     gap_fate: Fate = Fate.STARTUP  # what happened to triggers before the first frame of the next session
     frame_id: int = 0
     trigger: int = -1  # of the newest frame in this session
-    ready_ns: int | None = None  # since when it waits for its first frame; None: it is not open, or has had it
+    ready_ns: int | None = None  # since when it has waited for its first frame; None: not open, or it came
     alone: int = -1  # the newest trigger whose frame was handed out alone
 
 
 @dataclass(slots=True)
 class Tally:
-    """The balance: every trigger of the window is a pair or a loss. Times are of the host's CLOCK_MONOTONIC.
+    """The balance: every trigger of the window is a pair or a loss. Times are CLOCK_MONOTONIC.
 
-    `surplus_frames` came between the expected triggers and belong to none of them (a trigger that runs too fast).
+    `surplus_frames` came between the expected triggers and belong to none of them (the trigger runs too fast).
     """
 
     pairs: int = 0
@@ -102,7 +102,7 @@ class TriggerAccount:
     period_ns
         Nominal trigger period.
     opened_ns
-        Host time from which triggers count.
+        Host time from which triggers are counted.
     numbered_by
         "time" for triggered cameras; "frame_id" for a camera that runs freely and so misses no trigger of its own.
     """
@@ -128,7 +128,7 @@ class TriggerAccount:
         """Account for a frame; returns what is ready for control, oldest first.
 
         A pair counts as one when it is returned. While a camera is silent or gone, the frames of the other one are
-        returned alone, as pairs of one that count as nothing: should the partner come after all, the pair follows.
+        returned alone, as pairs of one that count as nothing: if the partner arrives after all, the pair follows.
         """
         return self._arrival(side, frame.frame_id, frame.host_time_ns, frame)
 
@@ -137,7 +137,7 @@ class TriggerAccount:
         return self._arrival(side, frame.frame_id, frame.host_time_ns, Fate.INCOMPLETE)
 
     def stale(self, side: Side, frame: Frame) -> list[StereoPair]:
-        """Account for a frame that nobody had time for."""
+        """Account for a frame that came when control was too far behind to use it."""
         return self._arrival(side, frame.frame_id, frame.host_time_ns, Fate.STALE)
 
     def ready(self, side: Side, now_ns: int) -> None:
@@ -162,7 +162,7 @@ class TriggerAccount:
         """Account for the triggers up to now that will never make a pair."""
         if self.grid is None and all(self._waits_in_vain(track, now_ns) for track in self._tracks.values()):
             return  # there never was a trigger
-        if self.grid is None:  # no frame ever told the phase, but n whole periods hold n triggers whatever it is
+        if self.grid is None:  # no frame ever showed the phase, but n whole periods hold n triggers whatever it is
             triggers = int((now_ns - self._opened_ns) // self._period_ns)
             self._open_grid(self._opened_ns + round(self._period_ns / 2), 0)
             last = triggers - 1
@@ -210,7 +210,7 @@ class TriggerAccount:
         return self._resolve() + self._release_lone()
 
     def _number(self, track: _Track, frame_id: int, time_ns: int | None) -> int | None:
-        """The trigger of a frame, or None when nothing tells it."""
+        """The trigger of a frame, or None if unknown."""
         if track.streaming and (time_ns is None or self._numbered_by == "frame_id"):
             return track.trigger + max(frame_id - track.frame_id, 0)
         if time_ns is None:
@@ -220,7 +220,7 @@ class TriggerAccount:
         if self.grid.off_phase(time_ns):
             if time_ns - self._on_grid_ns < _NEXT_PERIODS * self.grid.period_ns:
                 return _SURPLUS
-            self.grid.restart(time_ns)  # the trigger stood still, and goes on
+            self.grid.restart(time_ns)  # the trigger had stopped, and goes on
         self._on_grid_ns = max(self._on_grid_ns, time_ns)
         return self.grid.locate(time_ns)
 
@@ -250,7 +250,7 @@ class TriggerAccount:
         self._outcomes.settle(side, until, track.gap_fate)
 
     def _resolve(self) -> list[StereoPair]:
-        """Close the triggers of which every camera's outcome is known."""
+        """Close the triggers whose outcome is known for every camera."""
         pairs: list[StereoPair] = []
         for trigger, count, outcomes in self._outcomes.close():
             frames = {side: outcome for side, outcome in outcomes.items() if isinstance(outcome, Frame)}

@@ -1,4 +1,4 @@
-"""Whether frames are taken as was written: a camera may acknowledge, read back right, and expose as it likes."""
+"""Whether frames are taken with what was written: a camera may acknowledge a write, read it back and ignore it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ PATIENCE_NS = 500_000_000
 """The slowest camera reported takes 0.4 s from write to effect."""
 
 SUSPECT_FRAMES = 20
-"""So many in a row: a frame between the writing of time and gain, or one under way, is no sign."""
+"""This many in a row: single frames may fall between the writes of time and gain, or be under way."""
 
 
 class EffectWatch:
@@ -40,7 +40,7 @@ class EffectWatch:
         elif self._in_a_row == SUSPECT_FRAMES:
             self.frames_off_setting += SUSPECT_FRAMES
             self._trouble = (
-                f"its frames do not follow what is written: {held[0]} stands in its nodes, "
+                f"its frames do not follow what is written: its nodes hold {held[0]}, "
                 f"frames are taken with {frame.setting}; switch the camera off and on"
             )
         return self._trouble

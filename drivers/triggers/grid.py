@@ -4,14 +4,14 @@ from __future__ import annotations
 
 _PHASE_GAIN = 0.2  # follows clock latches (tens of us a second) within a few frames, averages their jitter
 _PERIOD_GAIN = 0.01  # an hour's outage must not cost a trigger at crystal precision, so the rate is averaged long
-_OFF_PHASE = 0.3  # of a period; a rate that is 5 % off keeps within 0.2
-_LARGEST_RATE_ERROR = 0.01  # what is further off is another rate and no tolerance
+_OFF_PHASE = 0.3  # of a period; a rate that is 5 % off stays within 0.2
+_LARGEST_RATE_ERROR = 0.01  # further off is another rate, not tolerance
 
 
 class TriggerGrid:
     """Numbers trigger times (host clock, ns): trigger n is expected at ``time_of(n)``.
 
-    The first time it is given becomes a trigger; further ones move its phase, and its period around the nominal one.
+    The first time given becomes a trigger; later ones adjust the phase, and the period around the nominal one.
     """
 
     def __init__(self, nominal_period_ns: float, first_time_ns: int, first_trigger: int = 0) -> None:
@@ -38,16 +38,16 @@ class TriggerGrid:
         return self._trigger + round((time_ns - self._time_ns) / self._period_ns)
 
     def off_phase(self, time_ns: int) -> bool:
-        """Whether `time_ns` lies between the triggers, nearer to the middle than any jitter brings it."""
+        """Whether `time_ns` lies between triggers, further off than jitter explains."""
         return abs(time_ns - self.time_of(self.locate(time_ns))) > _OFF_PHASE * self._period_ns
 
     def restart(self, time_ns: int) -> None:
-        """Triggers go on from `time_ns` in another phase: it becomes the trigger nearest to it."""
+        """Triggers resume at `time_ns` in another phase: that becomes the time of the trigger nearest to it."""
         self._trigger = self.locate(time_ns)
         self._time_ns = float(time_ns)
 
     def observe(self, trigger: int, time_ns: int) -> None:
-        """Learn that `trigger` was at `time_ns`; one that is older than the newest is of no use and ignored."""
+        """Learn that `trigger` was at `time_ns`; ignored if it is older than the newest."""
         elapsed = trigger - self._trigger
         if elapsed < 0:
             return

@@ -1,4 +1,4 @@
-"""What one camera was commanded and what its nodes held: which write made a frame."""
+"""One camera's commands and writes: which write made a frame."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from drivers.frames import Frame
 from drivers.rig.events import Written
 
 REMEMBERED = 128
-"""Writes: half a second at 200 Hz, which is longer than any camera reported takes from write to effect, and some."""
+"""Writes: more than half a second at 200 Hz, and no reported camera takes longer from write to effect."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -22,13 +22,13 @@ class Command:
     Attributes
     ----------
     setting
-        What the cameras are to take.
+        What to write to the cameras.
     arrival_ns
         When the last frame of the pair it was decided on arrived (CLOCK_MONOTONIC).
     decided_ns
         When it was decided on.
     due_ns
-        From when on it may be written; later than `decided_ns` where the write window holds it.
+        The earliest time to write it; later than `decided_ns` if the write window holds it back.
     """
 
     setting: ExposureSetting
@@ -38,7 +38,7 @@ class Command:
 
     @property
     def held(self) -> bool:
-        """Whether the write window holds it."""
+        """Whether the write window holds it back."""
         return self.due_ns > self.decided_ns
 
 
@@ -46,24 +46,24 @@ class WriteHistory:
     """The commands and writes of one camera, newest last. Times are CLOCK_MONOTONIC, in ns."""
 
     def __init__(self) -> None:
-        self._on_way: deque[Command] = deque(maxlen=REMEMBERED)  # to the nodes
-        self._unseen: deque[Command] = deque(maxlen=REMEMBERED)  # in any frame
+        self._in_flight: deque[Command] = deque(maxlen=REMEMBERED)
+        self._unseen: deque[Command] = deque(maxlen=REMEMBERED)  # not yet, in any frame
         self._seen: ExposureSetting | None = None  # in the newest frame that carries its own exposure metadata
         self._writes: deque[Written] = deque(maxlen=REMEMBERED)
-        self._certain = 0  # so many of the newest writes: before them the nodes may have held anything
+        self._certain = 0  # this many of the newest writes: before them the nodes may have held anything
 
     def command(self, command: Command) -> None:
         """A command is on its way to the camera."""
-        self._on_way.append(command)
+        self._in_flight.append(command)
         self._unseen.append(command)
 
     def write(self, write: Written) -> Command | None:
-        """The camera was written; returns the command behind it, None for the write when a camera is opened."""
+        """Enter a write; returns the command behind it, None for the write when a camera is opened."""
         self._writes.append(write)
         self._certain = min(self._certain + 1, REMEMBERED)
-        if not any(command.setting is write.asked for command in self._on_way):
+        if not any(command.setting is write.asked for command in self._in_flight):
             return None
-        while (command := self._on_way.popleft()).setting is not write.asked:
+        while (command := self._in_flight.popleft()).setting is not write.asked:
             pass  # replaced by a newer one before it was written
         return command
 
@@ -74,12 +74,12 @@ class WriteHistory:
     def gone(self) -> None:
         """The camera is lost: nothing is on its way to it, and its nodes are unknown until it is written."""
         self._certain = 0
-        self._on_way.clear()
+        self._in_flight.clear()
         self._unseen.clear()
         self._seen = None
 
     def read_back(self, asked: ExposureSetting) -> ExposureSetting | None:
-        """What the nodes held when this very setting was last written; None when it never was."""
+        """What the nodes held when this very setting was last written; None if it never was."""
         return next((write.read_back for write in reversed(self._writes) if write.asked is asked), None)
 
     @property
@@ -88,11 +88,11 @@ class WriteHistory:
         return [write.asked for write in reversed(self._writes)]
 
     def has_held(self, setting: ExposureSetting) -> bool:
-        """Whether the nodes ever held a setting, as far as is remembered."""
+        """Whether the nodes held a setting within the remembered writes."""
         return any(setting.agrees_with(write.read_back) for write in reversed(self._writes))
 
     def held_since(self, time_ns: int) -> list[ExposureSetting] | None:
-        """What the nodes have held from `time_ns` to now, newest first; None when that is not known for all of it."""
+        """What the nodes have held from `time_ns` to now, newest first; None if that is not known for all of it."""
         settings = []
         for write in islice(reversed(self._writes), self._certain):
             settings.append(write.read_back)
@@ -104,14 +104,14 @@ class WriteHistory:
         """How long after the decision this frame was exposed, if it is the first to show a new setting.
 
         A frame shows the command nearest to its own setting, of those decided on before its exposure, unless the
-        setting shown last is as near: so a setting that a newer one overtook is not taken for that, nor is a step too
-        small for the camera. None for a frame without exposure metadata.
+        setting shown last is as near: so neither an overtaken setting nor a step too small for the camera is mistaken
+        for an effect. None for a frame without exposure metadata.
         """
         if frame.setting_source != "chunk":
             return None
         seen, self._seen = self._seen, frame.setting
         candidates = [
-            (_stops_apart(frame.setting, command.setting), command.decided_ns)  # of equally near ones the oldest
+            (_stops_apart(frame.setting, command.setting), command.decided_ns)  # if equally near, the oldest
             for command in self._unseen
             if command.decided_ns < frame.host_time_ns and frame.setting.agrees_with(command.setting)
         ]
@@ -126,6 +126,6 @@ class WriteHistory:
 
 
 def _stops_apart(one: ExposureSetting, other: ExposureSetting) -> float:
-    """How far two settings are apart in time and gain, each for itself (stops)."""
+    """How far apart two settings are: the differences of time and gain, added (stops)."""
     time_stops = abs(math.log2(one.exposure_time_us / other.exposure_time_us))
     return time_stops + abs(one.gain_db - other.gain_db) / DB_PER_STOP

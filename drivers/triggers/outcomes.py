@@ -11,13 +11,13 @@ from drivers.frames import Frame, Side
 
 
 class Fate(StrEnum):
-    """What became of a trigger at one camera, when it is not a frame."""
+    """What became of a trigger at one camera, if not a frame."""
 
     STARTUP = "startup"
     MISSING = "missing"
     INCOMPLETE = "incomplete"
     IGNORED = "ignored"
-    SILENT = "silent"  # nothing for long, and no frame missing from the counter: ignored, or there was no trigger
+    SILENT = "silent"  # nothing for long, and no gap in the frame counter: ignored, or there was no trigger
     GONE = "gone"
     STALE = "stale"
     TAKEN = "taken"  # a good frame whose partner did not come in time
@@ -29,14 +29,14 @@ Outcome = Frame | Fate
 
 @dataclass(slots=True)
 class Run:
-    """Triggers, up to `until` and without it, that met one outcome at a camera; a frame is one of its own."""
+    """Consecutive triggers, up to but excluding `until`, with one outcome at a camera; each frame is its own run."""
 
     until: int
     outcome: Outcome
 
 
 class Outcomes:
-    """The outcomes that some camera still lacks. A night without triggers takes no more room than one without one.
+    """Outcomes of triggers not yet known for every camera. A night without triggers takes no more memory than one.
 
     Attributes
     ----------
@@ -64,7 +64,7 @@ class Outcomes:
             runs.append(Run(until, outcome))
 
     def close(self) -> Iterator[tuple[int, int, dict[Side, Outcome]]]:
-        """Forget what is known of every camera, oldest first: last trigger and number of triggers alike, outcomes."""
+        """Remove what is known for every camera, oldest first: last trigger, number of like triggers, outcomes."""
         while all(self._runs.values()):
             until = min([runs[0].until for runs in self._runs.values()])
             outcomes = {side: runs[0].outcome for side, runs in self._runs.items()}
@@ -75,7 +75,7 @@ class Outcomes:
             yield until - 1, count, outcomes
 
     def waiting(self, since: int) -> list[tuple[Side, Run]]:
-        """The frames of triggers from `since` on of which another camera has no outcome, oldest first."""
+        """The frames of triggers from `since` on for which another camera has no outcome yet, oldest first."""
         ahead = max(self.settled, key=self.settled.__getitem__)
         since = max(since, min(self.settled.values()))
         frames: list[tuple[Side, Run]] = []

@@ -1,4 +1,4 @@
-"""Whether the cameras start as many frames as they are triggered for, all along."""
+"""Whether the cameras keep starting frames at the trigger rate."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from dataclasses import dataclass, field
 from drivers.frames import Frame, Side
 
 JUDGED_FRAMES = 30
-"""Of one window: its mean is within 0.2 % where triggers lie on a grid of milliseconds (17, 17, 16 ms are 60 Hz)."""
+"""Per window: its mean is within 0.2 % where triggers lie on a grid of milliseconds (17, 17, 16 ms are 60 Hz)."""
 
 RATE_TOLERANCE = 0.01
-"""By so much a rate may be off. One found wrong is right again at half of it, so that no verdict comes and goes."""
+"""How far a rate may be off. A wrong one is right again at half of this, so that verdicts do not flicker."""
 
 
 def mean_period_ns(periods_ns: Sequence[float]) -> float:
-    """The period of frames whose times scatter; a pause, a clock that jumps and a gap of lost frames are left out."""
+    """The mean period of frames whose times scatter, without pauses, clock jumps and gaps of lost frames."""
     typical_ns = statistics.median_high(periods_ns)
     near_ns = [period_ns for period_ns in periods_ns if abs(period_ns - typical_ns) <= 0.75 * abs(typical_ns)]
     return max(statistics.fmean(near_ns), 1.0)
@@ -26,13 +26,13 @@ def mean_period_ns(periods_ns: Sequence[float]) -> float:
 def wrong_rate(
     period_ns: float, rate_hz: float, triggered: bool = True, tolerance: float = RATE_TOLERANCE
 ) -> str | None:
-    """What is wrong with a camera that starts a frame every `period_ns`, with what to look at; None for nothing."""
+    """What is wrong with a camera that starts a frame every `period_ns`, and what to check; None: nothing."""
     periods = period_ns * 1e-9 * rate_hz
     if abs(periods - 1.0) <= tolerance:
         return None
     seen = f"starts {1e9 / period_ns:.1f} frames a second where trigger.rate_hz is {rate_hz:g}"
     if not triggered:
-        return f"{seen}: it does not run as it was told"
+        return f"{seen}: it does not keep its configured rate"
     if round(periods) > 1 and abs(periods / round(periods) - 1.0) <= RATE_TOLERANCE:
         return f"{seen}: check the trigger source, and that exposure and readout fit into one period"
     return f"{seen}: check the trigger source, or configure its rate"
@@ -40,7 +40,7 @@ def wrong_rate(
 
 @dataclass(slots=True)
 class _Course:
-    """Of one camera: its last frame, the window under way, the mean of the one before, the verdict and on what mean."""
+    """One camera's last frame, current window, mean of the window before, verdict, and the mean behind it."""
 
     frame_id: int
     time_ns: int
@@ -50,10 +50,10 @@ class _Course:
     judged_ns: float = 0.0
 
     def judge(self, rate_hz: float, triggered: bool) -> None:
-        """Close a window: a verdict rests on two in a row that agree, and stays while the rate is as good as the same.
+        """Close a window: a verdict rests on two in a row that agree, and stays while the rate hardly changes.
 
-        A time stamp a little off makes one window longer and the next one shorter, and a change of rate within a window
-        makes one that is like neither of its neighbours.
+        A time stamp that is a little off lengthens one window and shortens the next, and a window in which the rate
+        changes agrees with neither neighbour.
         """
         former_ns, self.window_ns = self.window_ns, mean_period_ns(self.periods_ns)
         self.periods_ns.clear()
@@ -102,5 +102,5 @@ class RateWatch:
         return course.trouble
 
     def gone(self, side: Side) -> None:
-        """The camera is lost: when it is back, its frames are counted afresh."""
+        """The camera is lost: its frames are counted afresh when it returns."""
         self._courses.pop(side, None)

@@ -17,7 +17,7 @@ from drivers.triggers.writes import RigWrites
 
 
 class RigRecord:
-    """Takes the events of a rig, in their order, and returns stereo pairs. Times are CLOCK_MONOTONIC, in ns.
+    """Takes the events of a rig, in order, and returns stereo pairs. Times are CLOCK_MONOTONIC, in ns.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ class RigRecord:
     rate_hz
         Rate of the triggers, as configured.
     opened_ns
-        From when on triggers count.
+        The time from which triggers are counted.
     """
 
     def __init__(
@@ -98,7 +98,7 @@ class RigRecord:
         return command
 
     def mismatched(self, pair: StereoPair) -> bool:
-        """Whether left and right differ, or a frame was taken with a setting that no camera ever held as a whole."""
+        """Whether left and right differ, or a frame was taken with a setting that no camera ever held completely."""
         return self._writes.mismatched(pair)
 
     def explains_mismatch(self, pair: StereoPair) -> bool:

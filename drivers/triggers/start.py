@@ -1,4 +1,4 @@
-"""What the first frames of a rig tell about its wiring."""
+"""What the first frames of a rig reveal about its wiring."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from drivers.frames import Side
 from drivers.triggers.rate import mean_period_ns, wrong_rate
 
 PATIENCE_NS = 3_000_000_000
-"""Cameras that wait for triggers this long, and get none, have no trigger."""
+"""Cameras that have waited this long have no trigger."""
 
 JUDGED_FRAMES = 20
-"""Of each camera: what is made of them does not mind a lost frame or two."""
+"""Per camera: enough for a verdict that a lost frame or two does not change."""
 
 SKEW_TOLERANCE = 0.1
-"""Part of a period by which left and right may start apart; one trigger wire makes a few microseconds."""
+"""Part of a period by which left and right may start apart; on one trigger wire it is a few microseconds."""
 
 
 class StartCheck:
-    """Looks whether pulses arrive, and whether left and right start together.
+    """Checks that pulses arrive, and that left and right start together.
 
-    Times are of the host's clock, in ns. Each finding is one sentence, given once.
+    Times are CLOCK_MONOTONIC, in ns. Each finding is one sentence, given once.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ class StartCheck:
         self._rate_hz = rate_hz
         self._ready_ns: dict[Side, int] = {}
         self._times_ns: dict[Side, list[int]] = {side: [] for side in lines}
-        self._said: set[str] = set()
+        self._reported: set[str] = set()
         self._done = False
 
     def ready(self, side: Side, now_ns: int) -> None:
@@ -53,12 +53,12 @@ class StartCheck:
             times_ns.append(time_ns)
 
     def findings(self, now_ns: int) -> list[str]:
-        """What is wrong, and what to look at on the robot; only what has not been said before."""
+        """What is wrong, and what to check on the robot; each finding only once."""
         if self._done:
             return []
         self._done = all(len(times_ns) == JUDGED_FRAMES for times_ns in self._times_ns.values())
-        new = [finding for finding in self._all(now_ns) if finding not in self._said]
-        self._said.update(new)
+        new = [finding for finding in self._all(now_ns) if finding not in self._reported]
+        self._reported.update(new)
         return new
 
     def _all(self, now_ns: int) -> Iterator[str]:
@@ -93,6 +93,6 @@ class StartCheck:
         skew_ns = statistics.median(skews_ns)
         if skew_ns > SKEW_TOLERANCE * period_ns:
             yield (
-                f"left and right start {skew_ns * 1e-6:.1f} ms apart: check that both hang on the same trigger, and "
+                f"left and right start {skew_ns * 1e-6:.1f} ms apart: check that both share one trigger, and "
                 "that neither has a TriggerDelay or triggers on another edge"
             )

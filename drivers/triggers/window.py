@@ -1,4 +1,4 @@
-"""When to write, so that both cameras show it in the frame of the same trigger."""
+"""When to write a setting, so that both cameras show it in the frame of the same trigger."""
 
 from __future__ import annotations
 
@@ -8,20 +8,20 @@ from drivers.triggers.grid import TriggerGrid
 
 LONGEST_GUARD_NS = 5_000_000
 LONGEST_GUARD_PERIODS = 0.3
-"""The guard before an exposure grows no longer: there must be time left to write in."""
+"""The guard before an exposure never exceeds these: there must be time left to write."""
 MARGIN_NS = 500_000
 """Kept on either side of the expected start of an exposure: clock latches are good to 0.1 ms, the grid to as much."""
 LEAST_WRITES = 512
-"""Fewer say too little of the slowest one in a hundred, which the guard is for."""
+"""Fewer say too little about the slowest one in a hundred, which the guard must cover."""
 REMEMBERED_WRITES = 2048
-"""Of both cameras: 17 s when every frame is followed by one."""
+"""For both cameras together: 17 s at one per frame."""
 
 
 class WriteWindow:
     """Finds the moment for each write.
 
     Nothing is written so close before the start of an exposure that one camera, or one node, might miss it. How close
-    that is follows from the slowest of the recent writes; as long as there are few, it is `LONGEST_GUARD_NS`.
+    that is follows from the slowest of the recent writes; while there are few, it is `LONGEST_GUARD_NS`.
     """
 
     def __init__(self) -> None:
@@ -29,7 +29,7 @@ class WriteWindow:
         self._guard_ns = LONGEST_GUARD_NS
 
     def took(self, duration_ns: int) -> None:
-        """A write that was not held took so long, from `next_ns` until one camera had read it back."""
+        """Note how long a write took that was not held, from `next_ns` to one camera's read-back."""
         self._recent_ns.append(duration_ns)
         if len(self._recent_ns) >= LEAST_WRITES:
             self._guard_ns = min(max(self._recent_ns) + MARGIN_NS, LONGEST_GUARD_NS)

@@ -1,4 +1,4 @@
-"""The writes of a rig: a history for each camera, and whether all of a setting lay between the same two exposures."""
+"""The writes of a rig: a history per camera, and whether a setting was written whole between the same two exposures."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from drivers.triggers.grid import TriggerGrid
 from drivers.triggers.history import Command, WriteHistory
 
 CLOCK_NS = 250_000
-"""By how much an exposure may start earlier or later than its grid says; less than writes keep away from it."""
+"""How much earlier or later than the grid says an exposure may start; writes keep further away from it than that."""
 
 EFFECT_TRIGGERS = 4
 """A camera shows a write at the next exposure or, where it works ahead, up to this many later."""
 
 
 class RigWrites:
-    """Keeps the writes of a rig. A setting is late when an exposure of any camera started before all was written.
+    """Keeps the writes of a rig. A setting is late if an exposure of any camera started before all of it was written.
 
     Attributes
     ----------
     histories
-        Of each camera.
+        One per camera.
     late
         Settings that were late: for a frame or so, left and right may differ, or a camera may hold half of one.
     """
@@ -88,8 +88,8 @@ class RigWrites:
     def explains(self, pair: StereoPair) -> bool:
         """Whether it is known why a pair is mismatched.
 
-        Because a setting was late, because not every camera has it yet, or because the cameras took different ones of
-        the same that was asked for, as their nodes said.
+        A setting was late, or not every camera has it yet, or the cameras made different settings of the same request,
+        as their nodes said.
         """
         if pair.trigger <= self._late_until or (self._missing and pair.trigger > self._started_trigger):
             return True

@@ -176,7 +176,7 @@ def test_transfer_stalled(run: Run, caplog: pytest.LogCaptureFixture) -> None:
         run.left.inject(Fault.STALL)
         wait_for_state(run, "degraded: no frames from the left camera")
         wait_for_state(run, "degraded: left camera gone")
-        told = f"left camera: camera {run.left.serial} sends no frames while the other one does; it is opened anew"
+        told = f"left camera: camera {run.left.serial} sends no frames while the other one does; it is reopened"
         run.wait_until(lambda: told in caplog.text, told)
     assert new["reconnects"] == 1
 
@@ -184,7 +184,7 @@ def test_transfer_stalled(run: Run, caplog: pytest.LogCaptureFixture) -> None:
 def test_chunk_missing(run: Run) -> None:
     with only(run, "frames_without_exposure_metadata", "incomplete") as new:
         run.left.inject(Fault.NO_CHUNKS, count=40)
-        told = "all its frames arrive incomplete" if ON_USB else "its frames do not say any more how they were taken"
+        told = "all its frames arrive incomplete" if ON_USB else "its frames no longer say how they were taken"
         wait_for_state(run, f"degraded: left camera: {told}")
     lost = "incomplete" if ON_USB else "frames_without_exposure_metadata"  # USB sends whole payloads
     assert new[lost] == pytest.approx(40, abs=NOISE)
@@ -193,7 +193,7 @@ def test_chunk_missing(run: Run) -> None:
 def test_chunks_that_are_no_numbers(run: Run) -> None:
     with only(run, "frames_without_exposure_metadata") as new:
         run.left.inject(Fault.NAN_CHUNKS, count=40)
-        wait_for_state(run, "degraded: left camera: its frames do not say any more how they were taken")
+        wait_for_state(run, "degraded: left camera: its frames no longer say how they were taken")
     assert new["frames_without_exposure_metadata"] == pytest.approx(40, abs=NOISE)
 
 
@@ -233,7 +233,7 @@ def test_exposure_frozen(run: Run) -> None:
         ask(run, 500)
         wait_for_state(
             run,
-            "degraded: left camera: its frames do not follow what is written: 500 us, 0.0 dB stands in its nodes, "
+            "degraded: left camera: its frames do not follow what is written: its nodes hold 500 us, 0.0 dB, "
             "frames are taken with 2000 us, 0.0 dB",
         )
         wait_for_taken(run, 500)

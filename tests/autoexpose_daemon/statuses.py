@@ -62,7 +62,7 @@ EXPOSING = Status(
     command_to_effect_ms=DURATIONS,
     publishing=PublishStatus(432_000, 431_990, {"behind": 10}, "", {"slam": ConsumerTally(400_000, 12, 8, 4, 0)}),
     recorder=RecorderStatus(1000, 11, None),
-    faults=(Fault(1.7e9, "WARNING", "right camera: no frames; asking whether it is there"),),
+    faults=(Fault(1.7e9, "WARNING", "right camera: no frames; checking that it answers"),),
     imu=ImuTally(1_440_000, 17, 0.75),
 )
 """All is well, and every number is different."""

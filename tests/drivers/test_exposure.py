@@ -31,7 +31,7 @@ def test_a_continuous_camera_realises_every_level_within_its_limits(level: float
 
 
 @given(st.floats(4.5, 17.8), st.floats(1, 1e4), st.floats(0.5, 12.0))
-def test_what_the_increment_of_time_leaves_is_handed_to_the_gain(level: float, time_us: float, step: float) -> None:
+def test_what_the_increment_of_time_leaves_over_goes_to_the_gain(level: float, time_us: float, step: float) -> None:
     limits = ExposureLimits(20.0, 7500.0, 0.0, 30.0, time_step_us=step)
     setting = limits.realise(level, time_us)
     steps = (setting.exposure_time_us - 20.0) / step
@@ -53,7 +53,7 @@ def test_a_time_on_the_grid_is_kept() -> None:
 
 
 @given(st.floats(4.5, 17.8), st.floats(20, 7500))
-def test_steps_of_gain_are_kept_and_made_good_by_time(level: float, time_us: float) -> None:
+def test_steps_of_gain_are_kept_and_compensated_by_time(level: float, time_us: float) -> None:
     limits = ExposureLimits(20.0, 7500.0, 0.0, 30.0, gain_step_db=0.5)
     setting = limits.realise(level, time_us)
     assert (2 * setting.gain_db) == pytest.approx(round(2 * setting.gain_db))
@@ -61,7 +61,7 @@ def test_steps_of_gain_are_kept_and_made_good_by_time(level: float, time_us: flo
 
 
 @pytest.mark.parametrize("limits", [(0, 10, 0, 1), (20, 10, 0, 1), (10, 20, 5, 1), (-1, 20, 0, 1)])
-def test_limits_that_leave_nothing_are_refused(limits: tuple[float, float, float, float]) -> None:
+def test_empty_limits_are_refused(limits: tuple[float, float, float, float]) -> None:
     with pytest.raises(ConfigurationError, match="leave no"):
         ExposureLimits(*limits)
 
@@ -80,7 +80,7 @@ def test_cut_limits_keep_the_grid_of_the_camera(least: float, step: float, level
     assert 20.0 <= setting.exposure_time_us <= 7500.0
 
 
-def test_settings_agree_but_for_the_rounding_of_cameras() -> None:
+def test_settings_agree_within_the_rounding_of_cameras() -> None:
     setting = ExposureSetting(1000.0, 10.0)
     assert setting.agrees_with(ExposureSetting(1005.0, 10.05))
     assert not setting.agrees_with(ExposureSetting(1020.0, 10.0))

@@ -17,7 +17,7 @@ from tests.soak.rig import LONGEST_REST_NS, RATE_HZ, VirtualRig
 from tests.soak.wire import Wire
 
 STUCK_FRAMES = 180
-"""After three seconds a camera that sends nothing while the other one does is opened anew."""
+"""After three seconds a camera that sends nothing while the other one does is reopened."""
 
 NO_PAIRS = "frames form no stereo pairs"
 """Also said for a moment when frames come again, between the first one and its partner."""
@@ -163,7 +163,7 @@ def triggers_ignored(script: Script) -> Expected:
     device.ignore = triggers = round(script.duration_ns(0.01, 14.0) / SECOND * RATE_HZ) + 1
     says = f"no frames from the {device.side} camera" if triggers > 2 * RATE_HZ else None
     may_say, counts = no_frames(device), {}
-    if triggers > STUCK_FRAMES:  # it is opened anew, and what it ignored before counts as lost by that
+    if triggers > STUCK_FRAMES:  # it is reopened, and what it ignored before counts as lost by that
         may_say = (*may_say, f"{device.side} camera gone")
         counts = OVERTAKEN | {"reconnects": (0, 2), "camera_gone": (0, triggers), "trigger_ignored": (-triggers, 0)}
     return Expected(periods_ns(triggers), says, may_say, counts)

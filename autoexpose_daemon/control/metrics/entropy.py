@@ -1,4 +1,4 @@
-"""Image entropy, and the entropy of single grey levels, which other metrics weigh pixels by."""
+"""Image entropy, and the entropy of single grey levels, by which other metrics weigh pixels."""
 
 from __future__ import annotations
 
@@ -36,6 +36,6 @@ def grey_entropies(shares: NDArray[np.float64]) -> NDArray[np.float64]:
 def entropy(image: NDArray[np.uint8], weights: NDArray[np.uint8] | None = None) -> float:
     """M_e, the entropy of the histogram in bits, 0 to 8 (Begin & Hunter 2022, eq. 2, after Lu et al. 2010).
 
-    Parameters as of `grey_shares`.
+    Parameters as for `grey_shares`.
     """
     return float(grey_entropies(grey_shares(image, weights)).sum())

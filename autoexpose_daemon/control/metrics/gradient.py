@@ -16,7 +16,7 @@ except ImportError:  # installed without a C compiler
     _native = None  # type: ignore[assignment]
 
 _TABLES_PER_WORD = 4
-"""One look-up fetches a pixel under four predictions at once, as one int32: as fast as fetching one of them."""
+"""One look-up fetches a pixel under four predictions at once, as one int32, as fast as a single one."""
 
 _TABLES_PER_LONG_WORD = 8
 """Likewise for the C extension, in words of 64 bits."""
@@ -38,22 +38,22 @@ class GradientMetric:
 
     The gradient magnitude is that of an unnormalised 3x3 Sobel on grey levels 0..255, rounded, clipped to 255 and
     divided by 255. So delta = 0.30 means 76.5 Sobel units rather than 0.30 of the steepest possible edge: the paper's
-    code does it this way, and its numbers hold only so. Borders are mirrored. M_g is the mean over pixels, hence 0..1
+    code does it this way, and its numbers depend on it. Borders are mirrored. M_g is the mean over pixels, hence 0..1
     at any resolution; with weights, the weighted mean.
 
-    Works in buffers of its own that are kept while the size of the images stays the same.
+    Keeps its buffers while the size of the images stays the same.
 
     Parameters
     ----------
     delta, lambda_
-        Of `gradient_weights`.
+        As for `gradient_weights`.
     native
-        Whether the C extension does the work, which gives the same numbers sooner; None: when it is built.
+        Whether to use the C extension, which gives the same numbers faster; None: if it is built.
 
     Raises
     ------
     ValueError
-        When the C extension is asked for but not built.
+        When the C extension is requested but not built.
     """
 
     def __init__(self, delta: float = 0.30, lambda_: float = 1000.0, native: bool | None = None) -> None:
@@ -91,7 +91,7 @@ class GradientMetric:
         return metrics / _full_information(image, weights)
 
     def _sum(self, image: NDArray[np.uint8], weights: NDArray[np.uint8] | None) -> int:
-        """What C does in one pass, call by call: sum of 0..255 per pixel, times its weight."""
+        """What the C extension does in one pass, call by call: sum of 0..255 per pixel, times its weight."""
         self._fit_buffers(image)
         cv2.spatialGradient(image, self._dx, self._dy)
         np.copyto(self._x, self._dx)
@@ -126,7 +126,7 @@ class PackedTables:
 
 
 def _pack(tables: NDArray[np.uint8], tables_per_word: int) -> NDArray[np.uint8]:
-    """Tables side by side, shape (words, 256, tables_per_word); the last word is filled up with zeros."""
+    """Tables side by side, shape (words, 256, tables_per_word); the last word is padded with zeros."""
     groups = -(-len(tables) // tables_per_word)
     padded = np.zeros((groups * tables_per_word, GREY_LEVELS), np.uint8)
     padded[: len(tables)] = tables
@@ -134,7 +134,7 @@ def _pack(tables: NDArray[np.uint8], tables_per_word: int) -> NDArray[np.uint8]:
 
 
 def _full_information(image: NDArray[np.uint8], weights: NDArray[np.uint8] | None) -> float:
-    """The sum if every pixel held all the information there can be."""
+    """The sum if every pixel held the greatest information."""
     return 255.0 * (image.size if weights is None else cv2.sumElems(weights)[0])
 
 
@@ -164,7 +164,7 @@ EXTREME_MARGIN = 0.01
 
 
 class ExtremeShares:
-    """The shares of an image that hold no information: saturated and black pixels.
+    """The shares of an image without information: saturated and black pixels.
 
     Attributes
     ----------

@@ -13,17 +13,17 @@ from calibration.response import GREY_LEVELS, ResponseFunction
 
 SOFT_PERCENTILE = 0.7
 SOFT_ORDER = 5
-"""p and k of the weights, as the authors' published code sets them."""
+"""p and k of the weights, as in the authors' published code."""
 
 SATURATED_FROM = 0.988
-"""Share of full scale from which on a pixel counts as overexposed: grey 252 of 255 in the authors' code."""
+"""Share of full scale from which a pixel counts as overexposed: grey 252 of 255 in the authors' code."""
 
 OVEREXPOSED_FACTOR = -3.0
 OVEREXPOSED_FLOOR = 0.5
 """An overexposed pixel has lost its own derivative; it counts as one that loses gradient with exposure."""
 
 _SCHARR_SCALE = 1 / 32
-"""Makes Scharr the gradient in grey levels per pixel, as in the authors' code."""
+"""Scales Scharr to the gradient in grey levels per pixel, as in the authors' code."""
 
 
 def gradient_magnitude(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -37,7 +37,7 @@ def gradient_magnitude(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def median_gradient(image: NDArray[np.uint8], weights: NDArray[np.uint8] | None = None) -> float:
-    """Median of the gradient magnitude m_i, 0..1: of an even number of pixels the lower one (B&H section 3.1).
+    """Median of the gradient magnitude m_i, 0..1: the lower one for an even number of pixels (B&H section 3.1).
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def median_gradient(image: NDArray[np.uint8], weights: NDArray[np.uint8] | None 
 
 
 class SoftPercentile:
-    """A percentile of the squared gradient that can be differentiated by exposure (Zhang et al. 2017).
+    """A percentile of the squared gradient with a derivative by exposure (Zhang et al. 2017).
 
     ``M = sum_i W_i G_(i)`` over the squared gradients G in ascending order, i = 1..S, with
 
@@ -81,7 +81,7 @@ class SoftPercentile:
         return _weighted(self._rank_weights(order, weights), squared.ravel()[order])
 
     def derivative(self, image: NDArray[np.uint8], weights: NDArray[np.uint8] | None = None) -> tuple[float, float]:
-        """(M, dM/dE): the soft percentile and its change per stop, the order of pixels kept.
+        """(M, dM/dE): the soft percentile and its change per stop, for the same order of pixels.
 
         ``dG/dE = 2 (I_x J_x + I_y J_y)`` with J = dI/dE = f'(f^-1(I)) of the response function. Of an overexposed
         pixel it is at most -1.5.

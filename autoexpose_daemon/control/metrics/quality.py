@@ -1,4 +1,4 @@
-"""Image quality with an eye on noise: the noise estimate and the combined metric of Shin et al. 2019."""
+"""Image quality including noise: the noise estimate and the combined metric of Shin et al. 2019."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from calibration.response import GREY_LEVELS
 
 HOMOGENEOUS_SHARE = 0.10
 DARKEST_GREY, BRIGHTEST_GREY = 15, 235
-"""H and U of eq. (13): the tenth of the pixels with the least gradient, grey levels that neither end cuts."""
+"""H and U of eq. (13): the tenth of the pixels with the least gradient, and unclipped grey levels."""
 
 FEWEST_PIXELS = 10
 UNKNOWN_NOISE = 20.0
-"""An image with fewer such pixels is black or white; it counts as very noisy, so that the search leaves it."""
+"""An image with fewer such pixels is black or white; it counts as very noisy, to drive the search away."""
 
 GRADIENT_SHARE, NOISE_SHARE = 0.4, 0.4
 """alpha and beta of eq. (14), as in Begin & Hunter 2022."""
@@ -28,16 +28,16 @@ GRID = 10
 """Cells in each direction for s_g of eq. (14)."""
 
 ENTROPY_SCALE = 8.0
-"""Bits of an 8-bit image: the entropy of eq. (14) counts from 0 to 1."""
+"""Bits of an 8-bit image: the entropy of eq. (14) is scaled to 0..1."""
 
 # The difference of two Laplacians, scaled such that white noise keeps its standard deviation.
 _IMMERKAER = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32) / 6
 
 
 def noise_level(image: NDArray[np.uint8], weights: NDArray[np.uint8] | None = None) -> float:
-    """sigma_noise of eq. (13), in grey levels, 20 when hardly a pixel is homogeneous and unsaturated.
+    """sigma_noise of eq. (13), in grey levels; 20 if hardly a pixel is homogeneous and unsaturated.
 
-    The kernel M is Immerkaer's with its factor of 1/6, without which sigma is not that of the noise. Thresholds are
+    The kernel M is Immerkaer's with its factor of 1/6, without which sigma is not the noise's. Thresholds are
     those of Shin's published code. A prepared image has been averaged and median-filtered: this is the noise of that
     image, much less than the camera's.
 
@@ -64,12 +64,12 @@ def gradient_uniformity(
 ) -> float:
     """M_g / s_g of eq. (14): mean gradient information over its standard deviation between the cells of a 10x10 grid.
 
-    0 for an image without gradient. Cells without weight are left out; a cell that ends within a pixel has its part.
+    0 for an image without gradient. Cells without weight are left out; border pixels are shared between cells.
 
     Parameters
     ----------
     image, weights
-        As of `noise_level`.
+        As for `noise_level`.
     information
         The gradient information of each magnitude, `gradient_weights(delta, lambda)`.
     """
@@ -90,7 +90,7 @@ def gradient_uniformity(
 class CombinedQuality:
     """``M_q = alpha M_g / s_g + (1 - alpha) M_e - beta sigma_noise`` (eq. 14, Shin et al. 2019).
 
-    The equation leaves scales open; they are those of Shin's published code: M_g is the mean of the cells that s_g is
+    The equation leaves scales open; these are from Shin's published code: M_g is the mean of the cells that s_g is
     the deviation of, M_e is divided by 8 bits, sigma_noise is in grey levels. Their delta of 0.06 belongs to gradients
     normalised by the steepest possible one and is 87 Sobel units; 0.30 as `GradientMetric` counts is 77.
     """
@@ -99,7 +99,7 @@ class CombinedQuality:
         self._information = gradient_weights(delta, lambda_)
 
     def measure(self, image: NDArray[np.uint8], weights: NDArray[np.uint8] | None = None) -> float:
-        """M_q; parameters as of `noise_level`."""
+        """M_q; parameters as for `noise_level`."""
         uniformity = gradient_uniformity(image, self._information, weights)
         brightness = entropy(image, weights) / ENTROPY_SCALE
         return (

@@ -10,7 +10,7 @@
 #include <arm_neon.h>
 #endif
 
-enum { BLOCK = 64 }; /* bytes worked on at once */
+enum { BLOCK = 64 }; /* bytes processed at once */
 
 /* Three rows, each `bytes` long, with their mirrored neighbours before and after, and room for the derivatives of the
  * middle one. The rows are readable from one block before to one block after their own blocks; the derivatives start
@@ -27,7 +27,7 @@ typedef struct {
     int least;                  /* smallest magnitude with a weight */
 } Weights;
 
-/* Magnitudes of a block to their weights, in place; likewise information_avx2 and so on. */
+/* Replaces the magnitudes of a block by their weights; likewise information_avx2 and so on. */
 static inline void information_scalar(const Weights *weights, uint8_t *block)
 {
     for (int i = 0; i < BLOCK; i++)
@@ -44,8 +44,8 @@ static inline void information_scalar(const Weights *weights, uint8_t *block)
 
 #if defined(__x86_64__)
 
-/* A shuffle looks up one sixteenth of the table, and gives 0 where the index is negative. Lowering the index by 16 each
- * time leaves the sixteenths up to the right one in play; what they hold are changes, which add up to the entry. */
+/* A shuffle looks up one sixteenth of the table, and gives 0 where the index is negative. With the index
+ * lowered by 16 each time, the sixteenths up to the right one respond; their entries are differences, to be summed. */
 __attribute__((target("avx2"))) static inline void information_avx2(const Weights *weights, uint8_t *block)
 {
     const __m256i step = _mm256_set1_epi8(16), half = _mm256_set1_epi8((char)128);
@@ -100,7 +100,7 @@ TARGET static inline void information_avx512(const Weights *weights, uint8_t *bl
 
 #elif defined(__aarch64__)
 
-/* A look-up of 64 entries leaves alone what lies beyond them; so four of them, the index lowered by 64 each time. */
+/* A look-up of 64 entries ignores indices beyond them; so four of them, with the index lowered by 64 each time. */
 static inline void information_neon(const Weights *weights, uint8_t *block)
 {
     for (int i = 0; i < BLOCK; i += 16) {
@@ -139,7 +139,7 @@ static void look_up_row(const Image *image, size_t y, const uint8_t *words, uint
     memcpy(row + width * step, row + (width - 2) * step, step);
 }
 
-/* One row of weights, each as often as its pixel has bytes. */
+/* One row of weights, each repeated for every byte of its pixel. */
 static void spread_region_row(const Image *region, size_t y, size_t step, uint8_t *row)
 {
     const uint8_t *pixel = region->data + (ptrdiff_t)y * region->row_step;

@@ -19,9 +19,9 @@ typedef struct {
 } Image;
 
 /* sums[lane] = sum over pixels of region * weights[m], m the rounded Sobel magnitude (at most 255, borders mirrored)
- * of the image seen through table `lane`: words[8 * grey + lane]. With words == NULL the image is taken as
- * it is, and sums[0] alone counts. With region == NULL every pixel counts once; else region has the image's size.
- * Returns 0, or -1 without memory. */
+ * of the image seen through table `lane`: words[8 * grey + lane]. With words == NULL the image is used as
+ * it is, and only sums[0] is valid. With region == NULL every pixel counts once; else region has the image's size.
+ * Returns 0, or -1 if out of memory. */
 typedef int GradientSums(const Image *image, const Image *region, const uint8_t *words, const uint8_t *weights,
                          uint64_t sums[LANES]);
 
@@ -30,7 +30,7 @@ typedef struct {
     GradientSums *sums;
 } InstructionSet;
 
-/* Those that this processor has, best first; the end has no name. All give the same sums. The first call must be over
+/* Those that this processor has, best first; the end has no name. All give the same sums. The first call must return
  * before another thread calls. */
 const InstructionSet *instruction_sets(void);
 

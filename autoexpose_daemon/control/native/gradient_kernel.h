@@ -2,7 +2,7 @@
  * NAME(x) (x with the set's suffix) and INFORMATION (weights of a block of magnitudes).
  *
  * A row is a row of bytes whose neighbours lie `step` bytes apart: 1 for an image as it is, 8 for eight predictions
- * interleaved. It is worked through in blocks that the compiler turns into vector instructions. */
+ * interleaved. It is processed in blocks that the compiler turns into vector instructions. */
 
 /* Across the rows, for `count` bytes: sums 1 2 1 and differences -1 0 1. */
 TARGET static inline void NAME(derive_down)(const uint8_t *restrict above, const uint8_t *restrict here,
@@ -47,7 +47,7 @@ TARGET static void NAME(add_row)(const Rows *rows, const uint8_t *region, const 
 {
     int16_t *sum = rows->sum, *difference = rows->difference;
     uint32_t sums[BLOCK] = {0};
-    /* From one block before, for the sake of aligned loads, to one pixel after. */
+    /* From one block before, for aligned loads, to one pixel after. */
     NAME(derive_down)(rows->above - BLOCK, rows->here - BLOCK, rows->below - BLOCK, rows->bytes + BLOCK + LANES, sum,
                       difference);
     sum += BLOCK;

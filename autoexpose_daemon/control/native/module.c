@@ -1,11 +1,11 @@
-/* Python's way to gradient.h, through the buffer protocol: needs neither numpy's headers nor its version. */
+/* gradient.h for Python, through the buffer protocol: independent of numpy's headers and version. */
 #define PY_SSIZE_T_CLEAN
 #include <Python.h>
 #include <string.h>
 
 #include "gradient.h"
 
-/* Takes hold of a buffer of unsigned bytes with `dimensions` dimensions; 0, or -1 with an exception set. */
+/* Gets a buffer of unsigned bytes with `dimensions` dimensions; 0, or -1 with an exception set. */
 static int hold_bytes(PyObject *object, Py_buffer *view, int dimensions, int flags, const char *what)
 {
     if (PyObject_GetBuffer(object, view, flags | PyBUF_FORMAT) < 0)

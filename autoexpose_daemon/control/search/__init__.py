@@ -1,1 +1,1 @@
-"""Finding the maximum of a metric that is known at a few places only."""
+"""Finding the maximum of a metric that is known only at a few points."""

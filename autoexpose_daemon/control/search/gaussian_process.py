@@ -1,4 +1,4 @@
-"""A Gaussian process over one coordinate: what samples tell about the places between them."""
+"""A Gaussian process over one coordinate: what samples say about the points between them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class GaussianProcess:
     length
         l, the distance over which values resemble each other.
     deviation
-        s, the standard deviation of the values before anything is known.
+        s, the prior standard deviation of the values.
     noise
         Standard deviation of a measured value.
     """

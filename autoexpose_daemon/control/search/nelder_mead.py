@@ -17,7 +17,7 @@ Phase = Literal["start", "reflect", "expand", "contract", "shrink"]
 
 @dataclass(slots=True)
 class NelderMead:
-    """Ask where to measure next, tell what was measured there; all state is plain data.
+    """Asks where to measure next, and is told the value there; all state is plain data.
 
     Points are kept within a box by clipping each coordinate.
 
@@ -81,7 +81,7 @@ class NelderMead:
         return tuple(min(max(x, low), high) for x, low, high in zip(point, self.low, self.high, strict=True))
 
     def tell(self, value: float) -> None:
-        """The value measured at `question`."""
+        """Enter the value measured at `question`."""
         point = self.pending.pop(0)
         match self.phase:
             case "start" | "shrink":
@@ -101,7 +101,7 @@ class NelderMead:
                     self._shrink()
 
     def _reflect(self) -> None:
-        self.vertices.sort(key=lambda vertex: -vertex[1])  # stable: of equal ones the older stays first
+        self.vertices.sort(key=lambda vertex: -vertex[1])  # stable: among equals the older stays first
         self._ask("reflect", self._from_centre(-REFLECTION))
 
     def _judge_reflection(self, point: Point, value: float) -> None:

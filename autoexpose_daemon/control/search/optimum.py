@@ -1,4 +1,4 @@
-"""The maximum of a metric that is known at a few places only: polynomial and Newton (algorithm 1, step 2)."""
+"""The maximum of a metric that is known only at a few points: polynomial and Newton (algorithm 1, step 2)."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ _NEWTON_TOLERANCE = 1e-3
 """Stops: far below the finest exposure step that changes an image; the paper does not give its threshold."""
 
 _NEWTON_STEPS = 30
-"""Newton needs some five steps where it converges at all."""
+"""Newton needs about five steps where it converges at all."""
 
 
 @dataclass(frozen=True, slots=True)
 class Maximum:
-    """Where the maximum lies, and what it is."""
+    """The position and value of a maximum."""
 
     position: float
     value: float
@@ -27,8 +27,7 @@ class Maximum:
 class PolynomialFit:
     """Least-squares polynomial through values at fixed positions.
 
-    Seven samples and degree 6, as in the paper, leave nothing to average: the polynomial interpolates, and may swing
-    between the samples.
+    With seven samples and degree 6, as in the paper, the polynomial interpolates, and may swing between the samples.
     """
 
     def __init__(self, positions: Sequence[float], degree: int) -> None:
@@ -42,7 +41,7 @@ class PolynomialFit:
     def maximum(self, values: NDArray[np.float64]) -> Maximum:
         """The maximum by Newton's method from 0, or the best sample.
 
-        Newton finds any stationary point near 0. It is taken only when it lies between the outer samples, is a
+        Newton finds any stationary point near 0. It counts only if it lies between the outer samples, is a
         maximum, and is no worse than the best sample.
         """
         best = best_sample(self.positions, values)
@@ -55,9 +54,9 @@ class PolynomialFit:
 
 
 def best_sample(positions: NDArray[np.float64], values: NDArray[np.float64], origin: float = 0.0) -> Maximum:
-    """The largest sample; of equal ones that nearest to `origin`, so that an image without gradient asks for no change.
+    """The largest sample; among equals the one nearest to `origin`, so that without gradient nothing changes.
 
-    (Plain argmax answers with the first position: every black frame would then be read as "darkest is best".)
+    (Plain argmax returns the first position: for every black frame that would mean "darkest is best".)
     """
     ties = np.flatnonzero(values == values.max())
     index = ties[np.argmin(np.abs(positions[ties] - origin))]

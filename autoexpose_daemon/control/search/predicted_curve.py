@@ -12,7 +12,7 @@ from autoexpose_daemon.control.policy import Observation
 class PredictedCurve:
     """M_g under each of `tables` (uint8, shape (n, 256)); table number `identity` changes nothing.
 
-    That one is not looked at again: its metric is the one that the loop has measured.
+    That one is not measured again: the loop has its metric.
     """
 
     def __init__(self, metric: GradientMetric, tables: NDArray[np.uint8], identity: int) -> None:

@@ -1,4 +1,4 @@
-"""What policies share that search with query images: frames taken only to learn what they measure."""
+"""What policies share that search with query images, frames taken only to learn what they measure."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ from dataclasses import dataclass
 from autoexpose_daemon.control.policy import Observation, Target
 
 BLIND_SHARE = 0.95
-"""A frame of which more is black, or more is saturated, tells a search nothing but the way."""
+"""A frame with more black, or more saturated pixels shows a search nothing but the direction."""
 
 BLIND_STEP_STOPS = 2.0
 
 VALUE_CHANGE, MEAN_CHANGE, MEAN_FLOOR = 0.15, 0.15, 0.02
-"""How far a metric and the mean signal may drift, as shares of themselves, before the scene counts as another one."""
+"""How far a metric and the mean signal may drift, as shares of themselves, before the scene counts as changed."""
 
 WORST_OF_EXPECTED = 0.3
-"""A first frame that falls short of the search's promise by this share was searched in a scene that has changed."""
+"""If the first frame falls short of the search's prediction by this share, the scene changed during the search."""
 
 
 def way_out(observation: Observation) -> Target | None:
@@ -29,7 +29,7 @@ def way_out(observation: Observation) -> Target | None:
 
 @dataclass(slots=True)
 class Held:
-    """What a search has found, and how its first frame looked: when that is no longer so, search again.
+    """What a search found, and how its first frame looked: when that changes, search again.
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ class Held:
     expected
         The metric it expects there.
     value, mean
-        Metric and mean signal of the first frame taken there; None before it has come.
+        Metric and mean signal of the first frame taken there; None until it has arrived.
     """
 
     target: Target

@@ -1,4 +1,4 @@
-"""A tiny world for closed loops in virtual time: a picture of light, a camera with a delay, a clock that is counted."""
+"""A tiny world for closed loops in virtual time: a picture of light, a camera with a delay, a simulated clock."""
 
 from __future__ import annotations
 

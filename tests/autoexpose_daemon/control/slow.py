@@ -1,4 +1,4 @@
-"""Images for tests of metrics, and the pieces that slow metrics are built from: loops over pixels, straight from the
+"""Images for tests of metrics, and the parts of slow reference metrics: loops over pixels, straight from the
 equations."""
 
 from __future__ import annotations

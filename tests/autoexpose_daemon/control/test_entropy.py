@@ -36,7 +36,7 @@ def test_entropy_runs_from_a_flat_image_to_every_level_alike() -> None:
     assert entropy(np.arange(256, dtype=np.uint8).reshape(16, 16)) == pytest.approx(8)
 
 
-def test_what_has_no_weight_does_not_count() -> None:
+def test_pixels_without_weight_do_not_count() -> None:
     image = np.zeros((10, 10), np.uint8)
     image[5:] = 200
     weights = np.zeros((10, 10), np.uint8)

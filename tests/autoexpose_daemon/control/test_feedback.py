@@ -1,4 +1,4 @@
-"""What `begin2022` promises, and with which of its promises a frame is compared."""
+"""What `begin2022` predicts, and with which of its predictions a frame is compared."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ SAMPLES = (-2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0)
 
 
 @pytest.mark.parametrize("stops_too_bright", [1.0, 1.5])
-def test_the_promise_is_the_maximum_of_the_polynomial_not_the_best_sample(stops_too_bright: float) -> None:
+def test_the_prediction_is_the_maximum_of_the_polynomial_not_the_best_sample(stops_too_bright: float) -> None:
     """Algorithm 1, step 2, by numpy: the maximum lies between two samples, and above both."""
     image = expose(radiance(1, 0.5), START, START.level - stops_too_bright).grey8()
     samples = [GradientMetric().measure(table[image]) for table in prediction_tables(LINEAR, SAMPLES)]
@@ -39,8 +39,8 @@ def test_the_promise_is_the_maximum_of_the_polynomial_not_the_best_sample(stops_
 
 
 def reason_at(lights: list[float], then: float) -> str:
-    """What is said of a frame under the last light that shows a decision; the same one was made under each before."""
-    limits = ExposureLimits(20.0, 2000.0, 0.0, 0.0)  # so narrow that any darkness asks for the same
+    """The reason given for a frame under the last light; the same decision was made under each light before."""
+    limits = ExposureLimits(20.0, 2000.0, 0.0, 0.0)  # so narrow that any darkness leads to the same
     loop = ControlLoop("begin2022", LINEAR, limits, START)
     scene, setting = radiance(3, 0.7), START
     decisions = []
@@ -52,7 +52,7 @@ def reason_at(lights: list[float], then: float) -> str:
 
 
 def test_a_frame_is_compared_with_the_latest_decision_it_may_realise() -> None:
-    """Not with one made in the dark before: the light that came on since is no success of the exposure."""
+    """Not with one made in the dark before: light switched on since is not a success of the exposure."""
     assert "more than predicted" not in reason_at([13.0], then=13.0)
     assert "more than predicted" in reason_at([15.0], then=13.0)
     assert "more than predicted" not in reason_at([15.0, 13.0], then=13.0)

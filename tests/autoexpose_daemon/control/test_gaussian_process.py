@@ -33,7 +33,7 @@ def test_prediction_equals_the_slow_one() -> None:
     assert deviation == pytest.approx([d for _, d in slow], abs=1e-9)
 
 
-def test_it_knows_at_samples_and_nothing_far_away() -> None:
+def test_it_is_sure_at_samples_and_knows_nothing_far_away() -> None:
     process = GaussianProcess(length=1.0, deviation=2.0, noise=0.01)
     mean, deviation = process.predict(np.array([0.0]), np.array([3.0]), np.array([0.0, 50.0]))
     assert mean == pytest.approx([3, 0], abs=1e-3)

@@ -34,7 +34,7 @@ def slow_median(image: NDArray[np.uint8], weights: NDArray[np.uint8] | None) -> 
 
 
 def slow_soft_percentile(image: NDArray[np.uint8], p: float = 0.7, k: float = 5) -> float:
-    """The weights with their index from 1 to S, as they are written in the docstring."""
+    """The weights with their index from 1 to S, as in the docstring."""
     gradients = sorted(
         filtered(image, y, x, SCHARR_X) ** 2 + filtered(image, y, x, SCHARR_Y) ** 2 for y, x in pixels(image)
     )
@@ -77,7 +77,7 @@ def test_equal_weights_are_no_weights() -> None:
 
 
 def test_whole_weights_repeat_pixels() -> None:
-    """A weight of 2 is the same pixel twice: the soft percentile hardly notices which way it is said."""
+    """A weight of 2 is the same pixel twice: the soft percentile hardly differs."""
     rng = np.random.default_rng(4)
     image = np.kron(rng.integers(0, 200, (20, 24)), np.ones((4, 4))).astype(np.uint8)
     weights = rng.integers(1, 3, image.shape).astype(np.uint8)
@@ -92,7 +92,7 @@ def test_whole_weights_repeat_pixels() -> None:
     assert SoftPercentile(LINEAR).measure(image, weights) == pytest.approx(expected, rel=5e-3)
 
 
-def test_a_soft_percentile_lies_near_the_percentile() -> None:
+def test_a_soft_percentile_is_near_the_percentile() -> None:
     rng = np.random.default_rng(5)
     image = np.cumsum(rng.normal(0, 3, (60, 80)), axis=1).clip(-100, 100).astype(np.int64) + 120
     gradients = sorted(
@@ -119,7 +119,7 @@ def test_a_saturated_image_asks_for_less() -> None:
     assert SoftPercentile(LINEAR).derivative(flat) == (0.0, pytest.approx(-1.5))
 
 
-def test_slopes_are_the_responses() -> None:
+def test_slopes_are_those_of_the_response() -> None:
     slopes = response_slopes(LINEAR)
     assert slopes[100] == pytest.approx(100 * math.log(2), rel=1e-3)
     assert slopes[0] == slopes[255] == 0
@@ -128,7 +128,7 @@ def test_slopes_are_the_responses() -> None:
 
 
 @pytest.mark.parametrize("black_level", [0, 30])
-def test_what_is_overexposed_loses_gradient_whatever_the_black_level(black_level: int) -> None:
+def test_overexposed_pixels_lose_gradient_whatever_the_black_level(black_level: int) -> None:
     percentile = SoftPercentile(ResponseFunction.linear(black_level=black_level))
     white, grey = (np.full((24, 24), level, np.uint8) for level in (254, 240))
     assert percentile.derivative(white)[1] == pytest.approx(-1.5)

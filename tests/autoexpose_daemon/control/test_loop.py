@@ -81,7 +81,7 @@ def test_fixed_never_moves(policy_id: str) -> None:
 
 
 @pytest.mark.parametrize("policy_id", POLICY_IDS)
-def test_black_and_white_frames_crash_nothing_and_bounds_hold(policy_id: str) -> None:
+def test_black_and_white_frames_are_survived_within_bounds(policy_id: str) -> None:
     limits = ExposureLimits(20.0, 7500.0, 0.0, 30.0, time_step_us=7.0, gain_step_db=0.1)
 
     def check(decision: Decision) -> None:
@@ -92,14 +92,14 @@ def test_black_and_white_frames_crash_nothing_and_bounds_hold(policy_id: str) ->
         assert gain_db / 0.1 == pytest.approx(round(gain_db / 0.1), abs=1e-6)
         time_rounding = 7 / 2 / time_us / np.log(2)
         at_gain_bound = gain_db in (limits.min_gain_db, limits.max_gain_db)
-        # the gain takes what the time could not give, where there is gain to take it
+        # the gain takes what the time could not provide, if there is gain left
         assert abs(decision.setting.level - decision.level) < (time_rounding + 1e-3 if at_gain_bound else 0.02)
         assert np.isfinite([decision.metric, decision.motion_px, decision.level]).all()
 
     run(make(policy_id, limits), [40.0] * 30 + [-20.0] * 30 + [11.0] * 30, START, watch=check)
 
 
-def test_a_limit_is_said() -> None:
+def test_the_reason_names_a_limit() -> None:
     decisions: list[Decision] = []
     run(make("neves2009"), [40.0] * 30, START, watch=decisions.append)
     assert decisions[-1].reason == "mean below target; held: at upper limit"
@@ -110,7 +110,7 @@ def test_a_limit_is_said() -> None:
 def test_feedback_compares_with_the_frame_whose_decision_is_realised() -> None:
     scene, loop = radiance(3, 0.7), make("begin2022")
     first = loop.step(StereoPair(0, {"left": at_time(expose(scene, START, 14.0), 0)}))
-    loop.step(StereoPair(1, {"left": at_time(expose(scene, START, 8.0), 1)}))  # brighter meanwhile: another decision
+    loop.step(StereoPair(1, {"left": at_time(expose(scene, START, 8.0), 1)}))  # brighter now: another decision
     past = loop._decision_realised_by(first.setting)
     assert past is not None
     assert past.metric == first.metric
@@ -140,7 +140,7 @@ def test_deeper_pixels_give_the_same_decision(policy_id: str) -> None:
     assert decide(Frame(deep << np.uint16(4), 16, 0, 0, 0, 0, START)) == eight
 
 
-def test_the_left_frame_decides_also_when_the_right_one_differs() -> None:
+def test_the_left_frame_decides_even_if_the_right_one_differs() -> None:
     left = expose(radiance(7), START, 12.0)
     right = expose(radiance(8), ExposureSetting(30.0, 20.0), 5.0)
     both, alone = StereoPair(0, {"left": left, "right": right}), StereoPair(0, {"left": left})
@@ -162,7 +162,7 @@ def test_an_unknown_policy_is_refused_with_the_choices() -> None:
         ("focal_length_px", -1.0),
     ],
 )
-def test_a_parameter_without_sense_is_named(name: str, value: float) -> None:
+def test_a_parameter_out_of_bounds_is_named(name: str, value: float) -> None:
     with pytest.raises(ConfigurationError, match=name):
         ControlParameters(**{name: value})
 

@@ -50,7 +50,7 @@ def metric(level: float, half_scale_level: float, scene: NDArray[np.float64] = S
 
 
 def ratios(levels: list[float], lights: list[float], scene: NDArray[np.float64] = SCENE) -> NDArray[np.float64]:
-    """Metric of each frame as a share of the best there is; the picture depends on level - light only."""
+    """Metric of each frame as a share of the best possible; the picture depends only on level - light."""
     curve = {offset: metric(11.0 + offset, 11.0, scene) for offset in np.arange(-9, 9, 0.125)}
     offsets = np.array(levels) - np.array(lights)
     return np.interp(offsets, list(curve), list(curve.values())) / max(curve.values())
@@ -117,7 +117,7 @@ def test_across_a_change_of_light_a_gyroscope_is_believed_and_flow_is_not(rate: 
 
 
 def drive(lights: list[float], scene: NDArray[np.float64], motion_px: float) -> list[float]:
-    """Levels of frames that show each decision at once; the first is taken at 7500 us and 6 dB, the motion known."""
+    """Levels of frames that show each decision at once; the first is taken at 7500 us and 6 dB, with known motion."""
     chosen, setting = policy(), ExposureSetting(7500.0, 6.0)
     chosen.motion_px, targets = motion_px, [setting.level]
     for light in lights:
@@ -143,32 +143,32 @@ def test_a_moving_camera_that_sees_nothing_leaps() -> None:
 
 
 def test_a_moving_camera_follows_the_light_in_one_leap() -> None:
-    """That keeps frames alike."""
+    """That keeps frames similar."""
     targets = drive([12.0] * 20 + [10.5], SCENE, 6.0)
     assert targets[-1] < targets[-2] - 1.0
 
 
-def test_no_target_leaves_the_bounds_whatever_comes() -> None:
+def test_no_target_leaves_the_bounds_whatever_happens() -> None:
     decisions: list[Decision] = []
     lights = list(np.random.default_rng(3).uniform(-10, 30, 80))
     run(make(), lights, START, scene=SCENE, watch=decisions.append)
     assert all(LIMITS.contain(decision.setting) for decision in decisions)
 
 
-def test_predicting_no_change_is_what_is_measured() -> None:
+def test_the_prediction_for_no_change_is_the_measurement() -> None:
     image = ImagePreparation().prepare(expose(SCENE, START, 10.5).grey8())
     curve = Viewer(LINEAR, GradientMetric(), list(DELTAS)).view(image).curve
     assert curve[list(DELTAS).index(0.0)] == GradientMetric().measure(image)
 
 
 def test_black_frames_brighten_and_white_ones_darken() -> None:
-    """An all-zero curve: argmax would name its first place, the darkest, for both."""
+    """An all-zero curve: argmax would return the first position, the darkest, for both."""
     black, white = np.zeros((136, 180), np.uint8), np.full((136, 180), 255, np.uint8)
     assert policy().decide(observe(black)).level == pytest.approx(START.level + 7)
     assert policy().decide(observe(white)).level < START.level - 4
 
 
-def test_an_even_grey_wall_is_held() -> None:
+def test_a_uniform_grey_wall_is_held() -> None:
     target = policy().decide(observe(np.full((136, 180), 100, np.uint8)))
     assert (target.level, target.reason) == (START.level, "held: no gradient at any exposure")
 
@@ -180,7 +180,7 @@ def test_frames_in_flight_are_not_corrected_twice() -> None:
     assert np.ptp(targets) < 0.3
 
 
-def test_feedback_goes_against_the_exposure_of_the_frame_itself() -> None:
+def test_feedback_refers_to_the_exposure_of_the_frame_itself() -> None:
     """Not against the newest setting: a frame in flight during a write would get the wrong correction."""
     image = expose(SCENE, START, 9.0)
     brighter = replace(image, setting=ExposureSetting(4 * START.exposure_time_us, START.gain_db))
@@ -215,7 +215,7 @@ def test_a_lamp_in_one_camera_does_not_ruin_the_other() -> None:
     assert ratios([_last_level(lambda _: lit)], [12.0])[0] > 0.85
 
 
-def test_what_only_the_right_camera_needs_counts_too() -> None:
+def test_the_needs_of_the_right_camera_count_too() -> None:
     dim = SCENE / 2.0**1.5
     assert _last_level(lambda _: dim) > _last_level(lambda _: SCENE) + 0.2
 
@@ -241,7 +241,7 @@ def test_masked_pixels_change_nothing() -> None:
 
 
 def test_a_probe_below_saturation_learns_once() -> None:
-    """A white wall that stays white is looked into, and then left alone."""
+    """A wall that stays white is probed once, and then left alone."""
     scene = radiance(5, 0.5)
     scene[:, 130:] = 2.0**5
     levels = run(make(), [12.0] * 60, START, scene=scene)

@@ -1,4 +1,4 @@
-"""What the weights and shares of `metric-map` are there for, each seen in closed loop."""
+"""What the weights and shares of `metric-map` are for, each in closed loop."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def share_of_best(level: float, light: float, scene: NDArray[np.float64]) -> flo
 
 
 def pan(scenes: Sequence[NDArray[np.float64]], light: float = 12.0) -> list[float]:
-    """Levels of a moving camera's frames, one scene after the other; each frame shows the decision before it."""
+    """Levels of a moving camera's frames, one scene after the other; each frame shows the previous decision."""
     chosen, setting, levels = policy(), ExposureSetting(4000.0, 0.0), []
     chosen.motion_px = MOVING_PX
     for scene in scenes:
@@ -36,14 +36,14 @@ def pan(scenes: Sequence[NDArray[np.float64]], light: float = 12.0) -> list[floa
 
 
 def with_bright_part(dim: NDArray[np.float64], bright: NDArray[np.float64], columns: int) -> NDArray[np.float64]:
-    """A scene whose right part is saturated while the left one is exposed well."""
+    """A scene whose right part is saturated while the left part is well exposed."""
     scene = dim.copy()
     scene[:, -columns:] = bright[:, -columns:]
     return scene
 
 
 def test_dusk_is_followed_before_the_picture_suffers() -> None:
-    """It gets dark by a stop in 1.3 s: too slowly to be led as a ramp, and never enough in a frame to be a change."""
+    """A stop darker in 1.3 s: too slow to be led as a ramp, and never enough in one frame to be a change."""
     lights = [11.0] * 20 + list(np.linspace(11, 14, 240))
     levels = run(make(), lights, START, scene=SCENE)
     assert ratios(levels, lights)[25:].min() > 0.93
@@ -60,7 +60,7 @@ def test_frames_of_a_moving_camera_differ_by_at_most_0_4_stop() -> None:
 
 @pytest.mark.parametrize("change", [-1.0, 1.0])
 def test_steps_of_a_moving_camera_are_counted_from_where_the_light_went(change: float) -> None:
-    """What keeps frames alike is to follow the light, whichever way it goes."""
+    """Following the light, whichever way it goes, keeps frames similar."""
     before, after = drive([12.0] * 20 + [12.0 + change], SCENE, MOVING_PX)[-2:]
     assert abs(after - before - change) <= 0.41
     assert abs(after - before) > 0.7
@@ -68,7 +68,7 @@ def test_steps_of_a_moving_camera_are_counted_from_where_the_light_went(change: 
 
 @pytest.mark.parametrize("light", [16.0, 17.0])
 def test_a_moving_camera_does_not_creep_out_of_a_poor_exposure(light: float) -> None:
-    """Where points are few anyway, there is little to keep: three frames later it is as good as it gets."""
+    """Where points are few anyway, there is little to lose: three frames later it is as good as it gets."""
     scene = radiance(1, 1.0 if light == 16.0 else 1.5)
     targets = drive([light] * 3, scene, MOVING_PX)
     assert 0.3 < share_of_best(targets[0], light, scene) < 0.5

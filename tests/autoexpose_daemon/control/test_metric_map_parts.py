@@ -1,4 +1,4 @@
-"""What `metric-map` is made of, one idea at a time."""
+"""The parts of `metric-map`, one idea at a time."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def view(peak: float = 0.0, saturated_share: float = 0.0, height: float = 1.0) -
 
 
 @pytest.mark.parametrize(("change", "level_change"), [(0.0, 1.5), (0.7, 0.0), (-1.0, 1.0), (2.0, -1.0)])
-def test_registration_tells_light_from_exposure(change: float, level_change: float) -> None:
+def test_registration_separates_light_from_exposure(change: float, level_change: float) -> None:
     registration = Registration({"left": LINEAR})
     registration.change(Look("left", frame(11.0, 11.5), LINEAR), 11.0)
     light = registration.change(Look("left", frame(11.0 + level_change, 11.5 - change), LINEAR), 11.0 + level_change)
@@ -44,8 +44,8 @@ def test_registration_tells_light_from_exposure(change: float, level_change: flo
     assert light.stops == pytest.approx(change, abs=0.05)
 
 
-def test_registration_is_not_led_by_the_noise_of_what_is_left() -> None:
-    """After a fall of 5.5 stops only noise peaks are unclipped in both frames; they alone would say about half."""
+def test_registration_is_not_misled_by_the_noise_of_the_unclipped_rest() -> None:
+    """After a drop of 5.5 stops only noise peaks are unclipped in both frames; they alone would give about half."""
     registration = Registration({"left": LINEAR})
     registration.change(Look("left", frame(11.0, 10.0), LINEAR), 11.0)
     light = registration.change(Look("left", frame(11.0, 15.5, noise=4.0), LINEAR), 11.0)
@@ -53,7 +53,7 @@ def test_registration_is_not_led_by_the_noise_of_what_is_left() -> None:
     assert light.stops < -3.5
 
 
-def test_registration_says_when_it_has_but_a_bound() -> None:
+def test_registration_says_when_it_has_only_a_bound() -> None:
     registration = Registration({"left": LINEAR})
     assert registration.change(Look("left", frame(11.0, 12.0), LINEAR), 11.0) is None
     light = registration.change(Look("left", np.full((270, 360), 255, np.uint8), LINEAR), 11.0)
@@ -84,7 +84,7 @@ def test_the_map_prefers_the_nearest_sighting_and_moves_with_the_light() -> None
     assert levels[memory.fuse(levels, moving=True)[0].argmax()] == 8.0
 
 
-def test_what_saturation_hides_is_asked_of_a_darker_frame() -> None:
+def test_what_saturation_hides_is_taken_from_a_darker_frame() -> None:
     """Between a blind frame above and a seeing one below, the nearer of the two is the blind one."""
     levels = np.array([11.5])
     for share, expected in ((0.0, 0.1), (0.9, 1.0)):
@@ -94,7 +94,7 @@ def test_what_saturation_hides_is_asked_of_a_darker_frame() -> None:
         assert memory.fuse(levels, moving=True)[0, 0] == pytest.approx(expected, abs=0.3)
 
 
-def test_a_still_camera_doubts_what_is_far_up_and_a_moving_one_goes_there() -> None:
+def test_a_still_camera_doubts_far_brighter_levels_and_a_moving_one_goes_there() -> None:
     promise = MetricView(np.interp(DELTAS, [2.0, 6.0], [0.8, 1.0]), 0.0, 0.5)
     memory = MetricMemory([Sighting(8.0, (promise,))])
     levels = np.array([10.0, 14.0])
@@ -111,7 +111,7 @@ def test_a_contradiction_empties_the_map() -> None:
     assert len(memory.sightings) == 1
 
 
-def test_another_number_of_cameras_empties_the_map() -> None:
+def test_a_change_in_the_number_of_cameras_empties_the_map() -> None:
     memory = MetricMemory()
     memory.add(Sighting(10.0, (view(),)))
     memory.add(Sighting(12.0, (view(-2.0), view(-2.0))))
@@ -133,7 +133,7 @@ def test_a_gap_is_a_frontier_for_a_still_camera_only() -> None:
     assert (frontier.level, known_again) == (8.0, -np.inf)
 
 
-def test_a_narrow_gap_is_none() -> None:
+def test_a_narrow_gap_is_not_a_frontier() -> None:
     memory = MetricMemory([Sighting(8.0, (view(),)), Sighting(8.0 + 3.0 + LEAST_GAP, (view(),))])
     assert memory.frontier(3.0) == (memory.sightings[0], -np.inf)
 
@@ -151,7 +151,7 @@ def test_a_ramp_goes_on() -> None:
 
 @pytest.mark.parametrize("cycle", [[0.0, 2.0, -2.0], [0.0] * 14 + [3.0] + [0.0] * 14 + [-3.0]])
 @pytest.mark.parametrize("delay", [1, 2, 3, 5])
-def test_what_is_periodic_comes_again(cycle: list[float], delay: int) -> None:
+def test_a_periodic_change_is_expected_again(cycle: list[float], delay: int) -> None:
     forecast, rng = Forecast(), np.random.default_rng(1)
     coming = cycle * 40
     for change in coming[:90]:
@@ -160,7 +160,7 @@ def test_what_is_periodic_comes_again(cycle: list[float], delay: int) -> None:
     assert forecast.ahead(delay, steady=False) == pytest.approx(sum(coming[90 : 90 + delay]), abs=0.2)
 
 
-def test_chance_has_no_period() -> None:
+def test_random_changes_have_no_period() -> None:
     forecast, rng = Forecast(), np.random.default_rng(2)
     for change in rng.normal(0.0, 0.5, 96):
         forecast.add(change)
@@ -168,7 +168,7 @@ def test_chance_has_no_period() -> None:
 
 
 def slow_period(changes: list[float]) -> int | None:
-    """The shortest lag, of at least two periods, by which the newest changes are large and come again."""
+    """The shortest lag, of at least two periods, at which the newest changes are large and recur."""
     for lag in range(2, len(changes) // 2 + 1):
         seen = np.array(changes)[-max(2 * lag, LEAST_FRAMES + lag) :]
         large = len(seen) >= LEAST_FRAMES + 2 and np.var(seen) >= LEAST_CHANGE**2
@@ -229,7 +229,7 @@ def test_dark_frames_jump_to_half_scale_and_no_farther_than_7_stops() -> None:
     assert dark_jump(4 / 235, raised) == pytest.approx(4.9, abs=0.1)
 
 
-def test_the_second_camera_is_predicted_coarsely_but_alike() -> None:
+def test_the_second_camera_is_predicted_more_coarsely_but_alike() -> None:
     image = frame(11.0, 11.5)
     fine = Viewer(LINEAR, GradientMetric(), list(DELTAS)).view(image)
     coarse = Viewer(LINEAR, GradientMetric(), list(FEWER_DELTAS)).view(image)
@@ -238,23 +238,23 @@ def test_the_second_camera_is_predicted_coarsely_but_alike() -> None:
 
 
 @pytest.mark.parametrize("deltas", [DELTAS, FEWER_DELTAS])
-def test_a_view_tells_the_metric_of_the_image_as_it_is(deltas: np.ndarray) -> None:
+def test_a_view_gives_the_metric_of_the_image_itself(deltas: np.ndarray) -> None:
     metric, image = GradientMetric(), frame(11.0, 11.5)
     curved = ResponseFunction(np.linspace(0.0, 4.0, 256) ** 1.5, 0, 255)
     assert Viewer(curved, metric, list(deltas)).view(image).curve[DELTAS == 0.0] == metric.measure(image)
 
 
 @pytest.mark.parametrize(("share", "remembered"), [(0.85, 2), (0.5, 1), (2.0, 1)])
-def test_a_scene_half_as_rich_as_expected_is_another_one(share: float, remembered: int) -> None:
-    """What was promised elsewhere is then worth nothing; a little less than expected is an error of prediction."""
+def test_a_scene_half_as_rich_as_expected_is_a_different_one(share: float, remembered: int) -> None:
+    """Predictions elsewhere are then worthless; a little less than expected is just an error of prediction."""
     memory = MetricMemory()
     memory.add(Sighting(10.0, (view(2.0),)))
     memory.add(Sighting(11.0, (view(1.0, height=share),)))
     assert len(memory.sightings) == remembered
 
 
-def test_a_still_camera_takes_a_sure_peak_before_a_promise_a_stop_beyond_trust() -> None:
-    """Beyond 3 stops up prediction takes noise for gradient: each further stop is worth 0.6 of what it promises."""
+def test_a_still_camera_prefers_a_sure_peak_to_a_prediction_a_stop_beyond_trust() -> None:
+    """Beyond 3 stops up prediction takes noise for gradient: each further stop is worth 0.6 of what is predicted."""
     sure, beyond = (
         np.array([10.0, 12.0]),
         Sighting(8.0, (MetricView(np.interp(DELTAS, [2.0, 4.0], [0.65, 1.0]), 0.0, 0.5),)),

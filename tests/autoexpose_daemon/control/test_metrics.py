@@ -64,14 +64,14 @@ def test_predictions_equal_the_metric_of_each_predicted_image(count: int) -> Non
     assert metric.measure_predictions(image, PackedTables(tables)).tolist() == expected
 
 
-def test_the_same_object_serves_images_of_different_sizes() -> None:
+def test_one_object_measures_images_of_different_sizes() -> None:
     metric = GradientMetric()
     for seed, shape in enumerate([(9, 11), (20, 30), (9, 11)]):
         image = random_image(seed, *shape)
         assert metric.measure(image) == GradientMetric().measure(image)
 
 
-def test_weights_run_from_nothing_below_delta_to_full() -> None:
+def test_weights_rise_from_0_below_delta_to_full() -> None:
     weights = gradient_weights().astype(int)
     assert (weights[:77] == 0).all()  # 0.30 of 255 is 76.5
     assert weights[77] > 0
@@ -100,7 +100,7 @@ def test_shares_and_mean_count_from_black_level_to_saturation() -> None:
 
 @settings(max_examples=30)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([None, False]))
-def test_equal_weights_change_nothing_and_the_weight_0_takes_out(seed: int, native: bool | None) -> None:
+def test_equal_weights_change_nothing_and_weight_0_excludes(seed: int, native: bool | None) -> None:
     metric, image = GradientMetric(native=native), random_image(seed, 12, 20)
     assert metric.measure(image, np.full(image.shape, 7, np.uint8)) == pytest.approx(metric.measure(image))
     half = np.zeros(image.shape, np.uint8)

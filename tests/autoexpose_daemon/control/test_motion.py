@@ -50,7 +50,7 @@ def test_the_true_interval_counts(flow: type[FlowMotion]) -> None:
 
 
 @BOTH
-def test_rest_is_rest(flow: type[FlowMotion]) -> None:
+def test_a_still_image_has_no_motion(flow: type[FlowMotion]) -> None:
     assert speed(flow, view(0)) < 0.1
 
 
@@ -68,14 +68,14 @@ def test_dis_sees_in_the_dark_what_farneback_misses(shift_px: int) -> None:
     assert speed(FarnebackMotion, second, first=first) < shift_px / 2
 
 
-def test_each_flow_starts_afresh() -> None:
+def test_each_flow_starts_from_zero() -> None:
     used = DisMotion(ResponseFunction.linear())
     for frame, shift_px in enumerate([0, 40, 0, 8]):
         last = used.measure(view(shift_px), 720, 10.0, frame * SIXTIETH_NS)
     assert last == pytest.approx(speed(DisMotion, view(8)))
 
 
-def test_dis_refuses_strips_that_it_cannot_work_on() -> None:
+def test_dis_refuses_strips_that_are_too_narrow() -> None:
     motion = DisMotion(ResponseFunction.linear())
     strip = np.zeros((50, 360), np.uint8)
     motion.measure(strip, 720, 10.0, 0)
@@ -89,7 +89,7 @@ def test_no_speed_across_a_gap_or_a_clock_that_went_back(flow: type[FlowMotion],
     assert speed(flow, view(8), interval_ns=interval_ns) is None
 
 
-def test_another_size_starts_anew() -> None:
+def test_another_size_starts_afresh() -> None:
     motion = FarnebackMotion(ResponseFunction.linear())
     motion.measure(view(0), 720, 10.0, 0)
     assert motion.measure(view(8)[:100, :120].copy(), 240, 10.0, SIXTIETH_NS) is None

@@ -1,4 +1,4 @@
-"""The C extension must give the very numbers of numpy and OpenCV, with every instruction set of this processor."""
+"""The C extension must give the same numbers as numpy and OpenCV, with every instruction set of this processor."""
 
 from __future__ import annotations
 
@@ -126,7 +126,7 @@ def test_bad_input_is_refused(change: dict[str, object], message: str) -> None:
         _native.gradient_sums(**(good | change))
 
 
-def test_asking_for_what_is_not_built_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_requesting_an_extension_that_is_not_built_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("autoexpose_daemon.control.metrics.gradient._native", None)
     assert not GradientMetric().native
     with pytest.raises(ValueError, match="not built"):

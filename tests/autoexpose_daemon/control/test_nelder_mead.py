@@ -23,7 +23,7 @@ def rosenbrock(point: NDArray[np.float64]) -> float:
 
 
 def slow_search(metric: Metric, start: tuple[float, float], step: float, count: int) -> list[tuple[float, ...]]:
-    """The algorithm as one function from the textbook; returns the first `count` places it measures."""
+    """The algorithm as one function from the textbook; returns the first `count` points it measures."""
     asked: list[tuple[float, ...]] = []
 
     def measure(point: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
@@ -56,7 +56,7 @@ def slow_search(metric: Metric, start: tuple[float, float], step: float, count: 
 
 @settings(max_examples=30, deadline=None)
 @given(st.floats(-4.5, 4.5), st.floats(-4.5, 4.5), st.sampled_from([0.5, 2.0]), st.sampled_from([bowl, rosenbrock]))
-def test_it_asks_what_the_slow_one_asks(x: float, y: float, step: float, metric: Metric) -> None:
+def test_it_asks_the_same_questions_as_the_slow_one(x: float, y: float, step: float, metric: Metric) -> None:
     search = NelderMead.around((x, y), (step, step), LOW, HIGH)
     asked = []
     for _ in range(60):

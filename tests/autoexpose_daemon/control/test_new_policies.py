@@ -1,4 +1,4 @@
-"""The policies of the other papers: that each climbs its own metric, in closed loop with a delay."""
+"""The policies of the other papers: each climbs its own metric, in closed loop with a delay."""
 
 from __future__ import annotations
 
@@ -64,8 +64,8 @@ def test_it_climbs_its_own_metric_within_limits(policy_id: str, half_scale_level
 
 
 @pytest.mark.parametrize("policy_id", SEARCHES)
-def test_a_search_waits_for_its_frames_and_asks_the_same_until_they_come(policy_id: str) -> None:
-    """With a delay of 9 frames each question stands for 9 frames; nothing is learnt from those in between."""
+def test_a_search_repeats_its_question_until_the_frames_arrive(policy_id: str) -> None:
+    """With a delay of 9 frames each question stays open for 9 frames; nothing is learnt from those in between."""
     decisions: list[Decision] = []
     run(make(policy_id), [11.0] * 50, START, scene=SCENE, delay=9, watch=decisions.append)
     settings = [decision.setting for decision in decisions]
@@ -87,7 +87,7 @@ def test_a_search_rests_when_it_has_converged_and_starts_again_in_another_light(
 
 @pytest.mark.parametrize("policy_id", ["lu2010", "zhang2017", "shin2019", "kim2018"])
 @pytest.mark.parametrize("half_scale_level", [4.5, 18.0])
-def test_it_finds_out_of_black_and_white(policy_id: str, half_scale_level: float) -> None:
+def test_it_finds_its_way_out_of_black_and_white(policy_id: str, half_scale_level: float) -> None:
     light = half_scale_level if policy_id != "kim2018" else min(half_scale_level, 13.0)  # its gain is fixed
     start = ExposureSetting(7500.0, 0.0) if half_scale_level < 10 else ExposureSetting(20.0, 0.0)
     loop = ControlLoop(policy_id, LINEAR, LIMITS, start)
@@ -96,7 +96,7 @@ def test_it_finds_out_of_black_and_white(policy_id: str, half_scale_level: float
 
 
 def test_shin_chooses_the_time_itself() -> None:
-    """The noiseless scene leaves the split open: what was asked for is what is set, no balance in between."""
+    """The noiseless scene leaves the split open: its choice is set as it is, without a balance in between."""
     decisions: list[Decision] = []
     run(make("shin2019"), [11.0] * 60, START, scene=SCENE, watch=decisions.append)
     assert len({round(decision.setting.gain_db, 3) for decision in decisions}) > 3
@@ -117,7 +117,7 @@ def test_lu_keeps_gain_and_time_in_proportion() -> None:
     assert ratios == pytest.approx([ratios[0]] * len(ratios))
 
 
-def test_zhang_changes_a_tenth_at_most() -> None:
+def test_zhang_changes_by_a_tenth_at_most() -> None:
     levels = run(make("zhang2017"), [14.0] * 60, START, scene=SCENE, delay=1)
     assert max(abs(np.diff(levels))) == pytest.approx(math.log2(1.1))
 

@@ -30,7 +30,7 @@ def test_newton_finds_the_peak_of_a_parabola(peak: float) -> None:
     assert maximum.value == pytest.approx(1)
 
 
-def test_a_minimum_is_not_taken_for_the_maximum() -> None:
+def test_a_minimum_is_not_mistaken_for_the_maximum() -> None:
     maximum = FIT.maximum(0.1 * (X - 0.1) ** 2)
     assert maximum.position == -2.0
 
@@ -46,7 +46,7 @@ def test_a_lower_maximum_near_the_origin_falls_back() -> None:
 
 
 @pytest.mark.parametrize("level", [0.0, 0.37])
-def test_an_all_equal_curve_asks_for_no_change(level: float) -> None:
+def test_a_flat_curve_leads_to_no_change(level: float) -> None:
     assert FIT.maximum(np.full(7, level)).position == pytest.approx(0, abs=1e-9)
     assert best_sample(X, np.full(7, level)).position == 0
 

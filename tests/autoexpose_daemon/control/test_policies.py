@@ -74,7 +74,7 @@ def test_shim_brightens_the_dark_and_darkens_the_bright() -> None:
 
 
 @pytest.mark.parametrize("grey", [0, 90, 255])
-def test_no_gradient_is_no_reason_to_move(grey: int) -> None:
+def test_without_gradient_it_does_not_move(grey: int) -> None:
     for policy in (shim(), begin()):
         target = policy.decide(observe(flat(grey)))
         assert target.level == SETTING.level
@@ -111,7 +111,7 @@ def test_epsilon_is_the_papers_in_our_scale() -> None:
     assert pytest.approx(4.03e-4, rel=2e-3) == EPSILON
 
 
-def test_begin_promises_the_metric_at_its_target() -> None:
+def test_begin_predicts_the_metric_at_its_target() -> None:
     target = begin().decide(observe(view(-1)))
     taken = GradientMetric().measure(view(-1 + target.level - SETTING.level))
     assert target.predicted_metric == pytest.approx(taken, rel=0.1)
@@ -168,6 +168,6 @@ def test_lu_looks_first_where_the_middle_of_the_scale_lies(stops: float, brighte
     assert (Lu2010(ExposurePriority()).decide(observe(image)).level > SETTING.level) == brighter
 
 
-def test_ids_are_known_without_loading_what_decides() -> None:
+def test_ids_are_known_without_loading_the_policies() -> None:
     code = "import sys, autoexpose_daemon.cli; print('numpy' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout == "False\n"

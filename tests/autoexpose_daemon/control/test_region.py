@@ -47,7 +47,7 @@ def test_rectangles_are_painted_in_order_and_the_rest_is_background() -> None:
     assert set(np.unique(weights)) <= {255, 128, 26}
 
 
-def test_what_is_masked_is_seen_by_no_measure_of_the_prepared_image() -> None:
+def test_masked_pixels_are_seen_by_no_measure_of_the_prepared_image() -> None:
     """A weight above 0 means: nothing within two pixels depends on a masked pixel."""
     mask = lamp_mask()
     weights = Region("roi", mask=mask).weights(SHAPE)

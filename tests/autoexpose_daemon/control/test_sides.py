@@ -1,4 +1,4 @@
-"""Each camera is judged by its own region, response and history, alone as in a pair."""
+"""Each camera is judged by its own region, response and history, both alone and in a pair."""
 
 from __future__ import annotations
 
@@ -46,14 +46,14 @@ def test_a_lone_right_frame_is_judged_in_its_own_region() -> None:
     assert alone.setting.level > START.level - 2.0
 
 
-def test_a_lone_right_frame_of_another_size_than_the_left_mask_is_no_mistake() -> None:
+def test_a_lone_right_frame_may_have_another_size_than_the_left_mask() -> None:
     regions: dict[Side, Region] = {"left": half_masked("left", slice(0, 80), (270, 360))}
     loop = ControlLoop("metric-map", LINEAR, LIMITS, START, regions=regions)
     loop.step(StereoPair(0, {"right": expose(radiance(1), START, START.level)}))
 
 
-def test_motion_is_not_looked_for_between_two_cameras() -> None:
-    """Left and right see other things: flow between them would be great, and the exposure time cut."""
+def test_motion_is_not_measured_between_two_cameras() -> None:
+    """Left and right see different things: flow between them would be large, and the exposure time cut."""
     loop = ControlLoop("metric-map", LINEAR, LIMITS, START)
     scenes: dict[Side, Frame] = {
         "left": expose(radiance(1), START, START.level),
@@ -65,7 +65,7 @@ def test_motion_is_not_looked_for_between_two_cameras() -> None:
         assert loop.step(pair).motion_px < 1
 
 
-def test_a_camera_that_takes_over_has_the_speed_of_the_last() -> None:
+def test_a_camera_that_takes_over_inherits_the_last_speed() -> None:
     loop, scene = ControlLoop("metric-map", LINEAR, LIMITS, START), radiance(3, 1.0, SHAPE)
 
     def speed_px(index: int, *sides: Side) -> float:
@@ -102,7 +102,7 @@ def test_in_a_pair_the_right_frame_is_predicted_by_its_own_response() -> None:
 
 
 @pytest.mark.parametrize("policy_id", POLICY_IDS)
-def test_frames_that_are_alike_are_decided_on_alike_whichever_camera_they_are_of(policy_id: str) -> None:
+def test_equal_frames_lead_to_equal_decisions_whichever_camera_took_them(policy_id: str) -> None:
     def decide(side: Side) -> list[float]:
         loop, levels, setting = ControlLoop(policy_id, LINEAR, LIMITS, START), [], START
         for index in range(12):

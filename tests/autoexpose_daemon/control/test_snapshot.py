@@ -1,4 +1,4 @@
-"""State of control as plain data: a loop restored from it goes on as the one it was taken from, bit for bit."""
+"""State of control as plain data: a loop restored from it continues like the original, bit for bit."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def through_json(data: Plain) -> Plain:
 def pairs(
     seed: int, count: int, moving: bool, shape: tuple[int, int] = (136, 180)
 ) -> Iterator[tuple[StereoPair, list[ExposureSetting]]]:
-    """Pairs of a scene whose light and place change; the caller appends what each decision makes the next setting."""
+    """Pairs of a scene whose light and place change; the caller appends each decision's setting for the next."""
     rng = np.random.default_rng(seed)
     scenes: dict[Side, NDArray[np.float64]] = {
         "left": radiance(seed, 1.2, shape),
@@ -66,7 +66,7 @@ def pairs(
 
 @dataclass(frozen=True)
 class Course:
-    """What a loop lives through, and how many steps of it before its state is taken."""
+    """What a loop goes through, and after how many steps its state is taken."""
 
     seed: int
     before: int
@@ -109,7 +109,7 @@ def test_a_restored_loop_decides_bit_for_bit_the_same(policy_id: str, course: Co
     assert to_json(other.state()) == to_json(loop.state())
 
 
-def test_a_state_taken_stays_as_it_was_taken() -> None:
+def test_a_state_once_taken_does_not_change() -> None:
     loop = ControlLoop("metric-map", ResponseFunction.linear(), LIMITS, START)
     taken: list[tuple[Plain, str]] = []
     for pair, asked in pairs(3, 30, moving=True):
@@ -119,7 +119,7 @@ def test_a_state_taken_stays_as_it_was_taken() -> None:
     assert all(to_json(state) == text for state, text in taken)
 
 
-def test_what_belongs_to_the_state_is_what_its_format_says() -> None:
+def test_the_state_is_what_its_format_says() -> None:
     """A change here changes what a recording holds: give `STATE_FORMAT` another number."""
     states = {policy_id: ControlLoop(policy_id, ResponseFunction.linear(), LIMITS, START) for policy_id in POLICY_IDS}
     names = {policy_id: sorted(state) for policy_id, loop in states.items() if (state := _policy_state(loop))}
@@ -163,7 +163,7 @@ def test_a_state_that_does_not_fit_is_refused(key: str, value: Plain, complaint:
 
 
 @given(st.text() | st.recursive(st.none() | st.integers() | st.floats() | st.text(), st.lists).map(to_json))
-def test_any_other_text_is_refused_or_is_data(text: str) -> None:
+def test_any_other_text_is_refused_or_parsed_as_data(text: str) -> None:
     try:
         data = from_json(text)
         parse(data, ControlSetup)

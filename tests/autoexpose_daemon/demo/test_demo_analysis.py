@@ -1,4 +1,4 @@
-"""The demo's figures, from made-up runs whose answers are known."""
+"""The demo's figures, from made-up runs with known answers."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ def record(trigger: int, level: float, clipped: float = 0.0) -> StepRecord:
     return StepRecord(trigger, trigger * PERIOD_NS, setting, level, 0.1, clipped, 0.0, "held")
 
 
-def test_settling_is_counted_to_the_first_of_ten_good_frames() -> None:
+def test_settling_counts_to_the_first_of_ten_good_frames() -> None:
     levels = [10.0, 11.0, 11.5, *[12.0] * 40]
     assert frames_to_settle([record(n, level) for n, level in enumerate(levels)]) == 3
 
 
-def test_a_frame_out_of_ten_starts_the_count_again() -> None:
+def test_one_bad_frame_in_ten_restarts_the_count() -> None:
     levels = [12.0] * 9 + [12.5] + [12.0] * 30
     assert frames_to_settle([record(n, level) for n, level in enumerate(levels)]) == 10
 
@@ -62,7 +62,7 @@ def test_a_saturated_image_is_not_settled_however_steady() -> None:
     assert frames_to_settle([record(n, 12.0, clipped=0.6 if n < 7 else 0.1) for n in range(80)]) == 7
 
 
-def test_an_exposure_that_follows_a_moving_view_is_steady_long_before_it_is_where_it_ends() -> None:
+def test_an_exposure_that_follows_a_moving_view_is_steady_long_before_it_settles() -> None:
     levels = [10.0, 11.0, 11.5, *[12.0 + 0.01 * n for n in range(100)]]
     records = [record(n, level) for n, level in enumerate(levels)]
     assert frames_to_steady(records) == 3
@@ -83,7 +83,7 @@ def test_steps_are_found_in_the_light_and_judged_until_the_next() -> None:
     assert steps[0].time_s == round(60 * PERIOD_NS * 1e-9, 3)
 
 
-def test_a_step_that_does_not_settle_tells_what_the_policy_said() -> None:
+def test_a_step_that_does_not_settle_quotes_the_policy() -> None:
     pulses = [Pulse(n, n * PERIOD_NS, 150.0 if n < 60 else 1.0) for n in range(160)]
     (step,) = light_steps(pulses, [record(n, 11.0 + n % 2) for n in range(160)])
     assert step.frames_to_settle is None
@@ -100,7 +100,7 @@ def test_a_step_that_does_not_settle_tells_what_the_policy_said() -> None:
         (None, 9, "well exposed and steady after 9 frames (150 ms)"),
     ],
 )
-def test_a_step_is_told_in_words(steady: int | None, settled: int | None, words: str) -> None:
+def test_a_step_is_described_in_words(steady: int | None, settled: int | None, words: str) -> None:
     assert LightStep(3.8, 1.0, 150.0, steady, settled, "held").in_words(60.0) == words
 
 

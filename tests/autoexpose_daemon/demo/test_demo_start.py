@@ -23,7 +23,7 @@ OPTIONS = DemoOptions(20.0, "metric-map", None, None, "room", None, 0, "gige", N
 
 
 class SlowSource:
-    """A camera's world that takes its time, by a clock of its own."""
+    """A camera's world that takes its time, by its own clock."""
 
     sensor_width, sensor_height = 720, 540
 
@@ -53,7 +53,7 @@ class SlowSource:
         (32.0, 16, 20.0, "this machine renders 26 frames a second: showing 20 Hz"),
     ],
 )
-def test_a_slow_simulation_is_shown_at_a_rate_that_it_holds(
+def test_a_slow_simulation_runs_at_a_rate_that_it_sustains(
     frame_ms: float, processors: int, rate_hz: float, words: str | None
 ) -> None:
     source = SlowSource(1.0, 1e-3 * frame_ms)  # the first frame pays for caches, and does not count
@@ -62,14 +62,14 @@ def test_a_slow_simulation_is_shown_at_a_rate_that_it_holds(
     assert shortfall(possible_hz, rate_hz, asked=False) == words
 
 
-def test_a_rate_that_was_asked_for_is_kept_and_commented_on() -> None:
+def test_a_requested_rate_is_kept_and_commented_on() -> None:
     assert shortfall(41.3, 60.0, asked=True) == (
         "this machine renders 41 frames a second: at 60 Hz the fake cameras will lose some"
     )
     assert shortfall(41.3, 30.0, asked=True) is None
 
 
-def test_a_container_with_a_quota_has_no_more_cores_than_that(tmp_path: Path) -> None:
+def test_a_container_has_as_many_cores_as_its_quota(tmp_path: Path) -> None:
     allowed = len(os.sched_getaffinity(0))
     quota = tmp_path / "cpu.max"
     for content, expected in (("50000 100000", 0.5), ("max 100000", allowed), ("9999999 1", allowed), ("?", allowed)):
@@ -93,7 +93,7 @@ def test_a_container_with_a_quota_has_no_more_cores_than_that(tmp_path: Path) ->
         ({"plot": Path("/dev")}, "/dev: cannot be written; name a file in an existing folder"),
     ],
 )
-def test_what_cannot_be_is_refused_in_a_sentence(change: dict[str, object], sentence: str) -> None:
+def test_invalid_options_are_refused_in_a_sentence(change: dict[str, object], sentence: str) -> None:
     with pytest.raises(ConfigurationError, match=f"^{re.escape(sentence)}$"):
         replace(OPTIONS, **change)  # type: ignore[arg-type]
 
@@ -106,7 +106,7 @@ def test_a_light_script_without_end_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.wire
-def test_a_camera_is_found_first_then_timed_then_runs_at_the_rate_it_is_given(tmp_path: Path) -> None:
+def test_a_camera_is_found_then_timed_then_runs_at_the_given_rate(tmp_path: Path) -> None:
     stop = threading.Event()
     camera = FakeCamera("left", tmp_path, ["--address", loopback_address(), "--line0", unique("wire"), "--still"])
     try:

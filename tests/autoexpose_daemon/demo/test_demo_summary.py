@@ -1,4 +1,4 @@
-"""What the demo says at its end, from figures that are made up."""
+"""What the demo reports at its end, from made-up figures."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def test_every_figure_has_a_unit_and_a_meaning() -> None:
     }
 
 
-def test_what_should_not_happen_is_said_when_it_did() -> None:
+def test_anomalies_are_listed_if_any() -> None:
     counts = {"mismatched_pairs": 2, "late_writes": 3, "pairs_without_decision": 1}
     rows = said(counts=counts, native=False, published=7)
     assert rows["anomalies"] == "1 pairs without a decision, 2 mismatched pairs, 3 late writes"
@@ -83,10 +83,10 @@ def test_what_should_not_happen_is_said_when_it_did() -> None:
         ),
     ],
 )
-def test_what_the_simulation_lost_is_not_the_daemons(lost: dict[str, int], overruns: int, words: str) -> None:
+def test_losses_of_the_simulation_are_not_blamed_on_the_daemon(lost: dict[str, int], overruns: int, words: str) -> None:
     rows = said(lost=lost, fakes={"overruns": overruns, "cpu_percent": [1, 1]})
     assert rows["lost"] == f"{words}; of 1200 triggers on the cameras' wire"
 
 
-def test_a_reason_that_is_not_known_here_keeps_its_name() -> None:
+def test_an_unknown_reason_keeps_its_name() -> None:
     assert lost_in_words({"moonlight": 3, "shutdown": 0}) == "3 moonlight"

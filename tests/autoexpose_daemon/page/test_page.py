@@ -86,7 +86,7 @@ SHOWN = {
     "consumers": ["slam\t400\u202f000\t8\t4", "1\u202f234 more"],
     "published": ["431\u202f990 pairs sent; dropped: 10 behind"],
     "recorder": ["steps\t600", "dropped\t4", "ended\tthe disk is full"],
-    "faults": ["asking whether it is there 2 times", HOSTILE],
+    "faults": ["checking that it answers 2 times", HOSTILE],
 }
 """What the page has to say of it, by the place."""
 

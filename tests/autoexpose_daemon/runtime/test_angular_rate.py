@@ -1,4 +1,4 @@
-"""Which angular rate a decision is made by, and what is said while there is none."""
+"""Which angular rate a decision uses, and what is logged while there is none."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ ENDS = "image speed comes from the IMU"
 
 
 class Imu:
-    """A rate in virtual time, asked 60 times a second."""
+    """A rate in virtual time, asked for 60 times a second."""
 
     def __init__(self, max_age_s: float = 0.1) -> None:
         self.now_ns = 0
@@ -49,7 +49,7 @@ def test_the_newest_sample_counts_until_it_is_too_old(imu: Imu, caplog: pytest.L
     assert caplog.messages == [BEGINS + "no IMU sample as imu/data for more than 0.1 s"]
 
 
-def test_it_is_said_once_when_it_begins_and_once_when_it_ends(imu: Imu, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_missing_imu_is_logged_once_and_so_is_its_return(imu: Imu, caplog: pytest.LogCaptureFixture) -> None:
     imu.ask(100)
     assert imu.rate.tally.trouble == "no IMU sample as imu/data yet"
     assert imu.ask(60, 0.5) == [0.5] * 60  # used at once, though it counts as back after a second
@@ -60,7 +60,7 @@ def test_it_is_said_once_when_it_begins_and_once_when_it_ends(imu: Imu, caplog: 
     assert imu.counts.decisions_without_imu == 100
 
 
-def test_an_imu_too_slow_for_its_bound_is_said_once(imu: Imu, caplog: pytest.LogCaptureFixture) -> None:
+def test_an_imu_that_is_too_slow_is_logged_once(imu: Imu, caplog: pytest.LogCaptureFixture) -> None:
     for _ in range(50):
         imu.rate.take(0.5)
         assert None in imu.ask(10)
@@ -74,7 +74,7 @@ def test_why_there_is_no_rate_is_always_the_latest_reason(imu: Imu) -> None:
     imu.rate.no_source = ""
     imu.rate.refuse()
     imu.ask(1)
-    assert imu.rate.tally.trouble == "what comes as imu/data is no angular velocity in rad/s"
+    assert imu.rate.tally.trouble == "imu/data does not carry an angular velocity in rad/s"
     imu.ask(1, 1.0)
     imu.ask(10)
     assert imu.rate.tally.trouble == "no IMU sample as imu/data for more than 0.1 s"

@@ -1,4 +1,4 @@
-"""What is wrong with a camera is said once, and shows as long as it lasts."""
+"""What is wrong with a camera is logged once, and shown while it lasts."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def complaints(caplog: pytest.LogCaptureFixture) -> Complaints:
     return Complaints({})
 
 
-def test_a_thing_is_said_when_it_begins_and_again_when_it_comes_back(
+def test_a_complaint_is_logged_when_it_begins_and_when_it_returns(
     complaints: Complaints, caplog: pytest.LogCaptureFixture
 ) -> None:
     complaints.begin("left", "refused", "1 us was refused")
@@ -27,7 +27,7 @@ def test_a_thing_is_said_when_it_begins_and_again_when_it_comes_back(
     assert caplog.messages == ["left camera: 1 us was refused", "left camera: 3 us was refused"]
 
 
-def test_of_a_lost_camera_each_new_sentence_is_said_once_however_they_alternate(
+def test_each_new_sentence_about_a_lost_camera_is_logged_once_however_they_alternate(
     complaints: Complaints, caplog: pytest.LogCaptureFixture
 ) -> None:
     for sentence in ("no answer", "another serial", "no answer", "another serial"):
@@ -39,14 +39,14 @@ def test_of_a_lost_camera_each_new_sentence_is_said_once_however_they_alternate(
     assert len(caplog.messages) == 3
 
 
-def test_a_verdict_is_said_when_it_changes(complaints: Complaints, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_verdict_is_logged_when_it_changes(complaints: Complaints, caplog: pytest.LogCaptureFixture) -> None:
     for verdict in (None, "120 Hz", "120 Hz", "30 Hz", None):
         complaints.judge("right", "rate", verdict)
     assert caplog.messages == ["right camera: 120 Hz", "right camera: 30 Hz"]
     assert complaints.present == {}
 
 
-def test_with_a_camera_go_its_complaints_and_no_others(complaints: Complaints) -> None:
+def test_a_cameras_complaints_go_with_it_and_no_others(complaints: Complaints) -> None:
     for side in ("left", "right"):
         for kind in ("refused", "rate"):
             complaints.begin(side, kind, "wrong")  # type: ignore[arg-type]

@@ -1,4 +1,4 @@
-"""The daemon on two fake cameras through stock Aravis; the account of triggers is held against the wire at the end."""
+"""The daemon on two fake cameras through stock Aravis; at the end the account of triggers is compared with the wire."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ CONTROL = {"policy": "neves2009"}
 
 
 def median_skew_periods(run: Run, rate_hz: float) -> float:
-    """How far apart the frames of a pair began, by the cameras' clocks."""
+    """How far apart the frames of a pair started, by the cameras' clocks."""
     starts_ns = [[frame.host_time_ns for frame in pair.frames.values()] for pair, _ in run.seen]
     skews_ns = [abs(left - right) for left, right in (pair for pair in starts_ns if len(pair) == 2)]
     return float(np.median(skews_ns)) * 1e-9 * rate_hz
@@ -31,7 +31,7 @@ def test_pairs_arrive_are_decided_on_and_written() -> None:
         assert median_skew_periods(run, 60) < 0.1
 
 
-@pytest.mark.gige_only  # the right camera's trigger input knows no transport
+@pytest.mark.gige_only  # the right camera's trigger input is independent of the transport
 def test_the_left_camera_may_trigger_the_right_one() -> None:
     trigger = {"mode": "primary", "line": "Line3", "output_line": "Line1", "rate_hz": 40}
     with (

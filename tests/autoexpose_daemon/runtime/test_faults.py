@@ -1,7 +1,7 @@
-"""The rows of docs/faults.md that show at the cameras, in virtual time: what is said, what is counted, and recovery.
+"""The rows of docs/faults.md that show at the cameras, in virtual time: what is reported and counted, and recovery.
 
-Each has a rig of its own. Nothing but what is named is counted, all is well again at the end, and every trigger of the
-wire is accounted for. That real cameras show these faults so is for tests/accept/test_faults.py.
+Each has its own rig. Nothing but what is named is counted, all is well again at the end, and every trigger of the
+wire is accounted for. That these faults look like this on the wire is for tests/accept/test_faults.py.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ def run() -> VirtualRun:
 
 
 def test_camera_lost_and_back(run: VirtualRun) -> None:
-    """It begins with the exposure that the other one has by then."""
+    """It starts with the exposure that the other one has by then."""
     run.left.vanish()
     run.wait_for_state("degraded: left camera gone: camera left does not answer any more; trying again")
     alone = len(run.pairs)
@@ -41,7 +41,7 @@ def test_camera_lost_and_back(run: VirtualRun) -> None:
     assert taken == {1000}
     assert counted.pop("camera_gone") > 120
     assert counted.pop("reconnects") == 1
-    assert counted.keys() <= {"late_writes"}  # while the dead camera was asked for the last time
+    assert counted.keys() <= {"late_writes"}  # while the dead camera was asked a last time
 
 
 def test_both_cameras_gone_and_back_is_counted_by_the_clock(run: VirtualRun) -> None:
@@ -55,7 +55,7 @@ def test_both_cameras_gone_and_back_is_counted_by_the_clock(run: VirtualRun) -> 
     assert counted == {"reconnects": 2}
 
 
-def test_a_camera_that_stays_away_is_named_and_the_other_one_goes_on(run: VirtualRun) -> None:
+def test_a_camera_that_stays_away_is_named_and_the_other_one_continues(run: VirtualRun) -> None:
     run.left.vanish()
     run.wait_for_state("degraded: left camera gone: no camera left; trying again")
     alone = len(run.pairs)
@@ -65,13 +65,13 @@ def test_a_camera_that_stays_away_is_named_and_the_other_one_goes_on(run: Virtua
 
 
 def test_trigger_stopped(run: VirtualRun) -> None:
-    """Triggers that were not there do not count."""
+    """Absent triggers do not count."""
     run.wire.stop_periods = 110
     run.wait_for_state("degraded: no triggers")
     assert run.counted() == {}
 
 
-def test_a_short_pause_of_the_trigger_cannot_be_told_from_triggers_ignored(run: VirtualRun) -> None:
+def test_a_short_pause_of_the_trigger_looks_like_ignored_triggers(run: VirtualRun) -> None:
     run.wire.stop_periods = 20
     run.let_pass(30)
     assert run.counted() == {"trigger_ignored": 19}
@@ -91,7 +91,7 @@ def test_trigger_halved(run: VirtualRun) -> None:
     assert run.counted() == {"trigger_ignored": 60}
 
 
-def test_a_trigger_at_another_rate_is_said_at_the_start(caplog: pytest.LogCaptureFixture) -> None:
+def test_a_trigger_at_another_rate_is_reported_at_the_start(caplog: pytest.LogCaptureFixture) -> None:
     run = VirtualRun(trigger={**CONFIG.trigger.model_dump(exclude_unset=True), "rate_hz": 50})
     run.let_pass(60)
     assert "left camera: starts 60.0 frames a second where trigger.rate_hz is 50" in caplog.text
@@ -112,7 +112,7 @@ def test_frames_of_both_lost(run: VirtualRun) -> None:
 
 
 def test_frames_late(run: VirtualRun) -> None:
-    """They are whole if their partners have not been used alone."""
+    """They make pairs if their partners have not been used alone."""
     run.left.delay_ns = 100 * MS
     run.let_pass(20)
     assert run.counted().keys() <= {"pairs_without_decision"}
@@ -132,7 +132,7 @@ def test_transfer_stalled(run: VirtualRun) -> None:
     run.left.halted = True
     run.wait_for_state("degraded: no frames from the left camera")
     run.wait_for_state(
-        "left camera gone: camera left sends no frames while the other one does; it is opened anew; trying again"
+        "left camera gone: camera left sends no frames while the other one does; it is reopened; trying again"
     )
     assert run.rig.clock.now_ns - began_ns > FIRST_PAUSE_NS
     counted = run.counted()
@@ -142,10 +142,10 @@ def test_transfer_stalled(run: VirtualRun) -> None:
 
 
 def test_chunk_missing(run: VirtualRun) -> None:
-    """As over GigE Vision, and as chunks that are no numbers; USB3 Vision sends whole payloads: as if truncated."""
+    """As over GigE Vision, or with chunks that are not numbers; over USB3 Vision it looks like truncation."""
     run.left.untell = 40
     run.wait_for_state(
-        "degraded: left camera: its frames do not say any more how they were taken: "
+        "degraded: left camera: its frames no longer say how they were taken: "
         "their exposure is inferred from when it was written"
     )
     assert run.counted() == {"frames_without_exposure_metadata": 40}
@@ -181,7 +181,7 @@ def test_exposure_frozen(run: VirtualRun) -> None:
     run.left.frozen = True
     run.ask(500)
     run.wait_for_state(
-        "degraded: left camera: its frames do not follow what is written: 500 us, 0.0 dB stands in its nodes, "
+        "degraded: left camera: its frames do not follow what is written: its nodes hold 500 us, 0.0 dB, "
         "frames are taken with 2000 us, 0.0 dB; switch the camera off and on"
     )
     run.left.frozen = False
@@ -223,7 +223,7 @@ def test_response_file_edited_while_running(run: VirtualRun, tmp_path: Path) -> 
 
 @pytest.mark.parametrize("forgotten", [False, True], ids=["usb3", "gige"])
 def test_a_pause_of_5_s_heals(run: VirtualRun, forgotten: bool) -> None:
-    """GigE Vision cameras forget after 3 s who controls them; USB3 Vision cameras go on."""
+    """GigE Vision cameras drop their controller after 3 s; USB3 Vision cameras continue."""
     run.rig.stop_process(5 * SECOND)
     run.let_pass(3 * RATE_HZ)
     for device in (run.left, run.right) if forgotten else ():

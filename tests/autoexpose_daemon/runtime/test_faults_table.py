@@ -1,4 +1,4 @@
-"""docs/faults.md: every fault has its row, and every row names tests and counts that are there."""
+"""docs/faults.md: every fault has its row, and every row names tests and counts that exist."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def test_every_fault_has_its_row() -> None:
 
 
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: str(row["fault"]))
-def test_a_row_is_complete_and_names_tests_and_counts_that_are_there(row: dict[str, str]) -> None:
+def test_a_row_is_complete_and_names_tests_and_counts_that_exist(row: dict[str, str]) -> None:
     assert all(row.values())
     assert set(re.findall(r"`(\w+)`", row["counted"])) <= COUNTS
     tests = re.findall(r"\[(\w+)\]::(\w+)", row["test"])

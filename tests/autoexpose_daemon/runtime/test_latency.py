@@ -28,7 +28,7 @@ def test_a_write_is_timed_from_its_own_frame() -> None:
     assert telemetry.frame_to_node_ms.count == telemetry.write_ms.count == telemetry.held_ms.count == 1
 
 
-def test_a_camera_that_comes_back_is_no_slow_write() -> None:
+def test_a_camera_that_returns_is_not_a_slow_write() -> None:
     rig = VirtualRig(1, lambda _pair, _decision: None, lambda _now_ns, _health: None)
     wire = Wire(rig, 2 * SECOND)
     left, right = rig.devices
@@ -36,7 +36,7 @@ def test_a_camera_that_comes_back_is_no_slow_write() -> None:
         rig.run(wire.actors, seconds * SECOND)
         left.vanish()
         rig.run(wire.actors, (seconds + 2) * SECOND)
-        right.vanish()  # from here on nothing is decided
+        right.vanish()  # from now on nothing is decided
         rig.run(wire.actors, (seconds + 5) * SECOND)
         left.present = right.present = True
     rig.run(wire.actors, 21 * SECOND)
@@ -57,8 +57,8 @@ def test_the_parts_make_up_the_whole() -> None:
     assert np.isclose(writes.sum_ms / writes.count, before_ms + after_ms, rtol=0.1)
 
 
-def test_quick_writes_shorten_the_time_that_decisions_are_held(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A readout so slow that many a decision is ready within 5 ms of the next exposure."""
+def test_quick_writes_shorten_how_long_decisions_are_held(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A readout so slow that many decisions are ready within 5 ms of the next exposure."""
     monkeypatch.setattr(camera, "READOUT_NS", 8 * MS)
     rig = VirtualRig(3, lambda _pair, _decision: None, lambda _now_ns, _health: None)
     for device in rig.devices:

@@ -1,4 +1,4 @@
-"""The daemon's watch over responses: what it says, and the copy it keeps."""
+"""The daemon's watch over responses: what it logs, and the copy it keeps."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ LEFT = Origin(CameraIdentity("Maker", "Model", "L"), PixelFormat.MONO8)
 
 @pytest.fixture
 def config(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Config:
-    """Left with the file of a linear response that is asked to be refined; right without a file, hence linear."""
+    """Left with the file of a linear response, to be refined; right without a file, hence linear."""
     monkeypatch.delenv("STATE_DIRECTORY", raising=False)
     file = tmp_path / "left.response.yaml"
     ResponseFile(true_response("linear"), LEFT).save(file)
@@ -33,7 +33,7 @@ def config(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Config:
 def show(
     drift: ResponseDrift, left: ResponseFunction, changes: int, source: SettingSource = "chunk", stride: int = 1
 ) -> None:
-    """Frames of a still scene at changing exposures: the left camera responds so, the right one linearly."""
+    """Frames of a still scene at changing exposures: the left camera has this response, the right one is linear."""
     numbers = np.random.default_rng(5)
     scene_stops = numbers.uniform(-6.0, -1.0, (200, 200))
     right = true_response("linear")
@@ -64,7 +64,7 @@ def test_cameras_whose_responses_hold_are_left_alone(config: Config, tmp_path: P
     assert [path.name for path in tmp_path.iterdir()] == ["left.response.yaml"]
 
 
-def test_a_response_that_drifted_is_told_and_refined_in_a_copy(
+def test_a_response_that_drifted_is_reported_and_refined_in_a_copy(
     config: Config, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     before = (tmp_path / "left.response.yaml").read_bytes()
@@ -81,24 +81,24 @@ def test_a_response_that_drifted_is_told_and_refined_in_a_copy(
     assert np.ptp(stops) < 0.15
 
 
-def test_a_copy_that_cannot_be_written_is_a_line_in_the_log(
+def test_a_copy_that_cannot_be_written_is_logged(
     config: Config, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setenv("STATE_DIRECTORY", "/proc/none")
     drift = ResponseDrift(config)
     show(drift, true_response("gamma"), 2 * REFINE_EVERY)
     finish_refining()
-    assert "no refined response is kept" in caplog.text
+    assert "the refined response could not be written" in caplog.text
 
 
-def test_pairs_that_lack_a_frame_are_passed_over(config: Config) -> None:
+def test_pairs_without_a_frame_are_skipped(config: Config) -> None:
     drift = ResponseDrift(config)
     frame = Frame(np.zeros((8, 8), np.uint8), 8, 0, 0, 0, 0, ExposureSetting(1000.0, 0.0))
     drift.see(StereoPair(0, {"left": frame}))
     assert drift.residual_grey == {}
 
 
-def test_nothing_is_concluded_from_settings_that_are_only_inferred_nor_across_gaps(config: Config) -> None:
+def test_inferred_settings_and_gaps_give_no_verdict(config: Config) -> None:
     for source, stride in (("ledger", 1), ("chunk", 2)):
         drift = ResponseDrift(config)
         show(drift, true_response("gamma"), REFINE_EVERY, source, stride)

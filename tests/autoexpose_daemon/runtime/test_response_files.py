@@ -1,4 +1,4 @@
-"""How often response files are read: once by each reading of the configuration, never by what follows from it."""
+"""How often response files are read: once per reading of the configuration, never again later."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def config_file(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def reads(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """The response files read so far."""
+    """Records the response files that are read."""
     read: list[str] = []
     load = response_file.load_mapping
 

@@ -1,4 +1,4 @@
-"""Threads that die or hang, on cameras that do as they are told."""
+"""Threads that die or hang, on scripted cameras."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def test_a_dead_thread_of_the_rig_ends_the_service(right: Callable[[], Camera], 
     assert not [thread for thread in threading.enumerate() if thread.name.startswith(("control", "nodes", "frames"))]
 
 
-def test_no_thread_keeps_the_others_waiting_for_the_time_of_a_decision() -> None:
+def test_no_thread_blocks_the_others_for_as_long_as_a_decision_takes() -> None:
     sys.setswitchinterval(0.005)
     stop = threading.Event()
     stop.set()
@@ -142,7 +142,7 @@ def test_a_stuck_control_thread_starves_the_watchdog(manager: socket.socket) -> 
         thread.join()
 
 
-def test_the_state_is_told_once_and_readiness_with_the_first_that_is_not_starting(
+def test_a_state_is_reported_once_and_readiness_with_the_first_after_starting(
     manager: socket.socket, caplog: pytest.LogCaptureFixture
 ) -> None:
     caplog.set_level("INFO")

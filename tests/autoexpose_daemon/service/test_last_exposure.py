@@ -57,7 +57,7 @@ def test_a_picture_that_shows_little_is_no_reason_to_remember(file: Path, bad: d
 def test_a_pipe_in_its_place_is_no_exposure(file: Path, caplog: pytest.LogCaptureFixture) -> None:
     os.mkfifo(file)
     assert LastExposure(file).recall(LIMITS) is None
-    assert "a named pipe, no regular file" in caplog.text
+    assert "a named pipe, not a regular file" in caplog.text
 
 
 def test_it_is_written_seldom(file: Path) -> None:

@@ -82,4 +82,4 @@ def test_a_silence_before_every_frame_is_no_line_with_every_frame(caplog: pytest
     control = RigControl(config, Rig({"left": ScriptedCamera}, 1.0, config.start))
     for _ in range(5):
         control.take([CameraSilent("left")])
-    assert caplog.messages.count("left camera: no frames; asking whether it is there") == 1
+    assert caplog.messages.count("left camera: no frames; checking that it answers") == 1

@@ -216,7 +216,7 @@ def test_a_process_is_ready_reloads_and_stops(tmp_path: Path) -> None:
         file.unlink()
         os.mkfifo(file)  # opening it would wait for a writer
         service.reload()
-        service.wait_until(lambda _: "a named pipe, no regular file" in service.log, "a refusal of the pipe")
+        service.wait_until(lambda _: "a named pipe, not a regular file" in service.log, "a refusal of the pipe")
         file.unlink()
         file.write_text(yaml.safe_dump({**rig, "control": {"policy": "fixed", "start": {"exposure_time_us": 777}}}))
         service.reload()

@@ -1,6 +1,6 @@
-"""What every camera opened through Aravis must do, whatever it hangs on.
+"""What every camera opened through Aravis must do, whatever its transport.
 
-Run as it is, over GigE Vision; test_on_usb3.py runs it again in a process with fakes on its USB bus.
+Runs directly over GigE Vision; test_on_usb3.py runs it again in a process with fakes on its USB bus.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ def fake(backend: Backend) -> Iterator[FakeCamera]:
 
 @pytest.fixture(scope="module")
 def idle(backend: Backend) -> Iterator[FakeCamera]:
-    """A second camera, opened by no one between tests."""
+    """A second camera, never left open between tests."""
     with backend.start() as running:
         yield running
 
@@ -100,11 +100,11 @@ def frames_until(camera: AravisCamera, enough: Callable[[Frame], bool]) -> list[
             frames.append(frame)
             if enough(frame):
                 return frames
-    raise AssertionError(f"none of {len(frames)} frames was the one waited for")
+    raise AssertionError(f"none of {len(frames)} frames was the expected one")
 
 
 def in_a_row(camera: AravisCamera, count: int) -> list[Frame]:
-    """The first so many frames without one missing between them: a busy machine loses some."""
+    """The first run of that many frames without a gap: a busy machine loses some."""
     frames: list[Frame] = []
 
     def enough(frame: Frame) -> bool:
@@ -168,7 +168,7 @@ def test_cameras_are_found_by_serial(backend: Backend, fake: FakeCamera, idle: F
     assert found[fake.serial].id != found[idle.serial].id
 
 
-def test_an_unknown_serial_is_told_with_those_that_answer(fake: FakeCamera) -> None:
+def test_an_unknown_serial_is_reported_with_those_that_answer(fake: FakeCamera) -> None:
     with pytest.raises(CameraNotFoundError, match=rf'"NOBODY" answers.*"{fake.serial}"'):
         open_camera("NOBODY", CameraSetup(EXTERNAL))
 
@@ -192,7 +192,7 @@ def test_triggers_make_frames_without_a_gap(camera: AravisCamera) -> None:
     assert np.median(periods_ns) == pytest.approx(PERIOD_NS, rel=0.02)
 
 
-def test_host_times_keep_the_grid_of_the_trigger_across_latches(camera: AravisCamera) -> None:
+def test_host_times_stay_on_the_trigger_grid_across_latches(camera: AravisCamera) -> None:
     frames = next_frames(camera, 10)
     camera.latch_clock()
     frames += next_frames(camera, 10)
@@ -219,7 +219,7 @@ def test_values_out_of_bounds_are_refused_by_name(camera: AravisCamera, setting:
         camera.write(setting)
 
 
-def test_a_refused_write_is_told_and_the_next_one_writes_everything(fake: FakeCamera, camera: AravisCamera) -> None:
+def test_a_refused_write_is_reported_and_the_next_one_writes_everything(fake: FakeCamera, camera: AravisCamera) -> None:
     fake.inject(Fault.REFUSE_WRITES, count=1)
     with pytest.raises(NodeError, match="ExposureTime"):
         camera.write(ExposureSetting(3000.0, 3.0))
@@ -228,14 +228,14 @@ def test_a_refused_write_is_told_and_the_next_one_writes_everything(fake: FakeCa
     frames_until(camera, lambda frame: frame.setting == taken)
 
 
-@pytest.mark.gige_only  # USB resends by itself, below what a program sees
-def test_lost_packets_are_asked_for_again(fake: FakeCamera, camera: AravisCamera) -> None:
+@pytest.mark.gige_only  # USB resends by itself, invisibly to programs
+def test_lost_packets_are_requested_again(fake: FakeCamera, camera: AravisCamera) -> None:
     def lost_none() -> bool:
         before = next_frames(camera, 1)[0].frame_id
         fake.inject(Fault.LOSE_PACKETS, count=3)
         return next_frames(camera, 10)[-1].frame_id == before + 10
 
-    assert any(lost_none() for _ in range(ATTEMPTS))  # a busy machine loses some frames whole
+    assert any(lost_none() for _ in range(ATTEMPTS))  # a busy machine loses some whole frames
 
 
 def test_frames_lost_whole_leave_a_gap_in_the_ids(backend: Backend, fake: FakeCamera, camera: AravisCamera) -> None:
@@ -251,7 +251,7 @@ def test_frames_lost_whole_leave_a_gap_in_the_ids(backend: Backend, fake: FakeCa
 
 
 @pytest.mark.parametrize("pixel_format", [each for each in PixelFormat if each.bit_depth > 8])
-def test_deep_pixels_are_handed_on_whole(idle: FakeCamera, pixel_format: PixelFormat) -> None:
+def test_deep_pixels_arrive_whole(idle: FakeCamera, pixel_format: PixelFormat) -> None:
     with opened(idle, pixel_format=pixel_format) as camera:
         camera.write(ExposureSetting(20000.0, 24.0))
         camera.start()
@@ -261,7 +261,7 @@ def test_deep_pixels_are_handed_on_whole(idle: FakeCamera, pixel_format: PixelFo
         assert np.array_equal(frame.grey8(), frame.pixels >> pixel_format.bit_depth - 8)
 
 
-def test_binning_takes_the_whole_sensor_and_is_undone(idle: FakeCamera) -> None:
+def test_binning_uses_the_whole_sensor_and_can_be_undone(idle: FakeCamera) -> None:
     for binning, shape in ((2, (270, 360)), (1, (540, 720))):
         with opened(idle, binning=binning, pixel_format=PixelFormat.MONO8) as camera:
             camera.start()
@@ -288,7 +288,7 @@ time.sleep(60)
 
 @contextlib.contextmanager
 def holder(serial: str) -> Iterator[subprocess.Popen[str]]:
-    """Another process that has the camera open and running."""
+    """Another process that holds the camera open and running."""
     with subprocess.Popen([sys.executable, "-c", HOLDER, serial], stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == "held\n"
@@ -299,7 +299,7 @@ def holder(serial: str) -> Iterator[subprocess.Popen[str]]:
 
 
 @pytest.mark.filterwarnings("ignore:.*g_thread_join")  # Aravis 0.8.26 after a refused claim
-def test_a_camera_in_other_hands_is_busy_until_its_killed_holder_is_forgotten(idle: FakeCamera) -> None:
+def test_a_camera_held_by_another_program_is_busy_until_that_is_killed_and_forgotten(idle: FakeCamera) -> None:
     """Over GigE Vision that takes 3 s."""
     with holder(idle.serial) as process:
         with pytest.raises(CameraBusyError, match=idle.serial):
@@ -350,7 +350,7 @@ def held() -> tuple[int, int]:
     return len(os.listdir("/proc/self/fd")), len(os.listdir("/proc/self/task"))  # noqa: PTH208
 
 
-def test_cycles_of_opening_and_closing_leave_nothing_behind(idle: FakeCamera) -> None:
+def test_opening_and_closing_repeatedly_leaks_nothing(idle: FakeCamera) -> None:
     counts: list[tuple[int, int]] = []
     kept_errors: list[object] = []
     for _ in range(3):

@@ -1,6 +1,6 @@
-"""Every dialect over the wire: cameras that wear a description each, met by stock Aravis and by our driver.
+"""Every dialect over the wire: cameras with one description each, opened by stock Aravis and by our driver.
 
-Run as it is, over GigE Vision; test_on_usb3.py runs it again in a process with the cameras on its USB bus.
+Runs directly over GigE Vision; test_on_usb3.py runs it again in a process with the cameras on its USB bus.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ PORTS = os.environ.get(CAMERAS_VARIABLE, "").split(":")
 TRANSPORT, NAME_SPACE = ("usb3", "U3V") if PORTS != [""] else ("gige", "GEV")
 REAL_ONES = [pytest.param(name, marks=pytest.mark.data) for name in REAL[TRANSPORT]]
 ON_BOTH = {0, 1, 8, 10, 11, 12, 16, 17}
-"""Enough for a transport: each way to write registers, with and without chunks, seconds, a dB scale."""
+"""Enough per transport: each way to write registers, with and without chunks, seconds, a dB scale."""
 WORN = [
     *(
         pytest.param(number, marks=[] if number in ON_BOTH else pytest.mark.gige_only)
@@ -56,7 +56,7 @@ WORN = [
 
 
 class GreyCard:
-    """A uniform grey that is in proportion to exposure: its frames tell what they were really taken with."""
+    """A uniform grey proportional to exposure: frames show what they were actually taken with."""
 
     sensor_width, sensor_height = 64, 48
 
@@ -70,7 +70,7 @@ class GreyCard:
 
 @dataclass(frozen=True)
 class Worn:
-    """A camera in this process that wears a description."""
+    """A camera in this process with a given description."""
 
     serial: str
     description: Description
@@ -96,7 +96,7 @@ class Worn:
 
 
 def description(worn: int | str) -> Description:
-    """One of ours by its number, or that of a real camera by its name."""
+    """One of ours, by number, or a real camera's, by name."""
     if isinstance(worn, int):
         return Description.from_bytes(xml_camera(worn, NAME_SPACE), f"combination {worn}")
     path = data(f"genicam_xml/{worn}.xml")
@@ -121,7 +121,7 @@ def served(device: Device, camera: XmlCamera) -> Iterator[None]:
 
 @pytest.fixture(scope="module")
 def cameras(request: pytest.FixtureRequest) -> Iterator[dict[int | str, Worn]]:
-    """All that are needed at once, so that one search finds them all."""
+    """Starts all that are needed, so that one search finds them."""
     line0 = Line0(time.monotonic_ns(), RATE_HZ)
     needed = {item.callspec.params.get("worn") for item in request.session.items if hasattr(item, "callspec")}
     with contextlib.ExitStack() as running, pytest.MonkeyPatch.context() as patch:
@@ -136,7 +136,7 @@ def cameras(request: pytest.FixtureRequest) -> Iterator[dict[int | str, Worn]]:
             worn[key] = Worn(serial, camera.description, device, camera)
         find_cameras()
         yield worn
-        gc.collect()  # Aravis says goodbye when it frees a camera, and waits for the answer
+        gc.collect()  # Aravis says goodbye when it frees a camera, and waits for the answer,
 
 
 @pytest.fixture
@@ -193,7 +193,7 @@ def test_no_exposure_time_is_refused_by_name(worn: Worn) -> None:
 
 
 @pytest.mark.parametrize("worn", WORN[1:], ids=str, indirect=True)
-def test_the_driver_exposes_by_it_and_each_frame_tells_how(worn: Worn) -> None:
+def test_the_driver_exposes_by_it_and_each_frame_says_how(worn: Worn) -> None:
     with contextlib.closing(open_camera(worn.serial, set_up(worn))) as camera:
         limits = camera.limits
         assert limits.min_time_us < limits.max_time_us
@@ -204,15 +204,15 @@ def test_the_driver_exposes_by_it_and_each_frame_tells_how(worn: Worn) -> None:
             frames = frames_until(camera, grey_of(setting))
             assert {frame.setting_source for frame in frames} == {"chunk" if worn.tells_by_chunks else "ledger"}
             wrong = [frame for frame in frames if abs(frame.pixels.mean() - grey_of(frame.setting)) > 1.5]
-            # Those that were starting while it was written: one, but for a machine that is busy just then.
+            # Those that started during the write: one, unless the machine is busy just then.
             assert len(wrong) <= (0 if worn.tells_by_chunks else 3)
         check_gain(worn, camera)
         check_words(worn, camera)
 
 
 @pytest.mark.parametrize("worn", range(1, len(COMBINATIONS)), ids=str, indirect=True)
-def test_a_write_asks_little_of_the_camera(worn: Worn, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A node is written and read back; bounds are looked at besides where time is not a float in microseconds."""
+def test_a_write_takes_few_requests(worn: Worn, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A node is written and read back; bounds are read, too, where time is not a float in microseconds."""
     with contextlib.closing(open_camera(worn.serial, set_up(worn))) as camera:
         camera.write(ExposureSetting(2000.0, 0.0))
         asked: list[int] = []
@@ -227,7 +227,7 @@ def test_a_write_asks_little_of_the_camera(worn: Worn, monkeypatch: pytest.Monke
 
 @pytest.mark.parametrize("worn", [10, 11, 12, *REAL_ONES[-2:]], ids=str, indirect=True)
 def test_the_driver_runs_it_freely_at_a_rate(worn: Worn) -> None:
-    """Number 10 and Basler's older ones hold a period in the register of the rate."""
+    """Number 10 and Basler's older ones have a period in the register of the rate."""
     with contextlib.closing(open_camera(worn.serial, CameraSetup(TriggerSetup("free_run", rate_hz=50.0)))) as camera:
         assert worn.device.features.get("AcquisitionFrameRate") == pytest.approx(50.0, rel=0.01)
         camera.start()
@@ -247,7 +247,7 @@ def check_gain(worn: Worn, camera: AravisCamera) -> None:
 
 
 def check_words(worn: Worn, camera: AravisCamera) -> None:
-    """What the camera lacks is told, and nothing else."""
+    """Exactly the camera's limitations are reported."""
     limitations = " / ".join(camera.description.limitations)
     nodes = worn.description.nodes
     has_gain = any(name in nodes and nodes[name].kind != "Category" for name in ("Gain", "GainRaw"))
@@ -259,7 +259,7 @@ def check_words(worn: Worn, camera: AravisCamera) -> None:
 
 
 @pytest.mark.parametrize("worn", [1, *REAL_ONES], ids=str, indirect=True)
-def test_a_description_tells_its_transport(worn: Worn) -> None:
+def test_a_description_names_its_transport(worn: Worn) -> None:
     assert worn.description.standard == NAME_SPACE
 
 

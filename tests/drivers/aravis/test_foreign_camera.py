@@ -27,7 +27,7 @@ pytestmark = [pytest.mark.realtime, pytest.mark.needs("arv-fake-gv-camera-0.8", 
 def outcomes_until(
     camera: AravisCamera, enough: Callable[[list[Frame | IncompleteFrame]], bool]
 ) -> list[Frame | IncompleteFrame]:
-    """Frames, whole and not, up to what is waited for."""
+    """Frames, complete or not, up to the awaited one."""
     outcomes: list[Frame | IncompleteFrame] = []
     deadline_s = time.monotonic() + PATIENCE_S
     while not enough(outcomes):
@@ -54,8 +54,8 @@ def test_it_runs_freely_on_exposure_time_alone() -> None:
             camera.write(ExposureSetting(4321.0, 6.0))
 
 
-def test_frames_with_holes_are_told_apart() -> None:
-    """It sends no packet again; of its 190 packets a frame, 5 in a thousand get lost."""
+def test_frames_with_holes_are_recognised() -> None:
+    """It never resends; of its 190 packets per frame, 5 in a thousand get lost."""
     with foreign_camera("-r", "5") as serial, contextlib.closing(open_camera(serial, FREE_RUN)) as camera:
         camera.start()
         outcomes = outcomes_until(camera, lambda them: {type(it) for it in them} == {Frame, IncompleteFrame})

@@ -16,10 +16,10 @@ HERE = Path(__file__).parent
 DIALECTS = HERE / "test_dialects_on_the_wire.py"
 SUITES = [HERE / "test_camera_contract.py", DIALECTS, REPOSITORY / "tests/autoexpose_daemon/runtime/test_daemon.py"]
 PORTS = len(COMBINATIONS)
-"""As many cameras as the dialects have at a time."""
+"""As many cameras as the dialects need at a time."""
 
 
-def test_over_usb3_vision_all_is_as_over_gige(tmp_path: Path) -> None:
+def test_usb3_vision_behaves_as_gige_does(tmp_path: Path) -> None:
     run_under_shim(SUITES, *(tmp_path / str(port) for port in range(PORTS)))
 
 

@@ -1,4 +1,4 @@
-"""Regular files are read up to a length; what else has a name in the file system is not even opened."""
+"""Regular files are read up to a length; other kinds of file are not even opened."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 from drivers.config.files import open_regular, read_regular
 
 
-def test_a_file_is_read_whole_up_to_its_bound(tmp_path: Path) -> None:
+def test_a_file_is_read_whole_up_to_the_bound(tmp_path: Path) -> None:
     file = tmp_path / "file"
     file.write_bytes(b"x" * 2048)
     assert read_regular(file, 2048) == b"x" * 2048
@@ -21,12 +21,12 @@ def test_a_file_is_read_whole_up_to_its_bound(tmp_path: Path) -> None:
         assert stream.read(2) == b"xx"
 
 
-def test_what_has_no_length_is_bounded_too() -> None:
+def test_a_file_without_a_length_is_bounded_too() -> None:
     assert read_regular(Path("/proc/self/status"), 1 << 20).startswith(b"Name:")
 
 
 @pytest.mark.parametrize("kind", ["named pipe", "device", "directory", "socket"])
-def test_other_kinds_are_named(tmp_path: Path, kind: str) -> None:
+def test_other_kinds_of_file_are_named(tmp_path: Path, kind: str) -> None:
     odd = tmp_path / "odd"
     if kind == "named pipe":
         os.mkfifo(odd)
@@ -37,13 +37,11 @@ def test_other_kinds_are_named(tmp_path: Path, kind: str) -> None:
     else:
         with socket.socket(socket.AF_UNIX) as listening:
             listening.bind(str(odd))
-    with pytest.raises(OSError, match=f"a {kind}, no regular file"):
+    with pytest.raises(OSError, match=f"a {kind}, not a regular file"):
         open_regular(odd)
 
 
-def test_a_pipe_that_takes_the_place_of_a_file_meanwhile_does_not_hold_up(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_pipe_that_replaces_a_file_meanwhile_does_not_block(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     regular, odd = tmp_path / "regular", tmp_path / "odd"
     regular.touch()
     os.mkfifo(odd)
@@ -54,6 +52,6 @@ def test_a_pipe_that_takes_the_place_of_a_file_meanwhile_does_not_hold_up(
 
 
 @pytest.mark.parametrize("name", ["missing", "n" * 300])
-def test_what_cannot_be_opened_is_an_error_of_the_system(tmp_path: Path, name: str) -> None:
+def test_what_cannot_be_opened_raises_an_os_error(tmp_path: Path, name: str) -> None:
     with pytest.raises(OSError, match=r"No such file|too long"):
         read_regular(tmp_path / name, 10)

@@ -14,7 +14,7 @@ from drivers.genicam.clock import ArrivalClock, JumpWatch, LatchedClock, find_cl
 from tests.drivers.genicam.node_map import CommandNode, IntegerNode, MemoryNodes, Node
 
 LATER_NS = 1 << 62
-"""An arrival that raises no doubt about any time stamp."""
+"""An arrival that casts no doubt on any time stamp."""
 
 
 @dataclass
@@ -51,7 +51,7 @@ def test_a_latch_maps_the_clock_to_within_its_round_trip(tick_frequency_hz: int)
     assert clock.host_time_ns(5_000_000_000, LATER_NS) == pytest.approx(5_000_000_000 + wire.offset_ns, abs=300_000)
 
 
-def test_of_several_latches_the_quickest_is_kept() -> None:
+def test_the_quickest_of_several_latches_is_kept() -> None:
     wire = Wire(delays=random.Random(7), least_delay_ns=0)
     errors = []
     for _ in range(50):
@@ -69,7 +69,7 @@ def test_latching_again_follows_a_drifting_clock() -> None:
 
 
 @given(st.lists(st.integers(0, 10**8), min_size=1, max_size=50), st.integers(-(10**15), 10**15))
-def test_without_a_latch_host_times_are_late_by_the_least_delay_so_far(delays_ns: list[int], offset_ns: int) -> None:
+def test_without_a_latch_host_times_are_late_by_the_shortest_delay_so_far(delays_ns: list[int], offset_ns: int) -> None:
     clock = ArrivalClock()
     for frame, delay_ns in enumerate(delays_ns):
         device_ns = frame * 16_666_667
@@ -86,7 +86,7 @@ def test_without_a_latch_host_times_are_late_by_the_least_delay_so_far(delays_ns
         (("GevTimestampControlLatch", "GevTimestampValue"), 0, 1),
     ],
 )
-def test_both_dialects_of_latching_are_found(names: tuple[str, str], frequency: int | None, scale: int) -> None:
+def test_both_kinds_of_latch_nodes_are_found(names: tuple[str, str], frequency: int | None, scale: int) -> None:
     command, value = names
     found: dict[str, Node] = {command: CommandNode(), value: IntegerNode(1_000_000)}
     if frequency is not None:
@@ -100,10 +100,10 @@ def test_both_dialects_of_latching_are_found(names: tuple[str, str], frequency: 
     assert moved_ns == pytest.approx(scale * 10**12, abs=10**9)
 
 
-def test_a_missing_latch_is_told() -> None:
+def test_a_missing_latch_is_reported() -> None:
     clock, limitations = find_clock(MemoryNodes({}))
     assert isinstance(clock, ArrivalClock)
-    assert limitations == ("no time stamp latch: host times are inferred from arrival, late by the least delay",)
+    assert limitations == ("no time stamp latch: host times are inferred from arrival, late by the shortest delay",)
 
 
 @pytest.mark.parametrize("jump_ns", [10**9, -(10**9), 10**10, -(10**10)])
@@ -130,7 +130,7 @@ def test_a_clock_that_jumps_keeps_its_frames_in_place(jump_ns: int, latched: boo
         assert max(map(abs, known[-80:])) < 300_000
 
 
-def test_a_jump_is_told_once_and_a_camera_that_is_back_has_made_none() -> None:
+def test_a_jump_is_reported_once_and_a_returning_camera_has_not_jumped() -> None:
     watch = JumpWatch()
 
     def jumps(device_ns: int, count: int = 3) -> list[float]:

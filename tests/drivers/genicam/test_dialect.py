@@ -28,7 +28,7 @@ def test_time_and_gain_in_db_are_driven() -> None:
     assert dialect.write(nodes, ExposureSetting(1234.4, 6.0), None) == ExposureSetting(1234.0, 6.0)
 
 
-def test_gain_without_db_is_left_alone_and_told() -> None:
+def test_gain_without_db_is_left_alone_and_reported() -> None:
     nodes = sfnc1()
     dialect = find_dialect(nodes)
     assert dialect.limitations == (
@@ -47,13 +47,13 @@ def test_a_gain_that_is_not_in_db_is_left_alone(gain: Node) -> None:
     assert find_dialect(sfnc2(Gain=gain)).gain is None
 
 
-def test_no_gain_at_all_is_told() -> None:
+def test_no_gain_at_all_is_reported() -> None:
     nodes = sfnc2()
     del nodes.nodes["Gain"]
     assert find_dialect(nodes).limitations == ("no gain node: exposure time alone is driven",)
 
 
-def test_a_gain_in_db_is_driven_by_its_other_name_and_as_an_integer() -> None:
+def test_a_gain_in_db_is_driven_under_its_other_name_and_as_an_integer() -> None:
     nodes = sfnc2(GainAbs=IntegerNode(3, 0, 24, "dB", 2))
     del nodes.nodes["Gain"]
     dialect = find_dialect(nodes)
@@ -96,20 +96,20 @@ def test_a_count_of_known_length_is_driven() -> None:
     assert nodes.writes == [("ExposureTimeRaw", 50)]
 
 
-def test_an_unknown_unit_is_refused_by_name_unless_another_name_helps() -> None:
+def test_an_unknown_unit_is_refused_by_name_unless_another_node_helps() -> None:
     nodes = sfnc2(ExposureTime=FloatNode(1.0, unit="lines"))
-    with pytest.raises(UnsupportedCameraError, match="M1: its ExposureTime is in 'lines', which is no unit of time"):
+    with pytest.raises(UnsupportedCameraError, match="M1: its ExposureTime is in 'lines', which is not a known unit"):
         find_dialect(nodes)
     nodes.nodes["ExposureTimeAbs"] = FloatNode(5000.0, 10.0)
     assert find_dialect(nodes).time.node == "ExposureTimeAbs"
 
 
 def test_a_camera_without_exposure_time_is_refused_with_what_it_offers() -> None:
-    with pytest.raises(UnsupportedCameraError, match="its ExposureTimeRaw counts in steps whose length it does not"):
+    with pytest.raises(UnsupportedCameraError, match="its ExposureTimeRaw counts in steps of unknown length"):
         find_dialect(MemoryNodes({"ExposureTimeRaw": IntegerNode(1)}))
     with pytest.raises(UnsupportedCameraError, match="offers only Shutter"):
         find_dialect(MemoryNodes({"Shutter": FloatNode(1.0)}))
-    with pytest.raises(UnsupportedCameraError, match="no other exposure node"):
+    with pytest.raises(UnsupportedCameraError, match="no other known exposure node"):
         find_dialect(MemoryNodes({}))
 
 
@@ -126,7 +126,7 @@ def test_only_what_changed_is_written() -> None:
 @pytest.mark.parametrize(
     ("name", "asked"), [("ExposureTime", ExposureSetting(9000.0, 3.0)), ("Gain", ExposureSetting(5000.0, 20.0))]
 )
-def test_a_silent_clip_is_told(name: str, asked: ExposureSetting) -> None:
+def test_a_silent_clip_is_reported(name: str, asked: ExposureSetting) -> None:
     nodes = sfnc2()
     node = nodes.nodes[name]
     assert isinstance(node, FloatNode)
@@ -140,31 +140,31 @@ NAN, INFINITE = float("nan"), float("inf")
 
 @pytest.mark.parametrize("name", ["ExposureTime", "Gain"])
 @pytest.mark.parametrize("value", [NAN, INFINITE, -INFINITE])
-def test_a_node_that_reads_back_no_number_is_told(name: str, value: float) -> None:
+def test_a_node_that_reads_nan_or_inf_is_reported(name: str, value: float) -> None:
     nodes = sfnc2()
     node = nodes.nodes[name]
     assert isinstance(node, FloatNode)
     node.take = lambda _: value
-    with pytest.raises(NodeError, match=f"^camera M1: node {name} reads -?(nan|inf), which is no number$"):
+    with pytest.raises(NodeError, match=f"^camera M1: node {name} reads -?(nan|inf), which is not a number$"):
         find_dialect(nodes).write(nodes, ExposureSetting(1000.0, 3.0), None)
 
 
-def test_no_exposure_takes_no_time() -> None:
+def test_an_exposure_time_of_zero_is_refused() -> None:
     nodes = sfnc2(ExposureTime=FloatNode(0.0, 10.0, 1e6, "us", take=lambda _: 0.0))
-    with pytest.raises(NodeError, match=r"ExposureTime reads 0 us, which is no exposure time$"):
+    with pytest.raises(NodeError, match=r"ExposureTime reads 0 us, which is not an exposure time$"):
         find_dialect(nodes).write(nodes, ExposureSetting(1000.0, 3.0), None)
 
 
-def test_bounds_and_increments_that_are_no_numbers() -> None:
+def test_bounds_and_increments_that_are_not_numbers() -> None:
     nodes = sfnc2(ExposureTime=FloatNode(1000.0, NAN, 1e6, "us"))
-    with pytest.raises(NodeError, match="the bounds of node ExposureTime are no numbers: nan to 1e"):
+    with pytest.raises(NodeError, match="the bounds of node ExposureTime are not numbers: nan to 1e"):
         find_dialect(nodes).limits(nodes)
     nodes = sfnc2(ExposureTime=FloatNode(1000.0, 10.0, INFINITE, "us", increment=NAN))
     limits = find_dialect(nodes).limits(nodes)
     assert (limits.max_time_us, limits.time_step_us) == (INFINITE, 0.0)
 
 
-def test_automatics_are_switched_off_where_there_are_any() -> None:
+def test_automatic_exposure_and_gain_are_switched_off_if_present() -> None:
     nodes = sfnc2(
         ExposureAuto=EnumerationNode("Continuous", ("Off", "Once", "Continuous")),
         GainAuto=EnumerationNode("Off", ("Off", "Continuous")),
@@ -176,7 +176,7 @@ def test_automatics_are_switched_off_where_there_are_any() -> None:
     switch_auto_off(sfnc1())
 
 
-def test_a_gain_in_another_unit_is_named_with_it() -> None:
+def test_a_gain_in_another_unit_is_named_with_that_unit() -> None:
     assert "(Gain is in %)" in find_dialect(sfnc2(Gain=FloatNode(1.0, unit="%"))).limitations[0]
     assert (
         "(Gain is in numbers without a unit)"

@@ -26,9 +26,9 @@ def test_no_gamma_and_a_gamma_of_1_are_left_alone() -> None:
         assert nodes.writes == []
 
 
-def test_what_stands_in_the_way_is_told() -> None:
+def test_the_reason_why_gamma_stays_on_is_reported() -> None:
     (limitation,) = switch_gamma_off(MemoryNodes({"Gamma": FloatNode(0.5, 0.25, 0.7)}))
-    assert "grey levels are not in proportion to light" in limitation
+    assert "grey levels are not proportional to light" in limitation
     assert "could not set Gamma to 1" in limitation
 
     class Locked(MemoryNodes):

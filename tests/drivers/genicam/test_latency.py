@@ -34,12 +34,12 @@ def test_it_finds_the_delay_of_a_camera_in_whole_frames(periods: int) -> None:
     assert measured.latency_ns > (periods - 0.4) * PERIOD_NS
 
 
-def test_until_a_change_was_seen_it_is_none() -> None:
+def test_the_latency_is_zero_until_a_change_was_seen() -> None:
     assert WriteLatency().latency_ns == 0
     assert run(2 * PERIOD_NS, [0.2, -0.2]).latency_ns == 0
 
 
-def test_changes_that_follow_each_other_closely_are_passed_over() -> None:
+def test_changes_in_quick_succession_are_skipped() -> None:
     measured = WriteLatency()
     level = 5.0
     for frame in range(60):

@@ -55,7 +55,7 @@ def test_the_ledger_gives_the_setting_last_written_before_the_frame() -> None:
     ]  # fmt: skip
 
 
-def test_the_ledger_follows_the_latency_that_brightness_tells() -> None:
+def test_the_ledger_follows_the_latency_that_brightness_shows() -> None:
     """A camera that shows a write 25 ms later, written between frames 10 ms apart."""
     ledger = SettingLedger(ExposureSetting(1000.0, 0.0))
     written_ns, times_us = 0, [1000.0, 4000.0]
@@ -70,7 +70,7 @@ def test_the_ledger_follows_the_latency_that_brightness_tells() -> None:
             assert ledger.setting_at(start_ns).exposure_time_us == shown_us
 
 
-def test_the_ledger_forgets_the_oldest_only() -> None:
+def test_the_ledger_forgets_only_the_oldest() -> None:
     ledger = SettingLedger(ExposureSetting(1.0, 0.0))
     for time in range(1, 200):
         ledger.record(time, ExposureSetting(float(time), 0.0))
@@ -95,7 +95,7 @@ def test_chunks_are_switched_on(gain_driven: bool) -> None:
     assert nodes.writes[0] == ("ChunkModeActive", True)
 
 
-def test_missing_chunks_are_told() -> None:
+def test_missing_chunks_are_reported() -> None:
     nodes = MemoryNodes(
         {"ChunkModeActive": BooleanNode(), "ChunkSelector": EnumerationNode("Image", ("Image", "ExposureTime"))}
     )
@@ -120,7 +120,7 @@ def test_a_chunk_of_another_unit_is_read_in_microseconds() -> None:
     assert enable_chunks(nodes, False) == (ChunkNodes("ChunkExposureTime", 1e6, None), ())
 
 
-def test_chunks_that_cannot_be_switched_on_are_told_with_the_reason() -> None:
+def test_chunks_that_cannot_be_switched_on_are_reported_with_the_reason() -> None:
     class Refusing(MemoryNodes):
         def write_boolean(self, name: str, value: bool) -> None:
             raise NodeError(f"could not set {name}: write-protect")

@@ -13,7 +13,7 @@ def camera(readout_us: float | None, overlap: str = "Off", name: str = "SensorRe
 
 
 @pytest.mark.parametrize("name", ["SensorReadoutTime", "ReadoutTimeAbs"])
-def test_exposure_and_readout_that_do_not_fit_are_told_with_what_would(name: str) -> None:
+def test_exposure_and_readout_that_do_not_fit_are_reported_with_what_would(name: str) -> None:
     (limitation,) = timing_limitations(
         camera(8000.0, name=name), TriggerSetup("external", rate_hz=100.0, longest_exposure_us=7500.0)
     )
@@ -22,7 +22,7 @@ def test_exposure_and_readout_that_do_not_fit_are_told_with_what_would(name: str
 
 
 @pytest.mark.parametrize(("readout_us", "overlap"), [(2000.0, "Off"), (8000.0, "ReadOut"), (None, "Off")])
-def test_what_fits_or_is_not_known_is_no_lack(readout_us: float | None, overlap: str) -> None:
+def test_a_readout_that_fits_or_is_unknown_is_not_a_limitation(readout_us: float | None, overlap: str) -> None:
     setup = TriggerSetup("external", rate_hz=100.0, longest_exposure_us=7500.0)
     assert timing_limitations(camera(readout_us, overlap), setup) == ()
 

@@ -41,12 +41,12 @@ def test_a_line_is_armed_after_every_trigger_is_off() -> None:
     ]
 
 
-def test_a_missing_overlap_is_told() -> None:
+def test_a_missing_overlap_is_reported() -> None:
     limitations = arm_trigger(triggered(TriggerOverlap=EnumerationNode("Off", ("Off",))), LINE0)
     assert limitations == ("no TriggerOverlap ReadOut: exposure and readout together must fit into a trigger period",)
 
 
-def test_an_unknown_line_is_refused_with_those_there_are() -> None:
+def test_an_unknown_line_is_refused_with_those_that_exist() -> None:
     with pytest.raises(ConfigurationError, match="no trigger line 'Line7'; it has Line0, Line3"):
         arm_trigger(triggered(), TriggerSetup("external", "Line7"))
 
@@ -66,7 +66,7 @@ def test_a_free_run_sets_the_rate_with_triggers_off() -> None:
     assert nodes.writes[-2:] == [("AcquisitionFrameRateEnable", True), ("AcquisitionFrameRate", 60.0)]
 
 
-def test_a_free_run_tells_of_a_missing_line_and_refuses_rates_out_of_reach() -> None:
+def test_a_free_run_reports_a_missing_line_and_refuses_impossible_rates() -> None:
     bare = MemoryNodes({"AcquisitionFrameRate": FloatNode(30.0, 1.0, 50.0)})
     with pytest.raises(ConfigurationError, match="cannot run at 60 Hz, only at 1 to 50 Hz"):
         arm_trigger(bare, FREE_RUN)
@@ -91,7 +91,7 @@ LINES: dict[str, Node] = {
 }
 
 
-def test_a_primary_camera_runs_freely_and_shows_its_exposures() -> None:
+def test_a_primary_camera_runs_freely_and_signals_its_exposures() -> None:
     nodes = triggered(**LINES)
     assert arm_trigger(nodes, PRIMARY) == ()
     assert nodes.writes[-4:] == [
@@ -109,7 +109,7 @@ def test_a_primary_camera_without_such_an_output_is_refused() -> None:
         arm_trigger(triggered(), PRIMARY)
     with pytest.raises(ConfigurationError, match="no output line 'Line7'; it has Line0, Line1, Line2"):
         arm_trigger(triggered(**LINES), TriggerSetup("free_run", output_line="Line7"))
-    with pytest.raises(UnsupportedCameraError, match="Line1 cannot tell when it exposes"):
+    with pytest.raises(UnsupportedCameraError, match="Line1 cannot signal when it exposes"):
         arm_trigger(triggered(**LINES | {"LineSource": EnumerationNode("Off", ("Off",))}), PRIMARY)
 
 
@@ -136,7 +136,7 @@ def test_a_fixed_rate_is_a_trigger_source_on_some_cameras() -> None:
     assert nodes.read_entry("TriggerMode") == "On"
 
 
-def test_triggers_without_a_mode_are_passed_over() -> None:
+def test_triggers_without_a_mode_are_skipped() -> None:
     nodes = triggered(TriggerMode=EnumerationNode("", ()))
     arm_trigger(nodes, FREE_RUN)
     assert not any(name == "TriggerMode" for name, _ in nodes.writes)

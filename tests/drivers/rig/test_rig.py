@@ -1,4 +1,4 @@
-"""The rig's threads, on cameras that do as they are told: no transport here, that is the contract tests' matter."""
+"""The rig's threads, on scripted cameras; the transports are covered by the contract tests."""
 
 from __future__ import annotations
 
@@ -110,7 +110,7 @@ def test_only_the_latest_waiting_setting_is_written_and_not_early() -> None:
     assert [setting.exposure_time_us for setting in camera.written] == [1000.0, 3000.0]
 
 
-def test_a_camera_that_cannot_be_opened_is_tried_again() -> None:
+def test_a_camera_that_cannot_be_opened_is_retried() -> None:
     camera = ScriptedCamera()
     attempts: list[int] = []
 
@@ -126,7 +126,7 @@ def test_a_camera_that_cannot_be_opened_is_tried_again() -> None:
     assert len(attempts) == 3
 
 
-def test_a_camera_that_cannot_be_driven_is_not_tried_again() -> None:
+def test_a_camera_that_cannot_be_driven_is_not_retried() -> None:
     def opener() -> Camera:
         raise UnsupportedCameraError("camera S: BayerRG8")
 
@@ -144,7 +144,7 @@ def test_a_setup_that_does_not_fit_is_final() -> None:
         assert "Line9" in str(gone.error)
 
 
-def test_a_camera_that_cannot_start_is_not_opened_in_a_frenzy() -> None:
+def test_a_camera_that_cannot_start_is_retried_with_back_off() -> None:
     opened: list[ScriptedCamera] = []
 
     def opener() -> Camera:
@@ -159,7 +159,7 @@ def test_a_camera_that_cannot_start_is_not_opened_in_a_frenzy() -> None:
         assert len(opened) <= 5
 
 
-def test_a_lost_camera_is_rebuilt_with_the_last_wanted_setting_and_disturbs_no_other() -> None:
+def test_a_lost_camera_is_reopened_with_the_last_wanted_setting_and_does_not_disturb_the_other() -> None:
     left, fresh, right = ScriptedCamera(), ScriptedCamera(), ScriptedCamera()
     lefts = iter([left, fresh])
     with running({"left": lambda: next(lefts), "right": lambda: right}, silence_s=0.05) as rig:
@@ -200,7 +200,7 @@ def test_a_refused_write_is_reported_and_the_camera_kept() -> None:
         assert wait_for(rig, Written).asked.exposure_time_us == 2500.0
 
 
-def test_frames_that_nobody_takes_are_marked_stale_and_let_go_of_their_pixels() -> None:
+def test_frames_that_nobody_takes_are_marked_stale_and_drop_their_pixels() -> None:
     camera = ScriptedCamera()
     with running({"left": lambda: camera}) as rig:
         wait_for(rig, CameraReady)
@@ -229,7 +229,7 @@ def test_stopping_a_camera_that_is_being_waited_for_is_quick(side: Side) -> None
         wait_for(rig, CameraGone)
 
 
-def test_no_thread_keeps_a_process_alive_whose_camera_hangs() -> None:
+def test_a_hanging_camera_does_not_keep_the_process_alive() -> None:
     with running({"left": ScriptedCamera, "right": ScriptedCamera}):
         threads = {thread.name: thread.daemon for thread in threading.enumerate()}
         assert [threads[f"{work}-{side}"] for work in ("nodes", "frames") for side in ("left", "right")] == [True] * 4

@@ -1,4 +1,4 @@
-"""The supervisor of a camera in virtual time; with its threads it is `test_rig`'s matter."""
+"""The supervisor of a camera in virtual time; `test_rig` covers it with its threads."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def pauses_s(attempts_ns: list[int]) -> list[float]:
     return [(later - earlier) / SECOND_NS for earlier, later in itertools.pairwise(attempts_ns)]
 
 
-def test_a_camera_that_does_not_open_is_tried_less_and_less_often_however_much_is_written() -> None:
+def test_a_camera_that_does_not_open_is_retried_less_and_less_often_however_much_is_written() -> None:
     bench = Bench(CameraNotFoundError("no camera S"))
     for _ in range(100):
         bench.supervisor.request(ExposureSetting(2000.0, 0.0), 0)
@@ -75,7 +75,7 @@ def test_a_camera_that_does_not_open_is_tried_less_and_less_often_however_much_i
     assert pauses_s(bench.attempts_ns) == [0.1, 0.2, 0.4, 0.8, 1.6, 2.0, 2.0, 2.0]
 
 
-def test_a_camera_that_ran_for_long_is_tried_soon_again() -> None:
+def test_a_camera_that_ran_for_long_is_soon_retried() -> None:
     camera = InstantCamera()
     bench = Bench(CameraNotFoundError("no camera S"))
     bench.run(10.0)
@@ -98,14 +98,14 @@ def test_a_camera_that_is_opened_takes_the_newest_setting_once() -> None:
     assert camera.written == [ExposureSetting(2000.0, 0.0)]
 
 
-def test_a_clock_that_cannot_be_read_is_said_but_not_every_second(caplog: pytest.LogCaptureFixture) -> None:
+def test_a_clock_that_cannot_be_read_is_logged_but_not_every_second(caplog: pytest.LogCaptureFixture) -> None:
     camera = InstantCamera()
     camera.refuses_latches = True
     Bench(camera).run(5.0)
-    assert caplog.messages == ["left camera: its clock was not read: camera S: TimestampLatch is locked"]
+    assert caplog.messages == ["left camera: its clock could not be read: camera S: TimestampLatch is locked"]
 
 
-def test_a_camera_that_is_opened_anew_is_closed_first_and_the_reason_is_told() -> None:
+def test_a_camera_that_is_reopened_is_closed_first_and_the_reason_is_reported() -> None:
     camera = InstantCamera()
     bench = Bench(camera)
     bench.run(1.0)
@@ -114,7 +114,7 @@ def test_a_camera_that_is_opened_anew_is_closed_first_and_the_reason_is_told() -
     gone, *_, ready = (event for event in bench.run(1.0) if isinstance(event, CameraGone | CameraReady))
     assert camera.closed.is_set()
     assert isinstance(gone, CameraGone)
-    assert str(gone.error).endswith("sends no frames while the other one does; it is opened anew")
+    assert str(gone.error).endswith("sends no frames while the other one does; it is reopened")
     assert isinstance(ready, CameraReady)
 
 
@@ -154,7 +154,7 @@ def test_no_frame_of_a_lost_camera_is_reported_after_its_loss() -> None:
     assert bench.events.empty()
 
 
-def test_a_camera_that_is_lost_while_frames_are_taken_is_found_out_at_once() -> None:
+def test_a_camera_lost_while_frames_are_taken_is_noticed_at_once() -> None:
     camera = InstantCamera()
     bench = Bench(camera)
     bench.run(0.1)

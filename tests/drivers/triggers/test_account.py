@@ -1,4 +1,4 @@
-"""Every trigger ends as a pair or as one loss: the account against a wire that knows what really happened."""
+"""Every trigger becomes a pair or one loss: the account against a wire that knows what really happened."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def frame(frame_id: int, time_ns: int) -> Frame:
 
 @dataclass
 class FakeRig:
-    """Plays triggers to an account: at each one, every camera does what it is told."""
+    """Plays triggers to an account; at each one, every camera follows the script."""
 
     sides: tuple[Side, ...] = ("left", "right")
     period_ns: float = PERIOD_NS
@@ -120,7 +120,7 @@ def test_triggers_before_the_first_and_after_the_last_pair() -> None:
     assert rig.account.tally.pairs == 5
 
 
-def test_window_holds_exactly_the_triggers_accounted_for() -> None:
+def test_the_window_holds_exactly_the_triggers_accounted_for() -> None:
     rig = FakeRig()
     rig.pulses(10)
     rig.close()
@@ -154,7 +154,7 @@ def test_both_cameras_gone_is_counted_by_the_clock() -> None:
     assert rig.close() == {"camera_gone": 601}
 
 
-def test_a_trigger_that_stood_still_is_no_loss() -> None:
+def test_a_stopped_trigger_is_not_a_loss() -> None:
     rig = FakeRig()
     rig.pulses(3)
     rig.pulses(100, left="ignored", right="ignored")
@@ -172,7 +172,7 @@ def test_without_any_frame_whole_periods_are_counted() -> None:
 
 
 @pytest.mark.parametrize("rate_error", [0.003, 0.05, -0.05, 0.2])
-def test_frames_at_another_rate_make_pairs_all_the_same(rate_error: float) -> None:
+def test_frames_at_another_rate_still_make_pairs(rate_error: float) -> None:
     rig = FakeRig(period_ns=PERIOD_NS * (1 + rate_error))
     rig.pulses(600)
     assert rig.account.tally.pairs >= 560
@@ -192,7 +192,7 @@ def test_a_doubled_trigger_never_pairs_one_instant_with_another(lost: str | None
     assert rig.account.tally.surplus_frames >= 38
 
 
-def test_what_a_doubled_trigger_loses_on_the_way_is_no_trigger_ignored() -> None:
+def test_frames_of_a_doubled_trigger_lost_on_the_way_are_not_ignored_triggers() -> None:
     rig = FakeRig(period_ns=PERIOD_NS / 2)
     rig.pulses(20)
     rig.pulse(left="missing")  # of a trigger; the next frame is surplus
@@ -200,7 +200,7 @@ def test_what_a_doubled_trigger_loses_on_the_way_is_no_trigger_ignored() -> None
     assert rig.close() == {"left_missing": 1}
 
 
-def test_a_trigger_that_goes_on_in_another_phase_is_followed_at_once() -> None:
+def test_a_trigger_that_resumes_in_another_phase_is_followed_at_once() -> None:
     rig = FakeRig()
     rig.pulses(10)
     rig.trigger += 50.5  # type: ignore[assignment]
@@ -210,7 +210,7 @@ def test_a_trigger_that_goes_on_in_another_phase_is_followed_at_once() -> None:
 
 
 @pytest.mark.parametrize("periods", [100, 5000])
-def test_cameras_that_wait_for_a_trigger_that_is_not_there_lose_nothing(periods: int) -> None:
+def test_cameras_that_wait_for_an_absent_trigger_lose_nothing(periods: int) -> None:
     account = TriggerAccount(("left", "right"), PERIOD_NS, OPENED_NS)
     account.gone("left")
     for side in ("left", "right"):
@@ -219,7 +219,7 @@ def test_cameras_that_wait_for_a_trigger_that_is_not_there_lose_nothing(periods:
     assert account.tally.triggers == 0
 
 
-def test_a_trigger_that_begins_late_was_not_missed_before() -> None:
+def test_a_trigger_that_starts_late_was_not_missed_before() -> None:
     rig = FakeRig()
     for side in rig.sides:
         rig.account.ready(side, rig.time_ns + 3 * PERIOD_NS)
@@ -229,7 +229,7 @@ def test_a_trigger_that_begins_late_was_not_missed_before() -> None:
     assert rig.account.tally.pairs == 5
 
 
-def test_a_camera_that_never_gets_a_trigger_ignores_them() -> None:
+def test_a_camera_that_never_gets_a_trigger_is_counted_as_ignoring_them() -> None:
     rig = FakeRig()
     rig.account.ready("right", rig.time_ns)
     rig.pulses(1000, right="absent")
@@ -266,7 +266,7 @@ def test_a_camera_that_never_got_a_trigger_takes_bounded_memory() -> None:
 
 
 @pytest.mark.parametrize("periods", [100, 1000, 5000])
-def test_a_trigger_that_stands_still_for_long_is_no_loss(periods: int) -> None:
+def test_a_trigger_that_stops_for_long_is_not_a_loss(periods: int) -> None:
     rig = FakeRig()
     rig.pulses(3)
     rig.pulse(left="silent", right="silent")
@@ -287,7 +287,7 @@ def test_a_year_without_frames_is_over_at_once(event: str, lost: dict[str, int])
     assert rig.account.tally.pairs == 6
 
 
-def test_a_trigger_that_stands_still_at_the_end_is_no_loss() -> None:
+def test_a_trigger_that_stops_at_the_end_is_not_a_loss() -> None:
     rig = FakeRig()
     rig.pulses(5)
     rig.pulse(left="silent", right="silent")
@@ -349,7 +349,7 @@ def test_whatever_happens_the_account_balances(
 
 
 def test_triggers_that_no_camera_had_time_to_show_are_lost_at_startup() -> None:
-    """Cameras that were ready for a tenth of a second say nothing of whether there were triggers."""
+    """Cameras that were ready for a tenth of a second do not show whether there were triggers."""
     rig = FakeRig()
     for side in rig.sides:
         rig.account.ready(side, OPENED_NS + 4 * PERIOD_NS)
@@ -361,7 +361,7 @@ def test_triggers_that_no_camera_had_time_to_show_are_lost_at_startup() -> None:
     assert tally.window_end_ns - tally.window_start_ns == pytest.approx(10 * PERIOD_NS, abs=2)
 
 
-def test_frames_handed_out_alone_are_not_kept_for_a_partner_that_stays_away() -> None:
+def test_frames_handed_out_alone_are_not_kept_for_a_partner_that_never_comes() -> None:
     rig = FakeRig()
     rig.pulses(3)
     alive: list[weakref.ref[np.ndarray]] = []

@@ -1,4 +1,4 @@
-"""Whether frames are taken as was written."""
+"""Whether frames are taken with what was written."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def written(setting: ExposureSetting, time_ns: int) -> Written:
     return Written("left", setting, setting, time_ns, time_ns)
 
 
-def test_a_camera_that_follows_within_half_a_second_is_not_talked_about() -> None:
+def test_a_camera_that_follows_within_half_a_second_is_not_reported() -> None:
     watch, history = EffectWatch(), WriteHistory()
     history.write(written(OLD, -1))
     history.write(written(NEW, 0))
@@ -36,21 +36,21 @@ def test_a_camera_that_follows_within_half_a_second_is_not_talked_about() -> Non
     assert watch.frames_off_setting == 0
 
 
-def test_a_camera_that_stays_as_it_was_is_told_until_it_follows() -> None:
+def test_a_camera_that_does_not_follow_is_reported_until_it_does() -> None:
     watch, history = EffectWatch(), WriteHistory()
     history.write(written(OLD, -1))
     history.write(written(NEW, 0))
     told = [watch.frame(frame(number, OLD), history) for number in range(PATIENCE + 2 * SUSPECT_FRAMES)]
     assert told[PATIENCE + SUSPECT_FRAMES - 2] is None
     assert told[-1] == (
-        "its frames do not follow what is written: 500 us, 6.0 dB stands in its nodes, "
+        "its frames do not follow what is written: its nodes hold 500 us, 6.0 dB, "
         "frames are taken with 2000 us, 0.0 dB; switch the camera off and on"
     )
     assert watch.frames_off_setting == 2 * SUSPECT_FRAMES
     assert watch.frame(frame(999, NEW), history) is None
 
 
-def test_a_few_frames_with_half_of_a_setting_are_no_sign() -> None:
+def test_a_few_frames_with_half_of_a_setting_are_ignored() -> None:
     watch, history = EffectWatch(), WriteHistory()
     history.write(written(NEW, 0))
     half = ExposureSetting(NEW.exposure_time_us, OLD.gain_db)
@@ -58,7 +58,7 @@ def test_a_few_frames_with_half_of_a_setting_are_no_sign() -> None:
     assert set(told) == {None}
 
 
-def test_of_a_camera_whose_frames_do_not_tell_or_whose_nodes_are_unknown_nothing_is_concluded() -> None:
+def test_frames_without_metadata_and_unknown_nodes_give_no_verdict() -> None:
     watch, history = EffectWatch(), WriteHistory()
     history.write(written(NEW, 0))
     inferred = [replace(frame(number, OLD), setting_source="ledger") for number in range(100)]
@@ -67,7 +67,7 @@ def test_of_a_camera_whose_frames_do_not_tell_or_whose_nodes_are_unknown_nothing
     assert {watch.frame(frame(number, OLD), history) for number in range(100)} == {None}
 
 
-def test_a_camera_that_ignores_one_write_after_another_is_told() -> None:
+def test_a_camera_that_ignores_one_write_after_another_is_reported() -> None:
     watch, history = EffectWatch(), WriteHistory()
     history.write(written(OLD, -1))
     told = []

@@ -28,7 +28,7 @@ def written(asked: ExposureSetting, time_ns: int, read_back: ExposureSetting | N
     return Written("left", asked, read_back or asked, time_ns - 1, time_ns)
 
 
-def test_it_takes_until_the_first_frame_with_the_setting() -> None:
+def test_the_delay_lasts_until_the_first_frame_with_the_setting() -> None:
     history, other = WriteHistory(), WriteHistory()
     assert history.first_effect_ns(frame(0, at(1000))) is None
     history.command(decided(at(2000), 10))
@@ -49,7 +49,7 @@ def test_a_ramp_of_small_steps_shows_the_delay_of_each() -> None:
     assert set(delays[3:]) == {3 * PERIOD_NS - 1}
 
 
-def test_a_setting_that_a_newer_one_overtook_is_not_taken_for_it() -> None:
+def test_an_overtaken_setting_is_not_mistaken_for_an_effect() -> None:
     history = WriteHistory()
     history.first_effect_ns(frame(0, at(1000)))
     history.command(decided(at(1005), 1))
@@ -64,7 +64,7 @@ def test_an_exposure_begun_before_the_decision_does_not_show_it() -> None:
     assert history.first_effect_ns(frame(PERIOD_NS - 1, at(1000))) is None
 
 
-def test_nothing_is_concluded_from_a_guess_nor_after_a_loss() -> None:
+def test_an_inferred_setting_or_a_loss_gives_no_delay() -> None:
     history = WriteHistory()
     history.command(decided(at(2000), 0))
     assert history.first_effect_ns(frame(PERIOD_NS, at(2000), "ledger")) is None
@@ -90,7 +90,7 @@ def test_a_command_that_a_newer_one_replaced_is_never_written() -> None:
     assert history.write(written(replaced.setting, 40)) is None
 
 
-def test_nothing_is_on_its_way_to_a_lost_camera() -> None:
+def test_a_lost_camera_has_no_commands_in_flight() -> None:
     history, command = WriteHistory(), decided(at(1000), 15)
     history.command(command)
     history.gone()
@@ -112,7 +112,7 @@ def test_what_the_nodes_held_is_known_from_the_last_write_before() -> None:
     assert history.held_since(55) == [at(4000)]
 
 
-def test_what_a_camera_made_of_a_setting_is_found_by_the_very_setting() -> None:
+def test_what_a_camera_made_of_a_setting_is_found_by_identity() -> None:
     history, asked = WriteHistory(), at(1000)
     history.write(written(asked, 10, read_back=at(900)))
     assert history.read_back(asked) == at(900)

@@ -1,4 +1,4 @@
-"""Whether frames start at the rate of the triggers, all along."""
+"""Whether frames keep starting at the trigger rate."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def feed(watch: RateWatch, period_ns: int = PERIOD_NS, first: int = 0, count: in
         (10 * MS, "100.0", "configure"),
     ],
 )
-def test_another_rate_is_told_with_its_likely_cause(period_ns: int, rate: str, hint: str) -> None:
+def test_a_wrong_rate_is_reported_with_its_likely_cause(period_ns: int, rate: str, hint: str) -> None:
     trouble = feed(RateWatch(50.0, ("left", "right")), period_ns)
     assert trouble is not None
     assert trouble.startswith(f"starts {rate} frames a second where trigger.rate_hz is 50: ")
@@ -45,10 +45,10 @@ def test_another_rate_is_told_with_its_likely_cause(period_ns: int, rate: str, h
 
 def test_a_camera_that_runs_by_its_own_clock_has_no_trigger_source_to_check() -> None:
     trouble = feed(RateWatch(50.0, ()), 25 * MS)
-    assert trouble == "starts 40.0 frames a second where trigger.rate_hz is 50: it does not run as it was told"
+    assert trouble == "starts 40.0 frames a second where trigger.rate_hz is 50: it does not keep its configured rate"
 
 
-def test_it_is_told_while_it_lasts() -> None:
+def test_a_wrong_rate_is_reported_while_it_lasts() -> None:
     watch = RateWatch(50.0, ("left",))
     assert feed(watch) is None
     assert feed(watch, PERIOD_NS // 2, first=100, count=3 * JUDGED_FRAMES) is not None
@@ -66,19 +66,19 @@ def test_triggers_on_a_grid_of_milliseconds_are_at_their_mean_rate(phase: int) -
 
 
 @pytest.mark.parametrize("jitter_ms", [0.8, 1.5])
-def test_jitter_is_no_other_rate(jitter_ms: float) -> None:
+def test_jitter_is_not_a_wrong_rate(jitter_ms: float) -> None:
     scatter_ns = np.random.default_rng(7).normal(0.0, jitter_ms * MS, 20_000)
     times_ns = np.arange(20_000) * 1e9 / 60 + scatter_ns
     assert set(verdicts(RateWatch(60.0, ("left",)), times_ns)) == {None}
 
 
-def test_jitter_does_not_hide_another_rate() -> None:
+def test_jitter_does_not_hide_a_wrong_rate() -> None:
     scatter_ns = np.random.default_rng(7).normal(0.0, 0.8 * MS, 6_000)
     seen = verdicts(RateWatch(60.0, ("left",)), np.arange(6_000) * 1e9 / 58.8 + scatter_ns)
     assert None not in seen[TWO_WINDOWS:]
 
 
-def test_a_rate_at_the_edge_of_what_is_tolerated_gets_one_verdict_and_keeps_it() -> None:
+def test_a_rate_at_the_edge_of_the_tolerance_gets_one_verdict_and_keeps_it() -> None:
     scatter_ns = np.random.default_rng(7).normal(0.0, 0.3 * MS, 20_000)
     seen = verdicts(RateWatch(60.0, ("left",)), np.arange(20_000) * 1e9 / 60 * 1.01 + scatter_ns)
     assert sum(before != after for before, after in pairwise(seen)) <= 1
@@ -86,17 +86,17 @@ def test_a_rate_at_the_edge_of_what_is_tolerated_gets_one_verdict_and_keeps_it()
 
 @pytest.mark.parametrize("jump_ms", [-3_600_000, -300, -7, 7, 300, 3_600_000])
 @pytest.mark.parametrize("lasts", [1, 10_000])
-def test_a_pause_a_jump_of_the_clock_and_a_stray_time_stamp_are_no_other_rate(jump_ms: int, lasts: int) -> None:
+def test_pauses_clock_jumps_and_stray_time_stamps_are_not_a_wrong_rate(jump_ms: int, lasts: int) -> None:
     for at in range(JUDGED_FRAMES, 2 * JUDGED_FRAMES + 2):
         times_ns = [number * PERIOD_NS + jump_ms * MS * (at <= number < at + lasts) for number in range(200)]
         assert set(verdicts(RateWatch(50.0, ("left",)), times_ns)) == {None}
 
 
-def test_a_camera_that_takes_every_trigger_or_every_second_one_by_turns_is_slow() -> None:
+def test_a_camera_that_alternates_between_every_and_every_second_trigger_is_slow() -> None:
     assert mean_period_ns([10.0, 20.0] * 10) == 15.0
 
 
-def test_lost_frames_a_pause_and_a_camera_that_begins_again_are_no_other_rate() -> None:
+def test_lost_frames_pauses_and_reopened_cameras_are_not_a_wrong_rate() -> None:
     watch = RateWatch(50.0, ("left",))
     times = [number for number in range(200) if number % 3] + list(range(400, 440))
     assert {watch.frame("left", frame(number, number * PERIOD_NS)) for number in times} == {None}
@@ -105,5 +105,5 @@ def test_lost_frames_a_pause_and_a_camera_that_begins_again_are_no_other_rate() 
 
 
 @pytest.mark.parametrize(("rate_hz", "told"), [(59.0, True), (59.7, False), (60.3, False), (61.0, True)])
-def test_a_frame_a_second_too_few_or_too_many_is_another_rate(rate_hz: float, told: bool) -> None:
+def test_one_frame_a_second_too_few_or_too_many_is_a_wrong_rate(rate_hz: float, told: bool) -> None:
     assert (wrong_rate(1e9 / rate_hz, 60.0) is not None) == told

@@ -1,4 +1,4 @@
-"""What the rig says of its wiring after the first frames."""
+"""What the first frames reveal about the wiring."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ def feed(
         judge.frame(side, offset_ns + number * period_ns)
 
 
-def test_a_sound_rig_is_not_talked_about() -> None:
+def test_a_sound_rig_gives_no_findings() -> None:
     judge = check()
     feed(judge, "left")
-    feed(judge, "right", offset_ns=40 * MS + 5_000)  # it began two triggers later
+    feed(judge, "right", offset_ns=40 * MS + 5_000)  # it started two triggers later
     assert judge.findings(10 * PATIENCE_NS) == []
 
 
-def test_a_lost_frame_or_two_are_no_finding() -> None:
+def test_a_lost_frame_or_two_give_no_finding() -> None:
     judge = check()
     feed(judge, "left")
     feed(judge, "right", frames=7)
@@ -40,7 +40,7 @@ def test_a_lost_frame_or_two_are_no_finding() -> None:
     assert judge.findings(PATIENCE_NS) == []
 
 
-def test_no_pulse_at_all_is_said_once_and_not_too_soon() -> None:
+def test_the_absence_of_pulses_is_reported_once_and_not_too_soon() -> None:
     judge = check()
     assert judge.findings(PATIENCE_NS) == []
     (finding,) = judge.findings(PATIENCE_NS + 1)
@@ -55,7 +55,7 @@ def test_one_camera_without_pulses_is_named() -> None:
     assert finding.startswith("the right camera gets no trigger pulse")
 
 
-def test_cameras_at_another_rate_are_not_said_to_start_apart() -> None:
+def test_cameras_at_another_rate_are_not_reported_as_starting_apart() -> None:
     judge = check()
     feed(judge, "left", period_ns=25 * MS)
     feed(judge, "right", period_ns=25 * MS, offset_ns=7 * MS)
@@ -63,7 +63,7 @@ def test_cameras_at_another_rate_are_not_said_to_start_apart() -> None:
 
 
 @pytest.mark.parametrize("offset_ms", [-7, 4, 10, 13])
-def test_cameras_that_start_apart_are_told(offset_ms: int) -> None:
+def test_cameras_that_start_apart_are_reported(offset_ms: int) -> None:
     judge = check()
     feed(judge, "left")
     feed(judge, "right", offset_ns=offset_ms * MS)
@@ -80,21 +80,21 @@ def test_cameras_on_a_grid_of_milliseconds_are_judged() -> None:
     assert "5.0 ms apart" in finding
 
 
-def test_cameras_that_wait_for_no_pulses_are_not_judged() -> None:
+def test_free_running_cameras_are_not_judged() -> None:
     judge = StartCheck({}, 50.0)
     judge.ready("left", 0)
     feed(judge, "left", period_ns=40 * MS)
     assert judge.findings(2 * PATIENCE_NS) == []
 
 
-def test_pulses_that_begin_late_are_no_finding_before_both_cameras_had_time_to_show_them() -> None:
+def test_late_pulses_give_no_finding_before_both_cameras_could_show_them() -> None:
     judge = check()
     assert "no trigger pulse" in judge.findings(PATIENCE_NS + 1)[0]
     judge.frame("left", PATIENCE_NS)
     assert judge.findings(PATIENCE_NS + 2) == []
 
 
-def test_it_is_the_difference_that_counts_not_when_both_began() -> None:
+def test_the_difference_counts_not_when_each_began() -> None:
     judge = check()
     for side in SIDES:
         feed(judge, side, offset_ns=6 * MS)

@@ -1,4 +1,4 @@
-"""Writes in virtual time: both cameras show each in the same frame, or the kept knows why not."""
+"""Writes in virtual time: both cameras show each in the same frame, or the record knows why not."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class VirtualCamera:
 
 @dataclass
 class Outcome:
-    """What became of a run: pairs that were mismatched, those not explained, and settings held for the window."""
+    """The outcome of a run: mismatched pairs, unexplained ones, and settings held back by the window."""
 
     mismatched: int = 0
     unexplained: int = 0
@@ -67,7 +67,7 @@ class Outcome:
 
 
 def outcome(write_ms: tuple[float, float], triggers: int, seed: int, seldom_ms: float = 0.0) -> Outcome:
-    """A run that writes after each pair, each node taking `write_ms` at random, in one write of a hundred `seldom_ms`.
+    """A run that writes after each pair, each node taking `write_ms` at random, or once in a hundred `seldom_ms`.
 
     The light steps between two settings every two seconds; decisions take up to 15.5 ms.
     """
@@ -89,11 +89,11 @@ def outcome(write_ms: tuple[float, float], triggers: int, seed: int, seldom_ms: 
             camera.now_ns = at_ns
             camera.features.set(node, value)
         pair = StereoPair(trigger, {side: camera.frame(trigger) for side, camera in zip(SIDES, cameras, strict=True)})
-        if kept.mismatched(pair) and trigger > 2:  # before that the setting is not one that was written
+        if kept.mismatched(pair) and trigger > 2:  # before that the setting was never written
             seen.mismatched += 1
             seen.unexplained += not kept.explains(pair)
         if writes:
-            continue  # the threads of the cameras are still at it
+            continue  # the cameras' threads are still busy
         level = 1.0 if trigger // 125 % 2 else 4.0
         asked = ExposureSetting(1000.0 * level * numbers.uniform(0.9, 1.1), 6.0 * level)
         decided_ns = pulse_ns + round(numbers.uniform(0.1, 15.5) * MS)
@@ -112,7 +112,7 @@ def outcome(write_ms: tuple[float, float], triggers: int, seed: int, seldom_ms: 
 
 
 def test_writes_in_the_window_never_mismatch() -> None:
-    """A minute at 60 Hz, each write well within what the longest guard allows for."""
+    """A minute at 60 Hz, each write well within the longest guard."""
     assert outcome((0.1, LONGEST_GUARD_NS / 2 / MS - 0.5), 3600, seed=1).mismatched == 0
 
 
@@ -123,12 +123,12 @@ def test_every_mismatch_of_slow_writes_is_explained() -> None:
 
 
 def test_the_slowest_write_in_a_hundred_is_guarded_against() -> None:
-    """Four minutes in which a write waits seldom, but then longer than any other."""
+    """Four minutes in which a write rarely waits, but then longer than any other."""
     assert outcome((0.1, 0.4), 15_000, seed=3, seldom_ms=3.5).mismatched == 0
 
 
-def test_quick_writes_are_seldom_held() -> None:
-    """The quicker writes are, the fewer decisions come too shortly before an exposure."""
+def test_quick_writes_are_rarely_held_back() -> None:
+    """The quicker the writes, the fewer decisions come too shortly before an exposure."""
     slow, quick = outcome((0.1, 2.0), 3600, seed=4), outcome((0.1, 0.4), 3600, seed=4)
     assert slow.held > 0.2 * slow.written
     assert quick.held < 0.1 * quick.written
@@ -136,9 +136,9 @@ def test_quick_writes_are_seldom_held() -> None:
 
 
 def guard_ns(window: WriteWindow, period_ns: int) -> int:
-    """How close before an exposure nothing is written, found by trying."""
+    """How close before an exposure nothing is written, found by trial."""
     grid = TriggerGrid(period_ns, 0)
-    low, high = 0, period_ns  # before the exposure: held, and not
+    low, high = 0, period_ns  # before the exposure: held back, and not
     while high - low > 1:
         middle = (low + high) // 2
         held = window.next_ns(grid, period_ns - middle) > period_ns - middle
@@ -161,7 +161,7 @@ def test_the_guard_follows_the_slowest_write_it_remembers() -> None:
 
 @given(now_ns=st.integers(0, 10**12), period_ns=st.integers(MS, 100 * MS), first_ns=st.integers(0, 10**12),
        took_ns=st.integers(0, 10 * MS))  # fmt: skip
-def test_never_writes_just_before_an_exposure(now_ns: int, period_ns: int, first_ns: int, took_ns: int) -> None:
+def test_nothing_is_written_just_before_an_exposure(now_ns: int, period_ns: int, first_ns: int, took_ns: int) -> None:
     grid, window = TriggerGrid(period_ns, first_ns), WriteWindow()
     for _ in range(LEAST_WRITES):
         window.took(took_ns)

@@ -52,7 +52,7 @@ def both_written() -> RigWrites:
     return writes
 
 
-def test_of_a_lost_camera_no_write_is_awaited() -> None:
+def test_no_write_is_awaited_from_a_lost_camera() -> None:
     writes = both_written()
     writes.gone("right")
     writes.write(wrote("left", DIM, 1, 3), GRID)
@@ -71,7 +71,7 @@ def test_a_setting_that_not_every_camera_has_yet_explains_a_mismatch() -> None:
     assert writes.late == 0
 
 
-def test_a_setting_that_a_newer_one_overtook_on_its_way_to_a_camera_is_late() -> None:
+def test_a_setting_overtaken_on_its_way_to_a_camera_is_late() -> None:
     writes = both_written()
     writes.write(wrote("left", DIM, 1, 3), GRID)
     writes.write(wrote("left", BRIGHT, 21, 23), GRID)

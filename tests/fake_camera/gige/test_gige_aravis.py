@@ -159,7 +159,7 @@ def test_a_region_of_deep_pixels(fake: Device) -> None:
     assert np.array_equal(pixels, ramp(304, 200, "Mono12"))
 
 
-def test_lost_packets_are_asked_for_again(fake: Device) -> None:
+def test_lost_packets_are_requested_again(fake: Device) -> None:
     camera = Aravis.Camera.new(ADDRESS)
     stream = stream_of(camera)
     camera.start_acquisition()
