@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
+from importlib.metadata import entry_points
 
 import pytest
 
+from autoexpose_daemon.cli import app
 from autoexpose_daemon.control.policies.ids import POLICY_IDS
 from autoexpose_daemon.status.losses import losses
 from drivers.pixel_format import PixelFormat
@@ -28,6 +31,28 @@ def page(name: str) -> str:
 @pytest.mark.parametrize(("file", "name"), [(file, name) for file, names in NAMED.items() for name in sorted(names)])
 def test_the_page_names_it(file: str, name: str) -> None:
     assert f"`{name}`" in page(file)
+
+
+PATHS = re.findall(
+    r"`((?:autoexpose_daemon|benchmarks|calibration|docs|drivers|evaluation|fake_camera|tests)/[\w/.]*)`",
+    (REPOSITORY / "CONTRIBUTING.md").read_text(),
+)
+
+
+@pytest.mark.parametrize("path", sorted(set(PATHS)))
+def test_what_contributors_are_sent_to_is_there(path: str) -> None:
+    assert (REPOSITORY / path).exists()
+
+
+def commands() -> list[str]:
+    own = [command.name or command.callback.__name__ for command in app.registered_commands]
+    return own + [point.name for point in entry_points(group="autoexpose.commands")]
+
+
+@pytest.mark.parametrize("command", commands())
+def test_some_page_shows_how_to_call_it(command: str) -> None:
+    pages = [REPOSITORY / "README.md", *(REPOSITORY / "docs").rglob("*.md")]
+    assert any(f"autoexpose {command}" in file.read_text() for file in pages)
 
 
 @pytest.mark.parametrize("reason", LossReason)
