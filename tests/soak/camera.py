@@ -168,7 +168,7 @@ class Device:
 
 
 class VirtualCamera:
-    """A session of a device: see `drivers.camera.Camera`. It is lost when the device goes, or is opened anew."""
+    """A session of a device: see `drivers.camera.Camera`. It is lost when the device goes, or is reopened."""
 
     def __init__(self, device: Device) -> None:
         self.description = CameraDescription("ours", "virtual", device.side)
