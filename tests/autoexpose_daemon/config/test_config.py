@@ -189,7 +189,7 @@ def test_pipes_devices_and_folders_are_refused_wherever_a_file_is_named(tmp_path
         file.write_text(text.replace("FILE", odd))
     else:
         file.symlink_to(tmp_path / odd)
-    with pytest.raises(ConfigurationError, match=r"rig\.yaml: .*cannot be read.*a (named pipe|device|directory), not"):
+    with pytest.raises(ConfigurationError, match=r"rig\.yaml: .*cannot be read.*a (named pipe|device|directory), not "):
         load_config(file)
 
 
