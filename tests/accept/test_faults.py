@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+import re
 import time
 from collections import Counter
 from collections.abc import Iterator
@@ -251,14 +252,14 @@ def wait_for_taken(run: Run, exposure_time_us: float) -> None:
     run.wait_until(taken, f"frames of {exposure_time_us:g} us")
 
 
-@pytest.mark.parametrize(("fault", "jump"), [(Fault.CLOCK_AHEAD, "+10.0 s"), (Fault.CLOCK_BACK, "-10.0 s")])
+@pytest.mark.parametrize(("fault", "jump"), [(Fault.CLOCK_AHEAD, r"\+10\.0 s"), (Fault.CLOCK_BACK, r"-\d+\.\d s")])
 def test_clock_jumps(run: Run, caplog: pytest.LogCaptureFixture, fault: Fault, jump: str) -> None:
+    """Back it goes no further than to 0, which is some seconds for a camera that has just been switched on."""
     since = len(run.seen)
     with only(run, "clock_jumps", "surplus_frames", "trigger_ignored") as new:
         run.left.inject(fault)
-        run.wait_until(
-            lambda: f"left camera: its clock jumped by {jump}; its frames keep their place" in caplog.text, jump
-        )
+        logged = re.compile(f"left camera: its clock jumped by {jump}; its frames keep their place")
+        run.wait_until(lambda: logged.search(caplog.text) is not None, jump)
     assert new["clock_jumps"] == 1
     assert new["surplus_frames"] + new["trigger_ignored"] <= 2 * NOISE  # a busy machine has no quick frame
     assert skews(run, since) < 0.5
