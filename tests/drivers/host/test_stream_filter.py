@@ -175,4 +175,4 @@ def test_a_host_that_takes_no_filter_is_named_and_the_camera_opens(
     with fake_camera() as camera:
         open_camera(camera.serial, CameraSetup(TriggerSetup("free_run"))).close()
     assert f"camera {camera.serial}: its stream takes packets from anyone" in caplog.text
-    assert "a filter could not be attached: Function not implemented" in caplog.text
+    assert "no filter could be attached: Function not implemented" in caplog.text
