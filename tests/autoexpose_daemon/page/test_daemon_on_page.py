@@ -45,7 +45,7 @@ def compare(tab: Tab, run: Sequence[tuple[StereoPair, Decision | None]]) -> None
     seen: dict[int, Any] = {}
     while (shown := look(tab))["trigger"] not in seen:
         decided = [(pair, decision) for pair, decision in list(run) if decision is not None]
-        seen = {pair.trigger: (pair, decision) for pair, decision in decided if pair.frames["left"].pixels.std() > 10}
+        seen = {pair.trigger: (pair, decision) for pair, decision in decided if pair.reference.pixels.std() > 10}
     pair, decision = seen[shown["trigger"]]
     for words in (f"metric {decision.metric:.4f}", f"level {decision.level:.2f} stops"):
         assert words in shown["decision"]

@@ -25,7 +25,7 @@ def test_pairs_arrive_are_decided_on_and_written() -> None:
 
         def applied() -> int:
             decided = {round(decision.setting.level, 3) for _, decision in run.seen}
-            return len(decided & {round(pair.frames["left"].setting.level, 3) for pair, _ in run.seen})
+            return len(decided & {round(pair.reference.setting.level, 3) for pair, _ in run.seen})
 
         run.wait_until(lambda: applied() > 1, "decisions that frames show")
         assert median_skew_periods(run, 60) < 0.1
