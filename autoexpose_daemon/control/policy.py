@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Literal, Self
+from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -186,7 +186,7 @@ class PolicySetup:
 
 
 class ExposurePolicy(ABC):
-    """Decides on one exposure level per stereo pair.
+    """Decides on one exposure level per stereo pair. One that is in the table also has a class method `build(setup)`.
 
     The state that a policy carries from frame to frame is plain data in attributes named in `STATE`: see `snapshot`.
 
@@ -204,11 +204,6 @@ class ExposurePolicy(ABC):
     FLOW: ClassVar[Literal["dis", "farneback"]] = "dis"
     balance: Balance
     shortfall: str | None = None
-
-    @classmethod
-    def build(cls, setup: PolicySetup) -> Self:
-        """A new policy; every one in the table implements this."""
-        raise NotImplementedError
 
     @abstractmethod
     def decide(self, observation: Observation) -> Target:

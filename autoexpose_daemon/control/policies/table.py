@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from importlib import import_module
 
 from autoexpose_daemon.control.policies.ids import PLACES, check_policy_id
 from autoexpose_daemon.control.policy import ExposurePolicy, PolicySetup
 
 
-def _load(place: str) -> type[ExposurePolicy]:
+def _builder(place: str) -> Callable[[PolicySetup], ExposurePolicy]:
     module, _, name = place.rpartition(".")
-    policy: type[ExposurePolicy] = getattr(import_module(f"{__package__}.{module}"), name)
-    return policy
+    build: Callable[[PolicySetup], ExposurePolicy] = getattr(import_module(f"{__package__}.{module}"), name).build
+    return build
 
 
-_POLICIES = {policy_id: _load(place) for policy_id, place in PLACES.items()}
+_BUILDERS = {policy_id: _builder(place) for policy_id, place in PLACES.items()}
 
 
 def build_policy(setup: PolicySetup) -> ExposurePolicy:
@@ -26,4 +27,4 @@ def build_policy(setup: PolicySetup) -> ExposurePolicy:
         For an id that does not exist.
     """
     check_policy_id(setup.policy_id)
-    return _POLICIES[setup.policy_id].build(setup)
+    return _BUILDERS[setup.policy_id](setup)
