@@ -28,8 +28,10 @@ class EffectWatch:
 
     def frame(self, frame: Frame, history: WriteHistory) -> str | None:
         """What is wrong with the camera as of this frame, in words; None: nothing."""
+        if frame.setting_source != "chunk":
+            return None
         held = history.held_since(frame.host_time_ns - PATIENCE_NS)
-        if frame.setting_source != "chunk" or held is None:
+        if held is None:
             return None
         if any(frame.setting.agrees_with(setting) for setting in held):
             self._in_a_row, self._trouble = 0, None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -30,15 +30,16 @@ class LoopDelay:
     frames: int = USUAL_FRAMES
     level: float | None = None
 
-    def see(self, level: float, targets: Sequence[float]) -> None:
+    def see(self, level: float, past_targets: Iterable[float]) -> None:
         """A frame taken at `level` (stops) has come: if the level is new, since when was it wanted?
 
-        `targets` are the levels decided on, one per frame, oldest first.
+        `past_targets` are the levels decided on, one per frame, oldest first; looked at only when the level is new.
         """
         changed = self.level is not None and abs(level - self.level) > DISTINCT_STOPS
         self.level = level
         if not changed:
             return
+        targets = list(past_targets)
         for index in range(len(targets) - 1, 0, -1):
             agrees = abs(targets[index] - level) < DISTINCT_STOPS / 3
             if agrees and abs(targets[index - 1] - level) > DISTINCT_STOPS:

@@ -108,7 +108,7 @@ class MetricMap(ExposurePolicy):
     def decide(self, observation: Observation) -> Target:
         """The level that promises most, for the frame that will show this decision."""
         level = observation.setting.level
-        self.latency.see(level, [observation.limits.clamp_level(past.target.level) for past in observation.past])
+        self.latency.see(level, (observation.limits.clamp_level(past.target.level) for past in observation.past))
         views = self._views(observation)
         change = self._remember(observation, views)
         target = self._jump(observation, views) or self._best(observation, change)
