@@ -1,4 +1,4 @@
-"""What sections that open a session of zenoh have in common."""
+"""What sections that open a zenoh session have in common."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _MOST_ZENOH_BYTES = 1 << 20
 
 
 class ConnectionConfig(Section):
-    """Endpoints of zenoh, or a configuration file of zenoh's instead."""
+    """Endpoints for zenoh, or a zenoh configuration file instead."""
 
     connect: tuple[str, ...] = ()
     zenoh: Path | None = None
@@ -31,7 +31,7 @@ class ConnectionConfig(Section):
     def _endpoints_stand_in_one_place(self) -> Self:
         twice = [name for name in ("listen", "connect") if name in self.model_fields_set]
         if self.zenoh is not None and twice:
-            raise ValueError(f"with a file of zenoh's, its endpoints count: remove {' and '.join(twice)}")
+            raise ValueError(f"the zenoh configuration file names the endpoints: remove {' and '.join(twice)}")
         return self
 
     def relative_to(self, folder: Path, section: str) -> Self:
@@ -40,10 +40,10 @@ class ConnectionConfig(Section):
             return self
         file = folder / self.zenoh
         try:
-            read_regular(file, _MOST_ZENOH_BYTES)  # zenoh itself would wait for a pipe to speak
+            read_regular(file, _MOST_ZENOH_BYTES)  # zenoh itself would wait for a pipe to be written
         except (OSError, ValueError) as error:
             reason = error.strerror if isinstance(error, OSError) else error
             raise ConfigurationError(
-                f"{section}.zenoh: {file} cannot be read ({reason}): name a configuration file of zenoh"
+                f"{section}.zenoh: {file} cannot be read ({reason}): name a zenoh configuration file"
             ) from error
         return self.model_copy(update={"zenoh": file})
