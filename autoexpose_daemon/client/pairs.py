@@ -8,10 +8,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from autoexpose_daemon.control.decision import Decision
-from autoexpose_daemon.messages.keys import SIDES
 from autoexpose_daemon.messages.read import decision_of, frame_of, read_exposure_info, read_image, stamp_ns
 from autoexpose_daemon.status.publishing import ConsumerTally
-from drivers.frames import Frame, Pixels, Side, StereoPair
+from drivers.frames import SIDES, Frame, Pixels, Side, StereoPair
 
 _KEPT_STAMPS = 64
 """Triggers whose messages wait for the rest, about a second: the images of each camera queue separately."""
@@ -30,7 +29,7 @@ class ReceivedPair:
     Attributes
     ----------
     left, right
-        The frames, each with the exposure and gain it was taken with; `right` is None for a rig of one camera.
+        The frames, each with its own exposure time and gain; `right` is None in a rig with one camera.
         Their host and arrival times are of the daemon's machine; the pixels are read-only.
     stamp_ns
         When the left frame was taken, CLOCK_REALTIME.
@@ -192,7 +191,7 @@ class PairQueue:
         self._pairs.append(pair)
 
     def take(self) -> ReceivedPair:
-        """The oldest pair; raises IndexError if there is none."""
+        """Remove and return the oldest pair; raises IndexError when the queue is empty."""
         pair = self._pairs.popleft()
         frame_id = pair.left.frame_id
         if self._frame_id is not None and frame_id > self._frame_id:  # else the camera was opened again

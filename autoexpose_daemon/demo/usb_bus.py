@@ -8,6 +8,8 @@ import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from autoexpose_daemon.messages.keys import SIDES
+
 if TYPE_CHECKING:
     from drivers.frames import Side
 
@@ -15,13 +17,11 @@ if TYPE_CHECKING:
 SOCKETS_VARIABLE = "FAKE_CAMERA_USB3"
 """The environment variable that names the fake cameras' sockets for the shim."""
 
-_SIDES: tuple[Side, ...] = ("left", "right")
-
 
 def cameras_on_bus() -> dict[Side, Path]:
     """The sockets of the fake cameras on this process' USB bus; empty on the machine's own bus."""
     sockets = os.environ.get(SOCKETS_VARIABLE)
-    return dict(zip(_SIDES, map(Path, sockets.split(":")), strict=True)) if sockets else {}
+    return dict(zip(SIDES, map(Path, sockets.split(":")), strict=True)) if sockets else {}
 
 
 def begin_again_on_fake_bus() -> None:
@@ -30,7 +30,7 @@ def begin_again_on_fake_bus() -> None:
     libusb decides at its start what it looks at, so a running process cannot change it.
     """
     folder = Path(tempfile.mkdtemp(prefix="autoexpose-demo-"))
-    sockets = [str(folder / side) for side in _SIDES]
+    sockets = [str(folder / side) for side in SIDES]
     command = [sys.executable, "-c", "from autoexpose_daemon.cli import main; main()", *sys.argv[1:]]
     os.execv(sys.executable, [sys.executable, "-m", "fake_camera.usb3", *sockets, "--", *command])
 

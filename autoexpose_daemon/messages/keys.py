@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from drivers.frames import Side
 
 SIDES: tuple[Side, ...] = ("left", "right")
+"""As `drivers.frames.SIDES`, without loading numpy."""
 
 LOOPBACK = "tcp/127.0.0.1:7448"
 """Where a daemon listens unless configured otherwise; next to 7447, the port of zenoh routers."""

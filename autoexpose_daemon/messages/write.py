@@ -12,13 +12,12 @@ import numpy as np
 
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.messages.types import CAMERA_INFO, EXPOSURE_INFO, IMAGE, TYPESTORE, encoding
-from drivers.frames import Frame, Side, StereoPair
+from drivers.frames import SIDES, Frame, Side, StereoPair
 
 TOPICS = {"image": IMAGE, "camera_info": CAMERA_INFO, "exposure": EXPOSURE_INFO}
 """The messages for each frame: the last part of the key, and the message type."""
 
-_SIDES: tuple[Side, ...] = ("left", "right")
-ALL_TOPICS: Final = frozenset((side, topic) for side in _SIDES for topic in TOPICS)
+ALL_TOPICS: Final = frozenset((side, topic) for side in SIDES for topic in TOPICS)
 
 LAST_STAMP_NS = (1 << 31) * 1_000_000_000 - 1
 """The end of ROS 2's time, in 2038: a camera with a wild clock must not stop the sending of its frames."""

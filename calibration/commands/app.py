@@ -6,7 +6,7 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Literal, get_args
+from typing import Annotated, Literal
 
 import typer
 from rich.console import Console
@@ -24,13 +24,12 @@ from calibration.response.file import ResponseFile
 from calibration.result import Result, Verdict, verdict
 from calibration.solver.comparison import compare
 from drivers.errors import ConfigurationError
-from drivers.frames import Side
+from drivers.frames import SIDES
 
 calibrate_app = typer.Typer(
     help="Measure what a camera does to light: its response, noise and latency.", no_args_is_help=True
 )
 
-SIDES = get_args(Side)
 
 Cameras = Annotated[list[str] | None, typer.Option("--camera", help="Serial number; twice: left and right of a rig.")]
 ConfigFile = Annotated[Path | None, typer.Option("-c", "--config", help="Both cameras of this configuration.")]
