@@ -29,7 +29,9 @@ from drivers.log_throttle import LogThrottle
 log = logging.getLogger(__name__)
 
 SUFFIX = ".mcap"
-SNAPSHOT_NS = 1_000_000_000
+SNAPSHOT_S = 1.0
+"""A snapshot of the loop's state after so many seconds' worth of steps: a replay can begin there."""
+
 QUEUE_S = 2.0
 """Steps for this long may wait for the disk, 95 MB of 720x540 at 60 Hz: writing its cache stalls a disk for 1 s."""
 
@@ -62,18 +64,19 @@ class Recorder(ABC):
         Whether something that should be recorded is not: for the exit code.
     """
 
-    def __init__(self, room: int) -> None:
+    def __init__(self, rate_hz: float, room_s: float) -> None:
         self.steps = 0
         self.dropped = 0
         self.failure: str | None = None
         self.incomplete = False
         self._ended = False
-        self._room = room
+        self._steps_per_snapshot = math.ceil(SNAPSHOT_S * rate_hz)
+        self._room = math.ceil(room_s * rate_hz)
         self._queue: queue.SimpleQueue[Entry | None] = queue.SimpleQueue()  # its `put` never waits; None: the end
         self._dropped_said = 0
         self._throttle = LogThrottle(_SAID_S)
         self._setup: ControlSetup | None = None
-        self._snapshot_ns = 0
+        self._snapshot_step = 0
         self._thread = threading.Thread(target=self._run, name="recorder")
 
     def __enter__(self) -> Self:
@@ -98,8 +101,8 @@ class Recorder(ABC):
         if self.dropped > self._dropped_said and self._throttle.due("dropped", now_ns):
             log.warning("the recorder dropped %d steps: the disk did not keep up", self.dropped - self._dropped_said)
             self._dropped_said = self.dropped
-        if loop.setup is not self._setup or now_ns - self._snapshot_ns >= SNAPSHOT_NS:
-            self._setup, self._snapshot_ns, state = loop.setup, now_ns, loop.state()
+        if loop.setup is not self._setup or self.steps - self._snapshot_step >= self._steps_per_snapshot:
+            self._setup, self._snapshot_step, state = loop.setup, self.steps, loop.state()
         step = Step(self.steps, cameras, pair, decision, loop.angular_rate_rad_s)
         self._queue.put(Entry(step, loop.setup, state, now_ns))
 
@@ -136,7 +139,7 @@ class ContinuousRecorder(Recorder):
     """
 
     def __init__(self, file: Path, rate_hz: float, rig: str) -> None:
-        super().__init__(math.ceil(QUEUE_S * rate_hz))
+        super().__init__(rate_hz, QUEUE_S)
         self._path = file
         self._file = RecordingFile(file, rig)
 
@@ -184,7 +187,7 @@ class LastSecondsRecorder(Recorder):
     rig
         Name of the rig.
     last_s
-        How many seconds, and up to one more, so that each recording begins with a snapshot.
+        How many seconds at that rate, and up to one more, so that each recording begins with a snapshot.
 
     Raises
     ------
@@ -193,8 +196,8 @@ class LastSecondsRecorder(Recorder):
     """
 
     def __init__(self, file: Path, rate_hz: float, rig: str, last_s: float) -> None:
-        super().__init__(math.ceil((last_s + SNAPSHOT_NS * 1e-9) * rate_hz) + 1)
-        self._ring: deque[Entry] = deque(maxlen=self._room)
+        super().__init__(rate_hz, last_s + SNAPSHOT_S)
+        self._ring: deque[Entry] = deque(maxlen=self._room + 1)
         if not os.access(file.absolute().parent, os.W_OK):
             raise RecordingError(f"{file}: cannot be written; name a file in an existing folder")
         self._path = file
