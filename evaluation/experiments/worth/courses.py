@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any
 
+import numpy as np
+
 from calibration.response import ResponseFunction
 from evaluation.experiments.worth.rig import DEFAULT_SENSOR, Eyes, Film
 from evaluation.experiments.worth.scenes import DATA, HEIGHT, WIDTH, digest, moving_view
@@ -197,7 +199,7 @@ def report() -> list[Course]:
 
 def quick(courses: list[Course]) -> list[Course]:
     """Six of a set, spread over it."""
-    return courses[:: max(len(courses) // 6, 1)][:6]
+    return [courses[place] for place in np.linspace(0, len(courses) - 1, 6).round().astype(int)]
 
 
 SETS = {"tuning": tuning, "report": report}

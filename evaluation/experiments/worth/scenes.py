@@ -40,6 +40,11 @@ DATA = Path(os.environ.get("AUTOEXPOSE_DATA", Path(__file__).parents[4] / "share
 PAINTED_SIZE = (1000, 640)
 """Width and height of painted stills."""
 
+STILL_SPAN = 1.8
+"""Larger stills are shrunk to this many views across or down: sharp, and no view shows nothing but sky."""
+
+_PANORAMAS = "hdri_1k_cc0/"
+
 _MARGIN_PX = 64
 """By which panoramas continue beyond their seam."""
 
@@ -159,7 +164,7 @@ class PanoramaView:
 def moving_view(scene: str, speed_px: float, seed: int) -> MovingView:
     """A photograph by its path below `DATA`, or a painting by `painter:seed`."""
     picture = _picture(scene)
-    return (PanoramaView if scene.startswith("hdri_1k_cc0/") else StillView)(picture, speed_px, seed)
+    return (PanoramaView if scene.startswith(_PANORAMAS) else StillView)(picture, speed_px, seed)
 
 
 @cache
@@ -172,4 +177,9 @@ def _picture(scene: str) -> Radiance:
     painter, _, seed = scene.partition(":")
     if seed:
         return PAINTERS[painter](np.random.default_rng([int(seed), 78]), *PAINTED_SIZE)
-    return load_radiance(DATA / scene)
+    photograph = load_radiance(DATA / scene)
+    rows, columns = photograph.shape
+    scale = 1.0 if scene.startswith(_PANORAMAS) else STILL_SPAN * max(CANVAS[0] / columns, CANVAS[1] / rows)
+    if scale >= 1.0:
+        return photograph
+    return np.asarray(cv2.resize(photograph, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.float32)
