@@ -11,6 +11,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from autoexpose_daemon.control.policies.ids import PLACES
 from drivers.errors import AutoexposeError
 from evaluation.experiments.experiment import Job, Plain
 
@@ -49,7 +50,9 @@ class ResultCache:
 
     def key(self, job: Job) -> str:
         """Equal for jobs that have the same result."""
-        parts = [job.measure.__module__, job.measure.__qualname__, job.arguments, _digest(job.measure.__module__)]
+        policies = tuple(PLACES) if job.policies is None else job.policies
+        digest = _digest(job.measure.__module__, policies)
+        parts = [job.measure.__module__, job.measure.__qualname__, job.arguments, digest]
         return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
 
     def _path(self, job: Job) -> Path:
@@ -57,9 +60,16 @@ class ResultCache:
         return self._folder / key[:2] / f"{key}.json"
 
 
+_TABLE = "autoexpose_daemon.control.policies.table"
+"""Loads policies by their names, so no import statement leads to them."""
+
+
 @cache
-def _digest(module: str) -> str:
-    """Of the sources that a module reaches by imports, and of the versions of the libraries that produce numbers."""
+def _digest(module: str, policies: tuple[str, ...] = tuple(PLACES)) -> str:
+    """Of the sources that a module reaches, and of the versions of the libraries that produce numbers.
+
+    It reaches what it imports and, where it reaches the table of policies, the policies with these ids.
+    """
     reached: dict[str, Path] = {}
     ahead = [module]
     while ahead:
@@ -69,6 +79,8 @@ def _digest(module: str) -> str:
         reached[name] = path
         ahead += [".".join(name.split(".")[:depth]) for depth in range(1, name.count(".") + 1)]
         ahead += _imports(path)
+        if name == _TABLE:
+            ahead += [f"{_TABLE.rpartition('.')[0]}.{PLACES[policy].rpartition('.')[0]}" for policy in policies]
     state = hashlib.sha256()
     for name in sorted(reached):
         state.update(name.encode() + b"\0" + reached[name].read_bytes() + b"\0")

@@ -24,11 +24,14 @@ class Job:
         Names, seeds and numbers.
     cost_s
         Approximate duration (s of one core): decides the order of jobs and the time left.
+    policies
+        Ids of the policies that it runs: its result is kept until their code changes. None: any policy.
     """
 
     measure: Callable[..., Plain]
     arguments: Mapping[str, Plain]
     cost_s: float = 1.0
+    policies: tuple[str, ...] | None = None
 
 
 class Verdict(StrEnum):
@@ -106,6 +109,11 @@ Results: TypeAlias = "Sequence[tuple[Mapping[str, Plain], Any]]"
 """Arguments and result of each job, in the order of the jobs."""
 
 
+def jobs_and_results(results: Results) -> Plain:
+    """Arguments and result of each job: the data of an experiment that has no form of its own."""
+    return {"results": [{"arguments": dict(arguments), "result": result} for arguments, result in results]}
+
+
 @dataclass(frozen=True, slots=True)
 class Experiment:
     """One of the papers' experiments.
@@ -120,9 +128,12 @@ class Experiment:
         The jobs of a quick run (True: minutes in total, for CI) or of the full run.
     section
         Judges the results; draws its figures into the folder that it is given.
+    data
+        What `--json` writes of the results.
     """
 
     name: str
     title: str
     jobs: Callable[[bool], list[Job]]
     section: Callable[[Results, Path], Section]
+    data: Callable[[Results], Plain] = jobs_and_results

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import math
 import os
 import tempfile
 import time
@@ -50,21 +52,30 @@ def run(
     full: Annotated[bool, typer.Option("--full", help="What the verdicts rest on: up to hours.")] = False,
     out: _Folder = Path("out/experiments"),
     jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = len(os.sched_getaffinity(0)),
+    json_file: Annotated[
+        Path | None, typer.Option("--json", help="Also write the numbers to this file, by experiment if several.")
+    ] = None,
 ) -> None:
     """Run experiments and write `experiments.md` and `experiments.html`; finished jobs are not repeated."""
     chosen = _chosen(names)
     check_chosen(quick, full, lambda quick: _duration_s(chosen, quick, jobs))
     _make_writable(out)
+    if json_file is not None:
+        _make_writable(json_file.parent)
     console = Console()
     begun_s = time.monotonic()
     work = {experiment.name: experiment.jobs(quick) for experiment in chosen}
     results = _results([job for jobs_of_one in work.values() for job in jobs_of_one], out / "jobs", jobs, console)
     chapters: list[Chapter] = []
+    data: dict[str, Plain] = {}
     for experiment in chosen:
         mine = work[experiment.name]
         measured, results = results[: len(mine)], results[len(mine) :]
         pairs = [(job.arguments, result) for job, result in zip(mine, measured, strict=True)]
         chapters.append((experiment, experiment.section(pairs, out)))
+        data[experiment.name] = experiment.data(pairs)
+    if json_file is not None:
+        _write_json(data if len(data) > 1 else data[chosen[0].name], json_file)
     _show(chapters, console)
     report = write_experiments_report(chapters, _preface(names, quick), out)
     console.print(f"report: {report}, {report.with_suffix('.html').name} ({(time.monotonic() - begun_s) / 60:.1f} min)")
@@ -90,6 +101,27 @@ def _make_writable(out: Path) -> None:
             pass
     except OSError as error:
         raise ConfigurationError(f"{out}: cannot be written to ({error.strerror}): choose another --out") from None
+
+
+def _write_json(data: Plain, file: Path) -> None:
+    try:
+        file.write_text(json.dumps(_without_nan(data), allow_nan=False, indent=1) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise AutoexposeError(
+            f"{file}: the numbers cannot be saved ({error.strerror}): finished jobs are kept, try another --json"
+        ) from None
+
+
+def _without_nan(data: Plain) -> Plain:
+    """JSON has no NaN and no infinity: they become null."""
+    match data:
+        case float() if not math.isfinite(data):
+            return None
+        case dict():
+            return {key: _without_nan(value) for key, value in data.items()}
+        case list():
+            return [_without_nan(value) for value in data]
+    return data
 
 
 def _results(jobs: Sequence[Job], folder: Path, processes: int, console: Console) -> list[Plain]:

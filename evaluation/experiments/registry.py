@@ -6,6 +6,7 @@ from evaluation.experiments.drives import fig7, fig12, fig13_orb_slam3
 from evaluation.experiments.experiment import Experiment
 from evaluation.experiments.prediction import fig1, fig3, fig10, fig11
 from evaluation.experiments.teach.teach_repeat import EXPERIMENT as TEACH
+from evaluation.experiments.worth import worth
 
 EXPERIMENTS: tuple[Experiment, ...] = (
     fig1.EXPERIMENT,
@@ -16,5 +17,7 @@ EXPERIMENTS: tuple[Experiment, ...] = (
     fig12.EXPERIMENT,
     fig13_orb_slam3.EXPERIMENT,
     TEACH,
+    worth.EXPERIMENT,
+    worth.TUNING,
 )
-"""In the order of the papers."""
+"""In the order of the papers, then our own."""

@@ -76,7 +76,7 @@ def test_a_job_runs_again_when_code_that_it_reaches_changes(tmp_path: Path, monk
     kept.put(job, 4)
     assert kept.get(job) == (4,)
     assert kept.get(Job(square, {"number": 3})) is None
-    monkeypatch.setattr(cache, "_digest", lambda module: "changed")
+    monkeypatch.setattr(cache, "_digest", lambda module, policies: "changed")
     assert kept.get(job) is None
 
 

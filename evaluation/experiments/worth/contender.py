@@ -1,0 +1,52 @@
+"""A participant: a name and a control loop, made for each course."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+from autoexpose_daemon.control.loop import ControlLoop
+from autoexpose_daemon.control.parameters import ControlParameters
+from calibration.response import ResponseFunction
+from drivers.exposure import ExposureLimits, ExposureSetting
+from evaluation.stage.delayed_loop import MakeLoop
+
+HAND_TUNED = ExposureSetting(3000.0, 6.0)
+"""The setting of `fixed`: as in fig12, where it was chosen by hand in a room."""
+
+
+@dataclass(frozen=True, slots=True)
+class Contender:
+    """A participant.
+
+    Attributes
+    ----------
+    name
+        In tables and JSON.
+    policy_id
+        Its policy; results are kept until that policy's code changes.
+    make_loop
+        (response, limits, start) -> a fresh control loop.
+    """
+
+    name: str
+    policy_id: str
+    make_loop: MakeLoop
+
+
+def policy(policy_id: str) -> Contender:
+    """A policy as it is."""
+    return variant(policy_id, policy_id)
+
+
+def variant(
+    name: str, policy_id: str, parameters: ControlParameters | None = None, max_time_us: float = math.inf
+) -> Contender:
+    """A policy with other parameters, or a lower bound on the exposure time (us)."""
+
+    def make_loop(response: ResponseFunction, limits: ExposureLimits, start: ExposureSetting) -> ControlLoop:
+        bounded = replace(limits, max_time_us=min(max_time_us, limits.max_time_us))
+        begin = HAND_TUNED if policy_id == "fixed" else start
+        return ControlLoop(policy_id, response, bounded, begin, parameters or ControlParameters())
+
+    return Contender(name, policy_id, make_loop)

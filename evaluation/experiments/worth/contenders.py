@@ -1,0 +1,28 @@
+"""Who takes part: every policy, and variants of some."""
+
+from __future__ import annotations
+
+from autoexpose_daemon.control.parameters import ControlParameters
+from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, POLICY_IDS
+from evaluation.experiments.worth.contender import Contender, policy, variant
+
+CAP_US = 3000.0
+"""Exposure priority without a cap blurs; this cap is the constant that a split of our own has to beat (issue 17)."""
+
+_PRIORITY = ControlParameters(balance="exposure_priority")
+
+_OWN = tuple(dict.fromkeys((DEFAULT_POLICY, "metric-map")))
+
+PUBLISHED: tuple[Contender, ...] = tuple(
+    policy(policy_id) for policy_id in POLICY_IDS if policy_id not in {*_OWN, "majer2018-fixed"}
+)
+"""All but `majer2018-fixed`, which is `fixed`."""
+
+OURS: tuple[Contender, ...] = (
+    *map(policy, _OWN),
+    variant("metric-map, exposure priority", "metric-map", _PRIORITY),
+    variant("metric-map, at most 3 ms", "metric-map", _PRIORITY, CAP_US),
+)
+"""Those in development; any `Contender` may be added."""
+
+CONTENDERS = {contender.name: contender for contender in (*OURS, *PUBLISHED)}

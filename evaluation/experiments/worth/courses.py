@@ -1,0 +1,211 @@
+"""The courses of the matches judge: which picture, in which light, how fast, seen by which cameras."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from calibration.response import ResponseFunction
+from evaluation.experiments.worth.rig import DEFAULT_SENSOR, Eyes, Film
+from evaluation.experiments.worth.scenes import DATA, HEIGHT, WIDTH, digest, moving_view
+from evaluation.scenes.responses import CameraResponse
+from evaluation.scenes.stills import PAINTERS
+from fake_camera.world.sensor import SensorModel
+
+SPEEDS_PX = (0.5, 3.0, 10.0)
+"""Of the image, in pixels of the 360 wide frame per 1/60 s: 1, 6 and 20 of a frame 720 wide."""
+
+LUX = (2.0, 10.0, 50.0, 300.0, 2000.0)
+"""A street at night, a corridor, a living room, an office, shade outdoors."""
+
+STEP_FACTOR = 100.0
+STEP_LUX = (2.0, 6.0, 20.0)
+"""The light on the dark side of a step."""
+
+WARM_UP = 30
+"""Frames not scored: half a second to find an exposure from a sensible start."""
+
+STEADY_FRAMES = 72
+STEP_AT, STEP_FRAMES = 36, 84
+"""A step is scored with three pairs before it, and 0.8 s after it."""
+
+EVERY = 2
+"""Odometry gets every second frame, 30 a second."""
+
+SENSORS = {
+    "default": Eyes(),
+    "twice the read noise": Eyes(SensorModel(WIDTH, HEIGHT, read_noise_e=2 * DEFAULT_SENSOR.read_noise_e)),
+    "a quarter of the full well": Eyes(SensorModel(WIDTH, HEIGHT, full_well_e=DEFAULT_SENSOR.full_well_e / 4)),
+    "s-shaped response": Eyes(response="s_shaped"),
+    "gamma response": Eyes(response="gamma"),
+    "Mono12": Eyes(pixel_format="Mono12"),
+    "right eye dark": Eyes(right="dark"),
+    "right eye dirty": Eyes(right="dirty"),
+    "right eye dead": Eyes(right="dead"),
+}
+"""A smaller well at the same converter: the system gain K rises as the well shrinks."""
+
+
+@dataclass(frozen=True, slots=True)
+class Course:
+    """One course, as plain data.
+
+    Attributes
+    ----------
+    scene
+        See `moving_view`.
+    lux
+        The light; where it steps, on the dark side.
+    light
+        "steady", "up" or "down".
+    speed_px
+        Of the image: pixels of the 360 wide frame per 1/60 s.
+    sensor
+        One of `SENSORS`.
+    delay_frames
+        From a decision to the frame that shows it.
+    seed
+        Of the path.
+    sha256
+        Of the picture's file.
+    """
+
+    scene: str
+    lux: float
+    light: str
+    speed_px: float
+    sensor: str = "default"
+    delay_frames: int = 2
+    seed: int = 0
+    sha256: str = ""
+
+    @property
+    def name(self) -> str:
+        """Unique, for people to read."""
+        picture = self.scene.rpartition("/")[2].removesuffix(".hdr")
+        light = {
+            "steady": f"{self.lux:g} lux",
+            "up": f"{self.lux:g} to {self.lux * STEP_FACTOR:g} lux",
+            "down": f"{self.lux * STEP_FACTOR:g} to {self.lux:g} lux",
+        }[self.light]
+        special = [self.sensor] * (self.sensor != "default") + [f"delay {self.delay_frames}"] * (self.delay_frames != 2)
+        return ", ".join([picture, light, f"{self.speed_px:g} px", *special])
+
+    @property
+    def kind(self) -> str:
+        """What is special about the cameras: "default", a sensor or a delay."""
+        return self.sensor if self.delay_frames == 2 else f"delay {self.delay_frames}"
+
+    @property
+    def frames(self) -> int:
+        """Number of frames."""
+        return STEADY_FRAMES if self.light == "steady" else STEP_FRAMES
+
+    @property
+    def scored(self) -> list[int]:
+        """The frames that odometry gets; each one and its successor are a pair."""
+        return list(range(WARM_UP, self.frames, EVERY))
+
+    @property
+    def eyes(self) -> Eyes:
+        """The cameras."""
+        return SENSORS[self.sensor]
+
+    @property
+    def response(self) -> ResponseFunction:
+        """The true response of the cameras, which policies are given."""
+        if self.eyes.response == "linear":
+            return ResponseFunction.linear()
+        return CameraResponse(self.eyes.response).function
+
+    def lux_at(self, frame: int) -> float:
+        """Light in a frame."""
+        bright = self.light != "steady" and (frame >= STEP_AT) == (self.light == "up")
+        return self.lux * (STEP_FACTOR if bright else 1.0)
+
+    def film(self) -> Film:
+        """What the cameras see."""
+        return Film(moving_view(self.scene, self.speed_px, self.seed), self.speed_px, self.lux_at)
+
+    def plain(self) -> dict[str, Any]:
+        """As a job's argument."""
+        return asdict(self)
+
+
+_STILLS = {"tuning": ("Carrots", "CrissyField"), "report": ("Desk", "GoldenGate", "MtTamWest")}
+
+_PANORAMAS = (
+    *("apartment", "bridge", "city", "forest", "hall", "lab"),
+    *("lobby", "night", "park", "sunrise", "warehouse", "workshop"),
+)
+"""None is for tuning: they judge panning, too."""
+
+_LIGHTS = ("steady", "steady", "up", "steady", "steady", "down")
+
+
+def _varied(scenes: list[str], first: int = 0) -> list[Course]:
+    """Each scene once; light and speed go round, so that all meet all."""
+    courses = []
+    for place, scene in enumerate(scenes, first):
+        light = _LIGHTS[(place + place // 15) % len(_LIGHTS)]
+        lux = LUX[(2 * place + place // 15) % len(LUX)] if light == "steady" else STEP_LUX[place // 6 % len(STEP_LUX)]
+        # Lights repeat after 6 and speeds after 3 places: the shift keeps them from going together.
+        speed = SPEEDS_PX[(place + place // 3) % len(SPEEDS_PX)]
+        courses.append(Course(scene, lux, light, speed, seed=place, sha256=digest(scene)))
+    return courses
+
+
+def _special(scenes: list[str], kinds: list[tuple[str, int]]) -> list[Course]:
+    """Each kind of camera (sensor, delay) with one or two of the scenes."""
+    courses = []
+    for place, (sensor, delay) in enumerate(kinds):
+        scene, light = scenes[place % len(scenes)], _LIGHTS[(place + 2) % 3]
+        lux = STEP_LUX[place % 3] if light != "steady" else (6.0, 150.0)[place % 2]
+        courses.append(Course(scene, lux, light, SPEEDS_PX[1 + place % 2], sensor, delay, place, digest(scene)))
+    return courses
+
+
+_TUNING_KINDS = [("twice the read noise", 2), ("right eye dark", 2), ("default", 1), ("default", 3)]
+_REPORT_KINDS = [
+    ("twice the read noise", 2),
+    ("a quarter of the full well", 2),
+    ("s-shaped response", 2),
+    ("gamma response", 2),
+    ("Mono12", 2),
+    ("right eye dark", 2),
+    ("right eye dirty", 2),
+    ("right eye dead", 2),
+    ("default", 1),
+    ("default", 3),
+]
+
+
+def tuning() -> list[Course]:
+    """For development: two photographs and painted stills."""
+    painted = [f"{painter}:{seed}" for seed in (3, 4) for painter in PAINTERS]
+    stills = _photographs("tuning") or [f"{painter}:{seed}" for seed in (5, 6) for painter in PAINTERS]
+    return _varied([*stills * 4, *painted]) + _special([*stills, *painted], _TUNING_KINDS)
+
+
+def report() -> list[Course]:
+    """What counts: photographs that nothing was tuned on, and paintings of other seeds."""
+    painted = [f"{painter}:{seed}" for seed in (2003,) for painter in PAINTERS]
+    stills = _photographs("report") or [f"{painter}:{seed}" for seed in (2004, 2005) for painter in PAINTERS]
+    panoramas = [scene for name in _PANORAMAS if (DATA / (scene := f"hdri_1k_cc0/{name}.hdr")).exists()]
+    return _varied([*stills * 3, *panoramas, *painted]) + _special([*stills, *panoramas[::3]], _REPORT_KINDS)
+
+
+def quick(courses: list[Course]) -> list[Course]:
+    """Six of a set, spread over it."""
+    return [courses[place] for place in np.linspace(0, len(courses) - 1, 6).round().astype(int)]
+
+
+SETS = {"tuning": tuning, "report": report}
+"""The sets by name. Nothing is chosen by the report set."""
+
+
+def _photographs(name: str) -> list[str]:
+    """The stills of a set; none where there are no data."""
+    return [scene for still in _STILLS[name] if (DATA / (scene := f"hdr_stills_bsd/{still}.hdr")).exists()]

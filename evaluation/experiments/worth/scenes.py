@@ -1,0 +1,185 @@
+"""Pictures with real or painted radiance, seen by a moving camera whose motion is known."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import os
+from functools import cache
+from pathlib import Path
+from typing import Protocol
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from evaluation.experiments.worth.motions import Homography, MotionModel, Rotation, Similarity
+from evaluation.scenes.stills import PAINTERS
+from fake_camera.world.scene.panorama import load_radiance
+
+WIDTH, HEIGHT = 360, 270
+"""Of the judged frames: panoramas of 1024x512 have no more detail to show."""
+
+DISPARITY_PX = 12
+"""Between the cameras; everything is at one distance."""
+
+CANVAS = (WIDTH + DISPARITY_PX, HEIGHT)
+"""Width and height of what both cameras see together; the left one sees its left end."""
+
+CENTRE = ((WIDTH - 1) / 2, (HEIGHT - 1) / 2)
+"""The left camera's principal point (pixels)."""
+
+FOCAL_PX = 180.0
+"""Before panoramas: 90 degrees across, where a pixel of the view is about as large as one of the panorama."""
+
+RATE_HZ = 60.0
+
+DATA = Path(os.environ.get("AUTOEXPOSE_DATA", Path(__file__).parents[4] / "shared" / "data"))
+"""Where the photographs are (docs/experiments.md)."""
+
+PAINTED_SIZE = (1000, 640)
+"""Width and height of painted stills."""
+
+STILL_SPAN = 1.8
+"""Larger stills are shrunk to this many views across or down: sharp, and no view shows nothing but sky."""
+
+_PANORAMAS = "hdri_1k_cc0/"
+
+_MARGIN_PX = 64
+"""By which panoramas continue beyond their seam."""
+
+Radiance = NDArray[np.float32]
+
+
+class MovingView(Protocol):
+    """What the canvas shows at an instant."""
+
+    @property
+    def model(self) -> MotionModel:
+        """The family of `homography`."""
+
+    def radiance(self, time_s: float) -> Radiance:
+        """Radiance per lux, float32, (HEIGHT, CANVAS[0]), not negative."""
+
+    def homography(self, from_s: float, to_s: float) -> Homography:
+        """Takes pixels of the left image at one instant to those at another, (3, 3)."""
+
+
+class StillView:
+    """A still on a plane; the camera moves along a circle parallel to it, rolls a little, and comes and goes.
+
+    Parameters
+    ----------
+    still
+        Radiance per lux, (rows, columns); one of its pixels is about one of the view.
+    speed_px
+        Of the image, in pixels of the view per 1/60 s.
+    seed
+        Decides where the circle lies.
+    """
+
+    def __init__(self, still: Radiance, speed_px: float, seed: int) -> None:
+        self.model: MotionModel = Similarity()
+        self._still = still
+        rng = np.random.default_rng([seed, 17])
+        # What the view needs to either side of its centre, with its roll and its changes of size.
+        room = np.array(still.shape[::-1]) / 2 - 0.55 * np.array(CANVAS) - 0.05 * np.array(CANVAS[::-1]) / 2
+        self._radius_px = float(np.clip(room.min(), 30.0, 200.0))
+        spare = np.maximum(room - self._radius_px, 0.0)
+        self._middle = np.array(still.shape[::-1]) / 2 + rng.uniform(-1.0, 1.0, 2) * spare
+        self._phase = float(rng.uniform(0.0, 2 * math.pi))
+        self._rate = speed_px * RATE_HZ / self._radius_px
+
+    def radiance(self, time_s: float) -> Radiance:
+        """See `MovingView`."""
+        seen = cv2.warpAffine(
+            self._still,
+            self._to_still(time_s)[:2],
+            CANVAS,
+            flags=cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP,
+            borderMode=cv2.BORDER_REFLECT,
+        )
+        return np.maximum(seen, np.float32(0.0), out=seen)
+
+    def homography(self, from_s: float, to_s: float) -> Homography:
+        """See `MovingView`."""
+        return np.asarray(np.linalg.inv(self._to_still(to_s)) @ self._to_still(from_s), np.float64)
+
+    def _to_still(self, time_s: float) -> Homography:
+        """From pixels of the left image to pixels of the still."""
+        gone = self._rate * time_s
+        x, y = self._middle + self._radius_px * np.array([math.cos(gone + self._phase), math.sin(gone + self._phase)])
+        roll, size = 0.05 * math.sin(0.7 * gone), 1.0 + 0.04 * math.sin(0.5 * gone)
+        cos, sin = size * math.cos(roll), size * math.sin(roll)
+        about = np.array([[1.0, 0.0, -CENTRE[0]], [0.0, 1.0, -CENTRE[1]], [0.0, 0.0, 1.0]])
+        return np.asarray(np.array([[cos, -sin, x], [sin, cos, y], [0.0, 0.0, 1.0]]) @ about, np.float64)
+
+
+class PanoramaView:
+    """A panorama all around a camera that turns, nods and rolls.
+
+    Parameters
+    ----------
+    panorama
+        Radiance per lux, equirectangular, (rows, columns).
+    speed_px
+        Of the middle of the image, in pixels of the view per 1/60 s.
+    seed
+        Decides where the camera looks first.
+    """
+
+    def __init__(self, panorama: Radiance, speed_px: float, seed: int) -> None:
+        self._wide = cv2.copyMakeBorder(panorama, 0, 0, _MARGIN_PX, _MARGIN_PX, cv2.BORDER_WRAP)
+        self._rows, self._columns = panorama.shape
+        self._start = float(np.random.default_rng([seed, 18]).uniform(0.0, 2 * math.pi))
+        self._rate = speed_px * RATE_HZ / FOCAL_PX
+        x, y = np.meshgrid(np.arange(CANVAS[0]) - CENTRE[0], np.arange(CANVAS[1]) - CENTRE[1])
+        rays = np.stack([x.ravel(), y.ravel(), np.full(x.size, FOCAL_PX)])
+        self._rays = (rays / np.linalg.norm(rays, axis=0)).astype(np.float32)
+        self._camera = np.array([[FOCAL_PX, 0.0, CENTRE[0]], [0.0, FOCAL_PX, CENTRE[1]], [0.0, 0.0, 1.0]])
+        self.model: MotionModel = Rotation(self._camera)
+
+    def radiance(self, time_s: float) -> Radiance:
+        """See `MovingView`."""
+        x, y, z = self._to_world(time_s).astype(np.float32) @ self._rays
+        across = np.arctan2(x, z) / np.float32(2 * math.pi) + np.float32(0.5)
+        down = np.arcsin(np.clip(y, -1.0, 1.0)) / np.float32(math.pi) + np.float32(0.5)
+        map_x = (across * np.float32(self._columns) + np.float32(_MARGIN_PX - 0.5)).reshape(CANVAS[::-1])
+        map_y = (down * np.float32(self._rows) - np.float32(0.5)).reshape(CANVAS[::-1])
+        seen = cv2.remap(self._wide, map_x, map_y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+        return np.maximum(seen, np.float32(0.0), out=seen)
+
+    def homography(self, from_s: float, to_s: float) -> Homography:
+        """See `MovingView`."""
+        turn = self._to_world(to_s).T @ self._to_world(from_s)
+        return np.asarray(self._camera @ turn @ np.linalg.inv(self._camera), np.float64)
+
+    def _to_world(self, time_s: float) -> NDArray[np.float64]:
+        gone = self._rate * time_s
+        yaw, pitch, roll = self._start + gone, 0.15 * math.sin(0.9 * gone), 0.05 * math.sin(1.3 * gone)
+        turned = [cv2.Rodrigues(np.array(axis))[0] for axis in ((0.0, yaw, 0.0), (pitch, 0.0, 0.0), (0.0, 0.0, roll))]
+        return np.asarray(turned[0] @ turned[1] @ turned[2], np.float64)
+
+
+def moving_view(scene: str, speed_px: float, seed: int) -> MovingView:
+    """A photograph by its path below `DATA`, or a painting by `painter:seed`."""
+    picture = _picture(scene)
+    return (PanoramaView if scene.startswith(_PANORAMAS) else StillView)(picture, speed_px, seed)
+
+
+@cache
+def digest(scene: str) -> str:
+    """SHA-256 of a photograph's file, so that results are kept only for the same picture; "" for a painting."""
+    return "" if ":" in scene else hashlib.sha256((DATA / scene).read_bytes()).hexdigest()
+
+
+def _picture(scene: str) -> Radiance:
+    painter, _, seed = scene.partition(":")
+    if seed:
+        return PAINTERS[painter](np.random.default_rng([int(seed), 78]), *PAINTED_SIZE)
+    photograph = load_radiance(DATA / scene)
+    rows, columns = photograph.shape
+    scale = 1.0 if scene.startswith(_PANORAMAS) else STILL_SPAN * max(CANVAS[0] / columns, CANVAS[1] / rows)
+    if scale >= 1.0:
+        return photograph
+    return np.asarray(cv2.resize(photograph, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.float32)

@@ -1,0 +1,84 @@
+"""The scores of frames along a course, however their settings were chosen."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Literal
+
+import numpy as np
+
+from drivers.exposure import ExposureSetting
+from drivers.frames import Frame
+from evaluation.experiments.worth.courses import Course
+from evaluation.experiments.worth.pairs import PREPARATIONS, Seen, judged, seen
+from evaluation.experiments.worth.rig import Film
+
+JUDGES: dict[str, Literal["higher", "lower"]] = {"matches-sift-raw": "higher"}
+for _name in PREPARATIONS:
+    JUDGES |= {
+        f"matches-orb-{_name}": "higher",
+        f"repeatability-orb-{_name}": "higher",
+        f"pose-error-orb-{_name}": "lower",
+        f"lost-pairs-orb-{_name}": "lower",
+        f"klt-error-{_name}": "lower",
+        f"lost-pairs-klt-{_name}": "lower",
+    }
+
+CHOICE_SEED = 0
+"""Noise on which bounds are chosen ..."""
+
+SCORING_SEEDS = (1, 2, 3)
+"""... and on which they are scored, else luck wins. Policies run on the first of these: three would cost thrice."""
+
+CHECKED_EVERY = 4
+"""Every fourth scored pair is tried with all settings of the grid, and judged by SIFT."""
+
+
+class Scorer:
+    """Judges the pairs of one camera as its frames come in.
+
+    Attributes
+    ----------
+    pairs
+        For each pair scored so far, the value of each judge that judged it.
+    settings
+        Of each frame that was looked at.
+    """
+
+    def __init__(self, course: Course, film: Film) -> None:
+        self.pairs: list[dict[str, float]] = []
+        self.settings: list[ExposureSetting] = []
+        self._scored, self._film = course.scored, film
+        self._last: tuple[int, float, Mapping[str, Seen]] | None = None
+
+    def look(self, frame: Frame) -> None:
+        """Take in the present frame of the film; one that odometry does not get is passed over."""
+        number = self._film.frame
+        if number not in self._scored:
+            return
+        self.settings.append(frame.setting)
+        now = (number, frame.setting.exposure_time_us, seen(frame.grey8()))
+        if self._last is not None:
+            truth = self._film.truth(self._last[:2], now[:2])
+            sift = len(self.pairs) % CHECKED_EVERY == 0
+            self.pairs.append(judged(self._last[2], now[2], truth, sift=sift))
+        self._last = now
+
+    def means(self) -> dict[str, float]:
+        """Each judge's mean over the pairs that it judged."""
+        return mean_values(self.pairs)
+
+
+def mean_values(pairs: list[dict[str, float]]) -> dict[str, float]:
+    """Mean of each judge over the pairs that have its value."""
+    return {judge: float(np.mean([pair[judge] for pair in pairs if judge in pair])) for judge in JUDGES}
+
+
+def rows(
+    course: Course, policy: str, means: Mapping[str, float], more: Mapping[str, Mapping[str, Any]] | None = None
+) -> list[dict[str, Any]]:
+    """One plain row for each judge; `more` has diagnostics by judge."""
+    return [
+        {"judge": judge, "course": course.name, "policy": policy, "value": means[judge], **(more or {}).get(judge, {})}
+        for judge in JUDGES
+    ]
