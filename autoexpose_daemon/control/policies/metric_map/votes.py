@@ -70,6 +70,8 @@ class Eye:
     ----------
     fault
         Why it has no vote; None: it has one.
+    suspected
+        What the last frame spoke for; one alone may be damaged, or taken before a late write.
     showing
         Frames in a row that spoke against the fault.
     before
@@ -77,9 +79,10 @@ class Eye:
         before the first pair.
     """
 
-    STATE: ClassVar[tuple[str, ...]] = ("fault", "showing", "before")
+    STATE: ClassVar[tuple[str, ...]] = ("fault", "suspected", "showing", "before")
 
     fault: Fault | None = None
+    suspected: Fault | None = None
     showing: int = 0
     before: NDArray[np.uint8] | None = None
 
@@ -189,18 +192,21 @@ class Votes:
         return "".join(f"; {side} camera {REMARKS[fault]}" for side, fault in self.faults.items())
 
     def _note(self, eye: Eye, fault: Fault | None, glance: _Glance) -> None:
-        if fault is not None:
+        if fault is not None and fault == eye.suspected:
             eye.fault, eye.showing = fault, 0
         elif eye.fault is not None:
             eye.showing = eye.showing + 1 if _speaks_against(eye.fault, glance) else 0
             if eye.showing >= RETURN_FRAMES:
                 eye.fault, eye.showing, eye.before = None, 0, None
+        eye.suspected = fault
 
     def _compare_from_here(self, level: float, glances: Mapping[Side, _Glance]) -> None:
         """Compare the next frames with these, once the last comparison has said what it can.
 
         All cameras at once: over the same time, light that cancels a change of exposure cancels it for all of them.
         """
+        if any(self._eyes[side].fault is None and self._eyes[side].suspected == "frozen" for side in glances):
+            return
         compared = {side: glance for side, glance in glances.items() if self._eyes[side].fault != "frozen"}
         known = all(self._eyes[side].before is not None for side in compared)
         told = all(glance.telling for glance in compared.values())
