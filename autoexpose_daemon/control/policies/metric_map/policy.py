@@ -16,7 +16,7 @@ from autoexpose_daemon.control.policies.metric_map.forecast import Forecast
 from autoexpose_daemon.control.policies.metric_map.loop_delay import LoopDelay
 from autoexpose_daemon.control.policies.metric_map.memory import TRUSTED_RISE, MetricMemory, Sighting
 from autoexpose_daemon.control.policies.metric_map.registration import Registration
-from autoexpose_daemon.control.policies.metric_map.search import dark_jump, plateau_centre, probe_bonus
+from autoexpose_daemon.control.policies.metric_map.search import DEEPEST_PROBE, dark_jump, plateau_centre, probe_bonus
 from autoexpose_daemon.control.policies.metric_map.view import DELTAS, FEWER_DELTAS, FEWEST_DELTAS, MetricView, Viewer
 from autoexpose_daemon.control.policies.metric_map.votes import REMARKS, Votes
 from autoexpose_daemon.control.policy import ExposurePolicy, Observation, PolicySetup, Target
@@ -130,12 +130,17 @@ class MetricMap(ExposurePolicy):
         looks = sorted(observation.looks, key=lambda look: SIDES.index(look.side))
         voting = [look for look, votes in zip(looks, self.votes.of(looks), strict=True) if votes]
         if not voting:
-            return Target(observation.setting.level if self.target is None else self.target, "held")
+            return Target(self._held(observation), "held")
         self._map_for([look.side for look in voting])
         observation = replace(observation, looks=voting)
         views = self._views(observation)
         change = self._remember(observation, views)
-        return self._jump(observation, views) or self._best(observation, change)
+        if self.votes.undecided:
+            return Target(self._held(observation), "held")
+        return self._look_down(observation) or self._jump(observation, views) or self._best(observation, change)
+
+    def _held(self, observation: Observation) -> float:
+        return observation.setting.level if self.target is None else self.target
 
     def _map_for(self, sides: list[Side]) -> None:
         """Have the map be of these cameras only. What it holds of one that joins them is from before it had a vote."""
@@ -175,6 +180,13 @@ class MetricMap(ExposurePolicy):
             self.densities[camera] = max(DENSITY_DECAY * self.densities[camera], density, LEAST_DENSITY)
         return change
 
+    def _look_down(self, observation: Observation) -> Target | None:
+        """As far as any probe goes, from a camera that is white to where it shows something or loses its vote."""
+        side = self.votes.glaring
+        if side is None:
+            return None
+        return Target(observation.setting.level - DEEPEST_PROBE, f"{side} camera is white: looks at less exposure")
+
     def _jump(self, observation: Observation, views: tuple[MetricView, ...]) -> Target | None:
         """Out of the dark, where nothing brighter has been seen yet; None while any camera sees something."""
         level = observation.setting.level
@@ -188,7 +200,7 @@ class MetricMap(ExposurePolicy):
 
     def _best(self, observation: Observation, change: float) -> Target:
         level = observation.setting.level
-        held = level if self.target is None else self.target
+        held = self._held(observation)
         levels = _bins(observation.limits)
         ahead = self.forecast.ahead(self.latency.frames, steady=self.motion_px < SLOW_PX)
         moving = self.motion_px >= MOVING_PX

@@ -31,6 +31,10 @@ VISIBLE = 1 / 16
 WHITE_SHARE, NOT_WHITE_SHARE = 0.9, 0.7
 """Saturated shares above which a camera is white, and below which it is no longer."""
 
+GLARE_FRAMES = 30
+"""Frames that a camera may be white beside another that is not, half a second at 60 Hz, before a look at lower ones
+has to show which of the two must win: a moving robot's glance into the sun is over by then."""
+
 LOWEST_STOPS = 0.5
 """The lowest exposure is reached within this of it; quantisation and a forecast may keep the last bit out of reach."""
 
@@ -74,16 +78,19 @@ class Eye:
         What the last frame spoke for; one alone may be damaged, or taken before a late write.
     showing
         Frames in a row that spoke against the fault.
+    glare
+        Frames in a row that were white while another camera's were not.
     before
         Pixels to compare with: of a frozen camera those it is stuck at, else those at the level `Votes` remembers. None
         before the first pair.
     """
 
-    STATE: ClassVar[tuple[str, ...]] = ("fault", "suspected", "showing", "before")
+    STATE: ClassVar[tuple[str, ...]] = ("fault", "suspected", "showing", "glare", "before")
 
     fault: Fault | None = None
     suspected: Fault | None = None
     showing: int = 0
+    glare: int = 0
     before: NDArray[np.uint8] | None = None
 
 
@@ -139,7 +146,7 @@ class _Glance:
 class Votes:
     """Takes the vote from a camera that shows nothing, and gives it back when it does.
 
-    Cameras are judged against each other, frame by frame, without any exposure for the purpose. One is
+    Cameras are judged against each other, frame by frame; only glare asks for exposures of its own. One is
 
     - black, if it shows nearly nothing while another sees well: a capped lens, or a picture so much darker that one of
       the two must win, which is the brighter, since it needs less gain and a shorter time;
@@ -179,9 +186,21 @@ class Votes:
             others = [glances[other] for other in voting if other != side]
             fault = _fault(glance, others, at_lowest=level < lowest_level + LOWEST_STOPS)
             self._note(self._eyes[side], fault, glance)
+            glaring = glance.white and any(not other.white for other in others)
+            self._eyes[side].glare = self._eyes[side].glare + 1 if glaring else 0
         if len(looks) > 1:
             self._compare_from_here(level, glances)
         self._hear(list(glances))
+
+    @property
+    def undecided(self) -> bool:
+        """Whether the next frame will show if a camera loses its vote: exposure should stay until then."""
+        return any(eye.suspected is not None and eye.fault is None for eye in self._eyes.values())
+
+    @property
+    def glaring(self) -> Side | None:
+        """A camera with a vote that has long been white while another was not: only lower exposures can show why."""
+        return next((side for side, eye in self._eyes.items() if eye.fault is None and eye.glare >= GLARE_FRAMES), None)
 
     def of(self, looks: Sequence[Look]) -> list[bool]:
         """Which of the cameras have a vote; of lone frames ignored so far, none."""
