@@ -10,14 +10,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from autoexpose_daemon.control.policies.metric_map.votes import RETURN_FRAMES, UNHEARD_FRAMES, Votes
+from autoexpose_daemon.control.policies.metric_map.search import DEEPEST_PROBE
+from autoexpose_daemon.control.policies.metric_map.votes import (
+    GLARE_FRAMES,
+    REPEATS,
+    RETURN_FRAMES,
+    UNHEARD_FRAMES,
+    Votes,
+)
 from autoexpose_daemon.control.policy import Look
 from autoexpose_daemon.control.snapshot import restore, take
 from calibration.response import ResponseFunction
-from drivers.exposure import ExposureSetting
 from drivers.frames import SIDES, Side
 
-from .scene import expose, radiance
+from .scene import radiance
 
 LINEAR = ResponseFunction.linear()
 SHAPE = (136, 180)
@@ -30,7 +36,7 @@ Picture = Callable[[float], NDArray[np.uint8]]
 
 
 def healthy(level: float, light: float = BEST, seed: int = 0) -> NDArray[np.uint8]:
-    grey = expose(SCENE, ExposureSetting(float(2.0**level), 0.0), light).grey8()
+    grey = SCENE * 127.5 * 2.0 ** (level - light)
     noise = np.random.default_rng(round(level * 1000) + seed).normal(0.0, 0.7, grey.shape)
     return np.clip(np.rint(grey + noise), 0, 255).astype(np.uint8)
 
@@ -147,9 +153,9 @@ def test_a_pair_always_has_a_camera_with_a_vote(frames: list[tuple[float, Pictur
 def test_a_camera_that_shows_something_again_gets_its_vote_back(picture: Picture, start: float, side: Side) -> None:
     votes = votes_after([BEST - 1.0, start, start], pair(picture, side))
     assert list(votes.faults) == [side]
-    votes_after([BEST + 2.0] * (RETURN_FRAMES - 1), pair(healthy, side), votes)
+    votes_after([BEST + 0.5] * (RETURN_FRAMES - 1), pair(healthy, side), votes)
     assert list(votes.faults) == [side]
-    votes_after([BEST + 2.0], pair(healthy, side), votes)
+    votes_after([BEST + 0.5], pair(healthy, side), votes)
     assert votes.faults == {}
     assert votes.remark() == ""
 
@@ -174,6 +180,38 @@ def test_lone_frames_of_a_camera_without_a_vote_are_ignored_for_a_second() -> No
     assert votes.of(looks) == [False]
     votes_after([BEST], {"right": black}, votes)
     assert votes.of(looks) == [True]
+
+
+def test_a_suspicion_does_not_outlast_the_camera() -> None:
+    votes = votes_after([BEST], pair(black, "right"))
+    assert votes.undecided
+    assert not votes_after([BEST], {"left": healthy}, votes).undecided
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_a_frozen_camera_is_found_though_exposure_rests_on_it(side: Side) -> None:
+    """Light fell, and what is not frozen is black."""
+    votes = votes_after([BEST] * 2, pair(frozen, side))
+    dark = pair(frozen, side) | {each: darker for each in SIDES if each != side}
+    assert votes_after([BEST] * 2, dark, votes).faults == {each: "black" for each in SIDES if each != side}
+    assert votes_after([BEST] * REPEATS, dark, votes).faults == {side: "frozen"}
+
+
+@pytest.mark.parametrize("side", SIDES)
+@pytest.mark.parametrize("darker_stops", [5.0, 8.0])
+def test_after_glare_the_brighter_camera_wins(side: Side, darker_stops: float) -> None:
+    """The other, 5 or 8 stops darker, was exposed well until then."""
+
+    def dim(level: float) -> NDArray[np.uint8]:
+        return healthy(level, BEST + darker_stops)
+
+    votes = votes_after([BEST + darker_stops] * (GLARE_FRAMES - 1), pair(dim, side))
+    (other,) = set(SIDES) - {side}
+    assert votes.glaring is None
+    assert votes_after([BEST + darker_stops], pair(dim, side), votes).glaring == other
+    votes_after([BEST + darker_stops - DEEPEST_PROBE], pair(dim, side), votes)
+    assert votes.glaring is None
+    assert votes.faults == {side: "black"}
 
 
 def test_lone_frames_of_the_other_camera_change_nothing() -> None:

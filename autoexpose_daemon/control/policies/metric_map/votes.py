@@ -25,8 +25,9 @@ FAINTER = 4.0
 99th percentile lies some 2 stops above the median, the two cameras are then 4 stops apart or more: no exposure suits
 both. Half of the pixels, because a lamp in one camera says nothing of what the other should see."""
 
-VISIBLE = 1 / 16
-"""Of full scale: a 99th percentile from which a camera that was black shows something again, twice `FAINT`."""
+VISIBLE = 1 / 8
+"""Of full scale: a 99th percentile from which a camera that was black shows something again. Three stops are a distance
+over which a compromise can be found; nearer to `FAINT` a camera that is 5 stops darker would come and go."""
 
 WHITE_SHARE, NOT_WHITE_SHARE = 0.9, 0.7
 """Saturated shares above which a camera is white, and below which it is no longer."""
@@ -49,6 +50,9 @@ FROZEN_PART, RESPONSIVE_PART = 0.125, 0.5
 
 THAWED_GREY = 1.0
 """Mean difference in grey levels from the image it was stuck at that shows a camera to be alive."""
+
+REPEATS = 12
+"""Frames that repeat an earlier one to the last pixel, while another camera's differ. Noise does not."""
 
 RETURN_FRAMES = 12
 """Frames in a row that must show something before a vote returns: a fifth of a second at 60 Hz."""
@@ -80,17 +84,20 @@ class Eye:
         Frames in a row that spoke against the fault.
     glare
         Frames in a row that were white while another camera's were not.
+    repeats
+        Frames in a row that were exactly `before`, while another camera's picture changed.
     before
         Pixels to compare with: of a frozen camera those it is stuck at, else those at the level `Votes` remembers. None
         before the first pair.
     """
 
-    STATE: ClassVar[tuple[str, ...]] = ("fault", "suspected", "showing", "glare", "before")
+    STATE: ClassVar[tuple[str, ...]] = ("fault", "suspected", "showing", "glare", "repeats", "before")
 
     fault: Fault | None = None
     suspected: Fault | None = None
     showing: int = 0
     glare: int = 0
+    repeats: int = 0
     before: NDArray[np.uint8] | None = None
 
 
@@ -134,6 +141,10 @@ class _Glance:
         return self.telling and self.difference < FROZEN_PART * abs(self.promised)
 
     @property
+    def changed(self) -> bool:
+        return self.difference > THAWED_GREY
+
+    @property
     def responsive(self) -> bool:
         """Whether the change came: light that changed by the opposite would have cancelled it."""
         return self.telling and self.came / self.promised > RESPONSIVE_PART
@@ -151,7 +162,8 @@ class Votes:
     - black, if it shows nearly nothing while another sees well: a capped lens, or a picture so much darker that one of
       the two must win, which is the brighter, since it needs less gain and a shorter time;
     - white, if it is saturated at the lowest exposure while another is not;
-    - frozen, if exposure changed and so did another camera's picture, but not its own.
+    - frozen, if exposure changed and so did another camera's picture, but not its own; or if it repeats a picture to
+      the last pixel while another's changes.
 
     So a pair whose frames agree, however dark or bright, keeps both votes, and a rig with one camera that one. Of the
     cameras of a pair at least one has a vote.
@@ -182,12 +194,15 @@ class Votes:
         rise = level - self._before_level
         glances = {look.side: _glance(look, self._eyes[look.side].before, rise) for look in looks}
         voting = [side for side in glances if self._eyes[side].fault is None]
-        for side, glance in glances.items():
+        for side, eye in self._eyes.items():
+            if side not in glances:
+                eye.suspected, eye.glare, eye.repeats = None, 0, 0
+                continue
             others = [glances[other] for other in voting if other != side]
-            fault = _fault(glance, others, at_lowest=level < lowest_level + LOWEST_STOPS)
-            self._note(self._eyes[side], fault, glance)
-            glaring = glance.white and any(not other.white for other in others)
-            self._eyes[side].glare = self._eyes[side].glare + 1 if glaring else 0
+            fault = _fault(glances[side], others, at_lowest=level < lowest_level + LOWEST_STOPS)
+            self._note(eye, fault, glances[side])
+            self._count_repeats(side, glances)
+            self._count_glare(side, glances, others)
         if len(looks) > 1:
             self._compare_from_here(level, glances)
         self._hear(list(glances))
@@ -218,6 +233,31 @@ class Votes:
             if eye.showing >= RETURN_FRAMES:
                 eye.fault, eye.showing, eye.before = None, 0, None
         eye.suspected = fault
+
+    def _count_repeats(self, side: Side, glances: Mapping[Side, _Glance]) -> None:
+        """A frozen camera is found even where exposure does not move because of it.
+
+        Another camera that was found black beside its old picture gets its vote back.
+        """
+        eye, glance = self._eyes[side], glances[side]
+        others = [other for each, other in glances.items() if each != side]
+        repeated = glance.difference == 0 and VISIBLE < glance.median < 1
+        eye.repeats = eye.repeats + 1 if repeated and any(other.changed for other in others) else 0
+        if eye.repeats >= REPEATS:
+            eye.fault = "frozen"
+        if eye.fault == "frozen":
+            for each in glances:
+                if self._eyes[each].fault == "black":
+                    self._eyes[each] = Eye()
+
+    def _count_glare(self, side: Side, glances: Mapping[Side, _Glance], others: Sequence[_Glance]) -> None:
+        """After the look at less exposure that long glare asks for, a camera that is too dark there must give way."""
+        eye, glance = self._eyes[side], glances[side]
+        if self.glaring == side and not glance.white and glance.bright >= VISIBLE:
+            for each, other in glances.items():
+                if each != side and other.bright < VISIBLE:
+                    self._eyes[each].fault = "black"
+        eye.glare = eye.glare + 1 if glance.white and any(not other.white for other in others) else 0
 
     def _compare_from_here(self, level: float, glances: Mapping[Side, _Glance]) -> None:
         """Compare the next frames with these, once the last comparison has said what it can.
@@ -262,7 +302,7 @@ def _speaks_against(fault: Fault, glance: _Glance) -> bool:
         case "white":
             return glance.saturated_share < NOT_WHITE_SHARE
         case "frozen":
-            return glance.difference > THAWED_GREY
+            return glance.changed
 
 
 def _glance(look: Look, before: NDArray[np.uint8] | None, rise: float) -> _Glance:
