@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import Any
 
 from autoexpose_daemon.config.document import Config
@@ -14,7 +15,7 @@ from autoexpose_daemon.status.counters import counters
 from autoexpose_daemon.status.states import Health
 from autoexpose_daemon.status.telemetry import Telemetry
 from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.frames import StereoPair
+from drivers.frames import Side, StereoPair
 from drivers.triggers.account import LossReason
 from tests.soak.camera import VirtualFrame
 from tests.soak.clock import MS, SECOND
@@ -30,6 +31,7 @@ class SteadyLoop:
     """Always asks for the same: virtual frames have no picture to judge."""
 
     shortfall = None
+    uncounted: Mapping[Side, str] = MappingProxyType({})
 
     def __init__(self, limits: ExposureLimits, setting: ExposureSetting) -> None:
         self.setup = dataclasses.make_dataclass("Setup", ["limits"])(limits)

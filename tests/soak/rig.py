@@ -5,8 +5,8 @@ from __future__ import annotations
 import heapq
 import itertools
 import math
-from collections.abc import Callable
-from types import SimpleNamespace
+from collections.abc import Callable, Mapping
+from types import MappingProxyType, SimpleNamespace
 
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.control.decision import Decision
@@ -46,6 +46,7 @@ class ScriptedLoop:
     """Decides without images: the level follows a sine of 20 s and steps every 7 s, and rests in between."""
 
     shortfall = None
+    uncounted: Mapping[Side, str] = MappingProxyType({})
 
     def __init__(self, limits: ExposureLimits, clock: Clock) -> None:
         self.setup = SimpleNamespace(limits=limits)

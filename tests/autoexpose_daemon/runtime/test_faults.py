@@ -64,6 +64,14 @@ def test_a_camera_that_stays_away_is_named_and_the_other_one_continues(run: Virt
     assert run.telemetry.counts.reconnects == 0
 
 
+def test_a_camera_that_is_not_counted_is_named_until_it_is(run: VirtualRun) -> None:
+    loop = run.rig.control.active.loop
+    loop.uncounted = {"right": "shows nothing, not counted"}  # type: ignore[union-attr, misc, assignment]
+    run.wait_for_state("degraded: right camera: shows nothing, not counted")
+    loop.uncounted = {}  # type: ignore[union-attr, misc, assignment]
+    assert run.counted() == {}
+
+
 def test_trigger_stopped(run: VirtualRun) -> None:
     """Absent triggers do not count."""
     run.wire.stop_periods = 110

@@ -1,0 +1,195 @@
+"""A stereo rig with one faulty camera in closed loop: the other is exposed as well as beside a healthy one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.control.image import ImagePreparation
+from autoexpose_daemon.control.loop import ControlLoop
+from autoexpose_daemon.control.metrics.gradient import GradientMetric
+from autoexpose_daemon.control.policies.metric_map.votes import RETURN_FRAMES
+from calibration.response import ResponseFunction
+from drivers.exposure import ExposureSetting
+from drivers.frames import SIDES, Frame, Side, StereoPair
+
+from .scene import FRAME_NS, LIMITS, radiance
+
+STEREO_POLICIES = ["metric-map", "fisher-map"]
+"""Those that look at both cameras."""
+
+SHAPE = (136, 180)
+SCENES: dict[Side, NDArray[np.float64]] = {"left": radiance(1, 1.2, SHAPE), "right": radiance(2, 1.0, SHAPE)}
+START = ExposureSetting(1000.0, 0.0)
+BRIGHTEST = ExposureSetting(7500.0, 24.0)
+LIGHT = 11.0
+DELAY = 2
+FRAMES = 70
+SETTLED = 45
+"""From here on everything must be in order; a camera that is white is given half a second before that."""
+
+Image = NDArray[np.uint8]
+Fault = Callable[[Image, Image], Image]
+"""What a faulty camera sends, from its first and its present image."""
+
+FAULTS: dict[str, Fault] = {
+    "black": lambda first, now: np.zeros_like(now),
+    "white": lambda first, now: np.full_like(now, 255),
+    "frozen": lambda first, now: first,
+}
+
+
+class Rig:
+    """Two noisy linear cameras and a loop that decides for both."""
+
+    def __init__(self, policy_id: str, moving: bool, start: ExposureSetting = START) -> None:
+        self.loop = ControlLoop(policy_id, ResponseFunction.linear(), LIMITS, start)
+        self.decisions: list[Decision] = []
+        self.metrics: dict[Side, list[float]] = {side: [] for side in SIDES}
+        self.settings = [start] * DELAY
+        self._speed_px = 3 if moving else 0
+        self._rng = np.random.default_rng(3)
+        self._preparation, self._metric = ImagePreparation(), GradientMetric()
+        self._first: dict[Side, Image] = {}
+
+    def run(
+        self,
+        frames: int,
+        side: Side = "right",
+        *,
+        fault: Fault = lambda first, now: now,
+        darker: float = 0.0,
+        light: float = LIGHT,
+        only: Side | None = None,
+    ) -> None:
+        """So many frames with a fault of one camera, or one that sees everything so many stops darker."""
+        for _ in range(frames):
+            number = len(self.decisions)
+            setting = self.settings[number]
+            pair = {}
+            for each in SIDES:
+                image = self._expose(each, setting, light + darker * (each == side), number)
+                first = self._first.setdefault(each, image)
+                self.metrics[each].append(self._metric.measure(self._preparation.prepare(image)))
+                pixels = fault(first, image) if each == side else image
+                if only in (None, each):
+                    pair[each] = Frame(pixels, 8, number, number * FRAME_NS, 0, 0, setting)
+            self.decisions.append(self.loop.step(StereoPair(number, pair)))
+            self.settings.append(self.decisions[-1].setting)
+
+    def _expose(self, side: Side, setting: ExposureSetting, light: float, number: int) -> Image:
+        grey = np.roll(SCENES[side], self._speed_px * number, axis=1) * 127.5 * 2.0 ** (setting.level - light)
+        noise = self._rng.normal(0.0, 0.5 + 0.1 * 10 ** (setting.gain_db / 20), grey.shape)
+        return np.clip(np.rint(grey + noise), 0, 255).astype(np.uint8)
+
+
+def other_of(side: Side) -> Side:
+    return "left" if side == "right" else "right"
+
+
+@cache
+def healthy_metric(policy_id: str, side: Side, moving: bool, light: float = LIGHT) -> float:
+    """M_g of a camera in a healthy pair; or alone, if a policy with another objective prefers less for it then."""
+    pair, alone = (Rig(policy_id, moving) for _ in range(2))
+    pair.run(30, light=light)
+    alone.run(30, light=light, only=side)
+    return min(float(np.mean(rig.metrics[side][-10:])) for rig in (pair, alone))
+
+
+moving_or_still = pytest.mark.parametrize("moving", [False, True], ids=["still", "moving"])
+
+
+@moving_or_still
+@pytest.mark.parametrize("side", SIDES)
+@pytest.mark.parametrize("fault", FAULTS)
+@pytest.mark.parametrize("policy_id", STEREO_POLICIES)
+def test_the_good_camera_is_exposed_as_beside_a_healthy_one(
+    policy_id: str, fault: str, side: Side, moving: bool
+) -> None:
+    good = other_of(side)
+    wanted = 0.9 * healthy_metric(policy_id, good, moving)
+    for start in (START, BRIGHTEST):
+        rig = Rig(policy_id, moving, start)
+        rig.run(FRAMES, side, fault=FAULTS[fault])
+        assert np.mean(rig.metrics[good][SETTLED:]) > wanted
+        assert np.mean(rig.metrics[good][8:28]) > wanted
+
+
+@moving_or_still
+@pytest.mark.parametrize("side", SIDES)
+@pytest.mark.parametrize("policy_id", STEREO_POLICIES)
+def test_of_two_cameras_8_stops_apart_the_brighter_is_exposed_well(policy_id: str, side: Side, moving: bool) -> None:
+    """From any start: from above, the brighter one is white at first, and the other well exposed."""
+    good = other_of(side)
+    wanted = 0.9 * healthy_metric(policy_id, good, moving)
+    for start in (START, BRIGHTEST):
+        rig = Rig(policy_id, moving, start)
+        rig.run(FRAMES, side, darker=8.0)
+        assert np.mean(rig.metrics[good][SETTLED:]) > wanted
+
+
+@moving_or_still
+@pytest.mark.parametrize("side", SIDES)
+@pytest.mark.parametrize("fault", FAULTS)
+@pytest.mark.parametrize("policy_id", STEREO_POLICIES)
+def test_steps_of_light_are_followed_by_the_good_camera_alone(
+    policy_id: str, fault: str, side: Side, moving: bool
+) -> None:
+    good, rig = other_of(side), Rig(policy_id, moving)
+    rig.run(FRAMES, side, fault=FAULTS[fault])
+    for light in (LIGHT + 4.0, LIGHT - 3.0):
+        rig.run(25, side, fault=FAULTS[fault], light=light)
+        assert np.mean(rig.metrics[good][-5:]) > 0.9 * healthy_metric(policy_id, good, moving, light)
+
+
+@moving_or_still
+@pytest.mark.parametrize("side", SIDES)
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_camera_that_recovers_is_counted_again_and_disturbs_nothing(fault: str, side: Side, moving: bool) -> None:
+    rig, good = Rig("metric-map", moving), other_of(side)
+    rig.run(10)
+    rig.run(FRAMES, side, fault=FAULTS[fault])
+    if fault == "frozen":  # found when exposure moves
+        rig.run(20, side, fault=FAULTS[fault], light=LIGHT - 1.0)
+    assert set(rig.loop.uncounted) == {side}
+    assert f"{side} camera" in rig.decisions[-1].reason
+    before = len(rig.decisions)
+    wanted = 0.9 * np.mean(rig.metrics[good][-5:])
+    rig.run(RETURN_FRAMES + 1 + 20, light=LIGHT - 1.0 if fault == "frozen" else LIGHT)
+    assert rig.loop.uncounted == {}
+    assert rig.decisions[-1].reason.count("camera") == 0
+    assert min(rig.metrics[good][before:]) > wanted
+
+
+@moving_or_still
+def test_in_a_dark_room_both_cameras_have_a_vote_and_jump(moving: bool) -> None:
+    rig = Rig("metric-map", moving, ExposureSetting(20.0, 0.0))
+    rig.run(1, light=14.0)
+    assert "jumps" in rig.decisions[0].reason
+    rig.run(15, light=14.0)
+    assert rig.loop.uncounted == {}
+    assert min(rig.metrics["left"][-5:]) > 0.9 * healthy_metric("metric-map", "left", moving, 14.0)
+
+
+def test_a_dead_reference_gives_its_place_to_the_other_camera() -> None:
+    """Its frames would hide the motion: the exposure time is that of a rig whose cameras both see it."""
+    healthy, rig = (Rig("metric-map", moving=True) for _ in range(2))
+    healthy.run(30)
+    rig.run(30, "left", fault=FAULTS["black"])
+    assert healthy.decisions[-1].motion_px > 2.0
+    assert rig.decisions[-1].motion_px == pytest.approx(healthy.decisions[-1].motion_px, rel=0.2)
+    assert rig.decisions[-1].metric == pytest.approx(rig.metrics["right"][-1])
+
+
+@pytest.mark.parametrize("only", SIDES)
+def test_lone_frames_in_between_change_nothing(only: Side) -> None:
+    rig = Rig("metric-map", moving=False)
+    rig.run(20, "right", fault=FAULTS["black"])
+    rig.run(5, "right", fault=FAULTS["black"], only=only)
+    rig.run(10, "right", fault=FAULTS["black"])
+    assert np.ptp([setting.level for setting in rig.settings[18:]]) < 0.3
