@@ -26,9 +26,16 @@ def fit(shape: tuple[int, ...], size: tuple[int, int]) -> tuple[int, int]:
 
 
 class ImagePreparation:
-    """Shrinks the whole scene to about 360x270 and takes a 3x3 median; reuses its buffers."""
+    """Shrinks the whole scene to about 360x270 and takes a 3x3 median; reuses its buffers.
+
+    Attributes
+    ----------
+    unfiltered
+        The latest image before the median, valid until the next one.
+    """
 
     def __init__(self) -> None:
+        self.unfiltered = np.empty((0, 0), np.uint8)
         self._small = np.empty((0, 0), np.uint8)
         self._image = np.empty((0, 0), np.uint8)
 
@@ -56,8 +63,9 @@ class ImagePreparation:
             self._small = np.empty((small_height, small_width), np.uint8)
             self._image = np.empty((small_height, small_width), np.uint8)
         if self._image.shape == grey.shape:
-            cv2.medianBlur(grey, 3, dst=self._image)
+            self.unfiltered = grey
         else:
             cv2.resize(grey, (small_width, small_height), dst=self._small, interpolation=cv2.INTER_AREA)
-            cv2.medianBlur(self._small, 3, dst=self._image)
+            self.unfiltered = self._small
+        cv2.medianBlur(self.unfiltered, 3, dst=self._image)
         return self._image

@@ -245,7 +245,8 @@ class View:
         if self._region is not None and frame.pixels.shape != self._shape:
             self._weights = self._region.weights(frame.pixels.shape)
             self._shape = frame.pixels.shape
-        return Look(side, image, self._response, self._weights)
+        scale = frame.pixels.shape[1] / image.shape[1]
+        return Look(side, image, self._response, self._weights, self._preparation.unfiltered, scale)
 
 
 def _limited(reason: str, above: bool) -> str:

@@ -58,12 +58,18 @@ class Look:
     weights
         How much each pixel of `image` counts, uint8 of its shape; None: all alike. The figures of an `Observation`
         respect them; a policy that looks at pixels must, too.
+    unfiltered
+        `image` before the median, whose noise is the camera's, averaged; None: `image`.
+    scale
+        Width of the frame over that of `image`.
     """
 
     side: Side
     image: NDArray[np.uint8]
     response: ResponseFunction
     weights: NDArray[np.uint8] | None = None
+    unfiltered: NDArray[np.uint8] | None = None
+    scale: float = 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)

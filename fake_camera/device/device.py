@@ -21,6 +21,7 @@ from fake_camera.imaging import PIXEL_FORMATS, ExposedFrame, ImageSource, Pixels
 
 _TOO_LATE_NS = 500_000_000  # a pulse this old (the process was stopped) makes no exposure
 _OVERRUN_NS = 100_000_000  # a frame that would be sent this late is dropped, so that a slow machine keeps up
+_BEHIND_NS = _OVERRUN_NS // 2  # a frame is rendered while it is no later: else all would be rendered, then dropped
 _UNWIRED_RATE_HZ = 60.0  # of the pulses by which faults and truth are counted when no wire is plugged in
 
 
@@ -222,7 +223,7 @@ class Device:
         while (exposure := self._exposures.get()) is not None:
             # A delayed frame delays those behind it: frames stay in order.
             due_ns = max(due_ns, exposure.ready_ns + (DELAY_NS if Fault.DELAY in exposure.faults else 0))
-            if Fault.FREEZE not in exposure.faults and self._wanted(exposure) and self._in_time(due_ns):
+            if Fault.FREEZE not in exposure.faults and self._wanted(exposure) and self._in_time(due_ns, _BEHIND_NS):
                 self._frames.put((due_ns, exposure, self._render(exposure)))
         self._frames.put(None)
 
@@ -232,13 +233,13 @@ class Device:
             due_ns, exposure, frame = rendered
             if self._closed.wait(max(0, due_ns - time.monotonic_ns()) * 1e-9):
                 return
-            if self._wanted(exposure) and self._in_time(due_ns):
+            if self._wanted(exposure) and self._in_time(due_ns, _OVERRUN_NS):
                 self.faults.on_send(exposure.pulse)
                 self._sink(frame)
 
-    def _in_time(self, due_ns: int) -> bool:
-        """Whether a frame due at that time is still worth sending; if not, it is counted as an overrun."""
-        if time.monotonic_ns() - due_ns <= _OVERRUN_NS:
+    def _in_time(self, due_ns: int, tolerance_ns: int) -> bool:
+        """Whether a frame due at that time is late by no more than this; if not, it is counted as an overrun."""
+        if time.monotonic_ns() - due_ns <= tolerance_ns:
             return True
         self._acquisition.counters.overruns += 1
         return False

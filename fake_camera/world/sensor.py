@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -117,8 +118,10 @@ class Sensor:
                 f"does not fit into {columns}x{rows} pixels: make it smaller or move it"
             )
         if across > 1 or down > 1:
-            bins = radiance[: rows * down, : columns * across].reshape(rows, down, columns, across)
-            radiance = bins.sum(axis=(1, 3), dtype=np.float32)
+            whole = radiance[: rows * down, : columns * across]
+            # A mean by area, scaled: numpy's sum over two axes takes fifty times as long, a quarter of a frame period.
+            mean = cv2.resize(whole, (columns, rows), interpolation=cv2.INTER_AREA)
+            radiance = np.asarray(mean, np.float32) * np.float32(across * down)
         return np.ascontiguousarray(radiance[settings.offset_y : bottom, settings.offset_x : right])
 
     def _greys(self, pixel_format: str, gamma: float) -> NDArray[np.uint8] | NDArray[np.uint16]:

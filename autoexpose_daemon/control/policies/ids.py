@@ -22,6 +22,7 @@ PLACES = {
     "majer2018-full": "published.majer2018.Majer2018",
     "majer2018-fixed": "published.fixed.Fixed",
     DEFAULT_POLICY: "metric_map.policy.MetricMap",
+    "fisher-map": "fisher_map.policy.FisherMap",
 }
 """Where the class of each policy is, below this package."""
 

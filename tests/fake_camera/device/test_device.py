@@ -205,7 +205,7 @@ def test_a_single_frame_ends_the_acquisition(bench: Bench) -> None:
 
 
 class FlatSource:
-    """Images of one grey level; `hold` keeps the next one waiting."""
+    """Images of one grey level; `hold` keeps the next one waiting, and each takes `takes_s`."""
 
     sensor_width = 720
     sensor_height = 540
@@ -213,11 +213,13 @@ class FlatSource:
     def __init__(self) -> None:
         self.hold = threading.Event()
         self.hold.set()
+        self.takes_s = 0.0
         self.seeds: list[int] = []
 
     def take(self, start_s: float, settings: ImageSettings, noise_seed: int) -> Pixels:
         assert start_s >= 0
         self.hold.wait(PATIENCE_S)
+        threading.Event().wait(self.takes_s)
         self.seeds.append(noise_seed)
         return np.full((settings.height, settings.width), 100, np.uint8)
 
@@ -311,6 +313,16 @@ def test_nothing_is_sent_after_the_stop(device: Device, source: FlatSource) -> N
     device.execute("AcquisitionStart")
     frames = client.wait(lambda frames: len(frames) > sent)
     assert frames[sent].frame_id == 1
+
+
+@pytest.mark.realtime
+def test_a_source_slower_than_the_trigger_loses_frames_but_not_all(device: Device, source: FlatSource) -> None:
+    source.takes_s = 0.025  # a trigger comes every 0.01 s
+    client = Client(device)
+    trigger_by_line0(device)
+    wait_until(lambda: device.counters.overruns > 0)
+    sent = len(client.frames)
+    client.wait(lambda frames: len(frames) >= sent + 10)
 
 
 @pytest.mark.realtime
