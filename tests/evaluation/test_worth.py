@@ -14,14 +14,15 @@ import pytest
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, POLICY_IDS
 from drivers.exposure import ExposureSetting
 from evaluation.experiments.experiment import Figure, Table
-from evaluation.experiments.worth import courses, hindsight, matches_judge, worth
-from evaluation.experiments.worth.closed_loop import START, measure_policies
+from evaluation.experiments.worth import matches_judge, worth
 from evaluation.experiments.worth.contenders import CONTENDERS
-from evaluation.experiments.worth.courses import SETS, Course
-from evaluation.experiments.worth.hindsight import best, measure_bounds
-from evaluation.experiments.worth.matches_tables import SHOWN
+from evaluation.experiments.worth.matches import courses, hindsight
+from evaluation.experiments.worth.matches.closed_loop import START, measure_policies
+from evaluation.experiments.worth.matches.courses import SETS, Course
+from evaluation.experiments.worth.matches.groups import SHOWN
+from evaluation.experiments.worth.matches.hindsight import best, measure_bounds
+from evaluation.experiments.worth.matches.scoring import CHOICE_SEED, JUDGES, SCORING_SEEDS
 from evaluation.experiments.worth.names import BOUNDS
-from evaluation.experiments.worth.scoring import CHOICE_SEED, JUDGES, SCORING_SEEDS
 from evaluation.experiments.worth.tables import Verdicts
 from evaluation.stage.camera import LIMITS
 from tests.evaluation.sections import check_no_prose

@@ -12,11 +12,20 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from drivers.exposure import ExposureSetting
-from evaluation.experiments.worth import scenes
-from evaluation.experiments.worth.motions import Rotation, Similarity, found_motion
-from evaluation.experiments.worth.pairs import LOST_PX, Seen, Truth, judged, klt_motion, orb_motion, repeatability, seen
-from evaluation.experiments.worth.rig import Eyes, Film, Rig
-from evaluation.experiments.worth.scenes import CANVAS, HEIGHT, WIDTH, PanoramaView, StillView
+from evaluation.experiments.worth.matches import scenes
+from evaluation.experiments.worth.matches.motions import Rotation, Similarity, found_motion
+from evaluation.experiments.worth.matches.pairs import (
+    LOST_PX,
+    Seen,
+    Truth,
+    judged,
+    klt_motion,
+    orb_motion,
+    repeatability,
+    seen,
+)
+from evaluation.experiments.worth.matches.rig import Eyes, Film, Rig
+from evaluation.experiments.worth.matches.scenes import CANVAS, HEIGHT, WIDTH, PanoramaView, StillView
 from evaluation.scenes.stills import leaves
 from fake_camera.world.sensor import SensorModel
 

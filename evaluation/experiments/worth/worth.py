@@ -10,9 +10,9 @@ from typing import Any, Literal
 from evaluation.experiments.experiment import Experiment, Figure, Job, Plain, Results, Section, Table
 from evaluation.experiments.worth import matches_judge
 from evaluation.experiments.worth.contenders import OURS, PUBLISHED
-from evaluation.experiments.worth.matches_tables import matches_tables
+from evaluation.experiments.worth.matches.groups import matches_tables
+from evaluation.experiments.worth.matches.scenes import DATA
 from evaluation.experiments.worth.names import FIXED_IN_HINDSIGHT
-from evaluation.experiments.worth.scenes import DATA
 from evaluation.experiments.worth.tables import Verdicts, better_table, gains_tables, means_tables, plot_gains
 
 _MODULES = (matches_judge,)

@@ -9,9 +9,9 @@ import numpy as np
 
 from drivers.exposure import ExposureSetting
 from evaluation.experiments.worth.contender import Contender, policy
-from evaluation.experiments.worth.courses import Course
-from evaluation.experiments.worth.rig import Rig
-from evaluation.experiments.worth.scoring import JUDGES, SCORING_SEEDS, Scorer, rows
+from evaluation.experiments.worth.matches.courses import Course
+from evaluation.experiments.worth.matches.rig import Rig
+from evaluation.experiments.worth.matches.scoring import JUDGES, SCORING_SEEDS, Scorer, rows
 from evaluation.stage.camera import LIMITS
 from evaluation.stage.delayed_loop import DelayedLoop
 

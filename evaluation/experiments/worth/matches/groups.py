@@ -9,9 +9,9 @@ import numpy as np
 
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from evaluation.experiments.experiment import Results, Table
-from evaluation.experiments.worth.courses import Course
+from evaluation.experiments.worth.matches.courses import Course
+from evaluation.experiments.worth.matches.scoring import JUDGES
 from evaluation.experiments.worth.names import FIXED_IN_HINDSIGHT
-from evaluation.experiments.worth.scoring import JUDGES
 from evaluation.experiments.worth.tables import Verdicts
 
 SHOWN = ("matches-orb-raw", "matches-orb-preprocessed", "pose-error-orb-raw", "klt-error-raw", "klt-error-preprocessed")
