@@ -12,6 +12,7 @@ from evaluation.experiments.worth import matches_judge
 from evaluation.experiments.worth.contenders import OURS, PUBLISHED
 from evaluation.experiments.worth.matches.groups import matches_tables
 from evaluation.experiments.worth.matches.scenes import DATA
+from evaluation.experiments.worth.matches.worst import plot_worst, worst_courses, worst_table
 from evaluation.experiments.worth.names import FIXED_IN_HINDSIGHT
 from evaluation.experiments.worth.tables import Verdicts, better_table, gains_tables, means_tables, plot_gains
 
@@ -37,6 +38,8 @@ def section(results: Results, folder: Path, *, name: str = "worth") -> Section:
     verdicts = verdicts_of(results)
     plot_gains(verdicts, folder / f"{name}.png")
     figure = Figure(f"{name}.png", "How much better than the default each policy is, with 95 % intervals over courses.")
+    worst = worst_courses(results, verdicts)
+    plot_worst(worst, results, folder / f"{name}_worst.png")
     published = [one.name for one in PUBLISHED]
     parts: list[Table | Figure] = [
         better_table(verdicts, [*published, FIXED_IN_HINDSIGHT]),
@@ -44,6 +47,8 @@ def section(results: Results, folder: Path, *, name: str = "worth") -> Section:
         *means_tables(verdicts),
         *gains_tables(verdicts),
         *matches_tables(results, verdicts, published, [one.name for one in OURS]),
+        worst_table(worst, verdicts),
+        Figure(f"{name}_worst.png", "Frames of these courses: number, exposure time and gain."),
     ]
     return Section(f"{_SETTING}\n\n{_data_used()}", [], parts)
 

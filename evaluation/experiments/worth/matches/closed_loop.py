@@ -28,7 +28,7 @@ def run(course: Course, contenders: Sequence[Contender]) -> list[dict[str, Any]]
     """Rows of contenders, each with the medians of its settings over the scored frames."""
     film = course.film()
     rig = Rig(film, course.eyes, SCORING_SEEDS[0])
-    loops = [_enter(contender, course) for contender in contenders]
+    loops = [enter(contender, course) for contender in contenders]
     scorers = [Scorer(course, film) for _ in contenders]
     for number in range(course.frames):
         film.go_to(number)
@@ -44,5 +44,6 @@ def run(course: Course, contenders: Sequence[Contender]) -> list[dict[str, Any]]
     return found
 
 
-def _enter(contender: Contender, course: Course) -> DelayedLoop:
+def enter(contender: Contender, course: Course) -> DelayedLoop:
+    """A fresh loop with the delay of a course, told the true response."""
     return DelayedLoop(contender.make_loop(course.response, LIMITS, START), course.delay_frames)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
 
 import numpy as np
 
@@ -28,15 +27,16 @@ def matches_tables(
     results: Results, verdicts: Verdicts, rivals: Sequence[str], settings_of: Sequence[str]
 ) -> list[Table]:
     """Tables by light, by speed and by camera, and of the settings that contenders chose."""
-    courses = {course.name: course for arguments, _ in results if (course := _course(arguments)) is not None}
+    courses = courses_of(results)
     tables = [_by(verdicts, courses, kind, rivals) for kind in _BY]
     return [*tables, _settings(results, courses, [*settings_of, FIXED_IN_HINDSIGHT])]
 
 
-def _course(arguments: Mapping[str, Any]) -> Course | None:
-    """The course of a job of this judge; None for those of other judges."""
-    given = arguments.get("course")
-    return Course(**given) if isinstance(given, dict) else None
+def courses_of(results: Results) -> dict[str, Course]:
+    """The courses of this judge's jobs, by name; those of other judges have another form."""
+    mine = [arguments for arguments, found in results if found[0]["judge"] in JUDGES]
+    courses = [Course(**arguments["course"]) for arguments in mine if isinstance(arguments["course"], dict)]
+    return {course.name: course for course in courses}
 
 
 def _by(verdicts: Verdicts, courses: Mapping[str, Course], kind: str, rivals: Sequence[str]) -> Table:
