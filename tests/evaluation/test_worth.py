@@ -112,6 +112,7 @@ def test_the_section_is_made_from_the_rows_of_all_contenders(tmp_path: Path, mon
         results.append(({"course": course.plain()}, found))
     section = worth.section(results, tmp_path)
     check_no_prose(section)
+    assert "Photographs: none found. Painted stills (painter:seed): leaves:1." in section.setting
     figures = [part for part in section.parts if isinstance(part, Figure)]
     assert len(figures) == 2 and all((tmp_path / figure.file).exists() for figure in figures)
     text = " ".join(cell for part in section.parts if isinstance(part, Table) for row in part.rows for cell in row)

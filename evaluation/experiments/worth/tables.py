@@ -164,7 +164,7 @@ def _draw_judge(axes: Any, verdicts: Verdicts, judge: str, policies: Sequence[st
 
 
 def _colour(gain: Interval) -> str:
-    """Green: better, red: worse, each with the whole interval beyond `BEYOND`."""
+    """Green: better, orange: worse, each with the whole interval beyond `BEYOND`."""
     return COLOURS[2] if gain.low > BEYOND else COLOURS[1] if gain.high < -BEYOND else COLOURS[6]
 
 

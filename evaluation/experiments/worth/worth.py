@@ -10,11 +10,10 @@ from typing import Any, Literal
 from evaluation.experiments.experiment import Experiment, Figure, Job, Plain, Results, Section, Table
 from evaluation.experiments.worth import matches_judge
 from evaluation.experiments.worth.contenders import OURS, PUBLISHED
-from evaluation.experiments.worth.matches.groups import matches_tables
-from evaluation.experiments.worth.matches.scenes import DATA
+from evaluation.experiments.worth.matches.groups import courses_of, matches_tables
 from evaluation.experiments.worth.matches.worst import plot_worst, worst_courses, worst_table
 from evaluation.experiments.worth.names import FIXED_IN_HINDSIGHT
-from evaluation.experiments.worth.tables import Verdicts, better_table, gains_tables, means_tables, plot_gains
+from evaluation.experiments.worth.tables import BEYOND, Verdicts, better_table, gains_tables, means_tables, plot_gains
 
 _MODULES = (matches_judge,)
 
@@ -37,7 +36,11 @@ def section(results: Results, folder: Path, *, name: str = "worth") -> Section:
     """Means, differences to the default policy, and who beats it."""
     verdicts = verdicts_of(results)
     plot_gains(verdicts, folder / f"{name}.png")
-    figure = Figure(f"{name}.png", "How much better than the default each policy is, with 95 % intervals over courses.")
+    figure = Figure(
+        f"{name}.png",
+        f"How much better than the default each policy is, with 95 % intervals over courses: green where the whole "
+        f"interval is beyond {BEYOND:.0%} of its mean, orange where it is as far on the other side.",
+    )
     worst = worst_courses(results, verdicts)
     plot_worst(worst, results, folder / f"{name}_worst.png")
     published = [one.name for one in PUBLISHED]
@@ -50,7 +53,7 @@ def section(results: Results, folder: Path, *, name: str = "worth") -> Section:
         worst_table(worst, verdicts),
         Figure(f"{name}_worst.png", "Frames of these courses: number, exposure time and gain."),
     ]
-    return Section(f"{_SETTING}\n\n{_data_used()}", [], parts)
+    return Section(f"{_SETTING}\n\n{_pictures(results)}", [], parts)
 
 
 def data(results: Results) -> Plain:
@@ -58,10 +61,14 @@ def data(results: Results) -> Plain:
     return verdicts_of(results).plain()
 
 
-def _data_used() -> str:
-    if not (DATA / "hdr_stills_bsd").exists():
-        return "Without the photographs, all pictures are painted stills (`evaluation/scenes/stills.py`)."
-    return "The photographs were those of docs/experiments.md, beside painted stills."
+def _pictures(results: Results) -> str:
+    """Which pictures were used."""
+    names = dict.fromkeys(course.scene for course in courses_of(results).values())
+    photographs = [name.rpartition("/")[2].removesuffix(".hdr") for name in names if ":" not in name]
+    painted = [name for name in names if ":" in name]
+    return (
+        f"Photographs: {', '.join(photographs) or 'none found'}. Painted stills (painter:seed): {', '.join(painted)}."
+    )
 
 
 _SETTING = """\

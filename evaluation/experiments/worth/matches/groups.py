@@ -34,7 +34,7 @@ def matches_tables(
 
 def courses_of(results: Results) -> dict[str, Course]:
     """The courses of this judge's jobs, by name; those of other judges have another form."""
-    mine = [arguments for arguments, found in results if found[0]["judge"] in JUDGES]
+    mine = [arguments for arguments, found in results if found and found[0]["judge"] in JUDGES]
     courses = [Course(**arguments["course"]) for arguments in mine if isinstance(arguments["course"], dict)]
     return {course.name: course for course in courses}
 
