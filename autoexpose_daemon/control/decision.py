@@ -20,11 +20,11 @@ class Decision:
     reason
         Why, in a few words for the user.
     metric
-        M_g of the left frame, 0..1 per pixel (eq. 5).
+        M_g of the reference frame, 0..1 per pixel (eq. 5): the left one, unless it is missing or not counted.
     saturated_share, black_share
-        Shares (0..1) of the left frame's pixels at or above saturation, and at or below the black level.
+        Shares (0..1) of the reference frame's pixels at or above saturation, and at or below the black level.
     motion_px
-        Mean speed of image points of the left frame, pixels of full resolution per 1/60 s.
+        Mean speed of image points of the reference frame, pixels of full resolution per 1/60 s.
     """
 
     setting: ExposureSetting

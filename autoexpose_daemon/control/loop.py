@@ -128,6 +128,11 @@ class ControlLoop:
         """What the policy must do without, and why; None: nothing."""
         return self._policy.shortfall
 
+    @property
+    def uncounted(self) -> Mapping[Side, str]:
+        """The cameras whose frames the policy does not count at present, and why, in words after "left camera"."""
+        return self._policy.uncounted
+
     def state(self) -> dict[str, Plain]:
         """Everything besides `setup` that later decisions depend on, as plain data (a copy)."""
         return take(self)
@@ -140,7 +145,7 @@ class ControlLoop:
         """Look at a pair and decide on the next setting of both cameras.
 
         Frames must have at least 90x68 pixels. They may have been taken with different settings: everything refers to
-        the pair's reference frame, the left one if present, and to its own setting.
+        the reference frame, the left one if present and not `uncounted`, and to its own setting.
 
         Parameters
         ----------
@@ -176,8 +181,9 @@ class ControlLoop:
         )
 
     def _observe(self, pair: StereoPair, angular_rate_rad_s: float | None) -> Observation:
-        side, frame = pair.reference_side, pair.reference
-        looks = [self._views[each].look(each, other) for each, other in pair.frames.items()]
+        sides = sorted(pair.frames, key=lambda each: each in self.uncounted)  # a stable sort
+        side, frame = sides[0], pair.frames[sides[0]]
+        looks = [self._views[each].look(each, pair.frames[each]) for each in sides]
         look = looks[0]
         saturated_share, black_share = self._views[side].shares.measure(look.image, look.weights)
         return Observation(

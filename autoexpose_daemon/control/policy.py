@@ -79,7 +79,8 @@ class Observation:
     Attributes
     ----------
     looks
-        The frames, the reference first: the left camera's, or the only one. Everything else refers to it.
+        The frames, the reference first: the left camera's, unless it is missing or `ExposurePolicy.uncounted`.
+        Everything else refers to it.
     setting
         Exposure time and gain that the frame was actually taken with.
     device_time_ns
@@ -210,6 +211,11 @@ class ExposurePolicy(ABC):
     FLOW: ClassVar[Literal["dis", "farneback"]] = "dis"
     balance: Balance
     shortfall: str | None = None
+
+    @property
+    def uncounted(self) -> Mapping[Side, str]:
+        """The cameras whose frames do not count at present, and why, in words after "left camera"."""
+        return {}
 
     @abstractmethod
     def decide(self, observation: Observation) -> Target:

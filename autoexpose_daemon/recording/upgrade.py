@@ -9,7 +9,8 @@ import numpy as np
 from drivers.frames import SIDES
 
 FORMER_FORMAT = "autoexpose-control/2"
-"""Control had one response, the left camera's, and one history of motion, whichever camera the frames were from."""
+"""Control had one response, the left camera's, and one history of motion, whichever camera the frames were from. Every
+camera had a vote."""
 
 
 def upgraded_setup(setup: Any) -> Any:
@@ -29,6 +30,9 @@ def upgraded_state(state: Any) -> Any:
     if isinstance(policy, dict) and isinstance(policy.get("registration"), dict):
         latency = {key: value for key, value in policy.get("latency", {}).items() if key != "targets"}
         policy = {**policy, "registration": {"side": "left", **policy["registration"]}, "latency": latency}
+        eye = {"fault": None, "suspected": None, "showing": 0, "glare": 0, "repeats": 0, "before": None}
+        policy |= {"votes": {"eyes": dict.fromkeys(SIDES, eye), "before_level": 0.0, "unheard": 0}}
+        policy |= {"sides": list(SIDES[: len(policy.get("densities", []))])}
     return {
         "past": state.get("past"),
         "motions": {"left": state["motion"], "right": unseen},

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Mapping
 
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.runtime.complaints import Complaints
@@ -64,6 +65,11 @@ class RigHealth:
         """Look at a pair: do the cameras still respond as calibrated?"""
         self._drift.see(pair)
         self._telemetry.drift_grey, self._telemetry.misfits = self._drift.residual_grey, self._drift.misfits
+
+    def counted(self, pair: StereoPair, uncounted: Mapping[Side, str]) -> None:
+        """Note which frames of a pair did not count for the decision on it, and why."""
+        for side in pair.frames:
+            self._complaints.judge(side, "uncounted", uncounted.get(side))
 
     def tune(self, tuning: Tuning) -> None:
         """Go on by the responses of another tuning."""

@@ -123,6 +123,8 @@ def test_the_state_is_what_its_format_says() -> None:
     """A change here changes what a recording holds: give `STATE_FORMAT` another number."""
     states = {policy_id: ControlLoop(policy_id, ResponseFunction.linear(), LIMITS, START) for policy_id in POLICY_IDS}
     names = {policy_id: sorted(state) for policy_id, loop in states.items() if (state := _policy_state(loop))}
+    map_names = ["ahead", "densities", "forecast", "latency", "memory", "motion_px", "registration", "sides", "target"]
+    map_names.append("votes")
     assert STATE_FORMAT == "autoexpose-control/3"
     assert set(states["fixed"].state()) == {"past", "motions", "motion_side", "motion_px", "policy"}
     assert names == {
@@ -132,7 +134,8 @@ def test_the_state_is_what_its_format_says() -> None:
         "shin2019": ["held", "queries", "query", "search"],
         "majer2018-standard": ["frames", "level"],
         "majer2018-full": ["frames", "level"],
-        "metric-map": ["ahead", "densities", "forecast", "latency", "memory", "motion_px", "registration", "target"],
+        "metric-map": map_names,
+        "fisher-map": map_names,
     }
 
 

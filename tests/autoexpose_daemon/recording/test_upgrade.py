@@ -18,6 +18,7 @@ def as_it_was(setup: Any, state: Any) -> tuple[Any, Any]:
     """A setup and a state of the present format as the format before had them."""
     policy = {**state["policy"], "registration": {**state["policy"]["registration"]}}
     del policy["registration"]["side"]
+    del policy["votes"], policy["sides"]
     policy["latency"] = {**state["policy"]["latency"], "targets": []}
     former_setup = {key: value for key, value in setup.items() if key != "responses"}
     return (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar
 
@@ -87,6 +88,11 @@ class MetricMemory:
             sighting.level -= light_change
             sighting.age += ageing
         self.sightings = [sighting for sighting in self.sightings if sighting.age < FORGOTTEN]
+
+    def keep(self, cameras: Sequence[int]) -> None:
+        """Forget what the other cameras saw."""
+        for sighting in self.sightings:
+            sighting.views = tuple(sighting.views[camera] for camera in cameras)
 
     def add(self, sighting: Sighting) -> None:
         """Remember a sighting in place of older ones taken with about the same exposure.

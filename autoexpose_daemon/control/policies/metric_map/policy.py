@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import ClassVar, Self
 
 import numpy as np
@@ -15,12 +16,13 @@ from autoexpose_daemon.control.policies.metric_map.forecast import Forecast
 from autoexpose_daemon.control.policies.metric_map.loop_delay import LoopDelay
 from autoexpose_daemon.control.policies.metric_map.memory import TRUSTED_RISE, MetricMemory, Sighting
 from autoexpose_daemon.control.policies.metric_map.registration import Registration
-from autoexpose_daemon.control.policies.metric_map.search import dark_jump, plateau_centre, probe_bonus
+from autoexpose_daemon.control.policies.metric_map.search import DEEPEST_PROBE, dark_jump, plateau_centre, probe_bonus
 from autoexpose_daemon.control.policies.metric_map.view import DELTAS, FEWER_DELTAS, FEWEST_DELTAS, MetricView, Viewer
+from autoexpose_daemon.control.policies.metric_map.votes import REMARKS, Votes
 from autoexpose_daemon.control.policy import ExposurePolicy, Observation, PolicySetup, Target
 from calibration.response import ResponseFunction
 from drivers.exposure import ExposureLimits
-from drivers.frames import Side
+from drivers.frames import SIDES, Side
 
 BIN = 0.25
 """Stops between the levels that are compared."""
@@ -73,11 +75,13 @@ class MetricMap(ExposurePolicy):
 
     STATE: ClassVar[tuple[str, ...]] = (
         "registration", "forecast", "latency", "memory", "target", "ahead", "densities", "motion_px",
+        "votes", "sides",
     )  # fmt: skip
     target: float | None
     ahead: float
     densities: list[float]
     motion_px: float
+    sides: list[Side]
 
     def __init__(self, responses: Mapping[Side, ResponseFunction], metric: GradientMetric, balance: Balance) -> None:
         self.balance = balance
@@ -99,6 +103,13 @@ class MetricMap(ExposurePolicy):
         self.ahead = 0.0
         self.densities = []
         self.motion_px = 0.0
+        self.votes = Votes(responses)
+        self.sides = []
+
+    @property
+    def uncounted(self) -> dict[Side, str]:
+        """The cameras without a vote."""
+        return {side: REMARKS[fault] for side, fault in self.votes.faults.items()}
 
     @classmethod
     def build(cls, setup: PolicySetup) -> Self:
@@ -109,11 +120,38 @@ class MetricMap(ExposurePolicy):
         """The level that promises most, for the frame that will show this decision."""
         level = observation.setting.level
         self.latency.see(level, (observation.limits.clamp_level(past.target.level) for past in observation.past))
+        self.votes.see(level, observation.limits.darkest.level, observation.looks)
+        target = self._vote(observation)
+        self.target = observation.limits.clamp_level(target.level)
+        return replace(target, reason=target.reason + self.votes.remark())
+
+    def _vote(self, observation: Observation) -> Target:
+        """The target of the cameras that have a vote, the reference first."""
+        looks = sorted(observation.looks, key=lambda look: SIDES.index(look.side))
+        voting = [look for look, votes in zip(looks, self.votes.of(looks), strict=True) if votes]
+        if not voting:
+            return Target(self._held(observation), "held")
+        self._map_for([look.side for look in voting])
+        observation = replace(observation, looks=voting)
         views = self._views(observation)
         change = self._remember(observation, views)
-        target = self._jump(observation, views) or self._best(observation, change)
-        self.target = observation.limits.clamp_level(target.level)
-        return target
+        if self.votes.undecided:
+            return Target(self._held(observation), "held")
+        return self._look_down(observation) or self._jump(observation, views) or self._best(observation, change)
+
+    def _held(self, observation: Observation) -> float:
+        return observation.setting.level if self.target is None else self.target
+
+    def _map_for(self, sides: list[Side]) -> None:
+        """Have the map be of these cameras only. What it holds of one that joins them is from before it had a vote."""
+        kept = [self.sides.index(side) for side in sides if side in self.sides]
+        if len(kept) < len(sides):
+            self.memory.sightings.clear()
+            self.densities = [LEAST_DENSITY] * len(sides)
+        elif len(kept) < len(self.sides):
+            self.memory.keep(kept)
+            self.densities = [self.densities[camera] for camera in kept]
+        self.sides = sides
 
     def _views(self, observation: Observation) -> tuple[MetricView, ...]:
         """The reference camera's, predicted at more exposures, and the others'."""
@@ -137,17 +175,22 @@ class MetricMap(ExposurePolicy):
         motion = max(self.motion_px - MOVING_PX, 0.0)
         self.memory.pass_frame(measured, AGE_PER_PX * motion + AGE_PER_STOP * abs(measured))
         self.memory.add(Sighting(level, views))
-        if len(self.densities) != len(views):
-            self.densities = [LEAST_DENSITY] * len(views)
         for camera, view in enumerate(views):
             density = float(np.interp(0.0, DELTAS, view.curve)) / max(1.0 - view.saturated_share, 0.1)
             self.densities[camera] = max(DENSITY_DECAY * self.densities[camera], density, LEAST_DENSITY)
         return change
 
+    def _look_down(self, observation: Observation) -> Target | None:
+        """As far as any probe goes, from a camera that is white to where it shows something or loses its vote."""
+        side = self.votes.glaring
+        if side is None:
+            return None
+        return Target(observation.setting.level - DEEPEST_PROBE, f"{side} camera is white: looks at less exposure")
+
     def _jump(self, observation: Observation, views: tuple[MetricView, ...]) -> Target | None:
-        """Out of the dark, where nothing brighter has been seen yet; None when this is not so."""
+        """Out of the dark, where nothing brighter has been seen yet; None while any camera sees something."""
         level = observation.setting.level
-        jump = max(dark_jump(view.signal, look.response) for view, look in zip(views, observation.looks, strict=True))
+        jump = min(dark_jump(view.signal, look.response) for view, look in zip(views, observation.looks, strict=True))
         if jump == 0 or self.memory.highest().level > level + 1.0:
             return None
         target = level + jump
@@ -157,7 +200,7 @@ class MetricMap(ExposurePolicy):
 
     def _best(self, observation: Observation, change: float) -> Target:
         level = observation.setting.level
-        held = level if self.target is None else self.target
+        held = self._held(observation)
         levels = _bins(observation.limits)
         ahead = self.forecast.ahead(self.latency.frames, steady=self.motion_px < SLOW_PX)
         moving = self.motion_px >= MOVING_PX

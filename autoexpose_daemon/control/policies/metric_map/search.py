@@ -19,6 +19,7 @@ LONGEST_JUMP = 7.0
 
 SHALLOWEST_PROBE = 1.5
 PROBE_PER_SHARE = 5.0
+DEEPEST_PROBE = SHALLOWEST_PROBE + PROBE_PER_SHARE
 """A probe goes 1.5 stops deeper than the lowest exposure seen, and up to 6.5 when all is saturated."""
 
 PROBE_WORTH, PROBE_POWER = 1.5, 0.5

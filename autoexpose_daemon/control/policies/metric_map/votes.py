@@ -1,0 +1,335 @@
+"""Which cameras of a rig have a vote on the exposure: not one that shows nothing wherever the others see well."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from autoexpose_daemon.control.policy import Look
+from calibration.response import ResponseFunction
+from calibration.response.prediction import prediction_table
+from drivers.frames import Side
+
+STRIDE = 8
+"""Every eighth pixel across and down: some 1500 of 360x270, of which 15 are brighter than the 99th percentile."""
+
+FAINT = 1 / 32
+"""A 99th percentile below this, 8 grey levels, is nearly black. A capped lens stays below it in the noise of 30 dB."""
+
+FAINTER = 4.0
+"""A camera is black, not only dark, where half of another's pixels are so many times as bright as its brightest. As the
+99th percentile lies some 2 stops above the median, the two cameras are then 4 stops apart or more: no exposure suits
+both. Half of the pixels, because a lamp in one camera says nothing of what the other should see."""
+
+VISIBLE = 1 / 8
+"""Of full scale: a 99th percentile from which a camera that was black shows something again. Three stops are a distance
+over which a compromise can be found; nearer to `FAINT` a camera that is 5 stops darker would come and go."""
+
+WHITE_SHARE, NOT_WHITE_SHARE = 0.9, 0.7
+"""Saturated shares above which a camera is white, and below which it is no longer."""
+
+GLARE_FRAMES = 30
+"""Frames that a camera may be white beside another that is not, half a second at 60 Hz, before a look at lower ones
+has to show which of the two must win: a moving robot's glance into the sun is over by then."""
+
+LOWEST_STOPS = 0.5
+"""The lowest exposure is reached within this of it; quantisation and a forecast may keep the last bit out of reach."""
+
+TELLING_GREY = 4.0
+"""Mean change in grey levels that a change of exposure must promise before its absence means anything."""
+
+LONGEST_RISE = 1.0
+"""Stops over which frames are compared. A picture in which they promise less than `TELLING_GREY` is all but black."""
+
+FROZEN_PART, RESPONSIVE_PART = 0.125, 0.5
+"""Of the promised change: a frozen camera shows less, pixel by pixel, while another's mean shows more."""
+
+THAWED_GREY = 1.0
+"""Mean difference in grey levels from the image it was stuck at that shows a camera to be alive."""
+
+REPEATS = 12
+"""Frames that repeat an earlier one to the last pixel, while another camera's differ. Noise does not."""
+
+RETURN_FRAMES = 12
+"""Frames in a row that must show something before a vote returns: a fifth of a second at 60 Hz."""
+
+UNHEARD_FRAMES = 60
+"""Lone frames of a camera without a vote that are ignored, a second at 60 Hz; then it counts as the only camera."""
+
+Fault = Literal["black", "white", "frozen"]
+
+REMARKS: dict[Fault, str] = {
+    "black": "shows nothing, not counted",
+    "white": "is white at any exposure, not counted",
+    "frozen": "shows the same image at any exposure, not counted",
+}
+"""What the user reads, after the name of the camera."""
+
+
+@dataclass(slots=True)
+class Eye:
+    """What is known of one camera.
+
+    Attributes
+    ----------
+    fault
+        Why it has no vote; None: it has one.
+    suspected
+        What the last frame spoke for; one alone may be damaged, or taken before a late write.
+    showing
+        Frames in a row that spoke against the fault.
+    glare
+        Frames in a row that were white while another camera's were not.
+    repeats
+        Frames in a row that were exactly `before`, while another camera's picture changed.
+    before
+        Pixels to compare with: of a frozen camera those it is stuck at, else those at the level `Votes` remembers. None
+        before the first pair.
+    """
+
+    STATE: ClassVar[tuple[str, ...]] = ("fault", "suspected", "showing", "glare", "repeats", "before")
+
+    fault: Fault | None = None
+    suspected: Fault | None = None
+    showing: int = 0
+    glare: int = 0
+    repeats: int = 0
+    before: NDArray[np.uint8] | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Glance:
+    """A frame in a few figures; signals are 0 at the black level and 1 at saturation.
+
+    Attributes
+    ----------
+    pixels
+        Those that count, shrunk: uint8, one-dimensional.
+    bright, median
+        99th percentile and median of the signal.
+    saturated_share
+        0..1.
+    promised, came
+        Mean change of pixel values (grey levels, signed) from `Eye.before`, as its exposure promises and as it came.
+    difference
+        Mean absolute change; infinite when there is nothing to compare with.
+    """
+
+    pixels: NDArray[np.uint8]
+    bright: float
+    median: float
+    saturated_share: float
+    promised: float = 0.0
+    came: float = 0.0
+    difference: float = np.inf
+
+    @property
+    def white(self) -> bool:
+        return self.saturated_share > WHITE_SHARE
+
+    @property
+    def telling(self) -> bool:
+        """Whether exposure promised a change that could not be overlooked."""
+        return abs(self.promised) >= TELLING_GREY
+
+    @property
+    def stuck(self) -> bool:
+        return self.telling and self.difference < FROZEN_PART * abs(self.promised)
+
+    @property
+    def changed(self) -> bool:
+        return self.difference > THAWED_GREY
+
+    @property
+    def responsive(self) -> bool:
+        """Whether the change came: light that changed by the opposite would have cancelled it."""
+        return self.telling and self.came / self.promised > RESPONSIVE_PART
+
+    def outshines(self, other: _Glance) -> bool:
+        """Whether this camera sees well where the other is black."""
+        return other.bright < FAINT and self.median > FAINTER * other.bright and not self.white
+
+
+class Votes:
+    """Takes the vote from a camera that shows nothing, and gives it back when it does.
+
+    Cameras are judged against each other, frame by frame; only glare asks for exposures of its own. One is
+
+    - black, if it shows nearly nothing while another sees well: a capped lens, or a picture so much darker that one of
+      the two must win, which is the brighter, since it needs less gain and a shorter time;
+    - white, if it is saturated at the lowest exposure while another is not;
+    - frozen, if exposure changed and so did another camera's picture, but not its own; or if it repeats a picture to
+      the last pixel while another's changes.
+
+    So a pair whose frames agree, however dark or bright, keeps both votes, and a rig with one camera that one. Of the
+    cameras of a pair at least one has a vote.
+
+    Parameters
+    ----------
+    responses
+        Response function of each camera.
+    """
+
+    STATE: ClassVar[tuple[str, ...]] = ("_eyes", "_before_level", "_unheard")
+    _eyes: dict[Side, Eye]
+    _before_level: float
+    _unheard: int
+
+    def __init__(self, responses: Mapping[Side, ResponseFunction]) -> None:
+        self._eyes = {side: Eye() for side in responses}
+        self._before_level = 0.0
+        self._unheard = 0
+
+    @property
+    def faults(self) -> dict[Side, Fault]:
+        """The cameras without a vote, and why."""
+        return {side: eye.fault for side, eye in self._eyes.items() if eye.fault is not None}
+
+    def see(self, level: float, lowest_level: float, looks: Sequence[Look]) -> None:
+        """The frames of one trigger, taken at `level`, when exposure can go down to `lowest_level` (stops)."""
+        rise = level - self._before_level
+        glances = {look.side: _glance(look, self._eyes[look.side].before, rise) for look in looks}
+        voting = [side for side in glances if self._eyes[side].fault is None]
+        for side, eye in self._eyes.items():
+            if side not in glances:
+                eye.suspected, eye.glare, eye.repeats = None, 0, 0
+                continue
+            others = [glances[other] for other in voting if other != side]
+            fault = _fault(glances[side], others, at_lowest=level < lowest_level + LOWEST_STOPS)
+            self._note(eye, fault, glances[side])
+            self._count_repeats(side, glances)
+            self._count_glare(side, glances, others)
+        if len(looks) > 1:
+            self._compare_from_here(level, glances)
+        self._hear(list(glances))
+
+    @property
+    def undecided(self) -> bool:
+        """Whether the next frame will show if a camera loses its vote: exposure should stay until then."""
+        return any(eye.suspected is not None and eye.fault is None for eye in self._eyes.values())
+
+    @property
+    def glaring(self) -> Side | None:
+        """A camera with a vote that has long been white while another was not: only lower exposures can show why."""
+        return next((side for side, eye in self._eyes.items() if eye.fault is None and eye.glare >= GLARE_FRAMES), None)
+
+    def of(self, looks: Sequence[Look]) -> list[bool]:
+        """Which of the cameras have a vote; of lone frames ignored so far, none."""
+        return [self._eyes[look.side].fault is None for look in looks]
+
+    def remark(self) -> str:
+        """A clause on the cameras without a vote, for the reason of a decision; empty if all have one."""
+        return "".join(f"; {side} camera {REMARKS[fault]}" for side, fault in self.faults.items())
+
+    def _note(self, eye: Eye, fault: Fault | None, glance: _Glance) -> None:
+        if fault is not None and fault == eye.suspected:
+            eye.fault, eye.showing = fault, 0
+        elif eye.fault is not None:
+            eye.showing = eye.showing + 1 if _speaks_against(eye.fault, glance) else 0
+            if eye.showing >= RETURN_FRAMES:
+                eye.fault, eye.showing, eye.before = None, 0, None
+        eye.suspected = fault
+
+    def _count_repeats(self, side: Side, glances: Mapping[Side, _Glance]) -> None:
+        """A frozen camera is found even where exposure does not move because of it.
+
+        Another camera that was found black beside its old picture gets its vote back.
+        """
+        eye, glance = self._eyes[side], glances[side]
+        others = [other for each, other in glances.items() if each != side]
+        repeated = glance.difference == 0 and VISIBLE < glance.median < 1
+        eye.repeats = eye.repeats + 1 if repeated and any(other.changed for other in others) else 0
+        if eye.repeats >= REPEATS:
+            eye.fault = "frozen"
+        if eye.fault == "frozen":
+            for each in glances:
+                if self._eyes[each].fault == "black":
+                    self._eyes[each] = Eye()
+
+    def _count_glare(self, side: Side, glances: Mapping[Side, _Glance], others: Sequence[_Glance]) -> None:
+        """After the look at less exposure that long glare asks for, a camera that is too dark there must give way."""
+        eye, glance = self._eyes[side], glances[side]
+        if self.glaring == side and not glance.white and glance.bright >= VISIBLE:
+            for each, other in glances.items():
+                if each != side and other.bright < VISIBLE:
+                    self._eyes[each].fault = "black"
+        eye.glare = eye.glare + 1 if glance.white and any(not other.white for other in others) else 0
+
+    def _compare_from_here(self, level: float, glances: Mapping[Side, _Glance]) -> None:
+        """Compare the next frames with these, once the last comparison has said what it can.
+
+        All cameras at once: over the same time, light that cancels a change of exposure cancels it for all of them.
+        """
+        if any(self._eyes[side].fault is None and self._eyes[side].suspected == "frozen" for side in glances):
+            return
+        compared = {side: glance for side, glance in glances.items() if self._eyes[side].fault != "frozen"}
+        known = all(self._eyes[side].before is not None for side in compared)
+        told = all(glance.telling for glance in compared.values())
+        if told or not known or abs(level - self._before_level) >= LONGEST_RISE:
+            self._before_level = level
+            for side, glance in compared.items():
+                self._eyes[side].before = glance.pixels
+
+    def _hear(self, sides: list[Side]) -> None:
+        """Where nothing but cameras without a vote has come for long, nobody else is left to decide."""
+        unheard = all(self._eyes[side].fault is not None for side in sides)
+        self._unheard = self._unheard + 1 if unheard else 0
+        if self._unheard >= UNHEARD_FRAMES:
+            self._unheard = 0
+            for side in sides:
+                self._eyes[side] = Eye()
+
+
+def _fault(glance: _Glance, others: Sequence[_Glance], *, at_lowest: bool) -> Fault | None:
+    """What is wrong with a camera, judged by others that have a vote."""
+    if any(other.outshines(glance) for other in others):
+        return "black"
+    if glance.white and at_lowest and any(not other.white for other in others):
+        return "white"
+    if glance.stuck and any(other.responsive for other in others):
+        return "frozen"
+    return None
+
+
+def _speaks_against(fault: Fault, glance: _Glance) -> bool:
+    match fault:
+        case "black":
+            return glance.bright >= VISIBLE
+        case "white":
+            return glance.saturated_share < NOT_WHITE_SHARE
+        case "frozen":
+            return glance.changed
+
+
+def _glance(look: Look, before: NDArray[np.uint8] | None, rise: float) -> _Glance:
+    pixels = look.image[::STRIDE, ::STRIDE]
+    counted = pixels.ravel() if look.weights is None else pixels[look.weights[::STRIDE, ::STRIDE] > 0]
+    if counted.size == 0:  # a region between the strides
+        counted = pixels.ravel()
+    counted = counted.copy()
+    black, saturation = look.response.black_level, look.response.saturation
+    shares = np.bincount(counted, minlength=256).cumsum() / counted.size
+    greys = np.searchsorted(shares, [0.5, 0.99])
+    median, bright = (max(int(grey) - black, 0.5) / (saturation - black) for grey in greys)
+    saturated = 1.0 - float(shares[saturation - 1])
+    figures = counted, bright, median, saturated
+    if before is None or before.shape != counted.shape:
+        return _Glance(*figures)
+    return _Glance(*figures, *_change(before, counted, look.response, rise))
+
+
+def _change(
+    before: NDArray[np.uint8], now: NDArray[np.uint8], response: ResponseFunction, rise: float
+) -> tuple[float, float, float]:
+    """(promised, came, difference) of `_Glance`; pixels clipped before promise nothing, and count as unchanged."""
+    table = prediction_table(response, rise).astype(np.int16) - np.arange(256, dtype=np.int16)
+    unclipped = (before > response.black_level) & (before < response.saturation)
+    if not unclipped.any():
+        return 0.0, 0.0, float(np.abs(now.astype(np.int16) - before).mean())
+    change = now.astype(np.int16) - before
+    promised, came = table[before[unclipped]].sum() / before.size, change[unclipped].sum() / before.size
+    return float(promised), float(came), float(np.abs(change).mean())
