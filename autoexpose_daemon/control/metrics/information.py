@@ -21,8 +21,8 @@ CELLS = 8
 """The picture counts by 8x8 cells, each by the root of its information: one bright patch cannot pay for the rest."""
 
 FRONT_END_DN = 4.0
-"""Grey levels of contrast that feature detectors and matchers lose besides noise: FAST asks for 20 of them over a radius
-of 3 pixels. Of 0 to 16, 4 did best for ORB and KLT on two photographs and four paintings, and 3 to 8 were alike."""
+"""Grey levels of contrast that feature detectors and matchers lose besides noise: FAST asks for 20 of them over 3
+pixels. Of 0 to 16, 4 did best for ORB and KLT on two photographs and four paintings, and 3 to 8 were alike."""
 
 BLUR_PX = 5.0
 """Motion blur of this many pixels halves the energy of the gradients: measured on the same pictures, shrunk by two."""
