@@ -15,8 +15,8 @@ setup(
     ext_modules=[
         Extension(
             "autoexpose_daemon.control._native",
-            sources=[f"{NATIVE}/module.c", f"{NATIVE}/gradient.c"],
-            depends=[f"{NATIVE}/gradient.h", f"{NATIVE}/gradient_kernel.h"],
+            sources=[f"{NATIVE}/{part}.c" for part in ("module", "gradient", "contrast")],
+            depends=[f"{NATIVE}/{part}.h" for part in ("gradient", "gradient_kernel", "contrast")],
             # Square roots that set no errno and convert without traps can be vectorised.
             extra_compile_args=["-O3", "-std=c11", "-fno-math-errno", "-fno-trapping-math"],
             libraries=["m"],

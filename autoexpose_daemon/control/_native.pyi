@@ -10,3 +10,9 @@ def gradient_sums(
     region: NDArray[np.uint8] | None = None,
     instruction_set: str | None = None,
 ) -> tuple[int, ...]: ...
+def contrast_sums(
+    image: NDArray[np.uint8],
+    energy: NDArray[np.int64],
+    count: NDArray[np.int64],
+    region: NDArray[np.uint8] | None = None,
+) -> None: ...

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True, slots=True)
 class SensorNoise:
-    """Noise of a sensor whose full scale at 0 dB is its full well; `autoexpose calibrate noise` measures both.
+    """Noise of a sensor whose full well is full scale at 0 dB; `autoexpose calibrate noise` measures both figures.
 
     Attributes
     ----------
@@ -26,14 +26,16 @@ class SensorNoise:
     def variance_factors(
         self, slope: NDArray[np.float64], light: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """(shot, read): the variance in squared grey levels is ``shot * g + read * g**2`` at linear gain g.
+        """(shot, read): at linear gain g the variance in squared grey levels is ``shot * g + read * g**2``.
+
+        At that gain full scale is full_well_e / g electrons; their variance is their number and that of read noise.
 
         Parameters
         ----------
         slope
-            dI/dx, grey levels per share of full scale.
+            dI/dE of the response function, grey levels per stop.
         light
-            x, the share of full scale.
+            Share of full scale.
         """
-        per_electron = slope / self.full_well_e
-        return per_electron**2 * light * self.full_well_e, (per_electron * self.read_noise_e) ** 2
+        per_light = slope / (light * np.log(2))
+        return per_light**2 * light / self.full_well_e, (per_light * self.read_noise_e / self.full_well_e) ** 2

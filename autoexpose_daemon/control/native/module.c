@@ -1,9 +1,9 @@
-/* gradient.h for Python, through the buffer protocol: independent of numpy's headers and version. */
+/* gradient.h and contrast.h for Python, through the buffer protocol: independent of numpy's headers and version. */
 #define PY_SSIZE_T_CLEAN
 #include <Python.h>
 #include <string.h>
 
-#include "gradient.h"
+#include "contrast.h"
 
 /* Gets a buffer of unsigned bytes with `dimensions` dimensions; 0, or -1 with an exception set. */
 static int hold_bytes(PyObject *object, Py_buffer *view, int dimensions, int flags, const char *what)
@@ -121,6 +121,75 @@ release_image:
     return result;
 }
 
+PyDoc_STRVAR(contrast_sums_doc,
+             "contrast_sums(image, energy, count, region=None)\n--\n\n"
+             "Collect the gradients of `image` by cell and brightest grey level into `energy` and `count`.\n\n"
+             "image: uint8 (height, width), at least 3x3. energy, count: int64 (64, 256), written. region: uint8 (height,\n"
+             "width), what each pixel counts.");
+
+/* Gets a writable table of 64-bit integers; 0, or -1 with an exception set. */
+static int hold_table(PyObject *object, Py_buffer *view, const char *what)
+{
+    if (PyObject_GetBuffer(object, view, PyBUF_CONTIG | PyBUF_FORMAT) < 0)
+        return -1;
+    if (view->itemsize == 8 && view->ndim == 2 && view->shape[0] == CELLS * CELLS && view->shape[1] == GREY_LEVELS)
+        return 0;
+    PyErr_Format(PyExc_ValueError, "%s must be an array of int64 with the shape (64, 256)", what);
+    PyBuffer_Release(view);
+    return -1;
+}
+
+static PyObject *contrast_into(const Py_buffer *image_view, const Py_buffer *region_view, int64_t *energy,
+                               int64_t *count)
+{
+    if (image_view->shape[0] < 3 || image_view->shape[1] < 3 || image_view->shape[1] > WIDEST)
+        return PyErr_Format(PyExc_ValueError, "an image of %zdx%zd pixels has no inside: at least 3x3, at most %d wide",
+                            image_view->shape[1], image_view->shape[0], (int)WIDEST);
+    if (region_view &&
+        (region_view->shape[0] != image_view->shape[0] || region_view->shape[1] != image_view->shape[1])) {
+        PyErr_SetString(PyExc_ValueError, "region must have the shape of the image");
+        return NULL;
+    }
+    const Image image = image_of(image_view), region = region_view ? image_of(region_view) : (Image){0};
+    int failed;
+    Py_BEGIN_ALLOW_THREADS
+    failed = contrast_sums(&image, region_view ? &region : NULL, energy, count);
+    Py_END_ALLOW_THREADS
+    if (failed)
+        return PyErr_NoMemory();
+    Py_RETURN_NONE;
+}
+
+static PyObject *contrast_sums_of(PyObject *module, PyObject *arguments, PyObject *keywords)
+{
+    static char *names[] = {"image", "energy", "count", "region", NULL};
+    PyObject *objects[4] = {NULL, NULL, NULL, Py_None}, *result = NULL;
+    Py_buffer image, energy, count, region;
+    (void)module;
+    if (!PyArg_ParseTupleAndKeywords(arguments, keywords, "OOO|O", names, &objects[0], &objects[1], &objects[2],
+                                     &objects[3]))
+        return NULL;
+    const int has_region = objects[3] != Py_None;
+    if (hold_bytes(objects[0], &image, 2, PyBUF_STRIDES, "image") < 0)
+        return NULL;
+    if (hold_table(objects[1], &energy, "energy") < 0)
+        goto release_image;
+    if (hold_table(objects[2], &count, "count") < 0)
+        goto release_energy;
+    if (has_region && hold_bytes(objects[3], &region, 2, PyBUF_STRIDES, "region") < 0)
+        goto release_count;
+    result = contrast_into(&image, has_region ? &region : NULL, energy.buf, count.buf);
+    if (has_region)
+        PyBuffer_Release(&region);
+release_count:
+    PyBuffer_Release(&count);
+release_energy:
+    PyBuffer_Release(&energy);
+release_image:
+    PyBuffer_Release(&image);
+    return result;
+}
+
 static PyObject *set_names(void)
 {
     const InstructionSet *sets = instruction_sets();
@@ -141,13 +210,14 @@ static PyObject *set_names(void)
 
 static PyMethodDef methods[] = {
     {"gradient_sums", (PyCFunction)(void (*)(void))gradient_sums, METH_VARARGS | METH_KEYWORDS, gradient_sums_doc},
+    {"contrast_sums", (PyCFunction)(void (*)(void))contrast_sums_of, METH_VARARGS | METH_KEYWORDS, contrast_sums_doc},
     {NULL, NULL, 0, NULL},
 };
 
 static struct PyModuleDef definition = {
     .m_base = PyModuleDef_HEAD_INIT,
     .m_name = "_native",
-    .m_doc = "Gradient sums in one pass, by the best instructions of this processor.",
+    .m_doc = "Sums over the gradients of an image, each in one pass.",
     .m_size = -1,
     .m_methods = methods,
 };

@@ -6,13 +6,14 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from autoexpose_daemon.control.metrics.information import FRONT_END_DN, QUANTISATION, sharpness
 from autoexpose_daemon.control.sensor_noise import SensorNoise
 from drivers.exposure import DB_PER_STOP, ExposureLimits
 
 MIDDLE = 0.25
-"""Share of full scale at which noise is judged: where well exposed pictures have most of their gradients."""
+"""Share of full scale at which noise is judged: well exposed pictures have most of their gradients around it."""
 
 TIMES = 33
 """Exposure times that are compared, evenly in stops; 20 us to 7.5 ms then lie 0.27 stop apart."""
@@ -20,10 +21,10 @@ TIMES = 33
 
 @dataclass(frozen=True, slots=True)
 class BlurPhotonBalance:
-    """Takes the time at which a pixel of middle brightness can be aligned best, `InformationPrediction` for one pixel.
+    """Takes the time at which a pixel of middle brightness has the most information: see `InformationPrediction`.
 
-    Longer exposures blur (`sharpness`), shorter ones need gain, which multiplies the noise of the few photons. Noise
-    below what front ends lose anyway costs little, so the gain stays at its minimum in good light.
+    Longer exposures blur; shorter ones need gain, which raises the noise of fewer photons. As noise below what front
+    ends lose anyway costs little, gain stays at its minimum in good light.
 
     Attributes
     ----------
@@ -38,13 +39,18 @@ class BlurPhotonBalance:
 
     def exposure_time_us(self, level: float, motion_px: float, limits: ExposureLimits) -> float:
         """The best time (us); the longest of equals."""
-        longest = min(level - limits.min_gain_db / DB_PER_STOP, math.log2(limits.max_time_us))
-        shortest = max(level - limits.max_gain_db / DB_PER_STOP, math.log2(limits.min_time_us))
-        if shortest >= longest:
-            return math.exp2(longest)
-        times_us = np.exp2(np.linspace(longest, shortest, TIMES))
-        gains = math.exp2(level) / times_us
-        shot, read = self.noise.variance_factors(np.array(255.0), np.array(MIDDLE))
+        return float(self.exposure_times_us(np.array([level]), motion_px, limits)[0])
+
+    def exposure_times_us(
+        self, levels: NDArray[np.float64], motion_px: float, limits: ExposureLimits
+    ) -> NDArray[np.float64]:
+        """The best time (us) for each exposure level (stops), shape (n,)."""
+        longest = np.minimum(levels - limits.min_gain_db / DB_PER_STOP, math.log2(limits.max_time_us))
+        shortest = np.maximum(levels - limits.max_gain_db / DB_PER_STOP, math.log2(limits.min_time_us))
+        times_us = np.exp2(np.linspace(longest, np.minimum(shortest, longest), TIMES))
+        gains = np.exp2(levels) / times_us
+        shot, read = self.noise.variance_factors(np.array(255.0 * MIDDLE * math.log(2)), np.array(MIDDLE))
         variance = (shot * gains + read * gains**2 + QUANTISATION) / self.scale**2
-        blur_px = motion_px * times_us * 60e-6 / self.scale
-        return float(times_us[np.argmax(sharpness(blur_px) / (variance + FRONT_END_DN**2))])
+        blur_px = motion_px * 60e-6 * times_us / self.scale
+        best = np.argmax(sharpness(blur_px) / (variance + FRONT_END_DN**2), axis=0)
+        return np.asarray(np.take_along_axis(times_us, best[None], axis=0)[0])

@@ -1,90 +1,26 @@
-"""Policy `metric-map`: a map of predicted metric over absolute exposure level, fused over frames."""
+"""Policy `metric-map`: the map of gradient information."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import ClassVar, Self
-
-import numpy as np
-from numpy.typing import NDArray
 
 from autoexpose_daemon.control.balance import Balance
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
-from autoexpose_daemon.control.policies.metric_map.forecast import Forecast
-from autoexpose_daemon.control.policies.metric_map.loop_delay import LoopDelay
-from autoexpose_daemon.control.policies.metric_map.memory import TRUSTED_RISE, MetricMemory, Sighting
-from autoexpose_daemon.control.policies.metric_map.registration import Registration
-from autoexpose_daemon.control.policies.metric_map.search import DEEPEST_PROBE, dark_jump, plateau_centre, probe_bonus
+from autoexpose_daemon.control.policies.metric_map.exposure_map import ExposureMap
 from autoexpose_daemon.control.policies.metric_map.view import DELTAS, FEWER_DELTAS, FEWEST_DELTAS, MetricView, Viewer
-from autoexpose_daemon.control.policies.metric_map.votes import REMARKS, Votes
-from autoexpose_daemon.control.policy import ExposurePolicy, Observation, PolicySetup, Target
+from autoexpose_daemon.control.policy import Observation, PolicySetup
 from calibration.response import ResponseFunction
-from drivers.exposure import ExposureLimits
-from drivers.frames import SIDES, Side
-
-BIN = 0.25
-"""Stops between the levels that are compared."""
-
-HOLD_GAIN, HOLD_GAIN_MOVING, HOLD_GAIN_FOLLOWING = 0.015, 0.03, 0.005
-"""Share by which the metric must promise to rise before the target is moved: the camera still, moving, and while the
-light follows a ramp or a period, when holding only means lagging."""
-
-MOVING_PX = 2.0
-"""Flow (pixels per 1/60 s) from which the camera counts as moving; noise and flicker of a still one stay below."""
-
-SLOW_PX = 8.0
-"""Flow up to which slopes of brightness are attributed to the light, and led."""
-
-FLOW_STOPS = 0.5
-"""Flow across a greater change of light or exposure is an error of the flow: the motion known before still counts."""
-
-AGE_PER_PX = 0.02
-AGE_PER_STOP = 0.1
-"""Stops by which sightings count as farther for each pixel of motion, and for each stop of light."""
-
-LEAST_DENSITY = 0.01
-DENSITY_DECAY = 0.98
-"""Of the metric per unsaturated pixel that a good exposure recently had: halved in half a second."""
-
-BLIND_SHARE = 0.8
-"""Saturated share above which a darker sighting, however far, knows more of what lies between."""
-
-SAME_JUMP_STOPS = 0.5
-"""Jumps out of the dark are rough: one in progress is not corrected by less."""
-
-NOTHING = 1e-9
-"""A metric this small counts as zero."""
-
-LONGEST_STEP = 0.4
-WORTH_KEEPING = 0.7
-"""Stops by which frames of a moving camera may come to differ in brightness from one to the next, as long as the last
-target is worth this share of the best: odometry must find its points again."""
-
-LEAST_CAMERA = 0.1
-"""A camera that sees less than this share of the other's metric does not get a full vote."""
+from drivers.frames import Side
 
 
-class MetricMap(ExposurePolicy):
-    """Goes where the map promises most, for both cameras of a pair; docs/policy.md says why.
+class MetricMap(ExposureMap):
+    """Maximises gradient information M_g of both cameras."""
 
-    All targets are absolute levels, and the map is one of absolute levels, so frames in flight are never corrected
-    twice.
-    """
-
-    STATE: ClassVar[tuple[str, ...]] = (
-        "registration", "forecast", "latency", "memory", "target", "ahead", "densities", "motion_px",
-        "votes", "sides",
-    )  # fmt: skip
-    target: float | None
-    ahead: float
-    densities: list[float]
-    motion_px: float
-    sides: list[Side]
+    HOLD_GAIN_MOVING: ClassVar[float] = 0.03
 
     def __init__(self, responses: Mapping[Side, ResponseFunction], metric: GradientMetric, balance: Balance) -> None:
-        self.balance = balance
+        super().__init__(responses, balance)
         reference, other = (DELTAS, FEWER_DELTAS) if metric.native else (FEWER_DELTAS, FEWEST_DELTAS)
         if not metric.native:
             self.shortfall = (
@@ -95,160 +31,15 @@ class MetricMap(ExposurePolicy):
             side: (Viewer(response, metric, list(reference)), Viewer(response, metric, list(other)))
             for side, response in responses.items()
         }
-        self.registration = Registration(responses)
-        self.forecast = Forecast()
-        self.latency = LoopDelay()
-        self.memory = MetricMemory()
-        self.target = None
-        self.ahead = 0.0
-        self.densities = []
-        self.motion_px = 0.0
-        self.votes = Votes(responses)
-        self.sides = []
-
-    @property
-    def uncounted(self) -> dict[Side, str]:
-        """The cameras without a vote."""
-        return {side: REMARKS[fault] for side, fault in self.votes.faults.items()}
 
     @classmethod
     def build(cls, setup: PolicySetup) -> Self:
         """With Begin & Hunter's balance, unless another is configured."""
         return cls(setup.responses, setup.metric, setup.balance())
 
-    def decide(self, observation: Observation) -> Target:
-        """The level that promises most, for the frame that will show this decision."""
-        level = observation.setting.level
-        self.latency.see(level, (observation.limits.clamp_level(past.target.level) for past in observation.past))
-        self.votes.see(level, observation.limits.darkest.level, observation.looks)
-        target = self._vote(observation)
-        self.target = observation.limits.clamp_level(target.level)
-        return replace(target, reason=target.reason + self.votes.remark())
-
-    def _vote(self, observation: Observation) -> Target:
-        """The target of the cameras that have a vote, the reference first."""
-        looks = sorted(observation.looks, key=lambda look: SIDES.index(look.side))
-        voting = [look for look, votes in zip(looks, self.votes.of(looks), strict=True) if votes]
-        if not voting:
-            return Target(self._held(observation), "held")
-        self._map_for([look.side for look in voting])
-        observation = replace(observation, looks=voting)
-        views = self._views(observation)
-        change = self._remember(observation, views)
-        if self.votes.undecided:
-            return Target(self._held(observation), "held")
-        return self._look_down(observation) or self._jump(observation, views) or self._best(observation, change)
-
-    def _held(self, observation: Observation) -> float:
-        return observation.setting.level if self.target is None else self.target
-
-    def _map_for(self, sides: list[Side]) -> None:
-        """Have the map be of these cameras only. What it holds of one that joins them is from before it had a vote."""
-        kept = [self.sides.index(side) for side in sides if side in self.sides]
-        if len(kept) < len(sides):
-            self.memory.sightings.clear()
-            self.densities = [LEAST_DENSITY] * len(sides)
-        elif len(kept) < len(self.sides):
-            self.memory.keep(kept)
-            self.densities = [self.densities[camera] for camera in kept]
-        self.sides = sides
-
     def _views(self, observation: Observation) -> tuple[MetricView, ...]:
-        """The reference camera's, predicted at more exposures, and the others'."""
+        """The reference camera's is predicted at more exposures than the others'."""
         return tuple(
             self._viewers[look.side][place > 0].view(look.image, look.weights)
             for place, look in enumerate(observation.looks)
         )
-
-    def _remember(self, observation: Observation, views: tuple[MetricView, ...]) -> float:
-        """Take the frame into the map; returns by how much the light has risen since the last one, stops."""
-        level = observation.setting.level
-        level_change = level - self.registration.previous_level
-        light = self.registration.change(observation.looks[0], level)
-        change = light.stops if light else 0.0
-        self.forecast.add(change)
-        # What was seen before an unmeasured change either still fits, or is contradicted and dropped.
-        measured = change if light and light.measured else 0.0
-        steady = light and light.measured and max(abs(measured), abs(level_change)) < FLOW_STOPS
-        if steady or not observation.by_flow:
-            self.motion_px = observation.motion_px
-        motion = max(self.motion_px - MOVING_PX, 0.0)
-        self.memory.pass_frame(measured, AGE_PER_PX * motion + AGE_PER_STOP * abs(measured))
-        self.memory.add(Sighting(level, views))
-        for camera, view in enumerate(views):
-            density = float(np.interp(0.0, DELTAS, view.curve)) / max(1.0 - view.saturated_share, 0.1)
-            self.densities[camera] = max(DENSITY_DECAY * self.densities[camera], density, LEAST_DENSITY)
-        return change
-
-    def _look_down(self, observation: Observation) -> Target | None:
-        """As far as any probe goes, from a camera that is white to where it shows something or loses its vote."""
-        side = self.votes.glaring
-        if side is None:
-            return None
-        return Target(observation.setting.level - DEEPEST_PROBE, f"{side} camera is white: looks at less exposure")
-
-    def _jump(self, observation: Observation, views: tuple[MetricView, ...]) -> Target | None:
-        """Out of the dark, where nothing brighter has been seen yet; None while any camera sees something."""
-        level = observation.setting.level
-        jump = min(dark_jump(view.signal, look.response) for view, look in zip(views, observation.looks, strict=True))
-        if jump == 0 or self.memory.highest().level > level + 1.0:
-            return None
-        target = level + jump
-        if self.target is not None and abs(self.target - target) < SAME_JUMP_STOPS:
-            target = self.target
-        return Target(target, "too dark to predict: jumps")
-
-    def _best(self, observation: Observation, change: float) -> Target:
-        level = observation.setting.level
-        held = self._held(observation)
-        levels = _bins(observation.limits)
-        ahead = self.forecast.ahead(self.latency.frames, steady=self.motion_px < SLOW_PX)
-        moving = self.motion_px >= MOVING_PX
-        risen, self.ahead = change + ahead - self.ahead, ahead
-        worth, metric = self._worth(levels + ahead, moving)
-        best = float(worth.max())
-        if best <= 0:
-            return Target(held, "held: no gradient at any exposure")
-        gain = HOLD_GAIN_FOLLOWING if ahead != 0 else HOLD_GAIN_MOVING if moving else HOLD_GAIN
-        now = float(np.interp(held, levels, worth))
-        if now * (1.0 + gain) >= best:
-            return Target(held, "held: metric at its maximum", float(np.interp(held, levels, metric)))
-        target = plateau_centre(levels, worth)
-        if moving and now >= WORTH_KEEPING * best:
-            target = _step_towards(target, held, risen)
-        if target + ahead < self.memory.lowest().level - 0.5:
-            reason = "probes what is saturated"
-        else:
-            reason = f"metric {'rises' if target > level else 'falls'} with exposure"
-        return Target(target, reason, float(np.interp(target, levels, metric)))
-
-    def _worth(self, levels: NDArray[np.float64], moving: bool) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """(worth, metric of the left camera) over levels under the present light.
-
-        Worth is the metric and what a probe may bring, as a share of each camera's own best, averaged: a lamp that one
-        camera sees does not outvote the other.
-        """
-        metrics = self.memory.fuse(levels, moving)
-        blind = max(view.saturated_share for view in self.memory.sightings[-1].views) > BLIND_SHARE
-        frontier, known_again = self.memory.frontier(math.inf if moving or blind else TRUSTED_RISE)
-        unknown = levels > known_again
-        # What a camera may yet see is part of its best, until a darker frame has shown whether it exists.
-        hidden = np.array([view.saturated_share for view in frontier.views]) * np.array(self.densities)
-        best = np.maximum(metrics.max(axis=1), hidden)
-        best = np.maximum(best, max(LEAST_CAMERA * float(best.max()), NOTHING))
-        worth = np.zeros(len(levels))
-        for metric, norm, view, density in zip(metrics, best, frontier.views, self.densities, strict=True):
-            bonus = probe_bonus(levels, frontier.level, view.saturated_share, density, moving)
-            worth += (metric + unknown * bonus) / norm
-        return worth / len(metrics), metrics[0]
-
-
-def _step_towards(target: float, held: float, risen: float) -> float:
-    """From `held` at most a step towards `target` (stops), besides the rise of the light since."""
-    low, high = sorted((held, held - risen))
-    return min(max(target, low - LONGEST_STEP), high + LONGEST_STEP)
-
-
-def _bins(limits: ExposureLimits) -> NDArray[np.float64]:
-    low, high = limits.darkest.level, limits.brightest.level
-    return np.linspace(low, high, max(round((high - low) / BIN), 1) + 1)

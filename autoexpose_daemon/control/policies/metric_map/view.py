@@ -50,6 +50,22 @@ class MetricView:
     signal: float
 
 
+class Tones:
+    """The tones of one camera's images: how much is saturated, and how bright the rest is."""
+
+    def __init__(self, response: ResponseFunction) -> None:
+        self._response = response
+        self._shares = ExtremeShares(response)
+
+    def measure(self, image: NDArray[np.uint8], weights: NDArray[np.uint8] | None = None) -> tuple[float, float]:
+        """`saturated_share` and `signal` of a `MetricView`."""
+        saturated, _ = self._shares.measure(image, weights)
+        counts = cv2.calcHist([image], [0], weights, [256], [0, 256]).ravel().cumsum()
+        grey = int(np.searchsorted(counts, BRIGHT_QUANTILE * counts[-1]))
+        black, saturation = self._response.black_level, self._response.saturation
+        return saturated, max(grey - black, 0.5) / (saturation - black)
+
+
 class Viewer:
     """Makes views of one camera's images.
 
@@ -64,20 +80,12 @@ class Viewer:
     """
 
     def __init__(self, response: ResponseFunction, metric: GradientMetric, deltas: Sequence[float]) -> None:
-        self._response = response
+        self._tones = Tones(response)
         self._metric = metric
-        self._shares = ExtremeShares(response)
         self._deltas = deltas
         self._tables = PackedTables(prediction_tables(response, deltas))
 
     def view(self, image: NDArray[np.uint8], weights: NDArray[np.uint8] | None = None) -> MetricView:
         """The view of an image, uint8, (height, width), whose pixels count as `weights` (same shape) say."""
         curve = self._metric.measure_predictions(image, self._tables, weights)
-        saturated, _ = self._shares.measure(image, weights)
-        return MetricView(np.interp(DELTAS, self._deltas, curve), saturated, self._signal(image, weights))
-
-    def _signal(self, image: NDArray[np.uint8], weights: NDArray[np.uint8] | None) -> float:
-        counts = cv2.calcHist([image], [0], weights, [256], [0, 256]).ravel().cumsum()
-        grey = int(np.searchsorted(counts, BRIGHT_QUANTILE * counts[-1]))
-        black, saturation = self._response.black_level, self._response.saturation
-        return max(grey - black, 0.5) / (saturation - black)
+        return MetricView(np.interp(DELTAS, self._deltas, curve), *self._tones.measure(image, weights))
