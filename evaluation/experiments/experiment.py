@@ -130,6 +130,8 @@ class Experiment:
         Judges the results; draws its figures into the folder that it is given.
     data
         What `--json` writes of the results.
+    in_all
+        Whether `autoexpose experiments run all` includes it.
     """
 
     name: str
@@ -137,3 +139,4 @@ class Experiment:
     jobs: Callable[[bool], list[Job]]
     section: Callable[[Results, Path], Section]
     data: Callable[[Results], Plain] = jobs_and_results
+    in_all: bool = True

@@ -59,9 +59,9 @@ def run(
     """Run experiments and write `experiments.md` and `experiments.html`; finished jobs are not repeated."""
     chosen = _chosen(names)
     check_chosen(quick, full, lambda quick: _duration_s(chosen, quick, jobs))
-    _make_writable(out)
+    _make_writable(out, "--out")
     if json_file is not None:
-        _make_writable(json_file.parent)
+        _make_writable(json_file.parent, "--json")
     console = Console()
     begun_s = time.monotonic()
     work = {experiment.name: experiment.jobs(quick) for experiment in chosen}
@@ -86,21 +86,23 @@ def _chosen(names: Sequence[str]) -> list[Experiment]:
     for name in names:
         if name != "all" and name not in known:
             raise ConfigurationError(f"there is no experiment {name!r}: choose all, or from {', '.join(known)}")
-    return [experiment for experiment in EXPERIMENTS if "all" in names or experiment.name in names]
+    return [
+        experiment for experiment in EXPERIMENTS if experiment.name in names or ("all" in names and experiment.in_all)
+    ]
 
 
 def _duration_s(chosen: Sequence[Experiment], quick: bool, processes: int) -> float:
     return sum(job.cost_s for experiment in chosen for job in experiment.jobs(quick)) / processes
 
 
-def _make_writable(out: Path) -> None:
+def _make_writable(out: Path, option: str) -> None:
     """Checked before hours of work, not after."""
     try:
         out.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=out):
             pass
     except OSError as error:
-        raise ConfigurationError(f"{out}: cannot be written to ({error.strerror}): choose another --out") from None
+        raise ConfigurationError(f"{out}: cannot be written to ({error.strerror}): choose another {option}") from None
 
 
 def _write_json(data: Plain, file: Path) -> None:

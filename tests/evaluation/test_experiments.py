@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
@@ -13,6 +14,7 @@ from typer.testing import CliRunner
 from drivers.errors import AutoexposeError
 from evaluation.experiments import cache, experiments_app
 from evaluation.experiments.cache import ResultCache
+from evaluation.experiments.drives.policy_drives import measure as measure_policies
 from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, Plain, Results, Section, Table, Verdict
 from evaluation.experiments.experiments_app import experiments_app as app
 from evaluation.experiments.experiments_report import write_experiments_report
@@ -87,6 +89,26 @@ def test_code_is_reached_through_imports() -> None:
     assert "evaluation.arena.scores" in cache._imports(Path("evaluation/arena/race.py"))
 
 
+def test_the_code_of_the_policies_that_run_counts_and_of_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    """They are loaded by name, so no import leads to them."""
+    keys = ResultCache(Path("anywhere"))
+    jobs = {
+        policies: Job(measure_policies, {}, policies=policies) for policies in (("begin2022",), ("mehta2020",), None)
+    }
+    before = {policies: keys.key(job) for policies, job in jobs.items()}
+    sources = cache._source
+
+    def changed(module: str) -> Path | None:
+        """Another source for one policy."""
+        return Path(__file__) if module.endswith(".mehta2020") else sources(module)
+
+    monkeypatch.setattr(cache, "_source", changed)
+    cache._digest.cache_clear()
+    after = {policies: keys.key(job) for policies, job in jobs.items()}
+    cache._digest.cache_clear()
+    assert {policies for policies in jobs if before[policies] != after[policies]} == {("mehta2020",), None}
+
+
 def test_a_damaged_file_counts_as_none(tmp_path: Path) -> None:
     kept, job = ResultCache(tmp_path), Job(square, {"number": 2})
     kept.put(job, 4)
@@ -139,7 +161,7 @@ def test_the_report_gives_the_verdicts_first_in_both_forms(tmp_path: Path) -> No
 def test_the_command_refuses_bad_arguments_before_it_starts_work(tmp_path: Path) -> None:
     for arguments, said in (
         (["run", "fig1"], "say how much: --full takes about a minute with these --jobs, --quick about a minute"),
-        (["run", "all", "--jobs", "1"], " hours with these --jobs, --quick about 2 minutes"),
+        (["run", "all", "--jobs", "1"], " hours with these --jobs, --quick about "),
         (["run", "fig1", "--quick", "--full"], "--quick and --full exclude each other"),
         (["run", "fig99"], "there is no experiment 'fig99': choose all, or from fig1"),
         (["run", "fig1", "--quick", "--out", str(tmp_path / "file" / "out")], "cannot be written to"),
@@ -164,3 +186,29 @@ def test_the_command_writes_the_report_and_again_from_kept_results(
         assert outcome.exit_code == 0 and "we saw: 4, 9" in outcome.output and "100 %" in outcome.output
         assert "4, 9" in (tmp_path / "experiments.md").read_text()
     assert "all kept from earlier" in outcome.output and sorted(CALLS) == [2, 3]
+
+
+def test_json_has_the_numbers_of_one_experiment_or_of_several_by_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def section(_results: Results, _folder: Path) -> Section:
+        return Section("Setting.", [], [])
+
+    def names(_results: Results) -> Plain:
+        return {"own": "form"}
+
+    jobs = [Job(square, {"number": 2})]
+    one = Experiment("one", "One", lambda _quick: jobs, section)
+    two = Experiment("two", "Two", lambda _quick: jobs, section, names, in_all=False)
+    monkeypatch.setattr(experiments_app, "EXPERIMENTS", (one, two))
+    file = tmp_path / "numbers.json"
+    generic = {"results": [{"arguments": {"number": 2}, "result": {"square": 4, "nothing": None}}]}
+    for given, written in (
+        (["one"], generic),
+        (["two"], {"own": "form"}),
+        (["one", "two"], {"one": generic, "two": {"own": "form"}}),
+        (["all"], generic),
+    ):
+        arguments = ["run", *given, "--quick", "--jobs", "1", "--out", str(tmp_path / "out"), "--json", str(file)]
+        assert CliRunner().invoke(app, arguments).exit_code == 0
+        assert json.loads(file.read_text()) == written

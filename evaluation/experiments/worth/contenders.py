@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from autoexpose_daemon.control.parameters import ControlParameters
-from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, POLICY_IDS
+from autoexpose_daemon.control.policies.ids import PLACES
 from evaluation.experiments.worth.contender import Contender, policy, variant
 
 CAP_US = 3000.0
@@ -11,15 +11,15 @@ CAP_US = 3000.0
 
 _PRIORITY = ControlParameters(balance="exposure_priority")
 
-_OWN = tuple(dict.fromkeys((DEFAULT_POLICY, "metric-map")))
-
 PUBLISHED: tuple[Contender, ...] = tuple(
-    policy(policy_id) for policy_id in POLICY_IDS if policy_id not in {*_OWN, "majer2018-fixed"}
+    policy(policy_id)
+    for policy_id, place in PLACES.items()
+    if place.startswith("published.") and policy_id != "majer2018-fixed"
 )
 """All but `majer2018-fixed`, which is `fixed`."""
 
 OURS: tuple[Contender, ...] = (
-    *map(policy, _OWN),
+    *(policy(policy_id) for policy_id, place in PLACES.items() if not place.startswith("published.")),
     variant("metric-map, exposure priority", "metric-map", _PRIORITY),
     variant("metric-map, at most 3 ms", "metric-map", _PRIORITY, CAP_US),
 )

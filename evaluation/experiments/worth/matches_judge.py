@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 from evaluation.experiments.experiment import Job, Plain
-from evaluation.experiments.worth.closed_loop import measure_policies, run
 from evaluation.experiments.worth.contenders import CONTENDERS, OURS, PUBLISHED
-from evaluation.experiments.worth.courses import SETS, Course
-from evaluation.experiments.worth.courses import quick as some_of
-from evaluation.experiments.worth.hindsight import measure_bounds
-from evaluation.experiments.worth.scoring import JUDGES
+from evaluation.experiments.worth.matches.closed_loop import measure_policies, run
+from evaluation.experiments.worth.matches.courses import SETS, Course
+from evaluation.experiments.worth.matches.courses import quick as some_of
+from evaluation.experiments.worth.matches.hindsight import measure_bounds
+from evaluation.experiments.worth.matches.scoring import JUDGES
 
 __all__ = ["JUDGES", "jobs"]
 

@@ -42,6 +42,7 @@ class Verdicts:
 
     def __init__(self, rows: Iterable[Mapping[str, Any]], better: Better) -> None:
         self.better = better
+        self._gains: dict[tuple[str, str], Interval | None] = {}
         self._values: dict[str, dict[str, dict[str, float]]] = {judge: {} for judge in better}
         for row in rows:
             self._values[row["judge"]].setdefault(row["policy"], {})[row["course"]] = float(row["value"])
@@ -69,8 +70,17 @@ class Verdicts:
             return None
         return np.array([by_policy[policy][course] for course in sorted(by_policy[policy])])
 
+    def mean(self, judge: str, policy: str, courses: Iterable[str]) -> float:
+        """Mean of some courses."""
+        return float(np.mean([self._values[judge][policy][course] for course in courses]))
+
     def gain(self, judge: str, policy: str) -> Interval | None:
         """How much better than the default a policy is, as a share of the default's mean, paired by course."""
+        if (judge, policy) not in self._gains:
+            self._gains[judge, policy] = self._gain(judge, policy)
+        return self._gains[judge, policy]
+
+    def _gain(self, judge: str, policy: str) -> Interval | None:
         own, default = self.values(judge, policy), self.values(judge, DEFAULT_POLICY)
         if own is None or default is None:
             return None
@@ -140,18 +150,22 @@ def plot_gains(verdicts: Verdicts, file: Path) -> None:
 
 
 def _draw_judge(axes: Any, verdicts: Verdicts, judge: str, policies: Sequence[str]) -> None:
-    for row, policy in enumerate(policies):
-        gain = verdicts.gain(judge, policy)
-        if gain is not None:
-            colour = COLOURS[2] if gain.low > BEYOND else COLOURS[1] if gain.high < -BEYOND else COLOURS[6]
-            axes.plot([100 * gain.low, 100 * gain.high], [row, row], color=colour, linewidth=1.2)
-            axes.plot(100 * gain.value, row, "o", color=colour, markersize=3)
+    known = [(row, gain) for row, policy in enumerate(policies) if (gain := verdicts.gain(judge, policy)) is not None]
+    rows, colours = [row for row, _ in known], [_colour(gain) for _, gain in known]
+    middles, lows, highs = (100 * np.array([(gain.value, gain.low, gain.high) for _, gain in known])).T
+    axes.hlines(rows, lows, highs, colors=colours, linewidth=1.2)
+    axes.scatter(middles, rows, c=colours, s=8)
     axes.axvline(0.0, color="grey", linewidth=0.8)
     axes.set_xscale("symlog", linthresh=10)
     axes.set_title(judge, fontsize=7)
     axes.tick_params(labelsize=6)
     axes.set_yticks(range(len(policies)), policies)
     axes.set_ylim(len(policies) - 0.5, -0.5)
+
+
+def _colour(gain: Interval) -> str:
+    """Green: better, orange: worse, each with the whole interval beyond `BEYOND`."""
+    return COLOURS[2] if gain.low > BEYOND else COLOURS[1] if gain.high < -BEYOND else COLOURS[6]
 
 
 def _tables(verdicts: Verdicts, caption: str, cell: Any) -> list[Table]:

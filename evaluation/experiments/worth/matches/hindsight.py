@@ -8,11 +8,10 @@ from typing import Any
 import numpy as np
 
 from drivers.exposure import ExposureSetting
-from evaluation.experiments.worth.courses import EVERY, Course
-from evaluation.experiments.worth.names import FIXED_IN_HINDSIGHT, ORACLE_PER_FRAME
-from evaluation.experiments.worth.pairs import judged, seen
-from evaluation.experiments.worth.rig import Film, Rig
-from evaluation.experiments.worth.scoring import (
+from evaluation.experiments.worth.matches.courses import EVERY, Course
+from evaluation.experiments.worth.matches.pairs import judged, seen
+from evaluation.experiments.worth.matches.rig import Film, Rig
+from evaluation.experiments.worth.matches.scoring import (
     CHECKED_EVERY,
     CHOICE_SEED,
     JUDGES,
@@ -21,6 +20,7 @@ from evaluation.experiments.worth.scoring import (
     mean_values,
     rows,
 )
+from evaluation.experiments.worth.names import FIXED_IN_HINDSIGHT, ORACLE_PER_FRAME
 
 GRID = tuple(
     ExposureSetting(time_us, gain_db)

@@ -11,8 +11,16 @@ import numpy as np
 
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame, Pixels, Side, StereoPair
-from evaluation.experiments.worth.pairs import Truth
-from evaluation.experiments.worth.scenes import CANVAS, DISPARITY_PX, HEIGHT, RATE_HZ, WIDTH, MovingView, Radiance
+from evaluation.experiments.worth.matches.pairs import Truth
+from evaluation.experiments.worth.matches.scenes import (
+    CANVAS,
+    DISPARITY_PX,
+    HEIGHT,
+    RATE_HZ,
+    WIDTH,
+    MovingView,
+    Radiance,
+)
 from evaluation.stage.camera import LIMITS
 from fake_camera.imaging import PIXEL_FORMATS, ImageSettings
 from fake_camera.world.sensor import Sensor, SensorModel

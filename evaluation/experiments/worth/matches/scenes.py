@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from evaluation.experiments.worth.motions import Homography, MotionModel, Rotation, Similarity
+from evaluation.experiments.worth.matches.motions import Homography, MotionModel, Rotation, Similarity
 from evaluation.scenes.stills import PAINTERS
 from fake_camera.world.scene.panorama import load_radiance
 
@@ -34,7 +34,7 @@ FOCAL_PX = 180.0
 
 RATE_HZ = 60.0
 
-DATA = Path(os.environ.get("AUTOEXPOSE_DATA", Path(__file__).parents[4] / "shared" / "data"))
+DATA = Path(os.environ.get("AUTOEXPOSE_DATA", Path(__file__).parents[5] / "shared" / "data"))
 """Where the photographs are (docs/experiments.md)."""
 
 PAINTED_SIZE = (1000, 640)

@@ -9,9 +9,9 @@ import numpy as np
 
 from drivers.exposure import ExposureSetting
 from evaluation.experiments.worth.contender import Contender, policy
-from evaluation.experiments.worth.courses import Course
-from evaluation.experiments.worth.rig import Rig
-from evaluation.experiments.worth.scoring import JUDGES, SCORING_SEEDS, Scorer, rows
+from evaluation.experiments.worth.matches.courses import Course
+from evaluation.experiments.worth.matches.rig import Rig
+from evaluation.experiments.worth.matches.scoring import JUDGES, SCORING_SEEDS, Scorer, rows
 from evaluation.stage.camera import LIMITS
 from evaluation.stage.delayed_loop import DelayedLoop
 
@@ -28,7 +28,7 @@ def run(course: Course, contenders: Sequence[Contender]) -> list[dict[str, Any]]
     """Rows of contenders, each with the medians of its settings over the scored frames."""
     film = course.film()
     rig = Rig(film, course.eyes, SCORING_SEEDS[0])
-    loops = [_enter(contender, course) for contender in contenders]
+    loops = [enter(contender, course) for contender in contenders]
     scorers = [Scorer(course, film) for _ in contenders]
     for number in range(course.frames):
         film.go_to(number)
@@ -44,5 +44,6 @@ def run(course: Course, contenders: Sequence[Contender]) -> list[dict[str, Any]]
     return found
 
 
-def _enter(contender: Contender, course: Course) -> DelayedLoop:
+def enter(contender: Contender, course: Course) -> DelayedLoop:
+    """A fresh loop with the delay of a course, told the true response."""
     return DelayedLoop(contender.make_loop(course.response, LIMITS, START), course.delay_frames)

@@ -9,9 +9,9 @@ import numpy as np
 
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame
-from evaluation.experiments.worth.courses import Course
-from evaluation.experiments.worth.pairs import PREPARATIONS, Seen, judged, seen
-from evaluation.experiments.worth.rig import Film
+from evaluation.experiments.worth.matches.courses import Course
+from evaluation.experiments.worth.matches.pairs import PREPARATIONS, Seen, judged, seen
+from evaluation.experiments.worth.matches.rig import Film
 
 JUDGES: dict[str, Literal["higher", "lower"]] = {"matches-sift-raw": "higher"}
 for _name in PREPARATIONS:

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from calibration.response import ResponseFunction
-from evaluation.experiments.worth.rig import DEFAULT_SENSOR, Eyes, Film
-from evaluation.experiments.worth.scenes import DATA, HEIGHT, WIDTH, digest, moving_view
+from evaluation.experiments.worth.matches.rig import DEFAULT_SENSOR, Eyes, Film
+from evaluation.experiments.worth.matches.scenes import DATA, HEIGHT, WIDTH, digest, moving_view
 from evaluation.scenes.responses import CameraResponse
 from evaluation.scenes.stills import PAINTERS
 from fake_camera.world.sensor import SensorModel
@@ -158,7 +158,7 @@ def _varied(scenes: list[str], first: int = 0) -> list[Course]:
 
 
 def _special(scenes: list[str], kinds: list[tuple[str, int]]) -> list[Course]:
-    """Each kind of camera (sensor, delay) with one or two of the scenes."""
+    """One course for each kind of camera (sensor, delay)."""
     courses = []
     for place, (sensor, delay) in enumerate(kinds):
         scene, light = scenes[place % len(scenes)], _LIGHTS[(place + 2) % 3]
@@ -194,7 +194,8 @@ def report() -> list[Course]:
     painted = [f"{painter}:{seed}" for seed in (2003,) for painter in PAINTERS]
     stills = _photographs("report") or [f"{painter}:{seed}" for seed in (2004, 2005) for painter in PAINTERS]
     panoramas = [scene for name in _PANORAMAS if (DATA / (scene := f"hdri_1k_cc0/{name}.hdr")).exists()]
-    return _varied([*stills * 3, *panoramas, *painted]) + _special([*stills, *panoramas[::3]], _REPORT_KINDS)
+    # Twice, so that each kind has two scenes.
+    return _varied([*stills * 3, *panoramas, *painted]) + _special([*stills, *panoramas[::3]], _REPORT_KINDS * 2)
 
 
 def quick(courses: list[Course]) -> list[Course]:

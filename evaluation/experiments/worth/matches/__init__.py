@@ -1,0 +1,1 @@
+"""The judge of matches on photographs: scenes, cameras, courses, scores and bounds."""

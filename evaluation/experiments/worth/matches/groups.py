@@ -1,0 +1,82 @@
+"""What only the judge of matches can say: results by light, speed and camera, and the settings behind them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+
+from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
+from evaluation.experiments.experiment import Results, Table
+from evaluation.experiments.worth.matches.courses import Course
+from evaluation.experiments.worth.matches.scoring import JUDGES
+from evaluation.experiments.worth.names import FIXED_IN_HINDSIGHT
+from evaluation.experiments.worth.tables import Verdicts
+
+SHOWN = ("matches-orb-raw", "matches-orb-preprocessed", "pose-error-orb-raw", "klt-error-raw", "klt-error-preprocessed")
+"""Of the judges, in tables by groups of courses."""
+
+_BY: dict[str, Callable[[Course], str]] = {
+    "light": lambda course: f"{course.lux:g} lux" if course.light == "steady" else f"step {course.light}",
+    "speed": lambda course: f"{course.speed_px:g} px",
+    "camera": lambda course: course.kind,
+}
+
+
+def matches_tables(
+    results: Results, verdicts: Verdicts, rivals: Sequence[str], settings_of: Sequence[str]
+) -> list[Table]:
+    """Tables by light, by speed and by camera, and of the settings that contenders chose."""
+    courses = courses_of(results)
+    tables = [_by(verdicts, courses, kind, rivals) for kind in _BY]
+    return [*tables, _settings(results, courses, [*settings_of, FIXED_IN_HINDSIGHT])]
+
+
+def courses_of(results: Results) -> dict[str, Course]:
+    """The courses of this judge's jobs, by name; those of other judges have another form."""
+    mine = [arguments for arguments, found in results if found and found[0]["judge"] in JUDGES]
+    courses = [Course(**arguments["course"]) for arguments in mine if isinstance(arguments["course"], dict)]
+    return {course.name: course for course in courses}
+
+
+def _by(verdicts: Verdicts, courses: Mapping[str, Course], kind: str, rivals: Sequence[str]) -> Table:
+    groups: dict[str, list[str]] = {}
+    for name, course in sorted(courses.items(), key=lambda item: (item[1].light, item[1].lux, item[1].speed_px)):
+        groups.setdefault(_BY[kind](course), []).append(name)
+    rows = []
+    for group, names in groups.items():
+        cells = []
+        for judge in SHOWN:
+            means = {policy: verdicts.mean(judge, policy, names) for policy in (DEFAULT_POLICY, *rivals)}
+            sign = 1.0 if JUDGES[judge] == "higher" else -1.0
+            best = max(rivals, key=lambda policy: sign * means[policy])
+            gain = 100 * sign * (means[best] - means[DEFAULT_POLICY]) / (means[DEFAULT_POLICY] or 1.0)
+            cells.append(f"{gain:+.1f} % ({best})")
+        rows.append([group, str(len(names)), *cells])
+    caption = (
+        f"By {kind}: how much better than `{DEFAULT_POLICY}` the best published policy of that row is, with its name; "
+        "below 0: none is better. The best of so many is partly luck."
+    )
+    return Table(caption, [kind, "courses", *(f"`{judge}`" for judge in SHOWN)], rows)
+
+
+def _settings(results: Results, courses: Mapping[str, Course], policies: Sequence[str]) -> Table:
+    """Medians over the scored frames of courses in steady light with the default camera."""
+    chosen: dict[tuple[float, float], dict[str, list[tuple[float, float]]]] = {}
+    for _, found in results:
+        for row in found:
+            course = courses.get(row["course"])
+            if course is None or row["judge"] != SHOWN[0] or row["policy"] not in policies or "time_us" not in row:
+                continue
+            if course.light == "steady" and course.kind == "default":
+                by_policy = chosen.setdefault((course.lux, course.speed_px), {})
+                by_policy.setdefault(row["policy"], []).append((row["time_us"], row["gain_db"]))
+    rows = []
+    for (lux, speed_px), by_policy in sorted(chosen.items()):
+        middles = [np.median(by_policy[policy], axis=0) for policy in policies]
+        rows.append([f"{lux:g} lux, {speed_px:g} px", *(f"{t / 1e3:.2f} ms, {g:.0f} dB" for t, g in middles)])
+    caption = (
+        "Settings chosen in steady light: medians over frames and courses, by light and image speed (pixels of the 360 "
+        f"wide frame per 1/60 s). `{FIXED_IN_HINDSIGHT}`: those chosen by `{SHOWN[0]}`."
+    )
+    return Table(caption, ["light and speed", *(f"`{policy}`" for policy in policies)], rows)

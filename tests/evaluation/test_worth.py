@@ -1,0 +1,158 @@
+"""The experiment `worth`: fair choices in hindsight, complete data, and what is better than what."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, POLICY_IDS
+from drivers.exposure import ExposureSetting
+from evaluation.experiments.experiment import Figure, Table
+from evaluation.experiments.worth import matches_judge, worth
+from evaluation.experiments.worth.contenders import CONTENDERS
+from evaluation.experiments.worth.matches import courses, hindsight
+from evaluation.experiments.worth.matches.closed_loop import START, measure_policies
+from evaluation.experiments.worth.matches.courses import SETS, Course
+from evaluation.experiments.worth.matches.groups import SHOWN
+from evaluation.experiments.worth.matches.hindsight import best, measure_bounds
+from evaluation.experiments.worth.matches.scoring import CHOICE_SEED, JUDGES, SCORING_SEEDS
+from evaluation.experiments.worth.names import BOUNDS
+from evaluation.experiments.worth.tables import Verdicts
+from evaluation.stage.camera import LIMITS
+from tests.evaluation.sections import check_no_prose
+
+COURSE = Course("leaves:1", 50.0, "steady", 3.0)
+GRID = (ExposureSetting(1200.0, 0.0), ExposureSetting(75.0, 0.0))
+
+
+@pytest.fixture
+def short(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Courses of four pairs, a grid of two settings, and one noise to score on."""
+    monkeypatch.setattr(courses, "STEADY_FRAMES", courses.WARM_UP + 10)
+    monkeypatch.setattr(hindsight, "GRID", GRID)
+    monkeypatch.setattr(hindsight, "SCORING_SEEDS", (1,))
+
+
+@pytest.mark.usefixtures("short")
+def test_hindsight_is_chosen_on_one_noise_and_scored_on_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert CHOICE_SEED not in SCORING_SEEDS
+    first = {row["judge"]: row for row in measure_bounds(course=COURSE.plain()) if "time_us" in row}
+    monkeypatch.setattr(hindsight, "SCORING_SEEDS", (7,))
+    other = {row["judge"]: row for row in measure_bounds(course=COURSE.plain()) if "time_us" in row}
+    assert set(first) == set(JUDGES)
+    for judge, row in first.items():
+        assert (row["time_us"], row["gain_db"]) == (other[judge]["time_us"], other[judge]["gain_db"])
+        assert row["time_us"] > 75.0  # 6 grey levels
+    assert first["klt-error-raw"]["value"] != other["klt-error-raw"]["value"]
+
+
+def test_of_equals_the_setting_with_most_matches_is_best() -> None:
+    values = [dict.fromkeys(JUDGES, 0.0) | {"matches-orb-raw": matches} for matches in (10.0, 30.0, 20.0)]
+    assert best("lost-pairs-klt-raw", values) == 1
+    values[2]["klt-error-raw"] = -1.0
+    assert best("klt-error-raw", values) == 2
+
+
+@pytest.mark.usefixtures("short")
+def test_the_experiment_gives_every_policy_the_same_courses() -> None:
+    names = [DEFAULT_POLICY, "fixed", "begin2022"]
+    given = {"course": COURSE.plain()}
+    found = [*measure_bounds(**given), *measure_policies(**given, policies=names)]
+    data = worth.data([(given, found)])
+    assert isinstance(data, dict) and json.loads(json.dumps(data, allow_nan=False)) == data
+    assert data["default_policy"] == DEFAULT_POLICY and data["better"] == JUDGES
+    rows = {(row["judge"], row["course"], row["policy"]) for row in data["results"]}
+    assert rows == set(product(JUDGES, [COURSE.name], [*names, *BOUNDS])) and len(rows) == len(data["results"])
+
+
+def rows_of(values: dict[str, list[float]], judge: str) -> list[dict[str, Any]]:
+    return [
+        {"judge": judge, "course": str(place), "policy": policy, "value": value}
+        for policy, of_policy in values.items()
+        for place, value in enumerate(of_policy)
+    ]
+
+
+def test_incomplete_results_are_refused() -> None:
+    rows = rows_of({DEFAULT_POLICY: [1.0, 2.0], "fixed": [1.0, 2.0]}, "matches-orb-raw")
+    with pytest.raises(ValueError, match="same courses"):
+        Verdicts(rows[:-1], JUDGES)
+    with pytest.raises(ValueError, match="finite"):
+        Verdicts([*rows[:-1], rows[-1] | {"value": math.nan}], JUDGES)
+
+
+def test_better_is_better_whichever_way_a_judge_counts() -> None:
+    base = np.random.default_rng(1).uniform(1.0, 2.0, 20)
+    values = {DEFAULT_POLICY: list(base), "fixed": list(1.2 * base)}
+    up = Verdicts(rows_of(values, "matches-orb-raw"), JUDGES).gain("matches-orb-raw", "fixed")
+    down = Verdicts(rows_of(values, "klt-error-raw"), JUDGES).gain("klt-error-raw", "fixed")
+    assert up is not None and down is not None
+    assert up.value == pytest.approx(0.2) and up.low > 0.1
+    assert down.value == pytest.approx(-0.2) and down.high < -0.1
+
+
+@pytest.mark.usefixtures("short")
+def test_the_section_is_made_from_the_rows_of_all_contenders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(worth, "BETTER", {judge: JUDGES[judge] for judge in SHOWN})
+    rng = np.random.default_rng(2)
+    names = [*CONTENDERS, *BOUNDS]
+    results: list[Any] = []
+    for course in (COURSE, replace(COURSE, delay_frames=3)):
+        found = [
+            {"judge": judge, "course": course.name, "policy": name, "value": rng.random(), "time_us": 1e3, "gain_db": 0}
+            for judge, name in product(SHOWN, names)
+        ]
+        results.append(({"course": course.plain()}, found))
+    section = worth.section(results, tmp_path)
+    check_no_prose(section)
+    assert "Photographs: none found. Painted stills (painter:seed): leaves:1." in section.setting
+    figures = [part for part in section.parts if isinstance(part, Figure)]
+    assert len(figures) == 2 and all((tmp_path / figure.file).exists() for figure in figures)
+    text = " ".join(cell for part in section.parts if isinstance(part, Table) for row in part.rows for cell in row)
+    assert "1.00 ms, 0 dB" in text and "leaves:1, 50 lux, 3 px" in text and "delay 3" in text and "nobody" not in text
+
+
+def test_everyone_takes_part() -> None:
+    names = set(CONTENDERS)
+    assert names >= set(POLICY_IDS) - {"majer2018-fixed"}
+    assert names >= {"metric-map, exposure priority", "metric-map, at most 3 ms"}
+    for quick in (True, False):
+        jobs = matches_judge.jobs(quick)
+        by_course: dict[str, set[str]] = {}
+        for job in jobs:
+            course = job.arguments["course"]
+            assert isinstance(course, dict)
+            policies, contender = job.arguments.get("policies", []), job.arguments.get("contender")
+            assert isinstance(policies, list)
+            by_course.setdefault(Course(**course).name, set()).update([*policies, *([contender] if contender else [])])  # type: ignore[list-item]
+        assert all(taking_part == names for taking_part in by_course.values())
+
+
+def test_a_cap_holds_and_fixed_stays_where_it_was_put() -> None:
+    loop = CONTENDERS["metric-map, at most 3 ms"].make_loop(COURSE.response, LIMITS, START)
+    assert loop.setup.limits.max_time_us == 3000.0 and loop.setup.start == START
+    fixed = CONTENDERS["fixed"].make_loop(COURSE.response, LIMITS, START)
+    assert fixed.setup.start == ExposureSetting(3000.0, 6.0)
+
+
+def test_tuning_and_report_share_no_picture() -> None:
+    tuning, report = (SETS[name]() for name in ("tuning", "report"))
+    assert not {course.scene for course in tuning} & {course.scene for course in report}
+    for courses_of_set in (tuning, report):
+        assert len({course.name for course in courses_of_set}) == len(courses_of_set)
+        assert {course.light for course in courses_of_set} == {"steady", "up", "down"}
+        assert {course.speed_px for course in courses_of_set} == set(courses.SPEEDS_PX)
+
+
+def test_light_steps_where_the_course_says() -> None:
+    up, down = (Course("leaves:1", 2.0, light, 3.0) for light in ("up", "down"))
+    at = courses.STEP_AT
+    assert [up.lux_at(at - 1), up.lux_at(at)] == [2.0, 200.0] and [down.lux_at(at - 1), down.lux_at(at)] == [200.0, 2.0]
+    assert at in up.scored
