@@ -12,11 +12,11 @@ from drivers.exposure import ExposureSetting
 from evaluation.experiments.experiment import Job, Plain
 from evaluation.experiments.worth.contender import Contender, policy
 from evaluation.experiments.worth.contenders import CONTENDERS, OURS, PUBLISHED
-from evaluation.experiments.worth.drives import SCORING, SETS, Drive
-from evaluation.experiments.worth.drives import quick as some_of
-from evaluation.experiments.worth.follower import Trial
-from evaluation.experiments.worth.odometry_bounds import bounds
-from evaluation.experiments.worth.pairs import PREPARATIONS
+from evaluation.experiments.worth.matches.pairs import PREPARATIONS
+from evaluation.experiments.worth.odometry.bounds import bounds
+from evaluation.experiments.worth.odometry.drives import SCORING, SETS, Drive
+from evaluation.experiments.worth.odometry.drives import quick as some_of
+from evaluation.experiments.worth.odometry.follower import Trial
 from evaluation.odometry.tracking import EVERY
 from evaluation.stage.camera import LIMITS
 from evaluation.stage.delayed_loop import DelayedLoop

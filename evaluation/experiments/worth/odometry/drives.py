@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from evaluation.experiments.worth.scenes import DATA, PAINTED_SIZE, digest
+from evaluation.experiments.worth.matches.scenes import DATA, PAINTED_SIZE, digest
 from evaluation.odometry.lap import illumination, lap
 from evaluation.scenes.natural_rooms import Feature, natural_room
 from evaluation.scenes.scenarios import RATE_HZ, Course, no_turn, steady

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.exposure import ExposureSetting
-from evaluation.experiments.worth.drives import CHOICE, SCORING, Drive
-from evaluation.experiments.worth.follower import Eyes, Trial
+from evaluation.experiments.worth.matches.pairs import PREPARATIONS
 from evaluation.experiments.worth.names import FIXED_IN_HINDSIGHT, ORACLE_PER_FRAME
-from evaluation.experiments.worth.pairs import PREPARATIONS
+from evaluation.experiments.worth.odometry.drives import CHOICE, SCORING, Drive
+from evaluation.experiments.worth.odometry.follower import Eyes, Trial
 from evaluation.odometry.features import FeatureFinder, Features, apart, match
 from evaluation.odometry.pose import IN_FRONT_M, project, transform, triangulate
 from evaluation.odometry.stereo import StereoCamera

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.exposure import ExposureSetting
-from evaluation.experiments.worth.drives import Drive
-from evaluation.experiments.worth.pairs import PREPARATIONS
+from evaluation.experiments.worth.matches.pairs import PREPARATIONS
+from evaluation.experiments.worth.odometry.drives import Drive
 from evaluation.odometry.errors import SUB_TRAJECTORY_M, relative_errors_mm
 from evaluation.odometry.orb import in_house
 from evaluation.odometry.tracking import lost_for_good, true_pose
