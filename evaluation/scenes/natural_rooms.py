@@ -35,7 +35,7 @@ TILE = 360
 DARKEST, BRIGHTEST = 0.03, 0.9
 """Reflectance: black ink and white paper."""
 
-HIGH_STOPS, LOW_STOPS = math.log2(BRIGHTEST / DARKEST), 0.8
+HIGH_STOPS, LOW_STOPS = math.log2(BRIGHTEST / DARKEST), 1.2
 """Between the 1st and the 99th percentile of a wall: all that a surface can have, or plaster and faded paint."""
 
 CARTONS = 8
@@ -52,7 +52,8 @@ _FRAME = 0.002
 def natural_room(pictures: Sequence[Still], seed: int, feature: Feature, bearing_rad: float) -> list[Surface]:
     """The surfaces of a room in even light; the seed decides pieces, contrasts and the places of cartons.
 
-    Cartons leave the middle free, at least 0.2 m around the path of `evaluation.odometry.lap`.
+    Cartons leave the middle free: at least 0.15 m to either camera on the path of `evaluation.odometry.lap`, where the
+    odometry begins to look.
 
     Parameters
     ----------
@@ -102,14 +103,13 @@ def _piece(rng: np.random.Generator, paper: Pattern, rows: int, columns: int) ->
 
 
 def _shell(rng: np.random.Generator, papers: tuple[list[Pattern], list[Pattern]]) -> list[Surface]:
-    """Four walls, of which two neighbours are rich in contrast, floor and ceiling."""
+    """Four walls, by turns of high and low contrast, so that few views show nothing else than low; floor, ceiling."""
     surfaces = []
-    first_rich = int(rng.integers(4))
+    first = int(rng.integers(2))
     for number, facing in enumerate((0.0, 90.0, 180.0, 270.0)):
         width, distance = (WIDTH_M, LENGTH_M / 2) if facing % 180.0 == 0.0 else (LENGTH_M, WIDTH_M / 2)
         angle = math.radians(facing)
-        poor = (number - first_rich) % 4 >= 2
-        wall = _papered(rng, papers[poor], round(HEIGHT_M * TEXELS_PER_M), round(width * TEXELS_PER_M))
+        wall = _papered(rng, papers[(number + first) % 2], round(HEIGHT_M * TEXELS_PER_M), round(width * TEXELS_PER_M))
         centre = np.array([math.cos(angle), math.sin(angle)]) * distance
         surfaces.append(upright(centre, facing, width, (0.0, HEIGHT_M), wall))
     rows, columns = (round(size * LEVEL_TEXELS_PER_M) for size in (WIDTH_M, LENGTH_M))
@@ -126,7 +126,7 @@ def _cartons(rng: np.random.Generator, papers: tuple[list[Pattern], list[Pattern
     """Cartons before the walls, for parallax, by turns of high and low contrast."""
     surfaces = []
     for number, bearing in enumerate(np.arange(CARTONS) * 360.0 / CARTONS + rng.uniform(-12.0, 12.0, CARTONS)):
-        angle, distance = math.radians(float(bearing)), float(rng.uniform(0.55, 0.8))
+        angle, distance = math.radians(float(bearing)), float(rng.uniform(0.6, 0.8))
         size = (float(rng.uniform(0.15, 0.22)), float(rng.uniform(0.15, 0.22)))
         height = float(rng.uniform(0.27, 0.5))
         sides = [

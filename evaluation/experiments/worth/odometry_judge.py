@@ -30,7 +30,7 @@ JUDGES: dict[str, Literal["higher", "lower"]] = {
 
 DELAY_FRAMES = 2
 
-QUICK = ("begin2022", "neves2009", "fixed")
+QUICK = ("begin2022", "begin2022-code", "neves2009", "fixed")
 """Of the published policies, in a quick run."""
 
 

@@ -28,7 +28,7 @@ saturated pixels under a clear sky, for which there are no bounds: the darkest s
 TEACHER = "majer2018-standard"
 """Taught the foreign maps: the paper's default, which meters as robots outdoors often do, by a part of the image."""
 
-QUICK = (TEACHER, "begin2022", "fixed")
+QUICK = (TEACHER, "begin2022", "begin2022-code", "fixed")
 """Of the published policies, in a quick run."""
 
 _COST_S = 1.0

@@ -17,7 +17,8 @@ from evaluation.stage.camera import Image, SimulatedCamera
 from evaluation.stage.rendering import BOTH, Stage
 
 WORST_MM = 1e3 * SUB_TRAJECTORY_M
-"""The error of an odometry that never moves; failed runs count as this, and nothing counts as more."""
+"""The error of an odometry that never moves. Failed runs count as this, and no sub-trajectory counts as more: else one
+jump would outweigh a run."""
 
 
 class Eyes:
@@ -78,10 +79,10 @@ class Follower:
         return lost_for_good(self._lost[name])
 
     def error_mm(self, name: str) -> float:
-        """Mean translation RPE over sub-trajectories of 20 mm, guesses for lost pairs included; at most `WORST_MM`."""
+        """Mean translation RPE over sub-trajectories of 20 mm, guesses for lost pairs included."""
         if self.failed(name):
             return WORST_MM
-        return min(float(np.mean(relative_errors_mm(self._truth, self._estimates[name]))), WORST_MM)
+        return float(np.minimum(relative_errors_mm(self._truth, self._estimates[name]), WORST_MM).mean())
 
 
 class Trial:
