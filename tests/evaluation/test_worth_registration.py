@@ -2,30 +2,45 @@
 
 from __future__ import annotations
 
-import functools
 import json
 import math
 from collections.abc import Sequence
 from itertools import product
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
 from evaluation.experiments.teach import replay as teach_replay
-from evaluation.experiments.teach.park import park
+from evaluation.experiments.teach.daylight import Daylight
 from evaluation.experiments.teach.registration import Vote
 from evaluation.experiments.worth.contenders import OURS, PUBLISHED
 from evaluation.experiments.worth.names import BOUNDS
 from evaluation.experiments.worth.registration import bounds, replays
 from evaluation.experiments.worth.registration.replays import CHOICE, SCORING, SETS, Look, Replay
 from evaluation.experiments.worth.registration_judge import JUDGES, TEACHER, jobs, measure_bounds, measure_policies
+from fake_camera.world.render.renderer import Surface
+from fake_camera.world.scene.shapes import upright
 
 COURSE = Replay(0, "clear", "in the upper half", 1)
 
 
+def clearing(_seed: int, daylight: Daylight) -> list[Surface]:
+    """A ring of painted boards instead of a park, which takes seconds to build."""
+    blots = cv2.GaussianBlur(np.random.default_rng(3).normal(size=(600, 4800)), (0, 0), 3.0)
+    paint = (0.2 * np.exp2(1.5 * blots / blots.std())).astype(np.float32)
+    boards = []
+    for number, facing in enumerate(np.arange(8) * 45.0):
+        angle = math.radians(facing)
+        pattern = paint[:, 600 * number : 600 * (number + 1)] * np.float32(daylight.on_upright(facing))
+        centre = 10.0 * np.array([math.cos(angle), math.sin(angle)])
+        boards.append(upright(centre, float(facing), 8.3, (0.0, 8.0), pattern))
+    return boards
+
+
 def test_everyone_has_all_rows_and_what_is_white_registers_nowhere(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(replays, "park", functools.cache(park))
+    monkeypatch.setattr(replays, "_built", clearing)
     monkeypatch.setattr(bounds, "STOPS", (0, 8))
     monkeypatch.setattr(teach_replay, "FIRST_FRAMES", 4)
     monkeypatch.setattr(teach_replay, "STILL_FRAMES", 3)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from evaluation.experiments.teach.cases import TILTS
-from evaluation.experiments.teach.daylight import REPLAYS, TEACHING
+from evaluation.experiments.teach.daylight import REPLAYS, TEACHING, Daylight
 from evaluation.experiments.teach.judge import WITHIN_PX
 from evaluation.experiments.teach.park import park
 from evaluation.experiments.teach.path import TaughtPath
@@ -18,7 +19,7 @@ from evaluation.experiments.teach.registration import Truth, Vote
 from evaluation.experiments.teach.replay import frames, image_of
 from evaluation.scenes.views import CAMERA
 from evaluation.stage.camera import SimulatedCamera
-from fake_camera.world.render.renderer import Renderer
+from fake_camera.world.render.renderer import Renderer, Surface
 
 MAPS = 10
 """Of the 80 along a path; with eight images each."""
@@ -84,12 +85,12 @@ class Replay:
 
     def renderers(self) -> tuple[Renderer, Renderer]:
         """The park when the path is taught, and when it is replayed."""
-        before, after = (Renderer(park(self.seed, day), CAMERA) for day in (TEACHING, REPLAYS[self.light]))
+        before, after = (Renderer(_built(self.seed, day), CAMERA) for day in (TEACHING, REPLAYS[self.light]))
         return before, after
 
     def looks(self) -> list[Look]:
         """The images that are registered."""
-        truth, path = Truth(park(self.seed, TEACHING)), self.path
+        truth, path = Truth(_built(self.seed, TEACHING)), self.path
         return [
             Look(index, pose, lux, truth.shift(path.taught(index), pose))
             for frame, pose, lux in frames(path, self.light, self.maps)
@@ -104,6 +105,12 @@ class Replay:
     def plain(self) -> dict[str, Any]:
         """As a job's argument."""
         return asdict(self)
+
+
+@lru_cache(maxsize=2)
+def _built(seed: int, daylight: Daylight) -> list[Surface]:
+    """A park; it takes seconds to build."""
+    return park(seed, daylight)
 
 
 _UPPER, _BEYOND, _HARDLY = TILTS
