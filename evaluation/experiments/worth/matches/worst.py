@@ -77,7 +77,9 @@ def plot_worst(worst: list[tuple[Course, float]], results: Results, file: Path) 
                 axes.set_title(f"{frame.frame_id}: {frame.setting}", fontsize=6)
         grid[2 * place, 0].set_ylabel(DEFAULT_POLICY, fontsize=7)
         grid[2 * place + 1, 0].set_ylabel(FIXED_IN_HINDSIGHT, fontsize=7)
-        grid[2 * place, 0].text(0, -60, course.name, fontsize=8)
+        # Room for the course's name, which must not widen its column.
+        grid[2 * place, 0].set_title("\n" + grid[2 * place, 0].get_title(), fontsize=6)
+        grid[2 * place, 0].text(0, -45, course.name, fontsize=8).set_in_layout(False)
     save(figure, file, dpi=110, colours=32)
 
 
