@@ -13,16 +13,16 @@ import numpy as np
 import pytest
 
 from drivers.exposure import ExposureSetting
-from evaluation.experiments.worth import odometry_judge
 from evaluation.experiments.worth.contender import HAND_TUNED
 from evaluation.experiments.worth.contenders import OURS
 from evaluation.experiments.worth.matches.pairs import PREPARATIONS
 from evaluation.experiments.worth.names import BOUNDS
-from evaluation.experiments.worth.odometry import bounds
+from evaluation.experiments.worth.odometry import bounds, closed_loop
 from evaluation.experiments.worth.odometry.bounds import Outcome
+from evaluation.experiments.worth.odometry.closed_loop import measure_policies
 from evaluation.experiments.worth.odometry.drives import CHOICE, PERIODS_S, SCORING, SETS, Drive
 from evaluation.experiments.worth.odometry.follower import WORST_MM, Eyes, Trial
-from evaluation.experiments.worth.odometry_judge import JUDGES, jobs, measure_policies
+from evaluation.experiments.worth.odometry_judge import JUDGES, jobs
 from evaluation.odometry.tracking import EVERY, FAILED_PAIRS
 from evaluation.stage.rendering import Stage
 
@@ -95,7 +95,7 @@ class FakeTrial:
 
 
 def test_a_policy_is_scored_on_the_settings_of_the_frames_that_odometry_gets(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(odometry_judge, "Trial", FakeTrial)
+    monkeypatch.setattr(closed_loop, "Trial", FakeTrial)
     short = replace(DRIVE, seconds=0.2)
     found = measure_policies(drive=short.plain(), policies=["fixed"])
     assert [frame for frame, _ in FakeTrial.shown] == list(range(0, 12, EVERY))

@@ -18,8 +18,9 @@ from evaluation.experiments.teach.registration import Vote
 from evaluation.experiments.worth.contenders import OURS, PUBLISHED
 from evaluation.experiments.worth.names import BOUNDS
 from evaluation.experiments.worth.registration import bounds, replays
+from evaluation.experiments.worth.registration.closed_loop import TEACHER, measure_bounds, measure_policies
 from evaluation.experiments.worth.registration.replays import CHOICE, SCORING, SETS, Look, Replay
-from evaluation.experiments.worth.registration_judge import JUDGES, TEACHER, jobs, measure_bounds, measure_policies
+from evaluation.experiments.worth.registration_judge import JUDGES, jobs
 from fake_camera.world.render.renderer import Surface
 from fake_camera.world.scene.shapes import upright
 
