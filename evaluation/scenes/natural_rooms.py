@@ -35,7 +35,7 @@ TILE = 360
 DARKEST, BRIGHTEST = 0.03, 0.9
 """Reflectance: black ink and white paper."""
 
-HIGH_STOPS, LOW_STOPS = math.log2(BRIGHTEST / DARKEST), 1.2
+HIGH_STOPS, LOW_STOPS = math.log2(BRIGHTEST / DARKEST), 1.7
 """Between the 1st and the 99th percentile of a wall: all that a surface can have, or plaster and faded paint."""
 
 CARTONS = 8

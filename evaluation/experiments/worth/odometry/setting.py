@@ -8,7 +8,7 @@ from evaluation.experiments.worth.odometry.follower import WORST_MM
 SETTING = f"""\
 Odometry in rooms with natural texture: drives of 4 s through rooms of 3 x 2.4 m whose walls and cartons are covered
 with pieces of the photographs, at their own resolution, as surfaces that reflect 3 to 90 %; every second one is so pale
-that it spans only 1.2 stops. Light on the walls is 2 to 2000 lux: even, with a window to daylight, with lamps around
+that it spans only 1.7 stops. Light on the walls is 2 to 2000 lux: even, with a window to daylight, with lamps around
 which it is brighter, or with a dark stretch of 6 stops. The path is that of fig12, at 33, 86 or 143 mm and degrees a
 second at most, from rest. The rig, its sensor and its odometry are those of fig12, on frames as they are (`raw`) and
 `preprocessed`. Policies run in closed loop from the best exposure of the first frame; odometry then follows the frames
