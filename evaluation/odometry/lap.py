@@ -60,13 +60,13 @@ def odometry_stage(light: Light, room: int, seed: int, repeat: int) -> Stage:
     return Stage({"left": left, "right": right}, course, 1000 * (1000 * room + seed) + repeat)
 
 
-def lap(seed: int) -> CameraPath:
-    """The path of the cameras: from rest, at full speed after two seconds."""
+def lap(seed: int, period_s: float = PERIOD_S) -> CameraPath:
+    """The path of the cameras: from rest, at full speed after two seconds; a lap then takes `period_s`."""
     heading_rad = float(np.random.default_rng([seed, 41]).uniform(-math.pi, math.pi))
     standard = CameraPath()
     return replace(
         standard,
-        period_s=PERIOD_S,
+        period_s=period_s,
         semi_axis_x_m=ROOM_SCALE * standard.semi_axis_x_m,
         semi_axis_y_m=ROOM_SCALE * standard.semi_axis_y_m,
         height_m=ROOM_SCALE * standard.height_m,
@@ -91,11 +91,14 @@ def _lit(room: int, lux: tuple[float, float], bright_rad: float) -> list[Surface
         else replace(surface, pattern=surface.pattern * np.float32(PAINT / WINDOW_RADIANCE), follows_light=True)
         for surface in surfaces
     ]  # fmt: skip
-    return [replace(s, pattern=s.pattern * _illumination(s, lux, bright_rad)) for s in painted]
+    return [replace(s, pattern=s.pattern * illumination(s, lux, bright_rad)) for s in painted]
 
 
-def _illumination(surface: Surface, lux: tuple[float, float], bright_rad: float) -> NDArray[np.float32]:
-    """Light on every texel of a surface, shape (rows, columns), by its bearing from the middle of the room."""
+def illumination(surface: Surface, lux: tuple[float, float], bright_rad: float) -> NDArray[np.float32]:
+    """Light on every texel of a surface, shape (rows, columns), by its bearing from the middle of the room.
+
+    `lux[1]` around the bearing `bright_rad`, `lux[0]` away from it.
+    """
     rows, columns = surface.pattern.shape
     u, v = (np.arange(columns) + 0.5) / columns, (np.arange(rows) + 0.5) / rows
     x, y = (

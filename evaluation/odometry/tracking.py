@@ -73,7 +73,7 @@ def track_entrants(
                 tracked = one.odometry.track(*images(pair))
                 one.estimate.append(tracked.pose)
                 one.lost.append(tracked.lost)
-                one.truth.append(_pose(stage, pair.reference.setting))
+                one.truth.append(true_pose(stage, pair.reference.setting))
                 look(number, pair)
     return runs
 
@@ -116,8 +116,8 @@ def _from_above(pose: NDArray[np.float64]) -> list[float]:
     return [round(1e3 * float(pose[0, 3]), 2), round(1e3 * float(pose[2, 3]), 2)]
 
 
-def _pose(stage: Stage, setting: ExposureSetting) -> NDArray[np.float64]:
-    """Where the left camera is in the middle of an exposure."""
+def true_pose(stage: Stage, setting: ExposureSetting) -> NDArray[np.float64]:
+    """Where the left camera is in the middle of an exposure of the present frame."""
     view = stage.views["left"]
     assert isinstance(view, RoomView)
     return view.pose(stage.start_s(stage.frame) + setting.exposure_time_us / 2e6)

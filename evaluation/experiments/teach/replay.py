@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import cv2
 import numpy as np
@@ -32,6 +32,8 @@ DELAY_FRAMES = 2
 IMAGES_PER_MAP, FRAMES_PER_IMAGE = 8, 5
 """640 images in a drive (658 in the paper), and frames from one image to the next, at about 0.3 m/s."""
 
+ENTRANTS = tuple(Entrant.of(name, DELAY_FRAMES) for name in POLICIES)
+
 STILL_FRAMES, FIRST_FRAMES = 10, 40
 """Frames at rest before a map is taught, and before a drive begins."""
 
@@ -44,7 +46,7 @@ WAYS: dict[str, tuple[str | None, Part]] = {
 
 
 class Robot:
-    """Carries every policy: each exposes the same view with its own setting.
+    """Carries all entrants: each exposes the same view with its own setting.
 
     Images are not blurred: the robot is slow, it moves less than a pixel in 7.5 ms.
 
@@ -54,18 +56,20 @@ class Robot:
         The robot's.
     first
         Radiance of the first frame, from which the operator sets the exposure that all start with and `fixed` keeps.
+    entrants
+        Who takes part.
     """
 
-    def __init__(self, camera: SimulatedCamera, first: Radiance) -> None:
+    def __init__(self, camera: SimulatedCamera, first: Radiance, entrants: Sequence[Entrant] = ENTRANTS) -> None:
         self._camera = camera
         start = at_half(camera, first)
-        self.loops = {name: Entrant.of(name, DELAY_FRAMES).enter(start) for name in POLICIES}
+        self.loops = {one.name: one.enter(start) for one in entrants}
         self._frame = 0
         for _ in range(FIRST_FRAMES):
             self.step(first)
 
     def step(self, radiance: Radiance) -> dict[str, Image]:
-        """One frame, which each policy takes with its own exposure and decides on; returns the images by policy."""
+        """One frame, which each entrant takes with its own exposure and decides on; returns the images by entrant."""
 
         def take(setting: ExposureSetting) -> StereoPair:
             image = self._camera.expose(radiance, setting, self._frame)
@@ -77,18 +81,22 @@ class Robot:
 
 
 def taught_maps(
-    path: TaughtPath, renderer: Renderer, camera: SimulatedCamera, maps: int
+    path: TaughtPath,
+    renderer: Renderer,
+    camera: SimulatedCamera,
+    maps: int,
+    entrants: Sequence[Entrant] = ENTRANTS,
 ) -> dict[Part, dict[str, list[MapFeatures]]]:
-    """Features of every map by part of the image and policy; the robot rests at each before its image is taken."""
+    """Features of every map by part of the image and entrant; the robot rests at each before its image is taken."""
     detector = Detector()
     taught: dict[Part, dict[str, list[MapFeatures]]] = {
-        "top half": {name: [] for name in POLICIES},
-        "whole image": {name: [] for name in POLICIES},
+        "top half": {one.name: [] for one in entrants},
+        "whole image": {one.name: [] for one in entrants},
     }
     robot: Robot | None = None
     for index in range(maps):
         radiance = renderer.render(path.taught(index)[None], TEACHING.lux(0.0))
-        robot = robot or Robot(camera, radiance)
+        robot = robot or Robot(camera, radiance, entrants)
         for _ in range(STILL_FRAMES):
             images = robot.step(radiance)
         for part, features in taught.items():
@@ -97,21 +105,38 @@ def taught_maps(
     return taught
 
 
-def replayed(
-    path: TaughtPath, renderer: Renderer, camera: SimulatedCamera, *, light: str, maps: int
-) -> Iterator[tuple[int, NDArray[np.float64], dict[str, Image], Robot]]:
-    """The images of one replay: index of the nearest map, pose, image by policy, and the robot."""
-    robot: Robot | None = None
+def frames(path: TaughtPath, light: str, maps: int) -> Iterator[tuple[int, NDArray[np.float64], float]]:
+    """The frames of one replay: number, pose and light (lux)."""
     daylight, number = REPLAYS[light], 1 + list(REPLAYS).index(light)
     for frame in range(maps * IMAGES_PER_MAP * FRAMES_PER_IMAGE):
         distance = (frame / (IMAGES_PER_MAP * FRAMES_PER_IMAGE) - 0.5) * path.spacing_m
-        pose = path.repeated(number, distance)
         progress = frame / (MAPS * IMAGES_PER_MAP * FRAMES_PER_IMAGE)
-        radiance = renderer.render(pose[None], daylight.lux(progress))
-        robot = robot or Robot(camera, radiance)
+        yield frame, path.repeated(number, distance), daylight.lux(progress)
+
+
+def image_of(frame: int) -> int | None:
+    """Index of the map that the image taken in a frame is registered with; None for a frame without an image."""
+    return frame // (IMAGES_PER_MAP * FRAMES_PER_IMAGE) if frame % FRAMES_PER_IMAGE == FRAMES_PER_IMAGE - 1 else None
+
+
+def replayed(
+    path: TaughtPath,
+    renderer: Renderer,
+    camera: SimulatedCamera,
+    *,
+    light: str,
+    maps: int,
+    entrants: Sequence[Entrant] = ENTRANTS,
+) -> Iterator[tuple[int, NDArray[np.float64], dict[str, Image], Robot]]:
+    """The images of one replay: index of the nearest map, pose, image by entrant, and the robot."""
+    robot: Robot | None = None
+    for frame, pose, lux in frames(path, light, maps):
+        radiance = renderer.render(pose[None], lux)
+        robot = robot or Robot(camera, radiance, entrants)
         images = robot.step(radiance)
-        if frame % FRAMES_PER_IMAGE == FRAMES_PER_IMAGE - 1:
-            yield frame // (IMAGES_PER_MAP * FRAMES_PER_IMAGE), pose, images, robot
+        index = image_of(frame)
+        if index is not None:
+            yield index, pose, images, robot
 
 
 def measure(seed: int, tilt_deg: float, light: str, maps: int) -> Plain:

@@ -8,14 +8,16 @@ from pathlib import Path
 from typing import Any, Literal
 
 from evaluation.experiments.experiment import Experiment, Figure, Job, Plain, Results, Section, Table
-from evaluation.experiments.worth import matches_judge
+from evaluation.experiments.worth import matches_judge, odometry_judge, registration_judge
 from evaluation.experiments.worth.contenders import OURS, PUBLISHED
 from evaluation.experiments.worth.matches.groups import courses_of, matches_tables
 from evaluation.experiments.worth.matches.worst import plot_worst, worst_courses, worst_table
 from evaluation.experiments.worth.names import FIXED_IN_HINDSIGHT
+from evaluation.experiments.worth.odometry.setting import SETTING as ODOMETRY_SETTING
+from evaluation.experiments.worth.registration.setting import SETTING as REGISTRATION_SETTING
 from evaluation.experiments.worth.tables import BEYOND, Verdicts, better_table, gains_tables, means_tables, plot_gains
 
-_MODULES = (matches_judge,)
+_MODULES = (matches_judge, odometry_judge, registration_judge)
 
 BETTER: dict[str, Literal["higher", "lower"]] = {
     judge: better for module in _MODULES for judge, better in module.JUDGES.items()
@@ -53,7 +55,8 @@ def section(results: Results, folder: Path, *, name: str = "worth") -> Section:
         worst_table(worst, verdicts),
         Figure(f"{name}_worst.png", "Frames of these courses: number, exposure time and gain."),
     ]
-    return Section(f"{_SETTING}\n\n{_pictures(results)}", [], parts)
+    settings = [_SETTING, ODOMETRY_SETTING, REGISTRATION_SETTING, _pictures(results)]
+    return Section("\n\n".join(settings), [], parts)
 
 
 def data(results: Results) -> Plain:
@@ -96,12 +99,17 @@ def jobs(quick: bool) -> list[Job]:
     return [job for module in _MODULES for job in module.jobs(quick)]
 
 
+def tuning_jobs(quick: bool) -> list[Job]:
+    """The same on the scenes that may be tuned on."""
+    return [job for module in _MODULES for job in module.jobs_of("tuning", quick)]
+
+
 EXPERIMENT = Experiment("worth", "What a frame is worth to localization: judges of all policies", jobs, section, data)
 
 TUNING = Experiment(
     "worth-tuning",
-    "The same judge of matches on the scenes that may be tuned on",
-    partial(matches_judge.jobs_of, "tuning"),
+    "The same judges on the scenes that may be tuned on",
+    tuning_jobs,
     partial(section, name="worth-tuning"),
     data,
     in_all=False,

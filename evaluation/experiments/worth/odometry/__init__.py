@@ -1,0 +1,1 @@
+"""Odometry in rooms with natural texture."""

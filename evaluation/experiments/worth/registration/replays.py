@@ -1,0 +1,142 @@
+"""The courses of the registration judge: paths through parks, taught once and replayed in another light."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evaluation.experiments.teach.cases import TILTS
+from evaluation.experiments.teach.daylight import REPLAYS, TEACHING, Daylight
+from evaluation.experiments.teach.judge import WITHIN_PX
+from evaluation.experiments.teach.park import park
+from evaluation.experiments.teach.path import TaughtPath
+from evaluation.experiments.teach.registration import Truth, Vote
+from evaluation.experiments.teach.replay import frames, image_of
+from evaluation.scenes.views import CAMERA
+from evaluation.stage.camera import SimulatedCamera
+from fake_camera.world.render.renderer import Renderer, Surface
+
+MAPS = 10
+"""Of the 80 along a path; with eight images each."""
+
+CHOICE, SCORING = 0, (1, 2)
+"""Repeats (noise) on which bounds are chosen, and on which they are scored; policies run on the first of these."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Look:
+    """One image of a replay.
+
+    Attributes
+    ----------
+    index
+        Of the map that it is registered with.
+    pose, lux
+        Where it is taken (camera to world, 4x4), and in which light.
+    shift
+        The true one, pixels; NaN where nothing upright is in both views.
+    """
+
+    index: int
+    pose: NDArray[np.float64]
+    lux: float
+    shift: float
+
+    def found(self, vote: Vote) -> bool:
+        """Whether a registration is right, within 5 pixels; a NaN never is."""
+        return vote.shift is not None and abs(vote.shift - self.shift) <= WITHIN_PX
+
+
+@dataclass(frozen=True, slots=True)
+class Replay:
+    """One course, as plain data.
+
+    Attributes
+    ----------
+    seed
+        Of park and path.
+    light
+        Of the replay, one of `REPLAYS`.
+    sky
+        Where it is in the view, one of `TILTS`.
+    maps
+        How many, starting with the first.
+    """
+
+    seed: int
+    light: str
+    sky: str
+    maps: int = MAPS
+
+    @property
+    def name(self) -> str:
+        """Unique, for people to read."""
+        return f"park {self.seed}, {self.light}, sky {self.sky}"
+
+    @property
+    def path(self) -> TaughtPath:
+        """Where the robot goes."""
+        return TaughtPath(self.seed, TILTS[self.sky])
+
+    def renderers(self) -> tuple[Renderer, Renderer]:
+        """The park when the path is taught, and when it is replayed."""
+        before, after = (Renderer(_built(self.seed, day), CAMERA) for day in (TEACHING, REPLAYS[self.light]))
+        return before, after
+
+    def looks(self) -> list[Look]:
+        """The images that are registered."""
+        truth, path = Truth(_built(self.seed, TEACHING)), self.path
+        return [
+            Look(index, pose, lux, truth.shift(path.taught(index), pose))
+            for frame, pose, lux in frames(path, self.light, self.maps)
+            if (index := image_of(frame)) is not None
+        ]
+
+    def camera(self, drive: int, repeat: int) -> SimulatedCamera:
+        """The camera when teaching (0) or replaying (1); the repeat decides the noise."""
+        seed = 2 * self.seed + drive
+        return SimulatedCamera(seed, 10_000 * repeat + seed)
+
+    def plain(self) -> dict[str, Any]:
+        """As a job's argument."""
+        return asdict(self)
+
+
+@lru_cache(maxsize=2)
+def _built(seed: int, daylight: Daylight) -> list[Surface]:
+    """A park; it takes seconds to build."""
+    return park(seed, daylight)
+
+
+_UPPER, _BEYOND, _HARDLY = TILTS
+
+
+def tuning() -> list[Replay]:
+    """For development."""
+    return [Replay(11, "clear", _UPPER), Replay(12, "clear", _BEYOND), Replay(13, "overcast", _UPPER)]
+
+
+def report() -> list[Replay]:
+    """What counts: other parks."""
+    return [
+        Replay(101, "clear", _UPPER),
+        Replay(102, "clear", _BEYOND),
+        Replay(103, "clear", _HARDLY),
+        Replay(104, "overcast", _UPPER),
+        Replay(105, "overcast", _BEYOND),
+        Replay(106, "sunset", _UPPER),
+    ]
+
+
+SETS = {"tuning": tuning, "report": report}
+"""The sets by name. Parks of the report have seeds from 100 on; nothing is chosen by them."""
+
+
+def quick(replays: Sequence[Replay]) -> list[Replay]:
+    """Three maps of the first."""
+    return [replace(replays[0], maps=3)]
