@@ -69,9 +69,7 @@ class FisherMap(MetricMap):
         image = look.image if look.unfiltered is None else look.unfiltered
         blur_px = self.motion_px * 60e-6 / look.scale
         sharper = sharpness(blur_px * times_us) / sharpness(blur_px * time_us)
-        curve = self._predictions[look.side].curve(
-            contrast(image, look.weights), look.scale**2, gain, gains, sharper
-        )
+        curve = self._predictions[look.side].curve(contrast(image, look.weights), look.scale**2, gain, gains, sharper)
         viewer = self._viewers[look.side][0]
         saturated, _ = viewer._shares.measure(look.image, look.weights)
         return MetricView(curve, saturated, viewer._signal(look.image, look.weights))
