@@ -3,30 +3,39 @@
 from __future__ import annotations
 
 import math
-
-PROPORTIONAL_GAIN = 1.6
-STEEPNESS = 0.1
-"""k_p and d of eq. (17) and (18) as Begin & Hunter set them, in section 3.3 and in their code (vo_autoexpose.h)."""
-
-APERTURE = 1.2
-"""F-number of Begin & Hunter's lens (vo_autoexpose_node.cpp), which their k_p belongs to. Mehta's code has 2.8, with a
-k_p of 0.2 to 0.4: 2.8 with 1.6 would be a third too strong."""
-
-_VALUE_OFFSET = math.log2(APERTURE**2 * 1e6)
+from dataclasses import dataclass
 
 LEAST_VALUE = 1.0
 """Of the exposure value: at 0 the law would stand still, below it would push the wrong way."""
 
 
-def exposure_value(level: float) -> float:
-    """Photographic exposure value ``log2(F^2 / (t g))``, t in seconds: 20.5 stops minus our level, at least 1.
+@dataclass(frozen=True, slots=True)
+class GammaStep:
+    """``dE = k_p (r - 1) EV`` with ``r - 1 = d tan(atan(1/d) (1 - gamma))`` (eq. 17 and 18 of Begin & Hunter 2022).
 
-    The E that both public codes multiply in eq. (17): MIT-Bilab/vo-autoexpose (`find_exposure_value`) and
-    ishaanmht/aer_auto_exposure_gradient (`src/auto_exp.cpp`).
+    The E that public code multiplies in eq. (17) is the photographic exposure value ``EV = log2(F^2 / (t g))``, t in
+    seconds: MIT-Bilab/vo-autoexpose (`find_exposure_value`), ishaanmht/aer_auto_exposure_gradient (`src/auto_exp.cpp`).
+    So k_p belongs to it, and to the aperture.
+
+    Attributes
+    ----------
+    proportional_gain
+        k_p.
+    aperture
+        F, the F-number of the lens.
+    steepness
+        d, 0.1 in both codes.
     """
-    return max(_VALUE_OFFSET - level, LEAST_VALUE)
 
+    proportional_gain: float
+    aperture: float
+    steepness: float = 0.1
 
-def relative_step(gamma: float) -> float:
-    """``k_p (r - 1)`` of eq. (17) and (18): positive below gamma 1, negative above."""
-    return PROPORTIONAL_GAIN * STEEPNESS * math.tan(math.atan(1 / STEEPNESS) * (1 - gamma))
+    def exposure_value(self, level: float) -> float:
+        """EV at an exposure level (stops), at least `LEAST_VALUE`: 22.9 - level for f/2.8."""
+        return max(math.log2(self.aperture**2 * 1e6) - level, LEAST_VALUE)
+
+    def change(self, level: float, gamma: float) -> float:
+        """dE in stops at an exposure level: positive below gamma 1, negative above."""
+        ratio = self.steepness * math.tan(math.atan(1 / self.steepness) * (1 - gamma))
+        return self.proportional_gain * ratio * self.exposure_value(level)

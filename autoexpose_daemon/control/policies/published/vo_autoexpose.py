@@ -1,6 +1,6 @@
 """What both laws share in the public code of Begin & Hunter 2022: the frames it sees, and how it takes a maximum.
 
-Read in MIT-Bilab/vo-autoexpose at d5ef35f: `vo_autoexpose/src/vo_autoexpose.cpp`, `include/vo_autoexpose/vo_autoexpose.h`.
+Read in MIT-Bilab/vo-autoexpose at d5ef35f: `src/vo_autoexpose.cpp`, `include/vo_autoexpose/vo_autoexpose.h`.
 """
 
 from __future__ import annotations
