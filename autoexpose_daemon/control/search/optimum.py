@@ -63,17 +63,25 @@ def best_sample(positions: NDArray[np.float64], values: NDArray[np.float64], ori
     return Maximum(float(positions[index]), float(values[index]))
 
 
+def taylor(terms: Sequence[float], x: float) -> tuple[float, float, float]:
+    """Value, slope and half the curvature at `x` of the polynomial with coefficients `terms`, highest degree first.
+
+    Horner by hand on Python floats: for seven of them a numpy call costs more than the whole evaluation.
+    """
+    value = slope = half_curvature = 0.0
+    for term in terms:
+        half_curvature = half_curvature * x + slope
+        slope = slope * x + value
+        value = value * x + term
+    return value, slope, half_curvature
+
+
 def _stationary_point(coefficients: NDArray[np.float64], low: float, high: float) -> float | None:
     """The maximum that Newton converges to from 0 without leaving [low, high], or None."""
-    # Horner by hand on seven Python floats: a numpy call costs more than the whole evaluation.
     terms = [float(c) for c in coefficients[::-1]]
     x = 0.0
     for _ in range(_NEWTON_STEPS):
-        value = slope = half_curvature = 0.0
-        for term in terms:
-            half_curvature = half_curvature * x + slope
-            slope = slope * x + value
-            value = value * x + term
+        _, slope, half_curvature = taylor(terms, x)
         if half_curvature == 0:
             return None
         step = slope / (2 * half_curvature)

@@ -88,11 +88,10 @@ def test_a_search_rests_when_it_has_converged_and_starts_again_in_another_light(
 @pytest.mark.parametrize("policy_id", ["lu2010", "zhang2017", "shin2019", "kim2018"])
 @pytest.mark.parametrize("half_scale_level", [4.5, 18.0])
 def test_it_finds_its_way_out_of_black_and_white(policy_id: str, half_scale_level: float) -> None:
-    light = half_scale_level if policy_id != "kim2018" else min(half_scale_level, 13.0)  # its gain is fixed
     start = ExposureSetting(7500.0, 0.0) if half_scale_level < 10 else ExposureSetting(20.0, 0.0)
     loop = ControlLoop(policy_id, LINEAR, LIMITS, start)
-    levels = run(loop, [light] * 240, start, scene=SCENE)
-    assert abs(levels[-1] - light) < 1.5
+    levels = run(loop, [half_scale_level] * 240, start, scene=SCENE)
+    assert abs(levels[-1] - half_scale_level) < 1.5
 
 
 def test_shin_chooses_the_time_itself() -> None:
@@ -122,17 +121,27 @@ def test_zhang_changes_by_a_tenth_at_most() -> None:
     assert max(abs(np.diff(levels))) == pytest.approx(math.log2(1.1))
 
 
-@given(st.floats(4, 20), st.floats(0.53, 1.9))
+@given(st.floats(4, 19), st.floats(0.53, 1.9))
 def test_mehta_brightens_above_gamma_one_by_the_law_on_ev(level: float, gamma: float) -> None:
-    """Written with aperture, seconds and the decibels of the code, as Mehta does."""
+    """Written with aperture, seconds and the decibels of Begin & Hunter's code."""
     seconds, d, kp = 2.0**level * 1e-6, 0.1, 1.6
-    ev = math.log2(2.8**2 / seconds)
+    ev = math.log2(1.2**2 / seconds)
     r = d * math.tan((2 - gamma) * math.atan2(1, d) - math.atan2(1, d)) + 1
-    ev_new = (1 + (0.5 if gamma >= 1 else 1.0) * kp * (r - 1)) * ev
-    new_seconds = 2.8**2 / 2**ev_new
+    ev_new = (1 + kp * (r - 1)) * ev
+    new_seconds = 1.2**2 / 2**ev_new
     assert next_level(level, gamma) == pytest.approx(math.log2(new_seconds * 1e6), abs=1e-9)
     assert (next_level(level, gamma) - level) * (gamma - 1) >= 0
 
 
 def test_mehta_holds_beyond_the_end_of_its_scale() -> None:
     assert next_level(30.0, 1.9) > 30.0
+
+
+def test_kim_follows_a_light_that_its_times_cannot_reach() -> None:
+    """Half scale lies at 12.9 stops with the longest time and no gain."""
+    decisions: list[Decision] = []
+    levels = run(make("kim2018"), [10.0] * 80 + [16.0] * 200 + [10.0] * 160, START, scene=SCENE, watch=decisions.append)
+    assert abs(levels[279] - 16.0) < 1.0
+    assert decisions[279].setting.exposure_time_us == pytest.approx(LIMITS.max_time_us)
+    assert abs(levels[-1] - 10.0) < 1.0
+    assert decisions[-1].setting.gain_db == pytest.approx(0.0)

@@ -62,8 +62,8 @@ def test_gamma_follows_equation_15() -> None:
 @given(st.floats(4, 20), st.floats(0.1, 1.9))
 def test_shim_steps_towards_brightness_below_gamma_one(level: float, gamma: float) -> None:
     r = 0.1 * math.tan(math.atan(10) * (1 - gamma)) + 1
-    expected = level * (1 + (0.8 if gamma >= 1 else 1.6) * (r - 1))
-    assert next_level(level, gamma) == pytest.approx(expected)
+    exposure_value = math.log2(2.8**2 / (2.0**level * 1e-6))
+    assert next_level(level, gamma) - level == pytest.approx((0.2 if gamma >= 1 else 0.4) * (r - 1) * exposure_value)
     assert (next_level(level, gamma) - level) * (1 - gamma) >= 0
     assert next_level(level, 1.0) == level
 

@@ -132,6 +132,7 @@ def test_the_state_is_what_its_format_says() -> None:
         "lu2010": ["best_level", "best_value", "held", "query", "step", "turned"],
         "kim2018": ["held", "levels", "query", "values"],
         "shin2019": ["held", "queries", "query", "search"],
+        "begin2022-code": ["scores"],
         "majer2018-standard": ["frames", "level"],
         "majer2018-full": ["frames", "level"],
         "metric-map": map_names,

@@ -12,7 +12,7 @@ from autoexpose_daemon.control.balance import Balance, FixedGain
 from autoexpose_daemon.control.metrics.entropy_weighted_gradient import entropy_weighted_gradient
 from autoexpose_daemon.control.policy import ExposurePolicy, Observation, PolicySetup, Target
 from autoexpose_daemon.control.search.gaussian_process import GaussianProcess
-from autoexpose_daemon.control.search.query import Held
+from autoexpose_daemon.control.search.query import Held, way_out
 from drivers.exposure import DB_PER_STOP, ExposureLimits
 
 GRID_STOPS = 0.125
@@ -25,13 +25,16 @@ KNOWN_DEVIATION = 0.3
 MOST_SAMPLES = 16
 """... or after this many samples: 0.8 s at 60 Hz and two frames of delay."""
 
+EXTENSION_STOPS = 2.0
+"""How much further to look when the best sample is at the end of the range."""
+
 NEAR_STOPS = 0.2
 """A maximum counts when a sample this near confirms it."""
 
 
 @dataclass(slots=True)
 class Kim2018(ExposurePolicy):
-    """Maximises M_ewg of eq. (12) at a fixed gain (Kim et al. 2018).
+    """Maximises M_ewg of eq. (12) over exposure time at a fixed gain (Kim et al. 2018).
 
     Ask for the exposure time of which a Gaussian process through all samples knows least, until it knows enough; then
     for the maximum of its mean, until a sample has confirmed it. (Largest variance is the rule of Kim's published
@@ -39,10 +42,14 @@ class Kim2018(ExposurePolicy):
     waits for the frame really taken with it. The result is held until the picture changes; then all samples are
     forgotten.
 
+    Kim's camera sees only what its times reach at that gain. Ours does not stop there: when the best sample is at the
+    end of the range, two more stops are searched, where the time stays at its bound and the gain gives the rest. A
+    frame that is all but black or white when a search would begin is first left by two stops at a time.
+
     Attributes
     ----------
     gain_db
-        The gain that time is searched at, dB.
+        The gain that time is searched at, dB, wherever the time suffices.
     query
         The level whose frame is awaited; None before the first frame.
     levels, values
@@ -67,6 +74,11 @@ class Kim2018(ExposurePolicy):
 
     def decide(self, observation: Observation) -> Target:
         """The level to be learnt next, or the best one."""
+        if self.query is None or self.held is not None:
+            blind = way_out(observation)
+            if blind is not None:
+                self.query = self.held = None
+                return blind
         awaited = self.query if self.held is None else self.held.target
         if awaited is not None and not observation.realises(awaited):
             return awaited
@@ -101,7 +113,12 @@ class Kim2018(ExposurePolicy):
         return target
 
     def _grid(self, limits: ExposureLimits) -> NDArray[np.float64]:
-        """Levels that the exposure times within `limits` give at the fixed gain."""
+        """The levels to search: what times within `limits` give at the fixed gain, further where the best sample is."""
         gain_stops = min(max(self.gain_db, limits.min_gain_db), limits.max_gain_db) / DB_PER_STOP
         low, high = np.log2(limits.min_time_us) + gain_stops, np.log2(limits.max_time_us) + gain_stops
+        best = self.levels[int(np.argmax(self.values))]
+        while best > high - NEAR_STOPS and high < limits.brightest.level:
+            high = min(high + EXTENSION_STOPS, limits.brightest.level)
+        while best < low + NEAR_STOPS and low > limits.darkest.level:
+            low = max(low - EXTENSION_STOPS, limits.darkest.level)
         return np.linspace(low, high, max(round((high - low) / GRID_STOPS), 1) + 1)

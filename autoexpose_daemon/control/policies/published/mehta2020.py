@@ -1,8 +1,7 @@
-"""Policy `mehta2020`: Shim's law as in the open implementation of Mehta et al. 2020."""
+"""Policy `mehta2020`: Shim's law in the form of Mehta et al. 2020, tuned as Begin & Hunter 2022 compared with it."""
 
 from __future__ import annotations
 
-import math
 from typing import Self
 
 import numpy as np
@@ -10,9 +9,10 @@ from numpy.polynomial import polynomial
 
 from autoexpose_daemon.control.balance import Balance
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
+from autoexpose_daemon.control.policies.published.gamma_step import GammaStep
 from autoexpose_daemon.control.policies.published.shim2018 import gamma_table
 from autoexpose_daemon.control.policy import ExposurePolicy, Observation, PolicySetup, Target
-from autoexpose_daemon.control.search.optimum import PolynomialFit, best_sample
+from autoexpose_daemon.control.search.optimum import PolynomialFit
 from autoexpose_daemon.control.search.predicted_curve import PredictedCurve
 
 GAMMAS = (1 / 1.9, 1 / 1.5, 1 / 1.2, 1.0, 1.2, 1.5, 1.9)
@@ -20,33 +20,28 @@ GAMMAS = (1 / 1.9, 1 / 1.5, 1 / 1.2, 1.0, 1.2, 1.5, 1.9)
 
 DEGREE = 5
 
-PROPORTIONAL_GAIN = 1.6
-STEEPNESS = 0.1
-"""k_p and d, as Begin & Hunter set them for their comparison (section 3.3)."""
-
-_EV_OFFSET = math.log2(2.8**2 * 1e6)
-"""Mehta's exposure value is log2(f^2 / (t g)), with their lens of f/2.8 and t in seconds: 22.9 minus our level."""
+STEP = GammaStep(proportional_gain=1.6, aperture=1.2)
+"""As Begin & Hunter set them for their comparison (section 3.3; `vo_autoexpose.h`, `vo_autoexpose_node.cpp`). Mehta's
+own code has f/2.8 and a k_p of 0.2 to 0.4."""
 
 
 def next_level(level: float, gamma: float) -> float:
-    """The exposure level (stops) that follows from gamma* by eq. (17) to (19), on Mehta's exposure value.
+    """The exposure level (stops) that follows from gamma* by eq. (17) and (18), on exposure value.
 
-    Exposure value falls as exposure rises, and gamma is the inverse of eq. (15)'s: the two invert the law twice.
-    What remains: steps are in proportion to EV, so they are longer for shorter exposures, and alpha halves
-    the brightening.
+    Exposure value falls as exposure rises, and gamma is the inverse of eq. (15)'s: the two invert the law twice. There
+    is no alpha of eq. (19): Mehta's code has it commented out, on the branch that darkens; Begin & Hunter's has none.
     """
-    ratio = STEEPNESS * math.tan(math.atan(1 / STEEPNESS) * (1 - gamma)) + 1
-    alpha = 0.5 if gamma >= 1 else 1.0
-    value = max(_EV_OFFSET - level, 1.0)  # at 0 the law would stand still, below it would invert
-    return level - alpha * PROPORTIONAL_GAIN * (ratio - 1) * value
+    return level - STEP.change(level, gamma)
 
 
 class Mehta2020(ExposurePolicy):
     """Gamma* from the roots of the fitted polynomial's derivative, and the step of `next_level`. No state.
 
-    As in the code: a root counts between the outer anchors and when the polynomial there exceeds the best anchor,
-    else the best anchor is taken. Our own: the metric is `GradientMetric` (their gradient loses negative slopes), every
-    frame is used (theirs skips every other one), and an image of equal gradient under every gamma holds.
+    Read in ishaanmht/aer_auto_exposure_gradient, `src/auto_exp.cpp` (the paper was not at hand): anchors, degree, the
+    law on exposure value. A root counts between the outer anchors and when the polynomial there exceeds the best
+    anchor, else the best anchor is taken, the first among equals: an image without gradient under any gamma darkens, so
+    white is left, but black is not. Our own: the metric is `GradientMetric` (their gradient loses negative slopes) and
+    every frame is used (theirs skips every other one). `mehta2020-code` is the law as Begin & Hunter's code runs it.
     """
 
     FLOW = "farneback"
@@ -65,13 +60,11 @@ class Mehta2020(ExposurePolicy):
         """The law's step from the level of this frame."""
         metrics = self._curve.measure(observation)
         level = observation.setting.level
-        if np.ptp(metrics) == 0:
-            return Target(level, "held: no gradient under any gamma")
-        best = best_sample(self._fit.positions, metrics, origin=1.0)
+        first_best = int(np.argmax(metrics))
         coefficients = self._fit.coefficients(metrics)
         roots = np.asarray(polynomial.polyroots(polynomial.polytrim(polynomial.polyder(coefficients), 1e-12)))
         real = roots.real[(abs(roots.imag) < 1e-9) & (roots.real > GAMMAS[0]) & (roots.real < GAMMAS[-1])]
-        gamma, value = best.position, best.value
+        gamma, value = GAMMAS[first_best], float(metrics[first_best])
         for root in real:
             if (height := float(polynomial.polyval(root, coefficients))) > value:
                 gamma, value = float(root), height
