@@ -19,6 +19,7 @@ from autoexpose_daemon.config.section import (
     ExposureTimeUs,
     FlickerHz,
     FocalLengthPx,
+    FullWellE,
     GainDb,
     MeanTarget,
     MetricDelta,
@@ -26,6 +27,7 @@ from autoexpose_daemon.config.section import (
     Name,
     PacketBytes,
     RateHz,
+    ReadNoiseE,
     Section,
 )
 from autoexpose_daemon.control.parameters import BalanceId, ControlParameters, MotionId
@@ -119,6 +121,8 @@ class ControlConfig(Section):
     flicker_hz: FlickerHz = _TUNING.flicker_hz
     motion: MotionId = _TUNING.motion
     focal_length_px: FocalLengthPx | None = _TUNING.focal_length_px
+    full_well_e: FullWellE = _TUNING.full_well_e
+    read_noise_e: ReadNoiseE = _TUNING.read_noise_e
     metric_delta: MetricDelta = _TUNING.metric_delta
     metric_lambda: MetricLambda = _TUNING.metric_lambda
     balance_weight: BalanceWeight = _TUNING.balance_weight

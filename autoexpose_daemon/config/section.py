@@ -44,6 +44,8 @@ BalanceOffset = Annotated[Float, AfterValidator(bounds.BALANCE_OFFSET.check)]
 MeanTarget = Annotated[Float, AfterValidator(bounds.MEAN_TARGET.check)]
 FlickerHz = Annotated[Float, AfterValidator(bounds.FLICKER_HZ.check)]
 FocalLengthPx = Annotated[Float, AfterValidator(bounds.FOCAL_LENGTH_PX.check)]
+FullWellE = Annotated[Float, AfterValidator(bounds.FULL_WELL_E.check)]
+ReadNoiseE = Annotated[Float, AfterValidator(bounds.READ_NOISE_E.check)]
 SampleAgeS = Annotated[Float, AfterValidator(bounds.SAMPLE_AGE_S.check)]
 Name = Annotated[str, AfterValidator(check_name)]
 

@@ -22,6 +22,8 @@ _RANGES = {
     "mean_target": bounds.MEAN_TARGET,
     "flicker_hz": bounds.FLICKER_HZ,
     "focal_length_px": bounds.FOCAL_LENGTH_PX,
+    "full_well_e": bounds.FULL_WELL_E,
+    "read_noise_e": bounds.READ_NOISE_E,
 }
 
 
@@ -50,6 +52,9 @@ class ControlParameters:
         for all others.
     focal_length_px
         Of the left camera, in pixels of its frames; needed for steps that are given an angular rate. None: unknown.
+    full_well_e, read_noise_e
+        Of the cameras' sensors, for `fisher-map`: electrons that fill a pixel at 0 dB, and noise without light. The
+        defaults are those of common global shutters (Sony IMX273 and its kin).
 
     Raises
     ------
@@ -66,6 +71,8 @@ class ControlParameters:
     flicker_hz: float = 100.0
     motion: MotionId = "policy"
     focal_length_px: float | None = None
+    full_well_e: float = 10_500.0
+    read_noise_e: float = 3.0
 
     def __post_init__(self) -> None:
         for name, range_ in _RANGES.items():

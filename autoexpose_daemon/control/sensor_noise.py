@@ -15,13 +15,13 @@ class SensorNoise:
     Attributes
     ----------
     full_well_e
-        Electrons that fill a pixel at 0 dB. The default is that of common global shutters (Sony IMX273 and its kin).
+        Electrons that fill a pixel at 0 dB.
     read_noise_e
         Standard deviation without light, electrons.
     """
 
-    full_well_e: float = 10_500.0
-    read_noise_e: float = 3.0
+    full_well_e: float
+    read_noise_e: float
 
     def variance_factors(
         self, slope: NDArray[np.float64], light: NDArray[np.float64]

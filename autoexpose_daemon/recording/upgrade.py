@@ -18,6 +18,8 @@ def upgraded_setup(setup: Any) -> Any:
     if not isinstance(setup, dict) or "response" not in setup:
         return setup
     others = {key: value for key, value in setup.items() if key != "response"}
+    if isinstance(others.get("parameters"), dict):
+        others["parameters"] = {"full_well_e": 10_500.0, "read_noise_e": 3.0, **others["parameters"]}
     return {"responses": dict.fromkeys(SIDES, setup["response"]), **others}
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import ClassVar, Self
 
 import numpy as np
@@ -43,10 +44,13 @@ class FisherMap(ExposureMap):
     @classmethod
     def build(cls, setup: PolicySetup) -> Self:
         """With its own balance, unless another is configured."""
-        noise = SensorNoise()
+        noise = SensorNoise(setup.parameters.full_well_e, setup.parameters.read_noise_e)
         return cls(setup.responses, setup.balance(BlurPhotonBalance(noise)), noise, setup.metric.native)
 
     def _views(self, observation: Observation) -> tuple[MetricView, ...]:
+        scale = observation.looks[0].scale
+        if isinstance(self.balance, BlurPhotonBalance) and self.balance.scale != scale:
+            self.balance = replace(self.balance, scale=scale)
         times_us, gains = self._splits(observation)
         return tuple(self._view(look, observation, times_us, gains) for look in observation.looks)
 
