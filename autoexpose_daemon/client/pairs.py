@@ -8,11 +8,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from autoexpose_daemon.client.normalised import Bits, normalised
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.messages.read import decision_of, frame_of, read_exposure_info, read_image, stamp_ns
 from autoexpose_daemon.status.publishing import ConsumerTally
 from calibration.response import ResponseFunction
+from calibration.response.normalised import Bits, normalised
 from drivers.errors import ConfigurationError
 from drivers.frames import SIDES, Frame, Pixels, Side, StereoPair
 
@@ -74,7 +74,7 @@ class ReceivedPair:
     def normalised(self, reference: float | None = None, bits: Bits = 8) -> NormalisedPair:
         """The frames as if taken with the exposure level `reference` (stops); None: that of the brighter exposed one.
 
-        Scales and marks are those of `autoexpose_daemon.client.normalised.normalised`.
+        Scales and marks are those of `calibration.response.normalised.normalised`.
 
         Raises
         ------

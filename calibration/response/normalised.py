@@ -6,7 +6,6 @@ import math
 from functools import lru_cache
 from typing import Literal
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -54,19 +53,19 @@ def normalised(frame: Frame, response: ResponseFunction, reference: float, bits:
     Light is unknown where the frame is saturated, and where it is beyond the scale. Pixels at or below the black level
     stay black.
     """
+    import cv2  # noqa: PLC0415  a client loads OpenCV only if it wants this
+
     shift = frame.bit_depth - 8
     table = _table(response, shift, frame.setting.level - reference, bits)
-    codes = _looked_up(frame.pixels, table)
+    if frame.pixels.dtype == np.uint8:
+        codes = np.asarray(cv2.LUT(frame.pixels, table), np.uint16)
+    else:  # OpenCV before 5 looks up bytes only; clip: a code may have more bits than its camera said
+        codes = table.take(frame.pixels, mode="clip")
     if bits == 16:
         return codes
     cv2.add(codes, _thresholds(*codes.shape), dst=codes)  # saturates: 65535 stays what it is
-    return (codes >> _FRACTION_BITS).astype(np.uint8)
-
-
-def _looked_up(pixels: Pixels, table: NDArray[np.uint16]) -> NDArray[np.uint16]:
-    if pixels.dtype == np.uint8:
-        return np.asarray(cv2.LUT(pixels, table), np.uint16)
-    return table.take(pixels, mode="clip")  # clip: a code may have more bits than its camera said
+    codes >>= _FRACTION_BITS
+    return codes.astype(np.uint8)
 
 
 @lru_cache(maxsize=_KEPT_TABLES)
