@@ -80,7 +80,8 @@ def test_a_client_waits_for_its_daemon_and_finds_the_next_one() -> None:
 def test_a_client_of_normalised_frames_gets_no_pair_without_the_responses_of_its_cameras() -> None:
     at = endpoint()
     left, right = (response_to_json(ResponseFunction.linear(black_level)) for black_level in (0, 8))
-    said = [{}, {keys.response_key("rig", "left"): left}, {keys.response_key("rig", "right"): right}]
+    key = keys.response_key("rig", "left")
+    said = [{key: "damaged"}, {key: left}, {keys.response_key("rig", "right"): right}]
     turns = itertools.chain(said, itertools.repeat(dict[str, str]()))
     with (
         StereoClient(connect=[at], normalised=True) as client,
