@@ -9,6 +9,9 @@ import math
 import sys
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import closing
+from multiprocessing import get_context
 from pathlib import Path
 
 import cv2
@@ -48,6 +51,10 @@ MARGIN_PX = 10
 
 LAP_FRAMES = 180
 ROOMS = (1, 2)
+INPUTS = ("raw", "normalised")
+TAUGHT_ROOM, TAUGHT_FRAMES = 9, range(0, 240, 20)
+"""Whose features make ORB-SLAM3's vocabulary."""
+
 LAP_SETTING = ExposureSetting(1880.0, 12.0)
 """What the exposures of a lap in even light alternate around."""
 
@@ -156,20 +163,20 @@ def loop() -> Iterator[str]:
         yield f"{name:10} changes {changed}"
 
 
-def laps(make: Callable[[], StereoOdometry]) -> Iterator[str]:
-    """Alternating exposures on laps in even light: RPE over 20 mm and pairs lost, raw and at the brighter exposure."""
+def odometry() -> Iterator[str]:
+    """In-house odometry on laps in even light, the exposures alternating."""
     for change in CHANGES:
-        scores: dict[str, list[tuple[float, float]]] = {"raw": [], "normalised": []}
-        for room in ROOMS:
-            trackers = {name: make() for name in scores}
-            for name, score in _lap(trackers, room, change).items():
-                scores[name].append(score)
-            for tracker in trackers.values():
-                if isinstance(tracker, OrbSlam3):
-                    tracker.close()
-        means = {name: np.mean(of_rooms, axis=0) for name, of_rooms in scores.items()}
-        texts = [f"{name} {error:.2f} mm, {100 * lost:.1f} % lost" for name, (error, lost) in means.items()]
-        yield f"{change:.2f} stops: {'; '.join(texts)}"
+        scores = [_lap({name: in_house() for name in INPUTS}, room, change) for room in ROOMS]
+        yield _lap_text(change, scores)
+
+
+def _lap_text(change: float, scores: Sequence[dict[str, tuple[float, float]]]) -> str:
+    """RPE over 20 mm and pairs lost, means over rooms."""
+    texts = []
+    for name in INPUTS:
+        error_mm, lost = np.mean([of_room[name] for of_room in scores], axis=0)
+        texts.append(f"{name} {error_mm:.2f} mm, {100 * lost:.1f} % lost")
+    return f"{change:.2f} stops: {'; '.join(texts)}"
 
 
 def _lap(trackers: dict[str, StereoOdometry], room: int, change: float) -> dict[str, tuple[float, float]]:
@@ -200,21 +207,32 @@ def _lap(trackers: dict[str, StereoOdometry], room: int, change: float) -> dict[
 
 
 def orbslam3() -> Iterator[str]:
-    """ORB-SLAM3 on the same laps."""
-    with tempfile.TemporaryDirectory() as folder:
+    """ORB-SLAM3 on the same laps; each run has its own process, since it numbers key frames for the whole process."""
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        ProcessPoolExecutor(1, get_context("spawn"), max_tasks_per_child=1) as pool,
+    ):
         file = Path(folder) / "vocabulary.txt"
-        stage = odometry_stage("even", 9, 0, 0)
-        orb = cv2.ORB.create(1200)
+        stage = odometry_stage("even", TAUGHT_ROOM, 0, 0)
+        orb = cv2.ORB.create(1000)
         seen = []
-        for frame in range(0, LAP_FRAMES, 20):
+        for frame in TAUGHT_FRAMES:
             stage.go_to(frame)
-            seen.append(orb.detectAndCompute(prepared(stage.expose("left", LAP_SETTING)), None)[1])
-        write_vocabulary(np.vstack(seen), file)
-        yield from laps(lambda: OrbSlam3(StereoCamera.simulated(), file, Path(folder)))
+            image = prepared(stage.expose("left", LAP_SETTING))
+            seen.append(np.asarray(orb.detectAndCompute(image, None)[1], np.uint8))
+        write_vocabulary(np.concatenate(seen), file)
+        for change in CHANGES:
+            runs = [[pool.submit(_slam_lap, name, room, change, file) for name in INPUTS] for room in ROOMS]
+            yield _lap_text(change, [{k: v for run in of_room for k, v in run.result().items()} for of_room in runs])
+
+
+def _slam_lap(name: str, room: int, change: float, vocabulary: Path) -> dict[str, tuple[float, float]]:
+    with closing(OrbSlam3(StereoCamera.simulated(), vocabulary, vocabulary.parent)) as slam:
+        return _lap({name: slam}, room, change)
 
 
 PARTS: dict[str, Callable[[], Iterator[str]]] = {
-    "klt": klt, "loop": loop, "odometry": lambda: laps(in_house), "orbslam3": orbslam3,
+    "klt": klt, "loop": loop, "odometry": odometry, "orbslam3": orbslam3,
 }  # fmt: skip
 
 
