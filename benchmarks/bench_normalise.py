@@ -45,6 +45,10 @@ def main() -> None:
     for (depth, pixels), bits, new_table in itertools.product(depths.items(), every, (False, True)):
         name = f"Mono{depth} to {bits} bits{', another exposure each time' if new_table else ''}"
         costs[name] = median_us(normalise(pixels, depth, bits, new_table=new_table))
+    dithered = Frame(image, 8, 1, 1, 1, 1, ExposureSetting(1000.0, 0.0))
+    costs["Mono8 to 8 bits with dither"] = median_us(
+        lambda: normalised(dithered, RESPONSE, dithered.setting.level + 0.5, dither=True)
+    )
     for name, cost_us in costs.items():
         print(f"{name:52} {cost_us:8.1f} us  {cost_us / costs['Gaussian blur']:6.2f}")
 

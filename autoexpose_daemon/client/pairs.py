@@ -71,10 +71,10 @@ class ReceivedPair:
         """Exposure level of the brighter exposed frame, stops."""
         return max(frame.setting.level for frame in self.stereo.frames.values())
 
-    def normalised(self, reference: float | None = None, bits: Bits = 8) -> NormalisedPair:
+    def normalised(self, reference: float | None = None, bits: Bits = 8, *, dither: bool = False) -> NormalisedPair:
         """The frames as if taken with the exposure level `reference` (stops); None: that of the brighter exposed one.
 
-        Scales and marks are those of `calibration.response.normalised.normalised`.
+        Scales, marks and `dither` are those of `calibration.response.normalised.normalised`.
 
         Raises
         ------
@@ -88,7 +88,7 @@ class ReceivedPair:
                 raise ConfigurationError(
                     f"the response of the {side} camera is not known: open StereoClient with normalised=True"
                 )
-            images[side] = normalised(frame, self.responses[side], reference, bits)
+            images[side] = normalised(frame, self.responses[side], reference, bits, dither=dither)
         return NormalisedPair(images["left"], images.get("right"), reference)
 
 
@@ -101,7 +101,7 @@ class NormalisedPair:
     reference: float
 
 
-def alike(*pairs: ReceivedPair, bits: Bits = 8) -> list[NormalisedPair]:
+def alike(*pairs: ReceivedPair, bits: Bits = 8, dither: bool = False) -> list[NormalisedPair]:
     """Pairs in one photometric scale: each as if taken with the brightest of their exposures.
 
     That is the level at which all are saturated alike: what the brightest saturated, no other frame shows either.
@@ -112,7 +112,7 @@ def alike(*pairs: ReceivedPair, bits: Bits = 8) -> list[NormalisedPair]:
         If the responses are not known.
     """
     reference = max(pair.level for pair in pairs)
-    return [pair.normalised(reference, bits) for pair in pairs]
+    return [pair.normalised(reference, bits, dither=dither) for pair in pairs]
 
 
 @dataclass(slots=True)

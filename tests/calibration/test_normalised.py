@@ -36,14 +36,17 @@ def test_at_its_own_exposure_a_frame_stays_as_it_is(response: ResponseFunction) 
     assert np.array_equal(normalised(frame(ALL_GREYS), response, LEVEL), expected)
 
 
+@pytest.mark.parametrize("dither", [False, True])
 @pytest.mark.parametrize("bits", [8, 16])
 @pytest.mark.parametrize("response", RESPONSES)
 @given(stops=st.floats(-8.0, 8.0))
 def test_order_is_kept_and_what_is_saturated_or_black_stays_so(
-    response: ResponseFunction, bits: Bits, stops: float
+    response: ResponseFunction, bits: Bits, dither: bool, stops: float
 ) -> None:
     # One grey level to an image, so that dithering is the same for all.
-    images = [normalised(frame(np.full((4, 4), g, np.uint8), stops), response, LEVEL, bits) for g in range(256)]
+    images = [
+        normalised(frame(np.full((4, 4), g, np.uint8), stops), response, LEVEL, bits, dither=dither) for g in range(256)
+    ]
     codes = np.array(images, np.int64)
     assert np.all(np.diff(codes, axis=0) >= 0)
     highest = 2**bits - 1
@@ -62,7 +65,7 @@ def test_16_bits_are_linear_in_the_light(stops: float, grey: int) -> None:
 
 @given(stops=st.floats(-4.0, 4.0), grey=st.integers(1, 254))
 def test_dither_keeps_the_mean(stops: float, grey: int) -> None:
-    codes = normalised(frame(np.full((8, 12), grey, np.uint8), stops), LINEAR, LEVEL)
+    codes = normalised(frame(np.full((8, 12), grey, np.uint8), stops), LINEAR, LEVEL, dither=True)
     expected = grey * 2.0**-stops
     if expected > 254.0:
         assert np.all(codes == 255)
