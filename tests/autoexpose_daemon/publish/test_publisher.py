@@ -82,7 +82,7 @@ def test_a_client_of_normalised_frames_gets_no_pair_without_the_responses_of_its
     left, right = (response_to_json(ResponseFunction.linear(black_level)) for black_level in (0, 8))
     key = keys.response_key("rig", "left")
     said = [{key: "damaged"}, {key: left}, {keys.response_key("rig", "right"): right}]
-    turns = itertools.chain(said, itertools.repeat(dict[str, str]()))
+    turns = itertools.cycle(said)
     with (
         StereoClient(connect=[at], normalised=True) as client,
         publishing(PublishConfig(listen=(at,)), tell=lambda _last: next(turns)),
