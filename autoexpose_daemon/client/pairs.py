@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import bisect
 from collections import deque
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.messages.read import decision_of, frame_of, read_exposure_info, read_image, stamp_ns
 from autoexpose_daemon.status.publishing import ConsumerTally
+from calibration.response import ResponseFunction
+from calibration.response.normalised import Bits, normalised
+from drivers.errors import ConfigurationError
 from drivers.frames import SIDES, Frame, Pixels, Side, StereoPair
 
 _KEPT_STAMPS = 64
@@ -41,6 +45,8 @@ class ReceivedPair:
         What the daemon decided on this pair.
     received_ns
         When the pair was complete here, CLOCK_MONOTONIC.
+    responses
+        The response function of each camera, if the client was opened with `normalised`.
     """
 
     left: Frame
@@ -50,6 +56,7 @@ class ReceivedPair:
     sequence: int
     decision: Decision | None
     received_ns: int
+    responses: Mapping[Side, ResponseFunction] = field(default_factory=dict)
 
     @property
     def stereo(self) -> StereoPair:
@@ -58,6 +65,54 @@ class ReceivedPair:
         if self.right is not None:
             frames["right"] = self.right
         return StereoPair(self.trigger, frames)
+
+    @property
+    def level(self) -> float:
+        """Exposure level of the brighter exposed frame, stops."""
+        return max(frame.setting.level for frame in self.stereo.frames.values())
+
+    def normalised(self, reference: float | None = None, bits: Bits = 8, *, dither: bool = False) -> NormalisedPair:
+        """The frames as if taken with the exposure level `reference` (stops); None: that of the brighter exposed one.
+
+        Scales, marks and `dither` are those of `calibration.response.normalised.normalised`.
+
+        Raises
+        ------
+        ConfigurationError
+            If the responses are not known.
+        """
+        reference = self.level if reference is None else reference
+        images: dict[Side, Pixels] = {}
+        for side, frame in self.stereo.frames.items():
+            if side not in self.responses:
+                raise ConfigurationError(
+                    f"the response of the {side} camera is not known: open StereoClient with normalised=True"
+                )
+            images[side] = normalised(frame, self.responses[side], reference, bits, dither=dither)
+        return NormalisedPair(images["left"], images.get("right"), reference)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NormalisedPair:
+    """The images of a pair at the exposure level `reference`, stops; `right` is None in a rig with one camera."""
+
+    left: Pixels
+    right: Pixels | None
+    reference: float
+
+
+def alike(*pairs: ReceivedPair, bits: Bits = 8, dither: bool = False) -> list[NormalisedPair]:
+    """Pairs in one photometric scale: each as if taken with the brightest of their exposures.
+
+    That is the level at which all are saturated alike: what the brightest saturated, no other frame shows either.
+
+    Raises
+    ------
+    ConfigurationError
+        If the responses are not known.
+    """
+    reference = max(pair.level for pair in pairs)
+    return [pair.normalised(reference, bits, dither=dither) for pair in pairs]
 
 
 @dataclass(slots=True)

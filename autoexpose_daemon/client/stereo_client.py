@@ -30,7 +30,9 @@ from autoexpose_daemon.messages.keys import (
 )
 from autoexpose_daemon.messages.read import DamagedMessageError
 from autoexpose_daemon.publish.session import Endpoints, SessionHolder
+from autoexpose_daemon.status.document import response_from_json
 from autoexpose_daemon.status.publishing import ConsumerTally
+from calibration.response import ResponseFunction
 from drivers.errors import ConfigurationError
 from drivers.frames import Side
 
@@ -60,6 +62,9 @@ class StereoClient:
         A configuration file of zenoh, which then names the endpoints: TLS, access control.
     name
         How the daemon shows this consumer; None: by program and process.
+    normalised
+        Hand out pairs only once the cameras' response functions are known, up to a second later, so that
+        `ReceivedPair.normalised` and `alike` work.
 
     Raises
     ------
@@ -73,6 +78,8 @@ class StereoClient:
         connect: Sequence[str] = (LOOPBACK,),
         zenoh_file: Path | None = None,
         name: str | None = None,
+        *,
+        normalised: bool = False,
     ) -> None:
         check_rig_name(rig)
         if name is not None and not CONSUMER_NAME.fullmatch(name):
@@ -83,6 +90,8 @@ class StereoClient:
         self._news = threading.Condition()
         self._assembler = PairAssembler(self._tally)
         self._queue = PairQueue(self._tally, _QUEUE_PAIRS)
+        self._normalised = normalised
+        self._responses = _Responses()
         endpoints = Endpoints(connect=() if zenoh_file is not None else connect, file=zenoh_file)
         self._holder = SessionHolder("client", endpoints, self._serve, self._on_trouble)
         self._close_session: Callable[[], object] | None = None
@@ -142,7 +151,11 @@ class StereoClient:
                 return
 
     def _receive(self, key: str, data: bytes) -> None:
-        takes: dict[str, _Take] = {"image": self._assembler.image, "exposure": self._assembler.exposure}
+        takes: dict[str, _Take] = {
+            "image": self._assembler.image,
+            "exposure": self._assembler.exposure,
+            "response": self._responses.take,
+        }
         take = takes.get(last_but(key, 0))
         side = None if take is None else side_of(key)
         if take is None or side is None:
@@ -152,6 +165,28 @@ class StereoClient:
                 pair = take(side, data, time.monotonic_ns())
             except DamagedMessageError:
                 return  # its pair never becomes complete, and is counted as lost
+            if pair is not None and self._normalised:
+                pair = self._responses.joined_to(pair)
             if pair is not None:
                 self._queue.put(pair)
                 self._news.notify()
+
+
+class _Responses:
+    """The latest response function of each camera; the same object for as long as it stays the same."""
+
+    def __init__(self) -> None:
+        self._texts: dict[Side, bytes] = {}
+        self._of: dict[Side, ResponseFunction] = {}
+
+    def take(self, side: Side, data: bytes, _now_ns: int) -> None:
+        """Take a message; a damaged one changes nothing."""
+        if self._texts.get(side) == data:
+            return
+        response = response_from_json(data)
+        if response is not None:
+            self._texts[side], self._of = data, self._of | {side: response}
+
+    def joined_to(self, pair: ReceivedPair) -> ReceivedPair | None:
+        """The pair with the responses of its cameras; None while one is missing."""
+        return replace(pair, responses=self._of) if self._of.keys() >= pair.stereo.frames.keys() else None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import signal
 import socket
 import subprocess
@@ -74,6 +75,24 @@ def test_a_client_waits_for_its_daemon_and_finds_the_next_one() -> None:
                 assert client.next_pair(PATIENCE_S) is not None
         client.close()
         assert client.next_pair() is None
+
+
+def test_a_client_of_normalised_frames_gets_no_pair_without_the_responses_of_its_cameras() -> None:
+    at = endpoint()
+    left, right = (response_to_json(ResponseFunction.linear(black_level)) for black_level in (0, 8))
+    key = keys.response_key("rig", "left")
+    said = [{key: "damaged"}, {key: left}, {keys.response_key("rig", "right"): right}]
+    turns = itertools.cycle(said)
+    with (
+        StereoClient(connect=[at], normalised=True) as client,
+        publishing(PublishConfig(listen=(at,)), tell=lambda _last: next(turns)),
+    ):
+        pair = client.next_pair(PATIENCE_S)
+        assert pair is not None
+        assert {side: response.black_level for side, response in pair.responses.items()} == {"left": 0, "right": 8}
+        brighter = pair.normalised(pair.level + 1.0)
+        assert np.all(brighter.left == min(2 * (pair.trigger % 256), 255))
+        assert np.array_equal(pair.left.pixels, np.full((540, 720), pair.trigger % 256))
 
 
 def test_cameras_of_unknown_names_are_logged_and_never_shown(

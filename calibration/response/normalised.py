@@ -1,0 +1,102 @@
+"""A frame as the same camera would have taken it with another exposure: one table, from its response function."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import Any, Literal, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.response import ResponseFunction
+from drivers.frames import Frame, Pixels
+
+Bits = Literal[8, 16]
+
+WHITE_16 = 1 << 14
+"""White at the reference exposure in 16 bits: two stops of headroom above it, and 64 codes to a grey level of Mono8."""
+
+_FRACTION_BITS = 8
+"""Of the grey levels that dithering rounds: cv2.LUT has 16 bits at most, and 8 of them are the grey level."""
+
+_BAYER = np.array([[0, 8, 2, 10], [12, 4, 14, 6], [3, 11, 1, 9], [15, 7, 13, 5]], np.uint16)
+"""Thresholds of ordered dithering (Bayer 1973), in sixteenths of a grey level."""
+
+_LAST_16 = 65534.0
+_ROUNDING = 1.0 + 1e-6
+"""So that a frame at the reference exposure stays as it is, whatever rounding did to its level."""
+
+_KEPT_TABLES = 16
+"""Both frames of four pairs; a table of Mono16 has 128 KiB."""
+
+
+def normalised(
+    frame: Frame, response: ResponseFunction, reference: float, bits: Bits = 8, *, dither: bool = False
+) -> Pixels:
+    """A frame's pixels brought to another exposure; new, writable, of the frame's shape.
+
+    Parameters
+    ----------
+    frame
+        Of any bit depth.
+    response
+        Of its camera.
+    reference
+        Exposure level to bring it to, stops (`ExposureSetting.level`).
+    bits
+        8: uint8, the grey levels that the camera would have given, from its black level to 254; 255 where light is
+        unknown. 16: uint16, linear in the light, black 0 and white at the reference exposure
+        `WHITE_16`, up to 65534; 65535 where light is unknown.
+    dither
+        Round 8 bits by an ordered dither instead of to the nearest. It keeps the mean of areas without noise, but its
+        pattern stays in place while the scene moves.
+
+    Notes
+    -----
+    Light is unknown where the frame is saturated, and where it is beyond the scale. Pixels at or below the black level
+    stay black.
+    """
+    import cv2  # noqa: PLC0415  a client loads OpenCV only if it wants this
+
+    table = _table(response, frame.bit_depth - 8, frame.setting.level - reference, bits, dither)
+    if frame.pixels.dtype == np.uint8:
+        codes: Any = cv2.LUT(frame.pixels, table)
+    else:  # OpenCV before 5 looks up bytes only; clip: a code may have more bits than its camera said
+        codes = table.take(frame.pixels, mode="clip")
+    if bits == 16 or not dither:
+        return cast("Pixels", codes)
+    codes = cv2.add(codes, _thresholds(*codes.shape))  # saturates: 65535 stays what it is
+    return np.asarray(codes >> _FRACTION_BITS, np.uint8)
+
+
+@lru_cache(maxsize=_KEPT_TABLES)
+def _table(response: ResponseFunction, shift: int, stops: float, bits: Bits, dither: bool) -> Pixels:
+    """The output for each code of `8 + shift` bits of a frame exposed `stops` above the reference.
+
+    For 8 bits with dither, in 1/256 of a grey level.
+    """
+    black, saturation = response.black_level, response.saturation
+    greys = np.arange(black, saturation + 1, dtype=np.float64)
+    light = np.exp2(response.log2_exposure[black : saturation + 1] - response.log2_exposure[saturation])
+    light[0] = 0.0  # the response says about half a grey level, since log2 of none is not finite
+    # Control and calibration shift deeper codes to grey levels: a grey level is the middle of the codes that become it.
+    codes = np.arange(256 << shift)
+    own = np.interp((codes - ((1 << shift) - 1) / 2) / (1 << shift), greys, light) * math.exp2(-stops)
+    if bits == 16:
+        table = WHITE_16 * own
+        unknown = table > _LAST_16
+    else:
+        table, unknown = np.interp(own, light, greys), own > light[-2] * _ROUNDING
+        table *= (1 << _FRACTION_BITS) if dither else 1
+    wide = bits == 16 or dither
+    table[unknown | (codes >> shift >= saturation)] = 65535 if wide else 255
+    rounded = np.rint(table)
+    return np.asarray(rounded, np.uint16) if wide else np.asarray(rounded, np.uint8)
+
+
+@lru_cache(maxsize=4)
+def _thresholds(height: int, width: int) -> NDArray[np.uint16]:
+    """What dithering adds before it cuts off the fraction, shape (height, width)."""
+    tile = (2 * _BAYER + 1) << (_FRACTION_BITS - 5)
+    return np.ascontiguousarray(np.tile(tile, (-(-height // 4), -(-width // 4)))[:height, :width], np.uint16)

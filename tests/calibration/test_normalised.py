@@ -1,0 +1,107 @@
+"""Frames brought to another exposure, against frames that were taken with it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from calibration.response import ResponseFunction
+from calibration.response.normalised import WHITE_16, Bits, normalised
+from drivers.exposure import ExposureSetting
+from drivers.frames import Frame, Pixels
+from evaluation.scenes.responses import FAKE_CAMERAS, CameraResponse
+from evaluation.scenes.scenarios import Course, no_turn, steady
+from evaluation.scenes.views import build_views
+from evaluation.stage.rendering import Stage
+
+LINEAR = ResponseFunction.linear()
+RAISED = ResponseFunction(ResponseFunction.linear(8).log2_exposure, 8, 250)
+RESPONSES = [*(camera.function for camera in FAKE_CAMERAS), RAISED]
+ALL_GREYS = np.arange(256, dtype=np.uint8).reshape(16, 16)
+TIME_US = 1000.0
+LEVEL = ExposureSetting(TIME_US, 0.0).level
+
+
+def frame(pixels: Pixels, stops: float = 0.0, bit_depth: int = 8) -> Frame:
+    """A frame exposed some stops above `LEVEL`."""
+    return Frame(pixels, bit_depth, 1, 1, 1, 1, ExposureSetting(TIME_US * 2.0**stops, 0.0))
+
+
+@pytest.mark.parametrize("response", RESPONSES)
+def test_at_its_own_exposure_a_frame_stays_as_it_is(response: ResponseFunction) -> None:
+    expected = np.clip(ALL_GREYS, response.black_level, None)
+    expected[response.saturation <= ALL_GREYS] = 255
+    assert np.array_equal(normalised(frame(ALL_GREYS), response, LEVEL), expected)
+
+
+@pytest.mark.parametrize("dither", [False, True])
+@pytest.mark.parametrize("bits", [8, 16])
+@pytest.mark.parametrize("response", RESPONSES)
+@given(stops=st.floats(-8.0, 8.0))
+def test_order_is_kept_and_what_is_saturated_or_black_stays_so(
+    response: ResponseFunction, bits: Bits, dither: bool, stops: float
+) -> None:
+    # One grey level to an image, so that dithering is the same for all.
+    images = [
+        normalised(frame(np.full((4, 4), g, np.uint8), stops), response, LEVEL, bits, dither=dither) for g in range(256)
+    ]
+    codes = np.array(images, np.int64)
+    assert np.all(np.diff(codes, axis=0) >= 0)
+    highest = 2**bits - 1
+    assert np.all(codes[response.saturation :] == highest)
+    assert np.all(codes[: response.black_level + 1] == (response.black_level if bits == 8 else 0))
+    if stops > 0:
+        assert np.all(codes[: response.saturation] < highest)
+
+
+@given(stops=st.floats(-2.0, 6.0), grey=st.integers(0, 254))
+def test_16_bits_are_linear_in_the_light(stops: float, grey: int) -> None:
+    codes = normalised(frame(np.full((2, 2), grey, np.uint8), stops), LINEAR, LEVEL, 16)
+    light = grey / 255 * 2.0**-stops
+    assert np.all(np.abs(codes - light * WHITE_16) <= 0.5 + 1e-6 * light * WHITE_16)
+
+
+@given(stops=st.floats(-4.0, 4.0), grey=st.integers(1, 254))
+def test_dither_keeps_the_mean(stops: float, grey: int) -> None:
+    codes = normalised(frame(np.full((8, 12), grey, np.uint8), stops), LINEAR, LEVEL, dither=True)
+    expected = grey * 2.0**-stops
+    if expected > 254.0:
+        assert np.all(codes == 255)
+    else:
+        assert abs(codes.mean() - expected) <= 1 / 32 + 1 / 512
+        assert codes.max() - codes.min() <= 1
+
+
+@given(stops=st.floats(-3.0, 3.0))
+def test_deep_frames_are_brought_to_the_same_scale(stops: float) -> None:
+    """A code of 12 bits stands for the grey level it is shifted to; 8 and 16 bits agree with each other."""
+    deep = (np.arange(1, 254, dtype=np.uint16) * 16 + 8).reshape(1, -1)
+    shallow = (deep >> 4).astype(np.uint8)
+    steps: dict[Bits, int] = {8: 1, 16: WHITE_16 // 255 // 16 + 1}
+    for bits, step in steps.items():
+        ours = normalised(frame(deep, stops, 12), LINEAR, LEVEL, bits).astype(float)
+        theirs = normalised(frame(shallow, stops), LINEAR, LEVEL, bits).astype(float)
+        assert np.all(np.abs(ours - theirs) <= step * max(1.0, 2.0**-stops) + 1)
+
+
+def test_a_saturated_code_of_12_bits_is_marked_and_codes_beyond_them_do_no_harm() -> None:
+    deep = np.array([[4079, 4080, 4095, 65535]], np.uint16)
+    assert normalised(frame(deep, 1.0, 12), LINEAR, LEVEL).tolist()[0][1:] == [255, 255, 255]
+    assert normalised(frame(deep, 1.0, 12), LINEAR, LEVEL, 16)[0, 0] < 65535
+
+
+@pytest.mark.parametrize("camera", FAKE_CAMERAS, ids=str)
+@pytest.mark.parametrize("stops", [-1.0, 0.5, 2.0])
+def test_it_looks_like_a_frame_taken_with_that_exposure(camera: CameraResponse, stops: float) -> None:
+    """The same still, exposed differently: grey levels agree within the noise."""
+    views = build_views("street", 7, no_turn, False)
+    stage = Stage(views, Course(steady(40.0), no_turn, 0), 3, response=camera.curve)
+    taken, wanted = (stage.expose("left", ExposureSetting(TIME_US * 2.0**at, 0.0)) for at in (stops, 0.0))
+    ours = normalised(frame(taken, stops), camera.function, LEVEL)
+    known = (ours < 255) & (wanted < 255) & (wanted > 8)
+    errors = ours[known].astype(float) - wanted[known]
+    assert known.mean() > 0.3
+    assert abs(np.median(errors)) <= 1.0
+    assert abs(errors.mean()) < 1.0
