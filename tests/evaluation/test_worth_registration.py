@@ -24,7 +24,7 @@ from evaluation.experiments.worth.registration_judge import JUDGES, jobs
 from fake_camera.world.render.renderer import Surface
 from fake_camera.world.scene.shapes import upright
 
-COURSE = Replay(0, "clear", "in the upper half", 1)
+COURSE = Replay(0, "clear", "in the upper half", 20, 1)
 
 
 def clearing(_seed: int, daylight: Daylight) -> list[Surface]:

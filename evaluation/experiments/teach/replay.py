@@ -84,17 +84,22 @@ def taught_maps(
     path: TaughtPath,
     renderer: Renderer,
     camera: SimulatedCamera,
+    *,
     maps: int,
     entrants: Sequence[Entrant] = ENTRANTS,
+    first: int = 0,
 ) -> dict[Part, dict[str, list[MapFeatures]]]:
-    """Features of every map by part of the image and entrant; the robot rests at each before its image is taken."""
+    """Features of each of `maps` maps from the `first`, by part of the image and entrant.
+
+    The robot rests at each before its image is taken.
+    """
     detector = Detector()
     taught: dict[Part, dict[str, list[MapFeatures]]] = {
         "top half": {one.name: [] for one in entrants},
         "whole image": {one.name: [] for one in entrants},
     }
     robot: Robot | None = None
-    for index in range(maps):
+    for index in range(first, first + maps):
         radiance = renderer.render(path.taught(index)[None], TEACHING.lux(0.0))
         robot = robot or Robot(camera, radiance, entrants)
         for _ in range(STILL_FRAMES):
@@ -105,17 +110,17 @@ def taught_maps(
     return taught
 
 
-def frames(path: TaughtPath, light: str, maps: int) -> Iterator[tuple[int, NDArray[np.float64], float]]:
-    """The frames of one replay: number, pose and light (lux)."""
+def frames(path: TaughtPath, light: str, maps: int, first: int = 0) -> Iterator[tuple[int, NDArray[np.float64], float]]:
+    """The frames of one replay of `maps` maps from the `first`: number, pose and light (lux)."""
     daylight, number = REPLAYS[light], 1 + list(REPLAYS).index(light)
     for frame in range(maps * IMAGES_PER_MAP * FRAMES_PER_IMAGE):
-        distance = (frame / (IMAGES_PER_MAP * FRAMES_PER_IMAGE) - 0.5) * path.spacing_m
+        distance = (first + frame / (IMAGES_PER_MAP * FRAMES_PER_IMAGE) - 0.5) * path.spacing_m
         progress = frame / (MAPS * IMAGES_PER_MAP * FRAMES_PER_IMAGE)
         yield frame, path.repeated(number, distance), daylight.lux(progress)
 
 
 def image_of(frame: int) -> int | None:
-    """Index of the map that the image taken in a frame is registered with; None for a frame without an image."""
+    """The map that the image taken in a frame is registered with, from 0; None for a frame without an image."""
     return frame // (IMAGES_PER_MAP * FRAMES_PER_IMAGE) if frame % FRAMES_PER_IMAGE == FRAMES_PER_IMAGE - 1 else None
 
 
@@ -127,10 +132,11 @@ def replayed(
     light: str,
     maps: int,
     entrants: Sequence[Entrant] = ENTRANTS,
+    first: int = 0,
 ) -> Iterator[tuple[int, NDArray[np.float64], dict[str, Image], Robot]]:
-    """The images of one replay: index of the nearest map, pose, image by entrant, and the robot."""
+    """The images of one replay: the nearest map (from 0), pose, image by entrant, and the robot."""
     robot: Robot | None = None
-    for frame, pose, lux in frames(path, light, maps):
+    for frame, pose, lux in frames(path, light, maps, first):
         radiance = renderer.render(pose[None], lux)
         robot = robot or Robot(camera, radiance, entrants)
         images = robot.step(radiance)
@@ -162,7 +168,7 @@ def measure(seed: int, tilt_deg: float, light: str, maps: int) -> Plain:
     path = TaughtPath(seed, tilt_deg)
     surfaces = park(seed, TEACHING)
     truth = Truth(surfaces)
-    taught = taught_maps(path, Renderer(surfaces, CAMERA), SimulatedCamera(2 * seed, 2 * seed), maps)
+    taught = taught_maps(path, Renderer(surfaces, CAMERA), SimulatedCamera(2 * seed, 2 * seed), maps=maps)
     detector = Detector()
     where: list[int] = []
     shift: list[float] = []

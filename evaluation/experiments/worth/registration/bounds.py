@@ -73,14 +73,14 @@ class _Sight:
         repeat: int,
     ) -> None:
         self.looks = looks
-        self.maps = course.maps
+        self.maps, self._first = course.maps, course.first
         self._path, self._renderers, self._foreign, self._detector = course.path, renderers, foreign, Detector()
         self._cameras = course.camera(0, repeat), course.camera(1, repeat)
         self._known: dict[tuple[int, int, int], MapFeatures] = {}
 
     def levels(self) -> tuple[Levels, Levels]:
         """What is tried for maps, and for images."""
-        first = (self._path.taught(0), TEACHING.lux(0.0)), (self.looks[0].pose, self.looks[0].lux)
+        first = (self._path.taught(self._first), TEACHING.lux(0.0)), (self.looks[0].pose, self.looks[0].lux)
         halves = [
             round(at_half(camera, renderer.render(pose[None], lux)).level)
             for camera, renderer, (pose, lux) in zip(self._cameras, self._renderers, first, strict=True)
@@ -116,8 +116,10 @@ class _Sight:
         """Features of a map (drive 0) or an image (drive 1)."""
         key = (drive, level, place)
         if key not in self._known:
-            look = self.looks[place]
-            pose, lux = (look.pose, look.lux) if drive else (self._path.taught(place), TEACHING.lux(0.0))
+            if drive:
+                pose, lux = self.looks[place].pose, self.looks[place].lux
+            else:
+                pose, lux = self._path.taught(self._first + place), TEACHING.lux(0.0)
             radiance = self._renderers[drive].render(pose[None], lux)
             image = self._cameras[drive].expose(radiance, time_first(level), place)
             self._known[key] = self._detector.find(image, "top half")

@@ -27,7 +27,14 @@ def measure_bounds(*, replay: dict[str, Any]) -> list[dict[str, Any]]:
     """Rows of `fixed-in-hindsight` and `oracle-per-frame`."""
     course = Replay(**replay)
     before, _ = course.renderers()
-    foreign = taught_maps(course.path, before, course.camera(0, SCORING[0]), course.maps, [_entrant(policy(TEACHER))])
+    foreign = taught_maps(
+        course.path,
+        before,
+        course.camera(0, SCORING[0]),
+        maps=course.maps,
+        entrants=[_entrant(policy(TEACHER))],
+        first=course.first,
+    )
     found: list[dict[str, Any]] = []
     for name, outcome in bounds(course, foreign["top half"][TEACHER]).items():
         found += [_row("registration-own", course, name, outcome.own)]
@@ -38,17 +45,15 @@ def measure_bounds(*, replay: dict[str, Any]) -> list[dict[str, Any]]:
 def run(course: Replay, contenders: Sequence[Contender]) -> list[dict[str, Any]]:
     """Rows of contenders, each with its mean exposure level."""
     carried = {contender.name: _entrant(contender) for contender in (*contenders, policy(TEACHER))}
-    entrants = list(carried.values())
     before, after = course.renderers()
-    taught = taught_maps(course.path, before, course.camera(0, SCORING[0]), course.maps, entrants)["top half"]
+    stretch: dict[str, Any] = {"maps": course.maps, "entrants": list(carried.values()), "first": course.first}
+    taught = taught_maps(course.path, before, course.camera(0, SCORING[0]), **stretch)["top half"]
     detector = Detector()
     own: dict[str, list[bool]] = {name: [] for name in carried}
     foreign: dict[str, list[bool]] = {name: [] for name in carried}
     saturated: dict[str, list[float]] = {name: [] for name in carried}
     levels: dict[str, list[float]] = {name: [] for name in carried}
-    replay = replayed(
-        course.path, after, course.camera(1, SCORING[0]), light=course.light, maps=course.maps, entrants=entrants
-    )
+    replay = replayed(course.path, after, course.camera(1, SCORING[0]), light=course.light, **stretch)
     for look, (index, _, images, robot) in zip(course.looks(), replay, strict=True):
         for contender in contenders:
             name, image = contender.name, images[contender.name]

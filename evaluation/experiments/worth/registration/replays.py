@@ -64,19 +64,21 @@ class Replay:
         Of the replay, one of `REPLAYS`.
     sky
         Where it is in the view, one of `TILTS`.
-    maps
-        How many, starting with the first.
+    first, maps
+        The first of its maps, and how many. The robot has the sun before it around map 23 of 80, and after sunset the
+        glow around map 20.
     """
 
     seed: int
     light: str
     sky: str
+    first: int
     maps: int = MAPS
 
     @property
     def name(self) -> str:
         """Unique, for people to read."""
-        return f"park {self.seed}, {self.light}, sky {self.sky}"
+        return f"park {self.seed} from map {self.first}, {self.light}, sky {self.sky}"
 
     @property
     def path(self) -> TaughtPath:
@@ -92,8 +94,8 @@ class Replay:
         """The images that are registered."""
         truth, path = Truth(_built(self.seed, TEACHING)), self.path
         return [
-            Look(index, pose, lux, truth.shift(path.taught(index), pose))
-            for frame, pose, lux in frames(path, self.light, self.maps)
+            Look(index, pose, lux, truth.shift(path.taught(self.first + index), pose))
+            for frame, pose, lux in frames(path, self.light, self.maps, self.first)
             if (index := image_of(frame)) is not None
         ]
 
@@ -118,18 +120,26 @@ _UPPER, _BEYOND, _HARDLY = TILTS
 
 def tuning() -> list[Replay]:
     """For development."""
-    return [Replay(11, "clear", _UPPER), Replay(12, "clear", _BEYOND), Replay(13, "overcast", _UPPER)]
+    return [
+        Replay(11, "clear", _UPPER, 18),
+        Replay(12, "clear", _BEYOND, 60),
+        Replay(13, "overcast", _UPPER, 40),
+        Replay(14, "sunset", _BEYOND, 15),
+    ]
 
 
 def report() -> list[Replay]:
     """What counts: other parks."""
     return [
-        Replay(101, "clear", _UPPER),
-        Replay(102, "clear", _BEYOND),
-        Replay(103, "clear", _HARDLY),
-        Replay(104, "overcast", _UPPER),
-        Replay(105, "overcast", _BEYOND),
-        Replay(106, "sunset", _UPPER),
+        Replay(101, "clear", _UPPER, 18),
+        Replay(102, "clear", _UPPER, 55),
+        Replay(103, "clear", _BEYOND, 18),
+        Replay(104, "clear", _HARDLY, 18),
+        Replay(105, "clear", _HARDLY, 40),
+        Replay(106, "overcast", _UPPER, 0),
+        Replay(107, "overcast", _BEYOND, 70),
+        Replay(108, "sunset", _UPPER, 15),
+        Replay(109, "sunset", _BEYOND, 30),
     ]
 
 
