@@ -33,6 +33,9 @@ QUANTISATION = 1 / 12
 STRIDE = 2
 """Of the pixels that count without the C extension."""
 
+FLATTEST_SHARE = 0.1
+"""The flattest tenth of the cells shows how much noise there is at most."""
+
 _NEIGHBOURS = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], np.uint8)
 _FLATTEST = 1e-3  # stops per grey level; where a response is flatter its slope says nothing
 
@@ -140,18 +143,33 @@ class InformationPrediction:
         sharper
             `sharpness` at each change of level, as a multiple of the present one.
         """
-        shot, read = self._then
-        variance = (shot * gains + read * gains**2 + QUANTISATION) / pixels
-        worth = self._gain / (variance + FRONT_END_DN**2)
         shot_now, read_now = self._now
         variance_now = (shot_now * gain + read_now * gain**2 + QUANTISATION) / pixels
-        energy = seen.energy / 4 - variance_now * seen.count
+        energy, noise = seen.energy / 4, variance_now * seen.count
+        share = _share_of_noise(energy.sum(axis=1), noise.sum(axis=1))
+        shot, read = self._then
+        variance = (shot * gains + read * gains**2 + QUANTISATION) * (share / pixels)
+        worth = self._gain / (variance + FRONT_END_DN**2)
         by_grey = seen.count.sum(axis=0)
         weight = max(int(by_grey.sum()), 1)
         cells = max(int(np.count_nonzero(seen.count.any(axis=1))), 1)
-        precision = np.sqrt(np.maximum(energy @ worth, 0.0) * (cells / weight)).sum(axis=0) / cells
+        precision = np.sqrt(np.maximum((energy - share * noise) @ worth, 0.0) * (cells / weight)).sum(axis=0) / cells
         saturated = np.minimum(by_grey @ self._saturates / weight, 1.0)
         return np.asarray(precision * np.sqrt(sharper * (1.0 - saturated)))
+
+
+def _share_of_noise(energy: NDArray[np.float64], noise: NDArray[np.float64]) -> float:
+    """The noise that there is as a share of the noise expected, at most 1: the flattest cells have no more.
+
+    A sensor better than the one that was configured would otherwise seem to see nothing in the dark.
+
+    Parameters
+    ----------
+    energy, noise
+        Energy of the gradients of each cell, and what noise should add to it; 0 for cells that do not count.
+    """
+    counting = noise > 0
+    return min(float(np.quantile(energy[counting] / noise[counting], FLATTEST_SHARE)), 1.0) if counting.any() else 1.0
 
 
 def sharpness(blur_px: NDArray[np.float64] | float) -> NDArray[np.float64]:

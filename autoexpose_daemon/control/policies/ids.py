@@ -6,7 +6,7 @@ import difflib
 
 from drivers.errors import ConfigurationError
 
-DEFAULT_POLICY = "metric-map"
+DEFAULT_POLICY = "fisher-map"
 
 PLACES = {
     "fixed": "published.fixed.Fixed",
@@ -23,8 +23,8 @@ PLACES = {
     "majer2018-standard": "published.majer2018.Majer2018",
     "majer2018-full": "published.majer2018.Majer2018",
     "majer2018-fixed": "published.fixed.Fixed",
-    DEFAULT_POLICY: "metric_map.policy.MetricMap",
-    "fisher-map": "fisher_map.policy.FisherMap",
+    "metric-map": "metric_map.policy.MetricMap",
+    DEFAULT_POLICY: "fisher_map.policy.FisherMap",
 }
 """Where the class of each policy is, below this package."""
 

@@ -1,0 +1,112 @@
+"""The policy `fisher-map` in closed loop, and its balance of time and gain."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from autoexpose_daemon.control.loop import ControlLoop
+from autoexpose_daemon.control.parameters import ControlParameters
+from autoexpose_daemon.control.policies.fisher_map.balance import BlurPhotonBalance
+from autoexpose_daemon.control.sensor_noise import SensorNoise
+from calibration.response import ResponseFunction
+from drivers.exposure import ExposureSetting
+from drivers.frames import StereoPair
+
+from .scene import LIMITS, at_time, expose, radiance, run
+
+LINEAR = ResponseFunction.linear()
+START = ExposureSetting(1000.0, 0.0)
+SCENE = radiance(1, 1.0)
+BALANCE = BlurPhotonBalance(SensorNoise(10_500.0, 3.0))
+
+
+def make(parameters: ControlParameters | None = None) -> ControlLoop:
+    return ControlLoop("fisher-map", LINEAR, LIMITS, START, parameters or ControlParameters())
+
+
+def clipped(level: float, half_scale_level: float) -> float:
+    """Share of saturated pixels of a frame of the scene."""
+    return float((expose(SCENE, ExposureSetting(2.0**level, 0.0), half_scale_level).pixels == 255).mean())
+
+
+@pytest.mark.parametrize("half_scale_level", [6.0, 9.0, 12.0, 15.0])
+@pytest.mark.parametrize("delay", [1, 2, 3])
+def test_it_settles_within_a_few_frames_and_stays(half_scale_level: float, delay: int) -> None:
+    levels = run(make(), [half_scale_level] * 60, START, delay=delay, scene=SCENE)
+    assert np.ptp(levels[30:]) <= 0.1
+    assert abs(levels[-1] - half_scale_level) < 1.5
+    assert clipped(levels[-1], half_scale_level) < 0.1
+
+
+@pytest.mark.parametrize("change", [-7.2, 7.2])
+def test_a_step_of_light_is_followed(change: float) -> None:
+    before, after = 11.0, 11.0 + change / 2
+    levels = run(make(), [before - change / 2] * 30 + [after] * 40, START, scene=SCENE)
+    settled = levels[-1]
+    assert abs(settled - after) < 1.5
+    arrived = next(frame for frame in range(30, 70) if np.abs(np.array(levels[frame:]) - settled).max() < 0.5)
+    assert arrived <= 30 + 10
+
+
+def test_its_targets_and_splits_survive_a_snapshot() -> None:
+    first, second = make(), make()
+    setting = START
+    for index in range(30):
+        frame = at_time(expose(np.roll(SCENE, index, axis=1), setting, 12.0), index)
+        pair = StereoPair(index, {"left": frame, "right": frame})
+        if index == 15:
+            second.restore(first.state())
+        decision = first.step(pair)
+        assert index < 15 or second.step(pair) == decision
+        setting = decision.setting
+
+
+def test_another_balance_can_be_configured() -> None:
+    settings: list[ExposureSetting] = []
+    run(
+        make(ControlParameters(balance="blur_noise")),
+        [10.0] * 20,
+        START,
+        scene=SCENE,
+        watch=lambda decision: settings.append(decision.setting),
+    )
+    assert settings[-1].gain_db > 20
+
+
+def test_a_better_sensor_takes_shorter_times_in_motion() -> None:
+    """Its noise leaves room for gain."""
+    times = [
+        BlurPhotonBalance(SensorNoise(full_well_e, 3.0)).exposure_time_us(13.0, 10.0, LIMITS)
+        for full_well_e in (4000.0, 10_500.0, 40_000.0)
+    ]
+    assert times == sorted(times, reverse=True)
+    assert times[0] > 1.5 * times[-1]
+
+
+@given(st.floats(4.4, 17.8))
+def test_at_rest_gain_is_as_low_as_the_level_allows(level: float) -> None:
+    time_us = BALANCE.exposure_time_us(level, 0.0, LIMITS)
+    assert time_us == pytest.approx(min(2.0**level, LIMITS.max_time_us), rel=1e-6)
+
+
+@given(st.floats(4.4, 17.8), st.floats(0.0, 60.0), st.floats(0.0, 60.0))
+def test_faster_motion_never_asks_for_longer_exposures(level: float, one_px: float, other_px: float) -> None:
+    slow, fast = sorted((one_px, other_px))
+    times = [BALANCE.exposure_time_us(level, motion_px, LIMITS) for motion_px in (slow, fast)]
+    assert times[1] <= times[0]
+    for time_us in times:
+        setting = LIMITS.realise(level, time_us)
+        assert setting.level == pytest.approx(level, abs=1e-6)
+        assert setting.exposure_time_us == pytest.approx(time_us, rel=1e-6)
+
+
+@given(st.floats(4.4, 17.7), st.floats(0.0, 60.0))
+def test_more_level_takes_more_time_and_more_gain(level: float, motion_px: float) -> None:
+    """Within one step of the times compared: neither falls as the level rises."""
+    lower, higher = (BALANCE.exposure_time_us(each, motion_px, LIMITS) for each in (level, level + 0.1))
+    step = 2 ** (np.log2(LIMITS.max_time_us / LIMITS.min_time_us) / 30)
+    assert higher > lower / step
+    assert higher < lower * 2**0.1 * step

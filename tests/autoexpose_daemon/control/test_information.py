@@ -1,0 +1,188 @@
+"""Fisher information of gradients, and its prediction at other exposures."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from autoexpose_daemon.control.metrics.information import (
+    CELLS,
+    FRONT_END_DN,
+    QUANTISATION,
+    Contrast,
+    InformationPrediction,
+    contrast,
+    sampled_contrast,
+    sharpness,
+)
+from autoexpose_daemon.control.sensor_noise import SensorNoise
+from calibration.response import ResponseFunction
+
+LINEAR = ResponseFunction.linear()
+NOISE = SensorNoise(10_500.0, 3.0)
+DELTAS = np.arange(-3.0, 3.25, 0.25)
+NO_CHANGE = int(np.flatnonzero(DELTAS == 0)[0])
+SAME = np.ones(DELTAS.size)
+
+
+def texture(seed: int = 1, height: int = 96, width: int = 128) -> NDArray[np.float64]:
+    """Light between 0.02 and 1 of full scale, softly varying."""
+    rng = np.random.default_rng(seed)
+    coarse = rng.random((height // 8 + 1, width // 8 + 1))
+    smooth = np.kron(coarse, np.ones((8, 8)))[:height, :width]
+    for _ in range(3):
+        smooth = (smooth + np.roll(smooth, 1, 0) + np.roll(smooth, 1, 1) + np.roll(smooth, -1, 0)) / 4
+    return np.asarray(0.02 + 0.4 * smooth**2)
+
+
+def expose(
+    light: NDArray[np.float64], stops: float, gain: float = 1.0, noise: SensorNoise = NOISE, seed: int = 0
+) -> NDArray[np.uint8]:
+    """A frame of the sensor: shot and read noise, then 8 bits; `light` is the share of full scale at 0 stops."""
+    electrons = light * 2.0**stops * noise.full_well_e / gain
+    spread = np.sqrt(electrons + noise.read_noise_e**2)
+    taken = electrons + spread * np.random.default_rng(seed).standard_normal(light.shape)
+    return np.clip(np.rint(taken * gain / noise.full_well_e * 255), 0, 255).astype(np.uint8)
+
+
+def slow_contrast(image: NDArray[np.uint8], weights: NDArray[np.uint8]) -> Contrast:
+    """Pixel by pixel, as the docstring says it."""
+    energy, count = np.zeros((2, CELLS * CELLS, 256), np.int64)
+    rows, columns = image.shape[0] - 2, image.shape[1] - 2
+    grey = image.astype(int)
+    for y in range(1, rows + 1):
+        for x in range(1, columns + 1):
+            cell = CELLS * ((y - 1) * CELLS // rows) + (x - 1) * CELLS // columns
+            cross = [grey[y, x], grey[y - 1, x], grey[y + 1, x], grey[y, x - 1], grey[y, x + 1]]
+            weight = int(weights[y, x])
+            squared = (grey[y, x + 1] - grey[y, x - 1]) ** 2 + (grey[y + 1, x] - grey[y - 1, x]) ** 2
+            energy[cell, max(cross)] += weight * squared
+            count[cell, max(cross)] += weight
+    return Contrast(energy, count)
+
+
+def same(first: Contrast, second: Contrast) -> bool:
+    return bool((first.energy == second.energy).all() and (first.count == second.count).all())
+
+
+@pytest.mark.parametrize("native", [True, False])
+@given(st.integers(3, 24), st.integers(3, 24), st.integers(0, 2**32 - 1))
+def test_contrast_is_collected_as_defined(native: bool, height: int, width: int, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    image, weights = rng.integers(0, 256, (2, height, width), dtype=np.uint8)
+    found = contrast(image, weights) if native else sampled_contrast(image, weights, 1)
+    assert same(found, slow_contrast(image, weights))
+    flipped = contrast(image[:, ::-1], weights[:, ::-1]) if native else None
+    assert flipped is None or flipped.energy.sum() == found.energy.sum()
+
+
+def test_without_the_extension_every_second_pixel_counts() -> None:
+    image = texture(3)
+    seen = contrast((image * 255).astype(np.uint8), native=False)
+    every = contrast((image * 255).astype(np.uint8))
+    assert seen.count.sum() == pytest.approx(every.count.sum() / 4, rel=0.03)
+    assert seen.energy.sum() == pytest.approx(every.energy.sum() / 4, rel=0.1)
+
+
+def test_a_flat_image_of_pure_noise_has_next_to_no_information() -> None:
+    prediction = InformationPrediction(LINEAR, NOISE, DELTAS)
+    flat = contrast(expose(np.full((96, 128), 0.3), 0.0, gain=8.0))
+    structured = contrast(expose(texture(), 0.0, gain=8.0))
+    curve = prediction.curve(flat, 1.0, 8.0, 8.0 * SAME, SAME)
+    assert curve[NO_CHANGE] < 0.2 * prediction.curve(structured, 1.0, 8.0, 8.0 * SAME, SAME)[NO_CHANGE]
+
+
+def test_no_gradients_and_nothing_but_saturation_are_worth_nothing() -> None:
+    prediction = InformationPrediction(LINEAR, NOISE, DELTAS)
+    for grey in (0, 255):
+        seen = contrast(np.full((48, 64), grey, np.uint8))
+        assert not prediction.curve(seen, 1.0, 1.0, SAME, SAME).any()
+
+
+@pytest.mark.parametrize("stops", [-2.0, -1.0, 0.0, 0.75])
+def test_predictions_agree_with_frames_really_taken_at_those_exposures(stops: float) -> None:
+    """In steps of exposure time: the gain stays."""
+    prediction = InformationPrediction(LINEAR, NOISE, DELTAS)
+    light = texture()
+    curve = prediction.curve(contrast(expose(light, stops)), 1.0, 1.0, SAME, SAME)
+    for place, delta in enumerate(DELTAS):
+        if -2.0 <= delta <= 1.0 and stops + delta <= 1.0:
+            there = contrast(expose(light, stops + delta, seed=7))
+            measured = prediction.curve(there, 1.0, 1.0, SAME, SAME)[NO_CHANGE]
+            assert curve[place] == pytest.approx(measured, rel=0.15), (stops, delta)
+
+
+def test_gain_costs_what_its_noise_costs() -> None:
+    """The same grey levels from a quarter of the light: predicted from the frame at 0 dB, and really taken."""
+    prediction = InformationPrediction(LINEAR, NOISE, DELTAS)
+    low = contrast(expose(texture(), 0.0))
+    predicted = prediction.curve(low, 1.0, 1.0, 16.0 * SAME, SAME)[NO_CHANGE]
+    high = contrast(expose(texture(), 0.0, gain=16.0, seed=5))
+    taken = prediction.curve(high, 1.0, 16.0, 16.0 * SAME, SAME)[NO_CHANGE]
+    assert predicted == pytest.approx(taken, rel=0.15)
+    assert predicted < 0.8 * prediction.curve(low, 1.0, 1.0, SAME, SAME)[NO_CHANGE]
+
+
+def test_a_better_sensor_than_configured_does_not_hide_the_dark() -> None:
+    better = SensorNoise(40_000.0, 2.0)
+    seen = contrast(expose(texture() / 16, 0.0, gain=16.0, noise=better))
+    told = InformationPrediction(LINEAR, better, DELTAS).curve(seen, 1.0, 16.0, 16.0 * SAME, SAME)[NO_CHANGE]
+    untold = InformationPrediction(LINEAR, NOISE, DELTAS).curve(seen, 1.0, 16.0, 16.0 * SAME, SAME)[NO_CHANGE]
+    assert untold > 0.6 * told
+
+
+def test_one_rich_cell_does_not_pay_for_all_others() -> None:
+    prediction = InformationPrediction(LINEAR, NOISE, DELTAS)
+    spread = expose(texture(), 0.0)
+    patch = np.full_like(spread, spread.mean().round())
+    patch[:12, :16] = np.where(np.indices((12, 16)).sum(axis=0) // 2 % 2, 20, 200)
+    rich, even = contrast(patch), contrast(spread)
+    assert rich.energy.sum() > even.energy.sum()
+    assert (
+        prediction.curve(rich, 1.0, 1.0, SAME, SAME)[NO_CHANGE]
+        < 0.5 * prediction.curve(even, 1.0, 1.0, SAME, SAME)[NO_CHANGE]
+    )
+
+
+def test_saturation_costs_even_where_nothing_is_seen_any_more() -> None:
+    prediction = InformationPrediction(LINEAR, NOISE, DELTAS)
+    open_sky, bright_sky = expose(texture(), 0.0), expose(texture(), 0.0)
+    open_sky[:48], bright_sky[:48] = 230, 255
+    seen = [prediction.curve(contrast(each), 1.0, 1.0, SAME, SAME)[NO_CHANGE] for each in (open_sky, bright_sky)]
+    assert seen[1] < 0.8 * seen[0]
+
+
+@given(st.floats(0.0, 50.0), st.floats(0.0, 50.0))
+def test_more_blur_leaves_less(one_px: float, other_px: float) -> None:
+    short, long = sorted((one_px, other_px))
+    assert 0 < sharpness(long) <= sharpness(short) <= sharpness(0.0) == 1.0
+
+
+def test_weights_leave_out_what_weighs_nothing() -> None:
+    prediction = InformationPrediction(LINEAR, NOISE, DELTAS)
+    image = expose(texture(), 0.0)
+    weights = np.full(image.shape, 255, np.uint8)
+    weights[:, 64:] = 0
+    half = prediction.curve(contrast(image, weights), 1.0, 1.0, SAME, SAME)
+    disturbed = image.copy()
+    disturbed[:, 66:] = 255
+    assert np.allclose(half, prediction.curve(contrast(disturbed, weights), 1.0, 1.0, SAME, SAME))
+
+
+def test_the_variance_factors_are_those_of_photons_and_read_noise() -> None:
+    """K g I + (sigma K g)^2, the law of EMVA 1288, for a linear camera."""
+    gain, grey = 4.0, 100.0
+    k = 255 / NOISE.full_well_e * gain
+    shot, read = NOISE.variance_factors(np.array(grey * np.log(2)), np.array(grey / 255))
+    assert shot * gain + read * gain**2 == pytest.approx(k * grey + (k * NOISE.read_noise_e) ** 2)
+
+
+def test_a_tiny_gradient_is_worth_its_square_over_noise_and_front_end() -> None:
+    """A ramp of one grey level in each direction, every pixel alike."""
+    ramp = (100 + np.add.outer(np.arange(10), np.arange(10))).astype(np.uint8)
+    curve = InformationPrediction(LINEAR, SensorNoise(1e9, 0.1), DELTAS).curve(contrast(ramp), 1.0, 1.0, SAME, SAME)
+    expected = np.sqrt((2 - QUANTISATION) / (QUANTISATION + FRONT_END_DN**2))
+    assert curve[NO_CHANGE] == pytest.approx(expected, rel=0.01)
