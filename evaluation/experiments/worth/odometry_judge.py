@@ -43,7 +43,7 @@ def jobs_of(name: str, quick: bool) -> list[Job]:
     return work
 
 
-COST_PER_S, BOUNDS_COST_PER_S = 5.0, 60.0
+COST_PER_S, BOUNDS_COST_PER_S = 6.0, 45.0
 """Seconds of one core for a second of a drive: one contender, and all bounds."""
 
 

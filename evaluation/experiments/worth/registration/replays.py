@@ -14,6 +14,7 @@ from evaluation.experiments.teach.cases import TILTS
 from evaluation.experiments.teach.daylight import REPLAYS, TEACHING, Daylight
 from evaluation.experiments.teach.judge import WITHIN_PX
 from evaluation.experiments.teach.park import park
+from evaluation.experiments.teach.path import MAPS as PATH_MAPS
 from evaluation.experiments.teach.path import TaughtPath
 from evaluation.experiments.teach.registration import Truth, Vote
 from evaluation.experiments.teach.replay import frames, image_of
@@ -22,7 +23,7 @@ from evaluation.stage.camera import SimulatedCamera
 from fake_camera.world.render.renderer import Renderer, Surface
 
 MAPS = 10
-"""Of the 80 along a path; with eight images each."""
+"""Of the 80 along a path, with eight images each."""
 
 CHOICE, SCORING = 0, (1, 2)
 """Repeats (noise) on which bounds are chosen, and on which they are scored; policies run on the first of these."""
@@ -65,8 +66,7 @@ class Replay:
     sky
         Where it is in the view, one of `TILTS`.
     first, maps
-        The first of its maps, and how many. The robot has the sun before it around map 23 of 80, and after sunset the
-        glow around map 20.
+        The first of its maps, and how many. Where registration is hard differs along a path.
     """
 
     seed: int
@@ -120,26 +120,19 @@ _UPPER, _BEYOND, _HARDLY = TILTS
 
 def tuning() -> list[Replay]:
     """For development."""
-    return [
-        Replay(11, "clear", _UPPER, 18),
-        Replay(12, "clear", _BEYOND, 60),
-        Replay(13, "overcast", _UPPER, 40),
-        Replay(14, "sunset", _BEYOND, 15),
-    ]
+    return _around(11, [("clear", _UPPER), ("clear", _BEYOND), ("overcast", _UPPER), ("sunset", _BEYOND)], 60)
 
 
 def report() -> list[Replay]:
     """What counts: other parks."""
+    clear = [("clear", _UPPER), ("clear", _BEYOND), ("clear", _HARDLY)]
+    return _around(101, [*clear, *clear[::2], ("overcast", _UPPER), ("overcast", _BEYOND), ("sunset", _UPPER)], 0)
+
+
+def _around(seed: int, cases: Sequence[tuple[str, str]], first: int) -> list[Replay]:
+    """Each case in a park of its own, with stretches all around the path."""
     return [
-        Replay(101, "clear", _UPPER, 18),
-        Replay(102, "clear", _UPPER, 55),
-        Replay(103, "clear", _BEYOND, 18),
-        Replay(104, "clear", _HARDLY, 18),
-        Replay(105, "clear", _HARDLY, 40),
-        Replay(106, "overcast", _UPPER, 0),
-        Replay(107, "overcast", _BEYOND, 70),
-        Replay(108, "sunset", _UPPER, 15),
-        Replay(109, "sunset", _BEYOND, 30),
+        Replay(seed + place, light, sky, (first + 30 * place) % PATH_MAPS) for place, (light, sky) in enumerate(cases)
     ]
 
 
