@@ -103,9 +103,9 @@ def _print(rows: Sequence[dict[str, object]], console: Console) -> None:
     scenarios = [scenario for scenario in SCENARIOS if any(row["scenario"] == scenario for row in rows)]
     ranking = mean_ratios(rows)
     policies = [policy for policy, _ in ranking]
-    ratios = cells(rows, policies, scenarios, "metric_ratio_mean")
+    ratios = cells(rows, policies, scenarios, "objective_ratio_mean")
     settle = cells(rows, policies, scenarios, "settle_frames")
-    title = "Mean metric as a share of the oracle's; below it, the median of frames to settle"
+    title = "Mean of what each policy maximises as a share of the oracle's; below it, the median of frames to settle"
     table = Table(title=title, box=None, padding=(0, 1, 0, 0), pad_edge=False)
     table.add_column("policy", no_wrap=True)
     for scenario in scenarios:

@@ -19,6 +19,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.exposure import ExposureSetting
 from evaluation.arena.scores import Score, score
 from evaluation.scenes.scenarios import SCENARIOS
 from evaluation.scenes.views import build_views
@@ -32,17 +33,61 @@ LIGHT_JUMP_STOPS = 0.2
 
 
 @dataclass(slots=True, eq=False)
+class Judgement:
+    """The frames of one entrant by one objective, beside the oracle's: float64 arrays.
+
+    The oracle is interpolated between the frames that it was asked about.
+    """
+
+    judged: list[tuple[float, ...]] = field(default_factory=list)
+    best: dict[int, Best | None] = field(default_factory=dict)
+
+    @property
+    def values(self) -> NDArray[np.float64]:
+        """By frame and judged camera, shape (frames, cameras)."""
+        return np.array(self.judged)
+
+    @property
+    def oracle_values(self) -> NDArray[np.float64]:
+        """The largest value by frame and judged camera, shape (frames, cameras)."""
+        return self._interpolated(lambda best: best.metrics)
+
+    @property
+    def oracle_levels(self) -> NDArray[np.float64]:
+        """The best level of each frame, stops."""
+        return self._interpolated(lambda best: (best.level,))[:, 0]
+
+    @property
+    def ratios(self) -> NDArray[np.float64]:
+        """The value as a share of the oracle's by frame; NaN where no exposure shows anything."""
+        with np.errstate(invalid="ignore", divide="ignore"):
+            shares = np.mean(self.values / self.oracle_values, axis=1)
+        return np.asarray(shares / self._interpolated(lambda best: (best.joint,))[:, 0])
+
+    def _interpolated(self, value: Callable[[Best], tuple[float, ...]]) -> NDArray[np.float64]:
+        """Values of the oracle's answers at all frames, shape (frames, values)."""
+        known = {frame: value(best) for frame, best in self.best.items() if best is not None}
+        if not known:
+            return np.full(self.values.shape, np.nan)
+        columns = np.array(list(known.values())).T
+        return np.stack([np.interp(np.arange(len(self.judged)), list(known), column) for column in columns], axis=1)
+
+
+@dataclass(slots=True, eq=False)
 class Series:
     """What one entrant did in one course: float64 arrays of shape (frames,), unless stated otherwise.
 
-    The oracle is interpolated between the frames that it was asked about.
+    Attributes
+    ----------
+    by_metric, by_objective
+        How its frames do by M_g, and by what its policy maximises; the same for all policies but `fisher-map`.
     """
 
     entrant: Entrant
     first_scored: int
     delayed: DelayedLoop
-    judged: list[tuple[float, ...]] = field(default_factory=list)
-    best: dict[int, Best | None] = field(default_factory=dict)
+    by_metric: Judgement
+    by_objective: Judgement
 
     @property
     def levels(self) -> NDArray[np.float64]:
@@ -57,7 +102,7 @@ class Series:
     @property
     def metrics(self) -> NDArray[np.float64]:
         """M_g by frame and judged camera, shape (frames, cameras)."""
-        return np.array(self.judged)
+        return self.by_metric.values
 
     @property
     def clipped_shares(self) -> NDArray[np.float64]:
@@ -65,21 +110,14 @@ class Series:
         return np.array([decision.saturated_share + decision.black_share for decision in self.delayed.decisions])
 
     @property
-    def oracle_metrics(self) -> NDArray[np.float64]:
-        """Largest M_g by frame and judged camera, shape (frames, cameras)."""
-        return self._interpolated(lambda best: best.metrics)
-
-    @property
     def oracle_levels(self) -> NDArray[np.float64]:
-        """The best level of each frame, stops."""
-        return self._interpolated(lambda best: (best.level,))[:, 0]
+        """The level of each frame that is best by what the policy maximises, stops."""
+        return self.by_objective.oracle_levels
 
     @property
     def ratios(self) -> NDArray[np.float64]:
-        """Metric as a share of the oracle's; NaN where no exposure shows anything."""
-        with np.errstate(invalid="ignore", divide="ignore"):
-            shares = np.mean(self.metrics / self.oracle_metrics, axis=1)
-        return np.asarray(shares / self._interpolated(lambda best: (best.joint,))[:, 0])
+        """What the policy maximises, as a share of the oracle's; NaN where no exposure shows anything."""
+        return self.by_objective.ratios
 
     def score(self) -> Score:
         """The scores of this run."""
@@ -87,18 +125,11 @@ class Series:
             levels=self.levels,
             oracle_levels=self.oracle_levels,
             ratios=self.ratios,
+            metric_ratios=self.by_metric.ratios,
             clipped_shares=self.clipped_shares,
             gains_db=self.gains_db,
             first_scored=self.first_scored,
         )
-
-    def _interpolated(self, value: Callable[[Best], tuple[float, ...]]) -> NDArray[np.float64]:
-        """Values of the oracle's answers at all frames, shape (frames, values)."""
-        known = {frame: value(best) for frame, best in self.best.items() if best is not None}
-        if not known:
-            return np.full(self.metrics.shape, np.nan)
-        columns = np.array(list(known.values())).T
-        return np.stack([np.interp(np.arange(len(self.judged)), list(known), column) for column in columns], axis=1)
 
 
 def run_course(
@@ -118,10 +149,15 @@ def run_course(
     stage, first_scored = course_of(scenario, scene, seed)
     # One exposure serves both cameras; where they see different things, both are judged.
     sides: tuple[Side, ...] = ("left", "right") if stage.has_lamp else ("left",)
-    oracle = Oracle(stage, sides)
     kind = SCENARIOS[scenario]
     return race(
-        stage, entrants, oracle, frames=frames or kind.frames, first_scored=first_scored, every=kind.oracle_every
+        stage,
+        entrants,
+        Oracle(stage, sides),
+        Oracle(stage, sides, "information"),
+        frames=frames or kind.frames,
+        first_scored=first_scored,
+        every=kind.oracle_every,
     )
 
 
@@ -134,23 +170,42 @@ def course_of(scenario: str, scene: str, seed: int, response: str = "linear") ->
 
 
 def race(
-    stage: Stage, entrants: Sequence[Entrant], oracle: Oracle, *, frames: int, first_scored: int, every: int
+    stage: Stage,
+    entrants: Sequence[Entrant],
+    oracle: Oracle,
+    informed: Oracle | None = None,
+    *,
+    frames: int,
+    first_scored: int,
+    every: int,
 ) -> list[Series]:
     """Take all entrants through the first `frames` frames of a stage, starting from the best exposure of the first.
 
-    The oracle is asked about one frame in `every`, about the last one, and where the light jumps.
+    The oracles are asked about one frame in `every`, about the last one, and where the light jumps: that of M_g for all
+    entrants, and that of Fisher information, if given, for those that maximise it.
     """
     start = best_start(oracle)
-    race = [Series(entrant, first_scored, entrant.enter(start)) for entrant in entrants]
+    race = [_enter(entrant, start, first_scored, informed) for entrant in entrants]
     for frame in range(frames):
         stage.go_to(frame)
         asked = frame % every == 0 or frame == frames - 1 or _light_jumps_at(stage, frame, frames)
         for series in race:
             taken = series.delayed.step(stage.take).reference.setting
-            series.judged.append(oracle.judge(taken))
-            if asked:
-                series.best[frame] = oracle.best(series.delayed.loop.balance, series.delayed.decisions[-1].motion_px)
+            judges = [(series.by_metric, oracle)]
+            if informed is not None and series.by_objective is not series.by_metric:
+                judges.append((series.by_objective, informed))
+            for judgement, judge in judges:
+                judgement.judged.append(judge.judge(taken))
+                if asked:
+                    motion_px = series.delayed.decisions[-1].motion_px
+                    judgement.best[frame] = judge.best(series.delayed.loop.balance, motion_px)
     return race
+
+
+def _enter(entrant: Entrant, start: ExposureSetting, first_scored: int, informed: Oracle | None) -> Series:
+    by_metric = Judgement()
+    by_objective = Judgement() if entrant.informed and informed is not None else by_metric
+    return Series(entrant, first_scored, entrant.enter(start), by_metric, by_objective)
 
 
 def _light_jumps_at(stage: Stage, frame: int, frames: int) -> bool:

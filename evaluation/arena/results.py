@@ -19,6 +19,8 @@ MEANS = (
     "metric_ratio_p05",
     "bad_frame_share",
     "gain_db_mean",
+    "objective_ratio_mean",
+    "objective_ratio_p05",
 )
 
 

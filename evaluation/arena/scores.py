@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 SETTLED_RATIO = 0.9
 SETTLED_FRAMES = 10
-"""Settled: at least this share of the oracle's metric for this many frames in a row."""
+"""Settled: at least this share of the oracle's objective for this many frames in a row."""
 
 STEADY_FRAMES = 30
 """The steady state is the last half second."""
@@ -34,11 +34,13 @@ class Score:
     steady_std_stops
         Standard deviation of the exposure level over the last 30 frames.
     metric_ratio_mean, metric_ratio_p05
-        Mean and fifth percentile of the metric as a share of the oracle's.
+        Mean and fifth percentile of M_g as a share of the oracle's.
     bad_frame_share
         Share of frames whose left image is more than half black or saturated.
     gain_db_mean
         Mean gain.
+    objective_ratio_mean, objective_ratio_p05
+        Mean and fifth percentile of what the policy maximises as a share of the oracle's; M_g for all but `fisher-map`.
     """
 
     settle_frames: int | None
@@ -48,6 +50,8 @@ class Score:
     metric_ratio_p05: float
     bad_frame_share: float
     gain_db_mean: float
+    objective_ratio_mean: float
+    objective_ratio_p05: float
 
 
 def score(
@@ -55,26 +59,38 @@ def score(
     levels: NDArray[np.float64],
     oracle_levels: NDArray[np.float64],
     ratios: NDArray[np.float64],
+    metric_ratios: NDArray[np.float64],
     clipped_shares: NDArray[np.float64],
     gains_db: NDArray[np.float64],
     first_scored: int,
 ) -> Score:
     """The scores of a run; all arrays have shape (frames,), and frames before `first_scored` do not count.
 
-    Frames whose ratio is NaN (no exposure shows anything) neither count as settled nor enter the ratios.
+    `ratios` and `oracle_levels` are by what the policy maximises, `metric_ratios` by M_g. Frames whose ratio is NaN (no
+    exposure shows anything) neither count as settled nor enter the ratios.
     """
     scored = slice(first_scored, None)
     settle = frames_to_settle(ratios[scored])
-    seen = ratios[scored][~np.isnan(ratios[scored])]
+    by_objective, by_metric = (each[scored][~np.isnan(each[scored])] for each in (ratios, metric_ratios))
     return Score(
         settle_frames=settle,
         overshoot_stops=overshoot(levels[scored], oracle_levels[scored], settle),
         steady_std_stops=float(levels[-STEADY_FRAMES:].std()),
-        metric_ratio_mean=float(seen.mean()) if seen.size else 0.0,
-        metric_ratio_p05=float(np.percentile(seen, 5)) if seen.size else 0.0,
+        metric_ratio_mean=_mean(by_metric),
+        metric_ratio_p05=_worst(by_metric),
         bad_frame_share=float(np.mean(clipped_shares[scored] > BAD_SHARE)),
         gain_db_mean=float(gains_db[scored].mean()),
+        objective_ratio_mean=_mean(by_objective),
+        objective_ratio_p05=_worst(by_objective),
     )
+
+
+def _mean(ratios: NDArray[np.float64]) -> float:
+    return float(ratios.mean()) if ratios.size else 0.0
+
+
+def _worst(ratios: NDArray[np.float64]) -> float:
+    return float(np.percentile(ratios, 5)) if ratios.size else 0.0
 
 
 def frames_to_settle(ratios: NDArray[np.float64]) -> int | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +12,12 @@ from numpy.typing import NDArray
 from autoexpose_daemon.control.balance import Balance, ExposurePriority
 from autoexpose_daemon.control.image import ImagePreparation
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
-from drivers.exposure import ExposureSetting
-from evaluation.stage.camera import LIMITS, time_first
+from autoexpose_daemon.control.metrics.information import InformationPrediction, contrast
+from autoexpose_daemon.control.parameters import ControlParameters
+from autoexpose_daemon.control.sensor_noise import SensorNoise
+from calibration.response import ResponseFunction
+from drivers.exposure import ExposureSetting, linear_gain
+from evaluation.stage.camera import LIMITS, Image, time_first
 from evaluation.stage.rendering import Stage
 from fake_camera.world.simulation import Side
 
@@ -30,6 +35,13 @@ PLATEAU = 0.99
 """The best level is the middle of those that reach this share of the maximum."""
 
 
+Objective = Literal["metric", "information"]
+"""What makes a frame good: gradient information M_g, or `InformationPrediction`, which `fisher-map` maximises."""
+
+_UNCHANGED = np.array([0.0])
+_SAME = np.array([1.0])
+
+
 @dataclass(frozen=True, slots=True)
 class Best:
     """The best exposure of one frame.
@@ -39,7 +51,7 @@ class Best:
     level
         The best exposure level (stops).
     metrics
-        The largest metric of each judged camera, at its own best level.
+        The largest value of each judged camera, at its own best level.
     joint
         The largest mean, over the judged cameras, of their shares of `metrics`. One exposure serves both, so with two
         cameras even the best one stays below 1.
@@ -54,7 +66,8 @@ class Oracle:
     """Finds the best exposure of the stage's present frame, for any way of splitting it into time and gain.
 
     Frames are judged as the control loop does: its preparation (area average, 3x3 median) and gradient information
-    with delta 0.30. Answers are kept for the frame, so policies that split alike share them. To that end, motion is
+    with delta 0.30; or, before the median, their Fisher information, as a linear camera with the configuration's
+    default noise. Answers are kept for the frame, so policies that split alike share them. To that end, motion is
     rounded to half octaves, which changes the best metric by less than 1 %.
 
     Parameters
@@ -63,22 +76,42 @@ class Oracle:
         Where frames come from.
     sides
         The cameras judged.
+    objective
+        What is maximised.
     exhaustive
         Try all levels, with the exact motion.
     """
 
-    def __init__(self, stage: Stage, sides: tuple[Side, ...] = ("left",), *, exhaustive: bool = False) -> None:
+    def __init__(
+        self,
+        stage: Stage,
+        sides: tuple[Side, ...] = ("left",),
+        objective: Objective = "metric",
+        *,
+        exhaustive: bool = False,
+    ) -> None:
         self._stage, self._sides, self._exhaustive = stage, sides, exhaustive
+        self._value = self._metric_of if objective == "metric" else self._information_of
         self._preparation = ImagePreparation()
         self._metric = GradientMetric(delta=0.30)
+        parameters = ControlParameters()
+        noise = SensorNoise(parameters.full_well_e, parameters.read_noise_e)
+        self._information = InformationPrediction(ResponseFunction.linear(), noise, _UNCHANGED)
         self._frame = -1
         self._known: dict[tuple[ExposureSetting, ...], Best] = {}
 
     def judge(self, setting: ExposureSetting) -> tuple[float, ...]:
-        """Metric of each judged camera when the present frame is taken with a setting."""
-        return tuple(
-            self._metric.measure(self._preparation.prepare(self._stage.expose(side, setting))) for side in self._sides
-        )
+        """Value of each judged camera's image when the present frame is taken with a setting."""
+        return tuple(self._value(self._stage.expose(side, setting), setting) for side in self._sides)
+
+    def _metric_of(self, image: Image, setting: ExposureSetting) -> float:
+        return self._metric.measure(self._preparation.prepare(image))
+
+    def _information_of(self, image: Image, setting: ExposureSetting) -> float:
+        pixels = image.size / self._preparation.prepare(image).size
+        gain = linear_gain(setting.gain_db)
+        seen = contrast(self._preparation.unfiltered)
+        return float(self._information.curve(seen, pixels, gain, gain * _SAME, _SAME)[0])
 
     def best(self, balance: Balance, motion_px: float) -> Best | None:
         """The best exposure of the present frame split by `balance`; None when no exposure shows any gradient."""

@@ -28,12 +28,15 @@ FIGURES = {
     "metric_ratio_p05": float,
     "bad_frame_share": float,
     "gain_db_mean": float,
+    "objective_ratio_mean": float,
+    "objective_ratio_p05": float,
 }
 COMMON = {"policy": str, "scenario": str, "delay_frames": int, "split": str, **FIGURES}
 
 
 def made_up(policy: str, scenario: str, settle: int | None, ratio: float, *, delay: int = 2, seed: int = 1000) -> Run:
-    return Run(policy, scenario, "room", seed, delay, "heldout", Score(settle, 0.1, 0.05, ratio, ratio / 2, 0.0, 12.0))
+    score = Score(settle, 0.1, 0.05, ratio, ratio / 2, 0.0, 12.0, ratio, ratio / 2)
+    return Run(policy, scenario, "room", seed, delay, "heldout", score)
 
 
 @pytest.fixture
@@ -130,7 +133,7 @@ def test_results_are_of_held_out_runs_with_two_frames_of_delay() -> None:
         made_up("a", "pan", 3, 0.8),
         made_up("a", "pan", 3, 0.6, seed=1001),
         made_up("a", "pan", 3, 0.1, delay=3),
-        Run("a", "pan", "room", 7, 2, "tune", Score(1, 0.0, 0.0, 0.2, 0.2, 0.0, 0.0)),
+        Run("a", "pan", "room", 7, 2, "tune", Score(1, 0.0, 0.0, 0.2, 0.2, 0.0, 0.0, 0.2, 0.2)),
     ]
     figures = document(runs, "a")
 

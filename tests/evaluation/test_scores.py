@@ -15,6 +15,7 @@ def scored(
         levels=np.array(levels),
         oracle_levels=np.array(oracle),
         ratios=np.array(ratios),
+        metric_ratios=np.array(ratios) / 2,
         clipped_shares=np.array(clipped),
         gains_db=np.arange(len(levels), dtype=float),
         first_scored=first,
@@ -73,11 +74,12 @@ def test_bad_frames_are_more_than_half_clipped() -> None:
 def test_frames_without_anything_to_see_do_not_count_in_ratios() -> None:
     figures = scored([1.0] * 4, [1.0] * 4, [np.nan, 0.5, 1.0, np.nan], [0.0] * 4)
 
-    assert figures.metric_ratio_mean == 0.75
+    assert figures.objective_ratio_mean == 0.75
+    assert figures.metric_ratio_mean == 0.375
     assert figures.settle_frames is None
 
 
 def test_a_course_without_anything_to_see_is_stuck_with_ratio_0() -> None:
     figures = scored([1.0] * 12, [np.nan] * 12, [np.nan] * 12, [1.0] * 12)
 
-    assert figures == Score(None, 0.0, 0.0, 0.0, 0.0, 1.0, 5.5)
+    assert figures == Score(None, 0.0, 0.0, 0.0, 0.0, 1.0, 5.5, 0.0, 0.0)
