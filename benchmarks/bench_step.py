@@ -1,4 +1,4 @@
-"""The cost of a step of `begin2022`, whole and by stage, and of one of `metric-map`, compared with the literal step.
+"""The cost of a step of `begin2022`, whole and by stage, and of our own policies, compared with the literal step.
 
 Prints medians of interleaved thread times.
 
@@ -8,10 +8,11 @@ Run with `.venv/bin/python benchmarks/bench_step.py [--repeats N] [--json OUT.js
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import statistics
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import cv2
@@ -19,9 +20,11 @@ import numpy as np
 
 from autoexpose_daemon.control.image import ImagePreparation
 from autoexpose_daemon.control.loop import ControlLoop
+from autoexpose_daemon.control.metrics import gradient
 from autoexpose_daemon.control.metrics.gradient import ExtremeShares, GradientMetric, PackedTables, mean_signal
 from autoexpose_daemon.control.motion import DisMotion, FarnebackMotion
 from autoexpose_daemon.control.parameters import ControlParameters, MotionId
+from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from autoexpose_daemon.control.policies.published.begin2022 import DEGREE, DELTA_LEVELS
 from autoexpose_daemon.control.search.optimum import PolynomialFit
 from autoexpose_daemon.demo.reference_step import ReferenceStep, synthetic_frames
@@ -41,6 +44,18 @@ Stages = dict[str, Callable[[int], object]]
 """Functions to time, by name; each is called with the number of the frame."""
 
 
+@contextlib.contextmanager
+def without_extension(without: bool) -> Iterator[None]:
+    """Have what is built inside do without the C extension."""
+    extension = gradient._native
+    if without:
+        gradient._native = None
+    try:
+        yield
+    finally:
+        gradient._native = extension
+
+
 def step_of(frames: tuple[np.ndarray, ...], native: bool, motion: MotionId) -> Callable[[int], object]:
     """Our complete step."""
     loop = ControlLoop("begin2022", RESPONSE, LIMITS, SETTING, ControlParameters(motion=motion))
@@ -53,9 +68,10 @@ def step_of(frames: tuple[np.ndarray, ...], native: bool, motion: MotionId) -> C
     return step
 
 
-def step_of_default(frames: tuple[np.ndarray, ...]) -> Callable[[int], object]:
-    """The step of the default policy, on both frames of a pair."""
-    loop = ControlLoop("metric-map", RESPONSE, LIMITS, SETTING)
+def decision_on_pair(policy_id: str, frames: tuple[np.ndarray, ...], native: bool) -> Callable[[int], object]:
+    """The whole decision of a policy, on both frames of a pair."""
+    with without_extension(not native):
+        loop = ControlLoop(policy_id, RESPONSE, LIMITS, SETTING)
 
     def step(turn: int) -> None:
         left, right = (
@@ -73,7 +89,8 @@ def whole_steps(frames: tuple[np.ndarray, ...], paths: dict[str, bool]) -> Stage
     for path, native in paths.items():
         stages[f"step, {path}"] = step_of(frames, native, "dis")
         stages[f"step, {path}, same flow"] = step_of(frames, native, "farneback")
-    stages["metric-map, a pair"] = step_of_default(frames)
+        stages[f"{DEFAULT_POLICY}, a pair, {path}"] = decision_on_pair(DEFAULT_POLICY, frames, native)
+        stages[f"metric-map, a pair, {path}"] = decision_on_pair("metric-map", frames, native)
     return stages
 
 
@@ -124,6 +141,8 @@ def figures_of(times_us: dict[str, float]) -> dict[str, object]:
         "ratio_native": ratio("step, native"),
         "ratio_numpy_same_flow": ratio("step, numpy, same flow"),
         "ratio_native_same_flow": ratio("step, native, same flow"),
+        "ratio_default_numpy": ratio(f"{DEFAULT_POLICY}, a pair, numpy"),
+        "ratio_default_native": ratio(f"{DEFAULT_POLICY}, a pair, native"),
         "opencv_version": cv2.__version__,
         "instruction_set": instruction_set(),
         "literal_us": round(times_us[LITERAL], 1),
@@ -160,7 +179,7 @@ def main() -> None:
     print(f", medians of {repeats}\n{'':26}{'us':>8}{'literal step / this':>22}")
     for name, time_us in times_us.items():
         print(f"{name:26}{time_us:8.0f}" + (f"{whole[LITERAL] / time_us:22.2f}" if name in whole else ""))
-    for name in ("ratio_numpy", "ratio_native", "ratio_numpy_same_flow", "ratio_native_same_flow"):
+    for name in (name for name in figures if name.startswith("ratio_")):
         print(f"{name} {figures[name]}")
     if arguments.json:
         arguments.json.write_text(json.dumps(figures, indent=2) + "\n")
