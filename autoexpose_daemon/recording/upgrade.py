@@ -32,7 +32,7 @@ def upgraded_state(state: Any) -> Any:
     if isinstance(policy, dict) and isinstance(policy.get("registration"), dict):
         latency = {key: value for key, value in policy.get("latency", {}).items() if key != "targets"}
         policy = {**policy, "registration": {"side": "left", **policy["registration"]}, "latency": latency}
-        eye = {"fault": None, "suspected": None, "showing": 0, "glare": 0, "repeats": 0, "before": None}
+        eye = {"fault": None, "suspected": None, "showing": 0, "glare": 0, "repeats": 0, "before": None, "latest": None}
         policy |= {"votes": {"eyes": dict.fromkeys(SIDES, eye), "before_level": 0.0, "unheard": 0}}
         policy |= {"sides": list(SIDES[: len(policy.get("densities", []))])}
     return {

@@ -42,7 +42,7 @@ def test_frames_before_the_first_scored_one_do_not_count() -> None:
     figures = scored([5.0] * 8 + [9.0] * 12, [9.0] * 20, [0.0] * 8 + [1.0] * 12, [0.9] * 8 + [0.1] * 12, first=8)
 
     assert figures.settle_frames == 0
-    assert figures.metric_ratio_mean == 1.0
+    assert figures.objective_ratio_mean == 1.0
     assert figures.bad_frame_share == 0.0
     assert figures.gain_db_mean == pytest.approx(13.5)
 

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from autoexpose_daemon.control.metrics.gradient import EXTREME_MARGIN
+from autoexpose_daemon.control.metrics.gradient import ExtremeShares
 from autoexpose_daemon.control.sensor_noise import SensorNoise
 from calibration.response import GREY_LEVELS, ResponseFunction
 
@@ -34,7 +34,12 @@ STRIDE = 2
 """Of the pixels that count without the C extension."""
 
 FLATTEST_SHARE = 0.1
-"""The flattest tenth of the cells shows how much noise there is at most."""
+"""The flattest tenth of the cells shows how much noise there is at most ..."""
+
+LEAST_READABLE = 0.5
+LEAST_VARIANCE = 0.25
+"""... of those with so much of their weight neither black nor saturated, and with so much noise expected (squared grey
+levels): what is clipped shows no noise, and rounding hides less than half a grey level of it."""
 
 _NEIGHBOURS = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], np.uint8)
 _FLATTEST = 1e-3  # stops per grey level; where a response is flatter its slope says nothing
@@ -113,17 +118,18 @@ class InformationPrediction:
     """
 
     def __init__(self, response: ResponseFunction, noise: SensorNoise, deltas: NDArray[np.float64]) -> None:
-        greys = np.arange(GREY_LEVELS, dtype=np.float64)
-        levels, full = response.log2_exposure, response.log2_exposure[response.saturation]
-        saturated_from = response.saturation - EXTREME_MARGIN * (response.saturation - response.black_level)
-        slopes = 1.0 / np.maximum(np.gradient(levels), _FLATTEST)
+        greys = np.arange(GREY_LEVELS)
+        saturated_from = ExtremeShares(response).saturated_from
+        levels, slopes = response.inverse(greys), _slopes(response)
         predicted = response.intensity(levels[:, None] + deltas)
         predicted_slopes = np.interp(predicted, greys, slopes)
-        readable = (greys > response.black_level)[:, None] & (predicted < saturated_from)
-        self._gain = np.where(readable, (predicted_slopes / slopes[:, None]) ** 2, 0.0)
+        self._readable = (greys > response.black_level) & (greys < saturated_from)
+        kept = self._readable[:, None] & (predicted > response.black_level) & (predicted < saturated_from)
+        self._gain = np.where(kept, (predicted_slopes / slopes[:, None]) ** 2, 0.0)
         # Of what is saturated now, half may be at one stop less.
         unseen = (greys >= saturated_from)[:, None]
         self._saturates = np.where(unseen, np.exp2(np.minimum(deltas, 0.0)), predicted >= saturated_from)
+        full = levels[response.saturation]
         self._now = noise.variance_factors(slopes, np.exp2(levels - full))
         self._then = noise.variance_factors(predicted_slopes, np.exp2(response.inverse_between(predicted) - full))
 
@@ -143,13 +149,11 @@ class InformationPrediction:
         sharper
             `sharpness` at each change of level, as a multiple of the present one.
         """
-        shot_now, read_now = self._now
-        variance_now = (shot_now * gain + read_now * gain**2 + QUANTISATION) / pixels
-        energy, noise = seen.energy / 4, variance_now * seen.count
-        share = _share_of_noise(energy.sum(axis=1), noise.sum(axis=1))
-        shot, read = self._then
-        variance = (shot * gains + read * gains**2 + QUANTISATION) * (share / pixels)
-        worth = self._gain / (variance + FRONT_END_DN**2)
+        (shot_now, read_now), (shot, read) = self._now, self._then
+        energy, noise = seen.energy / 4, variance_of(shot_now * gain + read_now * gain**2, pixels) * seen.count
+        share = self._share_of_noise(energy, noise, seen.count)
+        variance = variance_of(shot * gains + read * gains**2, pixels)
+        worth = self._gain / (share * variance + FRONT_END_DN**2)
         by_grey = seen.count.sum(axis=0)
         weight = max(int(by_grey.sum()), 1)
         cells = max(int(np.count_nonzero(seen.count.any(axis=1))), 1)
@@ -157,21 +161,37 @@ class InformationPrediction:
         saturated = np.minimum(by_grey @ self._saturates / weight, 1.0)
         return np.asarray(precision * np.sqrt(sharper * (1.0 - saturated)))
 
+    def _share_of_noise(
+        self, energy: NDArray[np.float64], noise: NDArray[np.float64], count: NDArray[np.int64]
+    ) -> float:
+        """The noise that there is as a share of the noise expected, at most 1: the flattest cells have no more.
 
-def _share_of_noise(energy: NDArray[np.float64], noise: NDArray[np.float64]) -> float:
-    """The noise that there is as a share of the noise expected, at most 1: the flattest cells have no more.
-
-    A sensor better than the one that was configured would otherwise seem to see nothing in the dark.
-
-    Parameters
-    ----------
-    energy, noise
-        Energy of the gradients of each cell, and what noise should add to it; 0 for cells that do not count.
-    """
-    counting = noise > 0
-    return min(float(np.quantile(energy[counting] / noise[counting], FLATTEST_SHARE)), 1.0) if counting.any() else 1.0
+        A sensor better than the one that was configured would otherwise seem to see nothing in the dark.
+        """
+        shown, expected, weight = (each[:, self._readable].sum(axis=1) for each in (energy, noise, count))
+        telling = (weight > LEAST_READABLE * count.sum(axis=1)) & (expected > LEAST_VARIANCE * weight)
+        if not telling.any():
+            return 1.0
+        return min(float(np.quantile(shown[telling] / expected[telling], FLATTEST_SHARE)), 1.0)
 
 
 def sharpness(blur_px: NDArray[np.float64] | float) -> NDArray[np.float64]:
     """Share (0..1) of the energy of gradients that motion blur of a length leaves; in pixels of the shrunk image."""
     return np.asarray(1.0 / (1.0 + (np.asarray(blur_px) / BLUR_PX) ** 2))
+
+
+def variance_of(noise_dn2: NDArray[np.float64], pixels: float) -> NDArray[np.float64]:
+    """Variance of the image that control sees, of whose pixels each is the rounded mean of `pixels` of the sensor's.
+
+    `noise_dn2` is the variance by photons and read noise in a frame, before it is rounded; all in squared grey levels.
+    """
+    averaged = (noise_dn2 + QUANTISATION) / pixels
+    return averaged + QUANTISATION if pixels > 1 else averaged
+
+
+def _slopes(response: ResponseFunction) -> NDArray[np.float64]:
+    """dI/dE of each grey level, in grey levels per stop; those beyond black and saturation are as at these."""
+    low, high = response.black_level, response.saturation
+    light = np.exp2(response.log2_exposure[low : high + 1])
+    rise = np.maximum(np.gradient(light), _FLATTEST * light)
+    return np.asarray(np.pad(np.log(2) * light / rise, (low, GREY_LEVELS - 1 - high), "edge"))

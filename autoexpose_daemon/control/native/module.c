@@ -132,7 +132,8 @@ static int hold_table(PyObject *object, Py_buffer *view, const char *what)
 {
     if (PyObject_GetBuffer(object, view, PyBUF_CONTIG | PyBUF_FORMAT) < 0)
         return -1;
-    if (view->itemsize == 8 && view->ndim == 2 && view->shape[0] == CELLS * CELLS && view->shape[1] == GREY_LEVELS)
+    const int integers = view->format && strchr("lq", view->format[0]) && view->itemsize == 8;
+    if (integers && view->ndim == 2 && view->shape[0] == CELLS * CELLS && view->shape[1] == GREY_LEVELS)
         return 0;
     PyErr_Format(PyExc_ValueError, "%s must be an array of int64 with the shape (64, 256)", what);
     PyBuffer_Release(view);

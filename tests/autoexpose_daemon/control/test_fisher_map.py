@@ -64,6 +64,19 @@ def test_its_targets_and_splits_survive_a_snapshot() -> None:
         setting = decision.setting
 
 
+def test_the_split_survives_a_snapshot_even_where_no_camera_has_a_vote() -> None:
+    """Frames that are not shrunk, the left camera black, then a lone frame of it."""
+    first, second = make(), make()
+    scene = radiance(1, 1.0, (270, 360))
+    for index in range(12):
+        right = at_time(expose(np.roll(scene, index, axis=1), START, 11.0), index)
+        left = at_time(expose(0 * scene, START, 11.0), index)
+        first.step(StereoPair(index, {"left": left, "right": right}))
+    second.restore(first.state())
+    alone = StereoPair(12, {"left": at_time(expose(0 * scene, START, 11.0), 12)})
+    assert first.step(alone) == second.step(alone)
+
+
 def test_another_balance_can_be_configured() -> None:
     settings: list[ExposureSetting] = []
     run(

@@ -134,6 +134,39 @@ def test_a_better_sensor_than_configured_does_not_hide_the_dark() -> None:
     assert untold > 0.6 * told
 
 
+def test_a_saturated_part_does_not_switch_noise_off() -> None:
+    prediction = InformationPrediction(LINEAR, NOISE, DELTAS)
+    flat = expose(np.full((96, 128), 0.3), 0.0, gain=30.0)
+    whole = prediction.curve(contrast(flat), 1.0, 30.0, 30.0 * SAME, SAME)[NO_CHANGE]
+    flat[:40] = 255
+    assert prediction.curve(contrast(flat), 1.0, 30.0, 30.0 * SAME, SAME)[NO_CHANGE] <= whole * 1.1
+
+
+@pytest.mark.parametrize("black_level", [0, 16])
+def test_what_falls_to_black_is_worth_nothing(black_level: int) -> None:
+    response = ResponseFunction.linear(black_level)
+    dark = np.full((48, 64), black_level + 4, np.uint8)
+    dark[:, ::4] += 4
+    curve = InformationPrediction(response, NOISE, np.array([-6.0, 0.0])).curve(
+        contrast(dark), 1.0, 1.0, np.ones(2), np.ones(2)
+    )
+    assert curve[0] == 0 < curve[1]
+
+
+def test_a_pedestal_changes_nothing_but_the_grey_levels() -> None:
+    light = 0.8 * texture()
+    above = np.rint(light * 239).astype(np.uint8)
+    seen = [contrast(above), contrast(above + 16)]
+    narrow = ResponseFunction(
+        np.log2(np.maximum(np.minimum(np.arange(256.0), 239.0), 0.5) / 239.0), black_level=0, saturation=239
+    )
+    curves = [
+        InformationPrediction(response, NOISE, DELTAS).curve(each, 1.0, 4.0, 4.0 * SAME, SAME)
+        for response, each in zip((narrow, ResponseFunction.linear(16)), seen, strict=True)
+    ]
+    assert curves[0] == pytest.approx(curves[1], rel=0.02)
+
+
 def test_one_rich_cell_does_not_pay_for_all_others() -> None:
     prediction = InformationPrediction(LINEAR, NOISE, DELTAS)
     spread = expose(texture(), 0.0)

@@ -35,9 +35,13 @@ Picture = Callable[[float], NDArray[np.uint8]]
 """The image that a camera takes at a level."""
 
 
-def healthy(level: float, light: float = BEST, seed: int = 0) -> NDArray[np.uint8]:
+FRESH_NOISE = np.random.default_rng(0)
+
+
+def healthy(level: float, light: float = BEST, seed: int | None = None) -> NDArray[np.uint8]:
+    """With new noise in every frame, or that of a seed."""
     grey = SCENE * 127.5 * 2.0 ** (level - light)
-    noise = np.random.default_rng(round(level * 1000) + seed).normal(0.0, 0.7, grey.shape)
+    noise = (FRESH_NOISE if seed is None else np.random.default_rng(seed)).normal(0.0, 0.7, grey.shape)
     return np.clip(np.rint(grey + noise), 0, 255).astype(np.uint8)
 
 
@@ -240,3 +244,23 @@ def test_the_state_goes_through_plain_data() -> None:
         assert one.faults == {"right": "frozen"}
         votes_after([BEST] * RETURN_FRAMES, pair(healthy, "right"), one)
     assert votes.faults == copy.faults == {}
+
+
+@pytest.mark.parametrize("side", SIDES)
+@pytest.mark.parametrize("first_frozen", [0, 1, 20])
+def test_a_camera_that_freezes_while_exposure_rests_is_found(side: Side, first_frozen: int) -> None:
+    votes = Votes(dict.fromkeys(SIDES, LINEAR))
+    for frame in range(first_frozen + REPEATS + 2):
+        stuck = min(frame, first_frozen)
+        looks = [Look(each, healthy(BEST, seed=stuck if each == side else frame), LINEAR) for each in SIDES]
+        votes.see(BEST, LOWEST, looks)
+    assert votes.faults == {side: "frozen"}
+
+
+def test_one_of_a_frozen_and_a_white_camera_keeps_its_vote() -> None:
+    rng = np.random.default_rng(1)
+    votes = Votes(dict.fromkeys(SIDES, LINEAR))
+    for _ in range(2 * REPEATS):
+        glare = np.where(rng.random(SHAPE) < 0.95, 255, 200).astype(np.uint8)
+        votes.see(LOWEST, LOWEST, [Look("left", frozen(BEST), LINEAR), Look("right", glare, LINEAR)])
+        assert len(votes.faults) < 2

@@ -14,7 +14,7 @@ from autoexpose_daemon.control.metrics.information import InformationPrediction,
 from autoexpose_daemon.control.policies.fisher_map.balance import BlurPhotonBalance
 from autoexpose_daemon.control.policies.metric_map.exposure_map import ExposureMap
 from autoexpose_daemon.control.policies.metric_map.view import DELTAS, MetricView, Tones
-from autoexpose_daemon.control.policy import Look, Observation, PolicySetup
+from autoexpose_daemon.control.policy import Look, Observation, PolicySetup, Target
 from autoexpose_daemon.control.sensor_noise import SensorNoise
 from calibration.response import ResponseFunction
 from drivers.exposure import linear_gain
@@ -36,6 +36,8 @@ class FisherMap(ExposureMap):
     ) -> None:
         super().__init__(responses, balance)
         self._native = native
+        if not native:
+            self.shortfall = "the C extension is not built: counts every second pixel across and down"
         self._tones = {side: Tones(response) for side, response in responses.items()}
         self._predictions = {
             side: InformationPrediction(response, noise, DELTAS) for side, response in responses.items()
@@ -47,10 +49,13 @@ class FisherMap(ExposureMap):
         noise = SensorNoise(setup.parameters.full_well_e, setup.parameters.read_noise_e)
         return cls(setup.responses, setup.balance(BlurPhotonBalance(noise)), noise, setup.metric.native)
 
+    def decide(self, observation: Observation) -> Target:
+        """The level that promises most, for the frame that will show this decision."""
+        if isinstance(self.balance, BlurPhotonBalance):
+            self.balance = replace(self.balance, scale=observation.looks[0].scale)
+        return super().decide(observation)
+
     def _views(self, observation: Observation) -> tuple[MetricView, ...]:
-        scale = observation.looks[0].scale
-        if isinstance(self.balance, BlurPhotonBalance) and self.balance.scale != scale:
-            self.balance = replace(self.balance, scale=scale)
         times_us, gains = self._splits(observation)
         return tuple(self._view(look, observation, times_us, gains) for look in observation.looks)
 
@@ -62,8 +67,8 @@ class FisherMap(ExposureMap):
         if isinstance(self.balance, BlurPhotonBalance):
             times_us = self.balance.exposure_times_us(within, self.motion_px, limits)
         else:
-            wanted = [self.balance.exposure_time_us(float(level), self.motion_px, limits) for level in within]
-            times_us = np.clip(wanted, limits.min_time_us, limits.max_time_us)
+            wanted = ((float(level), self.balance.exposure_time_us(level, self.motion_px, limits)) for level in within)
+            times_us = np.array([limits.realise(*each).exposure_time_us for each in wanted])
         return times_us, np.exp2(levels) / times_us
 
     def _view(

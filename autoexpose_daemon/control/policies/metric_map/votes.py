@@ -85,13 +85,15 @@ class Eye:
     glare
         Frames in a row that were white while another camera's were not.
     repeats
-        Frames in a row that were exactly `before`, while another camera's picture changed.
+        Frames in a row that were exactly `latest`, while another camera's picture changed.
     before
         Pixels to compare with: of a frozen camera those it is stuck at, else those at the level `Votes` remembers. None
         before the first pair.
+    latest
+        Pixels of its last frame.
     """
 
-    STATE: ClassVar[tuple[str, ...]] = ("fault", "suspected", "showing", "glare", "repeats", "before")
+    STATE: ClassVar[tuple[str, ...]] = ("fault", "suspected", "showing", "glare", "repeats", "before", "latest")
 
     fault: Fault | None = None
     suspected: Fault | None = None
@@ -99,6 +101,7 @@ class Eye:
     glare: int = 0
     repeats: int = 0
     before: NDArray[np.uint8] | None = None
+    latest: NDArray[np.uint8] | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -162,8 +165,8 @@ class Votes:
     - black, if it shows nearly nothing while another sees well: a capped lens, or a picture so much darker that one of
       the two must win, which is the brighter, since it needs less gain and a shorter time;
     - white, if it is saturated at the lowest exposure while another is not;
-    - frozen, if exposure changed and so did another camera's picture, but not its own; or if it repeats a picture to
-      the last pixel while another's changes.
+    - frozen, if its picture stays while exposure and another camera's picture change, or if it repeats its last
+      picture to the pixel while another's changes.
 
     So a pair whose frames agree, however dark or bright, keeps both votes, and a rig with one camera that one. Of the
     cameras of a pair at least one has a vote.
@@ -203,6 +206,8 @@ class Votes:
             self._note(eye, fault, glances[side])
             self._count_repeats(side, glances)
             self._count_glare(side, glances, others)
+        for side, glance in glances.items():
+            self._eyes[side].latest = glance.pixels
         if len(looks) > 1:
             self._compare_from_here(level, glances)
         self._hear(list(glances))
@@ -240,15 +245,21 @@ class Votes:
         Another camera that was found black beside its old picture gets its vote back.
         """
         eye, glance = self._eyes[side], glances[side]
-        others = [other for each, other in glances.items() if each != side]
-        repeated = glance.difference == 0 and VISIBLE < glance.median < 1
-        eye.repeats = eye.repeats + 1 if repeated and any(other.changed for other in others) else 0
-        if eye.repeats >= REPEATS:
-            eye.fault = "frozen"
+        others = [each for each in glances if each != side]
+        repeated = VISIBLE < glance.median < 1 and self._repeats(side, glance)
+        changed = any(glances[each].changed or not self._repeats(each, glances[each]) for each in others)
+        eye.repeats = eye.repeats + 1 if repeated and changed else 0
+        if eye.repeats >= REPEATS and any(self._eyes[each].fault in {None, "black"} for each in others):
+            eye.fault, eye.before = "frozen", glance.pixels
         if eye.fault == "frozen":
             for each in glances:
                 if self._eyes[each].fault == "black":
                     self._eyes[each] = Eye()
+
+    def _repeats(self, side: Side, glance: _Glance) -> bool:
+        """Whether a frame equals the one before it, to the last pixel."""
+        latest = self._eyes[side].latest
+        return latest is not None and np.array_equal(latest, glance.pixels)
 
     def _count_glare(self, side: Side, glances: Mapping[Side, _Glance], others: Sequence[_Glance]) -> None:
         """After the look at less exposure that long glare asks for, a camera that is too dark there must give way."""
