@@ -40,7 +40,7 @@ LISTED = (
     ("autoexpose_daemon/control/policies/metric_map/exposure_map.py", "DENSITY_DECAY = 0.98", "DENSITY_DECAY = 0.5"),
     ("autoexpose_daemon/control/policies/metric_map/memory.py", "CONTRADICTION = 0.3", "CONTRADICTION = 0.95"),
     # The arena judges the setting just decided instead of the one that the frame was taken with.
-    ("evaluation/arena/race.py", "oracle.judge(taken)", "oracle.judge(series.delayed.decisions[-1].setting)"),
+    ("evaluation/arena/race.py", "judge.judge(taken)", "judge.judge(series.delayed.decisions[-1].setting)"),
     # A delay that is a frame short.
     ("evaluation/stage/delayed_loop.py", "] * delay_frames", "] * (delay_frames - 1)"),
     # The true pose a frame late.
