@@ -13,8 +13,8 @@ from autoexpose_daemon.control.balance import Balance, ExposurePriority
 from autoexpose_daemon.control.image import ImagePreparation
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
 from autoexpose_daemon.control.metrics.information import InformationPrediction, contrast
+from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
 from autoexpose_daemon.control.parameters import ControlParameters
-from autoexpose_daemon.control.sensor_noise import SensorNoise
 from calibration.response import ResponseFunction
 from drivers.exposure import ExposureSetting, linear_gain
 from evaluation.stage.camera import LIMITS, Image, time_first

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.metrics.gradient import ExtremeShares
-from autoexpose_daemon.control.sensor_noise import SensorNoise
+from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
 from calibration.response import GREY_LEVELS, ResponseFunction
 
 try:

@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from autoexpose_daemon.control.loop import ControlLoop
+from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
 from autoexpose_daemon.control.parameters import ControlParameters
 from autoexpose_daemon.control.policies.fisher_map.balance import BlurPhotonBalance
-from autoexpose_daemon.control.sensor_noise import SensorNoise
 from calibration.response import ResponseFunction
 from drivers.exposure import ExposureSetting
 from drivers.frames import StereoPair

@@ -18,7 +18,7 @@ from autoexpose_daemon.control.metrics.information import (
     sampled_contrast,
     sharpness,
 )
-from autoexpose_daemon.control.sensor_noise import SensorNoise
+from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
 from calibration.response import ResponseFunction
 
 LINEAR = ResponseFunction.linear()

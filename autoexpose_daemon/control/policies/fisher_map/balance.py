@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.metrics.information import FRONT_END_DN, sharpness, variance_of
-from autoexpose_daemon.control.sensor_noise import SensorNoise
+from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
 from drivers.exposure import DB_PER_STOP, ExposureLimits
 
 MIDDLE = 0.25

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control.balance import Balance
 from autoexpose_daemon.control.metrics.information import InformationPrediction, contrast, sharpness
+from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
 from autoexpose_daemon.control.policies.fisher_map.balance import BlurPhotonBalance
 from autoexpose_daemon.control.policies.metric_map.exposure_map import ExposureMap
 from autoexpose_daemon.control.policies.metric_map.view import DELTAS, MetricView, Tones
 from autoexpose_daemon.control.policy import Look, Observation, PolicySetup, Target
-from autoexpose_daemon.control.sensor_noise import SensorNoise
 from calibration.response import ResponseFunction
 from drivers.exposure import linear_gain
 from drivers.frames import Side
