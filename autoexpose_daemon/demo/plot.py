@@ -10,6 +10,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator
 from numpy.typing import NDArray
 
 from autoexpose_daemon.demo.analysis import LightStep, lost_pulses
@@ -110,14 +111,16 @@ def _exposure(curves: Sequence[Axes], step_log: StepLog, start_ns: int) -> None:
     level.plot(times_s, applied, color="tab:blue", lw=1.8, label="what frames were taken with")
     level.set_ylabel("stops")
     level.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=2, frameon=False, borderpad=0, borderaxespad=0.2)
-    worth.set_title("Gradient information in the image, 0 to 1: the daemon seeks the most")
+    worth.set_title("Gradient information in the image, 0 to 1")
     worth.plot(times_s, [step.metric for step in step_log.steps], color="tab:purple")
     worth.set_ylabel("metric")
 
 
 def _label(axes: Axes, unit: str) -> None:
-    """A logarithmic axis in plain numbers."""
+    """A logarithmic axis in plain numbers; one of hardly a decade has them at 2 and 5, too."""
     axes.set_ylabel(unit)
+    low, high = axes.get_ylim()
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0,) if high > 20 * low else (1.0, 2.0, 5.0)))
     axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
     axes.yaxis.set_minor_formatter(lambda value, _: "")
 
