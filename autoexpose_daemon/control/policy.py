@@ -58,8 +58,8 @@ class Look:
     weights
         How much each pixel of `image` counts, uint8 of its shape; None: all alike. The figures of an `Observation`
         respect them; a policy that looks at pixels must, too.
-    unfiltered
-        `image` before the median, whose noise is the camera's, averaged; None: `image`.
+    before_median
+        See `unfiltered`; None: `image` has had no median.
     scale
         Width of the frame over that of `image`.
     """
@@ -68,8 +68,13 @@ class Look:
     image: NDArray[np.uint8]
     response: ResponseFunction
     weights: NDArray[np.uint8] | None = None
-    unfiltered: NDArray[np.uint8] | None = None
+    before_median: NDArray[np.uint8] | None = None
     scale: float = 1.0
+
+    @property
+    def unfiltered(self) -> NDArray[np.uint8]:
+        """`image` before the median, whose noise is the camera's, averaged."""
+        return self.image if self.before_median is None else self.before_median
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -74,9 +74,8 @@ class FisherMap(ExposureMap):
     def _view(
         self, look: Look, observation: Observation, times_us: NDArray[np.float64], gains: NDArray[np.float64]
     ) -> MetricView:
-        image = look.image if look.unfiltered is None else look.unfiltered
         setting, blur_px_per_us = observation.setting, self.motion_px * 60e-6 / look.scale
         sharper = sharpness(blur_px_per_us * times_us) / sharpness(blur_px_per_us * setting.exposure_time_us)
-        seen = contrast(image, look.weights, self._native)
+        seen = contrast(look.unfiltered, look.weights, self._native)
         curve = self._predictions[look.side].curve(seen, look.scale**2, linear_gain(setting.gain_db), gains, sharper)
         return MetricView(curve, *self._tones[look.side].measure(look.image, look.weights))

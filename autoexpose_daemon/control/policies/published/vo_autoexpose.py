@@ -62,17 +62,12 @@ class LiftedFrames:
 
     def measure(self, observation: Observation) -> NDArray[np.float64]:
         """M_g of the reference frame under each table: float64, shape (n,)."""
-        return self._metric.measure_predictions(_unfiltered(observation), self._tables, observation.weights)
+        return self._metric.measure_predictions(observation.looks[0].unfiltered, self._tables, observation.weights)
 
     def mean(self, observation: Observation) -> float:
         """Mean grey level of the lifted frame, 0 to 255."""
-        image = cv2.LUT(_unfiltered(observation), self._lift)
+        image = cv2.LUT(observation.looks[0].unfiltered, self._lift)
         return 255.0 * mean_signal(np.asarray(image, np.uint8), _LINEAR, observation.weights)
-
-
-def _unfiltered(observation: Observation) -> NDArray[np.uint8]:
-    look = observation.looks[0]
-    return look.image if look.unfiltered is None else look.unfiltered
 
 
 class CodedMaximum:
