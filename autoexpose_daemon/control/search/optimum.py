@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -46,9 +47,12 @@ class PolynomialFit:
         """
         best = best_sample(self.positions, values)
         coefficients = self.coefficients(values)
-        position = _stationary_point(coefficients, self.positions[0], self.positions[-1])
-        if position is None:
+        terms = [float(term) for term in coefficients[::-1]]
+        low, high = self.positions[0], self.positions[-1]
+        found = newton(terms, 0.0, steps=_NEWTON_STEPS, tolerance=_NEWTON_TOLERANCE, low=low, high=high)
+        if found is None or found[1] >= 0:
             return best
+        position = found[0]
         value = float(polynomial.polyval(position, coefficients))
         return Maximum(position, value) if value >= best.value else best
 
@@ -76,11 +80,21 @@ def taylor(terms: Sequence[float], x: float) -> tuple[float, float, float]:
     return value, slope, half_curvature
 
 
-def _stationary_point(coefficients: NDArray[np.float64], low: float, high: float) -> float | None:
-    """The maximum that Newton converges to from 0 without leaving [low, high], or None."""
-    terms = [float(c) for c in coefficients[::-1]]
-    x = 0.0
-    for _ in range(_NEWTON_STEPS):
+def newton(
+    terms: Sequence[float],
+    x: float,
+    *,
+    steps: int,
+    tolerance: float,
+    low: float = -math.inf,
+    high: float = math.inf,
+) -> tuple[float, float] | None:
+    """Where the slope of the polynomial `terms` (see `taylor`) is 0, by Newton's method, and half the curvature there.
+
+    From `x`, until a step is shorter than `tolerance`; None when it leaves [low, high], meets no curvature, or has not
+    converged after so many steps. The curvature is that of the last position but one.
+    """
+    for _ in range(steps):
         _, slope, half_curvature = taylor(terms, x)
         if half_curvature == 0:
             return None
@@ -88,6 +102,6 @@ def _stationary_point(coefficients: NDArray[np.float64], low: float, high: float
         x -= step
         if not low <= x <= high:
             return None
-        if abs(step) < _NEWTON_TOLERANCE:
-            return x if half_curvature < 0 else None
+        if abs(step) < tolerance:
+            return x, half_curvature
     return None

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control.metrics.gradient import GradientMetric, PackedTables, mean_signal
 from autoexpose_daemon.control.policy import Observation
-from autoexpose_daemon.control.search.optimum import PolynomialFit, taylor
+from autoexpose_daemon.control.search.optimum import PolynomialFit, newton, taylor
 from calibration.response import GREY_LEVELS, ResponseFunction
 
 GAMMA = 0.3
@@ -87,18 +87,10 @@ class CodedMaximum:
         """The position."""
         terms = self._terms(metrics)
         first_best = self._positions[int(np.argmax(metrics))]
-        x = self._origin
-        if taylor(terms, x)[2] >= 0:
+        if taylor(terms, self._origin)[2] >= 0:
             return first_best
-        for _ in range(NEWTON_STEPS):
-            _, slope, half_curvature = taylor(terms, x)
-            if half_curvature == 0:
-                return first_best
-            step = slope / (2 * half_curvature)
-            x -= step
-            if abs(step) < NEWTON_TOLERANCE:
-                return x
-        return first_best
+        found = newton(terms, self._origin, steps=NEWTON_STEPS, tolerance=NEWTON_TOLERANCE)
+        return first_best if found is None else found[0]
 
     def value(self, metrics: NDArray[np.float64], position: float) -> float:
         """The polynomial at a position."""
