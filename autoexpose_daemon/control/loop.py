@@ -17,7 +17,7 @@ from autoexpose_daemon.control.metrics.gradient import ExtremeShares, GradientMe
 from autoexpose_daemon.control.motion import DisMotion, FarnebackMotion, FlowMotion
 from autoexpose_daemon.control.parameters import FASTEST_TURN_RAD_S, ControlParameters
 from autoexpose_daemon.control.policies.table import build_policy
-from autoexpose_daemon.control.policy import Look, Observation, PastStep, PolicySetup
+from autoexpose_daemon.control.policy import Look, Objective, Observation, PastStep, PolicySetup
 from autoexpose_daemon.control.region import Region
 from autoexpose_daemon.control.snapshot import Plain, restore, take
 from calibration.response import ResponseFunction
@@ -122,6 +122,11 @@ class ControlLoop:
     def balance(self) -> Balance:
         """How the policy splits a level into time and gain."""
         return self._policy.balance
+
+    @property
+    def objective(self) -> Objective:
+        """What the policy is judged by."""
+        return self._policy.OBJECTIVE
 
     @property
     def shortfall(self) -> str | None:

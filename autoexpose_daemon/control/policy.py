@@ -197,6 +197,10 @@ class PolicySetup:
                 return FlickerBalance(self.parameters.flicker_hz)
 
 
+Objective = Literal["metric", "information"]
+"""What makes a frame good: gradient information M_g, or `InformationPrediction`."""
+
+
 class ExposurePolicy(ABC):
     """Decides on one exposure level per stereo pair. One that is in the table also has a class method `build(setup)`.
 
@@ -206,6 +210,8 @@ class ExposurePolicy(ABC):
     ----------
     FLOW
         The optical flow of its paper, used unless another is configured.
+    OBJECTIVE
+        What it is judged by.
     balance
         How the level is split into time and gain.
     shortfall
@@ -214,6 +220,7 @@ class ExposurePolicy(ABC):
 
     STATE: ClassVar[tuple[str, ...]] = ()
     FLOW: ClassVar[Literal["dis", "farneback"]] = "dis"
+    OBJECTIVE: ClassVar[Objective] = "metric"
     balance: Balance
     shortfall: str | None = None
 

@@ -203,9 +203,9 @@ def race(
 
 
 def _enter(entrant: Entrant, start: ExposureSetting, first_scored: int, informed: Oracle | None) -> Series:
-    by_metric = Judgement()
-    by_objective = Judgement() if entrant.informed and informed is not None else by_metric
-    return Series(entrant, first_scored, entrant.enter(start), by_metric, by_objective)
+    delayed, by_metric = entrant.enter(start), Judgement()
+    own = delayed.loop.objective == "information" and informed is not None
+    return Series(entrant, first_scored, delayed, by_metric, Judgement() if own else by_metric)
 
 
 def _light_jumps_at(stage: Stage, frame: int, frames: int) -> bool:

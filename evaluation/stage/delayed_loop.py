@@ -53,20 +53,16 @@ MakeLoop = Callable[[ResponseFunction, ExposureLimits, ExposureSetting], Control
 
 @dataclass(frozen=True, slots=True)
 class Entrant:
-    """A participant: name, delay (see `DelayedLoop`), how its control loop is made, and whether that is `fisher-map`'s.
-
-    What a policy maximises decides what the arena calls settled.
-    """
+    """A participant: its name, its delay (see `DelayedLoop`), and how its control loop is made."""
 
     name: str
     delay_frames: int
     make_loop: MakeLoop
-    informed: bool = False
 
     @classmethod
     def of(cls, policy_id: str, delay_frames: int = 2) -> Entrant:
         """A policy by its id."""
-        return cls(policy_id, delay_frames, partial(ControlLoop, policy_id), informed=policy_id == "fisher-map")
+        return cls(policy_id, delay_frames, partial(ControlLoop, policy_id))
 
     def enter(self, start: ExposureSetting) -> DelayedLoop:
         """A fresh loop for linear cameras that starts from a setting."""

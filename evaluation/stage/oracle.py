@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +14,7 @@ from autoexpose_daemon.control.metrics.gradient import GradientMetric
 from autoexpose_daemon.control.metrics.information import InformationPrediction, contrast
 from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
 from autoexpose_daemon.control.parameters import ControlParameters
+from autoexpose_daemon.control.policy import Objective
 from calibration.response import ResponseFunction
 from drivers.exposure import ExposureSetting, linear_gain
 from evaluation.stage.camera import LIMITS, Image, time_first
@@ -34,9 +34,6 @@ PROMISING = 0.85
 PLATEAU = 0.99
 """The best level is the middle of those that reach this share of the maximum."""
 
-
-Objective = Literal["metric", "information"]
-"""What makes a frame good: gradient information M_g, or `InformationPrediction`, which `fisher-map` maximises."""
 
 _UNCHANGED = np.array([0.0])
 _SAME = np.array([1.0])

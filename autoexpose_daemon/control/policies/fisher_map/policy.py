@@ -15,7 +15,7 @@ from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
 from autoexpose_daemon.control.policies.fisher_map.balance import BlurPhotonBalance
 from autoexpose_daemon.control.policies.metric_map.exposure_map import ExposureMap
 from autoexpose_daemon.control.policies.metric_map.view import DELTAS, MetricView, Tones
-from autoexpose_daemon.control.policy import Look, Observation, PolicySetup, Target
+from autoexpose_daemon.control.policy import Look, Objective, Observation, PolicySetup, Target
 from calibration.response import ResponseFunction
 from drivers.exposure import linear_gain
 from drivers.frames import Side
@@ -27,6 +27,7 @@ class FisherMap(ExposureMap):
     So blur and noise, which follow from the split, are part of what a level is worth.
     """
 
+    OBJECTIVE: ClassVar[Objective] = "information"
     HOLD_GAIN_MOVING: ClassVar[float] = 0.06
     """Twice that of M_g. Odometry loses more by a change of brightness than such a small gain brings: over the tuning
     courses ORB matches rose by 1 %, with 0.06 in place of 0.03."""
