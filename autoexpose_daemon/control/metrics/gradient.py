@@ -8,12 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from autoexpose_daemon.control.metrics.extension import extension as _native
 from calibration.response import GREY_LEVELS, ResponseFunction
-
-try:
-    from autoexpose_daemon.control import _native
-except ImportError:  # installed without a C compiler
-    _native = None  # type: ignore[assignment]
 
 _TABLES_PER_WORD = 4
 """One look-up fetches a pixel under four predictions at once, as one int32, as fast as a single one."""

@@ -8,14 +8,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from autoexpose_daemon.control.metrics.extension import extension as _native
 from autoexpose_daemon.control.metrics.gradient import ExtremeShares
 from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
 from calibration.response import GREY_LEVELS, ResponseFunction
-
-try:
-    from autoexpose_daemon.control import _native
-except ImportError:  # installed without a C compiler
-    _native = None  # type: ignore[assignment]
 
 CELLS = 8
 """The picture counts by 8x8 cells, each by the root of its information: one bright patch cannot pay for the rest."""
@@ -151,25 +147,28 @@ class InformationPrediction:
         """
         (shot_now, read_now), (shot, read) = self._now, self._then
         energy, noise = seen.energy / 4, variance_of(shot_now * gain + read_now * gain**2, pixels) * seen.count
-        share = self._share_of_noise(energy, noise, seen.count)
+        by_cell, by_grey = seen.count.sum(axis=1), seen.count.sum(axis=0)
+        share = self._share_of_noise(energy, noise, seen.count, by_cell)
         variance = variance_of(shot * gains + read * gains**2, pixels)
         worth = self._gain / (share * variance + FRONT_END_DN**2)
-        by_grey = seen.count.sum(axis=0)
-        weight = max(int(by_grey.sum()), 1)
-        cells = max(int(np.count_nonzero(seen.count.any(axis=1))), 1)
+        weight, cells = max(int(by_grey.sum()), 1), max(int(np.count_nonzero(by_cell)), 1)
         precision = np.sqrt(np.maximum((energy - share * noise) @ worth, 0.0) * (cells / weight)).sum(axis=0) / cells
         saturated = np.minimum(by_grey @ self._saturates / weight, 1.0)
         return np.asarray(precision * np.sqrt(sharper * (1.0 - saturated)))
 
     def _share_of_noise(
-        self, energy: NDArray[np.float64], noise: NDArray[np.float64], count: NDArray[np.int64]
+        self,
+        energy: NDArray[np.float64],
+        noise: NDArray[np.float64],
+        count: NDArray[np.int64],
+        by_cell: NDArray[np.int64],
     ) -> float:
         """The noise that there is as a share of the noise expected, at most 1: the flattest cells have no more.
 
         A sensor better than the one that was configured would otherwise seem to see nothing in the dark.
         """
         shown, expected, weight = (each[:, self._readable].sum(axis=1) for each in (energy, noise, count))
-        telling = (weight > LEAST_READABLE * count.sum(axis=1)) & (expected > LEAST_VARIANCE * weight)
+        telling = (weight > LEAST_READABLE * by_cell) & (expected > LEAST_VARIANCE * weight)
         if not telling.any():
             return 1.0
         return min(float(np.quantile(shown[telling] / expected[telling], FLATTEST_SHARE)), 1.0)

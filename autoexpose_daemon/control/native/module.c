@@ -33,14 +33,22 @@ static const InstructionSet *find_set(const char *name)
     return NULL;
 }
 
+static int check_region(const Py_buffer *image, const Py_buffer *region)
+{
+    if (!region || (region->shape[0] == image->shape[0] && region->shape[1] == image->shape[1]))
+        return 0;
+    PyErr_SetString(PyExc_ValueError, "region must have the shape of the image");
+    return -1;
+}
+
 static int check_shapes(const Py_buffer *image, const Py_buffer *region, const Py_buffer *words,
                         const Py_buffer *weights)
 {
     if (image->shape[0] < 2 || image->shape[1] < 2 || image->shape[1] > WIDEST)
         PyErr_Format(PyExc_ValueError, "an image of %zdx%zd pixels has no gradient here: at least 2x2, at most %d wide",
                      image->shape[1], image->shape[0], (int)WIDEST);
-    else if (region && (region->shape[0] != image->shape[0] || region->shape[1] != image->shape[1]))
-        PyErr_SetString(PyExc_ValueError, "region must have the shape of the image");
+    else if (check_region(image, region))
+        return -1;
     else if (weights->shape[0] != GREY_LEVELS)
         PyErr_SetString(PyExc_ValueError, "weights must have 256 entries");
     else if (words && (words->shape[1] != GREY_LEVELS || words->shape[2] != LANES))
@@ -146,11 +154,8 @@ static PyObject *contrast_into(const Py_buffer *image_view, const Py_buffer *reg
     if (image_view->shape[0] < 3 || image_view->shape[1] < 3 || image_view->shape[1] > WIDEST)
         return PyErr_Format(PyExc_ValueError, "an image of %zdx%zd pixels has no inside: at least 3x3, at most %d wide",
                             image_view->shape[1], image_view->shape[0], (int)WIDEST);
-    if (region_view &&
-        (region_view->shape[0] != image_view->shape[0] || region_view->shape[1] != image_view->shape[1])) {
-        PyErr_SetString(PyExc_ValueError, "region must have the shape of the image");
+    if (check_region(image_view, region_view))
         return NULL;
-    }
     const Image image = image_of(image_view), region = region_view ? image_of(region_view) : (Image){0};
     int failed;
     Py_BEGIN_ALLOW_THREADS
