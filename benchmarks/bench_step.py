@@ -21,6 +21,7 @@ import numpy as np
 from autoexpose_daemon.control.image import ImagePreparation
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.metrics import gradient
+from autoexpose_daemon.control.metrics.extension import extension
 from autoexpose_daemon.control.metrics.gradient import ExtremeShares, GradientMetric, PackedTables, mean_signal
 from autoexpose_daemon.control.motion import DisMotion, FarnebackMotion
 from autoexpose_daemon.control.parameters import ControlParameters, MotionId
@@ -47,13 +48,13 @@ Stages = dict[str, Callable[[int], object]]
 @contextlib.contextmanager
 def without_extension(without: bool) -> Iterator[None]:
     """Have what is built inside do without the C extension."""
-    extension = gradient._native
+    built = gradient._native
     if without:
         gradient._native = None
     try:
         yield
     finally:
-        gradient._native = extension
+        gradient._native = built
 
 
 def step_of(frames: tuple[np.ndarray, ...], native: bool, motion: MotionId) -> Callable[[int], object]:
@@ -156,11 +157,7 @@ def figures_of(times_us: dict[str, float]) -> dict[str, object]:
 
 def instruction_set() -> str | None:
     """The one that the C extension uses; None if it is not built."""
-    try:
-        from autoexpose_daemon.control import _native  # noqa: PLC0415
-    except ImportError:
-        return None
-    return _native.INSTRUCTION_SETS[0]
+    return None if extension is None else extension.INSTRUCTION_SETS[0]
 
 
 def main() -> None:

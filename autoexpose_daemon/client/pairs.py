@@ -94,7 +94,7 @@ class ReceivedPair:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NormalisedPair:
-    """The images of a pair at the exposure level `reference`, stops; `right` is None in a rig with one camera."""
+    """The images of a pair at the exposure level `reference` (stops); `right` is None in a rig with one camera."""
 
     left: Pixels
     right: Pixels | None

@@ -179,6 +179,16 @@ def sharpness(blur_px: NDArray[np.float64] | float) -> NDArray[np.float64]:
     return np.asarray(1.0 / (1.0 + (np.asarray(blur_px) / BLUR_PX) ** 2))
 
 
+def blur_length_px(
+    motion_px: float, exposure_time_us: NDArray[np.float64] | float, scale: float
+) -> NDArray[np.float64]:
+    """Length of the motion blur, pixels of the shrunk image, of which one is `scale` pixels of the frame long.
+
+    `motion_px` is the speed of image points, pixels of full resolution per 1/60 s.
+    """
+    return np.asarray(motion_px * 60e-6 * exposure_time_us / scale)
+
+
 def variance_of(noise_dn2: NDArray[np.float64], pixels: float) -> NDArray[np.float64]:
     """Variance of the image that control sees, of whose pixels each is the rounded mean of `pixels` of the sensor's.
 

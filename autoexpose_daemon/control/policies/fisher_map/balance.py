@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from autoexpose_daemon.control.metrics.information import FRONT_END_DN, sharpness, variance_of
+from autoexpose_daemon.control.metrics.information import FRONT_END_DN, blur_length_px, sharpness, variance_of
 from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
 from drivers.exposure import DB_PER_STOP, ExposureLimits
 
@@ -51,6 +51,6 @@ class BlurPhotonBalance:
         gains = np.exp2(levels) / times_us
         shot, read = self.noise.variance_factors(np.array(255.0 * MIDDLE * math.log(2)), np.array(MIDDLE))
         variance = variance_of(shot * gains + read * gains**2, self.scale**2)
-        blur_px = motion_px * 60e-6 * times_us / self.scale
-        best = np.argmax(sharpness(blur_px) / (variance + FRONT_END_DN**2), axis=0)
+        sharp = sharpness(blur_length_px(motion_px, times_us, self.scale))
+        best = np.argmax(sharp / (variance + FRONT_END_DN**2), axis=0)
         return np.asarray(np.take_along_axis(times_us, best[None], axis=0)[0])

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.balance import Balance
-from autoexpose_daemon.control.metrics.information import InformationPrediction, contrast, sharpness
+from autoexpose_daemon.control.metrics.information import InformationPrediction, blur_length_px, contrast, sharpness
 from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
 from autoexpose_daemon.control.policies.fisher_map.balance import BlurPhotonBalance
 from autoexpose_daemon.control.policies.metric_map.exposure_map import ExposureMap
@@ -75,8 +75,11 @@ class FisherMap(ExposureMap):
     def _view(
         self, look: Look, observation: Observation, times_us: NDArray[np.float64], gains: NDArray[np.float64]
     ) -> MetricView:
-        setting, blur_px_per_us = observation.setting, self.motion_px * 60e-6 / look.scale
-        sharper = sharpness(blur_px_per_us * times_us) / sharpness(blur_px_per_us * setting.exposure_time_us)
+        setting = observation.setting
+        now, then = (
+            sharpness(blur_length_px(self.motion_px, time_us, look.scale))
+            for time_us in (setting.exposure_time_us, times_us)
+        )
         seen = contrast(look.unfiltered, look.weights, self._native)
-        curve = self._predictions[look.side].curve(seen, look.scale**2, linear_gain(setting.gain_db), gains, sharper)
+        curve = self._predictions[look.side].curve(seen, look.scale**2, linear_gain(setting.gain_db), gains, then / now)
         return MetricView(curve, *self._tones[look.side].measure(look.image, look.weights))
