@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from drivers.exposure import ExposureSetting
-from evaluation.experiments.worth.matches import scenes
+from evaluation.experiments.worth import pictures
 from evaluation.experiments.worth.matches.motions import Rotation, Similarity, found_motion
 from evaluation.experiments.worth.matches.pairs import (
     LOST_PX,
@@ -150,7 +150,7 @@ def test_the_state_of_the_right_eye_leaves_the_left_alone() -> None:
 
 
 def test_a_photograph_is_known_by_its_content(tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(scenes, "DATA", tmp_path)
+    monkeypatch.setattr(pictures, "DATA", tmp_path)
     (tmp_path / "a.hdr").write_bytes(b"one")
     (tmp_path / "b.hdr").write_bytes(b"two")
-    assert scenes.digest("a.hdr") != scenes.digest("b.hdr") and scenes.digest("leaves:3") == ""
+    assert pictures.digest("a.hdr") != pictures.digest("b.hdr") and pictures.digest("leaves:3") == ""

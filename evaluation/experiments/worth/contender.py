@@ -1,9 +1,12 @@
-"""A participant: a name and a control loop, made for each course."""
+"""A participant: a name and a control loop, made for each course; and how its runs are summed up."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+
+import numpy as np
 
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.parameters import ControlParameters
@@ -13,6 +16,14 @@ from evaluation.stage.delayed_loop import MakeLoop
 
 HAND_TUNED = ExposureSetting(3000.0, 6.0)
 """The setting of `fixed`: as in fig12, where it was chosen by hand in a room."""
+
+
+def medians(settings: Sequence[ExposureSetting]) -> dict[str, float]:
+    """Of exposure time and gain over a run, for its rows."""
+    return {
+        "time_us": float(np.median([setting.exposure_time_us for setting in settings])),
+        "gain_db": float(np.median([setting.gain_db for setting in settings])),
+    }
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-
 from drivers.exposure import ExposureSetting
-from evaluation.experiments.worth.contender import Contender, policy
+from evaluation.experiments.worth.contender import Contender, medians, policy
 from evaluation.experiments.worth.matches.courses import Course
 from evaluation.experiments.worth.matches.rig import Rig
 from evaluation.experiments.worth.matches.scoring import JUDGES, SCORING_SEEDS, Scorer, rows
@@ -36,11 +34,7 @@ def run(course: Course, contenders: Sequence[Contender]) -> list[dict[str, Any]]
             scorer.look(loop.step(rig.take).frames["left"])
     found: list[dict[str, Any]] = []
     for contender, scorer in zip(contenders, scorers, strict=True):
-        medians = {
-            "time_us": float(np.median([setting.exposure_time_us for setting in scorer.settings])),
-            "gain_db": float(np.median([setting.gain_db for setting in scorer.settings])),
-        }
-        found += rows(course, contender.name, scorer.means(), dict.fromkeys(JUDGES, medians))
+        found += rows(course, contender.name, scorer.means(), dict.fromkeys(JUDGES, medians(scorer.settings)))
     return found
 
 

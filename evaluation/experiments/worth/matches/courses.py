@@ -9,7 +9,8 @@ import numpy as np
 
 from calibration.response import ResponseFunction
 from evaluation.experiments.worth.matches.rig import DEFAULT_SENSOR, Eyes, Film
-from evaluation.experiments.worth.matches.scenes import DATA, HEIGHT, WIDTH, digest, moving_view
+from evaluation.experiments.worth.matches.scenes import HEIGHT, WIDTH, moving_view
+from evaluation.experiments.worth.pictures import DATA, digest, stills
 from evaluation.scenes.responses import CameraResponse
 from evaluation.scenes.stills import PAINTERS
 from fake_camera.world.sensor import SensorModel
@@ -134,8 +135,6 @@ class Course:
         return asdict(self)
 
 
-_STILLS = {"tuning": ("Carrots", "CrissyField"), "report": ("Desk", "GoldenGate", "MtTamWest")}
-
 _PANORAMAS = (
     *("apartment", "bridge", "city", "forest", "hall", "lab"),
     *("lobby", "night", "park", "sunrise", "warehouse", "workshop"),
@@ -185,17 +184,17 @@ _REPORT_KINDS = [
 def tuning() -> list[Course]:
     """For development: two photographs and painted stills."""
     painted = [f"{painter}:{seed}" for seed in (3, 4) for painter in PAINTERS]
-    stills = _photographs("tuning") or [f"{painter}:{seed}" for seed in (5, 6) for painter in PAINTERS]
-    return _varied([*stills * 4, *painted]) + _special([*stills, *painted], _TUNING_KINDS)
+    pictures = stills("tuning") or [f"{painter}:{seed}" for seed in (5, 6) for painter in PAINTERS]
+    return _varied([*pictures * 4, *painted]) + _special([*pictures, *painted], _TUNING_KINDS)
 
 
 def report() -> list[Course]:
     """What counts: photographs that nothing was tuned on, and paintings of other seeds."""
     painted = [f"{painter}:{seed}" for seed in (2003,) for painter in PAINTERS]
-    stills = _photographs("report") or [f"{painter}:{seed}" for seed in (2004, 2005) for painter in PAINTERS]
+    pictures = stills("report") or [f"{painter}:{seed}" for seed in (2004, 2005) for painter in PAINTERS]
     panoramas = [scene for name in _PANORAMAS if (DATA / (scene := f"hdri_1k_cc0/{name}.hdr")).exists()]
     # Twice, so that each kind has two scenes.
-    return _varied([*stills * 3, *panoramas, *painted]) + _special([*stills, *panoramas[::3]], _REPORT_KINDS * 2)
+    return _varied([*pictures * 3, *panoramas, *painted]) + _special([*pictures, *panoramas[::3]], _REPORT_KINDS * 2)
 
 
 def quick(courses: list[Course]) -> list[Course]:
@@ -205,8 +204,3 @@ def quick(courses: list[Course]) -> list[Course]:
 
 SETS = {"tuning": tuning, "report": report}
 """The sets by name. Nothing is chosen by the report set."""
-
-
-def _photographs(name: str) -> list[str]:
-    """The stills of a set; none where there are no data."""
-    return [scene for still in _STILLS[name] if (DATA / (scene := f"hdr_stills_bsd/{still}.hdr")).exists()]

@@ -16,11 +16,11 @@ from evaluation.experiments.worth.matches.scenes import (
     CANVAS,
     DISPARITY_PX,
     HEIGHT,
-    RATE_HZ,
     WIDTH,
     MovingView,
     Radiance,
 )
+from evaluation.scenes.scenarios import RATE_HZ
 from evaluation.stage.camera import LIMITS
 from fake_camera.imaging import PIXEL_FORMATS, ImageSettings
 from fake_camera.world.sensor import Sensor, SensorModel

@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
-import os
-from functools import cache
-from pathlib import Path
 from typing import Protocol
 
 import cv2
@@ -14,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evaluation.experiments.worth.matches.motions import Homography, MotionModel, Rotation, Similarity
-from evaluation.scenes.stills import PAINTERS
-from fake_camera.world.scene.panorama import load_radiance
+from evaluation.experiments.worth.pictures import picture
+from evaluation.scenes.scenarios import RATE_HZ
 
 WIDTH, HEIGHT = 360, 270
 """Of the judged frames: panoramas of 1024x512 have no more detail to show."""
@@ -31,14 +27,6 @@ CENTRE = ((WIDTH - 1) / 2, (HEIGHT - 1) / 2)
 
 FOCAL_PX = 180.0
 """Before panoramas: 90 degrees across, where a pixel of the view is about as large as one of the panorama."""
-
-RATE_HZ = 60.0
-
-DATA = Path(os.environ.get("AUTOEXPOSE_DATA", Path(__file__).parents[5] / "shared" / "data"))
-"""Where the photographs are (docs/experiments.md)."""
-
-PAINTED_SIZE = (1000, 640)
-"""Width and height of painted stills."""
 
 STILL_SPAN = 1.8
 """Larger stills are shrunk to this many views across or down: sharp, and no view shows nothing but sky."""
@@ -162,24 +150,17 @@ class PanoramaView:
 
 
 def moving_view(scene: str, speed_px: float, seed: int) -> MovingView:
-    """A photograph by its path below `DATA`, or a painting by `painter:seed`."""
-    picture = _picture(scene)
-    return (PanoramaView if scene.startswith(_PANORAMAS) else StillView)(picture, speed_px, seed)
+    """One of the `pictures`, by its name."""
+    return (PanoramaView if scene.startswith(_PANORAMAS) else StillView)(_shrunk(scene), speed_px, seed)
 
 
-@cache
-def digest(scene: str) -> str:
-    """SHA-256 of a photograph's file, so that results are kept only for the same picture; "" for a painting."""
-    return "" if ":" in scene else hashlib.sha256((DATA / scene).read_bytes()).hexdigest()
-
-
-def _picture(scene: str) -> Radiance:
-    painter, _, seed = scene.partition(":")
-    if seed:
-        return PAINTERS[painter](np.random.default_rng([int(seed), 78]), *PAINTED_SIZE)
-    photograph = load_radiance(DATA / scene)
-    rows, columns = photograph.shape
-    scale = 1.0 if scene.startswith(_PANORAMAS) else STILL_SPAN * max(CANVAS[0] / columns, CANVAS[1] / rows)
+def _shrunk(scene: str) -> Radiance:
+    """A picture; photographed stills shrunk to `STILL_SPAN`."""
+    found = picture(scene)
+    if ":" in scene or scene.startswith(_PANORAMAS):
+        return found
+    rows, columns = found.shape
+    scale = STILL_SPAN * max(CANVAS[0] / columns, CANVAS[1] / rows)
     if scale >= 1.0:
-        return photograph
-    return np.asarray(cv2.resize(photograph, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.float32)
+        return found
+    return np.asarray(cv2.resize(found, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.float32)

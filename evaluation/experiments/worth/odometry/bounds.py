@@ -19,8 +19,6 @@ from evaluation.odometry.stereo import StereoCamera
 from evaluation.odometry.tracking import EVERY, true_pose
 from evaluation.stage.rendering import Stage
 
-_TIMES_US = (300.0, 1000.0, 3000.0, 7500.0)
-
 GRID = (
     ExposureSetting(100.0, 0.0),
     *(

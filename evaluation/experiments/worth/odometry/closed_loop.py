@@ -9,7 +9,7 @@ import numpy as np
 
 from calibration.response import ResponseFunction
 from drivers.exposure import ExposureSetting
-from evaluation.experiments.worth.contender import Contender, policy
+from evaluation.experiments.worth.contender import Contender, medians, policy
 from evaluation.experiments.worth.matches.pairs import PREPARATIONS
 from evaluation.experiments.worth.odometry.bounds import bounds
 from evaluation.experiments.worth.odometry.drives import SCORING, Drive
@@ -53,11 +53,7 @@ def run(drive: Drive, contenders: Sequence[Contender]) -> list[dict[str, Any]]:
                 trial.look(pair.reference.setting)
     found: list[dict[str, Any]] = []
     for contender, loop, trial in zip(contenders, loops, trials, strict=True):
-        medians = {
-            "time_us": float(np.median([setting.exposure_time_us for setting in loop.settings])),
-            "gain_db": float(np.median([setting.gain_db for setting in loop.settings])),
-        }
-        more = dict.fromkeys(PREPARATIONS, medians)
+        more = dict.fromkeys(PREPARATIONS, medians(loop.settings))
         found += rows(drive, contender.name, trial.errors_mm(), trial.failed(), more)
     return found
 

@@ -7,17 +7,14 @@ from dataclasses import asdict, dataclass, replace
 from functools import cache
 from typing import Any, Literal
 
-import numpy as np
-
-from evaluation.experiments.worth.matches.scenes import DATA, PAINTED_SIZE, digest
+from evaluation.experiments.worth.pictures import digest, picture, stills
 from evaluation.odometry.lap import illumination, lap
 from evaluation.scenes.natural_rooms import Feature, natural_room
 from evaluation.scenes.scenarios import RATE_HZ, Course, no_turn, steady
-from evaluation.scenes.stills import PAINTERS, Still
+from evaluation.scenes.stills import PAINTERS
 from evaluation.scenes.views import CAMERA
 from evaluation.stage.rendering import Stage
 from fake_camera.world.render.renderer import Renderer, Surface
-from fake_camera.world.scene.panorama import load_radiance
 from fake_camera.world.simulation import RoomView
 
 Surroundings = Literal["plain", "window", "lamps", "tunnel"]
@@ -111,9 +108,6 @@ class Drive:
         ]  # fmt: skip
 
 
-_STILLS = {"tuning": ("Carrots", "CrissyField"), "report": ("Desk", "GoldenGate", "MtTamWest")}
-
-
 def tuning() -> list[Drive]:
     """For development."""
     pictures = _pictures("tuning", first_painting=11)
@@ -153,13 +147,7 @@ def _drive(pictures: tuple[str, ...], seed: int, lux: float, surroundings: Surro
 
 def _pictures(name: str, first_painting: int) -> tuple[str, ...]:
     """The stills of a set; paintings where there are no data."""
-    stills = tuple(scene for still in _STILLS[name] if (DATA / (scene := f"hdr_stills_bsd/{still}.hdr")).exists())
-    return stills or tuple(f"{painter}:{first_painting + place}" for place, painter in enumerate(PAINTERS))
+    return tuple(stills(name)) or tuple(f"{painter}:{first_painting + place}" for place, painter in enumerate(PAINTERS))
 
 
-@cache
-def _picture(scene: str) -> Still:
-    painter, _, seed = scene.partition(":")
-    if seed:
-        return PAINTERS[painter](np.random.default_rng([int(seed), 78]), *PAINTED_SIZE)
-    return load_radiance(DATA / scene)
+_picture = cache(picture)
