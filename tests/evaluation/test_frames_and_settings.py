@@ -31,7 +31,7 @@ class Watched:
 
     def __init__(self, loop: ControlLoop) -> None:
         self._loop = loop
-        self.setup, self.balance = loop.setup, loop.balance
+        self.setup, self.balance, self.objective = loop.setup, loop.balance, loop.objective
         self.decisions: list[Decision] = []
 
     def step(self, pair: StereoPair) -> Decision:
