@@ -118,7 +118,7 @@ class ControlConfig(Section):
     start: StartConfig | None = None
     roi: RoiConfig = RoiConfig()
     balance: BalanceId = _TUNING.balance
-    flicker_hz: FlickerHz = _TUNING.flicker_hz
+    flicker_hz: FlickerHz = "auto" if _TUNING.flicker_hz is None else _TUNING.flicker_hz
     motion: MotionId = _TUNING.motion
     focal_length_px: FocalLengthPx | None = _TUNING.focal_length_px
     full_well_e: FullWellE = _TUNING.full_well_e
@@ -131,7 +131,9 @@ class ControlConfig(Section):
 
     def parameters(self) -> ControlParameters:
         """What the control loop is tuned with."""
-        return ControlParameters(**{field.name: getattr(self, field.name) for field in fields(ControlParameters)})
+        values = {field.name: getattr(self, field.name) for field in fields(ControlParameters)}
+        found = {"flicker_hz": None} if self.flicker_hz == "auto" else {}
+        return ControlParameters(**values | found)
 
     @model_validator(mode="after")
     def _policy_exists(self) -> Self:

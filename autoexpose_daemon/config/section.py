@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    ValidatorFunctionWrapHandler,
+    WrapValidator,
+)
 
 from drivers.config import bounds
 
@@ -15,6 +22,17 @@ def _refuse_boolean(value: object) -> object:
     if isinstance(value, bool):  # YAML reads yes, no, on and off as booleans, which Python takes for 1 and 0
         raise ValueError(f"{str(value).lower()} is not a number")
     return value
+
+
+def _hertz_or_auto(value: object, parse: ValidatorFunctionWrapHandler) -> object:
+    if value == "auto":
+        return value
+    try:
+        return bounds.FLICKER_HZ.check(parse(value))
+    except ValueError as error:
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        wrong = "is out of bounds" if number else "is no frequency"
+        raise ValueError(f"{value!r:.40} {wrong}: give {bounds.FLICKER_HZ}, or auto") from error
 
 
 def check_name(name: str) -> str:
@@ -42,7 +60,7 @@ MetricLambda = Annotated[Float, AfterValidator(bounds.METRIC_LAMBDA.check)]
 BalanceWeight = Annotated[Float, AfterValidator(bounds.BALANCE_WEIGHT.check)]
 BalanceOffset = Annotated[Float, AfterValidator(bounds.BALANCE_OFFSET.check)]
 MeanTarget = Annotated[Float, AfterValidator(bounds.MEAN_TARGET.check)]
-FlickerHz = Annotated[Float, AfterValidator(bounds.FLICKER_HZ.check)]
+FlickerHz = Annotated[Float | Literal["auto"], WrapValidator(_hertz_or_auto)]
 FocalLengthPx = Annotated[Float, AfterValidator(bounds.FOCAL_LENGTH_PX.check)]
 FullWellE = Annotated[Float, AfterValidator(bounds.FULL_WELL_E.check)]
 ReadNoiseE = Annotated[Float, AfterValidator(bounds.READ_NOISE_E.check)]

@@ -99,7 +99,28 @@ class FlickerBalance:
 
     def exposure_time_us(self, level: float, motion_px: float, limits: ExposureLimits) -> float:
         """The longest whole number of periods within the time of exposure priority and the bounds, or that time."""
-        period_us = 1e6 / self.flicker_hz
         priority_us = ExposurePriority().exposure_time_us(level, motion_px, limits)
-        periods = math.floor(min(priority_us, limits.max_time_us) / period_us * (1 + 1e-9))
-        return periods * period_us if periods else priority_us
+        return whole_periods_us(priority_us, level, limits, self.flicker_hz)
+
+
+def whole_periods_us(wanted_us: float, level: float, limits: ExposureLimits, flicker_hz: float) -> float:
+    """An exposure time (us) rounded down to whole periods of the light, but at least one.
+
+    It is returned as it is where not even one period fits: under the upper bound of the time, or because the light is
+    too strong for it at the lowest gain.
+
+    Parameters
+    ----------
+    wanted_us
+        The time to round.
+    level
+        Exposure level that is split, stops.
+    limits
+        Bounds of time and gain.
+    flicker_hz
+        Flashes per second.
+    """
+    period_us = 1e6 / flicker_hz
+    longest_us = min(math.exp2(level) / linear_gain(limits.min_gain_db), limits.max_time_us)
+    fitting, wanted = (math.floor(time_us / period_us * (1 + 1e-9)) for time_us in (longest_us, wanted_us))
+    return min(max(wanted, 1), fitting) * period_us if fitting else wanted_us

@@ -10,12 +10,13 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from autoexpose_daemon.control.balance import Balance
+from autoexpose_daemon.control.balance import Balance, whole_periods_us
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.image import ImagePreparation
 from autoexpose_daemon.control.metrics.gradient import ExtremeShares, GradientMetric, mean_signal
 from autoexpose_daemon.control.motion import DisMotion, FarnebackMotion, FlowMotion
 from autoexpose_daemon.control.parameters import FASTEST_TURN_RAD_S, ControlParameters
+from autoexpose_daemon.control.policies.flicker import FlickerWatch
 from autoexpose_daemon.control.policies.table import build_policy
 from autoexpose_daemon.control.policy import Look, Objective, Observation, PastStep, PolicySetup
 from autoexpose_daemon.control.region import Region
@@ -88,10 +89,11 @@ class ControlLoop:
         For a policy that does not exist.
     """
 
-    STATE: ClassVar[tuple[str, ...]] = ("_past", "_motions", "_motion_side", "_motion_px", "_policy")
+    STATE: ClassVar[tuple[str, ...]] = ("_past", "_motions", "_motion_side", "_motion_px", "_policy", "_flicker")
     _past: deque[PastStep]
     _motion_side: Side | None
     _motion_px: float
+    _flicker: FlickerWatch | None
 
     def __init__(
         self,
@@ -110,6 +112,7 @@ class ControlLoop:
         self._focal_length_px = parameters.focal_length_px
         self._metric = GradientMetric(parameters.metric_delta, parameters.metric_lambda)
         self._policy = build_policy(PolicySetup(policy_id, by_side, self._metric, start, parameters))
+        self._flicker = FlickerWatch(by_side) if parameters.flicker_hz is None else None
         self._views = {side: View(response, self.setup.regions.get(side)) for side, response in by_side.items()}
         flow = self._policy.FLOW if parameters.motion == "policy" else parameters.motion
         motion = FarnebackMotion if flow == "farneback" else DisMotion
@@ -137,6 +140,11 @@ class ControlLoop:
     def uncounted(self) -> Mapping[Side, str]:
         """The cameras whose frames the policy does not count at present, and why, in words after "left camera"."""
         return self._policy.uncounted
+
+    @property
+    def flicker_hz(self) -> float | None:
+        """The flicker of the light that was found, flashes per second; None: none, or it is not looked for."""
+        return None if self._flicker is None else self._flicker.flicker_hz
 
     def state(self) -> dict[str, Plain]:
         """Everything besides `setup` that later decisions depend on, as plain data (a copy)."""
@@ -173,6 +181,8 @@ class ControlLoop:
         wanted_us = target.exposure_time_us
         if wanted_us is None:
             wanted_us = self._policy.balance.exposure_time_us(level, observation.motion_px, self._limits)
+            if observation.flicker_hz is not None:
+                wanted_us = whole_periods_us(wanted_us, level, self._limits, observation.flicker_hz)
         setting = self._limits.realise(level, wanted_us)
         self._past.append(PastStep(setting, observation.setting.level, observation.metric, target))
         return Decision(
@@ -190,6 +200,8 @@ class ControlLoop:
         side, frame = sides[0], pair.frames[sides[0]]
         looks = [self._views[each].look(each, pair.frames[each]) for each in sides]
         look = looks[0]
+        if self._flicker is not None:
+            self._flicker.see(look, frame.setting, frame.device_time_ns)
         saturated_share, black_share = self._views[side].shares.measure(look.image, look.weights)
         return Observation(
             looks=looks,
@@ -204,6 +216,7 @@ class ControlLoop:
             past=self._past,
             realised=self._decision_realised_by(frame.setting),
             by_flow=angular_rate_rad_s is None,
+            flicker_hz=self.flicker_hz,
         )
 
     def _speed_px(self, side: Side, image: NDArray[np.uint8], frame: Frame, angular_rate_rad_s: float | None) -> float:

@@ -46,7 +46,8 @@ class ControlParameters:
     balance
         How a level is split into time and gain; `policy`: as in the policy's paper (its Table 1).
     flicker_hz
-        Flashes of the light per second, for the balance `flicker`: twice the mains frequency.
+        Flashes of the light per second, for the balance `flicker`: twice the mains frequency. None: found from the
+        frames, and times are whole periods whatever the balance.
     motion
         How optical flow is computed; `policy`: Farneback's for the policies of Begin & Hunter, as in the paper, and DIS
         for all others.
@@ -68,7 +69,7 @@ class ControlParameters:
     balance_offset: float = 8.0
     mean_target: float = 0.20
     balance: BalanceId = "policy"
-    flicker_hz: float = 100.0
+    flicker_hz: float | None = 100.0
     motion: MotionId = "policy"
     focal_length_px: float | None = None
     full_well_e: float = 10_500.0

@@ -106,6 +106,8 @@ class Observation:
         The one of them that this frame was taken with; None if none fits its setting.
     by_flow
         Whether `motion_px` is from optical flow, which may mistake a change of light for motion, not from a gyroscope.
+    flicker_hz
+        Flashes of the light per second whose whole periods the next exposure time will be, where they fit; None: any.
     """
 
     looks: Sequence[Look]
@@ -120,6 +122,7 @@ class Observation:
     past: Sequence[PastStep] = ()
     realised: PastStep | None = None
     by_flow: bool = True
+    flicker_hz: float | None = None
 
     @property
     def side(self) -> Side:
@@ -194,7 +197,8 @@ class PolicySetup:
             case "fixed_ratio":
                 return FixedRatio()
             case "flicker":
-                return FlickerBalance(self.parameters.flicker_hz)
+                flicker_hz = self.parameters.flicker_hz
+                return ExposurePriority() if flicker_hz is None else FlickerBalance(flicker_hz)
 
 
 Objective = Literal["metric", "information"]

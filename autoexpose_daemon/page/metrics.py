@@ -59,6 +59,8 @@ class _Collector(Collector):
             ("open_seconds", "Time since it opened its cameras; counters start there.", status.open_s),
         ):
             yield self._gauge(name, help_text, [((), value)])
+        flicker = [] if status.flicker_hz is None else [((), status.flicker_hz)]
+        yield self._gauge("flicker_hertz", "Flicker of the light that was found.", flicker)
         if status.decision is not None:
             for name, help_text, value in (
                 ("image_metric", "The metric of the newest left frame, per pixel.", status.decision.metric),

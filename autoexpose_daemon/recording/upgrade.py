@@ -41,4 +41,5 @@ def upgraded_state(state: Any) -> Any:
         "motion_side": "left",
         "motion_px": 0.0,
         "policy": policy,
+        "flicker": None,
     }

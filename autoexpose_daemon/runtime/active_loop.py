@@ -54,7 +54,10 @@ class ActiveLoop:
         """Decide on a pair, given the angular rate if known; None before a camera is ready."""
         if self.loop is None:
             return None
+        known_hz = self.loop.flicker_hz
         decision = self.loop.step(pair, angular_rate_rad_s)
+        if self.loop.flicker_hz != known_hz:
+            log.info("%s", _flicker_in_words(self.loop.flicker_hz))
         self._newest = pair
         return decision
 
@@ -67,3 +70,9 @@ class ActiveLoop:
         if loop.shortfall:
             log.warning("policy %s: %s", self.tuning.config.control.policy, loop.shortfall)
         self.loop = loop
+
+
+def _flicker_in_words(flicker_hz: float | None) -> str:
+    if flicker_hz is None:
+        return "the light no longer flickers: any exposure time"
+    return f"the light flickers at {flicker_hz:g} Hz: exposure times of whole periods, where they fit"

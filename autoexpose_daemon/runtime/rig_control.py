@@ -137,6 +137,7 @@ class RigControl:
         self.telemetry.pairing_ms.add_ns(started_ns - arrival_ns)
         self.telemetry.decision_ms.add_ns(decided_ns - started_ns)
         self.telemetry.decided(decision, self.active.loop.setup.limits)
+        self.telemetry.flicker_hz = self.active.loop.flicker_hz
         self._health.counted(pair, self.active.loop.uncounted)
         if decision.setting != self._asked:
             self._asked = decision.setting

@@ -58,6 +58,7 @@ def describe(telemetry: Telemetry, config: Config, ending: bool = False) -> Stat
         recorder=_recorder(telemetry),
         faults=fault_log().faults,
         imu=None if telemetry.imu is None else replace(telemetry.imu),
+        flicker_hz=telemetry.flicker_hz,
     )
 
 

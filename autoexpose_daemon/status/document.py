@@ -151,6 +151,8 @@ class Status:
         The latest, oldest first.
     imu
         None where none is configured.
+    flicker_hz
+        The flicker of the light that was found; None: none, or `control.flicker_hz` is a number.
     """
 
     version: int
@@ -177,6 +179,7 @@ class Status:
     recorder: RecorderStatus | None
     faults: Annotated[tuple[Fault, ...], _Few]
     imu: ImuTally | None = None
+    flicker_hz: _Hertz | None = None
 
     @property
     def health(self) -> Health:

@@ -73,6 +73,8 @@ def _rows(status: Status) -> Iterator[tuple[str, str]]:
         yield "metric", f"{status.decision.metric:.4f}"
         yield "saturated", f"{status.decision.saturated_share:.0%}   black {status.decision.black_share:.0%}"
         yield "decision", f"{status.decision.setting}: {status.decision.reason}"
+    if status.flicker_hz is not None:
+        yield "flicker", f"{status.flicker_hz:g} Hz"
     yield from _responses(status)
     yield from _outlets(status)
     for duration in DURATIONS:

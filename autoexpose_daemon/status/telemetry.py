@@ -91,6 +91,8 @@ class Telemetry:
         Counts of the publisher and of the recorder; None without one.
     imu
         What became of the IMU's samples; None without one.
+    flicker_hz
+        The flicker of the light that was found; None: none, or it is not looked for.
     """
 
     opened_ns: int | None = None
@@ -115,6 +117,7 @@ class Telemetry:
     publishing: PublishTally | None = None
     recorder: RecorderCounts | None = None
     imu: ImuTally | None = None
+    flicker_hz: float | None = None
     _recent_ns: deque[int] = field(default_factory=lambda: deque(maxlen=120))
 
     @property

@@ -64,5 +64,6 @@ EXPOSING = Status(
     recorder=RecorderStatus(1000, 11, None),
     faults=(Fault(1.7e9, "WARNING", "right camera: no frames; checking that it answers"),),
     imu=ImuTally(1_440_000, 17, 0.75),
+    flicker_hz=100.0,
 )
 """All is well, and every number is different."""

@@ -31,6 +31,7 @@ class SteadyLoop:
     """Always asks for the same: virtual frames have no picture to judge."""
 
     shortfall = None
+    flicker_hz: float | None = None
     uncounted: Mapping[Side, str] = MappingProxyType({})
 
     def __init__(self, limits: ExposureLimits, setting: ExposureSetting) -> None:

@@ -46,6 +46,7 @@ class ScriptedLoop:
     """Decides without images: the level follows a sine of 20 s and steps every 7 s, and rests in between."""
 
     shortfall = None
+    flicker_hz: float | None = None
     uncounted: Mapping[Side, str] = MappingProxyType({})
 
     def __init__(self, limits: ExposureLimits, clock: Clock) -> None:

@@ -74,7 +74,12 @@ def test_a_short_file_has_the_documented_defaults(tmp_path: Path) -> None:
         (LEFT + "control: {balance: blurnoise}", ["control.balance", "blur_noise"]),
         (LEFT + "control: {motion: lucas}", ["control.motion", "farneback"]),
         (LEFT + "control: {metric_delta: 2}", ["control.metric_delta: 2.0 is out of bounds: give 0 to 0.99"]),
-        (LEFT + "control: {flicker_hz: 0}", ["control.flicker_hz: 0.0 is out of bounds: give 10 to 1000 Hz"]),
+        (LEFT + "control: {flicker_hz: 0}", ["control.flicker_hz: 0 is out of bounds: give 10 to 1000 Hz, or auto"]),
+        (
+            LEFT + "control: {flicker_hz: aut}",
+            ["control.flicker_hz: 'aut' is no frequency: give 10 to 1000 Hz, or auto"],
+        ),
+        (LEFT + "control: {flicker_hz: on}", ["control.flicker_hz: true is no frequency: give 10 to 1000 Hz, or auto"]),
         (LEFT + "control: {focal_length_px: -1}", ["control.focal_length_px: -1.0 is out of bounds"]),
         (LEFT + "control: {focal_length_px: 800}", ["control.focal_length_px has no effect without motion.imu: give"]),
         (LEFT + "motion: {imu: {key: imu/data}}", ["motion.imu needs control.focal_length_px: give the left camera's"]),
@@ -221,6 +226,8 @@ def test_tuning_reaches_the_loop(tmp_path: Path) -> None:
         balance="flicker", flicker_hz=120, motion="dis", focal_length_px=860,
     )  # fmt: skip
     assert Config.model_validate(STEREO).control.parameters() == ControlParameters()
+    found = Config.model_validate(STEREO | {"control": {"flicker_hz": "auto"}})
+    assert found.control.parameters() == ControlParameters(flicker_hz=None)
 
 
 RANGES = {name: value for name, value in vars(bounds).items() if isinstance(value, bounds.Range)}

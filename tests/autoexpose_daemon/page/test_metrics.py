@@ -67,6 +67,7 @@ def test_numbers_arrive_in_base_units() -> None:
         ("autoexpose_applied_exposure_time_seconds", ("left",)): 0.001,
         ("autoexpose_applied_gain_decibels", ("left",)): 6,
         ("autoexpose_response_drift_grey_levels", ("left",)): 0.5,
+        ("autoexpose_flicker_hertz", ()): 100,
         ("autoexpose_pairs_total", ()): 432_000,
         ("autoexpose_lost_triggers_total", ("left_missing",)): 3,
         ("autoexpose_lost_triggers_total", ("stale",)): 0,

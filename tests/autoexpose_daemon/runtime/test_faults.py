@@ -72,6 +72,14 @@ def test_a_camera_that_is_not_counted_is_named_until_it_is(run: VirtualRun) -> N
     assert run.counted() == {}
 
 
+def test_the_status_says_at_which_frequency_the_light_flickers(run: VirtualRun) -> None:
+    for flicker_hz in (100.0, None):
+        run.rig.control.active.loop.flicker_hz = flicker_hz  # type: ignore[union-attr, misc]
+        run.let_pass(10)
+        assert run.telemetry.flicker_hz == flicker_hz
+    assert run.counted() == {}
+
+
 def test_trigger_stopped(run: VirtualRun) -> None:
     """Absent triggers do not count."""
     run.wire.stop_periods = 110

@@ -3,6 +3,7 @@ from __future__ import annotations
 import io
 import itertools
 import logging
+from dataclasses import replace
 
 import pytest
 from rich.console import Console
@@ -11,7 +12,9 @@ from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.status.describe import describe
 from autoexpose_daemon.status.display import display
 from autoexpose_daemon.status.document import Status
+from autoexpose_daemon.status.panel import table_of
 from autoexpose_daemon.status.telemetry import Telemetry
+from tests.autoexpose_daemon.statuses import EXPOSING
 
 CONFIG = Config.model_validate({"cameras": {"left": {"serial": "L"}}})
 
@@ -34,6 +37,13 @@ def test_without_a_terminal_the_log_gets_a_line_ever_more_seldom(
                 said_s.append(now_s)
     assert said_s[:3] == [5, 15, 35]
     assert [later - earlier for earlier, later in itertools.pairwise(said_s)][-3:] == [3600, 3600, 3600]
+
+
+def test_a_terminal_shows_which_flicker_was_found() -> None:
+    for flicker_hz, shown in ((120.0, True), (None, False)):
+        screen = io.StringIO()
+        Console(file=screen, width=100).print(table_of(replace(EXPOSING, flicker_hz=flicker_hz)))
+        assert ("120 Hz" in screen.getvalue()) == shown
 
 
 def test_a_terminal_shows_the_state() -> None:

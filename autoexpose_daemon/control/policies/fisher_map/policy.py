@@ -9,7 +9,7 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from autoexpose_daemon.control.balance import Balance
+from autoexpose_daemon.control.balance import Balance, whole_periods_us
 from autoexpose_daemon.control.metrics.information import InformationPrediction, blur_length_px, contrast, sharpness
 from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
 from autoexpose_daemon.control.policies.fisher_map.balance import BlurPhotonBalance
@@ -70,6 +70,9 @@ class FisherMap(ExposureMap):
         else:
             wanted = ((float(level), self.balance.exposure_time_us(level, self.motion_px, limits)) for level in within)
             times_us = np.array([limits.realise(*each).exposure_time_us for each in wanted])
+        if (flicker_hz := observation.flicker_hz) is not None:
+            pairs = zip(times_us.tolist(), within.tolist(), strict=True)
+            times_us = np.array([whole_periods_us(*each, limits, flicker_hz) for each in pairs])
         return times_us, np.exp2(levels) / times_us
 
     def _view(

@@ -1,0 +1,38 @@
+"""What the loop in use says of itself."""
+
+from __future__ import annotations
+
+from typing import cast
+
+import pytest
+
+from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.control.loop import ControlLoop
+from autoexpose_daemon.runtime.active_loop import ActiveLoop
+from drivers.exposure import ExposureLimits, ExposureSetting
+from drivers.frames import StereoPair
+from tests.autoexpose_daemon.virtual import SteadyLoop, tuning
+
+
+class LoopUnderLamps(SteadyLoop):
+    """Finds, step by step, what it was told."""
+
+    def __init__(self, *found_hz: float | None) -> None:
+        super().__init__(ExposureLimits(20.0, 7500.0, 0.0, 30.0), ExposureSetting(2000.0, 0.0))
+        self._found_hz = list(found_hz)
+
+    def step(self, pair: StereoPair, angular_rate_rad_s: float | None = None) -> Decision:
+        self.flicker_hz = self._found_hz.pop(0)
+        return super().step(pair, angular_rate_rad_s)
+
+
+def test_the_log_says_once_that_the_light_flickers_or_no_longer_does(caplog: pytest.LogCaptureFixture) -> None:
+    active, pair = ActiveLoop(tuning(2000.0)), StereoPair(0, {})
+    active.loop = cast(ControlLoop, LoopUnderLamps(None, 100.0, 100.0, None))
+    with caplog.at_level("INFO"):
+        for _ in range(4):
+            active.step(pair, None)
+    assert caplog.messages == [
+        "the light flickers at 100 Hz: exposure times of whole periods, where they fit",
+        "the light no longer flickers: any exposure time",
+    ]
