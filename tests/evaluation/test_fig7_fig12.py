@@ -1,4 +1,4 @@
-"""The quick runs of the experiments with odometry show the effects that do not depend on chance."""
+"""The quick runs of the experiments with odometry, and the rules by which full runs are judged."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def test_longer_exposures_cost_odometry_more(tmp_path: Path, monkeypatch: pytest
     with quick(fig7.EXPERIMENT, tmp_path) as (results, section):
         runs = results[0][1]
         short, long = runs[0], runs[-1]
-        assert long["rpe_mm"] > 1.15 * short["rpe_mm"]
+        assert long["rpe_mm"] > 1.15 * short["rpe_mm"]  # on this heading; on others it may be the other way round
         assert not any(run["failed"] for run in runs)
         # Noise causes gradients everywhere, though weak ones.
         assert short["proxies"][1] > long["proxies"][1]

@@ -42,14 +42,14 @@ runs."""
 
 def jobs(quick: bool) -> list[Job]:
     """One for each room; its four settings run side by side."""
-    rooms, seconds = ((1,), 2.0) if quick else (ROOMS, 8.0)
+    courses, seconds = ([(1, 0)], 2.0) if quick else ([(room, room) for room in ROOMS], 8.0)
     return [
         Job(
             measure,
-            {"room": room, "seed": room, "repeat": 0, "frames": round(seconds * RATE_HZ)},
+            {"room": room, "seed": heading, "repeat": 0, "frames": round(seconds * RATE_HZ)},
             cost_s=11.0 * seconds,
         )
-        for room in rooms
+        for room, heading in courses
     ]
 
 
