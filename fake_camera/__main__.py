@@ -33,6 +33,7 @@ from fake_camera.warm_up import Unpainted, frame_s, warm_up
 from fake_camera.world.lighting import LightScript
 from fake_camera.world.scene.kept_room import kept_room
 from fake_camera.world.scene.room import furnished_room
+from fake_camera.world.sensor import FASTEST_F_NUMBER
 from fake_camera.world.simulation import build_image_source
 
 _ADDRESS = "127.0.0.1"
@@ -61,6 +62,7 @@ def _parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     add("--scene", default="room", metavar="room|FILE.hdr", help="what the camera sees (%(default)s)")
     add("--still", action="store_true", help="do not move, as on a tripod")
     add("--light", type=Path, metavar="FILE", help="light script (150 and 1 lux in turn)")
+    add("--lens-f-number", type=_f_number, default=FASTEST_F_NUMBER, metavar="F", help="of its lens (%(default)s)")
     add("--response", choices=["linear", "gamma", "s_shaped"], default="linear", help="of the sensor (%(default)s)")
     add("--seed", type=_seed, default=0, help="determines room, noise and clock (%(default)s)")
     add("--nice", type=_niceness, default=0, metavar="N", help="niceness of the rendering, as of nice(1) (%(default)s)")
@@ -126,6 +128,16 @@ def _integer(text: str, low: int, high: int) -> int:
     return number
 
 
+def _f_number(text: str) -> float:
+    try:
+        number = float(text)
+    except ValueError:
+        number = 0.0
+    if not 0.5 <= number <= 32:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number from 0.5 to 32")
+    return number
+
+
 def _rate(text: str) -> float | None:
     """A rate in Hz, or None for `ask`."""
     if text == "ask":
@@ -144,7 +156,14 @@ def _run(options: argparse.Namespace, resources: contextlib.ExitStack) -> tuple[
             _be_found(options, meanwhile)
         paint = partial(kept_room, folder=options.keep_room) if options.keep_room else furnished_room
         source = build_image_source(
-            options.scene, options.side, light, options.seed, options.response, still=options.still, paint=paint
+            options.scene,
+            options.side,
+            light,
+            options.seed,
+            options.response,
+            still=options.still,
+            paint=paint,
+            lens_f_number=options.lens_f_number,
         )
         warm_up(source)
         if options.line0_rate_hz is None:

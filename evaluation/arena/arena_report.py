@@ -129,10 +129,11 @@ def _targets(runs: Sequence[Run], policy: str) -> list[str]:
     for delay in (MAIN_DELAY, *OTHER_DELAYS):
         for outcome in outcomes([run for run in runs if run.delay_frames == delay]):
             target = outcome.target
-            verdict = "" if outcome.reached >= target.must else " **missed**"
+            verdict = "" if target.must is None or outcome.reached >= target.must else " **missed**"
+            must = "-" if target.must is None else f"{target.must:g}"
             lines.append(
                 f"| {target.scenario} | {target.what} | {delay} | {outcome.reached:.3f}{verdict} "
-                f"| {target.must:g} | {target.stretch:g} |"
+                f"| {must} | {target.stretch:g} |"
             )
     return [f"## Targets of `{policy}`", "\n".join(lines)]
 

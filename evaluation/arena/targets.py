@@ -12,12 +12,12 @@ from evaluation.arena.runs import Run
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """A figure of held-out runs of one scenario, the least it must reach, and the least it should."""
+    """A figure of held-out runs of one scenario, the least it must reach (None: no bound), and the least it should."""
 
     scenario: str
     what: str
     figure: Callable[[Sequence[Run]], float]
-    must: float
+    must: float | None
     stretch: float
 
 
@@ -53,9 +53,9 @@ def _calm(runs: Sequence[Run]) -> float:
 
 TARGETS = (
     Target("step_up", "settled within 3D+2 frames, share of runs", settled_within(3, 2), 0.85, 0.95),
-    Target("step_up", "settled within 3D frames, share of runs", settled_within(3, 0), 0.0, 0.95),
+    Target("step_up", "settled within 3D frames, share of runs", settled_within(3, 0), None, 0.95),
     Target("step_down", "settled within 3D frames, share of runs", settled_within(3, 0), 0.95, 0.95),
-    Target("step_down", "settled within 2D frames, share of runs", settled_within(2, 0), 0.0, 0.95),
+    Target("step_down", "settled within 2D frames, share of runs", settled_within(2, 0), None, 0.95),
     Target("tunnel", "objective ratio, mean", _ratio, 0.95, 0.985),
     Target("pan", "objective ratio, mean", _ratio, 0.93, 0.97),
     Target("lowlight_fast", "objective ratio, mean", _ratio, 0.93, 0.97),

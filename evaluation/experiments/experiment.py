@@ -59,6 +59,8 @@ class Claim:
         By a rule that the code fixes before it sees the numbers.
     condition
         Under which conditions it holds, or by which number it does not.
+    counted
+        Whether it counts in the tally: a claim of the papers, and only once.
     """
 
     source: str
@@ -66,6 +68,7 @@ class Claim:
     ours: str
     verdict: Verdict
     condition: str = ""
+    counted: bool = True
 
 
 @dataclass(frozen=True, slots=True)

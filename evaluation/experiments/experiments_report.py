@@ -35,12 +35,15 @@ def write_experiments_report(chapters: Sequence[Chapter], preface: str, folder: 
 
 
 def count_of_verdicts(chapters: Sequence[Chapter]) -> str:
-    """The number of claims with each verdict, in a line."""
-    counts = Counter(claim.verdict for _, section in chapters for claim in section.claims)
+    """The number of the papers' claims with each verdict, in a line."""
+    claims = [claim for _, section in chapters for claim in section.claims]
+    counts = Counter(claim.verdict for claim in claims if claim.counted)
+    rest = len(claims) - counts.total()
     return (
         f"{counts.total()} claim{'s' if counts.total() != 1 else ''}: "
         + ", ".join(f"{counts[verdict]} {verdict}" for verdict in Verdict if counts[verdict] or verdict != "undecided")
         + "."
+        + (f" Not counted: {rest} on our own policies or on a second reading of a law." if rest else "")
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +19,10 @@ class Interval:
     low: float
     high: float
 
+    def within(self, margin: float) -> bool:
+        """Whether all of it is at most `margin` away from 0."""
+        return -margin <= self.low and self.high <= margin
+
     def text(self, form: str = ".2f", unit: str = "") -> str:
         """For people to read."""
         suffix = f" {unit}" if unit else ""
@@ -32,12 +37,32 @@ def mean_interval(values: ArrayLike, seed: int = 0) -> Interval:
     return Interval(float(sample.mean()), float(low), float(high))
 
 
+def clustered(
+    clusters: ArrayLike, statistic: Callable[[NDArray[np.float64]], NDArray[np.float64]], seed: int = 0
+) -> Interval:
+    """A statistic with its percentile bootstrap interval, which draws whole clusters.
+
+    Parameters
+    ----------
+    clusters
+        Shape (clusters, ...): clusters are independent, what is in one need not be.
+    statistic
+        From (draws, clusters, ...) to (draws,); draws for which it is NaN do not count.
+    seed
+        Of the draws.
+    """
+    sample = np.asarray(clusters, np.float64)
+    low, high = np.nanpercentile(statistic(sample[_draws(len(sample), seed)]), [2.5, 97.5])
+    return Interval(float(statistic(sample[None])[0]), float(low), float(high))
+
+
 def pearson(first: ArrayLike, second: ArrayLike, seed: int = 0) -> Interval:
-    """Linear correlation with its percentile bootstrap interval."""
-    a, b = np.asarray(first, np.float64), np.asarray(second, np.float64)
-    draws = _draws(len(a), seed)
-    low, high = np.nanpercentile(_correlation(a[draws], b[draws]), [2.5, 97.5])
-    return Interval(float(_correlation(a[None], b[None])[0]), float(low), float(high))
+    """Linear correlation of the points of two arrays (clusters, points), see `clustered`."""
+
+    def correlation(drawn: NDArray[np.float64]) -> NDArray[np.float64]:
+        return _correlation(*(drawn[..., side].reshape(len(drawn), -1) for side in (0, 1)))
+
+    return clustered(np.stack([np.asarray(first), np.asarray(second)], axis=-1), correlation, seed)
 
 
 def _draws(size: int, seed: int) -> NDArray[np.int64]:

@@ -16,12 +16,18 @@ from evaluation.stage.rendering import Stage
 from fake_camera.world.render.renderer import Renderer, Surface
 from fake_camera.world.scene.path import CameraPath
 from fake_camera.world.scene.room import WINDOW_RADIANCE, furnished_room
+from fake_camera.world.sensor import FASTEST_F_NUMBER
 from fake_camera.world.simulation import RoomView
 
-Light = Literal["uneven", "low", "even"]
-"""Scenarios (a) and (b) of Begin & Hunter's section 3.3, and the light of section 3.1."""
+Light = Literal["uneven", "low", "faint", "even"]
+"""Scenarios (a) and (b) of Begin & Hunter's section 3.3, a darker (b), and the light of section 3.1."""
 
-LUX: dict[Light, tuple[float, float]] = {"uneven": (1.0, 217.0), "low": (3.0, 3.0), "even": (20.0, 20.0)}
+LUX: dict[Light, tuple[float, float]] = {
+    "uneven": (1.0, 217.0),
+    "low": (3.0, 3.0),
+    "faint": (0.5, 0.5),
+    "even": (20.0, 20.0),
+}
 """Mean light on the walls of the dim and the bright part of the room."""
 
 PAINT = 0.9
@@ -37,7 +43,7 @@ PERIOD_S, YAW_SWING = 15.0, 0.9
 """At most 86 mm and 89 degrees a second; the paper's table moved at up to 100 of both."""
 
 
-def odometry_stage(light: Light, room: int, seed: int, repeat: int) -> Stage:
+def odometry_stage(light: Light, room: int, seed: int, repeat: int, lens_f_number: float = FASTEST_F_NUMBER) -> Stage:
     """One course.
 
     Parameters
@@ -50,6 +56,8 @@ def odometry_stage(light: Light, room: int, seed: int, repeat: int) -> Stage:
         Of the heading of the lap through it.
     repeat
         Number of the repeat of the same lap; decides the noise.
+    lens_f_number
+        Of the cameras' lenses.
     """
     path = lap(seed)
     # At its turning point the camera looks into the middle of the bright part.
@@ -57,7 +65,8 @@ def odometry_stage(light: Light, room: int, seed: int, repeat: int) -> Stage:
     renderer = Renderer(surfaces, CAMERA)
     left, right = (RoomView(renderer, path, side) for side in ("left", "right"))
     course = Course(steady(1.0), no_turn, 0)  # the room has its light baked in
-    return Stage({"left": left, "right": right}, course, 1000 * (1000 * room + seed) + repeat)
+    noise_seed = 1000 * (1000 * room + seed) + repeat
+    return Stage({"left": left, "right": right}, course, noise_seed, lens_f_number=lens_f_number)
 
 
 def lap(seed: int, period_s: float = PERIOD_S) -> CameraPath:

@@ -15,6 +15,7 @@ from evaluation.scenes.scenarios import RATE_HZ, Course
 from evaluation.scenes.views import Scene
 from evaluation.stage.camera import LIMITS, Image, Radiance, SimulatedCamera, pair_of
 from fake_camera.world.lighting import LightScript
+from fake_camera.world.sensor import FASTEST_F_NUMBER
 from fake_camera.world.simulation import Side
 
 BOTH: tuple[Side, Side] = ("left", "right")
@@ -46,6 +47,8 @@ class Stage:
         When exposures start; None for every 1/60 s from 0.
     response, gamma
         Name of the sensors' response function, and the cameras' Gamma node, a power law on top of it.
+    lens_f_number
+        Of the cameras' lenses.
     """
 
     def __init__(
@@ -57,9 +60,12 @@ class Stage:
         *,
         response: str = "linear",
         gamma: float = 1.0,
+        lens_f_number: float = FASTEST_F_NUMBER,
     ) -> None:
         self._start_times_s = start_times_s
-        self._cameras = {side: SimulatedCamera(2 * seed + (side == "right"), seed, response, gamma) for side in views}
+        self._cameras = {
+            side: SimulatedCamera(2 * seed + (side == "right"), seed, response, gamma, lens_f_number) for side in views
+        }
         self._films = {
             side: _Film(view, course.light, course.lamp if side == "right" else None) for side, view in views.items()
         }

@@ -16,7 +16,7 @@ from fake_camera.world.render.renderer import Pinhole, Renderer, Surface
 from fake_camera.world.scene.panorama import Panorama, load_radiance
 from fake_camera.world.scene.path import CameraPath, right_of
 from fake_camera.world.scene.room import furnished_room
-from fake_camera.world.sensor import Sensor, SensorModel
+from fake_camera.world.sensor import FASTEST_F_NUMBER, Sensor, SensorModel
 
 Side = Literal["left", "right"]
 
@@ -107,6 +107,7 @@ def build_image_source(
     *,
     still: bool = False,
     paint: Callable[[int], Sequence[Surface]] = furnished_room,
+    lens_f_number: float = FASTEST_F_NUMBER,
 ) -> ImageSource:
     """Build the world of one camera. The first image of each pixel format is slow unless kernels are compiled.
 
@@ -126,13 +127,15 @@ def build_image_source(
         Whether the camera does not move, as on a tripod.
     paint
         Makes the room for a seed.
+    lens_f_number
+        Of the lens.
 
     Raises
     ------
     ValueError
         One sentence: what is wrong with the file, or that the response function is unknown.
     """
-    model = SensorModel()
+    model = SensorModel(lens_f_number=lens_f_number)
     sensor = Sensor(model, 2 * seed + (side == "right"), response)
     view: Scene
     if scene == "room":

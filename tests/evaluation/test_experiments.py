@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,9 +18,9 @@ from evaluation.experiments.cache import ResultCache
 from evaluation.experiments.drives.policy_drives import measure as measure_policies
 from evaluation.experiments.experiment import Claim, Experiment, Figure, Job, Plain, Results, Section, Table, Verdict
 from evaluation.experiments.experiments_app import experiments_app as app
-from evaluation.experiments.experiments_report import write_experiments_report
+from evaluation.experiments.experiments_report import count_of_verdicts, write_experiments_report
 from evaluation.experiments.jobs import run_jobs
-from evaluation.experiments.statistics import mean_interval, pearson
+from evaluation.experiments.statistics import clustered, mean_interval, pearson
 
 CALLS: list[int] = []
 
@@ -128,10 +129,21 @@ def test_intervals_cover_what_they_estimate() -> None:
 
 
 def test_the_correlation_is_that_of_its_definition() -> None:
-    x = np.array([1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0])
-    assert pearson(x, np.exp(x)).value == pytest.approx(np.corrcoef(x, np.exp(x))[0, 1])
-    noisy = pearson(x, -x + np.array([0.0, 2.5, 0.0, 0.0, -2.5, 0.0, 0.0, 0.0]))
+    x = np.array([[1.0], [2.0], [3.0], [4.0], [5.0], [6.0], [7.0], [8.0]])
+    assert pearson(x, np.exp(x)).value == pytest.approx(np.corrcoef(x[:, 0], np.exp(x[:, 0]))[0, 1])
+    noisy = pearson(x, -x + np.array([[0.0], [2.5], [0.0], [0.0], [-2.5], [0.0], [0.0], [0.0]]))
     assert noisy.low <= noisy.value < 0 and noisy.low >= -1.0
+
+
+def test_points_of_one_cluster_count_as_one() -> None:
+    """Four copies of each point say no more than one."""
+    rng = np.random.default_rng(2)
+    x, y = rng.normal(size=(2, 20, 1))
+    once, copied = pearson(x, y), pearson(np.repeat(x, 4, axis=1), np.repeat(y, 4, axis=1))
+    assert (copied.value, copied.low, copied.high) == pytest.approx((once.value, once.low, once.high))
+    rows = clustered(np.repeat(x, 4, axis=1), lambda drawn: drawn.mean(axis=(1, 2)))
+    whole = mean_interval(x[:, 0])
+    assert (rows.low, rows.high) == pytest.approx((whole.low, whole.high))
 
 
 def _jobs(_quick: bool) -> list[Job]:
@@ -156,6 +168,13 @@ def test_the_report_gives_the_verdicts_first_in_both_forms(tmp_path: Path) -> No
     assert "| a | b |\n|---|---:|\n| 1 | 2 |" in text and "![The figure](fig0.png)" in text
     assert "a &lt; b" in page and '<b class="conditions">' in page and "<code>x</code>" in page
     assert "Plain &amp; simple" in page and "only <code>here</code>" in page
+
+
+def test_only_claims_of_the_papers_are_counted() -> None:
+    theirs = Claim("B&H Fig. 0", "a < b", "1 < 2", Verdict.REPRODUCED)
+    section = Section("", [theirs, replace(theirs, counted=False), replace(theirs, counted=False)], [])
+    said = count_of_verdicts([(Experiment("fig0", "Title", _jobs, _section), section)])
+    assert said.startswith("1 claim: 1 reproduced, 0 reproduced under conditions, 0 not reproduced. Not counted: 2 ")
 
 
 def test_the_command_refuses_bad_arguments_before_it_starts_work(tmp_path: Path) -> None:

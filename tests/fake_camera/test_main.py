@@ -54,6 +54,8 @@ def test_a_mistake_is_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         ("--address localhost", "argument --address: 'localhost' is not an IPv4 address"),
         ("--usb3 --tcp 99999", "argument --tcp: '99999' is not a whole number from 1 to 65535"),
         ("--seed 18446744073709551616", "argument --seed: '18446744073709551616' is not a whole number from 0 to"),
+        ("--lens-f-number 0", "argument --lens-f-number: '0' is not a number from 0.5 to 32"),
+        ("--lens-f-number wide", "argument --lens-f-number: 'wide' is not a number from 0.5 to 32"),
         ("--seed -1", "argument --seed: '-1' is not a whole number from 0 to 18446744073709551615"),
         ("--seed many", "argument --seed: 'many' is not a whole number"),
     ],

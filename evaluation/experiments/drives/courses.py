@@ -1,4 +1,4 @@
-"""Intervals over courses: repeats of one course are not independent."""
+"""Rooms and headings of the drives, and intervals over them."""
 
 from __future__ import annotations
 
@@ -12,31 +12,26 @@ from numpy.typing import NDArray
 from evaluation.experiments.experiment import Claim, Verdict
 from evaluation.experiments.statistics import Interval, mean_interval
 
-ROOMS = (11, 12, 13)
-"""Rooms of full runs; nothing was tuned on them."""
+ROOMS = range(200, 224)
+"""Rooms of full runs, each driven through once: its number is also the seed of its heading, so that no two courses
+share anything. Nothing was tuned on them, and none was seen before their number was fixed."""
 
-SEEDS = (0, 1, 2)
-"""Headings in each room."""
+FEWEST_ROOMS = 10
+"""With fewer, draws say too little about the spread between rooms."""
 
-FEWEST_COURSES = 3
-"""With fewer, the spread between courses is unknown."""
+ALIKE_MM = 0.1
+"""Errors that differ by less are alike: so much do two runs of one policy differ that differ in noise alone."""
 
 
-def over_courses(values: NDArray[np.float64]) -> Interval:
-    """Mean over courses with its 95 % interval, which is unbounded for fewer than three courses."""
-    if len(values) < FEWEST_COURSES:
+def over_rooms(values: NDArray[np.float64]) -> Interval:
+    """Mean of one value for each room with its 95 % interval, which is unbounded for too few rooms."""
+    if len(values) < FEWEST_ROOMS:
         return Interval(float(values.mean()), -math.inf, math.inf)
     return mean_interval(values)
 
 
-def unless_few(claims: Sequence[Claim], courses: NDArray[np.int64]) -> list[Claim]:
-    """The claims as judged; undecided where the runs went through fewer than three courses."""
-    if len(np.unique(courses)) >= FEWEST_COURSES:
+def unless_few(claims: Sequence[Claim], rooms: int) -> list[Claim]:
+    """The claims as judged; undecided where there were too few rooms."""
+    if rooms >= FEWEST_ROOMS:
         return list(claims)
-    return [replace(claim, verdict=Verdict.UNDECIDED, condition="too few courses") for claim in claims]
-
-
-def by_course(courses: NDArray[np.int64], values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Values (runs, ...) averaged over the repeats of each course, in the order of `courses`' first appearance."""
-    order = list(dict.fromkeys(courses.tolist()))
-    return np.array([values[courses == course].mean(axis=0) for course in order])
+    return [replace(claim, verdict=Verdict.UNDECIDED, condition="too few rooms") for claim in claims]

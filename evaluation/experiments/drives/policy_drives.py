@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 
+import numpy as np
+
+from autoexpose_daemon.control.image import ImagePreparation
 from autoexpose_daemon.control.loop import ControlLoop
-from autoexpose_daemon.control.parameters import ControlParameters
+from autoexpose_daemon.control.metrics.gradient import GradientMetric
 from calibration.response import ResponseFunction
 from drivers.exposure import ExposureLimits, ExposureSetting
+from drivers.frames import StereoPair
 from evaluation.experiments.experiment import Plain
 from evaluation.odometry.lap import Light, odometry_stage
 from evaluation.odometry.orb import in_house
+from evaluation.odometry.stereo import prepared
 from evaluation.odometry.tracking import outcome, track_entrants
 from evaluation.stage.delayed_loop import Entrant
 
@@ -19,11 +25,24 @@ FIXED = ExposureSetting(3000.0, 6.0)
 uneven light, and lost no pair. Room 1 is not in the report."""
 
 
-def measure(*, light: Light, room: int, seed: int, repeat: int, policies: list[str], frames: int) -> Plain:
-    """What `outcome` returns for each policy."""
-    stage = odometry_stage(light, room, seed, repeat)
-    runs = track_entrants(stage, [entrant(policy) for policy in policies], in_house, frames)
-    return [outcome(one) for one in runs]
+def measure(
+    *, light: Light, lens_f_number: float, room: int, seed: int, repeat: int, policies: list[str], frames: int
+) -> Plain:
+    """For each policy, what `outcome` returns, and `metric_after_gamma`: median M_g of what odometry gets."""
+    stage = odometry_stage(light, room, seed, repeat, lens_f_number)
+    seen: list[list[float]] = [[] for _ in policies]
+    runs = track_entrants(stage, [entrant(policy) for policy in policies], in_house, frames, _looker(seen))
+    return [{**outcome(one), "metric_after_gamma": float(np.median(of))} for one, of in zip(runs, seen, strict=True)]
+
+
+def _looker(seen: list[list[float]]) -> Callable[[int, StereoPair], None]:
+    """Adds the metric of each left image to `seen`."""
+    preparation, metric = ImagePreparation(), GradientMetric()
+
+    def look(number: int, pair: StereoPair) -> None:
+        seen[number].append(metric.measure(preparation.prepare(prepared(pair.reference.grey8()))))
+
+    return look
 
 
 def entrant(policy: str) -> Entrant:
@@ -32,5 +51,4 @@ def entrant(policy: str) -> Entrant:
 
 
 def _loop(policy: str, response: ResponseFunction, limits: ExposureLimits, start: ExposureSetting) -> ControlLoop:
-    balance = ControlParameters(balance="blur_noise" if policy == "shim2018" else "policy")
-    return ControlLoop(policy, response, limits, FIXED if policy == "fixed" else start, balance)
+    return ControlLoop(policy, response, limits, FIXED if policy == "fixed" else start)

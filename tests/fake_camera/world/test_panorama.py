@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -9,6 +10,7 @@ import pytest
 from fake_camera.imaging import ImageSettings
 from fake_camera.world.lighting import Change, LightScript
 from fake_camera.world.scene.panorama import DISPARITY_PX, GREY, Panorama, load_radiance
+from fake_camera.world.sensor import FASTEST_F_NUMBER
 from fake_camera.world.simulation import build_image_source
 from tests.data import data
 
@@ -42,6 +44,15 @@ def test_hdr_scene_is_a_camera_like_any_other(tmp_path: Path) -> None:
     shift = round(DISPARITY_PX)
     difference = right.take(2.0, FULL, 5)[:, : 720 - shift].astype(float) - first[:, shift:]
     assert np.abs(difference).mean() < 4.0, "the right camera sees everything shifted left"
+
+
+def test_a_slower_lens_needs_a_longer_exposure(tmp_path: Path) -> None:
+    path = str(write_hdr(tmp_path / "tiny.hdr"))
+    slow = build_image_source(path, "left", LIGHT, 3, still=True, lens_f_number=2 * FASTEST_F_NUMBER)
+    usual = build_image_source(path, "left", LIGHT, 3, still=True).take(0.0, FULL, 5)
+    assert slow.take(0.0, FULL, 5).mean() < 0.7 * usual.mean()
+    longer = slow.take(0.0, replace(FULL, exposure_time_us=4 * FULL.exposure_time_us), 5)
+    assert np.abs(longer.astype(float) - usual).max() <= 1
 
 
 def test_pan_starts_from_rest_stays_inside_and_repeats() -> None:

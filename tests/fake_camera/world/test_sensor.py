@@ -124,3 +124,11 @@ def test_default_sensitivity_gives_sensible_grey_levels_by_lamplight_and_in_the_
     electrons = model.sensitivity_e_per_lux_s * np.array([150 * 0.9 * 2e-3, 1 * 0.4 * 7.5e-3])
     assert electrons[0] / model.full_well_e == pytest.approx(0.9, abs=0.05)
     assert electrons[1] * model.system_gain("Mono8", 30.0) == pytest.approx(80, abs=5)
+
+
+def test_the_lens_scales_light_with_the_square_of_its_f_number() -> None:
+    dim = SensorModel(width=320, height=240, lens_f_number=2 * MODEL.lens_f_number)
+    assert Sensor(dim, 1).expose(flat(4 * HALF_WELL), BASE, 1) == pytest.approx(
+        Sensor(MODEL, 1).expose(flat(HALF_WELL), BASE, 1)
+    )
+    assert SensorModel(lens_f_number=2.8).sensitivity_e_per_lux_s == pytest.approx(7542, abs=1)

@@ -1,0 +1,76 @@
+"""What the runs of fig12 gave, by scene and policy."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from evaluation.experiments.drives.courses import over_rooms
+from evaluation.experiments.experiment import Results
+from evaluation.experiments.statistics import Interval
+from evaluation.odometry.lap import Light
+from fake_camera.world.sensor import FASTEST_F_NUMBER
+
+Run = Mapping[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """A light, and the cameras' lenses."""
+
+    title: str
+    light: Light
+    lens_f_number: float = FASTEST_F_NUMBER
+
+
+UNEVEN = Scene("(a) 1 to 217 lux", "uneven")
+LOW = Scene("(b) 2 to 4 lux", "low")
+LOW_SCENES = (LOW, Scene("(b) half a lux", "faint"), Scene("(b) 2 to 4 lux, f/2.8", "low", 2.8))
+SCENES = (UNEVEN, *LOW_SCENES)
+
+
+class PolicyRuns:
+    """Results of jobs, all with the same policies."""
+
+    def __init__(self, results: Results) -> None:
+        self._results = results
+        self.first: Mapping[str, Any] = results[0][0]
+        policies: Any = self.first["policies"]
+        self.policies: list[str] = policies
+
+    def of(self, scene: Scene, policy: str) -> list[Run]:
+        """All runs of a policy, in the order of their jobs: one for each room."""
+        place = self.policies.index(policy)
+        wanted = scene.light, scene.lens_f_number
+        return [run[place] for case, run in self._results if (case["light"], case["lens_f_number"]) == wanted]
+
+    def rooms(self, scene: Scene) -> int:
+        """How many rooms were driven through."""
+        return len(self.of(scene, self.policies[0]))
+
+    def difference(self, scene: Scene, first: str, second: str, figure: Callable[[Run], float]) -> Interval:
+        """First minus second, paired by room."""
+        pairs = zip(self.of(scene, first), self.of(scene, second), strict=True)
+        return over_rooms(np.array([figure(a) - figure(b) for a, b in pairs]))
+
+    def failed(self, scene: Scene, policy: str) -> int:
+        """How many runs failed."""
+        return sum(run["failed"] for run in self.of(scene, policy))
+
+
+def error(run: Run) -> float:
+    """Of odometry, mm."""
+    return float(run["rpe_mm"])
+
+
+def metric(run: Run) -> float:
+    """Median gradient information of the frames that odometry gets."""
+    return float(run["metric_after_gamma"])
+
+
+def level(run: Run) -> float:
+    """Mean exposure level, stops."""
+    return float(np.mean(np.log2(run["times_us"]) + np.array(run["gains_db"]) / (20 * np.log10(2))))
