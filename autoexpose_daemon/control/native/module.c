@@ -130,36 +130,49 @@ release_image:
 }
 
 PyDoc_STRVAR(contrast_sums_doc,
-             "contrast_sums(image, energy, count, region=None)\n--\n\n"
-             "Collect the gradients of `image` by cell and brightest grey level into `energy` and `count`.\n\n"
-             "image: uint8 (height, width), at least 3x3. energy, count: int64 (64, 256), written. region: uint8 (height,\n"
-             "width), what each pixel counts.");
+             "contrast_sums(image, bins, energy, count, region=None)\n--\n\n"
+             "Collect the gradients of `image` by cell and bin of the brightest grey level into `energy` and `count`.\n\n"
+             "image: uint8 (height, width), at least 3x3. bins: uint8 (256,), of each grey level, below n. energy, count:\n"
+             "float64 (64, n), written. region: uint8 (height, width), what each pixel counts.");
 
-/* Gets a writable table of 64-bit integers; 0, or -1 with an exception set. */
+/* Gets a writable table of doubles; 0, or -1 with an exception set. */
 static int hold_table(PyObject *object, Py_buffer *view, const char *what)
 {
     if (PyObject_GetBuffer(object, view, PyBUF_CONTIG | PyBUF_FORMAT) < 0)
         return -1;
-    const int integers = view->format && strchr("lq", view->format[0]) && view->itemsize == 8;
-    if (integers && view->ndim == 2 && view->shape[0] == CELLS * CELLS && view->shape[1] == GREY_LEVELS)
+    const int doubles = view->format && view->format[0] == 'd';
+    if (doubles && view->ndim == 2 && view->shape[0] == CELLS * CELLS)
         return 0;
-    PyErr_Format(PyExc_ValueError, "%s must be an array of int64 with the shape (64, 256)", what);
+    PyErr_Format(PyExc_ValueError, "%s must be an array of float64 with the shape (64, n)", what);
     PyBuffer_Release(view);
     return -1;
 }
 
-static PyObject *contrast_into(const Py_buffer *image_view, const Py_buffer *region_view, int64_t *energy,
-                               int64_t *count)
+static int check_bins(const Py_buffer *bins, const Py_buffer *energy, const Py_buffer *count)
+{
+    const uint8_t *bin_of = bins->buf;
+    int fits = bins->shape[0] == GREY_LEVELS && energy->shape[1] == count->shape[1];
+    for (size_t grey = 0; fits && grey < GREY_LEVELS; grey++)
+        fits = bin_of[grey] < energy->shape[1];
+    if (fits)
+        return 0;
+    PyErr_SetString(PyExc_ValueError, "bins must have 256 entries, each a column of energy and count");
+    return -1;
+}
+
+static PyObject *contrast_into(const Py_buffer *image_view, const Py_buffer *region_view, const Py_buffer *bins,
+                               Py_buffer *energy, Py_buffer *count)
 {
     if (image_view->shape[0] < 3 || image_view->shape[1] < 3 || image_view->shape[1] > WIDEST)
         return PyErr_Format(PyExc_ValueError, "an image of %zdx%zd pixels has no inside: at least 3x3, at most %d wide",
                             image_view->shape[1], image_view->shape[0], (int)WIDEST);
-    if (check_region(image_view, region_view))
+    if (check_region(image_view, region_view) || check_bins(bins, energy, count))
         return NULL;
     const Image image = image_of(image_view), region = region_view ? image_of(region_view) : (Image){0};
     int failed;
     Py_BEGIN_ALLOW_THREADS
-    failed = contrast_sums(&image, region_view ? &region : NULL, energy, count);
+    failed = contrast_sums(&image, region_view ? &region : NULL, bins->buf, (size_t)energy->shape[1],
+                           energy->buf, count->buf);
     Py_END_ALLOW_THREADS
     if (failed)
         return PyErr_NoMemory();
@@ -168,29 +181,33 @@ static PyObject *contrast_into(const Py_buffer *image_view, const Py_buffer *reg
 
 static PyObject *contrast_sums_of(PyObject *module, PyObject *arguments, PyObject *keywords)
 {
-    static char *names[] = {"image", "energy", "count", "region", NULL};
-    PyObject *objects[4] = {NULL, NULL, NULL, Py_None}, *result = NULL;
-    Py_buffer image, energy, count, region;
+    static char *names[] = {"image", "bins", "energy", "count", "region", NULL};
+    PyObject *objects[5] = {NULL, NULL, NULL, NULL, Py_None}, *result = NULL;
+    Py_buffer image, bins, energy, count, region;
     (void)module;
-    if (!PyArg_ParseTupleAndKeywords(arguments, keywords, "OOO|O", names, &objects[0], &objects[1], &objects[2],
-                                     &objects[3]))
+    if (!PyArg_ParseTupleAndKeywords(arguments, keywords, "OOOO|O", names, &objects[0], &objects[1], &objects[2],
+                                     &objects[3], &objects[4]))
         return NULL;
-    const int has_region = objects[3] != Py_None;
+    const int has_region = objects[4] != Py_None;
     if (hold_bytes(objects[0], &image, 2, PyBUF_STRIDES, "image") < 0)
         return NULL;
-    if (hold_table(objects[1], &energy, "energy") < 0)
+    if (hold_bytes(objects[1], &bins, 1, PyBUF_ND, "bins") < 0)
         goto release_image;
-    if (hold_table(objects[2], &count, "count") < 0)
+    if (hold_table(objects[2], &energy, "energy") < 0)
+        goto release_bins;
+    if (hold_table(objects[3], &count, "count") < 0)
         goto release_energy;
-    if (has_region && hold_bytes(objects[3], &region, 2, PyBUF_STRIDES, "region") < 0)
+    if (has_region && hold_bytes(objects[4], &region, 2, PyBUF_STRIDES, "region") < 0)
         goto release_count;
-    result = contrast_into(&image, has_region ? &region : NULL, energy.buf, count.buf);
+    result = contrast_into(&image, has_region ? &region : NULL, &bins, &energy, &count);
     if (has_region)
         PyBuffer_Release(&region);
 release_count:
     PyBuffer_Release(&count);
 release_energy:
     PyBuffer_Release(&energy);
+release_bins:
+    PyBuffer_Release(&bins);
 release_image:
     PyBuffer_Release(&image);
     return result;

@@ -80,6 +80,7 @@ class FisherMap(ExposureMap):
             sharpness(blur_length_px(self.motion_px, time_us, look.scale))
             for time_us in (setting.exposure_time_us, times_us)
         )
-        seen = contrast(look.unfiltered, look.weights, self._native)
-        curve = self._predictions[look.side].curve(seen, look.scale**2, linear_gain(setting.gain_db), gains, then / now)
+        prediction = self._predictions[look.side]
+        seen = contrast(look.unfiltered, prediction.bins, look.weights, self._native)
+        curve = prediction.curve(seen, look.scale**2, linear_gain(setting.gain_db), gains, then / now)
         return MetricView(curve, *self._tones[look.side].measure(look.image, look.weights))
