@@ -190,7 +190,7 @@ class ControlLoop:
         side, frame = sides[0], pair.frames[sides[0]]
         looks = [self._views[each].look(each, pair.frames[each]) for each in sides]
         look = looks[0]
-        saturated_share, black_share = self._views[side].shares.measure(look.image, look.weights)
+        saturated_share, black_share = self._views[side].shares.measure(look.image, look.weights, look.counts)
         return Observation(
             looks=looks,
             setting=frame.setting,

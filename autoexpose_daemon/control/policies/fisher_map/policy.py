@@ -83,4 +83,4 @@ class FisherMap(ExposureMap):
         prediction = self._predictions[look.side]
         seen = contrast(look.unfiltered, prediction.bins, look.weights, self._native)
         curve = prediction.curve(seen, look.scale**2, linear_gain(setting.gain_db), gains, then / now)
-        return MetricView(curve, *self._tones[look.side].measure(look.image, look.weights))
+        return MetricView(curve, *self._tones[look.side].measure(look))

@@ -9,6 +9,7 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from autoexpose_daemon.control.metrics.gradient import grey_counts
 from autoexpose_daemon.control.policy import Look
 from calibration.response import ResponseFunction
 from calibration.response.prediction import prediction_table
@@ -323,8 +324,8 @@ def _glance(look: Look, before: NDArray[np.uint8] | None, rise: float) -> _Glanc
         counted = pixels.ravel()
     counted = counted.copy()
     black, saturation = look.response.black_level, look.response.saturation
-    shares = np.bincount(counted, minlength=256).cumsum() / counted.size
-    greys = np.searchsorted(shares, [0.5, 0.99])
+    shares = grey_counts(counted).cumsum() / np.float64(counted.size)
+    greys = shares.searchsorted((0.5, 0.99))
     median, bright = (max(int(grey) - black, 0.5) / (saturation - black) for grey in greys)
     saturated = 1.0 - float(shares[saturation - 1])
     figures = counted, bright, median, saturated
@@ -337,10 +338,10 @@ def _change(
     before: NDArray[np.uint8], now: NDArray[np.uint8], response: ResponseFunction, rise: float
 ) -> tuple[float, float, float]:
     """(promised, came, difference) of `_Glance`; pixels clipped before promise nothing, and count as unchanged."""
-    table = prediction_table(response, rise).astype(np.int16) - np.arange(256, dtype=np.int16)
-    unclipped = (before > response.black_level) & (before < response.saturation)
-    if not unclipped.any():
-        return 0.0, 0.0, float(np.abs(now.astype(np.int16) - before).mean())
-    change = now.astype(np.int16) - before
-    promised, came = table[before[unclipped]].sum() / before.size, change[unclipped].sum() / before.size
-    return float(promised), float(came), float(np.abs(change).mean())
+    greys = np.arange(256, dtype=np.int32)
+    unclipped = (greys > response.black_level) & (greys < response.saturation)
+    promised = np.where(unclipped, prediction_table(response, rise) - greys, 0)
+    change = now - before.astype(np.int32)
+    difference = float(np.abs(change).sum()) / before.size
+    came = change.sum(where=unclipped[before])
+    return float(promised[before].sum()) / before.size, float(came) / before.size, difference
