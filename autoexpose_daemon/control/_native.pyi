@@ -12,7 +12,8 @@ def gradient_sums(
 ) -> tuple[int, ...]: ...
 def contrast_sums(
     image: NDArray[np.uint8],
-    bins: NDArray[np.uint8],
+    black: int,
+    saturated: int,
     energy: NDArray[np.float64],
     count: NDArray[np.float64],
     region: NDArray[np.uint8] | None = None,

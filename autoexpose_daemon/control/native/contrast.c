@@ -20,16 +20,46 @@ static inline uint8_t greater(uint8_t a, uint8_t b)
     return a > b ? a : b;
 }
 
-/* Gradient energy and brightest neighbour of the pixels 1 to width - 2 of a row; plain, so that compilers vectorise it. */
+static inline uint8_t lesser(uint8_t a, uint8_t b)
+{
+    return a < b ? a : b;
+}
+
+static inline uint8_t above_by(uint8_t a, uint8_t b)
+{
+    return (uint8_t)(greater(a, b) - b);
+}
+
+/* Arithmetic, since looking bins up in a table would take longer than the rest of a row. */
+static inline uint8_t unsaturated_bin(uint8_t grey, uint8_t black)
+{
+    const uint8_t signal = above_by(grey, black);
+    const uint8_t ones = lesser(signal, 16), twos = lesser(above_by(signal, 16), 32),
+                  fours = lesser(above_by(signal, 48), 64), eights = above_by(signal, 112);
+    return (uint8_t)(ones + (twos >> 1) + (fours >> 2) + (eights >> 3));
+}
+
+static inline uint8_t bin_of(uint8_t grey, GreyBins bins)
+{
+    return grey >= bins.saturated ? bins.last : unsaturated_bin(grey, bins.black);
+}
+
+int grey_bin(int grey, int black)
+{
+    return unsaturated_bin((uint8_t)grey, (uint8_t)black);
+}
+
+/* Gradient energy, and bin of the brightest neighbour, of the pixels 1 to width - 2 of a row; plain, so that compilers
+ * vectorise it. */
 static void row_of(const uint8_t *restrict above, const uint8_t *restrict here, const uint8_t *restrict below,
-                   size_t width, uint32_t *restrict energy, uint8_t *restrict brightest)
+                   size_t width, GreyBins bins, uint32_t *restrict energy, uint8_t *restrict bin)
 {
     for (size_t x = 1; x + 1 < width; x++) {
         const int16_t across = (int16_t)(here[x + 1] - here[x - 1]), down = (int16_t)(below[x] - above[x]);
         energy[x] = (uint32_t)(across * across) + (uint32_t)(down * down);
     }
     for (size_t x = 1; x + 1 < width; x++)
-        brightest[x] = greater(greater(greater(above[x], below[x]), greater(here[x - 1], here[x + 1])), here[x]);
+        bin[x] = bin_of(greater(greater(greater(above[x], below[x]), greater(here[x - 1], here[x + 1])), here[x]), bins);
 }
 
 static const uint8_t *row_in(const Image *image, size_t y, uint8_t *copy)
@@ -57,14 +87,14 @@ static void add_up(uint64_t *restrict tables, size_t places, double *restrict en
     memset(tables, 0, TURNS * places * sizeof *tables);
 }
 
-int contrast_sums(const Image *image, const Image *region, const uint8_t *bin_of, size_t bins, double *energy,
-                  double *count)
+int contrast_sums(const Image *image, const Image *region, GreyBins bins, double *energy, double *count)
 {
     const size_t width = image->width, rows = image->height - 2, columns = width - 2;
     const uint64_t one = (uint64_t)1 << ENERGY_BITS;
     uint8_t *bytes = malloc(4 * width);
     uint32_t *energies = malloc(width * sizeof *energies);
-    const size_t places = CELLS * bins;
+    const size_t each = (size_t)bins.last + 1;
+    const size_t places = CELLS * each;
     uint64_t *tables = calloc(TURNS * places, sizeof *tables);
     const int failed = !bytes || !energies || !tables;
     memset(energy, 0, CELLS * places * sizeof *energy);
@@ -72,18 +102,18 @@ int contrast_sums(const Image *image, const Image *region, const uint8_t *bin_of
     size_t pixels = 0; /* at most, in one place of the tables */
     for (size_t y = 0; !failed && y < rows; y++) {
         row_of(row_in(image, y, bytes), row_in(image, y + 1, bytes + width), row_in(image, y + 2, bytes + 2 * width),
-               width, energies, bytes + 3 * width);
-        const uint8_t *brightest = bytes + 3 * width;
+               width, bins, energies, bytes + 3 * width);
+        const uint8_t *bin = bytes + 3 * width;
         size_t x = 0;
         for (size_t cell = 0; cell < CELLS; cell++) {
             const size_t end = ((cell + 1) * columns + CELLS - 1) / CELLS; /* first x with x * CELLS / columns > cell */
-            uint64_t *table = tables + cell * bins;
+            uint64_t *table = tables + cell * each;
             if (!region)
                 for (; x + TURNS <= end; x += TURNS)
                     for (size_t turn = 0; turn < TURNS; turn++)
-                        table[turn * places + bin_of[brightest[x + turn + 1]]] += one + energies[x + turn + 1];
+                        table[turn * places + bin[x + turn + 1]] += one + energies[x + turn + 1];
             for (; x < end; x++)
-                table[x % TURNS * places + bin_of[brightest[x + 1]]] +=
+                table[x % TURNS * places + bin[x + 1]] +=
                     (region ? (uint64_t)at(region, y + 1, x + 1) : 1) * (one + energies[x + 1]);
         }
         const size_t band = y * CELLS / rows, in_a_row = columns / CELLS / TURNS + 2;

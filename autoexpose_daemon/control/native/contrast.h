@@ -6,12 +6,19 @@
 
 enum { CELLS = 8 }; /* across, and down */
 
-/* For each pixel off the border adds, at [cell][bin_of[brightest]], its weight times
+/* Grey levels up to `black` are bin 0. From there bins are 1, then from 17, 49 and 113 above `black` on 2, 4 and 8 levels
+ * wide, and those from `saturated` on are all bin `last`, the greatest. */
+typedef struct {
+    uint8_t black, saturated, last;
+} GreyBins;
+
+/* Bin of a grey level that is not saturated. */
+int grey_bin(int grey, int black);
+
+/* For each pixel off the border adds, at [cell][bin of brightest], its weight times
  * |(I(x+1) - I(x-1), I(y+1) - I(y-1))|^2 to `energy` and its weight to `count`; `brightest` is the greatest of the pixel
- * and its four neighbours. With region == NULL every pixel weighs 1; else region has the image's size. `bin_of` has
- * GREY_LEVELS entries below `bins`; both tables have CELLS * CELLS * bins entries, which are set here. Returns 0, or -1
- * if out of memory. */
-int contrast_sums(const Image *image, const Image *region, const uint8_t *bin_of, size_t bins, double *energy,
-                  double *count);
+ * and its four neighbours. With region == NULL every pixel weighs 1; else region has the image's size. Both tables have
+ * CELLS * CELLS * (bins.last + 1) entries, which are set here. Returns 0, or -1 if out of memory. */
+int contrast_sums(const Image *image, const Image *region, GreyBins bins, double *energy, double *count);
 
 #endif

@@ -130,10 +130,11 @@ release_image:
 }
 
 PyDoc_STRVAR(contrast_sums_doc,
-             "contrast_sums(image, bins, energy, count, region=None)\n--\n\n"
+             "contrast_sums(image, black, saturated, energy, count, region=None)\n--\n\n"
              "Collect the gradients of `image` by cell and bin of the brightest grey level into `energy` and `count`.\n\n"
-             "image: uint8 (height, width), at least 3x3. bins: uint8 (256,), of each grey level, below n. energy, count:\n"
-             "float64 (64, n), written. region: uint8 (height, width), what each pixel counts.");
+             "image: uint8 (height, width), at least 3x3. black, saturated: the greatest grey level that is black, and the\n"
+             "least that is saturated. energy, count: float64 (64, n), written, with n bins: see GreyBins. region: uint8\n"
+             "(height, width), what each pixel counts.");
 
 /* Gets a writable table of doubles; 0, or -1 with an exception set. */
 static int hold_table(PyObject *object, Py_buffer *view, const char *what)
@@ -148,31 +149,32 @@ static int hold_table(PyObject *object, Py_buffer *view, const char *what)
     return -1;
 }
 
-static int check_bins(const Py_buffer *bins, const Py_buffer *energy, const Py_buffer *count)
+static int check_bins(int black, int saturated, const Py_buffer *energy, const Py_buffer *count)
 {
-    const uint8_t *bin_of = bins->buf;
-    int fits = bins->shape[0] == GREY_LEVELS && energy->shape[1] == count->shape[1];
-    for (size_t grey = 0; fits && grey < GREY_LEVELS; grey++)
-        fits = bin_of[grey] < energy->shape[1];
-    if (fits)
+    const Py_ssize_t bins = energy->shape[1];
+    if (black < 0 || black >= saturated || saturated >= GREY_LEVELS)
+        PyErr_SetString(PyExc_ValueError, "black must be at least 0, and below saturated, which is at most 255");
+    else if (bins != count->shape[1] || bins != grey_bin(saturated - 1, black) + 2)
+        PyErr_Format(PyExc_ValueError, "energy and count must have a column for each of the %d bins",
+                     grey_bin(saturated - 1, black) + 2);
+    else
         return 0;
-    PyErr_SetString(PyExc_ValueError, "bins must have 256 entries, each a column of energy and count");
     return -1;
 }
 
-static PyObject *contrast_into(const Py_buffer *image_view, const Py_buffer *region_view, const Py_buffer *bins,
+static PyObject *contrast_into(const Py_buffer *image_view, const Py_buffer *region_view, int black, int saturated,
                                Py_buffer *energy, Py_buffer *count)
 {
     if (image_view->shape[0] < 3 || image_view->shape[1] < 3 || image_view->shape[1] > WIDEST)
         return PyErr_Format(PyExc_ValueError, "an image of %zdx%zd pixels has no inside: at least 3x3, at most %d wide",
                             image_view->shape[1], image_view->shape[0], (int)WIDEST);
-    if (check_region(image_view, region_view) || check_bins(bins, energy, count))
+    if (check_region(image_view, region_view) || check_bins(black, saturated, energy, count))
         return NULL;
     const Image image = image_of(image_view), region = region_view ? image_of(region_view) : (Image){0};
+    const GreyBins bins = {(uint8_t)black, (uint8_t)saturated, (uint8_t)(energy->shape[1] - 1)};
     int failed;
     Py_BEGIN_ALLOW_THREADS
-    failed = contrast_sums(&image, region_view ? &region : NULL, bins->buf, (size_t)energy->shape[1],
-                           energy->buf, count->buf);
+    failed = contrast_sums(&image, region_view ? &region : NULL, bins, energy->buf, count->buf);
     Py_END_ALLOW_THREADS
     if (failed)
         return PyErr_NoMemory();
@@ -181,33 +183,30 @@ static PyObject *contrast_into(const Py_buffer *image_view, const Py_buffer *reg
 
 static PyObject *contrast_sums_of(PyObject *module, PyObject *arguments, PyObject *keywords)
 {
-    static char *names[] = {"image", "bins", "energy", "count", "region", NULL};
-    PyObject *objects[5] = {NULL, NULL, NULL, NULL, Py_None}, *result = NULL;
-    Py_buffer image, bins, energy, count, region;
+    static char *names[] = {"image", "black", "saturated", "energy", "count", "region", NULL};
+    PyObject *objects[4] = {NULL, NULL, NULL, Py_None}, *result = NULL;
+    int black, saturated;
+    Py_buffer image, energy, count, region;
     (void)module;
-    if (!PyArg_ParseTupleAndKeywords(arguments, keywords, "OOOO|O", names, &objects[0], &objects[1], &objects[2],
-                                     &objects[3], &objects[4]))
+    if (!PyArg_ParseTupleAndKeywords(arguments, keywords, "OiiOO|O", names, &objects[0], &black, &saturated,
+                                     &objects[1], &objects[2], &objects[3]))
         return NULL;
-    const int has_region = objects[4] != Py_None;
+    const int has_region = objects[3] != Py_None;
     if (hold_bytes(objects[0], &image, 2, PyBUF_STRIDES, "image") < 0)
         return NULL;
-    if (hold_bytes(objects[1], &bins, 1, PyBUF_ND, "bins") < 0)
+    if (hold_table(objects[1], &energy, "energy") < 0)
         goto release_image;
-    if (hold_table(objects[2], &energy, "energy") < 0)
-        goto release_bins;
-    if (hold_table(objects[3], &count, "count") < 0)
+    if (hold_table(objects[2], &count, "count") < 0)
         goto release_energy;
-    if (has_region && hold_bytes(objects[4], &region, 2, PyBUF_STRIDES, "region") < 0)
+    if (has_region && hold_bytes(objects[3], &region, 2, PyBUF_STRIDES, "region") < 0)
         goto release_count;
-    result = contrast_into(&image, has_region ? &region : NULL, &bins, &energy, &count);
+    result = contrast_into(&image, has_region ? &region : NULL, black, saturated, &energy, &count);
     if (has_region)
         PyBuffer_Release(&region);
 release_count:
     PyBuffer_Release(&count);
 release_energy:
     PyBuffer_Release(&energy);
-release_bins:
-    PyBuffer_Release(&bins);
 release_image:
     PyBuffer_Release(&image);
     return result;

@@ -16,9 +16,9 @@ from autoexpose_daemon.control.metrics.information import (
     FRONT_END_DN,
     QUANTISATION,
     Contrast,
+    GreyBins,
     InformationPrediction,
     contrast,
-    grey_bins,
     sampled_contrast,
     sharpness,
 )
@@ -56,13 +56,13 @@ def seen_in(
     image: NDArray[np.uint8], weights: NDArray[np.uint8] | None = None, response: ResponseFunction = LINEAR
 ) -> Contrast:
     """As the policy collects it."""
-    return contrast(image, grey_bins(response), weights)
+    return contrast(image, GreyBins(response), weights)
 
 
 def slow_contrast(image: NDArray[np.uint8], weights: NDArray[np.uint8]) -> Contrast:
     """Pixel by pixel, as the docstring says it."""
-    bins = grey_bins(LINEAR)
-    energy, count = np.zeros((2, CELLS * CELLS, bins[-1] + 1))
+    bins = GreyBins(LINEAR)
+    energy, count = np.zeros((2, CELLS * CELLS, bins.count))
     rows, columns = image.shape[0] - 2, image.shape[1] - 2
     grey = image.astype(int)
     for y in range(1, rows + 1):
@@ -71,8 +71,8 @@ def slow_contrast(image: NDArray[np.uint8], weights: NDArray[np.uint8]) -> Contr
             cross = [grey[y, x], grey[y - 1, x], grey[y + 1, x], grey[y, x - 1], grey[y, x + 1]]
             weight = int(weights[y, x])
             squared = (grey[y, x + 1] - grey[y, x - 1]) ** 2 + (grey[y + 1, x] - grey[y - 1, x]) ** 2
-            energy[cell, bins[max(cross)]] += weight * squared
-            count[cell, bins[max(cross)]] += weight
+            energy[cell, bins.of[max(cross)]] += weight * squared
+            count[cell, bins.of[max(cross)]] += weight
     return Contrast(energy, count)
 
 
@@ -85,7 +85,7 @@ def same(first: Contrast, second: Contrast) -> bool:
 def test_contrast_is_collected_as_defined(native: bool, height: int, width: int, seed: int) -> None:
     rng = np.random.default_rng(seed)
     image, weights = rng.integers(0, 256, (2, height, width), dtype=np.uint8)
-    bins = grey_bins(LINEAR)
+    bins = GreyBins(LINEAR)
 
     def collected(weights: NDArray[np.uint8] | None) -> Contrast:
         return contrast(image, bins, weights) if native else sampled_contrast(image, bins, weights, 1)
@@ -100,28 +100,37 @@ def test_sums_beyond_a_place_of_the_packed_table_are_right() -> None:
     """More pixels of the greatest energy and weight than 40 bits hold, in one place."""
     image = np.zeros((4, 500_000), np.uint8)
     image[:, 2::4], image[:, 3::4] = 255, 255
-    weights = np.full_like(image, 255)
-    bins = np.zeros(256, np.uint8)
-    found = Contrast(*np.empty((2, CELLS * CELLS, 1)))
-    extension.contrast_sums(image, bins, found.energy, found.count, weights)
-    assert found.count.sum() == 255 * 2 * 499_998
-    assert found.energy.sum() == 255 * 255**2 * 2 * 499_998
+    seen = contrast(image, GreyBins(LINEAR), np.full_like(image, 255))
+    assert seen.count.sum() == 255 * 2 * 499_998
+    assert seen.energy.sum() == 255 * 255**2 * 2 * 499_998
 
 
-@pytest.mark.parametrize("black_level", [0, 16])
-def test_bins_keep_black_and_saturated_apart(black_level: int) -> None:
+@pytest.mark.parametrize("black_level", [0, 16, 200])
+def test_both_paths_have_the_same_bins(black_level: int) -> None:
+    """Black and saturated are bins of their own, and each grey level is counted in its bin."""
     response = ResponseFunction.linear(black_level)
-    bins, saturated_from = grey_bins(response), ExtremeShares(response).saturated_from
-    assert (np.diff(bins.astype(int)) >= 0).all() and set(bins) == set(range(int(bins[-1]) + 1))
-    assert set(np.flatnonzero(bins == 0)) == set(range(black_level + 1))
-    assert set(np.flatnonzero(bins == bins[-1])) == set(range(saturated_from, 256))
+    bins = GreyBins(response)
+    assert (np.diff(bins.of.astype(int)) >= 0).all() and set(bins.of) == set(range(bins.count))
+    assert set(np.flatnonzero(bins.of == 0)) == set(range(black_level + 1))
+    assert set(np.flatnonzero(bins.of == bins.count - 1)) == set(range(ExtremeShares(response).saturated_from, 256))
+    for grey in range(256):
+        seen = contrast(np.full((3, 3), grey, np.uint8), bins)
+        assert np.flatnonzero(seen.count.sum(axis=0)) == bins.of[grey]
+
+
+def test_tables_that_do_not_fit_the_bins_are_refused() -> None:
+    image, tables = np.zeros((8, 8), np.uint8), np.empty((2, 64, 66))
+    with pytest.raises(ValueError, match="each of the 67 bins"):
+        extension.contrast_sums(image, 0, 252, *tables)
+    with pytest.raises(ValueError, match="below saturated"):
+        extension.contrast_sums(image, 252, 252, *tables)
 
 
 @pytest.mark.parametrize("gain", [1.0, 16.0])
 def test_bins_change_the_curve_by_less_than_one_percent(gain: float) -> None:
     image = expose(texture(4, 272, 360), 0.0, gain=gain)
     curves = [
-        prediction.curve(contrast(image, prediction.bins), 1.0, gain, gain * SAME, SAME)
+        prediction.curve(sampled_contrast(image, prediction.bins, None, 1), 1.0, gain, gain * SAME, SAME)
         for prediction in (InformationPrediction(LINEAR, NOISE, DELTAS), information_by_grey())
     ]
     assert curves[0] == pytest.approx(curves[1], abs=0.01 * curves[1].max())
@@ -129,14 +138,16 @@ def test_bins_change_the_curve_by_less_than_one_percent(gain: float) -> None:
 
 def information_by_grey() -> InformationPrediction:
     """A prediction with a bin for each grey level."""
+    bins = GreyBins(LINEAR)
+    bins.of, bins.count = np.arange(256, dtype=np.uint8), 256
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(information, "grey_bins", lambda _: np.arange(256, dtype=np.uint8))
+        patch.setattr(information, "GreyBins", lambda _: bins)
         return InformationPrediction(LINEAR, NOISE, DELTAS)
 
 
 def test_without_the_extension_every_second_pixel_counts() -> None:
     image = (texture(3) * 255).astype(np.uint8)
-    seen, every = contrast(image, grey_bins(LINEAR), native=False), seen_in(image)
+    seen, every = contrast(image, GreyBins(LINEAR), native=False), seen_in(image)
     assert seen.count.sum() == pytest.approx(every.count.sum() / 4, rel=0.03)
     assert seen.energy.sum() == pytest.approx(every.energy.sum() / 4, rel=0.1)
 

@@ -86,7 +86,7 @@ class Registration:
         log_exposure, clipped = self._tables[look.side]
         changes = cv2.LUT(now, log_exposure) - cv2.LUT(before, log_exposure)
         first, second = cv2.LUT(before, clipped), cv2.LUT(now, clipped)
-        known = changes[(first | second) == 0]
+        known = changes[(first == 0) & (second == 0)]
         if known.size == changes.size:
             return LightChange(_middle(known, known.size // 2) - level_change, True)
         at_least = changes[second > first]
