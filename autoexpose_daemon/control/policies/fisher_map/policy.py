@@ -52,8 +52,9 @@ class FisherMap(ExposureMap):
 
     def decide(self, observation: Observation) -> Target:
         """The level that promises most, for the frame that will show this decision."""
-        if isinstance(self.balance, BlurPhotonBalance):
-            self.balance = replace(self.balance, scale=observation.looks[0].scale)
+        scale = observation.looks[0].scale
+        if isinstance(self.balance, BlurPhotonBalance) and self.balance.scale != scale:
+            self.balance = replace(self.balance, scale=scale)
         return super().decide(observation)
 
     def _views(self, observation: Observation) -> tuple[MetricView, ...]:

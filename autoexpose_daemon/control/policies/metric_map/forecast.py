@@ -97,14 +97,16 @@ def _likely_periods(changes: NDArray[np.float64]) -> list[int]:
     """
     count, newest = len(changes), changes[::-1]
     lags = np.arange(2, count // 2 + 1)
-    if lags.size == 0:
-        return []
     seen = np.minimum(np.maximum(2 * lags, LEAST_FRAMES + lags), count)
     mean = np.cumsum(newest)[seen - 1] / seen
     power = _SLACK * (np.cumsum(newest**2)[seen - 1] / seen - mean**2)
+    large = power >= LEAST_CHANGE**2
+    if not large.any():
+        return []
+    lags, seen, power = lags[large], seen[large], power[large]
     ages = np.arange((seen - lags).max())
     before = newest[np.minimum(ages + lags[:, None], count - 1)]
     squares = np.cumsum((newest[ages] - before) ** 2, axis=1)
     residue = squares[np.arange(lags.size), seen - lags - 1] / (seen - lags)
-    likely: list[int] = lags[(power >= LEAST_CHANGE**2) & (residue < 2 * RESIDUE * power)].tolist()
+    likely: list[int] = lags[residue < 2 * RESIDUE * power].tolist()
     return likely
