@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -37,7 +38,7 @@ LEAST_VARIANCE = 0.25
 """... of those with so much of their weight neither black nor saturated, and with so much noise expected (squared grey
 levels): what is clipped shows no noise, and rounding hides less than half a grey level of it."""
 
-_NEIGHBOURS = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], np.uint8)
+_PACKED = 2.0**32  # greater than the energy of 33000 pixels, while as many times as much is still exact
 _FLATTEST = 1e-3  # stops per grey level; where a response is flatter its slope says nothing
 
 
@@ -114,19 +115,28 @@ def sampled_contrast(
     image: NDArray[np.uint8], bins: GreyBins, weights: NDArray[np.uint8] | None, stride: int
 ) -> Contrast:
     """The same for every `stride`-th pixel across and down, by numpy."""
-    inner = (slice(1, -1, stride), slice(1, -1, stride))
-    across = image[1:-1:stride, 2::stride].astype(np.int32) - image[1:-1:stride, :-2:stride]
-    down = image[2::stride, 1:-1:stride].astype(np.int32) - image[:-2:stride, 1:-1:stride]
-    brightest = cv2.LUT(cv2.dilate(image, _NEIGHBOURS), bins.of)[inner]
-    rows, columns = brightest.shape
-    cells = CELLS * (np.arange(rows) * CELLS // rows)[:, None] + np.arange(columns) * CELLS // columns
-    places = (bins.count * cells + brightest).ravel()
-    energy, counts = (across * across + down * down).ravel(), None
-    if weights is not None:
-        counts = weights[inner].ravel().astype(np.float64)
-        energy = energy * counts
-    sums = (np.bincount(places, each, CELLS * CELLS * bins.count) for each in (energy, counts))
-    return Contrast(*(each.reshape(CELLS * CELLS, bins.count).astype(np.float64) for each in sums))
+    here = np.ascontiguousarray(image[1:-1:stride, 1:-1:stride])
+    left, right = (np.ascontiguousarray(each[1:-1:stride, ::stride]) for each in (image[:, :-2], image[:, 2:]))
+    above, below = (np.ascontiguousarray(each[::stride, 1:-1:stride]) for each in (image[:-2], image[2:]))
+    brightest = cv2.max(cv2.max(cv2.max(above, below), cv2.max(left, right)), here)
+    across, down = cv2.subtract(right, left, dtype=cv2.CV_32F), cv2.subtract(below, above, dtype=cv2.CV_32F)
+    energy = (across * across + down * down).astype(np.float64)
+    places = (_first_places(here.shape, bins.count) + cv2.LUT(brightest, bins.of)).ravel()
+    size = CELLS * CELLS * bins.count
+    if weights is None:  # both in one number, exactly
+        sums = np.bincount(places, (energy + _PACKED).ravel(), size).reshape(-1, bins.count)
+        count = np.floor(sums / _PACKED)
+        return Contrast(sums - count * _PACKED, count)
+    count = weights[1:-1:stride, 1:-1:stride].astype(np.float64)
+    sums, counts = np.bincount(places, (energy * count).ravel(), size), np.bincount(places, count.ravel(), size)
+    return Contrast(np.asarray(sums.reshape(-1, bins.count)), np.asarray(counts.reshape(-1, bins.count)))
+
+
+@lru_cache(maxsize=1)
+def _first_places(shape: tuple[int, int], bins: int) -> NDArray[np.int64]:
+    """The place of the first bin of each pixel's cell, in a picture of so many rows and columns."""
+    rows, columns = (np.arange(size) * CELLS // size for size in shape)
+    return np.asarray(bins * (CELLS * rows[:, None] + columns), np.int64)
 
 
 class InformationPrediction:
