@@ -59,7 +59,14 @@ class FisherMap(ExposureMap):
 
     def _views(self, observation: Observation) -> tuple[MetricView, ...]:
         times_us, gains = self._splits(observation)
-        return tuple(self._view(look, observation, times_us, gains) for look in observation.looks)
+        sharper = {
+            scale: self._sharper(observation.setting.exposure_time_us, times_us, scale)
+            for scale in {look.scale for look in observation.looks}
+        }
+        return tuple(
+            self._view(look, linear_gain(observation.setting.gain_db), gains, sharper[look.scale])
+            for look in observation.looks
+        )
 
     def _splits(self, observation: Observation) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Exposure time (us) and linear gain at each of `DELTAS`, beyond the limits, too."""
@@ -73,15 +80,13 @@ class FisherMap(ExposureMap):
             times_us = np.array([limits.realise(*each).exposure_time_us for each in wanted])
         return times_us, np.exp2(levels) / times_us
 
-    def _view(
-        self, look: Look, observation: Observation, times_us: NDArray[np.float64], gains: NDArray[np.float64]
-    ) -> MetricView:
-        setting = observation.setting
-        now, then = (
-            sharpness(blur_length_px(self.motion_px, time_us, look.scale))
-            for time_us in (setting.exposure_time_us, times_us)
-        )
+    def _sharper(self, time_us: float, times_us: NDArray[np.float64], scale: float) -> NDArray[np.float64]:
+        """`sharpness` at other exposure times, as a multiple of that at the present one."""
+        now, then = (sharpness(blur_length_px(self.motion_px, each, scale)) for each in (time_us, times_us))
+        return np.asarray(then / now)
+
+    def _view(self, look: Look, gain: float, gains: NDArray[np.float64], sharper: NDArray[np.float64]) -> MetricView:
         prediction = self._predictions[look.side]
         seen = contrast(look.unfiltered, prediction.bins, look.weights, self._native)
-        curve = prediction.curve(seen, look.scale**2, linear_gain(setting.gain_db), gains, then / now)
+        curve = prediction.curve(seen, look.scale**2, gain, gains, sharper)
         return MetricView(curve, *self._tones[look.side].measure(look))
