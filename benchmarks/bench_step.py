@@ -23,6 +23,7 @@ from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.metrics import gradient
 from autoexpose_daemon.control.metrics.extension import extension
 from autoexpose_daemon.control.metrics.gradient import ExtremeShares, GradientMetric, PackedTables, mean_signal
+from autoexpose_daemon.control.metrics.information import GreyBins, contrast
 from autoexpose_daemon.control.motion import DisMotion, FarnebackMotion
 from autoexpose_daemon.control.parameters import ControlParameters, MotionId
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
@@ -83,6 +84,19 @@ def decision_on_pair(policy_id: str, frames: tuple[np.ndarray, ...], native: boo
     return step
 
 
+def floor_of(frames: tuple[np.ndarray, ...], native: bool) -> Callable[[int], object]:
+    """What no decision of the default policy can do without: one pass over each frame of a pair, and flow."""
+    preparations, dis, bins = [ImagePreparation(), ImagePreparation()], DisMotion(RESPONSE), GreyBins(RESPONSE)
+
+    def step(turn: int) -> None:
+        images = [preparation.prepare(frames[(turn + side) % 2]) for side, preparation in enumerate(preparations)]
+        for preparation in preparations:
+            contrast(preparation.unfiltered, bins, None, native)
+        dis.measure(images[0], 720, SETTING.level, turn * FRAME_NS)
+
+    return step
+
+
 def whole_steps(frames: tuple[np.ndarray, ...], paths: dict[str, bool]) -> Stages:
     """The literal step and ours, by path and flow."""
     literal = ReferenceStep()
@@ -91,6 +105,7 @@ def whole_steps(frames: tuple[np.ndarray, ...], paths: dict[str, bool]) -> Stage
         stages[f"step, {path}"] = step_of(frames, native, "dis")
         stages[f"step, {path}, same flow"] = step_of(frames, native, "farneback")
         stages[f"{DEFAULT_POLICY}, a pair, {path}"] = decision_on_pair(DEFAULT_POLICY, frames, native)
+        stages[f"its floor, {path}"] = floor_of(frames, native)
         stages[f"metric-map, a pair, {path}"] = decision_on_pair("metric-map", frames, native)
     return stages
 
@@ -144,6 +159,8 @@ def figures_of(times_us: dict[str, float]) -> dict[str, object]:
         "ratio_native_same_flow": ratio("step, native, same flow"),
         "ratio_default_numpy": ratio(f"{DEFAULT_POLICY}, a pair, numpy"),
         "ratio_default_native": ratio(f"{DEFAULT_POLICY}, a pair, native"),
+        "ratio_floor_numpy": ratio("its floor, numpy"),
+        "ratio_floor_native": ratio("its floor, native"),
         "opencv_version": cv2.__version__,
         "instruction_set": instruction_set(),
         "literal_us": round(times_us[LITERAL], 1),

@@ -12,7 +12,9 @@ def gradient_sums(
 ) -> tuple[int, ...]: ...
 def contrast_sums(
     image: NDArray[np.uint8],
-    energy: NDArray[np.int64],
-    count: NDArray[np.int64],
+    black: int,
+    saturated: int,
+    energy: NDArray[np.float64],
+    count: NDArray[np.float64],
     region: NDArray[np.uint8] | None = None,
 ) -> None: ...

@@ -202,7 +202,7 @@ class ControlLoop:
         look = looks[0]
         if self._flicker is not None:
             self._flicker.see(look, frame.setting, frame.device_time_ns)
-        saturated_share, black_share = self._views[side].shares.measure(look.image, look.weights)
+        saturated_share, black_share = self._views[side].shares.measure(look.image, look.weights, look.counts)
         return Observation(
             looks=looks,
             setting=frame.setting,

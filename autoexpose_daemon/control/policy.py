@@ -5,13 +5,14 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.balance import Balance, BlurNoiseBalance, ExposurePriority, FixedRatio, FlickerBalance
-from autoexpose_daemon.control.metrics.gradient import GradientMetric
+from autoexpose_daemon.control.metrics.gradient import GradientMetric, grey_counts
 from autoexpose_daemon.control.parameters import ControlParameters
 from calibration.response import ResponseFunction
 from drivers.exposure import ExposureLimits, ExposureSetting
@@ -43,7 +44,7 @@ class PastStep:
         return self.target.predicted_metric
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Look:
     """What control sees of one camera's frame.
 
@@ -75,6 +76,11 @@ class Look:
     def unfiltered(self) -> NDArray[np.uint8]:
         """`image` before the median, whose noise is the camera's, averaged."""
         return self.image if self.before_median is None else self.before_median
+
+    @cached_property
+    def counts(self) -> NDArray[np.float32]:
+        """`grey_counts` of `image`, counted once."""
+        return grey_counts(self.image, self.weights)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

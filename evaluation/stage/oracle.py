@@ -107,7 +107,7 @@ class Oracle:
     def _information_of(self, image: Image, setting: ExposureSetting) -> float:
         pixels = image.size / self._preparation.prepare(image).size
         gain = linear_gain(setting.gain_db)
-        seen = contrast(self._preparation.unfiltered)
+        seen = contrast(self._preparation.unfiltered, self._information.bins)
         return float(self._information.curve(seen, pixels, gain, gain * _SAME, _SAME)[0])
 
     def best(self, balance: Balance, motion_px: float) -> Best | None:

@@ -155,6 +155,11 @@ def mean_signal(
     return (mean - response.black_level) / (response.saturation - response.black_level)
 
 
+def grey_counts(image: NDArray[np.uint8], weights: NDArray[np.uint8] | None = None) -> NDArray[np.float32]:
+    """How many pixels of an image have each grey level, of those whose weight is not 0: exact, shape (256,)."""
+    return np.asarray(cv2.calcHist([image], [0], weights, [GREY_LEVELS], [0, GREY_LEVELS]), np.float32).ravel()
+
+
 EXTREME_MARGIN = 0.01
 """Of the range from black level to saturation, at both ends: noise keeps clipped pixels from being exactly clipped."""
 
@@ -174,11 +179,20 @@ class ExtremeShares:
         self.saturated_from = response.saturation - margin
         self._mask = np.empty((0, 0), np.uint8)
 
-    def measure(self, image: NDArray[np.uint8], weights: NDArray[np.uint8] | None = None) -> tuple[float, float]:
+    def measure(
+        self,
+        image: NDArray[np.uint8],
+        weights: NDArray[np.uint8] | None = None,
+        counts: NDArray[np.float32] | None = None,
+    ) -> tuple[float, float]:
         """(saturated, black): shares 0..1 of the pixels within 1 % of saturation, and of the black level.
 
-        `weights` (uint8, same shape, not all 0) says how much each pixel counts; None: all the same.
+        `weights` (uint8, same shape, not all 0) says how much each pixel counts; None: all the same. `counts` are the
+        `grey_counts` of the image, where they are known.
         """
+        if weights is None and counts is not None:
+            saturated, black = counts[self.saturated_from :].sum(), counts[: self.black_to + 1].sum()
+            return float(saturated) / image.size, float(black) / image.size
         if self._mask.shape != image.shape:
             self._mask = np.empty(image.shape, np.uint8)
         cv2.threshold(image, self.saturated_from - 1, 255, cv2.THRESH_BINARY, dst=self._mask)

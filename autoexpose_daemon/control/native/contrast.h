@@ -1,4 +1,4 @@
-/* Gradients of a grey image, collected by cell and grey level, as exact integer sums. */
+/* Gradients of a grey image, collected by cell and bin of grey levels, as exact sums of integers. */
 #ifndef AUTOEXPOSE_CONTRAST_H
 #define AUTOEXPOSE_CONTRAST_H
 
@@ -6,10 +6,19 @@
 
 enum { CELLS = 8 }; /* across, and down */
 
-/* For each pixel off the border adds, at [cell][brightest], its weight times |(I(x+1) - I(x-1), I(y+1) - I(y-1))|^2 to
- * `energy` and its weight to `count`; `brightest` is the greatest of the pixel and its four neighbours. With
- * region == NULL every pixel weighs 1; else region has the image's size. Both tables have CELLS * CELLS * GREY_LEVELS
- * entries, which are set here. Returns 0, or -1 if out of memory. */
-int contrast_sums(const Image *image, const Image *region, int64_t *energy, int64_t *count);
+/* Grey levels up to `black` are bin 0. From there bins are 1, then from 17, 49 and 113 above `black` on 2, 4 and 8 levels
+ * wide, and those from `saturated` on are all bin `last`, the greatest. */
+typedef struct {
+    uint8_t black, saturated, last;
+} GreyBins;
+
+/* Bin of a grey level that is not saturated. */
+int grey_bin(int grey, int black);
+
+/* For each pixel off the border adds, at [cell][bin of brightest], its weight times
+ * |(I(x+1) - I(x-1), I(y+1) - I(y-1))|^2 to `energy` and its weight to `count`; `brightest` is the greatest of the pixel
+ * and its four neighbours. With region == NULL every pixel weighs 1; else region has the image's size. Both tables have
+ * CELLS * CELLS * (bins.last + 1) entries, which are set here. Returns 0, or -1 if out of memory. */
+int contrast_sums(const Image *image, const Image *region, GreyBins bins, double *energy, double *count);
 
 #endif

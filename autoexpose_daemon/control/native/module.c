@@ -130,36 +130,51 @@ release_image:
 }
 
 PyDoc_STRVAR(contrast_sums_doc,
-             "contrast_sums(image, energy, count, region=None)\n--\n\n"
-             "Collect the gradients of `image` by cell and brightest grey level into `energy` and `count`.\n\n"
-             "image: uint8 (height, width), at least 3x3. energy, count: int64 (64, 256), written. region: uint8 (height,\n"
-             "width), what each pixel counts.");
+             "contrast_sums(image, black, saturated, energy, count, region=None)\n--\n\n"
+             "Collect the gradients of `image` by cell and bin of the brightest grey level into `energy` and `count`.\n\n"
+             "image: uint8 (height, width), at least 3x3. black, saturated: the greatest grey level that is black, and the\n"
+             "least that is saturated. energy, count: float64 (64, n), written, with n bins: see GreyBins. region: uint8\n"
+             "(height, width), what each pixel counts.");
 
-/* Gets a writable table of 64-bit integers; 0, or -1 with an exception set. */
+/* Gets a writable table of doubles; 0, or -1 with an exception set. */
 static int hold_table(PyObject *object, Py_buffer *view, const char *what)
 {
     if (PyObject_GetBuffer(object, view, PyBUF_CONTIG | PyBUF_FORMAT) < 0)
         return -1;
-    const int integers = view->format && strchr("lq", view->format[0]) && view->itemsize == 8;
-    if (integers && view->ndim == 2 && view->shape[0] == CELLS * CELLS && view->shape[1] == GREY_LEVELS)
+    const int doubles = view->format && view->format[0] == 'd';
+    if (doubles && view->ndim == 2 && view->shape[0] == CELLS * CELLS)
         return 0;
-    PyErr_Format(PyExc_ValueError, "%s must be an array of int64 with the shape (64, 256)", what);
+    PyErr_Format(PyExc_ValueError, "%s must be an array of float64 with the shape (64, n)", what);
     PyBuffer_Release(view);
     return -1;
 }
 
-static PyObject *contrast_into(const Py_buffer *image_view, const Py_buffer *region_view, int64_t *energy,
-                               int64_t *count)
+static int check_bins(int black, int saturated, const Py_buffer *energy, const Py_buffer *count)
+{
+    const Py_ssize_t bins = energy->shape[1];
+    if (black < 0 || black >= saturated || saturated >= GREY_LEVELS)
+        PyErr_SetString(PyExc_ValueError, "black must be at least 0, and below saturated, which is at most 255");
+    else if (bins != count->shape[1] || bins != grey_bin(saturated - 1, black) + 2)
+        PyErr_Format(PyExc_ValueError, "energy and count must have a column for each of the %d bins",
+                     grey_bin(saturated - 1, black) + 2);
+    else
+        return 0;
+    return -1;
+}
+
+static PyObject *contrast_into(const Py_buffer *image_view, const Py_buffer *region_view, int black, int saturated,
+                               Py_buffer *energy, Py_buffer *count)
 {
     if (image_view->shape[0] < 3 || image_view->shape[1] < 3 || image_view->shape[1] > WIDEST)
         return PyErr_Format(PyExc_ValueError, "an image of %zdx%zd pixels has no inside: at least 3x3, at most %d wide",
                             image_view->shape[1], image_view->shape[0], (int)WIDEST);
-    if (check_region(image_view, region_view))
+    if (check_region(image_view, region_view) || check_bins(black, saturated, energy, count))
         return NULL;
     const Image image = image_of(image_view), region = region_view ? image_of(region_view) : (Image){0};
+    const GreyBins bins = {(uint8_t)black, (uint8_t)saturated, (uint8_t)(energy->shape[1] - 1)};
     int failed;
     Py_BEGIN_ALLOW_THREADS
-    failed = contrast_sums(&image, region_view ? &region : NULL, energy, count);
+    failed = contrast_sums(&image, region_view ? &region : NULL, bins, energy->buf, count->buf);
     Py_END_ALLOW_THREADS
     if (failed)
         return PyErr_NoMemory();
@@ -168,12 +183,13 @@ static PyObject *contrast_into(const Py_buffer *image_view, const Py_buffer *reg
 
 static PyObject *contrast_sums_of(PyObject *module, PyObject *arguments, PyObject *keywords)
 {
-    static char *names[] = {"image", "energy", "count", "region", NULL};
+    static char *names[] = {"image", "black", "saturated", "energy", "count", "region", NULL};
     PyObject *objects[4] = {NULL, NULL, NULL, Py_None}, *result = NULL;
+    int black, saturated;
     Py_buffer image, energy, count, region;
     (void)module;
-    if (!PyArg_ParseTupleAndKeywords(arguments, keywords, "OOO|O", names, &objects[0], &objects[1], &objects[2],
-                                     &objects[3]))
+    if (!PyArg_ParseTupleAndKeywords(arguments, keywords, "OiiOO|O", names, &objects[0], &black, &saturated,
+                                     &objects[1], &objects[2], &objects[3]))
         return NULL;
     const int has_region = objects[3] != Py_None;
     if (hold_bytes(objects[0], &image, 2, PyBUF_STRIDES, "image") < 0)
@@ -184,7 +200,7 @@ static PyObject *contrast_sums_of(PyObject *module, PyObject *arguments, PyObjec
         goto release_energy;
     if (has_region && hold_bytes(objects[3], &region, 2, PyBUF_STRIDES, "region") < 0)
         goto release_count;
-    result = contrast_into(&image, has_region ? &region : NULL, energy.buf, count.buf);
+    result = contrast_into(&image, has_region ? &region : NULL, black, saturated, &energy, &count);
     if (has_region)
         PyBuffer_Release(&region);
 release_count:

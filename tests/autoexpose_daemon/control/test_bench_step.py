@@ -21,4 +21,5 @@ def test_the_benchmark_writes_its_figures(tmp_path: Path) -> None:
     for path in paths:
         assert figures[f"ratio_{path}"] > 1
         assert figures[f"ratio_{path}_same_flow"] > 0
+        assert figures[f"ratio_floor_{path}"] > figures[f"ratio_default_{path}"] > 0
         assert set(figures["predictions_us"][path]) == {"7", "13", "25", "49"}

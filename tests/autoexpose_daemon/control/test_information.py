@@ -8,11 +8,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from autoexpose_daemon.control.metrics import information
+from autoexpose_daemon.control.metrics.extension import extension
+from autoexpose_daemon.control.metrics.gradient import ExtremeShares
 from autoexpose_daemon.control.metrics.information import (
     CELLS,
     FRONT_END_DN,
     QUANTISATION,
     Contrast,
+    GreyBins,
     InformationPrediction,
     contrast,
     sampled_contrast,
@@ -48,9 +52,17 @@ def expose(
     return np.clip(np.rint(taken * gain / noise.full_well_e * 255), 0, 255).astype(np.uint8)
 
 
+def seen_in(
+    image: NDArray[np.uint8], weights: NDArray[np.uint8] | None = None, response: ResponseFunction = LINEAR
+) -> Contrast:
+    """As the policy collects it."""
+    return contrast(image, GreyBins(response), weights)
+
+
 def slow_contrast(image: NDArray[np.uint8], weights: NDArray[np.uint8]) -> Contrast:
     """Pixel by pixel, as the docstring says it."""
-    energy, count = np.zeros((2, CELLS * CELLS, 256), np.int64)
+    bins = GreyBins(LINEAR)
+    energy, count = np.zeros((2, CELLS * CELLS, bins.count))
     rows, columns = image.shape[0] - 2, image.shape[1] - 2
     grey = image.astype(int)
     for y in range(1, rows + 1):
@@ -59,8 +71,8 @@ def slow_contrast(image: NDArray[np.uint8], weights: NDArray[np.uint8]) -> Contr
             cross = [grey[y, x], grey[y - 1, x], grey[y + 1, x], grey[y, x - 1], grey[y, x + 1]]
             weight = int(weights[y, x])
             squared = (grey[y, x + 1] - grey[y, x - 1]) ** 2 + (grey[y + 1, x] - grey[y - 1, x]) ** 2
-            energy[cell, max(cross)] += weight * squared
-            count[cell, max(cross)] += weight
+            energy[cell, bins.of[max(cross)]] += weight * squared
+            count[cell, bins.of[max(cross)]] += weight
     return Contrast(energy, count)
 
 
@@ -73,24 +85,77 @@ def same(first: Contrast, second: Contrast) -> bool:
 def test_contrast_is_collected_as_defined(native: bool, height: int, width: int, seed: int) -> None:
     rng = np.random.default_rng(seed)
     image, weights = rng.integers(0, 256, (2, height, width), dtype=np.uint8)
-    found = contrast(image, weights) if native else sampled_contrast(image, weights, 1)
-    assert same(found, slow_contrast(image, weights))
-    flipped = contrast(image[:, ::-1], weights[:, ::-1]) if native else None
-    assert flipped is None or flipped.energy.sum() == found.energy.sum()
+    bins = GreyBins(LINEAR)
+
+    def collected(weights: NDArray[np.uint8] | None) -> Contrast:
+        return contrast(image, bins, weights) if native else sampled_contrast(image, bins, weights, 1)
+
+    assert same(collected(weights), slow_contrast(image, weights))
+    assert same(collected(None), collected(np.ones_like(image)))
+    flipped = contrast(image[:, ::-1], bins, weights[:, ::-1]) if native else None
+    assert flipped is None or flipped.energy.sum() == collected(weights).energy.sum()
+
+
+def test_sums_beyond_a_place_of_the_packed_table_are_right() -> None:
+    """More pixels of the greatest energy and weight than 40 bits hold, in one place."""
+    image = np.zeros((4, 500_000), np.uint8)
+    image[:, 2::4], image[:, 3::4] = 255, 255
+    seen = contrast(image, GreyBins(LINEAR), np.full_like(image, 255))
+    assert seen.count.sum() == 255 * 2 * 499_998
+    assert seen.energy.sum() == 255 * 255**2 * 2 * 499_998
+
+
+@pytest.mark.parametrize("black_level", [0, 16, 200])
+def test_both_paths_have_the_same_bins(black_level: int) -> None:
+    """Black and saturated are bins of their own, and each grey level is counted in its bin."""
+    response = ResponseFunction.linear(black_level)
+    bins = GreyBins(response)
+    assert (np.diff(bins.of.astype(int)) >= 0).all() and set(bins.of) == set(range(bins.count))
+    assert set(np.flatnonzero(bins.of == 0)) == set(range(black_level + 1))
+    assert set(np.flatnonzero(bins.of == bins.count - 1)) == set(range(ExtremeShares(response).saturated_from, 256))
+    for grey in range(256):
+        seen = contrast(np.full((3, 3), grey, np.uint8), bins)
+        assert np.flatnonzero(seen.count.sum(axis=0)) == bins.of[grey]
+
+
+def test_tables_that_do_not_fit_the_bins_are_refused() -> None:
+    image, tables = np.zeros((8, 8), np.uint8), np.empty((2, 64, 66))
+    with pytest.raises(ValueError, match="each of the 67 bins"):
+        extension.contrast_sums(image, 0, 252, *tables)
+    with pytest.raises(ValueError, match="below saturated"):
+        extension.contrast_sums(image, 252, 252, *tables)
+
+
+@pytest.mark.parametrize("gain", [1.0, 16.0])
+def test_bins_change_the_curve_by_less_than_one_percent(gain: float) -> None:
+    image = expose(texture(4, 272, 360), 0.0, gain=gain)
+    curves = [
+        prediction.curve(sampled_contrast(image, prediction.bins, None, 1), 1.0, gain, gain * SAME, SAME)
+        for prediction in (InformationPrediction(LINEAR, NOISE, DELTAS), information_by_grey())
+    ]
+    assert curves[0] == pytest.approx(curves[1], abs=0.01 * curves[1].max())
+
+
+def information_by_grey() -> InformationPrediction:
+    """A prediction with a bin for each grey level."""
+    bins = GreyBins(LINEAR)
+    bins.of, bins.count = np.arange(256, dtype=np.uint8), 256
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(information, "GreyBins", lambda _: bins)
+        return InformationPrediction(LINEAR, NOISE, DELTAS)
 
 
 def test_without_the_extension_every_second_pixel_counts() -> None:
-    image = texture(3)
-    seen = contrast((image * 255).astype(np.uint8), native=False)
-    every = contrast((image * 255).astype(np.uint8))
+    image = (texture(3) * 255).astype(np.uint8)
+    seen, every = contrast(image, GreyBins(LINEAR), native=False), seen_in(image)
     assert seen.count.sum() == pytest.approx(every.count.sum() / 4, rel=0.03)
     assert seen.energy.sum() == pytest.approx(every.energy.sum() / 4, rel=0.1)
 
 
 def test_a_flat_image_of_pure_noise_has_next_to_no_information() -> None:
     prediction = InformationPrediction(LINEAR, NOISE, DELTAS)
-    flat = contrast(expose(np.full((96, 128), 0.3), 0.0, gain=8.0))
-    structured = contrast(expose(texture(), 0.0, gain=8.0))
+    flat = seen_in(expose(np.full((96, 128), 0.3), 0.0, gain=8.0))
+    structured = seen_in(expose(texture(), 0.0, gain=8.0))
     curve = prediction.curve(flat, 1.0, 8.0, 8.0 * SAME, SAME)
     assert curve[NO_CHANGE] < 0.2 * prediction.curve(structured, 1.0, 8.0, 8.0 * SAME, SAME)[NO_CHANGE]
 
@@ -98,7 +163,7 @@ def test_a_flat_image_of_pure_noise_has_next_to_no_information() -> None:
 def test_no_gradients_and_nothing_but_saturation_are_worth_nothing() -> None:
     prediction = InformationPrediction(LINEAR, NOISE, DELTAS)
     for grey in (0, 255):
-        seen = contrast(np.full((48, 64), grey, np.uint8))
+        seen = seen_in(np.full((48, 64), grey, np.uint8))
         assert not prediction.curve(seen, 1.0, 1.0, SAME, SAME).any()
 
 
@@ -107,10 +172,10 @@ def test_predictions_agree_with_frames_really_taken_at_those_exposures(stops: fl
     """In steps of exposure time: the gain stays."""
     prediction = InformationPrediction(LINEAR, NOISE, DELTAS)
     light = texture()
-    curve = prediction.curve(contrast(expose(light, stops)), 1.0, 1.0, SAME, SAME)
+    curve = prediction.curve(seen_in(expose(light, stops)), 1.0, 1.0, SAME, SAME)
     for place, delta in enumerate(DELTAS):
         if -2.0 <= delta <= 1.0 and stops + delta <= 1.0:
-            there = contrast(expose(light, stops + delta, seed=7))
+            there = seen_in(expose(light, stops + delta, seed=7))
             measured = prediction.curve(there, 1.0, 1.0, SAME, SAME)[NO_CHANGE]
             assert curve[place] == pytest.approx(measured, rel=0.15), (stops, delta)
 
@@ -118,9 +183,9 @@ def test_predictions_agree_with_frames_really_taken_at_those_exposures(stops: fl
 def test_gain_costs_what_its_noise_costs() -> None:
     """The same grey levels from a quarter of the light: predicted from the frame at 0 dB, and really taken."""
     prediction = InformationPrediction(LINEAR, NOISE, DELTAS)
-    low = contrast(expose(texture(), 0.0))
+    low = seen_in(expose(texture(), 0.0))
     predicted = prediction.curve(low, 1.0, 1.0, 16.0 * SAME, SAME)[NO_CHANGE]
-    high = contrast(expose(texture(), 0.0, gain=16.0, seed=5))
+    high = seen_in(expose(texture(), 0.0, gain=16.0, seed=5))
     taken = prediction.curve(high, 1.0, 16.0, 16.0 * SAME, SAME)[NO_CHANGE]
     assert predicted == pytest.approx(taken, rel=0.15)
     assert predicted < 0.8 * prediction.curve(low, 1.0, 1.0, SAME, SAME)[NO_CHANGE]
@@ -128,7 +193,7 @@ def test_gain_costs_what_its_noise_costs() -> None:
 
 def test_a_better_sensor_than_configured_does_not_hide_the_dark() -> None:
     better = SensorNoise(40_000.0, 2.0)
-    seen = contrast(expose(texture() / 16, 0.0, gain=16.0, noise=better))
+    seen = seen_in(expose(texture() / 16, 0.0, gain=16.0, noise=better))
     told = InformationPrediction(LINEAR, better, DELTAS).curve(seen, 1.0, 16.0, 16.0 * SAME, SAME)[NO_CHANGE]
     untold = InformationPrediction(LINEAR, NOISE, DELTAS).curve(seen, 1.0, 16.0, 16.0 * SAME, SAME)[NO_CHANGE]
     assert untold > 0.6 * told
@@ -137,9 +202,9 @@ def test_a_better_sensor_than_configured_does_not_hide_the_dark() -> None:
 def test_a_saturated_part_does_not_switch_noise_off() -> None:
     prediction = InformationPrediction(LINEAR, NOISE, DELTAS)
     flat = expose(np.full((96, 128), 0.3), 0.0, gain=30.0)
-    whole = prediction.curve(contrast(flat), 1.0, 30.0, 30.0 * SAME, SAME)[NO_CHANGE]
+    whole = prediction.curve(seen_in(flat), 1.0, 30.0, 30.0 * SAME, SAME)[NO_CHANGE]
     flat[:40] = 255
-    assert prediction.curve(contrast(flat), 1.0, 30.0, 30.0 * SAME, SAME)[NO_CHANGE] <= whole * 1.1
+    assert prediction.curve(seen_in(flat), 1.0, 30.0, 30.0 * SAME, SAME)[NO_CHANGE] <= whole * 1.1
 
 
 @pytest.mark.parametrize("black_level", [0, 16])
@@ -148,7 +213,7 @@ def test_what_falls_to_black_is_worth_nothing(black_level: int) -> None:
     dark = np.full((48, 64), black_level + 4, np.uint8)
     dark[:, ::4] += 4
     curve = InformationPrediction(response, NOISE, np.array([-6.0, 0.0])).curve(
-        contrast(dark), 1.0, 1.0, np.ones(2), np.ones(2)
+        seen_in(dark, response=response), 1.0, 1.0, np.ones(2), np.ones(2)
     )
     assert curve[0] == 0 < curve[1]
 
@@ -156,13 +221,14 @@ def test_what_falls_to_black_is_worth_nothing(black_level: int) -> None:
 def test_a_pedestal_changes_nothing_but_the_grey_levels() -> None:
     light = 0.8 * texture()
     above = np.rint(light * 239).astype(np.uint8)
-    seen = [contrast(above), contrast(above + 16)]
     narrow = ResponseFunction(
         np.log2(np.maximum(np.minimum(np.arange(256.0), 239.0), 0.5) / 239.0), black_level=0, saturation=239
     )
     curves = [
-        InformationPrediction(response, NOISE, DELTAS).curve(each, 1.0, 4.0, 4.0 * SAME, SAME)
-        for response, each in zip((narrow, ResponseFunction.linear(16)), seen, strict=True)
+        InformationPrediction(response, NOISE, DELTAS).curve(
+            seen_in(image, response=response), 1.0, 4.0, 4.0 * SAME, SAME
+        )
+        for response, image in ((narrow, above), (ResponseFunction.linear(16), above + 16))
     ]
     assert curves[0] == pytest.approx(curves[1], rel=0.02)
 
@@ -172,7 +238,7 @@ def test_one_rich_cell_does_not_pay_for_all_others() -> None:
     spread = expose(texture(), 0.0)
     patch = np.full_like(spread, spread.mean().round())
     patch[:12, :16] = np.where(np.indices((12, 16)).sum(axis=0) // 2 % 2, 20, 200)
-    rich, even = contrast(patch), contrast(spread)
+    rich, even = seen_in(patch), seen_in(spread)
     assert rich.energy.sum() > even.energy.sum()
     assert (
         prediction.curve(rich, 1.0, 1.0, SAME, SAME)[NO_CHANGE]
@@ -184,7 +250,7 @@ def test_saturation_costs_even_where_nothing_is_seen_any_more() -> None:
     prediction = InformationPrediction(LINEAR, NOISE, DELTAS)
     open_sky, bright_sky = expose(texture(), 0.0), expose(texture(), 0.0)
     open_sky[:48], bright_sky[:48] = 230, 255
-    seen = [prediction.curve(contrast(each), 1.0, 1.0, SAME, SAME)[NO_CHANGE] for each in (open_sky, bright_sky)]
+    seen = [prediction.curve(seen_in(each), 1.0, 1.0, SAME, SAME)[NO_CHANGE] for each in (open_sky, bright_sky)]
     assert seen[1] < 0.8 * seen[0]
 
 
@@ -199,10 +265,10 @@ def test_weights_leave_out_what_weighs_nothing() -> None:
     image = expose(texture(), 0.0)
     weights = np.full(image.shape, 255, np.uint8)
     weights[:, 64:] = 0
-    half = prediction.curve(contrast(image, weights), 1.0, 1.0, SAME, SAME)
+    half = prediction.curve(seen_in(image, weights), 1.0, 1.0, SAME, SAME)
     disturbed = image.copy()
     disturbed[:, 66:] = 255
-    assert np.allclose(half, prediction.curve(contrast(disturbed, weights), 1.0, 1.0, SAME, SAME))
+    assert np.allclose(half, prediction.curve(seen_in(disturbed, weights), 1.0, 1.0, SAME, SAME))
 
 
 def test_the_variance_factors_are_those_of_photons_and_read_noise() -> None:
@@ -216,6 +282,6 @@ def test_the_variance_factors_are_those_of_photons_and_read_noise() -> None:
 def test_a_tiny_gradient_is_worth_its_square_over_noise_and_front_end() -> None:
     """A ramp of one grey level in each direction, every pixel alike."""
     ramp = (100 + np.add.outer(np.arange(10), np.arange(10))).astype(np.uint8)
-    curve = InformationPrediction(LINEAR, SensorNoise(1e9, 0.1), DELTAS).curve(contrast(ramp), 1.0, 1.0, SAME, SAME)
+    curve = InformationPrediction(LINEAR, SensorNoise(1e9, 0.1), DELTAS).curve(seen_in(ramp), 1.0, 1.0, SAME, SAME)
     expected = np.sqrt((2 - QUANTISATION) / (QUANTISATION + FRONT_END_DN**2))
     assert curve[NO_CHANGE] == pytest.approx(expected, rel=0.01)

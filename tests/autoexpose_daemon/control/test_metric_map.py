@@ -157,7 +157,7 @@ def test_no_target_leaves_the_bounds_whatever_happens() -> None:
 
 def test_the_prediction_for_no_change_is_the_measurement() -> None:
     image = ImagePreparation().prepare(expose(SCENE, START, 10.5).grey8())
-    curve = Viewer(LINEAR, GradientMetric(), list(DELTAS)).view(image).curve
+    curve = Viewer(LINEAR, GradientMetric(), list(DELTAS)).view(Look("left", image, LINEAR)).curve
     assert curve[list(DELTAS).index(0.0)] == GradientMetric().measure(image)
 
 

@@ -231,8 +231,8 @@ def test_dark_frames_jump_to_half_scale_and_no_farther_than_7_stops() -> None:
 
 def test_the_second_camera_is_predicted_more_coarsely_but_alike() -> None:
     image = frame(11.0, 11.5)
-    fine = Viewer(LINEAR, GradientMetric(), list(DELTAS)).view(image)
-    coarse = Viewer(LINEAR, GradientMetric(), list(FEWER_DELTAS)).view(image)
+    fine = Viewer(LINEAR, GradientMetric(), list(DELTAS)).view(Look("left", image, LINEAR))
+    coarse = Viewer(LINEAR, GradientMetric(), list(FEWER_DELTAS)).view(Look("left", image, LINEAR))
     assert coarse.curve == pytest.approx(fine.curve, abs=0.08 * fine.curve.max())
     assert coarse.signal == fine.signal
 
@@ -241,7 +241,9 @@ def test_the_second_camera_is_predicted_more_coarsely_but_alike() -> None:
 def test_a_view_gives_the_metric_of_the_image_itself(deltas: np.ndarray) -> None:
     metric, image = GradientMetric(), frame(11.0, 11.5)
     curved = ResponseFunction(np.linspace(0.0, 4.0, 256) ** 1.5, 0, 255)
-    assert Viewer(curved, metric, list(deltas)).view(image).curve[DELTAS == 0.0] == metric.measure(image)
+    assert Viewer(curved, metric, list(deltas)).view(Look("left", image, curved)).curve[
+        DELTAS == 0.0
+    ] == metric.measure(image)
 
 
 @pytest.mark.parametrize(("share", "remembered"), [(0.85, 2), (0.5, 1), (2.0, 1)])

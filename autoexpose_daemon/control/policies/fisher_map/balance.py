@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,8 @@ MIDDLE = 0.25
 
 TIMES = 33
 """Exposure times that are compared, evenly in stops; 20 us to 7.5 ms then lie 0.27 stop apart."""
+
+_STEPS = np.linspace(0.0, 1.0, TIMES)[:, None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,10 +50,17 @@ class BlurPhotonBalance:
         """The best time (us) for each exposure level (stops), shape (n,)."""
         longest = np.minimum(levels - limits.min_gain_db / DB_PER_STOP, math.log2(limits.max_time_us))
         shortest = np.maximum(levels - limits.max_gain_db / DB_PER_STOP, math.log2(limits.min_time_us))
-        times_us = np.exp2(np.linspace(longest, np.minimum(shortest, longest), TIMES))
+        times_us = np.exp2(longest + _STEPS * (np.minimum(shortest, longest) - longest))
         gains = np.exp2(levels) / times_us
-        shot, read = self.noise.variance_factors(np.array(255.0 * MIDDLE * math.log(2)), np.array(MIDDLE))
+        shot, read = _middle_variance(self.noise)
         variance = variance_of(shot * gains + read * gains**2, self.scale**2)
         sharp = sharpness(blur_length_px(motion_px, times_us, self.scale))
         best = np.argmax(sharp / (variance + FRONT_END_DN**2), axis=0)
-        return np.asarray(np.take_along_axis(times_us, best[None], axis=0)[0])
+        return np.asarray(times_us[best, np.arange(levels.size)])
+
+
+@lru_cache(maxsize=1)
+def _middle_variance(noise: SensorNoise) -> tuple[float, float]:
+    """`SensorNoise.variance_factors` of a pixel of middle brightness, of a linear camera."""
+    shot, read = noise.variance_factors(np.array(255.0 * MIDDLE * math.log(2)), np.array(MIDDLE))
+    return float(shot), float(read)

@@ -52,13 +52,21 @@ class FisherMap(ExposureMap):
 
     def decide(self, observation: Observation) -> Target:
         """The level that promises most, for the frame that will show this decision."""
-        if isinstance(self.balance, BlurPhotonBalance):
-            self.balance = replace(self.balance, scale=observation.looks[0].scale)
+        scale = observation.looks[0].scale
+        if isinstance(self.balance, BlurPhotonBalance) and self.balance.scale != scale:
+            self.balance = replace(self.balance, scale=scale)
         return super().decide(observation)
 
     def _views(self, observation: Observation) -> tuple[MetricView, ...]:
         times_us, gains = self._splits(observation)
-        return tuple(self._view(look, observation, times_us, gains) for look in observation.looks)
+        sharper = {
+            scale: self._sharper(observation.setting.exposure_time_us, times_us, scale)
+            for scale in {look.scale for look in observation.looks}
+        }
+        return tuple(
+            self._view(look, linear_gain(observation.setting.gain_db), gains, sharper[look.scale])
+            for look in observation.looks
+        )
 
     def _splits(self, observation: Observation) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Exposure time (us) and linear gain at each of `DELTAS`, beyond the limits, too."""
@@ -75,14 +83,13 @@ class FisherMap(ExposureMap):
             times_us = np.array([whole_periods_us(*each, limits, flicker_hz) for each in pairs])
         return times_us, np.exp2(levels) / times_us
 
-    def _view(
-        self, look: Look, observation: Observation, times_us: NDArray[np.float64], gains: NDArray[np.float64]
-    ) -> MetricView:
-        setting = observation.setting
-        now, then = (
-            sharpness(blur_length_px(self.motion_px, time_us, look.scale))
-            for time_us in (setting.exposure_time_us, times_us)
-        )
-        seen = contrast(look.unfiltered, look.weights, self._native)
-        curve = self._predictions[look.side].curve(seen, look.scale**2, linear_gain(setting.gain_db), gains, then / now)
-        return MetricView(curve, *self._tones[look.side].measure(look.image, look.weights))
+    def _sharper(self, time_us: float, times_us: NDArray[np.float64], scale: float) -> NDArray[np.float64]:
+        """`sharpness` at other exposure times, as a multiple of that at the present one."""
+        now, then = (sharpness(blur_length_px(self.motion_px, each, scale)) for each in (time_us, times_us))
+        return np.asarray(then / now)
+
+    def _view(self, look: Look, gain: float, gains: NDArray[np.float64], sharper: NDArray[np.float64]) -> MetricView:
+        prediction = self._predictions[look.side]
+        seen = contrast(look.unfiltered, prediction.bins, look.weights, self._native)
+        curve = prediction.curve(seen, look.scale**2, gain, gains, sharper)
+        return MetricView(curve, *self._tones[look.side].measure(look))

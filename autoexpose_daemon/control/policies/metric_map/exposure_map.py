@@ -6,6 +6,7 @@ import math
 from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import lru_cache
 from typing import ClassVar
 
 import numpy as np
@@ -118,7 +119,8 @@ class ExposureMap(ExposurePolicy):
         self.votes.see(level, observation.limits.darkest.level, observation.looks)
         target = self._vote(observation)
         self.target = observation.limits.clamp_level(target.level)
-        return replace(target, reason=target.reason + self.votes.remark())
+        remark = self.votes.remark()
+        return replace(target, reason=target.reason + remark) if remark else target
 
     def _vote(self, observation: Observation) -> Target:
         """The target of the cameras that have a vote, the reference first."""
@@ -127,7 +129,8 @@ class ExposureMap(ExposurePolicy):
         if not voting:
             return Target(self._held(observation), "held")
         self._map_for([look.side for look in voting])
-        observation = replace(observation, looks=voting)
+        if voting != observation.looks:
+            observation = replace(observation, looks=voting)
         views = self._views(observation)
         change = self._remember(observation, views)
         if self.votes.undecided:
@@ -237,6 +240,7 @@ def _step_towards(target: float, held: float, risen: float) -> float:
     return min(max(target, low - LONGEST_STEP), high + LONGEST_STEP)
 
 
+@lru_cache(maxsize=1)
 def _bins(limits: ExposureLimits) -> NDArray[np.float64]:
     low, high = limits.darkest.level, limits.brightest.level
     return np.linspace(low, high, max(round((high - low) / BIN), 1) + 1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import statistics
 from collections import deque
 from dataclasses import dataclass, field
 from typing import ClassVar
@@ -62,19 +63,21 @@ class Forecast:
             return float(sum(cycle[index % period] for index in range(frames)) - frames * cycle.mean())
         if not steady:
             return 0.0
-        return float(np.clip(self._slope() * frames, -LONGEST_LEAD, LONGEST_LEAD))
+        return min(max(self._slope() * frames, -LONGEST_LEAD), LONGEST_LEAD)
 
     def period(self) -> int | None:
         """Frames after which the changes repeat themselves; None when they do not, or are small."""
+        if not self.changes or max(self.changes) - min(self.changes) < 2 * LEAST_CHANGE / _SLACK:
+            return None  # no variance is greater than the square of half the range
         changes = np.array(self.changes)
         return next((lag for lag in _likely_periods(changes) if _repeats(changes, lag)), None)
 
     def _slope(self) -> float:
         if len(self.changes) <= RAMP_FRAMES:
             return 0.0
-        recent = np.array(self.changes)[-RAMP_FRAMES:]
-        ramp = np.all(recent > RAMP_SLOPE) or np.all(recent < -RAMP_SLOPE)
-        return float(np.median(recent)) if ramp else 0.0
+        recent = [self.changes[-frame] for frame in range(1, RAMP_FRAMES + 1)]
+        ramp = min(recent) > RAMP_SLOPE or max(recent) < -RAMP_SLOPE
+        return statistics.median(recent) if ramp else 0.0
 
 
 def _repeats(changes: NDArray[np.float64], lag: int) -> bool:
@@ -94,14 +97,16 @@ def _likely_periods(changes: NDArray[np.float64]) -> list[int]:
     """
     count, newest = len(changes), changes[::-1]
     lags = np.arange(2, count // 2 + 1)
-    if lags.size == 0 or np.ptp(changes) < 2 * LEAST_CHANGE / _SLACK:
-        return []  # no variance is greater than the square of half the range
     seen = np.minimum(np.maximum(2 * lags, LEAST_FRAMES + lags), count)
     mean = np.cumsum(newest)[seen - 1] / seen
     power = _SLACK * (np.cumsum(newest**2)[seen - 1] / seen - mean**2)
+    large = power >= LEAST_CHANGE**2
+    if not large.any():
+        return []
+    lags, seen, power = lags[large], seen[large], power[large]
     ages = np.arange((seen - lags).max())
     before = newest[np.minimum(ages + lags[:, None], count - 1)]
     squares = np.cumsum((newest[ages] - before) ** 2, axis=1)
     residue = squares[np.arange(lags.size), seen - lags - 1] / (seen - lags)
-    likely: list[int] = lags[(power >= LEAST_CHANGE**2) & (residue < 2 * RESIDUE * power)].tolist()
+    likely: list[int] = lags[residue < 2 * RESIDUE * power].tolist()
     return likely

@@ -48,6 +48,8 @@ CONTRADICTION = 0.3
 CONTRADICTION_RANGE = 1.5
 """... of a prediction no farther than this (stops), before the map is taken to be of another scene."""
 
+_SPACES = np.diff(DELTAS)
+
 
 @dataclass(slots=True, eq=False)
 class Sighting:
@@ -153,16 +155,24 @@ class MetricMemory:
         self, levels: NDArray[np.float64], moving: bool
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """(metric, distance in stops) by sighting, camera and level."""
-        values = np.empty((len(self.sightings), len(self.sightings[0].views), len(levels)))
-        distances = np.empty_like(values)
-        doubt = 0.0 if moving else DOUBT
-        for row, sighting in enumerate(self.sightings):
-            delta = levels - sighting.level
-            beyond = np.maximum(delta - TRUSTED_RISE, 0.0)
-            up = NEARER_UP * np.clip(delta, 0.0, TRUSTED_RISE) + FARTHER_BEYOND * beyond + sighting.age
-            down = np.maximum(-delta, 0.0)
-            sureness = np.exp(-doubt * beyond)
-            for camera, view in enumerate(sighting.views):
-                values[row, camera] = np.interp(delta, DELTAS, view.curve) * sureness
-                distances[row, camera] = up + down * (1.0 + BLINDNESS * view.saturated_share)
-        return values, distances
+        sightings = self.sightings
+        delta = levels - np.array([[sighting.level] for sighting in sightings])
+        beyond = np.maximum(delta - TRUSTED_RISE, 0.0)
+        ages = np.array([[sighting.age] for sighting in sightings])
+        up = NEARER_UP * np.minimum(np.maximum(delta, 0.0), TRUSTED_RISE) + FARTHER_BEYOND * beyond + ages
+        blind = np.array([[view.saturated_share for view in sighting.views] for sighting in sightings])
+        down = np.maximum(-delta, 0.0)[:, None] * (1.0 + BLINDNESS * blind)[..., None]
+        values = _interpolated(np.array([[view.curve for view in sighting.views] for sighting in sightings]), delta)
+        if not moving:
+            values *= np.exp(-DOUBT * beyond)[:, None]
+        return values, up[:, None] + down
+
+
+def _interpolated(curves: NDArray[np.float64], deltas: NDArray[np.float64]) -> NDArray[np.float64]:
+    """`np.interp` of all curves, by sighting, camera and `DELTAS`, at deltas by sighting and level."""
+    within = np.minimum(np.maximum(deltas, DELTAS[0]), DELTAS[-1])
+    before = np.minimum(DELTAS.searchsorted(within, "right") - 1, DELTAS.size - 2)
+    share = (within - DELTAS.take(before)) / _SPACES.take(before)
+    places = before[:, None] + DELTAS.size * np.arange(curves.shape[0] * curves.shape[1]).reshape(*curves.shape[:2], 1)
+    low, high = curves.take(places), curves.take(places + 1)
+    return np.asarray(low + share[:, None] * (high - low))

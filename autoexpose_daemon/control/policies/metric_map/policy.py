@@ -39,7 +39,4 @@ class MetricMap(ExposureMap):
 
     def _views(self, observation: Observation) -> tuple[MetricView, ...]:
         """The reference camera's is predicted at more exposures than the others'."""
-        return tuple(
-            self._viewers[look.side][place > 0].view(look.image, look.weights)
-            for place, look in enumerate(observation.looks)
-        )
+        return tuple(self._viewers[look.side][place > 0].view(look) for place, look in enumerate(observation.looks))

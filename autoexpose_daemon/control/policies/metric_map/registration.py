@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -83,17 +84,22 @@ class Registration:
             counts = look.weights[::STRIDE, ::STRIDE] > 0
             before, now = before[counts], now[counts]
         log_exposure, clipped = self._tables[look.side]
-        first, second = clipped[before], clipped[now]
-        changes = log_exposure[now] - log_exposure[before]
+        changes = cv2.LUT(now, log_exposure) - cv2.LUT(before, log_exposure)
+        first, second = cv2.LUT(before, clipped), cv2.LUT(now, clipped)
         known = changes[(first == 0) & (second == 0)]
+        if known.size == changes.size:
+            return LightChange(_middle(known, known.size // 2) - level_change, True)
         at_least = changes[second > first]
         at_most = changes[second < first]
         values = np.concatenate([known, known, at_least, at_most])
         if values.size == 0:
             return None
-        rank = min(known.size + at_least.size, values.size - 1)
-        median = float(np.partition(values, rank)[rank])
+        median = _middle(values, min(known.size + at_least.size, values.size - 1))
         return LightChange(median - level_change, known.size >= LEAST_SHARE * changes.size)
+
+
+def _middle(values: NDArray[np.float32], rank: int) -> float:
+    return float(np.partition(values, rank, axis=None)[rank])
 
 
 def _tables(response: ResponseFunction) -> tuple[NDArray[np.float32], NDArray[np.int8]]:

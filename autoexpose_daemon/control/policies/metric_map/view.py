@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.metrics.gradient import ExtremeShares, GradientMetric, PackedTables
+from autoexpose_daemon.control.policy import Look
 from calibration.response import ResponseFunction
 from calibration.response.prediction import prediction_tables
 
@@ -57,10 +57,10 @@ class Tones:
         self._response = response
         self._shares = ExtremeShares(response)
 
-    def measure(self, image: NDArray[np.uint8], weights: NDArray[np.uint8] | None = None) -> tuple[float, float]:
+    def measure(self, look: Look) -> tuple[float, float]:
         """`saturated_share` and `signal` of a `MetricView`."""
-        saturated, _ = self._shares.measure(image, weights)
-        counts = cv2.calcHist([image], [0], weights, [256], [0, 256]).ravel().cumsum()
+        saturated, _ = self._shares.measure(look.image, look.weights, look.counts)
+        counts = look.counts.cumsum()
         grey = int(np.searchsorted(counts, BRIGHT_QUANTILE * counts[-1]))
         black, saturation = self._response.black_level, self._response.saturation
         return saturated, max(grey - black, 0.5) / (saturation - black)
@@ -85,7 +85,7 @@ class Viewer:
         self._deltas = deltas
         self._tables = PackedTables(prediction_tables(response, deltas))
 
-    def view(self, image: NDArray[np.uint8], weights: NDArray[np.uint8] | None = None) -> MetricView:
-        """The view of an image, uint8, (height, width), whose pixels count as `weights` (same shape) say."""
-        curve = self._metric.measure_predictions(image, self._tables, weights)
-        return MetricView(np.interp(DELTAS, self._deltas, curve), *self._tones.measure(image, weights))
+    def view(self, look: Look) -> MetricView:
+        """The view of a frame."""
+        curve = self._metric.measure_predictions(look.image, self._tables, look.weights)
+        return MetricView(np.interp(DELTAS, self._deltas, curve), *self._tones.measure(look))

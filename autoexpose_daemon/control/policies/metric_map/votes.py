@@ -9,6 +9,7 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from autoexpose_daemon.control.metrics.gradient import grey_counts
 from autoexpose_daemon.control.policy import Look
 from calibration.response import ResponseFunction
 from calibration.response.prediction import prediction_table
@@ -117,9 +118,10 @@ class _Glance:
     saturated_share
         0..1.
     promised, came
-        Mean change of pixel values (grey levels, signed) from `Eye.before`, as its exposure promises and as it came.
-    difference
-        Mean absolute change; infinite when there is nothing to compare with.
+        Mean change of pixel values (grey levels, signed) from `Eye.before`, as its exposure promises and as it came; 0
+        when the exposure is the same.
+    before
+        `Eye.before`; None when there is nothing to compare with.
     """
 
     pixels: NDArray[np.uint8]
@@ -128,7 +130,14 @@ class _Glance:
     saturated_share: float
     promised: float = 0.0
     came: float = 0.0
-    difference: float = np.inf
+    before: NDArray[np.uint8] | None = None
+
+    @property
+    def difference(self) -> float:
+        """Mean absolute change; infinite when there is nothing to compare with."""
+        if self.before is None:
+            return np.inf
+        return float(np.abs(self.pixels - self.before.astype(np.int32)).sum()) / self.before.size
 
     @property
     def white(self) -> bool:
@@ -247,8 +256,10 @@ class Votes:
         eye, glance = self._eyes[side], glances[side]
         others = [each for each in glances if each != side]
         repeated = VISIBLE < glance.median < 1 and self._repeats(side, glance)
-        changed = any(glances[each].changed or not self._repeats(each, glances[each]) for each in others)
-        eye.repeats = eye.repeats + 1 if repeated and changed else 0
+        if repeated and any(glances[each].changed or not self._repeats(each, glances[each]) for each in others):
+            eye.repeats += 1
+        else:
+            eye.repeats = 0
         if eye.repeats >= REPEATS and any(self._eyes[each].fault in {None, "black"} for each in others):
             eye.fault, eye.before = "frozen", glance.pixels
         if eye.fault == "frozen":
@@ -323,24 +334,22 @@ def _glance(look: Look, before: NDArray[np.uint8] | None, rise: float) -> _Glanc
         counted = pixels.ravel()
     counted = counted.copy()
     black, saturation = look.response.black_level, look.response.saturation
-    shares = np.bincount(counted, minlength=256).cumsum() / counted.size
-    greys = np.searchsorted(shares, [0.5, 0.99])
+    shares = grey_counts(counted).cumsum() / np.float64(counted.size)
+    greys = shares.searchsorted((0.5, 0.99))
     median, bright = (max(int(grey) - black, 0.5) / (saturation - black) for grey in greys)
     saturated = 1.0 - float(shares[saturation - 1])
-    figures = counted, bright, median, saturated
     if before is None or before.shape != counted.shape:
-        return _Glance(*figures)
-    return _Glance(*figures, *_change(before, counted, look.response, rise))
+        return _Glance(counted, bright, median, saturated)
+    promised, came = _change(before, counted, look.response, rise) if rise != 0 else (0.0, 0.0)
+    return _Glance(counted, bright, median, saturated, promised, came, before)
 
 
 def _change(
     before: NDArray[np.uint8], now: NDArray[np.uint8], response: ResponseFunction, rise: float
-) -> tuple[float, float, float]:
-    """(promised, came, difference) of `_Glance`; pixels clipped before promise nothing, and count as unchanged."""
-    table = prediction_table(response, rise).astype(np.int16) - np.arange(256, dtype=np.int16)
-    unclipped = (before > response.black_level) & (before < response.saturation)
-    if not unclipped.any():
-        return 0.0, 0.0, float(np.abs(now.astype(np.int16) - before).mean())
-    change = now.astype(np.int16) - before
-    promised, came = table[before[unclipped]].sum() / before.size, change[unclipped].sum() / before.size
-    return float(promised), float(came), float(np.abs(change).mean())
+) -> tuple[float, float]:
+    """(promised, came) of `_Glance`; pixels clipped before promise nothing, and count as unchanged."""
+    greys = np.arange(256, dtype=np.int32)
+    unclipped = (greys > response.black_level) & (greys < response.saturation)
+    promised = np.where(unclipped, prediction_table(response, rise) - greys, 0)[before].sum()
+    came = (now - before.astype(np.int32)).sum(where=unclipped[before])
+    return float(promised) / before.size, float(came) / before.size
