@@ -17,9 +17,9 @@ from calibration.response import GREY_LEVELS, ResponseFunction
 CELLS = 8
 """The picture counts by 8x8 cells, each by the root of its information: one bright patch cannot pay for the rest."""
 
-FRONT_END_DN = 4.0
+FRONT_END_DN = 6.0
 """Grey levels of contrast that feature detectors and matchers lose besides noise: FAST asks for 20 of them over 3
-pixels. Of 0 to 16, 4 did best for ORB and KLT on two photographs and four paintings, and 3 to 8 were alike."""
+pixels. Of 2 to 12, 6 and 8 did best for ORB and SIFT on two photographs and eight paintings in ten lights."""
 
 BLUR_PX = 5.0
 """Motion blur of this many pixels halves the energy of the gradients: measured on the same pictures, shrunk by two."""
@@ -143,9 +143,9 @@ class InformationPrediction:
     """Predicts the information of a camera's images at other exposures.
 
     The mean over cells of the root of ``sum |grad I|^2 / (var(I) + q^2)``, the precision with which the cell could be
-    aligned, by its mean pixel; times the root of the share of pixels that are not saturated, which may hold what is not
-    seen. var is the variance by shot noise, read noise and quantisation, q is `FRONT_END_DN`. What noise adds to the
-    gradients is subtracted first, and saturated pixels count nothing. Motion blur: see `sharpness`.
+    aligned, by its mean pixel. var is the variance by shot noise, read noise and quantisation, q is `FRONT_END_DN`.
+    What noise adds to the gradients is subtracted first, and saturated pixels count nothing. Motion blur: see
+    `sharpness`.
 
     Parameters
     ----------
@@ -175,9 +175,6 @@ class InformationPrediction:
         mean = of_bin / of_bin.sum(axis=1, keepdims=True)
         self._readable = mean @ readable
         self._gain = mean @ np.where(kept, (predicted_slopes / slopes[:, None]) ** 2, 0.0)
-        # Of what is saturated now, half may be at one stop less.
-        unseen = (greys >= saturated_from)[:, None]
-        self._saturates = mean @ np.where(unseen, np.exp2(np.minimum(deltas, 0.0)), predicted >= saturated_from)
         full = levels[response.saturation]
         now = noise.variance_factors(slopes, np.exp2(levels - full))
         then = noise.variance_factors(predicted_slopes, np.exp2(response.inverse_between(predicted) - full))
@@ -201,14 +198,13 @@ class InformationPrediction:
         """
         (shot_now, read_now), (shot, read) = self._now, self._then
         energy, noise = seen.energy / 4, variance_of(shot_now * gain + read_now * gain**2, pixels) * seen.count
-        by_cell, by_grey = seen.count.sum(axis=1), seen.count.sum(axis=0)
+        by_cell = seen.count.sum(axis=1)
         share = self._share_of_noise(energy, noise, seen.count, by_cell)
         variance = variance_of(shot * gains + read * gains**2, pixels)
         worth = self._gain / (share * variance + FRONT_END_DN**2)
-        weight, cells = max(float(by_grey.sum()), 1.0), max(int(np.count_nonzero(by_cell)), 1)
+        weight, cells = max(float(by_cell.sum()), 1.0), max(int(np.count_nonzero(by_cell)), 1)
         precision = np.sqrt(np.maximum((energy - share * noise) @ worth, 0.0) * (cells / weight)).sum(axis=0) / cells
-        saturated = np.minimum(by_grey @ self._saturates / weight, 1.0)
-        return np.asarray(precision * np.sqrt(sharper * (1.0 - saturated)))
+        return np.asarray(precision * np.sqrt(sharper))
 
     def _share_of_noise(
         self,

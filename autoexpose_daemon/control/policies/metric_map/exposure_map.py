@@ -59,9 +59,8 @@ NOTHING = 1e-9
 """A metric this small counts as zero."""
 
 LONGEST_STEP = 0.4
-WORTH_KEEPING = 0.7
 """Stops by which frames of a moving camera may come to differ in brightness from one to the next, as long as the last
-target is worth this share of the best: odometry must find its points again."""
+target is worth `ExposureMap.WORTH_KEEPING`: odometry must find its points again."""
 
 LEAST_CAMERA = 0.1
 """A camera that sees less than this share of the other's metric does not get a full vote."""
@@ -77,6 +76,8 @@ class ExposureMap(ExposurePolicy):
     ----------
     HOLD_GAIN_MOVING
         Share by which the objective must promise to rise before the target is moved, while the camera moves.
+    WORTH_KEEPING
+        Share of the best objective that the last target must still be worth to be left in steps, while it moves.
     """
 
     STATE: ClassVar[tuple[str, ...]] = (
@@ -84,6 +85,7 @@ class ExposureMap(ExposurePolicy):
         "votes", "sides",
     )  # fmt: skip
     HOLD_GAIN_MOVING: ClassVar[float]
+    WORTH_KEEPING: ClassVar[float]
     target: float | None
     ahead: float
     densities: list[float]
@@ -205,7 +207,7 @@ class ExposureMap(ExposurePolicy):
         if now * (1.0 + gain) >= best:
             return Target(held, "held: metric at its maximum", float(np.interp(held, levels, metric)))
         target = plateau_centre(levels, worth)
-        if moving and now >= WORTH_KEEPING * best:
+        if moving and now >= self.WORTH_KEEPING * best:
             target = _step_towards(target, held, risen)
         if target + ahead < self.memory.lowest().level - 0.5:
             reason = "probes what is saturated"

@@ -18,6 +18,7 @@ class MetricMap(ExposureMap):
     """Maximises gradient information M_g of both cameras."""
 
     HOLD_GAIN_MOVING: ClassVar[float] = 0.03
+    WORTH_KEEPING: ClassVar[float] = 0.7
 
     def __init__(self, responses: Mapping[Side, ResponseFunction], metric: GradientMetric, balance: Balance) -> None:
         super().__init__(responses, balance)
