@@ -64,8 +64,8 @@ class Contrast:
 class GreyBins:
     """Bins of grey levels: black is one, and what counts as saturated another.
 
-    Between them bins are 1 grey level wide, and from 17, 49 and 113 above black on 2, 4 and 8: a tenth of the signal or
-    so. Beside a bin for each grey level, information changes by less than 1 %, and costs a third.
+    Between them bins are 1 grey level wide, and from 16, 48 and 112 above black on 2, 4 and 8: a tenth of the signal or
+    so. Compared with a bin for each grey level, information changes by less than 1 %, and costs a third.
 
     Attributes
     ----------
