@@ -6,7 +6,7 @@
 
 enum { CELLS = 8 }; /* across, and down */
 
-/* Grey levels up to `black` are bin 0. From there bins are 1, then from 17, 49 and 113 above `black` on 2, 4 and 8 levels
+/* Grey levels up to `black` are bin 0. From there bins are 1, then from 16, 48 and 112 above `black` on 2, 4 and 8 levels
  * wide, and those from `saturated` on are all bin `last`, the greatest. */
 typedef struct {
     uint8_t black, saturated, last;

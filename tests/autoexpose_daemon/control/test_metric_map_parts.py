@@ -73,6 +73,13 @@ def test_registration_ignores_masked_pixels() -> None:
     assert light.stops == pytest.approx(0.0, abs=0.02)
 
 
+def test_registration_sees_nothing_where_only_pixels_count_that_it_skips() -> None:
+    registration, weights = Registration({"left": LINEAR}), np.zeros((270, 360), np.uint8)
+    weights[101:104, 101:104] = 255
+    for _ in range(2):
+        assert registration.change(Look("left", frame(11.0, 11.5), LINEAR, weights), 11.0) is None
+
+
 def test_the_map_prefers_the_nearest_sighting_and_moves_with_the_light() -> None:
     memory = MetricMemory()
     memory.add(Sighting(10.0, (view(0.0),)))

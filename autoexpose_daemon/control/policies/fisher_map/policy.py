@@ -71,17 +71,20 @@ class FisherMap(ExposureMap):
 
     def _splits(self, observation: Observation) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Exposure time (us) and linear gain at each of `DELTAS`, beyond the limits, too."""
-        limits = observation.limits
+        limits, flicker_hz = observation.limits, observation.flicker_hz
         levels = observation.setting.level + DELTAS
         within = np.clip(levels, limits.darkest.level, limits.brightest.level)
         if isinstance(self.balance, BlurPhotonBalance):
             times_us = self.balance.exposure_times_us(within, self.motion_px, limits)
+            if flicker_hz is None:  # they are within the limits already
+                return times_us, np.exp2(levels) / times_us
+            wanted_us = times_us.tolist()
         else:
-            wanted = ((float(level), self.balance.exposure_time_us(level, self.motion_px, limits)) for level in within)
-            times_us = np.array([limits.realise(*each).exposure_time_us for each in wanted])
-        if (flicker_hz := observation.flicker_hz) is not None:
-            pairs = zip(times_us.tolist(), within.tolist(), strict=True)
-            times_us = np.array([whole_periods_us(*each, limits, flicker_hz) for each in pairs])
+            wanted_us = [self.balance.exposure_time_us(level, self.motion_px, limits) for level in within.tolist()]
+        wanted = list(zip(within.tolist(), wanted_us, strict=True))
+        if flicker_hz is not None:
+            wanted = [(level, whole_periods_us(time_us, level, limits, flicker_hz)) for level, time_us in wanted]
+        times_us = np.array([limits.realise(*each).exposure_time_us for each in wanted])
         return times_us, np.exp2(levels) / times_us
 
     def _sharper(self, time_us: float, times_us: NDArray[np.float64], scale: float) -> NDArray[np.float64]:

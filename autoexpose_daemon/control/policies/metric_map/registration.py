@@ -83,6 +83,8 @@ class Registration:
         if look.weights is not None:
             counts = look.weights[::STRIDE, ::STRIDE] > 0
             before, now = before[counts], now[counts]
+            if now.size == 0:  # a region between the strides
+                return None
         log_exposure, clipped = self._tables[look.side]
         changes = cv2.LUT(now, log_exposure) - cv2.LUT(before, log_exposure)
         first, second = cv2.LUT(before, clipped), cv2.LUT(now, clipped)

@@ -9,17 +9,24 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from autoexpose_daemon.control.balance import Balance, ExposurePriority, whole_periods_us
 from autoexpose_daemon.control.loop import ControlLoop
+from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
 from autoexpose_daemon.control.parameters import BalanceId, ControlParameters
+from autoexpose_daemon.control.policies.fisher_map.balance import BlurPhotonBalance
+from autoexpose_daemon.control.policies.fisher_map.policy import FisherMap
 from autoexpose_daemon.control.policies.flicker import FRAMES, FlickerWatch
 from autoexpose_daemon.control.policies.metric_map.registration import LightChange
+from autoexpose_daemon.control.policies.metric_map.view import DELTAS
+from autoexpose_daemon.control.policy import Look, Observation
 from calibration.response import ResponseFunction
-from drivers.exposure import ExposureLimits, ExposureSetting
+from drivers.exposure import ExposureLimits, ExposureSetting, linear_gain
 from drivers.frames import Frame, StereoPair
 from fake_camera.world.lighting import Change, Flicker, LightScript
 from tests.autoexpose_daemon.control.scene import expose, radiance
 
 LINEAR = ResponseFunction.linear()
+NOISE = SensorNoise(10_500.0, 3.0)
 START = ExposureSetting(4000.0, 0.0)
 DELAY = 2
 DIM, BRIGHT = 100.0, 1600.0
@@ -119,6 +126,23 @@ def test_where_no_period_fits_the_exposure_is_as_without_flicker() -> None:
     assert max(each.setting.exposure_time_us for each in seen[-30:]) < 9000
     short = ExposureLimits(20.0, 7500.0, 0.0, 30.0)
     assert drive(lamp(100.0), 60.0, limits=short, seconds=2.5)[-1].setting.exposure_time_us <= 7500
+
+
+@pytest.mark.parametrize("balance", [BlurPhotonBalance(NOISE), ExposurePriority()])
+def test_fisher_map_judges_a_level_by_the_setting_that_it_would_get(balance: Balance) -> None:
+    """Even near the upper limit, where the gain cannot make up for whole periods; in steps of the camera."""
+    limits = ExposureLimits(20.0, 25_000.0, 0.0, 30.0, time_step_us=7.0)
+    policy, setting = FisherMap({"left": LINEAR}, balance, NOISE, native=False), ExposureSetting(21_034.0, 24.0)
+    policy.motion_px = 0.0
+    looks = [Look("left", np.zeros((136, 180), np.uint8), LINEAR)]
+    observation = Observation(looks, setting, 0, 0.0, 0.0, 0.0, 0.0, 0.0, limits, flicker_hz=100.0)
+    times_us, gains = policy._splits(observation)
+    for level, time_us, gain in zip(setting.level + DELTAS, times_us, gains, strict=True):
+        within = limits.clamp_level(level)
+        wanted_us = whole_periods_us(balance.exposure_time_us(within, 0.0, limits), within, limits, 100.0)
+        expected = limits.realise(within, wanted_us)
+        assert time_us == expected.exposure_time_us
+        assert gain == pytest.approx(linear_gain(expected.gain_db) * 2.0 ** (level - expected.level))
 
 
 @pytest.mark.parametrize(("rate_hz", "flicker_hz"), [(60.0, 120.0), (50.0, 100.0), (55.0, 100.0), (55.0, 120.0)])
