@@ -33,7 +33,7 @@ from fake_camera.warm_up import Unpainted, frame_s, warm_up
 from fake_camera.world.lighting import LightScript
 from fake_camera.world.scene.kept_room import kept_room
 from fake_camera.world.scene.room import furnished_room
-from fake_camera.world.sensor import FASTEST_F_NUMBER
+from fake_camera.world.sensor import DEFAULT_F_NUMBER
 from fake_camera.world.simulation import build_image_source
 
 _ADDRESS = "127.0.0.1"
@@ -62,7 +62,7 @@ def _parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     add("--scene", default="room", metavar="room|FILE.hdr", help="what the camera sees (%(default)s)")
     add("--still", action="store_true", help="do not move, as on a tripod")
     add("--light", type=Path, metavar="FILE", help="light script (150 and 1 lux in turn)")
-    add("--lens-f-number", type=_f_number, default=FASTEST_F_NUMBER, metavar="F", help="of its lens (%(default)s)")
+    add("--lens-f-number", type=_f_number, default=DEFAULT_F_NUMBER, metavar="F", help="of its lens (%(default)s)")
     add("--response", choices=["linear", "gamma", "s_shaped"], default="linear", help="of the sensor (%(default)s)")
     add("--seed", type=_seed, default=0, help="determines room, noise and clock (%(default)s)")
     add("--nice", type=_niceness, default=0, metavar="N", help="niceness of the rendering, as of nice(1) (%(default)s)")

@@ -16,7 +16,7 @@ from evaluation.stage.rendering import Stage
 from fake_camera.world.render.renderer import Renderer, Surface
 from fake_camera.world.scene.path import CameraPath
 from fake_camera.world.scene.room import WINDOW_RADIANCE, furnished_room
-from fake_camera.world.sensor import FASTEST_F_NUMBER
+from fake_camera.world.sensor import DEFAULT_F_NUMBER
 from fake_camera.world.simulation import RoomView
 
 Light = Literal["uneven", "low", "faint", "even"]
@@ -43,7 +43,7 @@ PERIOD_S, YAW_SWING = 15.0, 0.9
 """At most 86 mm and 89 degrees a second; the paper's table moved at up to 100 of both."""
 
 
-def odometry_stage(light: Light, room: int, seed: int, repeat: int, lens_f_number: float = FASTEST_F_NUMBER) -> Stage:
+def odometry_stage(light: Light, room: int, seed: int, repeat: int, lens_f_number: float = DEFAULT_F_NUMBER) -> Stage:
     """One course.
 
     Parameters

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Frame, StereoPair
 from fake_camera.imaging import ImageSettings
-from fake_camera.world.sensor import FASTEST_F_NUMBER, Sensor, SensorModel
+from fake_camera.world.sensor import DEFAULT_F_NUMBER, Sensor, SensorModel
 from fake_camera.world.simulation import Side
 
 LIMITS = ExposureLimits(min_time_us=20.0, max_time_us=7500.0, min_gain_db=0.0, max_gain_db=30.0)
@@ -41,7 +41,7 @@ class SimulatedCamera:
         noise_seed: int,
         response: str = "linear",
         gamma: float = 1.0,
-        lens_f_number: float = FASTEST_F_NUMBER,
+        lens_f_number: float = DEFAULT_F_NUMBER,
     ) -> None:
         self._sensor = Sensor(SensorModel(lens_f_number=lens_f_number), seed, response)
         self._noise_seed, self._gamma = noise_seed, gamma

@@ -15,7 +15,7 @@ from evaluation.scenes.scenarios import RATE_HZ, Course
 from evaluation.scenes.views import Scene
 from evaluation.stage.camera import LIMITS, Image, Radiance, SimulatedCamera, pair_of
 from fake_camera.world.lighting import LightScript
-from fake_camera.world.sensor import FASTEST_F_NUMBER
+from fake_camera.world.sensor import DEFAULT_F_NUMBER
 from fake_camera.world.simulation import Side
 
 BOTH: tuple[Side, Side] = ("left", "right")
@@ -60,7 +60,7 @@ class Stage:
         *,
         response: str = "linear",
         gamma: float = 1.0,
-        lens_f_number: float = FASTEST_F_NUMBER,
+        lens_f_number: float = DEFAULT_F_NUMBER,
     ) -> None:
         self._start_times_s = start_times_s
         self._cameras = {

@@ -23,7 +23,7 @@ _POOL = 1 << 20
 """Normal deviates, drawn once (4 MB): drawing 390000 for each frame would cost more than rendering it."""
 
 
-FASTEST_F_NUMBER = 0.9
+DEFAULT_F_NUMBER = 0.9
 """The default lens, faster than what robots carry; the paper of Begin & Hunter 2022 had f/1.2, many robots f/2.8.
 
 It follows from 73000 electrons per lux second: a white lamp gives some 9e15 photons per second and m^2 for each lux. Of
@@ -46,12 +46,12 @@ class SensorModel:
     full_well_e: float = 22000.0
     read_noise_e: float = 3.0
     dark_current_e_per_s: float = 10.0
-    lens_f_number: float = FASTEST_F_NUMBER
+    lens_f_number: float = DEFAULT_F_NUMBER
 
     @property
     def sensitivity_e_per_lux_s(self) -> float:
         """Electrons per second in a pixel that sees a white surface in a light of 1 lux."""
-        return 73000.0 * (FASTEST_F_NUMBER / self.lens_f_number) ** 2
+        return 73000.0 * (DEFAULT_F_NUMBER / self.lens_f_number) ** 2
 
     def system_gain(self, pixel_format: str, gain_db: float) -> float:
         """EMVA 1288's overall system gain K, in grey levels per electron."""

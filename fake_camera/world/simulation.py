@@ -16,7 +16,7 @@ from fake_camera.world.render.renderer import Pinhole, Renderer, Surface
 from fake_camera.world.scene.panorama import Panorama, load_radiance
 from fake_camera.world.scene.path import CameraPath, right_of
 from fake_camera.world.scene.room import furnished_room
-from fake_camera.world.sensor import FASTEST_F_NUMBER, Sensor, SensorModel
+from fake_camera.world.sensor import DEFAULT_F_NUMBER, Sensor, SensorModel
 
 Side = Literal["left", "right"]
 
@@ -107,7 +107,7 @@ def build_image_source(
     *,
     still: bool = False,
     paint: Callable[[int], Sequence[Surface]] = furnished_room,
-    lens_f_number: float = FASTEST_F_NUMBER,
+    lens_f_number: float = DEFAULT_F_NUMBER,
 ) -> ImageSource:
     """Build the world of one camera. The first image of each pixel format is slow unless kernels are compiled.
 

@@ -19,7 +19,7 @@ from evaluation.odometry.tracking import TrackedRun, track_entrants
 from evaluation.scenes.scenarios import Course
 from evaluation.stage.delayed_loop import Entrant
 from evaluation.stage.rendering import Stage
-from fake_camera.world.sensor import FASTEST_F_NUMBER
+from fake_camera.world.sensor import DEFAULT_F_NUMBER
 from fake_camera.world.simulation import RoomView
 
 START = ExposureSetting(500.0, 20.0)
@@ -103,7 +103,7 @@ def test_odometry_gets_pairs_taken_with_decisions_of_d_frames_ago_and_the_poses_
 
 
 def test_a_course_behind_half_the_aperture_is_two_stops_darker() -> None:
-    usual, slow = (odometry_stage("low", 1, 0, 0, f_number) for f_number in (FASTEST_F_NUMBER, 2 * FASTEST_F_NUMBER))
+    usual, slow = (odometry_stage("low", 1, 0, 0, f_number) for f_number in (DEFAULT_F_NUMBER, 2 * DEFAULT_F_NUMBER))
     image = usual.expose("left", ExposureSetting(1000.0, 20.0)).astype(float)
     again = slow.expose("left", ExposureSetting(1000.0, 20.0 + 12.04)).astype(float)
     assert slow.expose("left", ExposureSetting(1000.0, 20.0)).mean() < 0.3 * image.mean()

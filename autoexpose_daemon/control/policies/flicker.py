@@ -100,6 +100,8 @@ class FlickerWatch:
         middle_ns = device_time_ns + round(setting.exposure_time_us * 500)
         last = self.glimpses[-1] if self.glimpses else None
         if change is None or last is None or not 0 < middle_ns - last.middle_ns <= LONGEST_GAP_NS:
+            if self.glimpses:  # a gap, not an ordinary new window
+                self.suspected = None
             self.glimpses = [Glimpse(middle_ns, setting.exposure_time_us * 1e-6, 0.0)]
             return
         self.glimpses.append(Glimpse(middle_ns, setting.exposure_time_us * 1e-6, last.light + change.stops))

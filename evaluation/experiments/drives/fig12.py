@@ -16,7 +16,7 @@ from evaluation.experiments.drives.policy_runs import LOW, SCENES, UNEVEN, Polic
 from evaluation.experiments.experiment import Experiment, Figure, Job, Results, Section, Table
 from evaluation.odometry.tracking import EVERY
 from evaluation.scenes.scenarios import RATE_HZ
-from fake_camera.world.sensor import FASTEST_F_NUMBER
+from fake_camera.world.sensor import DEFAULT_F_NUMBER
 
 POLICIES = (DEFAULT_POLICY, "metric-map", *LAWS, *RIVALS, "fixed")
 
@@ -25,7 +25,7 @@ The paper sent its rig along one trajectory in two lights: (a) 1 to 217 lux in d
 lux; exposures of at most 7.5 ms. Ours is the simulated rig's lap through a furnished room scaled to 0.6 (things are 0.2
 to 2 m away), from rest to 86 mm/s and 89 degrees a second. (a): the walls around one bearing have 217 lux, those away
 from it 1 lux, with 23 degrees of fading in between; (b): the walls have 3 lux on average, and in a second version half
-a lux. Our default lens is f/{FASTEST_F_NUMBER}, brighter than the paper's f/1.2, so (b) is also run at f/2.8.
+a lux. Our default lens is f/{DEFAULT_F_NUMBER}, brighter than the paper's f/1.2, so (b) is also run at f/2.8.
 
 Every policy runs in closed loop at 60 Hz with a delay of two frames, from the best exposure of the first frame: our
 default `{DEFAULT_POLICY}`; `metric-map`, our default until November 2026; the paper's law as its authors' public code

@@ -12,7 +12,7 @@ from evaluation.experiments.drives.courses import over_rooms
 from evaluation.experiments.experiment import Results
 from evaluation.experiments.statistics import Interval
 from evaluation.odometry.lap import Light
-from fake_camera.world.sensor import FASTEST_F_NUMBER
+from fake_camera.world.sensor import DEFAULT_F_NUMBER
 
 Run = Mapping[str, Any]
 
@@ -23,7 +23,7 @@ class Scene:
 
     title: str
     light: Light
-    lens_f_number: float = FASTEST_F_NUMBER
+    lens_f_number: float = DEFAULT_F_NUMBER
 
 
 UNEVEN = Scene("(a) 1 to 217 lux", "uneven")

@@ -10,7 +10,7 @@ import pytest
 from fake_camera.imaging import ImageSettings
 from fake_camera.world.lighting import Change, LightScript
 from fake_camera.world.scene.panorama import DISPARITY_PX, GREY, Panorama, load_radiance
-from fake_camera.world.sensor import FASTEST_F_NUMBER
+from fake_camera.world.sensor import DEFAULT_F_NUMBER
 from fake_camera.world.simulation import build_image_source
 from tests.data import data
 
@@ -48,7 +48,7 @@ def test_hdr_scene_is_a_camera_like_any_other(tmp_path: Path) -> None:
 
 def test_a_slower_lens_needs_a_longer_exposure(tmp_path: Path) -> None:
     path = str(write_hdr(tmp_path / "tiny.hdr"))
-    slow = build_image_source(path, "left", LIGHT, 3, still=True, lens_f_number=2 * FASTEST_F_NUMBER)
+    slow = build_image_source(path, "left", LIGHT, 3, still=True, lens_f_number=2 * DEFAULT_F_NUMBER)
     usual = build_image_source(path, "left", LIGHT, 3, still=True).take(0.0, FULL, 5)
     assert slow.take(0.0, FULL, 5).mean() < 0.7 * usual.mean()
     longer = slow.take(0.0, replace(FULL, exposure_time_us=4 * FULL.exposure_time_us), 5)
