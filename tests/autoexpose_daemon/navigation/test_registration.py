@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
+from autoexpose_daemon.navigation.detectors import AdaptiveFinder, Detector, FastOrb, UprightSift
 from autoexpose_daemon.navigation.features import Features, OrbPyramid, Part
 from autoexpose_daemon.navigation.registration import LEAST_VOTES, RULES, Registration, VoteRule, register, vote
 from tests.autoexpose_daemon.navigation.texture import FINDERS, WIDTH, picture, texture
@@ -79,6 +80,8 @@ def test_ours_votes_for_what_most_agree_on() -> None:
     won = vote(np.concatenate([agreeing, scattered]))
     assert won.shift_px == pytest.approx(-23.0, abs=0.7) and 40 <= won.votes < 50
     assert won.correct[:40].all()
+    edges = vote(np.array([0.0, 0.0, 0.0, 9.9, 10.0, -7.0]))  # a bin has its lower edge, not its upper one
+    assert edges.shift_px == pytest.approx(9.9 / 4) and edges.correct.tolist() == [True] * 4 + [False] * 2
 
 
 def test_a_match_must_be_clearly_better_than_the_second_best() -> None:
@@ -146,6 +149,20 @@ def test_every_feature_is_described_and_lies_in_the_top_half(kind: str) -> None:
     if kind != "orb-pyramid":
         assert len(found) == 500 == len({tuple(place) for place in found.positions})
         assert (np.diff(found.responses) <= 0).all()
+
+
+@pytest.mark.parametrize(("detector", "upright"), [(FastOrb, True), (UprightSift, True), (None, False)])
+def test_what_is_upright_does_not_recognise_a_picture_that_lies_on_its_side(
+    detector: type[Detector] | None, upright: bool
+) -> None:
+    image = picture(128.0 + 30.0 * texture(9)[:400, :400], np.random.default_rng(9))
+    taught, seen = (
+        OrbPyramid().find(turned, "whole image")
+        if detector is None
+        else AdaptiveFinder(detector(), "whole image").find(turned)
+        for turned in (image, np.ascontiguousarray(np.rot90(image)))
+    )
+    assert (len(register(taught, seen).matches) < 0.1 * len(taught)) == upright
 
 
 @pytest.mark.parametrize("part", ["top half", "whole image"])
