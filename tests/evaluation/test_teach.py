@@ -14,6 +14,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from autoexpose_daemon.navigation.features import OrbPyramid
+from autoexpose_daemon.navigation.registration import register
 from evaluation.experiments.cache import ResultCache
 from evaluation.experiments.experiment import Figure, Verdict
 from evaluation.experiments.jobs import run_jobs
@@ -23,7 +25,7 @@ from evaluation.experiments.teach.judge import LOST_PX, Errors, better_everywher
 from evaluation.experiments.teach.operator_setting import BRIGHTNESS, at_half
 from evaluation.experiments.teach.park import park
 from evaluation.experiments.teach.path import MAPS, TaughtPath
-from evaluation.experiments.teach.registration import Detector, Part, Truth, register, vote
+from evaluation.experiments.teach.registration import Truth
 from evaluation.experiments.teach.replay import IMAGES_PER_MAP
 from evaluation.experiments.teach.sweep import OFFSETS, sweep
 from evaluation.experiments.teach.teach_repeat import EXPERIMENT
@@ -49,41 +51,6 @@ def surfaces(parks: Callable[[int, Daylight], list[Surface]]) -> list[Surface]:
     return parks(0, TEACHING)
 
 
-def test_the_vote_goes_to_the_shift_that_most_agree_on() -> None:
-    rng = np.random.default_rng(1)
-    agreeing, scattered = rng.normal(-23.0, 1.0, 40), rng.uniform(-300.0, 300.0, 120)
-    won = vote(np.concatenate([agreeing, scattered]))
-    assert won.shift == pytest.approx(-23.0, abs=0.7) and 40 <= won.votes < 50
-
-
-def test_a_shift_needs_enough_votes() -> None:
-    assert vote(np.array([])).shift is None
-    assert vote(np.array([4.0, 90.0, -60.0, 5.0])).shift is None
-    assert vote(np.array([4.0, 90.0, 5.0, 6.0])).shift == pytest.approx(5.0)
-
-
-@pytest.mark.parametrize("part", ["top half", "whole image"])
-def test_a_shifted_image_is_registered_by_its_shift(part: Part) -> None:
-    still = np.clip(leaves(np.random.default_rng(2), 900, 540) * 300.0, 0, 255).astype(np.uint8)
-    detector = Detector()
-    taught, seen = detector.find(still[:, 100:820], part), detector.find(still[:, 63:783], part)
-    won = register(taught, seen)
-    assert won.shift == pytest.approx(37.0, abs=0.5) and won.votes > 200
-    assert (part == "top half") == (len(detector.find(_lower_half_only(still[:, :720]), part).columns) == 0)
-
-
-def _lower_half_only(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    lower = np.full_like(image, 128)
-    lower[330:] = image[330:]
-    return lower
-
-
-def test_a_black_image_has_no_features_and_no_shift() -> None:
-    detector = Detector()
-    black = detector.find(np.zeros((540, 720), np.uint8), "whole image")
-    assert len(black.columns) == 0 and register(black, black).shift is None
-
-
 def test_the_true_shift_is_that_of_the_heading(surfaces: list[Surface]) -> None:
     truth, pose = Truth(surfaces), TaughtPath(0, 0.0).taught(9)
     assert truth.shift(pose, pose) == pytest.approx(0.0, abs=1e-6)
@@ -97,7 +64,7 @@ def test_the_true_shift_is_that_of_the_heading(surfaces: list[Surface]) -> None:
 
 
 def test_images_without_noise_are_registered_by_the_true_shift(surfaces: list[Surface]) -> None:
-    truth, path, detector = Truth(surfaces), TaughtPath(0, 0.0), Detector()
+    truth, path, detector = Truth(surfaces), TaughtPath(0, 0.0), OrbPyramid()
     renderer = Renderer(surfaces, CAMERA)
     errors = []
     for index in (5, 30, 60):
@@ -105,7 +72,8 @@ def test_images_without_noise_are_registered_by_the_true_shift(surfaces: list[Su
         features = detector.find(_grey(renderer.render(taught[None], 1.0)), "top half")
         for distance_m in (-0.1, 0.15):
             pose = path.repeated(1, index * path.spacing_m + distance_m)
-            shift = register(features, detector.find(_grey(renderer.render(pose[None], 1.0)), "top half")).shift
+            seen = detector.find(_grey(renderer.render(pose[None], 1.0)), "top half")
+            shift = register(features, seen).vote.shift_px
             assert shift is not None
             errors.append(abs(shift - truth.shift(taught, pose)))
     assert max(errors) < 5.0 and np.median(errors) < 2.0

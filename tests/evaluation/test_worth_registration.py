@@ -12,9 +12,9 @@ import cv2
 import numpy as np
 import pytest
 
+from autoexpose_daemon.navigation.registration import Vote
 from evaluation.experiments.teach import replay as teach_replay
 from evaluation.experiments.teach.daylight import Daylight
-from evaluation.experiments.teach.registration import Vote
 from evaluation.experiments.worth.contenders import OURS, PUBLISHED
 from evaluation.experiments.worth.names import BOUNDS
 from evaluation.experiments.worth.registration import bounds, replays
@@ -58,8 +58,9 @@ def test_everyone_has_all_rows_and_what_is_white_registers_nowhere(monkeypatch: 
 
 def test_only_a_shift_within_5_pixels_is_right() -> None:
     look = Look(0, np.eye(4), 1.0, 20.0)
-    assert [look.found(Vote(shift, 9)) for shift in (15.0, 24.9, 26.0, None)] == [True, True, False, False]
-    assert not Look(0, np.eye(4), 1.0, math.nan).found(Vote(20.0, 9))
+    nine = np.ones(9, bool)
+    assert [look.found(Vote(shift, nine)) for shift in (15.0, 24.9, 26.0, None)] == [True, True, False, False]
+    assert not Look(0, np.eye(4), 1.0, math.nan).found(Vote(20.0, nine))
 
 
 class FakeSight:
@@ -71,10 +72,10 @@ class FakeSight:
 
     def vote(self, map_level: int, level: int, place: int) -> Vote:
         off = abs(level - self.liked[self.looks[place].index]) + abs(map_level - level)
-        return Vote(0.0 if off < 3 else 99.0, 100 - 10 * off)
+        return Vote(0.0 if off < 3 else 99.0, np.ones(100 - 10 * off, bool))
 
     def foreign_vote(self, level: int, place: int) -> Vote:
-        return Vote(0.0, 100 - abs(level - 4 - place))
+        return Vote(0.0, np.ones(100 - abs(level - 4 - place), bool))
 
     def own(self, maps: Sequence[int], images: Sequence[int]) -> list[Vote]:
         return [self.vote(maps[look.index], images[place], place) for place, look in enumerate(self.looks)]

@@ -9,6 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from autoexpose_daemon.navigation.features import Features, OrbPyramid, Part
+from autoexpose_daemon.navigation.registration import register
 from drivers.exposure import ExposureSetting
 from drivers.frames import StereoPair
 from evaluation.experiments.experiment import Plain
@@ -16,7 +18,7 @@ from evaluation.experiments.teach.daylight import REPLAYS, TEACHING
 from evaluation.experiments.teach.operator_setting import at_half
 from evaluation.experiments.teach.park import park
 from evaluation.experiments.teach.path import MAPS, TaughtPath
-from evaluation.experiments.teach.registration import Detector, MapFeatures, Part, Truth, register
+from evaluation.experiments.teach.registration import Truth
 from evaluation.scenes.views import CAMERA
 from evaluation.stage.camera import Image, Radiance, SimulatedCamera, pair_of
 from evaluation.stage.delayed_loop import Entrant
@@ -88,13 +90,13 @@ def taught_maps(
     maps: int,
     entrants: Sequence[Entrant] = ENTRANTS,
     first: int = 0,
-) -> dict[Part, dict[str, list[MapFeatures]]]:
+) -> dict[Part, dict[str, list[Features]]]:
     """Features of each of `maps` maps from the `first`, by part of the image and entrant.
 
     The robot rests at each before its image is taken.
     """
-    detector = Detector()
-    taught: dict[Part, dict[str, list[MapFeatures]]] = {
+    detector = OrbPyramid()
+    taught: dict[Part, dict[str, list[Features]]] = {
         "top half": {one.name: [] for one in entrants},
         "whole image": {one.name: [] for one in entrants},
     }
@@ -169,7 +171,7 @@ def measure(seed: int, tilt_deg: float, light: str, maps: int) -> Plain:
     surfaces = park(seed, TEACHING)
     truth = Truth(surfaces)
     taught = taught_maps(path, Renderer(surfaces, CAMERA), SimulatedCamera(2 * seed, 2 * seed), maps=maps)
-    detector = Detector()
+    detector = OrbPyramid()
     where: list[int] = []
     shift: list[float] = []
     shifts: dict[str, dict[str, list[float | None]]] = {way: {name: [] for name in POLICIES} for way in WAYS}
@@ -186,10 +188,10 @@ def measure(seed: int, tilt_deg: float, light: str, maps: int) -> Plain:
         shift.append(truth.shift(path.taught(index), pose))
         for name, image in images.items():
             looks[name].append([robot.loops[name].settings[-1].level, *_look(image)])
-            seen: dict[Part, MapFeatures] = {part: detector.find(image, part) for part in taught}
+            seen: dict[Part, Features] = {part: detector.find(image, part) for part in taught}
             for way, (teacher, part) in WAYS.items():
-                won = register(taught[part][teacher or name][index], seen[part])
-                shifts[way][name].append(won.shift)
+                won = register(taught[part][teacher or name][index], seen[part]).vote
+                shifts[way][name].append(won.shift_px)
                 votes[way][name].append(won.votes)
     return {"map": where, "shift": shift, "shifts": shifts, "votes": votes, "looks": looks, "views": views}
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from autoexpose_daemon.navigation.features import OrbPyramid
+from autoexpose_daemon.navigation.registration import register
 from evaluation.experiments.experiment import Plain
 from evaluation.experiments.teach.daylight import REPLAYS, TEACHING
 from evaluation.experiments.teach.operator_setting import at_half
 from evaluation.experiments.teach.park import park
 from evaluation.experiments.teach.path import TaughtPath
-from evaluation.experiments.teach.registration import Detector, Truth, register
+from evaluation.experiments.teach.registration import Truth
 from evaluation.scenes.views import CAMERA
 from evaluation.stage.camera import SimulatedCamera, time_first
 from fake_camera.world.render.renderer import Renderer
@@ -29,7 +31,7 @@ def sweep(seed: int, tilt_deg: float, light: str, maps: int) -> Plain:
     For each map: `errors` (pixels, None where no shift was found) and `votes` at each of the `offsets`, and the offset
     at which the `whole` image has a mean of 0.5.
     """
-    path, detector, camera = TaughtPath(seed, tilt_deg), Detector(), SimulatedCamera(2 * seed, 2 * seed)
+    path, detector, camera = TaughtPath(seed, tilt_deg), OrbPyramid(), SimulatedCamera(2 * seed, 2 * seed)
     surfaces = park(seed, TEACHING)
     truth, before = Truth(surfaces), Renderer(surfaces, CAMERA)
     after, number = Renderer(park(seed, REPLAYS[light]), CAMERA), 1 + list(REPLAYS).index(light)
@@ -47,7 +49,7 @@ def sweep(seed: int, tilt_deg: float, light: str, maps: int) -> Plain:
         won = []
         for offset in OFFSETS:
             image = camera.expose(radiance, time_first(middle + offset), 2 * index + 1)
-            won.append(register(taught, detector.find(image, "top half")))
-        errors.append([None if vote.shift is None else abs(vote.shift - shift) for vote in won])
+            won.append(register(taught, detector.find(image, "top half")).vote)
+        errors.append([None if vote.shift_px is None else abs(vote.shift_px - shift) for vote in won])
         votes.append([vote.votes for vote in won])
     return {"offsets": list(OFFSETS), "errors": errors, "votes": votes, "whole": whole}

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from autoexpose_daemon.navigation.features import Features, OrbPyramid
+from autoexpose_daemon.navigation.registration import Vote, register
 from evaluation.experiments.teach.daylight import TEACHING
 from evaluation.experiments.teach.operator_setting import at_half
-from evaluation.experiments.teach.registration import Detector, MapFeatures, Vote, register
 from evaluation.experiments.worth.names import FIXED_IN_HINDSIGHT, ORACLE_PER_FRAME
 from evaluation.experiments.worth.registration.replays import CHOICE, SCORING, Look, Replay
 from evaluation.stage.camera import LIMITS, time_first
@@ -31,7 +32,7 @@ class Outcome:
     foreign: float
 
 
-def bounds(course: Replay, foreign: Sequence[MapFeatures]) -> dict[str, Outcome]:
+def bounds(course: Replay, foreign: Sequence[Features]) -> dict[str, Outcome]:
     """Both bounds, chosen with one noise and scored with others.
 
     `fixed-in-hindsight` keeps one exposure while it teaches and while it replays; on foreign maps only the latter
@@ -69,14 +70,14 @@ class _Sight:
         course: Replay,
         looks: Sequence[Look],
         renderers: tuple[Renderer, Renderer],
-        foreign: Sequence[MapFeatures],
+        foreign: Sequence[Features],
         repeat: int,
     ) -> None:
         self.looks = looks
         self.maps, self._first = course.maps, course.first
-        self._path, self._renderers, self._foreign, self._detector = course.path, renderers, foreign, Detector()
+        self._path, self._renderers, self._foreign, self._detector = course.path, renderers, foreign, OrbPyramid()
         self._cameras = course.camera(0, repeat), course.camera(1, repeat)
-        self._known: dict[tuple[int, int, int], MapFeatures] = {}
+        self._known: dict[tuple[int, int, int], Features] = {}
 
     def levels(self) -> tuple[Levels, Levels]:
         """What is tried for maps, and for images."""
@@ -103,16 +104,16 @@ class _Sight:
 
     def vote(self, map_level: int, level: int, place: int) -> Vote:
         """The vote of one image at a level on its own map taught at another."""
-        return register(self._seen(0, map_level, self.looks[place].index), self._seen(1, level, place))
+        return register(self._seen(0, map_level, self.looks[place].index), self._seen(1, level, place)).vote
 
     def foreign_vote(self, level: int, place: int) -> Vote:
         """The vote of one image at a level on its foreign map."""
-        return register(self._foreign[self.looks[place].index], self._seen(1, level, place))
+        return register(self._foreign[self.looks[place].index], self._seen(1, level, place)).vote
 
     def _each(self, images: Levels) -> enumerate[tuple[Look, int]]:
         return enumerate(zip(self.looks, images, strict=True))
 
-    def _seen(self, drive: int, level: int, place: int) -> MapFeatures:
+    def _seen(self, drive: int, level: int, place: int) -> Features:
         """Features of a map (drive 0) or an image (drive 1)."""
         key = (drive, level, place)
         if key not in self._known:

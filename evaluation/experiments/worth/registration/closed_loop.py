@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from evaluation.experiments.teach.registration import Detector, register
+from autoexpose_daemon.navigation.features import OrbPyramid
+from autoexpose_daemon.navigation.registration import register
 from evaluation.experiments.teach.replay import DELAY_FRAMES, replayed, taught_maps
 from evaluation.experiments.worth.contender import Contender, policy
 from evaluation.experiments.worth.registration.bounds import bounds
@@ -48,7 +49,7 @@ def run(course: Replay, contenders: Sequence[Contender]) -> list[dict[str, Any]]
     before, after = course.renderers()
     stretch: dict[str, Any] = {"maps": course.maps, "entrants": list(carried.values()), "first": course.first}
     taught = taught_maps(course.path, before, course.camera(0, SCORING[0]), **stretch)["top half"]
-    detector = Detector()
+    detector = OrbPyramid()
     own: dict[str, list[bool]] = {name: [] for name in carried}
     foreign: dict[str, list[bool]] = {name: [] for name in carried}
     saturated: dict[str, list[float]] = {name: [] for name in carried}
@@ -58,8 +59,8 @@ def run(course: Replay, contenders: Sequence[Contender]) -> list[dict[str, Any]]
         for contender in contenders:
             name, image = contender.name, images[contender.name]
             seen = detector.find(image, "top half")
-            own[name].append(look.found(register(taught[name][index], seen)))
-            foreign[name].append(look.found(register(taught[TEACHER][index], seen)))
+            own[name].append(look.found(register(taught[name][index], seen).vote))
+            foreign[name].append(look.found(register(taught[TEACHER][index], seen).vote))
             saturated[name].append(float((image == 255).mean()))
             levels[name].append(robot.loops[name].settings[-1].level)
     found: list[dict[str, Any]] = []

@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from autoexpose_daemon.navigation.registration import Vote
 from evaluation.experiments.teach.cases import TILTS
 from evaluation.experiments.teach.daylight import REPLAYS, TEACHING, Daylight
 from evaluation.experiments.teach.judge import WITHIN_PX
 from evaluation.experiments.teach.park import park
 from evaluation.experiments.teach.path import MAPS as PATH_MAPS
 from evaluation.experiments.teach.path import TaughtPath
-from evaluation.experiments.teach.registration import Truth, Vote
+from evaluation.experiments.teach.registration import Truth
 from evaluation.experiments.teach.replay import frames, image_of
 from evaluation.scenes.views import CAMERA
 from evaluation.stage.camera import SimulatedCamera
@@ -50,7 +51,7 @@ class Look:
 
     def found(self, vote: Vote) -> bool:
         """Whether a registration is right, within 5 pixels; a NaN never is."""
-        return vote.shift is not None and abs(vote.shift - self.shift) <= WITHIN_PX
+        return vote.shift_px is not None and abs(vote.shift_px - self.shift) <= WITHIN_PX
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,128 @@
+"""Detectors whose threshold follows the picture: FAST corners described by ORB, and SIFT, both upright."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from autoexpose_daemon.navigation.features import BEST, ORB_BORDER_PX, Features, Part, features_of, looked_at
+from autoexpose_daemon.navigation.threshold import next_threshold
+
+SIFT_BORDER_PX = 5
+"""OpenCV's SIFT looks for nothing nearer to the border."""
+
+_SIFT_LAYERS = 3
+"""Scales per octave, OpenCV's default; its contrast threshold is this times the least response."""
+
+
+class Detector(Protocol):
+    """Finds and describes keypoints.
+
+    Attributes
+    ----------
+    border_px
+        Nothing is described nearer to the border of a picture.
+    first, least
+        Threshold of the first picture, and the least one, in the unit of the responses.
+    step
+        Between two responses, 0 for continuous ones.
+    """
+
+    border_px: int
+    first: float
+    least: float
+    step: float
+
+    def detect(self, image: NDArray[np.uint8], threshold: float) -> Sequence[cv2.KeyPoint]:
+        """Keypoints with a response of at least `threshold`, each place once."""
+        ...
+
+    def describe(
+        self, image: NDArray[np.uint8], points: Sequence[cv2.KeyPoint]
+    ) -> NDArray[np.uint8] | NDArray[np.float32]:
+        """One descriptor per keypoint."""
+        ...
+
+
+class FastOrb:
+    """FAST corners at one scale; the response is the highest threshold at which a corner still is one (grey levels)."""
+
+    border_px, first, least, step = ORB_BORDER_PX, 20.0, 1.0, 1.0
+
+    def __init__(self) -> None:
+        self._fast = cv2.FastFeatureDetector.create()
+        self._orb = cv2.ORB.create(edgeThreshold=ORB_BORDER_PX)
+
+    def detect(self, image: NDArray[np.uint8], threshold: float) -> Sequence[cv2.KeyPoint]:
+        """Keypoints with a score of at least the whole part of `threshold`."""
+        self._fast.setThreshold(int(threshold))
+        return self._fast.detect(image, None)
+
+    def describe(self, image: NDArray[np.uint8], points: Sequence[cv2.KeyPoint]) -> NDArray[np.uint8]:
+        """ORB descriptors, uint8, (n, 32)."""
+        return np.asarray(self._orb.compute(image, points)[1] if points else np.empty((0, 32)), np.uint8)
+
+
+class UprightSift:
+    """SIFT without directions, in place of the paper's upright SURF, which OpenCV's wheel does not contain.
+
+    The response is the contrast of a keypoint, as a share of the range of grey levels.
+    """
+
+    border_px, first, step = SIFT_BORDER_PX, 0.04 / _SIFT_LAYERS, 0.0
+    least = 0.001
+    """A quarter of a grey level; noise of two grey levels (standard deviation) stays below twice that."""
+
+    def __init__(self) -> None:
+        self._sift = cv2.SIFT.create(nOctaveLayers=_SIFT_LAYERS)
+
+    def detect(self, image: NDArray[np.uint8], threshold: float) -> Sequence[cv2.KeyPoint]:
+        """Keypoints with a response of at least `threshold`; OpenCV repeats a place for each of its directions."""
+        self._sift.setContrastThreshold(threshold * _SIFT_LAYERS)
+        upright: dict[Sequence[float], cv2.KeyPoint] = {}
+        for point in self._sift.detect(image, None):
+            point.angle = 0.0
+            upright.setdefault(point.pt, point)
+        return list(upright.values())
+
+    def describe(self, image: NDArray[np.uint8], points: Sequence[cv2.KeyPoint]) -> NDArray[np.float32]:
+        """SIFT descriptors, float32, (n, 128)."""
+        return np.asarray(self._sift.compute(image, points)[1] if points else np.empty((0, 128)), np.float32)
+
+
+class AdaptiveFinder:
+    """The best features of each picture of a sequence; the threshold for the next comes from the responses in this.
+
+    Parameters
+    ----------
+    detector
+        What finds and describes.
+    part
+        Where features are looked for.
+    """
+
+    def __init__(self, detector: Detector, part: Part = "top half") -> None:
+        self._detector, self._part = detector, part
+        self.threshold = detector.first
+        """Of the next picture."""
+
+    def find(self, image: NDArray[np.uint8]) -> Features:
+        """Up to 500 features of the next picture, uint8, (height, width), the strongest first."""
+        border = self._detector.border_px
+        rows = looked_at(image, self._part, border)
+        found: list[cv2.KeyPoint] = []
+        if min(rows.shape) > 2 * border:  # before the best are chosen, or fewer would be left
+            height, width = rows.shape
+            found = [
+                point
+                for point in self._detector.detect(rows, self.threshold)
+                if border <= point.pt[0] < width - border and border <= point.pt[1] < height - border
+            ]
+        responses = np.array([point.response for point in found], np.float64)
+        self.threshold = next_threshold(responses, self._detector.least, self._detector.step)
+        best = [found[index] for index in np.argsort(-responses, kind="stable")[:BEST]]
+        return features_of(best, self._detector.describe(rows, best))
