@@ -46,7 +46,7 @@ RULES = {
     # Ours: narrow bins, each overlapping the next by half, so that none splits shifts that agree.
     "overlapping": VoteRule(ratio=0.8, gate_px=None, bin_px=10.0, every_px=5.0, bins=None, correct_px=None),
 }
-"""By name. Of equally full bins, the one of the least shift wins."""
+"""By name. Of equally full bins the first wins, the one furthest to the left."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
