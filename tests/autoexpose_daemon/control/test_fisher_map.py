@@ -51,6 +51,22 @@ def test_a_step_of_light_is_followed(change: float) -> None:
     assert arrived <= 30 + 10
 
 
+def test_what_was_seen_before_white_is_forgotten() -> None:
+    """The light may have risen by more than can be measured, so older sightings would lie at wrong levels."""
+    loop = make()
+    known: list[int] = []
+    lights = [9.0] * 20 + [14.0] * 20 + [11.0]
+    run(
+        loop,
+        lights,
+        START,
+        scene=SCENE,
+        watch=lambda _: known.append(len(loop.state()["policy"]["memory"]["sightings"])),
+    )
+    assert known[-2] > 1
+    assert known[-1] == 1
+
+
 def test_its_targets_and_splits_survive_a_snapshot() -> None:
     first, second = make(), make()
     setting = START

@@ -167,6 +167,8 @@ class ExposureMap(ExposurePolicy):
             self.motion_px = observation.motion_px
         motion = max(self.motion_px - MOVING_PX, 0.0)
         self.memory.pass_frame(measured, AGE_PER_PX * motion + AGE_PER_STOP * abs(measured))
+        if change > FLOW_STOPS and max(view.saturated_share for view in views) > BLIND_SHARE:
+            self.memory.sightings.clear()  # white now: by how much the light has risen is not known
         self.memory.add(Sighting(level, views))
         for camera, view in enumerate(views):
             density = float(np.interp(0.0, DELTAS, view.curve)) / max(1.0 - view.saturated_share, 0.1)
