@@ -123,7 +123,7 @@ def sampled_contrast(
     energy = (across * across + down * down).astype(np.float64)
     places = (_first_places(here.shape, bins.count) + cv2.LUT(brightest, bins.of)).ravel()
     size = CELLS * CELLS * bins.count
-    if weights is None:  # both in one number, exactly
+    if weights is None:  # energy and count packed into one exact number
         sums = np.bincount(places, (energy + _PACKED).ravel(), size).reshape(-1, bins.count)
         count = np.floor(sums / _PACKED)
         return Contrast(sums - count * _PACKED, count)

@@ -21,7 +21,7 @@ FRAMES = 32
 """In a window: half a second at 60 Hz. Mains off by 0.2 % are then out of step by a tenth of a period only."""
 
 LONGEST_GAP_NS = 250_000_000
-"""Between frames: after a longer one, what happened in it is unknown, and a window begins anew."""
+"""Between frames: nobody knows what the light did in a longer gap, so a new window starts."""
 
 LEAST_SWING = 0.03
 """Of the light, from its mean to its peak as frames show it: less of it hides in noise, and does no harm."""

@@ -76,7 +76,7 @@ class FisherMap(ExposureMap):
         within = np.clip(levels, limits.darkest.level, limits.brightest.level)
         if isinstance(self.balance, BlurPhotonBalance):
             times_us = self.balance.exposure_times_us(within, self.motion_px, limits)
-            if flicker_hz is None:  # they are within the limits already
+            if flicker_hz is None:  # already within the limits
                 return times_us, np.exp2(levels) / times_us
             wanted_us = times_us.tolist()
         else:

@@ -167,7 +167,7 @@ class ExposureMap(ExposurePolicy):
             self.motion_px = observation.motion_px
         motion = max(self.motion_px - MOVING_PX, 0.0)
         self.memory.pass_frame(measured, AGE_PER_PX * motion + AGE_PER_STOP * abs(measured))
-        if change > FLOW_STOPS and max(view.saturated_share for view in views) > BLIND_SHARE:
+        if change > FLOW_STOPS and _blind(views):
             self.memory.sightings.clear()  # white now: by how much the light has risen is not known
         self.memory.add(Sighting(level, views))
         for camera, view in enumerate(views):
@@ -224,7 +224,7 @@ class ExposureMap(ExposurePolicy):
         camera sees does not outvote the other.
         """
         metrics = self.memory.fuse(levels, moving)
-        blind = max(view.saturated_share for view in self.memory.sightings[-1].views) > BLIND_SHARE
+        blind = _blind(self.memory.sightings[-1].views)
         frontier, known_again = self.memory.frontier(math.inf if moving or blind else TRUSTED_RISE)
         unknown = levels > known_again
         # What a camera may yet see is part of its best, until a darker frame has shown whether it exists.
@@ -236,6 +236,11 @@ class ExposureMap(ExposurePolicy):
             bonus = probe_bonus(levels, frontier.level, view.saturated_share, density, moving)
             worth += (metric + unknown * bonus) / norm
         return worth / len(metrics), metrics[0]
+
+
+def _blind(views: tuple[MetricView, ...]) -> bool:
+    """Whether a camera is nearly white."""
+    return max(view.saturated_share for view in views) > BLIND_SHARE
 
 
 def _step_towards(target: float, held: float, risen: float) -> float:
