@@ -27,7 +27,7 @@ def read_image(data: bytes) -> tuple[int, Pixels]:
     DamagedMessageError
         When it is not a grey image, or not complete.
     """
-    message = _deserialise(data, IMAGE)
+    message = deserialise(data, IMAGE)
     dtype = ENCODINGS.get(message.encoding)
     if dtype is None or message.data.size != message.height * message.step:
         raise DamagedMessageError(f"an Image of {message.data.size} bytes, {message.height} rows, {message.encoding}")
@@ -40,7 +40,7 @@ def read_image(data: bytes) -> tuple[int, Pixels]:
 
 def read_exposure_info(data: bytes) -> Any:
     """An ExposureInfo, with the fields of `ExposureInfo.msg`; raises `DamagedMessageError`."""
-    return _deserialise(data, EXPOSURE_INFO)
+    return deserialise(data, EXPOSURE_INFO)
 
 
 def read_angular_rate(data: bytes) -> float:
@@ -51,7 +51,7 @@ def read_angular_rate(data: bytes) -> float:
     DamagedMessageError
         When it is no Imu, measures no angular velocity, or no credible one.
     """
-    message = _deserialise(data, IMU)
+    message = deserialise(data, IMU)
     if message.angular_velocity_covariance[0] == -1:  # by the message's convention
         raise DamagedMessageError("an Imu that measures no angular velocity")
     velocity = message.angular_velocity
@@ -110,7 +110,8 @@ def _setting(exposure_time_us: float, gain_db: float) -> ExposureSetting:
     return setting
 
 
-def _deserialise(data: bytes, message_type: str) -> Any:
+def deserialise(data: bytes, message_type: str) -> Any:
+    """A message of any type; raises `DamagedMessageError`."""
     try:
         return TYPESTORE.deserialize_cdr(data, message_type)
     except Exception as error:  # rosbags checks nothing: what breaks depends on where the bytes are wrong

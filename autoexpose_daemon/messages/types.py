@@ -12,14 +12,18 @@ from drivers.pixel_format import PixelFormat
 IMAGE = "sensor_msgs/msg/Image"
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
 IMU = "sensor_msgs/msg/Imu"
+ODOMETRY = "nav_msgs/msg/Odometry"
+TWIST = "geometry_msgs/msg/Twist"
+TWIST_STAMPED = "geometry_msgs/msg/TwistStamped"
 EXPOSURE_INFO = "autoexpose_msgs/msg/ExposureInfo"
+REGISTRATION = "autoexpose_msgs/msg/Registration"
 
 TYPESTORE = get_typestore(Stores.ROS2_HUMBLE)
 """Serialises and deserialises; these messages are the same in every ROS 2 since Foxy."""
 
-TYPESTORE.register(
-    get_types_from_msg(files(__package__).joinpath(f"{EXPOSURE_INFO}.msg").read_text(encoding="utf-8"), EXPOSURE_INFO)
-)
+for _ours in (EXPOSURE_INFO, REGISTRATION):
+    _text = files(__package__).joinpath(f"{_ours}.msg").read_text(encoding="utf-8")
+    TYPESTORE.register(get_types_from_msg(_text, _ours))
 
 
 def encoding(dtype: np.dtype[np.uint8] | np.dtype[np.uint16]) -> str:

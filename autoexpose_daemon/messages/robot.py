@@ -1,0 +1,117 @@
+"""What a robot says of its own motion, and how it is steered: messages of ROS 2."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from autoexpose_daemon.control.parameters import FASTEST_TURN_RAD_S
+from autoexpose_daemon.messages.read import DamagedMessageError, deserialise
+from autoexpose_daemon.messages.types import ODOMETRY, TWIST, TWIST_STAMPED, TYPESTORE
+
+LARGEST_ROBOT_MESSAGE_BYTES: Final = 4096
+"""Of an Odometry, which takes 720 and the names of its coordinate frames; a Twist takes 52."""
+
+FASTEST_M_S = 50.0
+"""A robot that says it drives faster is not believed."""
+
+FURTHEST_M = 1e7
+"""Nor one that is further from its origin."""
+
+_types = TYPESTORE.types
+_Vector3, _Twist, _TwistStamped = _types["geometry_msgs/msg/Vector3"], _types[TWIST], _types[TWIST_STAMPED]
+_Time, _Header = _types["builtin_interfaces/msg/Time"], _types["std_msgs/msg/Header"]
+_Pose, _Point = _types["geometry_msgs/msg/Pose"], _types["geometry_msgs/msg/Point"]
+_Quaternion = _types["geometry_msgs/msg/Quaternion"]
+_PoseWithCovariance = _types["geometry_msgs/msg/PoseWithCovariance"]
+_TwistWithCovariance = _types["geometry_msgs/msg/TwistWithCovariance"]
+
+
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """Where a robot is by its odometry: x and y (m), and its heading (rad), positive to the left."""
+
+    x_m: float
+    y_m: float
+    heading_rad: float
+
+
+@dataclass(frozen=True, slots=True)
+class Velocity:
+    """How a robot drives: forward (m/s), and turns, positive to the left (rad/s)."""
+
+    forward_m_s: float
+    turn_rad_s: float
+
+
+STANDSTILL: Final = Velocity(0.0, 0.0)
+
+
+def read_odometry(data: bytes) -> Pose:
+    """The pose in an Odometry.
+
+    Raises
+    ------
+    DamagedMessageError
+        When it is no Odometry, or no credible one.
+    """
+    pose = deserialise(data, ODOMETRY).pose.pose
+    place, turned = pose.position, pose.orientation
+    numbers = (place.x, place.y, turned.x, turned.y, turned.z, turned.w)
+    if not all(abs(number) <= FURTHEST_M for number in numbers):
+        raise DamagedMessageError(f"an Odometry at x {place.x:g} m, y {place.y:g} m")
+    heading_rad = math.atan2(2.0 * (turned.w * turned.z + turned.x * turned.y), 1.0 - 2.0 * (turned.y**2 + turned.z**2))
+    return Pose(place.x, place.y, heading_rad)
+
+
+def read_velocity(data: bytes) -> Velocity:
+    """The velocity in a Twist, or in a TwistStamped, which is longer.
+
+    Raises
+    ------
+    DamagedMessageError
+        When it is neither, or not credible.
+    """
+    moving = deserialise(data, TWIST) if len(data) == _TWIST_BYTES else deserialise(data, TWIST_STAMPED).twist
+    velocity = Velocity(moving.linear.x, moving.angular.z)
+    if not (abs(velocity.forward_m_s) <= FASTEST_M_S and abs(velocity.turn_rad_s) <= FASTEST_TURN_RAD_S):
+        raise DamagedMessageError(f"a Twist of {velocity.forward_m_s:g} m/s and {velocity.turn_rad_s:g} rad/s")
+    return velocity
+
+
+def twist(velocity: Velocity) -> bytes:
+    """A Twist."""
+    return _cdr(_twist(velocity), TWIST)
+
+
+def twist_stamped(velocity: Velocity, stamp_ns: int, frame_id: str = "base_link") -> bytes:
+    """A TwistStamped, as newer controllers of ROS 2 expect it; the stamp is CLOCK_REALTIME, ns."""
+    return _cdr(_TwistStamped(_header(stamp_ns, frame_id), _twist(velocity)), TWIST_STAMPED)
+
+
+def odometry(pose: Pose, velocity: Velocity, stamp_ns: int) -> bytes:
+    """An Odometry without covariances, as a simulated robot sends it."""
+    half = pose.heading_rad / 2
+    turned = _Quaternion(0.0, 0.0, math.sin(half), math.cos(half))
+    unknown = np.zeros(36)
+    placed = _PoseWithCovariance(_Pose(_Point(pose.x_m, pose.y_m, 0.0), turned), unknown)
+    moving = _TwistWithCovariance(_twist(velocity), unknown)
+    return _cdr(_types[ODOMETRY](_header(stamp_ns, "odom"), "base_link", placed, moving), ODOMETRY)
+
+
+def _twist(velocity: Velocity) -> Any:
+    return _Twist(_Vector3(velocity.forward_m_s, 0.0, 0.0), _Vector3(0.0, 0.0, velocity.turn_rad_s))
+
+
+def _header(stamp_ns: int, frame_id: str) -> Any:
+    return _Header(_Time(*divmod(stamp_ns, 1_000_000_000)), frame_id)
+
+
+def _cdr(message: object, message_type: str) -> bytes:
+    return bytes(TYPESTORE.serialize_cdr(message, message_type))
+
+
+_TWIST_BYTES: Final = len(twist(STANDSTILL))
