@@ -41,6 +41,28 @@ class Features:
     def __len__(self) -> int:
         return len(self.positions)
 
+    def take(self, which: NDArray[np.bool_] | NDArray[np.int64]) -> Features:
+        """Some of them, by mask or index."""
+        return Features(self.positions[which], self.responses[which], self.descriptors[which])
+
+    def moved(self, right_px: float) -> Features:
+        """The same features further to the right."""
+        return Features(self.positions + np.array([right_px, 0.0]), self.responses, self.descriptors)
+
+    def joined(self, other: Features) -> Features:
+        """These and others with descriptors of the same kind."""
+        descriptors = np.concatenate([self.descriptors, other.descriptors])
+        return Features(
+            np.concatenate([self.positions, other.positions]),
+            np.concatenate([self.responses, other.responses]),
+            descriptors,
+        )
+
+
+def descriptor_norm(features: Features) -> int:
+    """The norm of OpenCV by which their descriptors are compared."""
+    return cv2.NORM_HAMMING if features.descriptors.dtype == np.uint8 else cv2.NORM_L2
+
 
 def no_orb_features() -> Features:
     """What ORB finds where there is nothing to find."""

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from autoexpose_daemon.navigation.features import Features
+from autoexpose_daemon.navigation.features import Features, descriptor_norm
 
 LEAST_VOTES = 3
 """Fewer may agree by chance, so no shift is found (in the authors' code the shift is then 0)."""
@@ -134,8 +134,7 @@ def _matches(taught: Features, seen: Features, ratio: float) -> NDArray[np.int64
         )
     good: list[tuple[int, int]] = []
     if min(len(taught), len(seen)) >= 2:
-        norm = cv2.NORM_HAMMING if taught.descriptors.dtype == np.uint8 else cv2.NORM_L2
-        for best, second in cv2.BFMatcher(norm).knnMatch(taught.descriptors, seen.descriptors, 2):
+        for best, second in cv2.BFMatcher(descriptor_norm(taught)).knnMatch(taught.descriptors, seen.descriptors, 2):
             if best.distance < ratio * second.distance:
                 good.append((best.queryIdx, best.trainIdx))
     return np.array(good, np.int64).reshape(-1, 2)
