@@ -1,0 +1,254 @@
+"""Reading and writing a map file."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from types import TracebackType
+from typing import Any, BinaryIO, Self
+
+import numpy as np
+
+from autoexpose_daemon.navigation.adaptation import LocalMap, Passing
+from autoexpose_daemon.navigation.steering import Path as DrivenPath
+from autoexpose_daemon.navigation.store import database
+from autoexpose_daemon.navigation.store.database import MapError
+from autoexpose_daemon.navigation.store.rows import (
+    MapInfo,
+    Place,
+    RowError,
+    Run,
+    RunKind,
+    TaughtPlace,
+    feature_rows,
+    finite,
+    local_map,
+    states_of_blob,
+)
+from autoexpose_daemon.navigation.temporal import History
+from drivers.config.readable import readable
+from drivers.exposure import ExposureSetting
+
+SpeedRow = tuple[float, float, float]
+"""Distance (m), forward (m/s) and turn (rad/s, positive to the left)."""
+
+_PRESENT = "added < :run AND (removed IS NULL OR removed >= :run)"
+_NOW = "removed IS NULL"
+
+
+class MapFile:
+    """A map on disk. Each call that writes is one transaction: after SIGKILL or a power cut it is there, or it is not.
+
+    Parameters
+    ----------
+    path
+        The file.
+    info
+        For a new map; None: the file exists.
+    writable
+        Whether to write to it, which one process at a time can.
+
+    Raises
+    ------
+    MapError
+        Here and in all methods, in one sentence that names the file.
+    """
+
+    def __init__(self, path: Path, info: MapInfo | None = None, *, writable: bool = False) -> None:
+        self.path = path
+        self._lock: BinaryIO | None = None
+        self._connection = database.connect(path, writable=writable) if info is None else database.create(path)
+        try:
+            if writable or info is not None:
+                self._lock = database.lock(path)
+            if info is not None:
+                self._write("INSERT INTO meta VALUES (?, ?, ?, ?, ?)", *_values(info.check()))
+            self.info = self._read_info()
+        except BaseException:
+            self.close()
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the file."""
+        self._connection.close()
+        if self._lock is not None:
+            self._lock.close()
+
+    def begin_run(self, kind: RunKind, start_s: float) -> Run:
+        """A new drive, which began at `start_s` (seconds since 1970)."""
+        run = Run(max((run.number for run in self.runs()), default=0) + 1, kind, start_s)
+        self._write("INSERT INTO run VALUES (?, ?, ?)", run.number, run.kind, run.start_s)
+        return run
+
+    def add_place(self, run: Run, taught: TaughtPlace, speeds: Sequence[SpeedRow] = ()) -> None:
+        """A new local map at the end of the path, and the speeds that were driven up to it."""
+        with self._transaction() as connection:
+            place = connection.execute(
+                "INSERT INTO place (distance_m, exposure_time_us, gain_db, next_feature, jpeg) VALUES (?, ?, ?, ?, ?)",
+                (
+                    taught.distance_m,
+                    taught.setting.exposure_time_us,
+                    taught.setting.gain_db,
+                    len(taught.features),
+                    taught.jpeg,
+                ),
+            ).lastrowid
+            assert place is not None
+            self._insert(connection, place, LocalMap.taught(taught.features), run)
+            _insert_speeds(connection, speeds)
+
+    def add_speeds(self, speeds: Sequence[SpeedRow]) -> None:
+        """The last speeds of a path."""
+        with self._transaction() as connection:
+            _insert_speeds(connection, speeds)
+
+    def pass_place(self, run: Run, place: Place, passing: Passing, time_s: float) -> Place:
+        """What a passing showed of a local map and changed in it; returns the local map as it is now."""
+        after, added = passing.after, passing.after.take(passing.added)
+        next_feature = place.next_feature + len(added)
+        with self._transaction() as connection:
+            connection.execute(
+                "INSERT INTO observation VALUES (?, ?, ?, ?)",
+                (place.number, run.number, time_s, passing.states.astype(np.int8).tobytes()),
+            )
+            connection.executemany(
+                "UPDATE feature SET score = ? WHERE place = ? AND id = ?",
+                [
+                    (int(score), place.number, int(number))
+                    for score, number in zip(after.scores, after.ids, strict=True)
+                ],
+            )
+            connection.executemany(
+                "UPDATE feature SET removed = ? WHERE place = ? AND id = ?",
+                [(run.number, place.number, int(number)) for number in passing.removed],
+            )
+            self._insert(connection, place.number, added, run)
+            connection.execute("UPDATE place SET next_feature = ? WHERE id = ?", (next_feature, place.number))
+        return Place(place.number, place.distance_m, place.setting, next_feature, after)
+
+    def forget_runs_before(self, run: Run) -> int:
+        """Drop observations of earlier drives, and features that were removed in them; returns how many rows."""
+        with self._transaction() as connection:
+            gone = connection.execute("DELETE FROM observation WHERE run < ?", (run.number,)).rowcount
+            gone += connection.execute("DELETE FROM feature WHERE removed < ?", (run.number,)).rowcount
+        self._write("VACUUM")
+        self._connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+        return gone
+
+    def runs(self) -> list[Run]:
+        """All drives, the first one first."""
+        with self._checking():
+            return [Run(*row) for row in self._read("SELECT id, kind, start_s FROM run ORDER BY id")]
+
+    def path_driven(self) -> DrivenPath:
+        """The speeds of the path; it is as long as the last local map and the last speed are far."""
+        with self._checking():
+            rows = [
+                finite(*row) for row in self._read("SELECT distance_m, forward_m_s, turn_rad_s FROM speed ORDER BY id")
+            ]
+            columns = np.array(rows, np.float64).reshape(-1, 3).T
+            if (np.diff(columns[0]) < 0).any():
+                raise RowError("distances that fall along the path")
+            return DrivenPath(*columns)
+
+    def places(self) -> list[Place]:
+        """All local maps along the path, with the features that they have now."""
+        with self._checking():
+            rows = self._read("SELECT id, distance_m, exposure_time_us, gain_db, next_feature FROM place ORDER BY id")
+            return [
+                Place(number, distance_m, ExposureSetting(*finite(time_us, gain_db)), next_feature, self._map(number))
+                for number, distance_m, time_us, gain_db, next_feature in rows
+            ]
+
+    def jpeg(self, place: Place) -> bytes:
+        """The picture that a local map was taught from."""
+        ((blob,),) = self._read("SELECT jpeg FROM place WHERE id = ?", place.number)
+        with self._checking():
+            return bytes(memoryview(blob))
+
+    def history(self, place: Place) -> History:
+        """What was seen of the present features of a local map, at all passings."""
+        with self._checking():
+            observations = self._read(
+                "SELECT run, time_s, states FROM observation WHERE place = ? ORDER BY time_s", place.number
+            )
+            states = np.zeros((len(observations), len(place.map)), np.int8)
+            passed = np.zeros(states.shape, bool)
+            for row, (run, _, blob) in enumerate(observations):
+                query = f"SELECT id FROM feature WHERE place = :place AND {_PRESENT} ORDER BY id"
+                ids = np.array(self._connection.execute(query, {"place": place.number, "run": run}).fetchall()).ravel()
+                known, there, then = np.intersect1d(place.map.ids, ids, return_indices=True)
+                states[row, there] = states_of_blob(blob, len(ids))[then]
+                passed[row, there] = len(known) > 0
+            times_s = np.array([finite(row[1])[0] for row in observations], np.float64)
+            return History(times_s, states, passed)
+
+    def _map(self, place: int) -> LocalMap:
+        query = f"SELECT id, x, y, response, descriptor, score FROM feature WHERE place = ? AND {_NOW} ORDER BY id"
+        return local_map(self._read(query, place), self.info)
+
+    def _read_info(self) -> MapInfo:
+        with self._checking():
+            rows = self._read("SELECT * FROM meta")
+            if len(rows) != 1:
+                raise RowError(f"{len(rows)} rows that describe it")
+            return MapInfo(*rows[0]).check()
+
+    def _insert(self, connection: sqlite3.Connection, place: int, features: LocalMap, run: Run) -> None:
+        connection.executemany(
+            "INSERT INTO feature VALUES (?, ?, ?, ?, ?, ?, ?, ?, NULL)",
+            [(place, *row, run.number) for row in feature_rows(features, self.info.detector)],
+        )
+
+    def _read(self, query: str, *values: object) -> list[tuple[Any, ...]]:
+        try:
+            return self._connection.execute(query, values).fetchall()
+        except (sqlite3.Error, OverflowError) as error:
+            raise MapError(f"{self.path} cannot be read: {readable(str(error))}") from error
+
+    def _write(self, query: str, *values: object) -> None:
+        try:
+            self._connection.execute(query, values)
+        except sqlite3.Error as error:
+            raise MapError(f"{self.path} cannot be written: {readable(str(error))}") from error
+
+    @contextmanager
+    def _transaction(self) -> Iterator[sqlite3.Connection]:
+        self._write("BEGIN IMMEDIATE")
+        try:
+            yield self._connection
+            self._connection.execute("COMMIT")
+        except sqlite3.Error as error:
+            if self._connection.in_transaction:
+                self._connection.execute("ROLLBACK")
+            raise MapError(f"{self.path} cannot be written: {readable(str(error))}") from error
+        except BaseException:
+            self._connection.execute("ROLLBACK")
+            raise
+
+    @contextmanager
+    def _checking(self) -> Iterator[None]:
+        try:
+            yield
+        except (RowError, TypeError, ValueError) as error:
+            raise MapError(
+                f"{self.path} is damaged, it has {readable(str(error))}: restore a copy, or teach it again"
+            ) from error
+
+
+def _values(info: MapInfo) -> tuple[object, ...]:
+    return (info.width, info.height, info.focal_length_px, info.detector, info.policy)
+
+
+def _insert_speeds(connection: sqlite3.Connection, speeds: Sequence[SpeedRow]) -> None:
+    connection.executemany("INSERT INTO speed (distance_m, forward_m_s, turn_rad_s) VALUES (?, ?, ?)", speeds)
