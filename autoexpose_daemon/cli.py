@@ -274,7 +274,11 @@ def _add_commands(requested: str | None) -> None:
     for point in entry_points(group="autoexpose.commands"):
         if requested in (None, point.name):
             try:
-                app.add_typer(point.load(), name=point.name)
+                command = point.load()
+                if isinstance(command, typer.Typer):
+                    app.add_typer(command, name=point.name)
+                else:
+                    app.command(point.name)(command)
             except ImportError as error:
                 if requested is not None:
                     needs = f"`autoexpose {requested}` needs {error.name}"

@@ -18,8 +18,8 @@ import cv2
 import numpy as np
 
 from autoexpose_daemon.demo.reference_step import ReferenceStep
-from autoexpose_daemon.navigation.detectors import AdaptiveFinder, FastOrb
-from autoexpose_daemon.navigation.registration import RULES, register
+from autoexpose_daemon.navigation.views.detectors import AdaptiveFinder, FastOrb
+from autoexpose_daemon.navigation.views.registration import RULES, register
 
 SHIFT_PX = 23
 WARM_UP = 6

@@ -82,6 +82,11 @@ def status_key(rig: str) -> str:
     return f"autoexpose/{rig}/status"
 
 
+def registration_key(rig: str) -> str:
+    """Where `autoexpose repeat` says how views lie against the taught path."""
+    return f"autoexpose/{rig}/registration"
+
+
 def response_key(rig: str, side: Side | Literal["*"]) -> str:
     """Where the response function of a camera goes; `*` for all of them."""
     return f"autoexpose/{rig}/{side}/response"

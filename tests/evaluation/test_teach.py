@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from autoexpose_daemon.navigation.features import OrbPyramid
-from autoexpose_daemon.navigation.registration import register
+from autoexpose_daemon.navigation.views.features import OrbPyramid
+from autoexpose_daemon.navigation.views.registration import register
 from evaluation.experiments.cache import ResultCache
 from evaluation.experiments.experiment import Figure, Verdict
 from evaluation.experiments.jobs import run_jobs

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import pytest
 
-from autoexpose_daemon.navigation.registration import Vote
+from autoexpose_daemon.navigation.views.registration import Vote
 from evaluation.experiments.teach import replay as teach_replay
 from evaluation.experiments.teach.daylight import Daylight
 from evaluation.experiments.worth.contenders import OURS, PUBLISHED

@@ -11,8 +11,9 @@ from typing import Any, BinaryIO, Self
 
 import numpy as np
 
-from autoexpose_daemon.navigation.adaptation import LocalMap, Passing
-from autoexpose_daemon.navigation.steering import Path as DrivenPath
+from autoexpose_daemon.navigation.maps.adaptation import LocalMap, Passing
+from autoexpose_daemon.navigation.maps.path import TaughtPath
+from autoexpose_daemon.navigation.maps.temporal import History
 from autoexpose_daemon.navigation.store import database
 from autoexpose_daemon.navigation.store.database import MapError
 from autoexpose_daemon.navigation.store.rows import (
@@ -27,7 +28,6 @@ from autoexpose_daemon.navigation.store.rows import (
     local_map,
     states_of_blob,
 )
-from autoexpose_daemon.navigation.temporal import History
 from drivers.config.readable import readable
 from drivers.exposure import ExposureSetting
 
@@ -136,13 +136,17 @@ class MapFile:
             connection.execute("UPDATE place SET next_feature = ? WHERE id = ?", (next_feature, place.number))
         return Place(place.number, place.distance_m, place.setting, next_feature, after)
 
-    def forget_runs_before(self, run: Run) -> int:
-        """Drop observations of earlier drives, and features that were removed in them; returns how many rows."""
+    def forget_all_runs_but(self, newest: int) -> int:
+        """Drop observations of all but the newest drives, and features removed before; returns how many rows."""
+        numbers = [run.number for run in self.runs()]
+        if newest >= len(numbers):
+            return 0
+        first_kept = numbers[-newest] if newest else numbers[-1] + 1
         with self._transaction() as connection:
-            gone = connection.execute("DELETE FROM observation WHERE run < ?", (run.number,)).rowcount
-            gone += connection.execute("DELETE FROM feature WHERE removed < ?", (run.number,)).rowcount
+            gone = connection.execute("DELETE FROM observation WHERE run < ?", (first_kept,)).rowcount
+            gone += connection.execute("DELETE FROM feature WHERE removed < ?", (first_kept,)).rowcount
         self._write("VACUUM")
-        self._connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+        self._write("PRAGMA wal_checkpoint(TRUNCATE)")
         return gone
 
     def runs(self) -> list[Run]:
@@ -150,7 +154,7 @@ class MapFile:
         with self._checking():
             return [Run(*row) for row in self._read("SELECT id, kind, start_s FROM run ORDER BY id")]
 
-    def path_driven(self) -> DrivenPath:
+    def taught_path(self) -> TaughtPath:
         """The speeds of the path; it is as long as the last local map and the last speed are far."""
         with self._checking():
             rows = [
@@ -159,7 +163,7 @@ class MapFile:
             columns = np.array(rows, np.float64).reshape(-1, 3).T
             if (np.diff(columns[0]) < 0).any():
                 raise RowError("distances that fall along the path")
-            return DrivenPath(*columns)
+            return TaughtPath(*columns)
 
     def places(self) -> list[Place]:
         """All local maps along the path, with the features that they have now."""

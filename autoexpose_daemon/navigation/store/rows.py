@@ -9,8 +9,8 @@ from typing import Any, Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from autoexpose_daemon.navigation.adaptation import LocalMap
-from autoexpose_daemon.navigation.features import Features
+from autoexpose_daemon.navigation.maps.adaptation import LocalMap
+from autoexpose_daemon.navigation.views.features import Features
 from drivers.exposure import ExposureSetting
 
 RunKind = Literal["teach", "repeat"]

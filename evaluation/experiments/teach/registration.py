@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from autoexpose_daemon.navigation.registration import vote
+from autoexpose_daemon.navigation.views.registration import vote
 from evaluation.scenes.views import CAMERA
 from fake_camera.world.render.renderer import Surface
 

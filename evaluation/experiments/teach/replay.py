@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from autoexpose_daemon.navigation.features import Features, OrbPyramid, Part
-from autoexpose_daemon.navigation.registration import register
+from autoexpose_daemon.navigation.views.features import Features, OrbPyramid, Part
+from autoexpose_daemon.navigation.views.registration import register
 from drivers.exposure import ExposureSetting
 from drivers.frames import StereoPair
 from evaluation.experiments.experiment import Plain

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from autoexpose_daemon.navigation.features import OrbPyramid
-from autoexpose_daemon.navigation.registration import register
+from autoexpose_daemon.navigation.views.features import OrbPyramid
+from autoexpose_daemon.navigation.views.registration import register
 from evaluation.experiments.experiment import Plain
 from evaluation.experiments.teach.daylight import REPLAYS, TEACHING
 from evaluation.experiments.teach.operator_setting import at_half

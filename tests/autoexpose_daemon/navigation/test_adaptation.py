@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from autoexpose_daemon.navigation.adaptation import LocalMap, Strategy, adapt
-from autoexpose_daemon.navigation.features import Features
-from autoexpose_daemon.navigation.registration import RULES, register
+from autoexpose_daemon.navigation.maps.adaptation import LocalMap, Strategy, adapt
+from autoexpose_daemon.navigation.views.features import Features
+from autoexpose_daemon.navigation.views.registration import RULES, register
 
 SHIFT_PX = 40.0
 

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from autoexpose_daemon.navigation.detectors import AdaptiveFinder, Detector, FastOrb, UprightSift
-from autoexpose_daemon.navigation.features import Features, OrbPyramid, Part
-from autoexpose_daemon.navigation.registration import LEAST_VOTES, RULES, Registration, VoteRule, register, vote
+from autoexpose_daemon.navigation.views.detectors import AdaptiveFinder, Detector, FastOrb, UprightSift
+from autoexpose_daemon.navigation.views.features import Features, OrbPyramid, Part
+from autoexpose_daemon.navigation.views.registration import LEAST_VOTES, RULES, Registration, VoteRule, register, vote
 from tests.autoexpose_daemon.navigation.texture import FINDERS, WIDTH, picture, texture
 
 MAJER2018, OURS = RULES["majer2018"], RULES["overlapping"]

@@ -7,17 +7,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from autoexpose_daemon.navigation.steering import (
+from autoexpose_daemon.navigation.drive.steering import (
     LOST_M,
-    Path,
     Stop,
     StopRule,
     nearest,
     turn_rad_s,
 )
+from autoexpose_daemon.navigation.maps.path import TaughtPath
 
 FOCAL_LENGTH_PX = 600.0
-PATH = Path(np.array([0.0, 1.0, 3.0]), np.array([0.5, 0.3, 0.3]), np.array([0.0, 0.2, 0.2]))
+PATH = TaughtPath(np.array([0.0, 1.0, 3.0]), np.array([0.5, 0.3, 0.3]), np.array([0.0, 0.2, 0.2]))
 S = 1_000_000_000
 
 

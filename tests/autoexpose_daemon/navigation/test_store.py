@@ -14,11 +14,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from autoexpose_daemon.navigation.adaptation import LocalMap, Passing, adapt
-from autoexpose_daemon.navigation.features import Features
-from autoexpose_daemon.navigation.registration import register
+from autoexpose_daemon.navigation.maps.adaptation import LocalMap, Passing, adapt
 from autoexpose_daemon.navigation.store import MapError, MapFile, MapInfo, Run, TaughtPlace
 from autoexpose_daemon.navigation.store.database import FORMAT
+from autoexpose_daemon.navigation.views.features import Features
+from autoexpose_daemon.navigation.views.registration import register
 from drivers.exposure import ExposureSetting
 
 INFO = MapInfo(720, 540, 600.0, "fast-orb", "fisher-map")
@@ -75,7 +75,7 @@ def test_what_was_written_is_read(tmp_path_factory: pytest.TempPathFactory, pass
     with MapFile(path) as file:
         assert file.info == INFO
         assert [run.kind for run in file.runs()] == ["teach"] + ["repeat"] * len(passings)
-        driven = file.path_driven()
+        driven = file.taught_path()
         assert driven.length_m == pytest.approx(0.6) and driven.at(0.3) == (0.5, 0.1)
         read = file.places()
         assert [place.distance_m for place in read] == pytest.approx([0.0, 0.2, 0.4])
@@ -119,12 +119,12 @@ def test_a_map_in_a_folder_nobody_may_write_to_is_read(tmp_path: Path) -> None:
 def test_old_runs_are_forgotten(tmp_path: Path) -> None:
     path = tmp_path / "lap.map"
     with taught(path) as file:
-        (first, *_), runs = file.places(), []
+        first = file.places()[0]
         for number in range(3):
-            runs.append(file.begin_run("repeat", START_S + number))
-            first = file.pass_place(runs[-1], first, passing_of(first.map, number, first.next_feature), START_S)
+            run = file.begin_run("repeat", START_S + number)
+            first = file.pass_place(run, first, passing_of(first.map, number, first.next_feature), START_S)
         newest = file.history(first)
-        assert file.forget_runs_before(runs[2]) > 0
+        assert file.forget_all_runs_but(1) > 0 == file.forget_all_runs_but(9)
         kept = file.history(first)
         assert kept.states.tolist() == newest.states[-1:].tolist() and alike(file.places()[0].map, first.map)
 
@@ -174,7 +174,7 @@ def test_a_map_with_wrong_content_is_refused_in_a_sentence(tmp_path: Path, chang
         hostile.execute(change)
     hostile.close()
     with pytest.raises(MapError) as refused, MapFile(path) as file:
-        file.runs(), file.path_driven(), file.places()
+        file.runs(), file.taught_path(), file.places()
     assert words in str(refused.value) and str(path) in str(refused.value)
 
 
@@ -210,7 +210,7 @@ def test_a_killed_writer_leaves_whole_places(tmp_path: Path, places: int) -> Non
     with MapFile(path) as file:
         read = file.places()
         assert len(read) > places and all(len(place.map) == 500 for place in read)
-        assert len(file.path_driven().distances_m) == len(read)
+        assert len(file.taught_path().distances_m) == len(read)
         assert alike(read[places].map, LocalMap.taught(features(places, 500)))
     with MapFile(path, writable=True) as file:
         assert file.begin_run("repeat", START_S) == Run(2, "repeat", START_S)

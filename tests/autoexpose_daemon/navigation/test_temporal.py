@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from autoexpose_daemon.navigation.choice import best, drawn
-from autoexpose_daemon.navigation.spectrum import DAY_S, Spectrum
-from autoexpose_daemon.navigation.temporal import MODELS, History, fremen, mean
+from autoexpose_daemon.navigation.maps.choice import best, drawn
+from autoexpose_daemon.navigation.maps.spectrum import DAY_S, Spectrum
+from autoexpose_daemon.navigation.maps.temporal import MODELS, History, fremen, mean
 
 START_S = 1_700_000_000.0
 HOUR_S = 3600.0

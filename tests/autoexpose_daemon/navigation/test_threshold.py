@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from autoexpose_daemon.navigation.detectors import AdaptiveFinder, Detector, FastOrb, UprightSift
-from autoexpose_daemon.navigation.features import BEST
-from autoexpose_daemon.navigation.threshold import FITTED, OVERSHOOT, WANTED, next_threshold
+from autoexpose_daemon.navigation.views.detectors import AdaptiveFinder, Detector, FastOrb, UprightSift
+from autoexpose_daemon.navigation.views.features import BEST
+from autoexpose_daemon.navigation.views.threshold import FITTED, OVERSHOOT, WANTED, next_threshold
 from tests.autoexpose_daemon.navigation.texture import picture, texture
 
 LEAST = 0.01
@@ -94,7 +94,7 @@ def counts_of(finder: AdaptiveFinder, pictures: list[NDArray[np.uint8]], monkeyp
         assert threshold >= least
         return threshold
 
-    monkeypatch.setattr("autoexpose_daemon.navigation.detectors.next_threshold", counted)
+    monkeypatch.setattr("autoexpose_daemon.navigation.views.detectors.next_threshold", counted)
     for image in pictures:
         assert len(finder.find(image)) == min(counts[-1], BEST)
     return counts

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from autoexpose_daemon.navigation.detectors import AdaptiveFinder, FastOrb, UprightSift
-from autoexpose_daemon.navigation.features import OrbPyramid
+from autoexpose_daemon.navigation.views.detectors import AdaptiveFinder, FastOrb, UprightSift
+from autoexpose_daemon.navigation.views.features import OrbPyramid
 
 HEIGHT, WIDTH = 540, 720
 

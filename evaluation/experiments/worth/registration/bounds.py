@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from autoexpose_daemon.navigation.features import Features, OrbPyramid
-from autoexpose_daemon.navigation.registration import Vote, register
+from autoexpose_daemon.navigation.views.features import Features, OrbPyramid
+from autoexpose_daemon.navigation.views.registration import Vote, register
 from evaluation.experiments.teach.daylight import TEACHING
 from evaluation.experiments.teach.operator_setting import at_half
 from evaluation.experiments.worth.names import FIXED_IN_HINDSIGHT, ORACLE_PER_FRAME

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from autoexpose_daemon.navigation.features import OrbPyramid
-from autoexpose_daemon.navigation.registration import register
+from autoexpose_daemon.navigation.views.features import OrbPyramid
+from autoexpose_daemon.navigation.views.registration import register
 from evaluation.experiments.teach.replay import DELAY_FRAMES, replayed, taught_maps
 from evaluation.experiments.worth.contender import Contender, policy
 from evaluation.experiments.worth.registration.bounds import bounds

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from autoexpose_daemon.navigation.registration import Vote
+from autoexpose_daemon.navigation.views.registration import Vote
 from evaluation.experiments.teach.cases import TILTS
 from evaluation.experiments.teach.daylight import REPLAYS, TEACHING, Daylight
 from evaluation.experiments.teach.judge import WITHIN_PX

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from autoexpose_daemon.navigation.features import BEST
+from autoexpose_daemon.navigation.views.features import BEST
 
 
 def best(scores: NDArray[np.float64], count: int = BEST) -> NDArray[np.int64]:

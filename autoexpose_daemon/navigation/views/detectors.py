@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from autoexpose_daemon.navigation.features import BEST, ORB_BORDER_PX, Features, Part, features_of, looked_at
-from autoexpose_daemon.navigation.threshold import next_threshold
+from autoexpose_daemon.navigation.views.features import BEST, ORB_BORDER_PX, Features, Part, features_of, looked_at
+from autoexpose_daemon.navigation.views.threshold import next_threshold
 
 SIFT_BORDER_PX = 5
 """OpenCV's SIFT looks for nothing nearer to the border."""

@@ -29,34 +29,6 @@ class Stop(StrEnum):
     LOST = "two metres without a registration"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Path:
-    """The speeds that a path was taught with.
-
-    Attributes
-    ----------
-    distances_m
-        Driven from the start, ascending, float64, (n,); from each on the speeds of its row hold. The last one is the
-        length of the path.
-    forward_m_s, turn_rad_s
-        Speeds, positive forward and to the left, float64, (n,).
-    """
-
-    distances_m: NDArray[np.float64]
-    forward_m_s: NDArray[np.float64]
-    turn_rad_s: NDArray[np.float64]
-
-    @property
-    def length_m(self) -> float:
-        """How far it is to the end."""
-        return float(self.distances_m[-1]) if len(self.distances_m) else 0.0
-
-    def at(self, distance_m: float) -> tuple[float, float]:
-        """(forward m/s, turn rad/s) at a distance from the start."""
-        row = max(int(np.searchsorted(self.distances_m, distance_m, "right")) - 1, 0)
-        return float(self.forward_m_s[row]), float(self.turn_rad_s[row])
-
-
 def turn_rad_s(taught_rad_s: float, shift_px: float, focal_length_px: float) -> float:
     """How fast to turn, positive to the left.
 

@@ -14,7 +14,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from autoexpose_daemon.navigation.spectrum import DAY_S, PERIODS_S, Spectrum
+from autoexpose_daemon.navigation.maps.spectrum import DAY_S, PERIODS_S, Spectrum
 
 Scores = NDArray[np.float64]
 Predict = Callable[[float], Scores]

@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from autoexpose_daemon.navigation.features import Features, descriptor_norm
-from autoexpose_daemon.navigation.registration import Registration
+from autoexpose_daemon.navigation.views.features import Features, descriptor_norm
+from autoexpose_daemon.navigation.views.registration import Registration
 
 Strategy = Literal["static", "plastic", "adaptive", "summary"]
 """`static`: nothing changes. `plastic`: the view replaces the map. `adaptive`: the features with the least score are

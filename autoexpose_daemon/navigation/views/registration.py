@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from autoexpose_daemon.navigation.features import Features, descriptor_norm
+from autoexpose_daemon.navigation.views.features import Features, descriptor_norm
 
 LEAST_VOTES = 3
 """Fewer may agree by chance, so no shift is found (in the authors' code the shift is then 0)."""

@@ -1,0 +1,86 @@
+"""The commands `autoexpose teach`, `repeat` and `map`."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+from rich.console import Console
+
+from autoexpose_daemon.messages.keys import LOOPBACK, ROUTER, check_endpoints, check_key_expression, check_rig_name
+from autoexpose_daemon.navigation.drive.progress import Progress
+from autoexpose_daemon.navigation.drive.repeat import Repeater, repeat
+from autoexpose_daemon.navigation.drive.robot import RobotKeys
+from autoexpose_daemon.navigation.drive.source import Source
+from autoexpose_daemon.navigation.drive.teach import Teacher, teach
+from autoexpose_daemon.navigation.map_commands import map_app
+from autoexpose_daemon.navigation.maps.adaptation import Strategy
+from autoexpose_daemon.navigation.store import MapFile
+
+__all__ = ["map_app", "repeat_command", "teach_command"]
+
+Rig = Annotated[str, typer.Option(help="Name of the rig, `publish.rig` of its configuration.")]
+Connect = Annotated[list[str] | None, typer.Option(help=f"Endpoint of the daemon; {LOOPBACK} unless given.")]
+RobotConnect = Annotated[list[str] | None, typer.Option(help=f"Endpoint of the robot; {ROUTER} unless given.")]
+Odometry = Annotated[str, typer.Option(help="zenoh key of the robot's nav_msgs/msg/Odometry.")]
+Detector = Annotated[
+    Literal["fast-orb", "sift"], typer.Option(help="Features: FAST and ORB, or SIFT, ten times slower.")
+]
+
+
+def teach_command(
+    *,
+    file: Annotated[Path, typer.Argument(help="A new map file.")],
+    odometry: Odometry,
+    velocity: Annotated[str, typer.Option(help="Key of the Twist or TwistStamped that the robot is driven with.")],
+    focal_length_px: Annotated[float, typer.Option(min=1.0, help="Focal length of the left camera, pixels.")],
+    detector: Detector = "fast-orb",
+    rig: Rig = "rig",
+    connect: Connect = None,
+    robot: RobotConnect = None,
+) -> None:
+    """Remember a path while you drive the robot along it, until Ctrl-C."""
+    source = _source(rig, connect, robot, RobotKeys(odometry, velocity=velocity))
+    typer.echo(teach(Teacher(file, focal_length_px, detector), source, _stop_on_signals(), Progress(Console())))
+
+
+def repeat_command(
+    *,
+    file: Annotated[Path, typer.Argument(help="A map file.")],
+    odometry: Odometry,
+    command: Annotated[str, typer.Option(help="Key of the Twist that the robot obeys.")] = "",
+    drive: Annotated[bool, typer.Option("--drive/--dry-run", help="Steer the robot; else only say how.")] = False,
+    stamped: Annotated[bool, typer.Option("--stamped", help="Send TwistStamped.")] = False,
+    adapt: Annotated[
+        Literal["static", "adaptive", "plastic", "summary"], typer.Option(help="How local maps change when passed.")
+    ] = "static",
+    rig: Rig = "rig",
+    connect: Connect = None,
+    robot: RobotConnect = None,
+) -> None:
+    """Repeat a taught path from its start. There is no obstacle detection: somebody has to watch the robot."""
+    if drive and not command:
+        raise typer.BadParameter("--drive needs --command, the key that the robot obeys")
+    strategy: Strategy = adapt
+    source = _source(rig, connect, robot, RobotKeys(odometry, command=command if drive else "", stamped=stamped))
+    with MapFile(file, writable=True) as map_file:
+        typer.echo(repeat(Repeater(map_file, strategy), source, _stop_on_signals(), Progress(Console())))
+
+
+def _source(rig: str, connect: list[str] | None, robot: list[str] | None, keys: RobotKeys) -> Source:
+    check_rig_name(rig)
+    check_endpoints([*(connect or []), *(robot or [])])
+    for key in (keys.odometry, keys.velocity, keys.command):
+        if key:
+            check_key_expression(key)
+    return Source(rig, tuple(connect or [LOOPBACK]), keys, tuple(robot or [ROUTER]))
+
+
+def _stop_on_signals() -> threading.Event:
+    stop = threading.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: stop.set())
+    return stop

@@ -1,0 +1,1 @@
+"""Driving along a path: taught by somebody, then repeated."""

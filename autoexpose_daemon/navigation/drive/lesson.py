@@ -1,0 +1,53 @@
+"""Teaching a path: local maps at even distances, and the speeds between them."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from autoexpose_daemon.messages.robot import Velocity
+from autoexpose_daemon.navigation.store import TaughtPlace
+from autoexpose_daemon.navigation.views.detectors import AdaptiveFinder
+from drivers.exposure import ExposureSetting
+
+EVERY_M = 0.2
+"""From one local map to the next, as in the authors' README."""
+
+JPEG_QUALITY = 90
+
+
+class Lesson:
+    """Decides what of a drive is remembered.
+
+    Parameters
+    ----------
+    finder
+        Finds the features of local maps; it sees every frame, so that its threshold follows the scene.
+    """
+
+    def __init__(self, finder: AdaptiveFinder) -> None:
+        self._finder = finder
+        self._places = 0
+        self._velocity: Velocity | None = None
+        self._speeds: list[tuple[float, float, float]] = []
+
+    def drive(self, velocity: Velocity, distance_m: float) -> None:
+        """The robot was told to drive like this, after `distance_m` from the start."""
+        if velocity != self._velocity:
+            self._velocity = velocity
+            self._speeds.append((distance_m, velocity.forward_m_s, velocity.turn_rad_s))
+
+    def look(self, image: NDArray[np.uint8], setting: ExposureSetting, distance_m: float) -> TaughtPlace | None:
+        """What to remember of a frame, uint8, (height, width); None where the last local map is near."""
+        features = self._finder.find(image)
+        if distance_m < EVERY_M * self._places:
+            return None
+        self._places = int(distance_m / EVERY_M) + 1
+        _, jpeg = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+        return TaughtPlace(distance_m, jpeg.tobytes(), setting, features)
+
+    def new_speeds(self) -> list[tuple[float, float, float]]:
+        """Distance (m), forward (m/s) and turn (rad/s) of each change since this was last asked."""
+        speeds, self._speeds = self._speeds, []
+        return speeds

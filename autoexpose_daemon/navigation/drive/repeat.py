@@ -1,0 +1,133 @@
+"""`autoexpose repeat`: drive a taught path again, or without `--drive` only say how one would."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from dataclasses import dataclass
+
+from autoexpose_daemon.client import ReceivedPair, StereoClient
+from autoexpose_daemon.messages.keys import registration_key
+from autoexpose_daemon.messages.robot import STANDSTILL, Velocity, registration
+from autoexpose_daemon.navigation.drive.progress import Progress
+from autoexpose_daemon.navigation.drive.repetition import Repetition, View
+from autoexpose_daemon.navigation.drive.robot import Robot
+from autoexpose_daemon.navigation.drive.source import DETECTORS, WAIT_S, Source
+from autoexpose_daemon.navigation.drive.steering import Stop
+from autoexpose_daemon.navigation.maps.adaptation import Strategy
+from autoexpose_daemon.navigation.store import MapError, MapFile, Run
+from autoexpose_daemon.publish.session import Endpoints
+
+
+@dataclass(slots=True)
+class Tally:
+    """Counts of a repetition: frames, those that were registered, and why it ended."""
+
+    frames: int = 0
+    registered: int = 0
+    stop: Stop | None = None
+    distance_m: float = 0.0
+
+
+class Repeater:
+    """Repeats the path of a map file, which remembers what it saw.
+
+    Parameters
+    ----------
+    file
+        The map, writable.
+    strategy
+        How local maps change.
+    """
+
+    def __init__(self, file: MapFile, strategy: Strategy) -> None:
+        self.tally = Tally()
+        self._file = file
+        places = file.places()
+        if not places:
+            raise MapError(f"{file.path} has no local maps: teach it again")
+        finder = DETECTORS[file.info.detector]()
+        self.repetition = Repetition(file.info, file.taught_path(), places, finder, strategy)
+        self._run: Run | None = None
+        self._start_m: float | None = None
+
+    def look(self, pair: ReceivedPair, driven_m: float) -> View:
+        """Register a frame."""
+        image, info = pair.left.grey8(), self._file.info
+        if image.shape != (info.height, info.width):
+            raise MapError(
+                f"{self._file.path} was taught with {info.width}x{info.height} pixels, and frames have "
+                f"{image.shape[1]}x{image.shape[0]}: set the cameras as they were, or teach it again"
+            )
+        if self._run is None:
+            self._run = self._file.begin_run("repeat", time.time())
+            self._start_m = driven_m
+        passed = self.repetition.look(image, self.along_m(driven_m), time.monotonic_ns())
+        if passed is not None:
+            index, passing = passed
+            places = self.repetition.places
+            places[index] = self._file.pass_place(self._run, places[index], passing, time.time())
+        view = self.repetition.view
+        assert view is not None
+        self.tally.frames += 1
+        self.tally.registered += view.registration.vote.shift_px is not None
+        return view
+
+    def along_m(self, driven_m: float) -> float:
+        """Where the robot is along the path; it begins at the start."""
+        return 0.0 if self._start_m is None else driven_m - self._start_m
+
+
+def repeat(repeater: Repeater, source: Source, stop: threading.Event, progress: Progress) -> str:
+    """Repeat until the end of the path, or until `stop` is set; returns how it went, in words.
+
+    The robot is commanded where `source.robot.command` names a key, and is told to stand still in any case of ending.
+    """
+    drives = bool(source.robot.command)
+    tally, repetition = repeater.tally, repeater.repetition
+    with (
+        Robot(source.robot, Endpoints(connect=source.robot_connect)) as robot,
+        StereoClient(source.rig, source.connect, name="repeat") as client,
+        progress,
+    ):
+        try:
+            while not stop.is_set() and tally.stop is not Stop.END:
+                pair = client.next_pair(WAIT_S)
+                view = None if pair is None or robot.odometry_ns is None else repeater.look(pair, robot.distance_m)
+                tally.distance_m = repeater.along_m(robot.distance_m)
+                velocity, tally.stop = repetition.velocity(tally.distance_m, robot.odometry_ns, time.monotonic_ns())
+                if drives:
+                    robot.command(velocity)
+                if pair is not None and view is not None:
+                    robot.send(registration_key(source.rig), _message(pair, view, repetition, velocity, tally.stop))
+                progress.say(robot.trouble or _line(tally, repetition.length_m, view or repetition.view, velocity))
+        finally:
+            if drives:
+                robot.command(STANDSTILL)
+    share = f"{tally.registered} of {tally.frames} frames registered"
+    return f"repeated {tally.distance_m:.1f} of {repetition.length_m:.1f} m, {share}"
+
+
+def _line(tally: Tally, length_m: float, view: View | None, velocity: Velocity) -> str:
+    where = f"{tally.distance_m:.1f} of {length_m:.1f} m"
+    if view is None:
+        return f"{where}, stopped: {tally.stop}" if tally.stop else f"{where}, waiting for frames"
+    vote = view.registration.vote
+    aside = "not registered" if vote.shift_px is None else f"shifted {vote.shift_px:+.0f} px"
+    matches = f"{vote.votes} of {len(view.registration.matches)} matches agree"
+    drive = (
+        f"stopped: {tally.stop}" if tally.stop else f"{velocity.forward_m_s:.2f} m/s, {velocity.turn_rad_s:+.2f} rad/s"
+    )
+    return f"{where}, {aside}, {matches}, {drive}"
+
+
+def _message(pair: ReceivedPair, view: View, repetition: Repetition, velocity: Velocity, stop: Stop | None) -> bytes:
+    vote = view.registration.vote
+    return registration(
+        pair.stamp_ns,
+        distance_m=view.distance_m, length_m=repetition.length_m, local_map=view.place,
+        registered=vote.shift_px is not None, shift_px=math.nan if vote.shift_px is None else vote.shift_px,
+        matches=len(view.registration.matches), votes=vote.votes,
+        forward_m_s=velocity.forward_m_s, turn_rad_s=velocity.turn_rad_s, stopped=str(stop or ""),
+    )  # fmt: skip

@@ -1,0 +1,155 @@
+"""The robot over zenoh: its odometry and velocity come in, commands and registrations go out."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Self
+
+import zenoh
+
+from autoexpose_daemon.messages.read import DamagedMessageError
+from autoexpose_daemon.messages.robot import (
+    LARGEST_ROBOT_MESSAGE_BYTES,
+    Velocity,
+    read_odometry,
+    read_velocity,
+    twist,
+    twist_stamped,
+)
+from autoexpose_daemon.navigation.drive.odometer import Odometer
+from autoexpose_daemon.publish.session import Endpoints, SessionHolder
+from drivers.config.readable import readable
+from drivers.log_throttle import LogThrottle
+
+log = logging.getLogger(__name__)
+
+_WAITING = 64
+"""Messages of odometry or velocity: each adds to the distance, so none may be dropped while a frame is looked at."""
+
+_SAID_S = 60.0
+
+
+@dataclass(frozen=True, slots=True)
+class RobotKeys:
+    """The keys under which a robot is found; an empty one is not used.
+
+    Attributes
+    ----------
+    odometry
+        Where `nav_msgs/msg/Odometry` comes from.
+    velocity
+        Where the `Twist` or `TwistStamped` comes from that it is driven with.
+    command, stamped
+        Where to send a `Twist`, or a `TwistStamped`.
+    """
+
+    odometry: str
+    velocity: str = ""
+    command: str = ""
+    stamped: bool = False
+
+
+class Robot:
+    """Hears a robot, and commands it, while its context lasts.
+
+    Parameters
+    ----------
+    keys, endpoints
+        Where it is.
+    on_velocity
+        Called with each velocity and the distance driven so far, on another thread.
+
+    Attributes
+    ----------
+    trouble
+        Why there is no connection; empty: there is one, or it is still being opened.
+    refused
+        Messages that were not what they should be.
+    odometry_ns
+        When the last odometry came, CLOCK_MONOTONIC; None before the first.
+    """
+
+    def __init__(
+        self, keys: RobotKeys, endpoints: Endpoints, on_velocity: Callable[[Velocity, float], None] | None = None
+    ) -> None:
+        self.trouble = ""
+        self.refused = 0
+        self.odometry_ns: int | None = None
+        self._keys, self._on_velocity = keys, on_velocity
+        self._odometer = Odometer()
+        self._throttle = LogThrottle(_SAID_S)
+        self._session: zenoh.Session | None = None
+        self._sending = threading.Lock()
+        self._holder = SessionHolder("client", endpoints, self._serve, self._on_trouble)
+
+    def __enter__(self) -> Self:
+        self._holder.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        if not self._holder.close():
+            log.error("zenoh did not close the session of the robot in time")
+
+    @property
+    def distance_m(self) -> float:
+        """How far it has driven since the connection was opened."""
+        return self._odometer.distance_m
+
+    @property
+    def connected(self) -> bool:
+        """Whether commands can be sent."""
+        return self._session is not None
+
+    def command(self, velocity: Velocity) -> None:
+        """Have it drive like this."""
+        data = twist_stamped(velocity, time.time_ns()) if self._keys.stamped else twist(velocity)
+        self.send(self._keys.command, data)
+
+    def send(self, key: str, data: bytes) -> None:
+        """Publish a message, if there is a connection."""
+        with self._sending:
+            if self._session is not None:
+                self._session.put(key, data)
+
+    def _on_trouble(self, trouble: str) -> None:
+        self.trouble = trouble
+
+    def _serve(self, session: zenoh.Session) -> None:
+        takers = {self._keys.odometry: self._take_odometry, self._keys.velocity: self._take_velocity}
+        for key, take in takers.items():
+            if key:
+                self._holder.subscribe(session, key, take, _WAITING, LARGEST_ROBOT_MESSAGE_BYTES)
+        self._session = session
+        self._holder.closed.wait()
+        with self._sending:
+            self._session = None
+
+    def _take_odometry(self, key: str, data: bytes) -> None:
+        try:
+            pose = read_odometry(data)
+        except DamagedMessageError as error:
+            self._refuse(key, error)
+            return
+        self._odometer.take(pose)
+        self.odometry_ns = time.monotonic_ns()
+
+    def _take_velocity(self, key: str, data: bytes) -> None:
+        try:
+            velocity = read_velocity(data)
+        except DamagedMessageError as error:
+            self._refuse(key, error)
+            return
+        if self._on_velocity is not None:
+            self._on_velocity(velocity, self.distance_m)
+
+    def _refuse(self, key: str, error: DamagedMessageError) -> None:
+        self.refused += 1
+        if self._throttle.due(key, time.monotonic_ns()):
+            log.warning("a message as %s is refused: %s", key, readable(str(error)))

@@ -1,0 +1,41 @@
+"""Where frames and the robot are, for `teach` and `repeat`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+from autoexpose_daemon.navigation.drive.robot import RobotKeys
+from autoexpose_daemon.navigation.views.detectors import AdaptiveFinder, FastOrb, UprightSift
+
+DETECTORS: Final[dict[str, Callable[[], AdaptiveFinder]]] = {
+    "fast-orb": lambda: AdaptiveFinder(FastOrb()),
+    "sift": lambda: AdaptiveFinder(UprightSift()),
+}
+"""By the name that a map has them by."""
+
+WAIT_S: Final = 0.05
+"""For a frame, before the robot is commanded again without one."""
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """A daemon and a robot.
+
+    Attributes
+    ----------
+    rig
+        Name of the rig; the left camera's frames are used.
+    connect
+        Endpoints of the daemon, or a router.
+    robot
+        The robot's keys.
+    robot_connect
+        Endpoints of the robot's router.
+    """
+
+    rig: str
+    connect: tuple[str, ...]
+    robot: RobotKeys
+    robot_connect: tuple[str, ...]

@@ -1,0 +1,97 @@
+"""`autoexpose teach`: remember a path while somebody drives the robot along it."""
+
+from __future__ import annotations
+
+import threading
+import time
+from pathlib import Path
+
+from autoexpose_daemon.client import ReceivedPair, StereoClient
+from autoexpose_daemon.client.status_client import StatusClient
+from autoexpose_daemon.messages.robot import Velocity
+from autoexpose_daemon.navigation.drive.lesson import Lesson
+from autoexpose_daemon.navigation.drive.progress import Progress
+from autoexpose_daemon.navigation.drive.robot import Robot
+from autoexpose_daemon.navigation.drive.source import DETECTORS, WAIT_S, Source
+from autoexpose_daemon.navigation.store import MapError, MapFile, MapInfo, Run
+from autoexpose_daemon.publish.session import Endpoints
+
+
+class Teacher:
+    """Writes a lesson to a map file, which begins with the first frame after the first odometry.
+
+    Parameters
+    ----------
+    path
+        The new map.
+    focal_length_px, detector
+        For `MapInfo`.
+    """
+
+    def __init__(self, path: Path, focal_length_px: float, detector: str) -> None:
+        if path.exists():
+            raise MapError(f"{path} exists: a lesson is not added to a map, name a new file")
+        self.places = 0
+        self._path, self._focal_length_px, self._detector = path, focal_length_px, detector
+        self._lesson = Lesson(DETECTORS[detector]())
+        self._file: MapFile | None = None
+        self._run: Run | None = None
+        self._start_m = 0.0
+        self._turn = threading.Lock()
+
+    def drive(self, velocity: Velocity, distance_m: float) -> None:
+        """The robot was told to drive like this; on the thread of its connection."""
+        with self._turn:
+            self._lesson.drive(velocity, max(distance_m - self._start_m, 0.0))
+
+    def look(self, pair: ReceivedPair, distance_m: float, policy: str) -> None:
+        """The next frame, and how far the robot has driven."""
+        image = pair.left.grey8()
+        if self._file is None or self._run is None:
+            height, width = image.shape
+            self._file = MapFile(self._path, MapInfo(width, height, self._focal_length_px, self._detector, policy))
+            self._run = self._file.begin_run("teach", time.time())
+            self._start_m = distance_m
+        taught = self._lesson.look(image, pair.left.setting, distance_m - self._start_m)
+        if taught is not None:
+            with self._turn:
+                speeds = self._lesson.new_speeds()
+            self._file.add_place(self._run, taught, speeds)
+            self.places += 1
+
+    def end(self, distance_m: float) -> float:
+        """Close the map; returns the length of the path (m), 0 if none was begun."""
+        if self._file is None:
+            return 0.0
+        length_m = distance_m - self._start_m
+        with self._turn:
+            self._lesson.drive(Velocity(0.0, 0.0), length_m)
+            self._file.add_speeds([*self._lesson.new_speeds(), (length_m, 0.0, 0.0)])
+        self._file.close()
+        return length_m
+
+
+def teach(teacher: Teacher, source: Source, stop: threading.Event, progress: Progress) -> str:
+    """Teach until `stop` is set; returns what was taught, in words."""
+    robot_endpoints = Endpoints(connect=source.robot_connect)
+    with (
+        StatusClient(source.rig, source.connect) as status,
+        Robot(source.robot, robot_endpoints, teacher.drive) as robot,
+        StereoClient(source.rig, source.connect, name="teach") as client,
+        progress,
+    ):
+        try:
+            while not stop.is_set():
+                pair = client.next_pair(WAIT_S)
+                if robot.odometry_ns is None:
+                    progress.say(robot.trouble or f"waiting for odometry as {source.robot.odometry}")
+                elif pair is None:
+                    progress.say(f"waiting for frames of {source.rig}{f': {status.trouble}' if status.trouble else ''}")
+                else:
+                    teacher.look(pair, robot.distance_m, "" if status.status is None else status.status.policy)
+                    progress.say(f"{robot.distance_m:.1f} m driven, {teacher.places} local maps")
+        finally:
+            length_m = teacher.end(robot.distance_m)
+    if not teacher.places:
+        return "nothing was taught: no frame came together with odometry"
+    return f"taught {length_m:.1f} m, {teacher.places} local maps"

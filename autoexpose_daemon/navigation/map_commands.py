@@ -1,0 +1,125 @@
+"""The command `autoexpose map`: what a map file holds."""
+
+from __future__ import annotations
+
+import json
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Annotated
+
+import cv2
+import numpy as np
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from autoexpose_daemon.navigation.store import MapError, MapFile, Place
+
+map_app = typer.Typer(help="Look into the map of a taught path.", no_args_is_help=True)
+
+File = Annotated[Path, typer.Argument(help="A map file.")]
+
+_GREEN = (80, 220, 80)
+
+
+@map_app.command()
+def info(file: File) -> None:
+    """What it is, when it was taught, how often repeated, and how large it is."""
+    with MapFile(file) as map_file:
+        about, runs, places = map_file.info, map_file.runs(), map_file.places()
+        length_m = map_file.taught_path().length_m
+    features = sum(len(place.map) for place in places)
+    repeats = [run for run in runs if run.kind == "repeat"]
+    rows = {
+        "path": f"{length_m:.1f} m, {len(places)} local maps, {features} features",
+        "taught": _when(runs[0].start_s) if runs else "never",
+        "repeated": f"{len(repeats)} times, last {_when(repeats[-1].start_s)}" if repeats else "never",
+        "pictures": f"{about.width}x{about.height} pixels, focal length {about.focal_length_px:g} pixels",
+        "detector": about.detector,
+        "exposure": f"{about.policy or 'policy not known'}, {_exposures(places)}",
+        "size": f"{file.stat().st_size / 1e6:.1f} MB",
+    }
+    for name, value in rows.items():
+        typer.echo(f"{name:9} {value}")
+
+
+@map_app.command("list")
+def list_places(file: File) -> None:
+    """Every local map: distance, exposure, features, their mean score, and how often it was passed."""
+    table = Table("", "m", "us", "dB", "features", "mean score", "passed", box=None, header_style="bold")
+    for column in table.columns:
+        column.justify = "right"
+    with MapFile(file) as map_file:
+        for index, place in enumerate(map_file.places()):
+            scores = place.map.scores
+            table.add_row(
+                str(index), f"{place.distance_m:.2f}", f"{place.setting.exposure_time_us:.0f}",
+                f"{place.setting.gain_db:.1f}", str(len(scores)), f"{scores.mean() if len(scores) else 0.0:+.2f}",
+                str(len(map_file.history(place).times_s)),
+            )  # fmt: skip
+    Console().print(table)
+
+
+@map_app.command()
+def export(file: File, folder: Annotated[Path, typer.Argument(help="A new folder.")]) -> None:
+    """The picture of each local map with its features drawn, and the features as JSON."""
+    with MapFile(file) as map_file:
+        try:
+            folder.mkdir()
+        except OSError as error:
+            raise MapError(f"{folder} cannot be created: {error.strerror}") from error
+        places = map_file.places()
+        for index, place in enumerate(places):
+            picture = _drawn(map_file, place)
+            if not cv2.imwrite(str(folder / f"{index:04}.png"), picture):
+                raise MapError(f"{folder / f'{index:04}.png'} cannot be written: is the disk full?")
+            (folder / f"{index:04}.json").write_text(json.dumps(_plain(place), indent=1) + "\n", encoding="utf-8")
+    typer.echo(f"{len(places)} local maps written to {folder}")
+
+
+@map_app.command()
+def prune(
+    file: File,
+    keep: Annotated[int, typer.Option(min=0, help="How many of the newest drives to remember.")],
+) -> None:
+    """Forget observations of old drives, and features that were removed in them; the path stays as it is."""
+    with MapFile(file, writable=True) as map_file:
+        before = file.stat().st_size
+        gone = map_file.forget_all_runs_but(keep)
+    freed = before - file.stat().st_size
+    typer.echo(f"{gone} observations and features forgotten, {max(freed, 0) / 1e6:.1f} MB freed")
+
+
+def _drawn(map_file: MapFile, place: Place) -> np.ndarray:
+    picture = cv2.imdecode(np.frombuffer(map_file.jpeg(place), np.uint8), cv2.IMREAD_GRAYSCALE)
+    if picture is None or picture.shape != (map_file.info.height, map_file.info.width):
+        raise MapError(f"{map_file.path} is damaged: the picture at {place.distance_m:.1f} m cannot be read")
+    colour = cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR)
+    for x, y in np.rint(place.map.features.positions.clip(-1e6, 1e6)).astype(int):
+        cv2.circle(colour, (int(x), int(y)), 4, _GREEN, 1, cv2.LINE_AA)
+    return np.asarray(colour)
+
+
+def _plain(place: Place) -> dict[str, object]:
+    features = place.map.features
+    rows = zip(place.map.ids, features.positions, features.responses, place.map.scores, strict=True)
+    return {
+        "distance_m": place.distance_m,
+        "exposure_time_us": place.setting.exposure_time_us,
+        "gain_db": place.setting.gain_db,
+        "features": [
+            {"id": int(number), "x": float(x), "y": float(y), "response": float(response), "score": int(score)}
+            for number, (x, y), response, score in rows
+        ],
+    }
+
+
+def _when(time_s: float) -> str:
+    return datetime.fromtimestamp(time_s, UTC).strftime("%Y-%m-%d %H:%M UTC")
+
+
+def _exposures(places: list[Place]) -> str:
+    if not places:
+        return "no local maps"
+    times, gains = zip(*((place.setting.exposure_time_us, place.setting.gain_db) for place in places), strict=True)
+    return f"{min(times):.0f} to {max(times):.0f} us, {min(gains):.1f} to {max(gains):.1f} dB"

@@ -1,0 +1,1 @@
+"""Features of a view, and how it lies against a map. Pure."""
