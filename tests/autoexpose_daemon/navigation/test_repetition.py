@@ -1,0 +1,109 @@
+"""Repeating a path without a robot: which views teach what, and what is refused."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from autoexpose_daemon.client import ReceivedPair
+from autoexpose_daemon.messages.robot import STANDSTILL, Velocity
+from autoexpose_daemon.navigation.drive.lesson import EVERY_M, Lesson
+from autoexpose_daemon.navigation.drive.odometer import Odometer, Pose
+from autoexpose_daemon.navigation.drive.repeat import Repeater
+from autoexpose_daemon.navigation.drive.source import DETECTORS
+from autoexpose_daemon.navigation.drive.steering import Stop
+from autoexpose_daemon.navigation.store import MapError, MapFile, MapInfo
+from drivers.frames import Frame
+from tests.autoexpose_daemon.navigation.texture import WIDTH, texture
+from tests.autoexpose_daemon.publish.steps import SETTING
+
+WALL = np.clip(128 + 40 * texture(3, 2 * WIDTH), 0, 255).astype(np.uint8)
+
+
+def view(shift_px: int = 0) -> NDArray[np.uint8]:
+    """The wall, shifted to the right."""
+    first = WIDTH // 2 - shift_px
+    return np.ascontiguousarray(WALL[:, first : first + WIDTH])
+
+
+def pair(image: NDArray[np.uint8], number: int = 1) -> ReceivedPair:
+    return ReceivedPair(Frame(image, 8, number, 0, 0, 0, SETTING), None, 0, number, number, None, 0)
+
+
+@pytest.fixture
+def taught(tmp_path: Path) -> Path:
+    """Five local maps of the same wall, a metre in all."""
+    path = tmp_path / "lap.map"
+    lesson = Lesson(DETECTORS["fast-orb"]())
+    with MapFile(path, MapInfo(720, 540, 600.0, "fast-orb", "fisher-map")) as file:
+        run = file.begin_run("teach", 0.0)
+        lesson.drive(Velocity(0.5, 0.0), 0.0)
+        for centimetre in range(0, 100, 5):
+            place = lesson.look(view(), SETTING, centimetre / 100)
+            if place is not None:
+                file.add_place(run, place, lesson.new_speeds())
+        file.add_speeds([(1.0, 0.0, 0.0)])
+    return path
+
+
+def test_a_lesson_has_a_local_map_at_even_distances(taught: Path) -> None:
+    with MapFile(taught) as file:
+        distances_m = [place.distance_m for place in file.places()]
+    assert distances_m == pytest.approx([EVERY_M * number for number in range(5)], abs=0.051)
+
+
+def test_a_lesson_that_skips_ahead_does_not_catch_up() -> None:
+    lesson = Lesson(DETECTORS["fast-orb"]())
+    found = [lesson.look(view(), SETTING, distance_m) for distance_m in (0.0, 0.1, 0.75, 0.79, 0.8)]
+    assert [place is not None for place in found] == [True, False, True, False, True]
+
+
+@pytest.mark.parametrize("shift_px", [-60, 60])
+def test_a_repetition_turns_back_and_remembers_what_it_passed(taught: Path, shift_px: int) -> None:
+    with MapFile(taught, writable=True) as file:
+        repeater = Repeater(file, "adaptive")
+        for number in range(21):
+            driven_m = 7.0 + number / 20
+            seen = repeater.look(pair(view(shift_px), number), driven_m)
+            along_m = repeater.along_m(driven_m)
+            velocity, stop = repeater.repetition.velocity(along_m, odometry_ns=0, now_ns=0)
+            assert stop in {None, Stop.END}
+            assert seen.registration.vote.shift_px == pytest.approx(shift_px, abs=0.5)
+            assert velocity == STANDSTILL or np.sign(velocity.turn_rad_s) == -np.sign(shift_px)
+        assert repeater.tally.frames == repeater.tally.registered == 21
+        # The last one is passed when the next comes near, which there is not.
+        assert [len(file.history(place).times_s) for place in file.places()] == [1, 1, 1, 1, 0]
+
+
+def test_views_that_cannot_be_registered_change_nothing(taught: Path) -> None:
+    blank = np.full((540, 720), 128, np.uint8)
+    with MapFile(taught, writable=True) as file:
+        before = file.places()
+        repeater = Repeater(file, "plastic")
+        for driven_m in (0.0, 0.3, 0.6, 0.9):
+            repeater.look(pair(blank), driven_m)
+        assert repeater.tally.registered == 0
+        for one, other in zip(before, file.places(), strict=True):
+            assert (one.map.ids == other.map.ids).all() and (one.map.scores == other.map.scores).all()
+            assert len(file.history(other).times_s) == 0
+
+
+def test_frames_of_another_size_are_refused_in_a_sentence(taught: Path) -> None:
+    with MapFile(taught, writable=True) as file:
+        repeater = Repeater(file, "static")
+        with pytest.raises(MapError, match="taught with 720x540 pixels, and frames have 720x100"):
+            repeater.look(pair(view()[:100]), 0.0)
+
+
+def test_a_map_without_places_is_refused_in_a_sentence(tmp_path: Path) -> None:
+    info = MapInfo(720, 540, 600.0, "sift", "")
+    with MapFile(tmp_path / "new.map", info) as file, pytest.raises(MapError, match="has no local maps"):
+        Repeater(file, "static")
+
+
+def test_an_odometer_adds_ways_but_not_jumps() -> None:
+    odometer = Odometer()
+    for x_m, y_m in ((5.0, 0.0), (5.3, 0.4), (-70.0, 0.0), (-70.0, 0.25)):
+        odometer.take(Pose(x_m, y_m, 0.0))
+    assert odometer.distance_m == pytest.approx(0.75) and odometer.jumps == 1
