@@ -64,6 +64,8 @@ def repeat_command(
     """Repeat a taught path from its start. There is no obstacle detection: somebody has to watch the robot."""
     if drive and not command:
         raise typer.BadParameter("--drive needs --command, the key that the robot obeys")
+    if "*" in command:
+        raise typer.BadParameter(f"--command {command}: commands go to one key, name it without *")
     strategy: Strategy = adapt
     source = _source(rig, connect, robot, RobotKeys(odometry, command=command if drive else "", stamped=stamped))
     with MapFile(file, writable=True) as map_file:
