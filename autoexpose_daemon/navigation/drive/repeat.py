@@ -63,7 +63,7 @@ class Repeater:
         if self._run is None:
             self._run = self._file.begin_run("repeat", time.time())
             self._start_m = driven_m
-        passed = self.repetition.look(image, self.along_m(driven_m), time.monotonic_ns())
+        passed = self.repetition.look(image, self.from_start_m(driven_m), time.monotonic_ns())
         if passed is not None:
             index, passing = passed
             places = self.repetition.places
@@ -71,11 +71,11 @@ class Repeater:
         view = self.repetition.view
         assert view is not None
         self.tally.frames += 1
-        self.tally.registered += view.registration.vote.shift_px is not None
+        self.tally.registered += view.shift_px is not None
         return view
 
-    def along_m(self, driven_m: float) -> float:
-        """Where the robot is along the path; it begins at the start."""
+    def from_start_m(self, driven_m: float) -> float:
+        """How far the robot has driven since its first frame, at the start of the path."""
         return 0.0 if self._start_m is None else driven_m - self._start_m
 
 
@@ -95,8 +95,9 @@ def repeat(repeater: Repeater, source: Source, stop: threading.Event, progress: 
             while not stop.is_set() and tally.stop is not Stop.END:
                 pair = client.next_pair(WAIT_S)
                 view = None if pair is None or robot.odometry_ns is None else repeater.look(pair, robot.distance_m)
-                tally.distance_m = repeater.along_m(robot.distance_m)
-                velocity, tally.stop = repetition.velocity(tally.distance_m, robot.odometry_ns, time.monotonic_ns())
+                driven_m = repeater.from_start_m(robot.distance_m)
+                velocity, tally.stop = repetition.velocity(driven_m, robot.odometry_ns, time.monotonic_ns())
+                tally.distance_m = driven_m + repetition.correction_m
                 if drives:
                     robot.command(velocity)
                 if pair is not None and view is not None:
@@ -114,7 +115,7 @@ def _line(tally: Tally, length_m: float, view: View | None, velocity: Velocity) 
     if view is None:
         return f"{where}, stopped: {tally.stop}" if tally.stop else f"{where}, waiting for frames"
     vote = view.registration.vote
-    aside = "not registered" if vote.shift_px is None else f"shifted {vote.shift_px:+.0f} px"
+    aside = "not registered" if view.shift_px is None else f"shifted {view.shift_px:+.0f} px"
     matches = f"{vote.votes} of {len(view.registration.matches)} matches agree"
     drive = (
         f"stopped: {tally.stop}" if tally.stop else f"{velocity.forward_m_s:.2f} m/s, {velocity.turn_rad_s:+.2f} rad/s"
@@ -127,7 +128,7 @@ def _message(pair: ReceivedPair, view: View, repetition: Repetition, velocity: V
     return registration(
         pair.stamp_ns,
         distance_m=view.distance_m, length_m=repetition.length_m, local_map=view.place,
-        registered=vote.shift_px is not None, shift_px=math.nan if vote.shift_px is None else vote.shift_px,
+        registered=view.shift_px is not None, shift_px=math.nan if view.shift_px is None else view.shift_px,
         matches=len(view.registration.matches), votes=vote.votes,
         forward_m_s=velocity.forward_m_s, turn_rad_s=velocity.turn_rad_s, stopped=str(stop or ""),
     )  # fmt: skip

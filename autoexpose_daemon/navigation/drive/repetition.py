@@ -17,6 +17,17 @@ from autoexpose_daemon.navigation.views.detectors import AdaptiveFinder
 from autoexpose_daemon.navigation.views.features import Features
 from autoexpose_daemon.navigation.views.registration import RULES, Registration, register
 
+LEAST_VOTES = 20
+"""Of matches that must agree before the robot is steered by them. In a simulated park 38 of 40 views of the right place
+had more, and 79 of 80 that looked the other way or were from elsewhere had fewer. The paper is content with 3."""
+
+NEIGHBOUR = 5
+"""The local maps so many ahead and behind, a metre away, say whether odometry ran ahead or fell behind."""
+
+CORRECTION_M = 0.01
+"""By how much a view moves the robot along the path if it agrees with the map ahead only. Of 0, 0.01, 0.02 and 0.06,
+and neighbours 2 and 5 maps away, these kept a simulated lap closest to the path, with odometry wrong by 2 %."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
@@ -27,7 +38,7 @@ class View:
     place
         Index of the local map along the path.
     distance_m
-        Where it was taken, along the path.
+        Where it was taken along the path, corrected.
     features
         What was found in it.
     registration
@@ -39,9 +50,18 @@ class View:
     features: Features
     registration: Registration
 
+    @property
+    def shift_px(self) -> float | None:
+        """How far the view is shifted to the right of the map; None where too few matches agree."""
+        vote = self.registration.vote
+        return vote.shift_px if vote.votes >= LEAST_VOTES else None
+
 
 class Repetition:
-    """Follows a taught path by registering views with local maps. Distances are those driven from the start.
+    """Follows a taught path by registering views with local maps.
+
+    The distance along the path comes from odometry, and is corrected by whether views agree more with the local maps
+    ahead or behind. The paper leaves that to turns, which on a round lap bend the robot off the path.
 
     Parameters
     ----------
@@ -58,6 +78,8 @@ class Repetition:
         The local maps as they are now.
     view
         The last one.
+    correction_m
+        What to add to the distance driven from the start to get the one along the path.
     """
 
     def __init__(
@@ -65,6 +87,7 @@ class Repetition:
     ) -> None:
         self.places = list(places)
         self.view: View | None = None
+        self.correction_m = 0.0
         self._focal_length_px = info.focal_length_px
         self._path, self._finder, self._strategy = path, finder, strategy
         self._distances_m = np.array([place.distance_m for place in places])
@@ -77,8 +100,8 @@ class Repetition:
         """Of the path."""
         return self._rule.length_m
 
-    def look(self, image: NDArray[np.uint8], distance_m: float, now_ns: int) -> tuple[int, Passing] | None:
-        """Register a frame, uint8, (height, width).
+    def look(self, image: NDArray[np.uint8], driven_m: float, now_ns: int) -> tuple[int, Passing] | None:
+        """Register a frame, uint8, (height, width), taken after a distance driven from the start.
 
         Returns
         -------
@@ -86,30 +109,44 @@ class Repetition:
             it; None while it is still near, and when that view could not be registered.
         """
         features = self._finder.find(image)
+        distance_m = driven_m + self.correction_m
         place = nearest(self._distances_m, distance_m)
-        registration = register(self.places[place].map.features, features, RULES["overlapping"])
+        registration = self._register(place, features)
         self.view = View(place, distance_m, features, registration)
         self._rule.frame_ns = now_ns
-        if registration.vote.shift_px is not None:
+        if self.view.shift_px is not None:
             self._rule.registered_m = distance_m
+            self.correction_m += CORRECTION_M * self._pull(place, features)
         return self._keep_nearest(self.view)
 
-    def velocity(self, distance_m: float, odometry_ns: int | None, now_ns: int) -> tuple[Velocity, Stop | None]:
-        """How to drive at a distance along the path, and why not; `odometry_ns` is when the last odometry came."""
+    def velocity(self, driven_m: float, odometry_ns: int | None, now_ns: int) -> tuple[Velocity, Stop | None]:
+        """How to drive after a distance from the start, and why not; `odometry_ns` is when the last odometry came."""
+        distance_m = driven_m + self.correction_m
         self._rule.odometry_ns = odometry_ns
         stop = self._rule.reason(distance_m, now_ns)
         if stop is not None or self.view is None:
             return STANDSTILL, stop
         forward_m_s, taught_rad_s = self._path.at(distance_m)
-        shift_px = self.view.registration.vote.shift_px or 0.0
+        shift_px = self.view.shift_px or 0.0
         return Velocity(forward_m_s, turn_rad_s(taught_rad_s, shift_px, self._focal_length_px)), None
+
+    def _register(self, place: int, features: Features) -> Registration:
+        return register(self.places[place].map.features, features, RULES["overlapping"])
+
+    def _pull(self, place: int, features: Features) -> float:
+        """How much more the local map ahead agrees with a view than the one behind, -1 to 1; 0 at the ends."""
+        behind, ahead = place - NEIGHBOUR, place + NEIGHBOUR
+        if behind < 0 or ahead >= len(self.places):
+            return 0.0
+        votes = [self._register(neighbour, features).vote.votes for neighbour in (behind, ahead)]
+        return (votes[1] - votes[0]) / max(sum(votes), 1)
 
     def _keep_nearest(self, view: View) -> tuple[int, Passing] | None:
         before = self._nearest_view
         leaves = before is not None and before.place != view.place
         if before is None or leaves or self._off(view) < self._off(before):
             self._nearest_view = view
-        if before is None or not leaves or before.registration.vote.shift_px is None:
+        if before is None or not leaves or before.shift_px is None:
             return None
         return before.place, self._passing(before)
 

@@ -9,9 +9,9 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-CORRECTION_PER_S = 0.7
+CORRECTION_PER_S = 1.5
 """How fast a heading error is turned away: the share of it per second. The authors turn by 0.001 rad/s per pixel, which
-is as much with a lens of 700 pixels."""
+is 0.7 with a lens of 700 pixels; a robot that drifts by a degree a metre is then 5 cm off landmarks 5 m away."""
 
 SILENT_S = 0.5
 """Without a frame or odometry for so long, the robot stops."""

@@ -75,11 +75,30 @@ class TaughtPath:
         place, ahead = self._at(distance_m), self._at(distance_m + 0.05) - self._at(distance_m - 0.05)
         heading = math.atan2(ahead[1], ahead[0])
         place = place + left_m * np.array([-math.sin(heading), math.cos(heading)])
-        yaw, pitch, roll = heading + math.radians(turn_deg), math.radians(self._tilt_deg + sways_deg[0]), sways_deg[1]
+        return self.seen_from(place, heading + math.radians(turn_deg), sways_deg)
+
+    def seen_from(
+        self, place: NDArray[np.float64], yaw_rad: float, sways_deg: tuple[float, float] = (0.0, 0.0)
+    ) -> NDArray[np.float64]:
+        """Pose of the camera (camera to world, 4x4) anywhere: x and y (m), heading, and pitch and roll besides."""
         pose = np.eye(4)
-        pose[:3, :3] = _looking(yaw, pitch, math.radians(roll))
+        pose[:3, :3] = _looking(yaw_rad, math.radians(self._tilt_deg + sways_deg[0]), math.radians(sways_deg[1]))
         pose[:3, 3] = *place, CAMERA_HEIGHT_M
         return pose
+
+    @property
+    def length_m(self) -> float:
+        """Once around."""
+        return float(self._distances[-1])
+
+    def ground(self, distance_m: float) -> tuple[NDArray[np.float64], float]:
+        """Place (x and y, m) and heading (rad) of a robot on the path."""
+        ahead = self._at(distance_m + 0.05) - self._at(distance_m - 0.05)
+        return self._at(distance_m), math.atan2(ahead[1], ahead[0])
+
+    def aside_m(self, place: NDArray[np.float64]) -> float:
+        """How far a place is from the nearest one of the path."""
+        return float(np.hypot(*(self._places - place).T).min())
 
     def _at(self, distance_m: float) -> NDArray[np.float64]:
         around = distance_m % self._distances[-1]

@@ -66,8 +66,8 @@ def test_a_repetition_turns_back_and_remembers_what_it_passed(taught: Path, shif
         for number in range(21):
             driven_m = 7.0 + number / 20
             seen = repeater.look(pair(view(shift_px), number), driven_m)
-            along_m = repeater.along_m(driven_m)
-            velocity, stop = repeater.repetition.velocity(along_m, odometry_ns=0, now_ns=0)
+            from_start_m = repeater.from_start_m(driven_m)
+            velocity, stop = repeater.repetition.velocity(from_start_m, odometry_ns=0, now_ns=0)
             assert stop in {None, Stop.END}
             assert seen.registration.vote.shift_px == pytest.approx(shift_px, abs=0.5)
             assert velocity == STANDSTILL or np.sign(velocity.turn_rad_s) == -np.sign(shift_px)
