@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -30,24 +29,11 @@ _PoseWithCovariance = _types["geometry_msgs/msg/PoseWithCovariance"]
 _TwistWithCovariance = _types["geometry_msgs/msg/TwistWithCovariance"]
 
 
-@dataclass(frozen=True, slots=True)
-class Pose:
-    """Where a robot is by its odometry: x and y (m), and its heading (rad), positive to the left."""
+Pose = tuple[float, float, float]
+"""x and y (m), heading (rad), positive to the left."""
 
-    x_m: float
-    y_m: float
-    heading_rad: float
-
-
-@dataclass(frozen=True, slots=True)
-class Velocity:
-    """How a robot drives: forward (m/s), and turns, positive to the left (rad/s)."""
-
-    forward_m_s: float
-    turn_rad_s: float
-
-
-STANDSTILL: Final = Velocity(0.0, 0.0)
+Velocity = tuple[float, float]
+"""Forward (m/s), and turn, positive to the left (rad/s)."""
 
 
 def read_odometry(data: bytes) -> Pose:
@@ -64,7 +50,7 @@ def read_odometry(data: bytes) -> Pose:
     if not all(abs(number) <= FURTHEST_M for number in numbers):
         raise DamagedMessageError(f"an Odometry at x {place.x:g} m, y {place.y:g} m")
     heading_rad = math.atan2(2.0 * (turned.w * turned.z + turned.x * turned.y), 1.0 - 2.0 * (turned.y**2 + turned.z**2))
-    return Pose(place.x, place.y, heading_rad)
+    return place.x, place.y, heading_rad
 
 
 def read_velocity(data: bytes) -> Velocity:
@@ -76,10 +62,10 @@ def read_velocity(data: bytes) -> Velocity:
         When it is neither, or not credible.
     """
     moving = deserialise(data, TWIST) if len(data) == _TWIST_BYTES else deserialise(data, TWIST_STAMPED).twist
-    velocity = Velocity(moving.linear.x, moving.angular.z)
-    if not (abs(velocity.forward_m_s) <= FASTEST_M_S and abs(velocity.turn_rad_s) <= FASTEST_TURN_RAD_S):
-        raise DamagedMessageError(f"a Twist of {velocity.forward_m_s:g} m/s and {velocity.turn_rad_s:g} rad/s")
-    return velocity
+    forward_m_s, turn_rad_s = moving.linear.x, moving.angular.z
+    if not (abs(forward_m_s) <= FASTEST_M_S and abs(turn_rad_s) <= FASTEST_TURN_RAD_S):
+        raise DamagedMessageError(f"a Twist of {forward_m_s:g} m/s and {turn_rad_s:g} rad/s")
+    return forward_m_s, turn_rad_s
 
 
 def twist(velocity: Velocity) -> bytes:
@@ -94,10 +80,11 @@ def twist_stamped(velocity: Velocity, stamp_ns: int, frame_id: str = "base_link"
 
 def odometry(pose: Pose, velocity: Velocity, stamp_ns: int) -> bytes:
     """An Odometry without covariances, as a simulated robot sends it."""
-    half = pose.heading_rad / 2
+    x_m, y_m, heading_rad = pose
+    half = heading_rad / 2
     turned = _Quaternion(0.0, 0.0, math.sin(half), math.cos(half))
     unknown = np.zeros(36)
-    placed = _PoseWithCovariance(_Pose(_Point(pose.x_m, pose.y_m, 0.0), turned), unknown)
+    placed = _PoseWithCovariance(_Pose(_Point(x_m, y_m, 0.0), turned), unknown)
     moving = _TwistWithCovariance(_twist(velocity), unknown)
     return _cdr(_types[ODOMETRY](_header(stamp_ns, "odom"), "base_link", placed, moving), ODOMETRY)
 
@@ -108,7 +95,8 @@ def registration(stamp_ns: int, frame_id: str = "camera", **fields: float | str)
 
 
 def _twist(velocity: Velocity) -> Any:
-    return _Twist(_Vector3(velocity.forward_m_s, 0.0, 0.0), _Vector3(0.0, 0.0, velocity.turn_rad_s))
+    forward_m_s, turn_rad_s = velocity
+    return _Twist(_Vector3(forward_m_s, 0.0, 0.0), _Vector3(0.0, 0.0, turn_rad_s))
 
 
 def _header(stamp_ns: int, frame_id: str) -> Any:
@@ -119,4 +107,4 @@ def _cdr(message: object, message_type: str) -> bytes:
     return bytes(TYPESTORE.serialize_cdr(message, message_type))
 
 
-_TWIST_BYTES: Final = len(twist(STANDSTILL))
+_TWIST_BYTES: Final = len(twist((0.0, 0.0)))

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from autoexpose_daemon.messages.robot import Velocity
+from autoexpose_daemon.navigation.drive.motion import Velocity
 from autoexpose_daemon.navigation.store import TaughtPlace
 from autoexpose_daemon.navigation.views.detectors import AdaptiveFinder
 from drivers.exposure import ExposureSetting

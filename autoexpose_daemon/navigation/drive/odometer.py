@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from autoexpose_daemon.messages.robot import Pose
+from autoexpose_daemon.navigation.drive.motion import Pose
 
 JUMP_M = 1.0
 """A pose further than this from the one before is odometry that began again, not a way that was driven."""

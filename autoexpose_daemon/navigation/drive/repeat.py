@@ -9,14 +9,16 @@ from dataclasses import dataclass
 
 from autoexpose_daemon.client import ReceivedPair, StereoClient
 from autoexpose_daemon.messages.keys import registration_key
-from autoexpose_daemon.messages.robot import STANDSTILL, Velocity, registration
+from autoexpose_daemon.messages.robot import registration
+from autoexpose_daemon.navigation.drive.motion import STANDSTILL, Velocity
 from autoexpose_daemon.navigation.drive.progress import Progress
 from autoexpose_daemon.navigation.drive.repetition import Repetition, View
 from autoexpose_daemon.navigation.drive.robot import Robot
-from autoexpose_daemon.navigation.drive.source import DETECTORS, WAIT_S, Source
+from autoexpose_daemon.navigation.drive.source import WAIT_S, Source
 from autoexpose_daemon.navigation.drive.steering import Stop
 from autoexpose_daemon.navigation.maps.adaptation import Strategy
 from autoexpose_daemon.navigation.store import MapError, MapFile, Run
+from autoexpose_daemon.navigation.views.detectors import FINDERS
 from autoexpose_daemon.publish.session import Endpoints
 
 
@@ -47,7 +49,7 @@ class Repeater:
         places = file.places()
         if not places:
             raise MapError(f"{file.path} has no local maps: teach it again")
-        finder = DETECTORS[file.info.detector]()
+        finder = FINDERS[file.info.detector]()
         self.repetition = Repetition(file.info, file.taught_path(), places, finder, strategy)
         self._run: Run | None = None
         self._start_m: float | None = None

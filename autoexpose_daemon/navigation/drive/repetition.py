@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from autoexpose_daemon.messages.robot import STANDSTILL, Velocity
+from autoexpose_daemon.navigation.drive.motion import STANDSTILL, Velocity
 from autoexpose_daemon.navigation.drive.steering import Stop, StopRule, nearest, turn_rad_s
 from autoexpose_daemon.navigation.maps.adaptation import Passing, Strategy, adapt
 from autoexpose_daemon.navigation.maps.path import TaughtPath

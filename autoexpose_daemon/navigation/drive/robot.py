@@ -15,12 +15,12 @@ import zenoh
 from autoexpose_daemon.messages.read import DamagedMessageError
 from autoexpose_daemon.messages.robot import (
     LARGEST_ROBOT_MESSAGE_BYTES,
-    Velocity,
     read_odometry,
     read_velocity,
     twist,
     twist_stamped,
 )
+from autoexpose_daemon.navigation.drive.motion import Pose, Velocity
 from autoexpose_daemon.navigation.drive.odometer import Odometer
 from autoexpose_daemon.publish.session import Endpoints, SessionHolder
 from drivers.config.readable import readable
@@ -133,7 +133,7 @@ class Robot:
 
     def _take_odometry(self, key: str, data: bytes) -> None:
         try:
-            pose = read_odometry(data)
+            pose = Pose(*read_odometry(data))
         except DamagedMessageError as error:
             self._refuse(key, error)
             return
@@ -142,7 +142,7 @@ class Robot:
 
     def _take_velocity(self, key: str, data: bytes) -> None:
         try:
-            velocity = read_velocity(data)
+            velocity = Velocity(*read_velocity(data))
         except DamagedMessageError as error:
             self._refuse(key, error)
             return

@@ -2,18 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
 from autoexpose_daemon.navigation.drive.robot import RobotKeys
-from autoexpose_daemon.navigation.views.detectors import AdaptiveFinder, FastOrb, UprightSift
-
-DETECTORS: Final[dict[str, Callable[[], AdaptiveFinder]]] = {
-    "fast-orb": lambda: AdaptiveFinder(FastOrb()),
-    "sift": lambda: AdaptiveFinder(UprightSift()),
-}
-"""By the name that a map has them by."""
 
 WAIT_S: Final = 0.05
 """For a frame, before the robot is commanded again without one."""

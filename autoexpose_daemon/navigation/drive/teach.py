@@ -8,12 +8,13 @@ from pathlib import Path
 
 from autoexpose_daemon.client import ReceivedPair, StereoClient
 from autoexpose_daemon.client.status_client import StatusClient
-from autoexpose_daemon.messages.robot import Velocity
 from autoexpose_daemon.navigation.drive.lesson import Lesson
+from autoexpose_daemon.navigation.drive.motion import Velocity
 from autoexpose_daemon.navigation.drive.progress import Progress
 from autoexpose_daemon.navigation.drive.robot import Robot
-from autoexpose_daemon.navigation.drive.source import DETECTORS, WAIT_S, Source
+from autoexpose_daemon.navigation.drive.source import WAIT_S, Source
 from autoexpose_daemon.navigation.store import MapError, MapFile, MapInfo, Run
+from autoexpose_daemon.navigation.views.detectors import FINDERS
 from autoexpose_daemon.publish.session import Endpoints
 
 
@@ -33,7 +34,7 @@ class Teacher:
             raise MapError(f"{path} exists: a lesson is not added to a map, name a new file")
         self.places = 0
         self._path, self._focal_length_px, self._detector = path, focal_length_px, detector
-        self._lesson = Lesson(DETECTORS[detector]())
+        self._lesson = Lesson(FINDERS[detector]())
         self._file: MapFile | None = None
         self._run: Run | None = None
         self._start_m = 0.0

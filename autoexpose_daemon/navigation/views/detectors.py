@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Protocol
+from collections.abc import Callable, Sequence
+from typing import Final, Protocol
 
 import cv2
 import numpy as np
@@ -126,3 +126,10 @@ class AdaptiveFinder:
         self.threshold = next_threshold(responses, self._detector.least, self._detector.step)
         best = [found[index] for index in np.argsort(-responses, kind="stable")[:BEST]]
         return features_of(best, self._detector.describe(rows, best))
+
+
+FINDERS: Final[dict[str, Callable[[], AdaptiveFinder]]] = {
+    "fast-orb": lambda: AdaptiveFinder(FastOrb()),
+    "sift": lambda: AdaptiveFinder(UprightSift()),
+}
+"""What makes a new one, by the name that a map has it by."""

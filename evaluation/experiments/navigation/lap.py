@@ -9,14 +9,14 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from autoexpose_daemon.messages.robot import Velocity
 from autoexpose_daemon.navigation.drive.lesson import Lesson
+from autoexpose_daemon.navigation.drive.motion import Velocity
 from autoexpose_daemon.navigation.drive.repetition import Repetition
-from autoexpose_daemon.navigation.drive.source import DETECTORS
 from autoexpose_daemon.navigation.drive.steering import Stop
 from autoexpose_daemon.navigation.maps.adaptation import LocalMap
 from autoexpose_daemon.navigation.maps.path import TaughtPath as TaughtSpeeds
 from autoexpose_daemon.navigation.store import MapInfo, Place
+from autoexpose_daemon.navigation.views.detectors import FINDERS
 from evaluation.experiments.teach.daylight import REPLAYS, TEACHING, Daylight
 from evaluation.experiments.teach.park import park
 from evaluation.experiments.teach.path import TaughtPath
@@ -110,7 +110,7 @@ class Wanderer:
 def taught(path: TaughtPath, seed: int, policy: str, length_m: float) -> Taught:
     """The map of a lap that was driven exactly along the path."""
     renderer, camera = _renderer(seed, TEACHING), SimulatedCamera(2 * seed, 2 * seed)
-    lesson = Lesson(DETECTORS["fast-orb"]())
+    lesson = Lesson(FINDERS["fast-orb"]())
     places: list[Place] = []
     robot: Robot | None = None
     for step in range(math.ceil(length_m / (SPEED_M_S * PERIOD_S)) + 1):
@@ -158,7 +158,7 @@ class Repeater:
         """Once along the path."""
         path, wanderer = self._lesson.path, self._wanderer
         info = MapInfo(CAMERA.width, CAMERA.height, CAMERA.focal_px, "fast-orb", self._lesson.policy)
-        repetition = Repetition(info, self._lesson.speeds, self._lesson.places, DETECTORS["fast-orb"](), "static")
+        repetition = Repetition(info, self._lesson.speeds, self._lesson.places, FINDERS["fast-orb"](), "static")
         start_m, now_ns = wanderer.driven_m, 0
         asides_m: list[float] = []
         registered: list[bool] = []

@@ -11,15 +11,13 @@ from autoexpose_daemon.messages.read import DamagedMessageError
 from autoexpose_daemon.messages.robot import (
     FASTEST_M_S,
     FURTHEST_M,
-    STANDSTILL,
-    Pose,
-    Velocity,
     odometry,
     read_odometry,
     read_velocity,
     twist,
     twist_stamped,
 )
+from autoexpose_daemon.navigation.drive.motion import STANDSTILL, Pose, Velocity
 
 velocities = st.builds(
     Velocity, st.floats(-FASTEST_M_S, FASTEST_M_S), st.floats(-FASTEST_TURN_RAD_S, FASTEST_TURN_RAD_S)
@@ -38,8 +36,8 @@ def test_a_velocity_arrives_as_twist_and_as_twist_stamped(velocity: Velocity, fr
 @given(poses)
 def test_a_pose_arrives(pose: Pose) -> None:
     seen = read_odometry(odometry(pose, STANDSTILL, 5))
-    assert (seen.x_m, seen.y_m) == (pose.x_m, pose.y_m)
-    turned = seen.heading_rad - pose.heading_rad
+    assert seen[:2] == pose[:2]
+    turned = seen[2] - pose.heading_rad
     assert math.remainder(turned, 2 * math.pi) == pytest.approx(0.0, abs=1e-9)
 
 
@@ -49,7 +47,7 @@ def test_no_bytes_make_a_wild_pose(data: bytes) -> None:
         pose = read_odometry(data)
     except DamagedMessageError:
         return
-    assert math.hypot(pose.x_m, pose.y_m) <= 2 * FURTHEST_M and abs(pose.heading_rad) <= math.pi
+    assert math.hypot(*pose[:2]) <= 2 * FURTHEST_M and abs(pose[2]) <= math.pi
 
 
 @given(st.binary(max_size=100))
@@ -58,7 +56,7 @@ def test_no_bytes_make_a_wild_velocity(data: bytes) -> None:
         velocity = read_velocity(data)
     except DamagedMessageError:
         return
-    assert abs(velocity.forward_m_s) <= FASTEST_M_S and abs(velocity.turn_rad_s) <= FASTEST_TURN_RAD_S
+    assert abs(velocity[0]) <= FASTEST_M_S and abs(velocity[1]) <= FASTEST_TURN_RAD_S
 
 
 @pytest.mark.parametrize("velocity", [Velocity(math.nan, 0.0), Velocity(0.0, math.inf), Velocity(51.0, 0.0)])

@@ -12,7 +12,8 @@ import numpy as np
 import zenoh
 
 from autoexpose_daemon.config.publish import PublishConfig
-from autoexpose_daemon.messages.robot import STANDSTILL, Pose, Velocity, odometry, read_velocity, twist
+from autoexpose_daemon.messages.robot import odometry, read_velocity, twist
+from autoexpose_daemon.navigation.drive.motion import STANDSTILL, Pose, Velocity
 from autoexpose_daemon.publish.publisher import Publisher
 from autoexpose_daemon.publish.session import Endpoints, open_session
 from drivers.frames import Frame, StereoPair
@@ -72,7 +73,7 @@ class SimulatedRobot:
             hears.undeclare()
 
     def _obey(self, data: bytes) -> None:
-        self.commands.append(read_velocity(data))
+        self.commands.append(Velocity(*read_velocity(data)))
 
     def _step(self, session: zenoh.Session) -> None:
         velocity = self.joystick or (self.commands[-1] if self.commands else STANDSTILL)

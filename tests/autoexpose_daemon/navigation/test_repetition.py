@@ -7,13 +7,13 @@ import pytest
 from numpy.typing import NDArray
 
 from autoexpose_daemon.client import ReceivedPair
-from autoexpose_daemon.messages.robot import STANDSTILL, Velocity
 from autoexpose_daemon.navigation.drive.lesson import EVERY_M, Lesson
-from autoexpose_daemon.navigation.drive.odometer import Odometer, Pose
+from autoexpose_daemon.navigation.drive.motion import STANDSTILL, Pose, Velocity
+from autoexpose_daemon.navigation.drive.odometer import Odometer
 from autoexpose_daemon.navigation.drive.repeat import Repeater
-from autoexpose_daemon.navigation.drive.source import DETECTORS
 from autoexpose_daemon.navigation.drive.steering import Stop
 from autoexpose_daemon.navigation.store import MapError, MapFile, MapInfo
+from autoexpose_daemon.navigation.views.detectors import FINDERS
 from drivers.frames import Frame
 from tests.autoexpose_daemon.navigation.texture import WIDTH, texture
 from tests.autoexpose_daemon.publish.steps import SETTING
@@ -35,7 +35,7 @@ def pair(image: NDArray[np.uint8], number: int = 1) -> ReceivedPair:
 def taught(tmp_path: Path) -> Path:
     """Five local maps of the same wall, a metre in all."""
     path = tmp_path / "lap.map"
-    lesson = Lesson(DETECTORS["fast-orb"]())
+    lesson = Lesson(FINDERS["fast-orb"]())
     with MapFile(path, MapInfo(720, 540, 600.0, "fast-orb", "fisher-map")) as file:
         run = file.begin_run("teach", 0.0)
         lesson.drive(Velocity(0.5, 0.0), 0.0)
@@ -54,7 +54,7 @@ def test_a_lesson_has_a_local_map_at_even_distances(taught: Path) -> None:
 
 
 def test_a_lesson_that_skips_ahead_does_not_catch_up() -> None:
-    lesson = Lesson(DETECTORS["fast-orb"]())
+    lesson = Lesson(FINDERS["fast-orb"]())
     found = [lesson.look(view(), SETTING, distance_m) for distance_m in (0.0, 0.1, 0.75, 0.79, 0.8)]
     assert [place is not None for place in found] == [True, False, True, False, True]
 

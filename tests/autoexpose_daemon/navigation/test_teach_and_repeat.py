@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from autoexpose_daemon.messages.robot import STANDSTILL, Velocity
+from autoexpose_daemon.navigation.drive.motion import STANDSTILL, Velocity
 from autoexpose_daemon.navigation.store import MapFile
 from tests.autoexpose_daemon.navigation.simulated_robot import (
     COMMAND,
