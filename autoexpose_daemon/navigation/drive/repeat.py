@@ -14,7 +14,7 @@ from autoexpose_daemon.navigation.drive.motion import STANDSTILL, Velocity
 from autoexpose_daemon.navigation.drive.progress import Progress
 from autoexpose_daemon.navigation.drive.repetition import Repetition, View
 from autoexpose_daemon.navigation.drive.robot import Robot
-from autoexpose_daemon.navigation.drive.source import WAIT_S, Source
+from autoexpose_daemon.navigation.drive.source import Source, newest_pair
 from autoexpose_daemon.navigation.drive.steering import Stop
 from autoexpose_daemon.navigation.maps.adaptation import Strategy
 from autoexpose_daemon.navigation.store import MapError, MapFile, Run
@@ -95,7 +95,7 @@ def repeat(repeater: Repeater, source: Source, stop: threading.Event, progress: 
     ):
         try:
             while not stop.is_set() and tally.stop is not Stop.END:
-                pair = client.next_pair(WAIT_S)
+                pair = newest_pair(client)
                 view = None if pair is None or robot.odometry_ns is None else repeater.look(pair, robot.distance_m)
                 driven_m = repeater.from_start_m(robot.distance_m)
                 velocity, tally.stop = repetition.velocity(driven_m, robot.odometry_ns, time.monotonic_ns())

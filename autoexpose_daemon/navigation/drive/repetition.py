@@ -92,6 +92,7 @@ class Repetition:
         self._path, self._finder, self._strategy = path, finder, strategy
         self._distances_m = np.array([place.distance_m for place in places])
         self._nearest_view: View | None = None
+        self._last_passed = -1
         # A lesson that was killed has local maps after its last change of speed.
         self._rule = StopRule(max(path.length_m, float(self._distances_m[-1])))
 
@@ -146,8 +147,9 @@ class Repetition:
         leaves = before is not None and before.place != view.place
         if before is None or leaves or self._off(view) < self._off(before):
             self._nearest_view = view
-        if before is None or not leaves or before.shift_px is None:
-            return None
+        if before is None or not leaves or before.shift_px is None or before.place <= self._last_passed:
+            return None  # a correction may take the robot back to where it was
+        self._last_passed = before.place
         return before.place, self._passing(before)
 
     def _passing(self, view: View) -> Passing:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
+from autoexpose_daemon.client import ReceivedPair, StereoClient
 from autoexpose_daemon.navigation.drive.robot import RobotKeys
 
 WAIT_S: Final = 0.05
@@ -31,3 +32,11 @@ class Source:
     connect: tuple[str, ...]
     robot: RobotKeys
     robot_connect: tuple[str, ...]
+
+
+def newest_pair(client: StereoClient) -> ReceivedPair | None:
+    """The newest pair that has come; None if none comes soon. Older ones would be steered by too late."""
+    pair = client.next_pair(WAIT_S)
+    while pair is not None and (later := client.next_pair(0.0)) is not None:
+        pair = later
+    return pair

@@ -12,7 +12,7 @@ from autoexpose_daemon.navigation.drive.lesson import Lesson
 from autoexpose_daemon.navigation.drive.motion import Velocity
 from autoexpose_daemon.navigation.drive.progress import Progress
 from autoexpose_daemon.navigation.drive.robot import Robot
-from autoexpose_daemon.navigation.drive.source import WAIT_S, Source
+from autoexpose_daemon.navigation.drive.source import Source, newest_pair
 from autoexpose_daemon.navigation.store import MapError, MapFile, MapInfo, Run
 from autoexpose_daemon.navigation.views.detectors import FINDERS
 from autoexpose_daemon.publish.session import Endpoints
@@ -83,7 +83,7 @@ def teach(teacher: Teacher, source: Source, stop: threading.Event, progress: Pro
     ):
         try:
             while not stop.is_set():
-                pair = client.next_pair(WAIT_S)
+                pair = newest_pair(client)
                 if robot.odometry_ns is None:
                     progress.say(robot.trouble or f"waiting for odometry as {source.robot.odometry}")
                 elif pair is None:

@@ -76,6 +76,14 @@ def test_a_repetition_turns_back_and_remembers_what_it_passed(taught: Path, shif
         assert [len(file.history(place).times_s) for place in file.places()] == [1, 1, 1, 1, 0]
 
 
+def test_a_place_is_passed_once_even_if_a_correction_takes_the_robot_back(taught: Path) -> None:
+    with MapFile(taught, writable=True) as file:
+        repeater = Repeater(file, "static")
+        for driven_m in (0.0, 0.2, 0.4, 0.2, 0.4, 0.6):
+            repeater.look(pair(view()), driven_m)
+        assert [len(file.history(place).times_s) for place in file.places()] == [1, 1, 1, 0, 0]
+
+
 def test_views_that_cannot_be_registered_change_nothing(taught: Path) -> None:
     blank = np.full((540, 720), 128, np.uint8)
     with MapFile(taught, writable=True) as file:
