@@ -31,7 +31,7 @@ TUNNEL_FACTOR, LAMPS_FACTOR = 1 / 60, 5.0
 
 SECONDS = 4.0
 
-CHOICE, SCORING = 0, (1, 2)
+CHOICE, SCORING = 0, (1, 2, 3, 4)
 """Repeats (noise) on which bounds are chosen, and on which everyone is scored; policies see the first of these."""
 
 
