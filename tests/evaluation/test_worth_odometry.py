@@ -42,7 +42,7 @@ def one_stage() -> Iterator[Stage]:
 def test_each_repeat_has_its_own_noise_which_policies_see_first(one_stage: Stage) -> None:
     one_stage.go_to(4)
     taken = one_stage.take(GOOD)
-    first, second = (Eyes(one_stage, DRIVE, repeat).images(GOOD) for repeat in SCORING)
+    first, second = (Eyes(one_stage, DRIVE, repeat).images(GOOD) for repeat in SCORING[:2])
     assert np.array_equal(first[0], taken.frames["left"].grey8())
     assert np.array_equal(first[1], taken.frames["right"].grey8())
     difference = first[0].astype(np.float64) - second[0]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,14 +18,14 @@ from autoexpose_daemon.navigation.maps.adaptation import LocalMap
 from autoexpose_daemon.navigation.maps.path import TaughtPath as TaughtSpeeds
 from autoexpose_daemon.navigation.store import MapInfo, Place
 from autoexpose_daemon.navigation.views.detectors import FINDERS
+from evaluation.experiments.navigation.scene import Scene
+from evaluation.experiments.navigation.seasons import Night
 from evaluation.experiments.teach.daylight import REPLAYS, TEACHING, Daylight
-from evaluation.experiments.teach.park import park
 from evaluation.experiments.teach.path import TaughtPath
 from evaluation.experiments.teach.replay import Robot
 from evaluation.scenes.views import CAMERA
 from evaluation.stage.camera import Radiance, SimulatedCamera
 from evaluation.stage.delayed_loop import Entrant
-from fake_camera.world.render.renderer import Renderer
 
 SPEED_M_S, PERIOD_S = 0.4, 0.1
 """The robot looks and steers ten times a second, every 4 cm."""
@@ -33,6 +34,29 @@ SCALE_ERROR, DRIFT_RAD_PER_M = 0.02, math.radians(1.0)
 """Of its odometry and of its turns: 2 % of the distance, and a degree a metre."""
 
 STEP_NS = round(PERIOD_S * 1e9)
+
+SWITCHED = 1 / 100
+"""The light of the middle third of a lap, where it is switched off and on again."""
+
+
+@dataclass(frozen=True, slots=True)
+class Switched(Daylight):
+    """Light that goes out for the middle third of the drive."""
+
+    def lux(self, progress: float) -> float:
+        """At a share (0..1) of the drive."""
+        return Daylight.lux(self, progress) * (SWITCHED if 1 / 3 <= progress < 2 / 3 else 1.0)
+
+
+LIGHTS: MappingProxyType[str, Daylight] = MappingProxyType({
+    "as taught": TEACHING,
+    "low sun": REPLAYS["clear"],
+    "overcast": REPLAYS["overcast"],
+    "after sunset": REPLAYS["sunset"],
+    "switched": Switched(195.0, 20.0, 0.0, 0.0, 0.0, first_lux=500.0, last_lux=500.0, day=4),
+    "lamp at night": Night(0.0, 90.0, 0.0, 0.0, 0.0, first_lux=0.0, last_lux=0.0, day=5),
+})  # fmt: skip
+"""In which the taught lap is repeated."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -109,7 +133,7 @@ class Wanderer:
 
 def taught(path: TaughtPath, seed: int, policy: str, length_m: float) -> Taught:
     """The map of a lap that was driven exactly along the path."""
-    renderer, camera = _renderer(seed, TEACHING), SimulatedCamera(2 * seed, 2 * seed)
+    scene, camera = _scene(seed, "as taught"), SimulatedCamera(2 * seed, 2 * seed)
     lesson = Lesson(FINDERS["fast-orb"]())
     places: list[Place] = []
     robot: Robot | None = None
@@ -118,7 +142,7 @@ def taught(path: TaughtPath, seed: int, policy: str, length_m: float) -> Taught:
         place, heading_rad = path.ground(distance_m)
         turn_rad = math.remainder(path.ground(distance_m + SPEED_M_S * PERIOD_S)[1] - heading_rad, 2 * math.pi)
         lesson.drive(Velocity(SPEED_M_S, turn_rad / PERIOD_S), distance_m)
-        radiance = renderer.render(path.seen_from(place, heading_rad)[None], TEACHING.lux(0.0))
+        radiance = scene.radiance(path.seen_from(place, heading_rad))
         robot = robot or Robot(camera, radiance, [_entrant(policy)])
         image = robot.step(radiance)[policy]
         found = lesson.look(image, robot.loops[policy].settings[-1], distance_m)
@@ -137,7 +161,7 @@ class Repeater:
     lesson
         What it repeats.
     light
-        One of `REPLAYS`, or `as taught`.
+        One of `LIGHTS`.
     policy
         Of the exposure.
     aside_m, turned_rad
@@ -146,8 +170,7 @@ class Repeater:
 
     def __init__(self, lesson: Taught, light: str, policy: str, *, aside_m: float, turned_rad: float) -> None:
         self._lesson, self._policy = lesson, policy
-        self._daylight = TEACHING if light == "as taught" else REPLAYS[light]
-        self._renderer = _renderer(lesson.seed, self._daylight)
+        self._scene = _scene(lesson.seed, light)
         start, heading_rad = lesson.path.ground(0.0)
         left = np.array([-math.sin(heading_rad), math.cos(heading_rad)])
         self._wanderer = Wanderer(start + aside_m * left, heading_rad + turned_rad, lesson.seed)
@@ -175,12 +198,12 @@ class Repeater:
 
     def _view(self, distance_m: float) -> Radiance:
         pose = self._lesson.path.seen_from(self._wanderer.place, self._wanderer.heading_rad)
-        return self._renderer.render(pose[None], self._daylight.lux(min(distance_m / self._lesson.path.length_m, 1.0)))
+        return self._scene.radiance(pose, min(distance_m / self._lesson.path.length_m, 1.0))
 
 
 @lru_cache(maxsize=1)
-def _renderer(seed: int, daylight: Daylight) -> Renderer:
-    return Renderer(park(seed, daylight), CAMERA)
+def _scene(seed: int, light: str) -> Scene:
+    return Scene(seed, LIGHTS[light])
 
 
 def _entrant(policy: str) -> Entrant:

@@ -40,6 +40,8 @@ class Daylight:
         its lens is stopped down, so 1000 of these stand for about 20000 lux.
     day
         Seed of what changes from day to day (clouds and leaves); 0 is the day of teaching.
+    grown
+        Share (0..1) of the leaves that others have replaced for good since then.
     """
 
     sun_azimuth_deg: float
@@ -50,6 +52,7 @@ class Daylight:
     first_lux: float
     last_lux: float
     day: int
+    grown: float = 0.0
 
     def lux(self, progress: float) -> float:
         """Light at a share (0..1) of the drive; equal shares change it by equal factors."""

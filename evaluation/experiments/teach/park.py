@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -40,6 +41,12 @@ BRIGHTEST_LEAF = 0.25
 LITTER = 25_000
 """Fallen leaves on the meadow."""
 
+MOVED = 0.5
+"""Share of the leaves that the wind moves from one day to another."""
+
+Changes = Sequence[tuple[np.random.Generator, float]]
+"""What replaces leaves, one after the other, and the share of them."""
+
 
 @dataclass(frozen=True, slots=True)
 class _Thing:
@@ -55,10 +62,12 @@ def park(seed: int, daylight: Daylight) -> list[Surface]:
     """The surfaces of a park, with the light baked in: radiance per lux on level ground.
 
     The seed decides what stays; the daylight decides sun, sky and shadows. On any day after that of teaching, half of
-    the leaves have moved, on the trees and on the ground.
+    the leaves have moved, on the trees and on the ground; and a share of them has grown, which is the same every day.
     """
     rng = np.random.default_rng([seed, 42])
     wind = np.random.default_rng([seed, 48, daylight.day]) if daylight.day else None
+    changes = [(np.random.default_rng([seed, 49]), daylight.grown)] if daylight.grown else []
+    changes += [(wind, MOVED)] if wind else []
     trunks = [_thing(rng, (8.0, 24.0), (0.22, 0.5), TRUNK_HEIGHT_M) for _ in range(TRUNKS - 4)]
     trunks += [_thing(rng, (0.0, 2.6), (0.2, 0.35), TRUNK_HEIGHT_M) for _ in range(4)]
     shrubs = [_thing(rng, (7.5, 16.0), (0.8, 1.7), float(rng.uniform(0.5, 1.6))) for _ in range(SHRUBS - 3)]
@@ -66,12 +75,12 @@ def park(seed: int, daylight: Daylight) -> list[Surface]:
     bearing = float(rng.uniform(0.0, 2 * math.pi))
     house = _Thing(11.0 * np.array([math.cos(bearing), math.sin(bearing)]), (4.0, 6.0), 2.9, math.degrees(bearing))
     surfaces = [_shaded(side, daylight) for trunk in trunks for side in _sides(trunk, [_bark(rng), _bark(rng)] * 2)]
-    hedges = [_foliage(rng, wind, HEDGE_TEXELS[1], HEDGE_TEXELS[0])[0] for _ in range(HEDGES)]
+    hedges = [_foliage(rng, changes, HEDGE_TEXELS[1], HEDGE_TEXELS[0])[0] for _ in range(HEDGES)]
     for number, shrub in enumerate(shrubs):
         patterns = _cut(rng, hedges[number % HEDGES], shrub)
         surfaces += [_shaded(side, daylight) for side in _sides(shrub, patterns)]
     surfaces += [_shaded(side, daylight) for side in _sides(house, [_front(rng) for _ in range(4)])]
-    surfaces += _backdrop(seed, wind, daylight)
+    surfaces += _backdrop(seed, changes, daylight)
     far = np.asarray(0.15 * (1.0 + 0.4 * clouds(rng, 1024, 1024, 64, 6)), np.float32).clip(0.03)
     meadow = _meadow(rng, wind, seed) * _sunlit([*trunks, *shrubs, house], daylight)
     middle = np.zeros(2)
@@ -109,14 +118,14 @@ def _bark(rng: np.random.Generator) -> Pattern:
     return np.asarray(rng.uniform(0.1, 0.2) * (1.0 + 0.3 * ribs + 0.4 * stains), np.float32).clip(0.02, 0.5)
 
 
-def _foliage(
-    rng: np.random.Generator, wind: np.random.Generator | None, width: int, height: int
-) -> tuple[Pattern, NDArray[np.bool_]]:
+def _foliage(rng: np.random.Generator, changes: Changes, width: int, height: int) -> tuple[Pattern, NDArray[np.bool_]]:
     """Leaves, and where the sky shows between them."""
     pattern = leaves(rng, width, height)
-    if wind is not None:
-        moved = clouds(wind, height, width, 48, 2) > 0
-        pattern = np.where(moved, leaves(wind, width, height), pattern)
+    for random, share in changes:
+        field = clouds(random, height, width, 48, 2)
+        # Half of a field is above 0, without the cost of sorting it.
+        changed = field > (0.0 if share == MOVED else np.quantile(field[::8, ::8], 1.0 - share))
+        pattern = np.where(changed, leaves(random, width, height), pattern)
     return np.minimum(pattern * np.float32(0.5), np.float32(BRIGHTEST_LEAF)), pattern > 1.0
 
 
@@ -146,7 +155,7 @@ def _front(rng: np.random.Generator) -> Pattern:
     return wall
 
 
-def _backdrop(seed: int, wind: np.random.Generator | None, daylight: Daylight) -> list[Surface]:
+def _backdrop(seed: int, changes: Changes, daylight: Daylight) -> list[Surface]:
     """The surrounding wood, and the sky above it and through its gaps."""
     rows, columns = PANEL_TEXELS
     rng = np.random.default_rng([seed, 43])
@@ -162,7 +171,7 @@ def _backdrop(seed: int, wind: np.random.Generator | None, daylight: Daylight) -
         middle_deg = -360.0 / PANELS * panel  # to the right is clockwise
         sky = daylight.sky(middle_deg - np.degrees(np.arctan2(across, BACKDROP_M)), elevation)
         sky = sky * (1.0 + 0.6 * np.clip(cover[:, part] + 0.2, 0.0, 1.0))
-        foliage, gaps = _foliage(rng, wind, columns, rows)
+        foliage, gaps = _foliage(rng, changes, columns, rows)
         crowns = height < treeline[part] + 0.4 * clouds(rng, rows, columns, 24, 4)
         lit = foliage * np.float32(daylight.on_upright(middle_deg + 180.0))
         pattern = np.where(crowns & ~gaps, lit, sky).astype(np.float32)

@@ -60,7 +60,7 @@ class Renderer:
         self._sums = np.empty(self._wide.size, np.int32)
         self._nearness = np.empty((camera.height, -(-camera.width // BLOCK)))
 
-    def render(self, poses: NDArray[np.float64], lux: float) -> NDArray[np.float32]:
+    def render(self, poses: NDArray[np.float64], lux: float | NDArray[np.float64]) -> NDArray[np.float32]:
         """Mean radiance over the poses, in lux times reflectance; it is affine in `lux`.
 
         Parameters
@@ -68,7 +68,7 @@ class Renderer:
         poses
             Camera poses during the exposure, camera to world, shape (poses, 4, 4).
         lux
-            Mean illumination by the room's light during the exposure.
+            Mean illumination by the room's light during the exposure; or one for each surface, shape (surfaces,).
 
         Returns
         -------
@@ -106,7 +106,7 @@ class Renderer:
         pose: NDArray[np.float64],
         radiance: NDArray[np.float32],
         *,
-        lux: float,
+        lux: float | NDArray[np.float64],
         share: float = 1.0,
         add: bool = False,
         margin: int = 0,
@@ -117,7 +117,7 @@ class Renderer:
         scales = (share * self._scales_at(lux)).astype(np.float32)
         rasterise(matrices, scales, self._texels, self._levels, self._counts, margin, radiance, add, nearness)
 
-    def _scales_at(self, lux: float) -> NDArray[np.float64]:
+    def _scales_at(self, lux: float | NDArray[np.float64]) -> NDArray[np.float64]:
         """Radiance of one texel step, by surface."""
         return self._scales * np.where(self._follows_light, lux, 1.0)
 

@@ -12,8 +12,8 @@ that it spans only 1.7 stops. Light on the walls is 2 to 2000 lux: even, with a 
 which it is brighter, or with a dark stretch of 6 stops. The path is that of fig12, at 33, 86 or 143 mm and degrees a
 second at most, from rest. The rig, its sensor and its odometry are those of fig12, on frames as they are (`raw`) and
 `preprocessed`. Policies run in closed loop from the best exposure of the first frame; odometry then follows the frames
-taken with their settings and the noise of four repeats. `odometry-raw` and `odometry-preprocessed`: mean translation RPE
-over sub-trajectories of 20 mm, in mm. A run that has lost five pairs in a row has failed and counts as
+taken with their settings and the noise of four repeats. `odometry-raw` and `odometry-preprocessed`: mean translation
+RPE over sub-trajectories of 20 mm, in mm. A run that has lost five pairs in a row has failed and counts as
 {WORST_MM:g} mm, the error of an odometry that never moves, and no sub-trajectory counts as more. `odometry-failures`:
 share of runs that failed.
 
