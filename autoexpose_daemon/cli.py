@@ -138,7 +138,9 @@ def stop_on_signals(stop: threading.Event) -> None:
 @app.command()
 def demo(
     *,
-    seconds: Annotated[float, typer.Option(help="How long to run, 2 to 3600 s.")] = 20.0,
+    seconds: Annotated[
+        float | None, typer.Option(help="How long to run, 2 to 3600 s; by default 20, or 120 with --navigate.")
+    ] = None,
     policy: Annotated[str, typer.Option(help=f"The policy: {', '.join(POLICY_IDS)}.")] = DEFAULT_POLICY,
     summary: Annotated[Path | None, typer.Option(help="Write the figures of the run to this JSON file.")] = None,
     plot: Annotated[Path | None, typer.Option(help="Plot the run to this PNG file.")] = None,
@@ -153,13 +155,18 @@ def demo(
     still: Annotated[bool, typer.Option("--still", help="The cameras stand still, as on tripods.")] = False,
     publish: Annotated[bool, typer.Option("--publish", help="Publish frames to other processes, as `rig`.")] = False,
     record: Annotated[Path | None, typer.Option(help="Record the run to this new .mcap file.")] = None,
+    navigate: Annotated[
+        bool, typer.Option("--navigate", help="Teach a simulated robot a lap, and repeat it in other lights.")
+    ] = False,
 ) -> None:
     """Expose two fake cameras through lights going on and off: no hardware needed."""
     from autoexpose_daemon.demo.options import DemoOptions  # noqa: PLC0415
     from autoexpose_daemon.demo.run import run_demo  # noqa: PLC0415
 
+    if seconds is None:
+        seconds = 120.0 if navigate else 20.0
     options = DemoOptions(
-        seconds, policy, summary, plot, scene, light, seed, transport, rate_hz, still, publish, record
+        seconds, policy, summary, plot, scene, light, seed, transport, rate_hz, still, publish, record, navigate
     )
     stop = threading.Event()
     stop_on_signals(stop)

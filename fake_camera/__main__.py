@@ -35,6 +35,7 @@ from fake_camera.world.scene.kept_room import kept_room
 from fake_camera.world.scene.room import furnished_room
 from fake_camera.world.sensor import DEFAULT_F_NUMBER
 from fake_camera.world.simulation import build_image_source
+from fake_camera.world.steered import Steered
 
 _ADDRESS = "127.0.0.1"
 _LONGEST_DESCRIPTION_BYTES = 1 << 24
@@ -61,6 +62,7 @@ def _parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     add("--line3", type=Path, metavar="SOCKET", help="wire from another camera's Line1")
     add("--scene", default="room", metavar="room|FILE.hdr", help="what the camera sees (%(default)s)")
     add("--still", action="store_true", help="do not move, as on a tripod")
+    add("--steered", action="store_true", help="move, and be lit, as orders on the control socket say")
     add("--light", type=Path, metavar="FILE", help="light script (150 and 1 lux in turn)")
     add("--lens-f-number", type=_f_number, default=DEFAULT_F_NUMBER, metavar="F", help="of its lens (%(default)s)")
     add("--response", choices=["linear", "gamma", "s_shaped"], default="linear", help="of the sensor (%(default)s)")
@@ -69,7 +71,7 @@ def _parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     add("--keep-room", type=Path, metavar="FOLDER", help="keep the painted room there (47 MB) for a faster start")
     add("--xml", type=Path, metavar="FILE", help="serve this GenICam description of a real camera (its own)")
     add("--truth", type=Path, metavar="FILE", help="write the light at each pulse of the wire as JSON lines")
-    add("--control", type=Path, metavar="SOCKET", help="Unix socket that takes faults as JSON lines")
+    add("--control", type=Path, metavar="SOCKET", help="Unix socket that takes orders as JSON lines")
     options = parser.parse_args(arguments)
     usb3_options = [f"--{name}" for name in ("socket", "tcp", "exec") if getattr(options, name) is not None]
     if options.usb3 and options.address is not None:
@@ -78,6 +80,10 @@ def _parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
         parser.error("--usb3 needs a way to reach the camera: --socket PATH, --tcp or --exec COMMAND")
     if options.line0_rate_hz is None and (options.line0 is None or options.xml is not None):
         parser.error("--line0-rate-hz ask needs --line0 NAME, and does not work with --xml")
+    if options.steered and (options.control is None or options.line0 is None or options.scene != "room"):
+        parser.error("--steered needs --control SOCKET and --line0 NAME, and the scene `room`")
+    if options.steered and (options.still or options.light is not None):
+        parser.error("--steered: orders say how the camera moves and how bright it is, leave out --still and --light")
     if not options.usb3 and usb3_options:
         parser.error(f"{usb3_options[0]} is for USB3 Vision cameras: add --usb3")
     if options.exec in ([], [""]):
@@ -151,6 +157,7 @@ def _rate(text: str) -> float | None:
 def _run(options: argparse.Namespace, resources: contextlib.ExitStack) -> tuple[Device, XmlCamera | None]:
     """Start the camera; closing `resources` stops it."""
     light = LightScript.from_file(options.light) if options.light else LightScript.default()
+    steered = Steered() if options.steered else None
     with contextlib.ExitStack() as meanwhile:
         if options.line0_rate_hz is None:
             _be_found(options, meanwhile)
@@ -164,6 +171,7 @@ def _run(options: argparse.Namespace, resources: contextlib.ExitStack) -> tuple[
             still=options.still,
             paint=paint,
             lens_f_number=options.lens_f_number,
+            steered=steered,
         )
         warm_up(source)
         if options.line0_rate_hz is None:
@@ -172,6 +180,8 @@ def _run(options: argparse.Namespace, resources: contextlib.ExitStack) -> tuple[
     if options.line0 is not None:
         line0 = Line0.join(options.line0, options.line0_rate_hz)
         resources.callback(line0.close)
+        if steered is not None:
+            steered.epoch_ns = line0.epoch_ns
     if options.truth is not None:
         if line0 is None:
             raise WireError("--truth writes a line for each pulse of Line0: add --line0 NAME")
@@ -186,7 +196,7 @@ def _run(options: argparse.Namespace, resources: contextlib.ExitStack) -> tuple[
     if options.line3 is not None:
         resources.callback(ExposureInput(options.line3, device.line3_pulse).close)
     if options.control is not None:
-        resources.callback(ControlSocket(options.control, device.faults).close)
+        resources.callback(ControlSocket(options.control, device.faults, steered).close)
     xml = None
     if options.xml is not None:
         xml = XmlCamera(_description(options.xml, options.usb3), device)

@@ -52,6 +52,8 @@ class FakeCamera:
     ----------
     truth
         Where it writes the light at each pulse of the wire.
+    control
+        Where it takes orders.
     overruns
         Known at its end: exposures that were not made or not sent because it was late.
     cpu_s
@@ -60,6 +62,7 @@ class FakeCamera:
 
     def __init__(self, side: Side, folder: Path, arguments: Sequence[str]) -> None:
         self.truth = folder / f"{side}.truth.jsonl"
+        self.control = folder / f"{side}.control"
         self.overruns = 0
         self.cpu_s = 0.0
         self._side = side
@@ -67,6 +70,7 @@ class FakeCamera:
         # setpriv: if this process is killed, its cameras must not survive and hold their addresses
         command = ["setpriv", "--pdeathsig", "TERM", sys.executable, "-m", "fake_camera"]
         command += ["--serial", SERIALS[side], "--side", side, "--nice", _NICENESS, "--truth", str(self.truth)]
+        command += ["--control", str(self.control)]
         command += arguments
         with self._complaints.open("w") as complaints:
             self._process = subprocess.Popen(

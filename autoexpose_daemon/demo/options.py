@@ -10,6 +10,7 @@ from typing import Literal
 from drivers.errors import ConfigurationError
 
 SECONDS = (2.0, 3600.0)
+NAVIGATE_SECONDS = (60.0, 3600.0)
 RATES_HZ = (10.0, 200.0)
 _LARGEST_SEED = 2**64 - 1
 _LARGEST_SCRIPT_BYTES = 1 << 18
@@ -39,9 +40,15 @@ class DemoOptions:
     still: bool
     publish: bool
     record: Path | None
+    navigate: bool = False
 
     def __post_init__(self) -> None:
-        _check_within("--seconds", self.seconds, SECONDS, "s")
+        _check_within("--seconds", self.seconds, NAVIGATE_SECONDS if self.navigate else SECONDS, "s")
+        if self.navigate and (self.still or self.light is not None or self.record is not None or self.scene != "room"):
+            raise ConfigurationError(
+                "--navigate decides itself how cameras move and how bright the room is, and records nothing: "
+                "leave out --still, --light, --scene and --record"
+            )
         if self.rate_hz is not None:
             _check_within("--rate-hz", self.rate_hz, RATES_HZ, "Hz")
         if not 0 <= self.seed <= _LARGEST_SEED:

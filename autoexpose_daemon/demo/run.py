@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import shutil
 import tempfile
@@ -15,6 +16,7 @@ from autoexpose_daemon.demo.fakes import check_simulator, fake_cameras
 from autoexpose_daemon.demo.options import DemoOptions
 from autoexpose_daemon.demo.usb_bus import begin_again_on_fake_bus, cameras_on_bus
 from autoexpose_daemon.recording import check_recording_extra
+from drivers.errors import ConfigurationError
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -32,11 +34,14 @@ def run_demo(options: DemoOptions, stop: threading.Event, console: Console) -> N
     check_policy_id(options.policy)
     if options.record is not None:
         check_recording_extra()
+    if options.navigate:
+        _check_publishing_extra()
     sockets = cameras_on_bus()
     if options.transport == "usb3" and not sockets:
         begin_again_on_fake_bus()
     arguments = ["--line0", f"demo-{os.getpid()}", "--scene", options.scene, "--seed", str(options.seed)]
     arguments += ["--still"] if options.still else []
+    arguments += ["--steered"] if options.navigate else []
     if options.light is not None:
         arguments += ["--light", str(options.light)]
     arguments += _keep_room()
@@ -46,6 +51,11 @@ def run_demo(options: DemoOptions, stop: threading.Event, console: Console) -> N
             resources.callback(shutil.rmtree, sockets["left"].parent)
         console.print("starting two fake cameras ...")
         cameras = resources.enter_context(fake_cameras(folder, arguments, sockets, stop))
+        if options.navigate:
+            from autoexpose_daemon.demo.navigate.run import navigate  # noqa: PLC0415  as below
+
+            navigate(options, cameras, folder, stop, console)
+            return
         from autoexpose_daemon.demo.show import report, show  # noqa: PLC0415  takes half a second, as they do
 
         report(show(options, cameras, stop, console), console)
@@ -58,3 +68,9 @@ def _keep_room() -> list[str]:
     except RuntimeError:  # no home
         return []
     return ["--keep-room", str(cache / "autoexpose")] if cache.is_absolute() else []
+
+
+def _check_publishing_extra() -> None:
+    """Raise a ConfigurationError if the package that frames and commands travel by is not installed."""
+    if importlib.util.find_spec("zenoh") is None:
+        raise ConfigurationError("--navigate needs the extra `publish`: pip install 'autoexpose-daemon[publish]'")

@@ -9,7 +9,7 @@ import threading
 import time
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
@@ -41,8 +41,8 @@ _SEARCH_HOLDS_S = 1.2  # less than the daemon's two seconds: the cameras still h
 
 def show(options: DemoOptions, cameras: FakeCameras, stop: threading.Event, console: Console) -> Run:
     """Run the daemon on cameras that are starting, then end them."""
-    rate_hz = _start(cameras, options.rate_hz, console)
-    config = _configuration(options, rate_hz)
+    rate_hz = start(cameras, options.rate_hz, console)
+    config = configuration(options, rate_hz)
     step_log = StepLog(options.seconds / _PICTURES)
     with ExitStack() as resources:
         recorder = _recorder(options, config)
@@ -80,6 +80,11 @@ def report(run: Run, console: Console) -> None:
 
         draw(options.plot, run, steps)
         console.print(f"picture of the run: {options.plot}")
+    check_account(result)
+
+
+def check_account(result: dict[str, Any]) -> None:
+    """Raise an AutoexposeError when the daemon's account of triggers disagrees with the wire's."""
     accounted = result["pairs"] + sum(result["lost"].values())
     if result["triggers"] != accounted:
         raise AutoexposeError(
@@ -88,7 +93,7 @@ def report(run: Run, console: Console) -> None:
         )
 
 
-def _start(cameras: FakeCameras, asked_hz: float | None, console: Console) -> float:
+def start(cameras: FakeCameras, asked_hz: float | None, console: Console) -> float:
     """Have the cameras run at the requested rate, or else at one that this machine sustains; returns it.
 
     They are searched for while they get ready, and the daemon goes by what was found: else the trigger wire would run
@@ -118,7 +123,8 @@ def _search() -> None:
     signal.pthread_sigmask(signal.SIG_UNBLOCK, signals)
 
 
-def _configuration(options: DemoOptions, rate_hz: float) -> Config:
+def configuration(options: DemoOptions, rate_hz: float) -> Config:
+    """For the daemon on the demo's cameras."""
     return Config.model_validate(
         {
             "cameras": {side: {"serial": serial} for side, serial in SERIALS.items()},

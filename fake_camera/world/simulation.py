@@ -17,6 +17,7 @@ from fake_camera.world.scene.panorama import Panorama, load_radiance
 from fake_camera.world.scene.path import CameraPath, right_of
 from fake_camera.world.scene.room import furnished_room
 from fake_camera.world.sensor import DEFAULT_F_NUMBER, Sensor, SensorModel
+from fake_camera.world.steered import Steered
 
 Side = Literal["left", "right"]
 
@@ -34,10 +35,30 @@ class Scene(Protocol):
         """
 
 
+class Trajectory(Protocol):
+    """Where the left camera is."""
+
+    def pose(self, time_s: float) -> NDArray[np.float64]:
+        """Camera to world, shape (4, 4)."""
+        ...
+
+
+class Light(Protocol):
+    """Illumination over the time since the wire's epoch."""
+
+    def lux(self, time_s: float) -> float:
+        """At a time, with flicker averaged out."""
+        ...
+
+    def mean_lux(self, start_s: float, exposure_s: float) -> float:
+        """Over an exposure."""
+        ...
+
+
 class RoomView:
     """What one camera of the stereo pair sees of the furnished room along the path."""
 
-    def __init__(self, renderer: Renderer, path: CameraPath, side: Side) -> None:
+    def __init__(self, renderer: Renderer, path: Trajectory, side: Side) -> None:
         self._renderer = renderer
         self._path = path
         self._side = side
@@ -72,7 +93,7 @@ class SimulatedCamera:
     With `still` the camera stays where it is at time 0, and the scene is rendered again only when the light changes.
     """
 
-    def __init__(self, scene: Scene, light: LightScript, sensor: Sensor, *, still: bool = False) -> None:
+    def __init__(self, scene: Scene, light: Light, sensor: Sensor, *, still: bool = False) -> None:
         self.sensor_width = sensor.model.width
         self.sensor_height = sensor.model.height
         self._scene = scene
@@ -108,6 +129,7 @@ def build_image_source(
     still: bool = False,
     paint: Callable[[int], Sequence[Surface]] = furnished_room,
     lens_f_number: float = DEFAULT_F_NUMBER,
+    steered: Steered | None = None,
 ) -> ImageSource:
     """Build the world of one camera. The first image of each pixel format is slow unless kernels are compiled.
 
@@ -129,6 +151,8 @@ def build_image_source(
         Makes the room for a seed.
     lens_f_number
         Of the lens.
+    steered
+        Decides path and light in the room, instead of the time.
 
     Raises
     ------
@@ -140,7 +164,7 @@ def build_image_source(
     view: Scene
     if scene == "room":
         renderer = Renderer(paint(seed), Pinhole(model.width, model.height))
-        view = RoomView(renderer, CameraPath(), side)
+        view = RoomView(renderer, steered or CameraPath(), side)
     else:
         view = Panorama(load_radiance(Path(scene)), side, model.width, model.height)
-    return SimulatedCamera(view, light, sensor, still=still)
+    return SimulatedCamera(view, steered or light, sensor, still=still)

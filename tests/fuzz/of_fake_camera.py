@@ -8,6 +8,7 @@ import json
 import socket
 import struct
 from collections.abc import Iterator
+from dataclasses import fields
 from functools import cache
 from typing import Any
 
@@ -37,6 +38,7 @@ from fake_camera.usb3.usbip import messages
 from fake_camera.usb3.usbip.connection import Claims, Connection
 from fake_camera.world.lighting import LightScript
 from fake_camera.world.scene.panorama import load_radiance
+from fake_camera.world.steered import Motion, Steered
 from tests.fake_camera.gige.gige_client import command
 from tests.fuzz.target import framed, in_file, unframed
 from tests.xml_cameras import COMBINATIONS, xml_camera
@@ -206,7 +208,7 @@ def fault_orders(data: bytes) -> None:
 def control_socket(data: bytes) -> None:
     """Lines of any length: each is answered by one, and none by more than a screen of words."""
     faults = Faults()
-    said = [json.loads(answer) for answer in answers(io.BytesIO(data), faults)]
+    said = [json.loads(answer) for answer in answers(io.BytesIO(data), faults, Steered())]
     assert len(said) == len(io.BytesIO(data).readlines())
     assert all(len(str(answer.get("error"))) < 1000 for answer in said)
     faults.on_trigger(1)
@@ -216,6 +218,12 @@ def fault_seeds() -> Iterator[bytes]:
     for name in sorted(Fault):
         yield json.dumps({"fault": name, "after_trigger": None}).encode()
     yield b'{"fault": "freeze", "count": 3, "after_trigger": 7}\n{"fault": "vanish", "count": null}'
+
+
+def order_seeds() -> Iterator[bytes]:
+    yield from fault_seeds()
+    yield b'{"light": {"at_ns": 5, "lux": 2.5}}'
+    yield json.dumps({"motion": dict.fromkeys([field.name for field in fields(Motion)], 1)}).encode()
 
 
 def light_script(data: bytes) -> None:

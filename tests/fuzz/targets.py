@@ -15,7 +15,7 @@ TARGETS = (
     Target("gvcp", fake.gvcp_commands, (), fake.gvcp_seeds),
     Target("usb3", fake.usb3_connection, (), fake.usb3_seeds),
     Target("fault-orders", fake.fault_orders, (FaultError,), fake.fault_seeds),
-    Target("control-socket", fake.control_socket, (), fake.fault_seeds),
+    Target("control-socket", fake.control_socket, (), fake.order_seeds),
     Target("light-script", fake.light_script, (ValueError,), fake.light_seeds),
     Target("radiance", fake.radiance, (ValueError,), fake.radiance_seeds),
     Target("line0", fake.wire_file, (WireError,), fake.wire_seeds),

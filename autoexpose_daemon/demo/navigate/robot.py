@@ -1,0 +1,148 @@
+"""The simulated robot of the demo: on zenoh like a real one, its cameras moved over their control sockets."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Self
+
+import zenoh
+
+from autoexpose_daemon.demo.navigate.control_line import ControlLine
+from autoexpose_daemon.demo.navigate.track import Place, Vehicle
+from autoexpose_daemon.messages.keys import registration_key
+from autoexpose_daemon.messages.read import deserialise
+from autoexpose_daemon.messages.robot import Velocity, odometry, read_velocity, twist
+from autoexpose_daemon.messages.types import REGISTRATION
+from autoexpose_daemon.publish.session import Endpoints, open_session
+
+ODOMETRY, JOYSTICK, COMMAND = "odom", "joystick", "cmd_vel"
+"""Keys."""
+
+PERIOD_S = 0.02
+"""From one step to the next, and from one Odometry to the next."""
+
+PATIENCE_S = 0.5
+"""Without a newer command the robot stops, as the controllers of ROS 2 do."""
+
+STANDSTILL: Velocity = (0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """Where the robot was at a time (CLOCK_MONOTONIC)."""
+
+    time_ns: int
+    place: Place
+
+
+@dataclass(frozen=True, slots=True)
+class Vote:
+    """What `repeat` said of a frame: distance along the lap, and how many of how many matches agree."""
+
+    distance_m: float
+    registered: bool
+    votes: int
+    matches: int
+
+
+class DemoRobot:
+    """Drives while its context lasts, as it is commanded or by its joystick.
+
+    Parameters
+    ----------
+    endpoint
+        Where it listens for zenoh.
+    lines
+        To its cameras.
+    rig
+        Whose registrations it hears.
+
+    Attributes
+    ----------
+    joystick
+        Forward (m/s) and turn (rad/s); None: commands are obeyed.
+    steps, votes
+        Since the last `put`.
+    """
+
+    def __init__(self, endpoint: str, lines: Sequence[ControlLine], rig: str) -> None:
+        self.joystick: Velocity | None = STANDSTILL
+        self.steps: list[Step] = []
+        self.votes: list[Vote] = []
+        self._endpoint, self._lines, self._rig = endpoint, lines, rig
+        self._vehicle = Vehicle()
+        self._command, self._commanded_s = STANDSTILL, 0.0
+        self._turn = threading.Lock()
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._live, name="simulated robot", daemon=True)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self._stop.set()
+        self._thread.join()
+
+    def put(self, place: Place, *, errs: bool) -> None:
+        """Carry it somewhere, from where on its odometry errs or does not."""
+        with self._turn:
+            self._vehicle.put(place, errs=errs)
+            self._command, self.steps, self.votes = STANDSTILL, [], []
+
+    def light(self, lux: float) -> None:
+        """Switch the light of the room, for both cameras at once."""
+        order = {"light": {"at_ns": time.monotonic_ns() + round(PERIOD_S * 1e9), "lux": lux}}
+        for line in self._lines:
+            line.send(order)
+
+    @property
+    def place(self) -> Place:
+        """Where it is in truth."""
+        return self._vehicle.place
+
+    def _live(self) -> None:
+        with open_session("peer", Endpoints(listen=[self._endpoint])) as session:
+            hear = session.declare_subscriber
+            heard = [
+                hear(COMMAND, lambda sample: self._obey(sample.payload.to_bytes())),
+                hear(registration_key(self._rig), lambda sample: self._register(sample.payload.to_bytes())),
+            ]
+            last_ns = time.monotonic_ns()
+            while not self._stop.wait(PERIOD_S):
+                now_ns = time.monotonic_ns()
+                self._step(session, now_ns, (now_ns - last_ns) * 1e-9)
+                last_ns = now_ns
+            del heard  # they end with the session
+
+    def _step(self, session: zenoh.Session, now_ns: int, seconds: float) -> None:
+        with self._turn:
+            fresh = time.monotonic() - self._commanded_s < PATIENCE_S
+            velocity = self.joystick if self.joystick is not None else self._command if fresh else STANDSTILL
+            self._vehicle.drive(*velocity, seconds)
+            step = Step(now_ns, self._vehicle.place)
+            self.steps.append(step)
+            believed = self._vehicle.believed
+        forward_m_s, turn_rad_s = velocity
+        place = step.place._asdict()
+        order = {"motion": {"at_ns": step.time_ns, **place, "forward_m_s": forward_m_s, "turn_rad_s": turn_rad_s}}
+        for line in self._lines:
+            line.send(order)
+        session.put(ODOMETRY, odometry((believed.x_m, believed.y_m, believed.heading_rad), velocity, time.time_ns()))
+        if self.joystick is not None:
+            session.put(JOYSTICK, twist(velocity))
+
+    def _obey(self, data: bytes) -> None:
+        with self._turn:
+            self._command, self._commanded_s = read_velocity(data), time.monotonic()
+
+    def _register(self, data: bytes) -> None:
+        said = deserialise(data, REGISTRATION)
+        with self._turn:
+            self.votes.append(Vote(said.distance_m, said.registered, said.votes, said.matches))

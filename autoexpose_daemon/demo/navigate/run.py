@@ -1,0 +1,180 @@
+"""`autoexpose demo --navigate`: two policies teach a lap and repeat it in three lights."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import socket
+import threading
+import time
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from rich.console import Console
+from rich.table import Table
+
+from autoexpose_daemon.config.document import Config
+from autoexpose_daemon.demo.analysis import light_steps, pulses_in_window
+from autoexpose_daemon.demo.fakes import FakeCameras, read_pulses
+from autoexpose_daemon.demo.navigate.control_line import ControlLine
+from autoexpose_daemon.demo.navigate.lessons import LIGHTS, Lap, Lessons
+from autoexpose_daemon.demo.navigate.robot import DemoRobot
+from autoexpose_daemon.demo.navigate.track import LENGTH_M
+from autoexpose_daemon.demo.options import DemoOptions
+from autoexpose_daemon.demo.reference_step import reference_step_ms
+from autoexpose_daemon.demo.show import check_account, configuration, start
+from autoexpose_daemon.demo.step_log import StepLog
+from autoexpose_daemon.demo.summary import Run, figures, in_words
+from autoexpose_daemon.runtime.cameras import openers
+from autoexpose_daemon.runtime.daemon import Daemon
+from autoexpose_daemon.service.outlets import add_outlets
+from autoexpose_daemon.service.service import Service
+from drivers.errors import AutoexposeError
+
+OTHER_POLICY = "fixed"
+
+BEGINS_S, WAITS_S = 4.0, 3.0
+"""What a daemon takes to begin and end, and what a command takes."""
+
+FASTEST_M_S = 0.6
+
+_RIG = "rig"
+_REFERENCE_REPEATS = 60
+
+
+class RunningDaemon:
+    """The daemon on a thread, while its context lasts."""
+
+    def __init__(self, config: Config, step_log: StepLog) -> None:
+        self.service = Service(
+            config,
+            lambda config, begin: add_outlets(Daemon(config, openers(config), begin, [step_log]), config, None),
+        )
+        self._stop = threading.Event()
+        self._error: BaseException | None = None
+        self._thread = threading.Thread(target=self._run, name="daemon")
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self._stop.set()
+        self._thread.join()
+        if self._error is not None and error is None:
+            raise self._error
+
+    def _run(self) -> None:
+        try:
+            self.service.run(self._stop, lambda _status: None)
+        except BaseException as error:
+            self._error = error
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Part:
+    """A policy's part: the run of the daemon, and its laps."""
+
+    service: Service
+    step_log: StepLog
+    laps: Sequence[Lap]
+    took_s: float
+    cpu_s: float
+
+
+def navigate(options: DemoOptions, cameras: FakeCameras, folder: Path, stop: threading.Event, console: Console) -> None:
+    """Teach and repeat on cameras that are starting, end them, and report.
+
+    Raises
+    ------
+    AutoexposeError
+        When a command fails, or the account of triggers does not balance.
+    """
+    rate_hz = start(cameras, options.rate_hz, console)
+    daemon_at, robot_at = (f"tcp/127.0.0.1:{port}" for port in _free_ports())
+    config = configuration(options, rate_hz)
+    commands = 1 + len(LIGHTS)
+    lap_s = (options.seconds - 2 * (BEGINS_S + commands * WAITS_S)) / (2 * commands)
+    forward_m_s = min(LENGTH_M / max(lap_s, 1.0), FASTEST_M_S)
+    parts: dict[str, Part] = {}
+    with ExitStack() as resources:
+        lines = [resources.enter_context(ControlLine(camera.control)) for camera in cameras.both]
+        robot = resources.enter_context(DemoRobot(robot_at, lines, _RIG))
+        lessons = Lessons(robot, ["--connect", daemon_at, "--robot", robot_at, "--rig", _RIG], forward_m_s, stop)
+        for policy in (options.policy, OTHER_POLICY):
+            ours = {"control": {"policy": policy}, "publish": {"rig": _RIG, "listen": [daemon_at]}}
+            changed = Config.model_validate(config.model_dump(mode="json", exclude_none=True) | ours)
+            parts[policy] = _part(changed, lessons, folder / f"{policy}.map", console.print)
+        refused = next((line.refused for line in lines if line.refused), "")
+    cameras.end()
+    if refused:
+        raise AutoexposeError(f"a fake camera refused an order: {refused}")
+    _report(options, rate_hz, cameras, parts, console)
+
+
+def _part(config: Config, lessons: Lessons, file: Path, say: Callable[[str], None]) -> Part:
+    policy, step_log = config.control.policy, StepLog(math.inf)
+    began_s, cpu_s = time.monotonic(), time.process_time()
+    with RunningDaemon(config, step_log) as daemon:
+        say(f"{policy}: teaching a lap of {LENGTH_M:.1f} m ...")
+        lessons.teach(file)
+        laps: list[Lap] = []
+        for light in LIGHTS:
+            laps.append(lessons.repeat(file, light, policy))
+            say(f"{policy}, {light}: {laps[-1].said}")
+    return Part(daemon.service, step_log, laps, time.monotonic() - began_s, time.process_time() - cpu_s)
+
+
+def _report(
+    options: DemoOptions, rate_hz: float, cameras: FakeCameras, parts: dict[str, Part], console: Console
+) -> None:
+    part = parts[options.policy]
+    laps = [lap for one in parts.values() for lap in one.laps]
+    pulses = pulses_in_window(read_pulses(cameras.truths), part.service.daemon.tally)
+    reference_ms = reference_step_ms(_REFERENCE_REPEATS)
+    run = Run(
+        options, rate_hz, part.service.daemon, cameras.both, pulses, part.step_log, part.took_s, part.cpu_s,
+        reference_ms,
+    )  # fmt: skip
+    steps = light_steps(run.pulses, run.step_log.steps)
+    result = figures(run, steps) | {"laps": [lap.figures() for lap in laps]}
+    console.print(in_words(result, steps))
+    console.print(laps_in_words(laps))
+    if options.summary is not None:
+        options.summary.write_text(json.dumps(result, indent=2) + "\n")
+    if options.plot is not None:
+        from autoexpose_daemon.demo.navigate.picture import draw  # noqa: PLC0415  matplotlib takes a second to load
+
+        draw(options.plot, laps, {policy: one.step_log for policy, one in parts.items()})
+        console.print(f"picture of the laps: {options.plot}")
+    check_account(result)
+
+
+def laps_in_words(laps: Sequence[Lap]) -> Table:
+    """A line for each lap."""
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for head in ("repeated", "policy"):
+        table.add_column(head)
+    for head in ("frames registered", "aside, mean", "most"):
+        table.add_column(head, justify="right")
+    table.add_column("came to the end")
+    for lap in laps:
+        said = lap.figures()
+        table.add_row(
+            lap.light, lap.policy, f"{lap.registered_share:.0%}", f"{said['mean_error_m']:.2f} m",
+            f"{said['max_error_m']:.2f} m", "yes" if lap.completed else "no",
+        )  # fmt: skip
+    return table
+
+
+def _free_ports() -> list[int]:
+    with socket.socket() as one, socket.socket() as other:
+        for each in (one, other):
+            each.bind(("127.0.0.1", 0))
+        return [each.getsockname()[1] for each in (one, other)]
