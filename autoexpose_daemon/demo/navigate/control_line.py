@@ -12,6 +12,8 @@ from typing import Any, Self
 
 from drivers.errors import AutoexposeError
 
+_LAST_ANSWERS_S = 2.0
+
 
 class ControlLine:
     """Sends orders while its context lasts, and does not wait for answers.
@@ -40,6 +42,9 @@ class ControlLine:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
+        with contextlib.suppress(OSError):
+            self._socket.shutdown(socket.SHUT_WR)
+        self._reader.join(_LAST_ANSWERS_S)
         with contextlib.suppress(OSError):
             self._socket.shutdown(socket.SHUT_RDWR)
         self._reader.join()
