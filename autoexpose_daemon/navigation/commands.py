@@ -57,6 +57,10 @@ def repeat_command(
     adapt: Annotated[
         Literal["static", "adaptive", "plastic", "summary"], typer.Option(help="How local maps change when passed.")
     ] = "static",
+    predict: Annotated[
+        Literal["fremen", "harmonic", "mean", "score-sum", "moving-average", "bins-of-day"] | None,
+        typer.Option(help="Look only for the 500 features of a local map that this model foretells for now."),
+    ] = None,
     rig: Rig = "rig",
     connect: Connect = None,
     robot: RobotConnect = None,
@@ -69,7 +73,7 @@ def repeat_command(
     strategy: Strategy = adapt
     source = _source(rig, connect, robot, RobotKeys(odometry, command=command if drive else "", stamped=stamped))
     with MapFile(file, writable=True) as map_file:
-        typer.echo(repeat(Repeater(map_file, strategy), source, _stop_on_signals(), Progress(Console())))
+        typer.echo(repeat(Repeater(map_file, strategy, predict), source, _stop_on_signals(), Progress(Console())))
 
 
 def _source(rig: str, connect: list[str] | None, robot: list[str] | None, keys: RobotKeys) -> Source:

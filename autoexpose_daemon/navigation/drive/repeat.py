@@ -17,6 +17,8 @@ from autoexpose_daemon.navigation.drive.robot import Robot
 from autoexpose_daemon.navigation.drive.source import Source, newest_pair
 from autoexpose_daemon.navigation.drive.steering import Stop
 from autoexpose_daemon.navigation.maps.adaptation import Strategy
+from autoexpose_daemon.navigation.maps.choice import best
+from autoexpose_daemon.navigation.maps.temporal import MODELS
 from autoexpose_daemon.navigation.store import MapError, MapFile, Run
 from autoexpose_daemon.navigation.views.detectors import FINDERS
 from autoexpose_daemon.publish.session import Endpoints
@@ -41,16 +43,22 @@ class Repeater:
         The map, writable.
     strategy
         How local maps change.
+    predict
+        One of `MODELS`: of each local map only the features are looked for that this foretells for now; None: all.
     """
 
-    def __init__(self, file: MapFile, strategy: Strategy) -> None:
+    def __init__(self, file: MapFile, strategy: Strategy, predict: str | None = None) -> None:
         self.tally = Tally()
         self._file = file
         places = file.places()
         if not places:
             raise MapError(f"{file.path} has no local maps: teach it again")
         finder = FINDERS[file.info.detector]()
-        self.repetition = Repetition(file.info, file.taught_path(), places, finder, strategy)
+        sought = None
+        if predict is not None:
+            now_s = time.time()
+            sought = [best(MODELS[predict](file.history(place))(now_s)) for place in places]
+        self.repetition = Repetition(file.info, file.taught_path(), places, finder, strategy, sought=sought)
         self._run: Run | None = None
         self._start_m: float | None = None
 

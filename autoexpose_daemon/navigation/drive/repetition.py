@@ -71,6 +71,8 @@ class Repetition:
         Finds features as the map's were found.
     strategy
         How local maps change when they are passed.
+    sought
+        Indices of the features of each local map that are looked for to find the way; None: all. At a passing all are.
 
     Attributes
     ----------
@@ -83,9 +85,21 @@ class Repetition:
     """
 
     def __init__(
-        self, info: MapInfo, path: TaughtPath, places: Sequence[Place], finder: AdaptiveFinder, strategy: Strategy
+        self,
+        info: MapInfo,
+        path: TaughtPath,
+        places: Sequence[Place],
+        finder: AdaptiveFinder,
+        strategy: Strategy,
+        *,
+        sought: Sequence[NDArray[np.int64]] | None = None,
     ) -> None:
         self.places = list(places)
+        self._sought = (
+            None
+            if sought is None
+            else [place.map.features.take(which) for place, which in zip(places, sought, strict=True)]
+        )
         self.view: View | None = None
         self.correction_m = 0.0
         self._focal_length_px = info.focal_length_px
@@ -132,7 +146,8 @@ class Repetition:
         return Velocity(forward_m_s, turn_rad_s(taught_rad_s, shift_px, self._focal_length_px)), None
 
     def _register(self, place: int, features: Features) -> Registration:
-        return register(self.places[place].map.features, features, RULES["overlapping"])
+        taught = self.places[place].map.features if self._sought is None else self._sought[place]
+        return register(taught, features, RULES["overlapping"])
 
     def _pull(self, place: int, features: Features) -> float:
         """How much more the local map ahead agrees with a view than the one behind, -1 to 1; 0 at the ends."""
@@ -153,8 +168,10 @@ class Repetition:
         return before.place, self._passing(before)
 
     def _passing(self, view: View) -> Passing:
-        place = self.places[view.place]
-        return adapt(place.map, view.features, view.registration, self._strategy, place.next_feature)
+        place, registration = self.places[view.place], view.registration
+        if self._sought is not None:
+            registration = register(place.map.features, view.features, RULES["overlapping"])
+        return adapt(place.map, view.features, registration, self._strategy, place.next_feature)
 
     def _off(self, view: View) -> float:
         return abs(view.distance_m - float(self._distances_m[view.place]))

@@ -1,17 +1,20 @@
 """Repeating a path without a robot: which views teach what, and what is refused."""
 
 from pathlib import Path
+from typing import get_args, get_type_hints
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from autoexpose_daemon.client import ReceivedPair
+from autoexpose_daemon.navigation.commands import repeat_command
 from autoexpose_daemon.navigation.drive.lesson import EVERY_M, Lesson
 from autoexpose_daemon.navigation.drive.motion import STANDSTILL, Pose, Velocity
 from autoexpose_daemon.navigation.drive.odometer import Odometer
 from autoexpose_daemon.navigation.drive.repeat import Repeater
 from autoexpose_daemon.navigation.drive.steering import Stop
+from autoexpose_daemon.navigation.maps.temporal import MODELS
 from autoexpose_daemon.navigation.store import MapError, MapFile, MapInfo
 from autoexpose_daemon.navigation.views.detectors import FINDERS
 from drivers.frames import Frame
@@ -115,3 +118,31 @@ def test_an_odometer_adds_ways_but_not_jumps() -> None:
     for x_m, y_m in ((5.0, 0.0), (5.3, 0.4), (-70.0, 0.0), (-70.0, 0.25)):
         odometer.take(Pose(x_m, y_m, 0.0))
     assert odometer.distance_m == pytest.approx(0.75) and odometer.jumps == 1
+
+
+def drive(repeater: Repeater, shift_px: int) -> list[int]:
+    """Past all five local maps; returns how many matches each view had."""
+    looks = [repeater.look(pair(view(shift_px), number), number / 20) for number in range(21)]
+    return [len(one.registration.matches) for one in looks]
+
+
+@pytest.mark.parametrize("model", list(MODELS))
+def test_a_prediction_chooses_what_is_looked_for_and_observes_everything(taught: Path, model: str) -> None:
+    with MapFile(taught, writable=True) as file:
+        drive(Repeater(file, "summary"), 150)
+        grown = [len(place.map) for place in file.places()][:4]
+        assert min(grown) > 500
+        before = drive(Repeater(file, "static"), 0)
+        repeater = Repeater(file, "static", model)
+        matches = drive(repeater, 0)
+        assert repeater.tally.registered == 21
+        assert 20 < max(matches) <= 500
+        assert max(matches[:16]) <= max(before[:16])
+        history = file.history(file.places()[0])
+        assert history.passed[-1].all()
+        assert history.states.shape == (3, grown[0])
+
+
+def test_every_model_can_be_chosen_on_the_command_line() -> None:
+    predict = get_args(get_type_hints(repeat_command, include_extras=True)["predict"])[0]
+    assert set(get_args(get_args(predict)[0])) == set(MODELS)
