@@ -13,6 +13,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from autoexpose_daemon.navigation.report.page import write_report
 from autoexpose_daemon.navigation.store import MapError, MapFile, Place
 
 map_app = typer.Typer(help="Look into the map of a taught path.", no_args_is_help=True)
@@ -26,21 +27,33 @@ _GREEN = (80, 220, 80)
 def info(file: File) -> None:
     """What it is, when it was taught, how often repeated, and how large it is."""
     with MapFile(file) as map_file:
-        about, runs, places = map_file.info, map_file.runs(), map_file.places()
-        length_m = map_file.taught_path().length_m
+        rows = _facts(map_file)
+    for name, value in rows.items():
+        typer.echo(f"{name:9} {value}")
+
+
+@map_app.command()
+def report(file: File, page: Annotated[Path, typer.Argument(help="The HTML file to write.")]) -> None:
+    """A page: path, features seen again and kept over the drives, and what models of time foretold of them."""
+    with MapFile(file) as map_file:
+        write_report(map_file, _facts(map_file), page)
+    typer.echo(f"report: {page}")
+
+
+def _facts(map_file: MapFile) -> dict[str, str]:
+    about, runs, places = map_file.info, map_file.runs(), map_file.places()
+    length_m = map_file.taught_path().length_m
     features = sum(len(place.map) for place in places)
     repeats = [run for run in runs if run.kind == "repeat"]
-    rows = {
+    return {
         "path": f"{length_m:.1f} m, {len(places)} local maps, {features} features",
         "taught": _when(runs[0].start_s) if runs else "never",
         "repeated": f"{len(repeats)} times, last {_when(repeats[-1].start_s)}" if repeats else "never",
         "pictures": f"{about.width}x{about.height} pixels, focal length {about.focal_length_px:g} pixels",
         "detector": about.detector,
         "exposure": f"{about.policy or 'policy not known'}, {_exposures(places)}",
-        "size": f"{file.stat().st_size / 1e6:.1f} MB",
+        "size": f"{map_file.path.stat().st_size / 1e6:.1f} MB",
     }
-    for name, value in rows.items():
-        typer.echo(f"{name:9} {value}")
 
 
 @map_app.command("list")

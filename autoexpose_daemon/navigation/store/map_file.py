@@ -10,8 +10,9 @@ from types import TracebackType
 from typing import Any, BinaryIO, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
-from autoexpose_daemon.navigation.maps.adaptation import LocalMap, Passing
+from autoexpose_daemon.navigation.maps.adaptation import CORRECT, LocalMap, Passing
 from autoexpose_daemon.navigation.maps.path import TaughtPath
 from autoexpose_daemon.navigation.maps.temporal import History
 from autoexpose_daemon.navigation.store import database
@@ -196,6 +197,21 @@ class MapFile:
                 passed[row, there] = len(known) > 0
             times_s = np.array([finite(row[1])[0] for row in observations], np.float64)
             return History(times_s, states, passed)
+
+    def lives(self) -> NDArray[np.int64]:
+        """Run in which features were added, run in which they were removed (0: not yet) and how many, int64, (n, 3)."""
+        with self._checking():
+            rows = self._read("SELECT added, COALESCE(removed, 0), COUNT(*) FROM feature GROUP BY 1, 2")
+            return np.array(rows, np.int64).reshape(-1, 3)
+
+    def seen_shares(self) -> list[tuple[int, int, float]]:
+        """Local map, run, and the share of its features that were matched correctly, for each passing."""
+        with self._checking():
+            rows = self._read("SELECT place, run, states FROM observation")
+            shares = [(place, run, states_of_blob(blob, len(blob))) for place, run, blob in rows]
+            return [
+                (place, run, float(np.mean(states == CORRECT)) if len(states) else 0.0) for place, run, states in shares
+            ]
 
     def _map(self, place: int) -> LocalMap:
         query = f"SELECT id, x, y, response, descriptor, score FROM feature WHERE place = ? AND {_NOW} ORDER BY id"

@@ -1,0 +1,1 @@
+"""What a map went through, as a page: `autoexpose map report`."""

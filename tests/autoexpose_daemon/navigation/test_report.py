@@ -1,0 +1,97 @@
+"""`autoexpose map report`: what a map went through, as a page."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from autoexpose_daemon.navigation.drive.lesson import Lesson
+from autoexpose_daemon.navigation.drive.motion import Velocity
+from autoexpose_daemon.navigation.drive.repeat import Repeater
+from autoexpose_daemon.navigation.map_commands import map_app
+from autoexpose_daemon.navigation.report.findings import Findings, findings
+from autoexpose_daemon.navigation.store import MapFile, MapInfo
+from autoexpose_daemon.navigation.views.detectors import FINDERS
+from tests.autoexpose_daemon.navigation.test_repetition import pair, view
+from tests.autoexpose_daemon.publish.steps import SETTING
+
+LENGTH_M, DRIVES = 2.0, 6
+
+
+@pytest.fixture(scope="module")
+def driven(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A quarter of a circle of 2 m, driven six times; from the second drive on its end looks different."""
+    path = tmp_path_factory.mktemp("maps") / "lap.map"
+    lesson = Lesson(FINDERS["fast-orb"]())
+    with MapFile(path, MapInfo(720, 540, 600.0, "fast-orb", "fisher-map")) as file:
+        run = file.begin_run("teach", 0.0)
+        lesson.drive(Velocity(0.5, 0.5 * math.pi / 2 / LENGTH_M), 0.0)
+        for centimetre in range(0, 200, 5):
+            place = lesson.look(view(), SETTING, centimetre / 100)
+            if place is not None:
+                file.add_place(run, place, lesson.new_speeds())
+        file.add_speeds([(LENGTH_M, 0.0, 0.0)])
+    for drive in range(DRIVES):
+        with MapFile(path, writable=True) as file:
+            repeater = Repeater(file, "adaptive")
+            for number in range(41):
+                shift_px = 200 if drive and number > 30 else 10 * drive
+                repeater.look(pair(view(shift_px), number), number / 20)
+    return path
+
+
+@pytest.fixture(scope="module")
+def found(driven: Path) -> Findings:
+    with MapFile(driven) as file:
+        return findings(file)
+
+
+def test_the_path_is_drawn_as_it_was_driven(found: Findings) -> None:
+    radius_m = LENGTH_M / (math.pi / 2)
+    assert found.plan_m[0].tolist() == [0.0, 0.0]
+    assert found.plan_m[-1] == pytest.approx([-radius_m, radius_m], abs=0.05)  # ahead is up, and it turns left
+    assert found.marks_m[0].tolist() == [0.0, 0.0]
+    assert np.hypot(*np.diff(found.marks_m, axis=0).T) == pytest.approx(0.2, abs=0.051)
+
+
+def test_each_passing_has_its_share_of_features_seen_again(found: Findings) -> None:
+    assert found.seen_share.shape == (DRIVES, len(found.marks_m))
+    assert np.isnan(found.seen_share[:, -1]).all()  # never left behind
+    assert found.seen_share[0, :-1].min() > 0.9
+    assert np.nanmin(found.seen_share[1]) < 0.75
+
+
+def test_what_was_taught_gives_way_to_what_is_new(found: Findings) -> None:
+    assert (found.total == found.taught).all()  # adaptive maps keep their size
+    assert (np.diff(found.kept) <= 0).all()
+    assert found.kept[-1] < found.taught
+
+
+def test_models_are_judged_by_the_last_passing(found: Findings) -> None:
+    by_model = {one.model: one for one in found.foretold}
+    assert 0.0 <= by_model["fremen"].brier < 0.25
+    assert by_model["mean"].foretold.shape == by_model["mean"].seen.shape
+    assert math.isnan(by_model["score-sum"].brier)  # no probability
+
+
+def test_the_command_writes_a_page_that_needs_nothing_else(driven: Path, tmp_path: Path) -> None:
+    page = tmp_path / "lap.html"
+    result = CliRunner().invoke(map_app, ["report", str(driven), str(page)])
+    assert result.exit_code == 0, result.output
+    text = page.read_text()
+    assert text.count("<figure>") == 4
+    assert "repeated</th><td>6 times" in text
+    assert not re.search(r'(src|href)="(?!data:)', text)
+
+
+def test_a_map_that_was_never_repeated_has_a_page_too(tmp_path: Path) -> None:
+    path, page = tmp_path / "new.map", tmp_path / "new.html"
+    MapFile(path, MapInfo(720, 540, 600.0, "fast-orb", "")).close()
+    result = CliRunner().invoke(map_app, ["report", str(path), str(page)])
+    assert result.exit_code == 0, result.output
+    assert page.read_text().count("<figure>") == 1
