@@ -16,7 +16,7 @@ from autoexpose_daemon.navigation.drive.repetition import Repetition, View
 from autoexpose_daemon.navigation.drive.robot import Robot
 from autoexpose_daemon.navigation.drive.source import Source, newest_pair
 from autoexpose_daemon.navigation.drive.steering import Stop
-from autoexpose_daemon.navigation.maps.adaptation import Strategy
+from autoexpose_daemon.navigation.maps.adaptation import Passing, Strategy
 from autoexpose_daemon.navigation.maps.choice import best
 from autoexpose_daemon.navigation.maps.temporal import MODELS
 from autoexpose_daemon.navigation.store import MapError, MapFile, Run
@@ -73,16 +73,22 @@ class Repeater:
         if self._run is None:
             self._run = self._file.begin_run("repeat", time.time())
             self._start_m = driven_m
-        passed = self.repetition.look(image, self.from_start_m(driven_m), time.monotonic_ns())
-        if passed is not None:
-            index, passing = passed
-            places = self.repetition.places
-            places[index] = self._file.pass_place(self._run, places[index], passing, time.time())
+        self._remember(self.repetition.look(image, self.from_start_m(driven_m), time.monotonic_ns()))
         view = self.repetition.view
         assert view is not None
         self.tally.frames += 1
         self.tally.registered += view.shift_px is not None
         return view
+
+    def end(self) -> None:
+        """At the end of the path: remember the last local map, too."""
+        self._remember(self.repetition.end())
+
+    def _remember(self, passed: tuple[int, Passing] | None) -> None:
+        if passed is not None and self._run is not None:
+            index, passing = passed
+            places = self.repetition.places
+            places[index] = self._file.pass_place(self._run, places[index], passing, time.time())
 
     def from_start_m(self, driven_m: float) -> float:
         """How far the robot has driven since its first frame, at the start of the path."""
@@ -116,6 +122,8 @@ def repeat(repeater: Repeater, source: Source, stop: threading.Event, progress: 
         finally:
             if drives:
                 robot.command(STANDSTILL)
+    if tally.stop is Stop.END:
+        repeater.end()
     share = f"{tally.registered} of {tally.frames} frames registered"
     return f"repeated {tally.distance_m:.1f} of {repetition.length_m:.1f} m, {share}"
 

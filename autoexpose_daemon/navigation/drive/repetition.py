@@ -134,6 +134,10 @@ class Repetition:
             self.correction_m += CORRECTION_M * self._pull(place, features)
         return self._keep_nearest(self.view)
 
+    def end(self) -> tuple[int, Passing] | None:
+        """The last local map has been passed, which no other follows; as `look`."""
+        return self._pass(self._nearest_view)
+
     def velocity(self, driven_m: float, odometry_ns: int | None, now_ns: int) -> tuple[Velocity, Stop | None]:
         """How to drive after a distance from the start, and why not; `odometry_ns` is when the last odometry came."""
         distance_m = driven_m + self.correction_m
@@ -162,10 +166,13 @@ class Repetition:
         leaves = before is not None and before.place != view.place
         if before is None or leaves or self._off(view) < self._off(before):
             self._nearest_view = view
-        if before is None or not leaves or before.shift_px is None or before.place <= self._last_passed:
+        return self._pass(before) if leaves else None
+
+    def _pass(self, view: View | None) -> tuple[int, Passing] | None:
+        if view is None or view.shift_px is None or view.place <= self._last_passed:
             return None  # a correction may take the robot back to where it was
-        self._last_passed = before.place
-        return before.place, self._passing(before)
+        self._last_passed = view.place
+        return view.place, self._passing(view)
 
     def _passing(self, view: View) -> Passing:
         place, registration = self.places[view.place], view.registration

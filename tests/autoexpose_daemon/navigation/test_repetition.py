@@ -75,8 +75,11 @@ def test_a_repetition_turns_back_and_remembers_what_it_passed(taught: Path, shif
             assert seen.registration.vote.shift_px == pytest.approx(shift_px, abs=0.5)
             assert velocity == STANDSTILL or np.sign(velocity.turn_rad_s) == -np.sign(shift_px)
         assert repeater.tally.frames == repeater.tally.registered == 21
-        # The last one is passed when the next comes near, which there is not.
+        # The last one is passed when the next comes near, which there is not, or at the end.
         assert [len(file.history(place).times_s) for place in file.places()] == [1, 1, 1, 1, 0]
+        for _ in range(2):
+            repeater.end()
+        assert [len(file.history(place).times_s) for place in file.places()] == [1, 1, 1, 1, 1]
 
 
 def test_a_place_is_passed_once_even_if_a_correction_takes_the_robot_back(taught: Path) -> None:
