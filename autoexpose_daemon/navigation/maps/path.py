@@ -31,6 +31,11 @@ class TaughtPath:
         return float(self.distances_m[-1]) if len(self.distances_m) else 0.0
 
     def at(self, distance_m: float) -> tuple[float, float]:
-        """(forward m/s, turn rad/s) at a distance from the start."""
+        """(forward m/s, turn rad/s) at a distance from the start.
+
+        Where the robot stood still while it was taught, it is how it then drove on: nothing would end the standstill.
+        """
         row = max(int(np.searchsorted(self.distances_m, distance_m, "right")) - 1, 0)
+        driving = np.flatnonzero(self.forward_m_s[row:])
+        row += int(driving[0]) if len(driving) else 0
         return float(self.forward_m_s[row]), float(self.turn_rad_s[row])

@@ -26,6 +26,12 @@ def test_mirrored_views_turn_the_other_way(shift_px: float, taught: float) -> No
     assert turn_rad_s(-taught, -shift_px, FOCAL_LENGTH_PX) == -turn_rad_s(taught, shift_px, FOCAL_LENGTH_PX)
 
 
+def test_a_robot_that_stood_still_while_it_was_taught_drives_on_when_it_repeats() -> None:
+    distances_m, forward_m_s = np.array([0.0, 0.003, 1.0, 1.002, 2.0]), np.array([0.0, 0.5, 0.0, 0.3, 0.0])
+    path = TaughtPath(distances_m, forward_m_s, np.zeros(5))
+    assert [path.at(distance_m)[0] for distance_m in (0.0, 0.5, 1.001, 1.5, 2.0)] == [0.5, 0.5, 0.3, 0.3, 0.0]
+
+
 def test_a_robot_turned_left_sees_the_world_to_the_right_and_turns_right() -> None:
     assert turn_rad_s(0.0, 50.0, FOCAL_LENGTH_PX) < 0
 
