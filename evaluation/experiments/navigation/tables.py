@@ -16,6 +16,8 @@ from evaluation.experiments.navigation.lap import LIGHTS
 from evaluation.experiments.navigation.laps import AT_MOST_M, POLICIES
 from evaluation.experiments.teach.judge import LOST_PX, WITHIN_PX, compare, probability
 
+_COLOURS = 7
+
 Laps = Mapping[tuple[str, str], list[list[dict[str, Any]]]]
 """Rows of laps by light and policy, a list for each park."""
 
@@ -87,9 +89,10 @@ def plot_upkeep(results: Results, file: Path) -> None:
     figure, grid = plt.subplots(1, len(shown), figsize=(4.5 * len(shown), 3.6), sharey=True, squeeze=False)
     pixels = np.arange(0.0, 30.01, 0.5)
     for (name, kept), axes in zip(shown.items(), grid[0], strict=True):
-        for label, errors in kept.items():
+        for place, (label, errors) in enumerate(kept.items()):
             middle, low, high = errors.curve(pixels)
-            (line,) = axes.plot(pixels, middle, label=label, linewidth=1.2)
+            style = "-" if place < _COLOURS else "--"
+            (line,) = axes.plot(pixels, middle, style, color=f"C{place % _COLOURS}", label=label, linewidth=1.2)
             axes.fill_between(pixels, low, high, alpha=0.08, color=line.get_color(), linewidth=0)
         axes.set(title=name, xlabel="x, px", xlim=(0, pixels[-1]), ylim=(0, 1))
         axes.legend(fontsize=6, loc="lower right")
