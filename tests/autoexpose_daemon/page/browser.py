@@ -28,6 +28,10 @@ SHRUNK = """((selector, width, height) => {
 """A function of JavaScript: red of a canvas shrunk to some width and height, row by row."""
 
 
+class NavigatedError(Exception):
+    """The page went elsewhere before it answered."""
+
+
 class Tab:
     """One page in the browser; `complaints` are what its console and its network had to say."""
 
@@ -45,6 +49,8 @@ class Tab:
         while True:
             message = json.loads(self._socket.recv(PATIENCE_S))
             if message.get("id") == number:
+                if "navigated" in str(message.get("error")) or "context was destroyed" in str(message.get("error")):
+                    raise NavigatedError(method)
                 assert "error" not in message, message
                 result: dict[str, Any] = message["result"]
                 return result
@@ -77,8 +83,14 @@ class Tab:
 
     def wait_for(self, expression: str, what: str, patience_s: float = PATIENCE_S) -> None:
         deadline_s = time.monotonic() + patience_s
-        while not self.value(expression):
+        while not self._is_true(expression):
             assert time.monotonic() < deadline_s, f"waited in vain for {what}: {self.value('document.body.innerText')}"
+
+    def _is_true(self, expression: str) -> bool:
+        try:
+            return bool(self.value(expression))
+        except NavigatedError:
+            return False
 
     def screen(self, width: int, height: int, dark: bool = False, scale: float = 1.0) -> None:
         """The size of the window, CSS pixels, and the scheme of colours that is wished for."""

@@ -196,7 +196,8 @@ def test_an_operator_logs_in(tab: Tab, at: str, tmp_path: Path) -> None:
             ("guess", "location.search === '?wrong'"),
             (token_file.read_text(), f"{STATE} !== undefined"),
         ):
-            tab.value(f"document.getElementById('token').value = {token!r}, document.querySelector('button').click()")
+            tab.value(f"document.getElementById('token').value = {token!r}")
+            tab.value("setTimeout(() => document.querySelector('button').click())")  # once this is answered
             tab.wait_for(f"document.readyState === 'complete' && {answer}", f"the answer to {token}")
         tab.wait_for(f"{STATE} === 'waiting'", "the page")
         assert tab.complaints == []
