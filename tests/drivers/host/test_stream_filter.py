@@ -102,7 +102,7 @@ def test_a_socket_that_is_not_there_is_an_error_and_nothing_stays_open() -> None
     before = open_files()
     with pytest.raises(OSError, match=r"this process has no UDP socket at 127\.0\.0\.1:1$"):
         admit_only(("127.0.0.5", 0), LARGEST_ID, ("127.0.0.1", 1))
-    assert open_files() == before
+    assert open_files() <= before  # what tests before this one left behind may close meanwhile
 
 
 def test_this_host_takes_filters() -> None:
