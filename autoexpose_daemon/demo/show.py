@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 _LONGEST_US = 7500.0
 _PICTURES = 80
-_REFERENCE_REPEATS = 60
+REFERENCE_REPEATS = 60
 _SEARCH_HOLDS_S = 1.2  # less than the daemon's two seconds: the cameras still have to get ready
 
 
@@ -57,7 +57,7 @@ def show(options: DemoOptions, cameras: FakeCameras, stop: threading.Event, cons
     if recorder is not None:
         console.print(recorder.summary)
     pulses = pulses_in_window(read_pulses(cameras.truths), service.daemon.tally)
-    reference_ms = reference_step_ms(_REFERENCE_REPEATS)
+    reference_ms = reference_step_ms(REFERENCE_REPEATS)
     return Run(options, rate_hz, service.daemon, cameras.both, pulses, step_log, took_s, cpu_s, reference_ms)
 
 

@@ -15,7 +15,7 @@ from fake_camera.device.unix_socket import listen
 from fake_camera.world.steered import Steered
 
 _LONGEST_ORDER_BYTES = 1 << 12
-"""Of a longer line the rest is thrown away; the longest order takes 80."""
+"""Of a longer line the rest is thrown away; the longest order takes 200."""
 
 
 class ControlSocket:

@@ -97,10 +97,10 @@ class Lessons:
         robot.put(Place.at_start(), errs=False)
         focal_length = ["--focal-length-px", str(FOCAL_LENGTH_PX)]
         with self._command("teach", str(file), "--velocity", JOYSTICK, *focal_length) as teach:
-            self._until(file.exists, STARTS_S, "teach")
+            self._wait_for(file)
             robot.joystick = self._forward_m_s, self._forward_m_s / RADIUS_M
-            ends_s = time.monotonic() + LENGTH_M / self._forward_m_s
-            self._until(lambda: time.monotonic() >= ends_s, 2 * STARTS_S + LENGTH_M / self._forward_m_s, "teach")
+            if self._stop.wait(LENGTH_M / self._forward_m_s):
+                raise AutoexposeError("interrupted while a lap was taught")
             robot.joystick = STANDSTILL
             teach.send_signal(signal.SIGINT)
             said, complaint = teach.communicate(timeout=STARTS_S)
@@ -130,11 +130,11 @@ class Lessons:
         steps = [step for step in robot.steps if step.place != robot.steps[0].place]
         return Lap(light, policy, completed, steps, list(robot.votes), said.strip().splitlines()[-1] if said else "")
 
-    def _until(self, done: Callable[[], bool], patience_s: float, command: str) -> None:
-        deadline_s = time.monotonic() + patience_s
-        while not done():
+    def _wait_for(self, file: Path) -> None:
+        deadline_s = time.monotonic() + STARTS_S
+        while not file.exists():
             if self._stop.wait(_TURN_S) or time.monotonic() > deadline_s:
-                raise AutoexposeError(f"autoexpose {command} was interrupted, or did not begin in time")
+                raise AutoexposeError("autoexpose teach was interrupted, or did not begin in time")
 
     @contextmanager
     def _command(self, name: str, *arguments: str) -> Iterator[subprocess.Popen[str]]:

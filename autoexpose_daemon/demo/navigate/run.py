@@ -8,11 +8,9 @@ import math
 import socket
 import threading
 import time
-from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 from rich.console import Console
 from rich.table import Table
@@ -26,7 +24,7 @@ from autoexpose_daemon.demo.navigate.robot import DemoRobot
 from autoexpose_daemon.demo.navigate.track import LENGTH_M
 from autoexpose_daemon.demo.options import DemoOptions
 from autoexpose_daemon.demo.reference_step import reference_step_ms
-from autoexpose_daemon.demo.show import check_account, configuration, start
+from autoexpose_daemon.demo.show import REFERENCE_REPEATS, check_account, configuration, start
 from autoexpose_daemon.demo.step_log import StepLog
 from autoexpose_daemon.demo.summary import Run, figures, in_words
 from autoexpose_daemon.runtime.cameras import openers
@@ -43,38 +41,28 @@ BEGINS_S, WAITS_S = 4.0, 3.0
 FASTEST_M_S = 0.6
 
 _RIG = "rig"
-_REFERENCE_REPEATS = 60
 
 
-class RunningDaemon:
-    """The daemon on a thread, while its context lasts."""
+@contextmanager
+def running(service: Service) -> Iterator[None]:
+    """Run a service on a thread, and raise what ended it."""
+    stop, failed = threading.Event(), list[BaseException]()
 
-    def __init__(self, config: Config, step_log: StepLog) -> None:
-        self.service = Service(
-            config,
-            lambda config, begin: add_outlets(Daemon(config, openers(config), begin, [step_log]), config, None),
-        )
-        self._stop = threading.Event()
-        self._error: BaseException | None = None
-        self._thread = threading.Thread(target=self._run, name="daemon")
-
-    def __enter__(self) -> Self:
-        self._thread.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        self._stop.set()
-        self._thread.join()
-        if self._error is not None and error is None:
-            raise self._error
-
-    def _run(self) -> None:
+    def run() -> None:
         try:
-            self.service.run(self._stop, lambda _status: None)
+            service.run(stop, lambda _status: None)
         except BaseException as error:
-            self._error = error
+            failed.append(error)
+
+    thread = threading.Thread(target=run, name="daemon")
+    thread.start()
+    try:
+        yield
+    finally:
+        stop.set()
+        thread.join()
+    if failed:
+        raise failed[0]
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -121,14 +109,18 @@ def navigate(options: DemoOptions, cameras: FakeCameras, folder: Path, stop: thr
 def _part(config: Config, lessons: Lessons, file: Path, say: Callable[[str], None]) -> Part:
     policy, step_log = config.control.policy, StepLog(math.inf)
     began_s, cpu_s = time.monotonic(), time.process_time()
-    with RunningDaemon(config, step_log) as daemon:
+    service = Service(
+        config,
+        lambda config, begin: add_outlets(Daemon(config, openers(config), begin, [step_log]), config),
+    )
+    with running(service):
         say(f"{policy}: teaching a lap of {LENGTH_M:.1f} m ...")
         lessons.teach(file)
         laps: list[Lap] = []
         for light in LIGHTS:
             laps.append(lessons.repeat(file, light, policy))
             say(f"{policy}, {light}: {laps[-1].said}")
-    return Part(daemon.service, step_log, laps, time.monotonic() - began_s, time.process_time() - cpu_s)
+    return Part(service, step_log, laps, time.monotonic() - began_s, time.process_time() - cpu_s)
 
 
 def _report(
@@ -137,7 +129,7 @@ def _report(
     part = parts[options.policy]
     laps = [lap for one in parts.values() for lap in one.laps]
     pulses = pulses_in_window(read_pulses(cameras.truths), part.service.daemon.tally)
-    reference_ms = reference_step_ms(_REFERENCE_REPEATS)
+    reference_ms = reference_step_ms(REFERENCE_REPEATS)
     run = Run(
         options, rate_hz, part.service.daemon, cameras.both, pulses, part.step_log, part.took_s, part.cpu_s,
         reference_ms,

@@ -35,9 +35,9 @@ def write_report(file: MapFile, facts: Mapping[str, str], page: Path) -> None:
     except ImportError as error:
         package = EXTRA.get(str(error.name), error.name)
         raise MapError(f"{package} is missing: pip install 'autoexpose-daemon[calibration]'") from error
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("autoexpose_daemon.navigation.report", ""), autoescape=True
-    )
+    packages = ("autoexpose_daemon.navigation.report", "calibration.report")  # the second has the style
+    loaders = [jinja2.PackageLoader(package, "") for package in packages]
+    environment = jinja2.Environment(loader=jinja2.ChoiceLoader(loaders), autoescape=True)
     shown = pictures(findings(file))
     text = environment.get_template("page.html").render(
         title=f"Map {file.path.name}", facts=list(facts.items()), pictures=shown

@@ -33,7 +33,7 @@ PART: Final = "top half"
 
 
 class FixedFinder(AdaptiveFinder):
-    """Keeps the threshold that the first picture settled."""
+    """Keeps the threshold that the first place settled."""
 
     def __init__(self) -> None:
         super().__init__(FastOrb(), PART)
