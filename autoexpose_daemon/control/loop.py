@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from autoexpose_daemon.control.balance import Balance, whole_periods_us
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.image import ImagePreparation
+from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.control.metrics.gradient import ExtremeShares, GradientMetric, mean_signal
 from autoexpose_daemon.control.motion import DisMotion, FarnebackMotion, FlowMotion
 from autoexpose_daemon.control.parameters import FASTEST_TURN_RAD_S, ControlParameters
@@ -35,7 +36,7 @@ REFERENCE_RATE_HZ = 60.0
 _DEFAULT_PARAMETERS = ControlParameters()
 
 
-STATE_FORMAT = "autoexpose-control/3"
+STATE_FORMAT = "autoexpose-control/4"
 """Format of `ControlSetup` and `ControlLoop.state` as plain data: a new number when names, types or meaning change."""
 
 
@@ -80,7 +81,7 @@ class ControlLoop:
 
     Attributes
     ----------
-    angular_rate_rad_s
+    angular_rate_rad_s, light_ahead
         What the latest step was given.
 
     Raises
@@ -108,6 +109,7 @@ class ControlLoop:
         by_side = dict.fromkeys(SIDES, responses) if isinstance(responses, ResponseFunction) else dict(responses)
         self.setup = ControlSetup(policy_id, by_side, limits, start, parameters, dict(regions or {}))
         self.angular_rate_rad_s: float | None = None
+        self.light_ahead: LightAhead | None = None
         self._limits = limits
         self._focal_length_px = parameters.focal_length_px
         self._metric = GradientMetric(parameters.metric_delta, parameters.metric_lambda)
@@ -154,7 +156,9 @@ class ControlLoop:
         """Continue from the `state` of a loop with the same setup; ValueError if it does not fit."""
         restore(self, state)
 
-    def step(self, pair: StereoPair, angular_rate_rad_s: float | None = None) -> Decision:
+    def step(
+        self, pair: StereoPair, angular_rate_rad_s: float | None = None, light_ahead: LightAhead | None = None
+    ) -> Decision:
         """Look at a pair and decide on the next setting of both cameras.
 
         Frames must have at least 90x68 pixels. They may have been taken with different settings: everything refers to
@@ -167,6 +171,8 @@ class ControlLoop:
         angular_rate_rad_s
             How fast the camera turns, from an inertial sensor; the speed of image points is then this rate times the
             focal length, and no flow is computed. None: flow.
+        light_ahead
+            What an earlier drive along the same way saw, which map policies use; None: nothing is known.
 
         Raises
         ------
@@ -174,8 +180,8 @@ class ControlLoop:
             For a frame that is too small, a region that does not fit the frames, or an angular rate beyond
             `FASTEST_TURN_RAD_S` or without a focal length.
         """
-        self.angular_rate_rad_s = angular_rate_rad_s
-        observation = self._observe(pair, angular_rate_rad_s)
+        self.angular_rate_rad_s, self.light_ahead = angular_rate_rad_s, light_ahead
+        observation = self._observe(pair, angular_rate_rad_s, light_ahead)
         target = self._policy.decide(observation)
         level = self._limits.clamp_level(target.level)
         wanted_us = target.exposure_time_us
@@ -195,7 +201,9 @@ class ControlLoop:
             motion_px=observation.motion_px,
         )
 
-    def _observe(self, pair: StereoPair, angular_rate_rad_s: float | None) -> Observation:
+    def _observe(
+        self, pair: StereoPair, angular_rate_rad_s: float | None, light_ahead: LightAhead | None
+    ) -> Observation:
         sides = sorted(pair.frames, key=lambda each: each in self.uncounted)  # a stable sort
         side, frame = sides[0], pair.frames[sides[0]]
         looks = [self._views[each].look(each, pair.frames[each]) for each in sides]
@@ -217,6 +225,7 @@ class ControlLoop:
             realised=self._decision_realised_by(frame.setting),
             by_flow=angular_rate_rad_s is None,
             flicker_hz=self.flicker_hz,
+            light_ahead=light_ahead,
         )
 
     def _speed_px(self, side: Side, image: NDArray[np.uint8], frame: Frame, angular_rate_rad_s: float | None) -> float:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.balance import Balance, BlurNoiseBalance, ExposurePriority, FixedRatio, FlickerBalance
+from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.control.metrics.gradient import GradientMetric, grey_counts
 from autoexpose_daemon.control.parameters import ControlParameters
 from calibration.response import ResponseFunction
@@ -114,6 +115,8 @@ class Observation:
         Whether `motion_px` is from optical flow, which may mistake a change of light for motion, not from a gyroscope.
     flicker_hz
         Flashes of the light per second whose whole periods the next exposure time will be, where they fit; None: any.
+    light_ahead
+        What an earlier drive saw; None: nothing is known.
     """
 
     looks: Sequence[Look]
@@ -129,6 +132,7 @@ class Observation:
     realised: PastStep | None = None
     by_flow: bool = True
     flicker_hz: float | None = None
+    light_ahead: LightAhead | None = None
 
     @property
     def side(self) -> Side:

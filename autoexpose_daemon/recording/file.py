@@ -21,9 +21,9 @@ from autoexpose_daemon.messages.write import TOPICS, MessageWriter, realtime_off
 from autoexpose_daemon.recording.plain_json import to_json
 from autoexpose_daemon.recording.step import RecordingError, Step
 
-CONTROL, SETUP, MOTION, STATE = "control", "setup", "motion", "state"
+CONTROL, SETUP, MOTION, LIGHT, STATE = "control", "setup", "motion", "light", "state"
 STRING = "std_msgs/msg/String"
-"""Control's setup, angular rates and state are JSON in a String, so that any ROS 2 tool shows them."""
+"""Control's setup, angular rates, light ahead and state are JSON in a String, so that any ROS 2 tool shows them."""
 
 METADATA = "autoexpose"
 COMPRESSION = CompressionType.LZ4
@@ -89,6 +89,8 @@ class RecordingFile:
                 self._say(SETUP, {"made_with": plain(software()), "setup": plain(setup)})
             if step.angular_rate_rad_s is not None:
                 self._say(MOTION, {"angular_rate_rad_s": step.angular_rate_rad_s})
+            if step.light_ahead is not None:
+                self._say(LIGHT, {"light_ahead": plain(step.light_ahead)})
             messages = MessageWriter(self._rig, step.cameras)
             for message in messages.messages(step.pair, step.decision, step.sequence, self._offset_ns):
                 self._add(message.side, message.topic, TOPICS[message.topic], message.data, step.sequence)

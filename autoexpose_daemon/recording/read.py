@@ -10,15 +10,16 @@ from mcap.exceptions import RecordLengthLimitExceeded
 from mcap.records import Channel, Footer, Header, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader
 
+from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.control.loop import STATE_FORMAT, ControlSetup
 from autoexpose_daemon.control.parameters import FASTEST_TURN_RAD_S
 from autoexpose_daemon.control.snapshot import parse
 from autoexpose_daemon.messages.read import DamagedMessageError, decision_of, frame_of, read_exposure_info, read_image
 from autoexpose_daemon.messages.types import EXPOSURE_INFO, TYPESTORE, definition
-from autoexpose_daemon.recording.file import METADATA, MOTION, STATE, STRING
+from autoexpose_daemon.recording.file import LIGHT, METADATA, MOTION, STATE, STRING
 from autoexpose_daemon.recording.plain_json import from_json
 from autoexpose_daemon.recording.step import Item, RecordingError, Setup, State, Step
-from autoexpose_daemon.recording.upgrade import FORMER_FORMAT, upgraded_setup, upgraded_state
+from autoexpose_daemon.recording.upgrade import FORMER_FORMATS, upgraded_setup, upgraded_state
 from drivers.config.files import open_regular
 from drivers.frames import SIDES, Pixels, Side, StereoPair
 
@@ -48,6 +49,7 @@ class Recording:
         self._frames: dict[Side, tuple[Any, Pixels]] = {}  # of the step that is being read
         self._infos: dict[Side, Any] = {}
         self._angular_rate_rad_s: float | None = None
+        self._light_ahead: LightAhead | None = None
 
     def __iter__(self) -> Iterator[Item]:
         """Read on from the start of the file."""
@@ -107,7 +109,7 @@ class Recording:
         if channel is None:
             raise ValueError(f"a message of channel {message.channel_id}, which does not exist")
         match channel.topic.split("/")[-2:]:
-            case ["control", "setup" | "motion" | "state" as what]:
+            case ["control", "setup" | "motion" | "light" | "state" as what]:
                 return self._of_control(what, message.data)
             case ["left" | "right" as side, "exposure"]:
                 self._check_version(channel)
@@ -122,16 +124,18 @@ class Recording:
         except Exception as error:  # rosbags checks nothing
             raise DamagedMessageError(f"control/{what} is not a String") from error
         content = from_json(text)
-        if not isinstance(content, dict) or content.get("format") not in (STATE_FORMAT, FORMER_FORMAT):
+        if not isinstance(content, dict) or content.get("format") not in (STATE_FORMAT, *FORMER_FORMATS):
             found = content.get("format") if isinstance(content, dict) else None
             raise self._error(f"contains a state of control of format {found!r}: only {STATE_FORMAT!r} can be read")
         if what == MOTION:
             self._angular_rate_rad_s = _angular_rate(content)
             return None
-        former = content["format"] == FORMER_FORMAT
+        if what == LIGHT:
+            self._light_ahead = parse(content.get("light_ahead"), LightAhead)
+            return None
         if what == STATE:
-            return State(upgraded_state(content.get("state")) if former else content.get("state"))
-        setup = upgraded_setup(content.get("setup")) if former else content.get("setup")
+            return State(upgraded_state(content.get("state")))
+        setup = upgraded_setup(content.get("setup"))
         return Setup(parse(setup, ControlSetup), parse(content.get("made_with"), dict[str, str]))
 
     def _exposure(self, side: Side, data: bytes) -> None:
@@ -156,7 +160,8 @@ class Recording:
         if decision is None:
             raise ValueError(f"step {info.sequence} has no decision")
         angular_rate_rad_s, self._angular_rate_rad_s = self._angular_rate_rad_s, None
-        return Step(info.sequence, info.cameras, pair, decision, angular_rate_rad_s)
+        light_ahead, self._light_ahead = self._light_ahead, None
+        return Step(info.sequence, info.cameras, pair, decision, angular_rate_rad_s, light_ahead)
 
     def _check_version(self, channel: Channel) -> None:
         schema = self._schemas.get(channel.schema_id)

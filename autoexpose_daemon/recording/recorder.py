@@ -103,7 +103,7 @@ class Recorder(ABC):
             self._dropped_said = self.dropped
         if loop.setup is not self._setup or self.steps - self._snapshot_step >= self._steps_per_snapshot:
             self._setup, self._snapshot_step, state = loop.setup, self.steps, loop.state()
-        step = Step(self.steps, cameras, pair, decision, loop.angular_rate_rad_s)
+        step = Step(self.steps, cameras, pair, decision, loop.angular_rate_rad_s, loop.light_ahead)
         self._queue.put(Entry(step, loop.setup, state, now_ns))
 
     @abstractmethod

@@ -101,5 +101,5 @@ class Replay:
         self._former = step
         if dropped and self.faithful:
             self._loop = None
-        decision = None if self._loop is None else self._loop.step(step.pair, step.angular_rate_rad_s)
+        decision = None if self._loop is None else self._loop.step(step.pair, step.angular_rate_rad_s, step.light_ahead)
         return Replayed(step, decision, dropped, undelivered)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.control.loop import ControlSetup
 from autoexpose_daemon.control.snapshot import Plain
 from drivers.errors import AutoexposeError
@@ -31,6 +32,8 @@ class Step:
         What control decided.
     angular_rate_rad_s
         How fast the camera turned; None: control was not given it, and used optical flow.
+    light_ahead
+        What control was told of an earlier drive; None: nothing.
     """
 
     sequence: int
@@ -38,6 +41,7 @@ class Step:
     pair: StereoPair
     decision: Decision
     angular_rate_rad_s: float | None = None
+    light_ahead: LightAhead | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,4 +1,4 @@
-"""Control's setup and state in recordings of the format before, brought to the present one."""
+"""Control's setup and state in recordings of former formats, brought to the present one."""
 
 from __future__ import annotations
 
@@ -6,15 +6,16 @@ from typing import Any
 
 import numpy as np
 
+from autoexpose_daemon.control.policies.metric_map.foresight import UNPROVEN
 from drivers.frames import SIDES
 
-FORMER_FORMAT = "autoexpose-control/2"
-"""Control had one response, the left camera's, and one history of motion, whichever camera the frames were from. Every
-camera had a vote."""
+FORMER_FORMATS = ("autoexpose-control/2", "autoexpose-control/3")
+"""In the third, no policy knew of light ahead. In the second, control had one response, the left camera's, and one
+history of motion, whichever camera the frames were from, and every camera had a vote."""
 
 
 def upgraded_setup(setup: Any) -> Any:
-    """A setup of `FORMER_FORMAT` as one of the present format; anything else is returned unchanged."""
+    """A setup of one of `FORMER_FORMATS` as one of the present format; anything else is returned unchanged."""
     if not isinstance(setup, dict) or "response" not in setup:
         return setup
     others = {key: value for key, value in setup.items() if key != "response"}
@@ -24,9 +25,20 @@ def upgraded_setup(setup: Any) -> Any:
 
 
 def upgraded_state(state: Any) -> Any:
-    """A state of `FORMER_FORMAT` as one of the present format; anything else is returned unchanged."""
-    if not isinstance(state, dict) or "motion" not in state:
+    """A state of one of `FORMER_FORMATS` as one of the present format; anything else is returned unchanged."""
+    if not isinstance(state, dict):
         return state
+    return _with_foresight(_of_third(state) if "motion" in state else state)
+
+
+def _with_foresight(state: dict[str, Any]) -> dict[str, Any]:
+    policy = state.get("policy")
+    if not isinstance(policy, dict) or "registration" not in policy or "foresight" in policy:
+        return state
+    return {**state, "policy": {**policy, "foresight": {"belief": UNPROVEN}}}
+
+
+def _of_third(state: dict[str, Any]) -> dict[str, Any]:
     unseen = {"shape": [0, 0], "previous": np.empty((0, 0), np.uint8), "previous_level": 0.0, "previous_time_ns": None}
     policy = state.get("policy")
     if isinstance(policy, dict) and isinstance(policy.get("registration"), dict):

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.parameters import ControlParameters
 from autoexpose_daemon.recording.read import Recording
@@ -32,6 +33,7 @@ class VirtualRun:
     policy_id: str = "metric-map"
     bits: int = 8
     imu: bool = False
+    driven_before: bool = False
     loop: ControlLoop = field(init=False)
     decisions: dict[int, Decision] = field(default_factory=dict)
     trigger: int = 99
@@ -58,7 +60,7 @@ class VirtualRun:
         """Have the recorder see so many steps, of pairs that `shape` may change first."""
         for _, pair in zip(range(steps), self.pairs(), strict=False):
             shaped = shape(pair)
-            decision = self.loop.step(shaped, self._angular_rate_rad_s())
+            decision = self.loop.step(shaped, self._angular_rate_rad_s(), self._light_ahead())
             self._settings = [self._settings[-1], decision.setting]
             self.decisions[pair.trigger] = decision
             recorder.take(shaped, decision, self.loop, 2)
@@ -66,6 +68,13 @@ class VirtualRun:
     def _angular_rate_rad_s(self) -> float | None:
         """Of an IMU that fails for 3 steps in 8."""
         return self._rng.random() * 3 if self.imu and self.trigger % 8 < 5 else None
+
+    def _light_ahead(self) -> LightAhead | None:
+        """Of a drive in light like this one's, that is not known for 3 steps in 8."""
+        if not self.driven_before or self.trigger % 8 >= 5:
+            return None
+        levels = 9.0 + np.cumsum(self._rng.normal(0.0, 0.7, 90))
+        return LightAhead(tuple(levels.tolist()), 70, 1.5)
 
     def _frame(self, scene: NDArray[np.float64]) -> Frame:
         frame = expose(np.roll(scene, self.trigger, axis=1), self._settings[0], self._light, self.bits)

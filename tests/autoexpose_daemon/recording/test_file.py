@@ -21,6 +21,7 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from autoexpose_daemon.config.document import Config
+from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.recording.file import RESERVE_BYTES, RecordingFile
 from autoexpose_daemon.recording.read import Recording
 from autoexpose_daemon.recording.recorder import ContinuousRecorder, LastSecondsRecorder, new_recorder
@@ -173,6 +174,17 @@ def test_an_impossible_angular_rate_is_one_sentence(tmp_path: Path, rate: float)
     file.write(Step(1, 2, pair, run.loop.step(pair), rate), run.loop.setup, None)
     file.close(1, 0)
     with pytest.raises(RecordingError, match=r"is damaged: an angular rate of .* rad/s"):
+        replayed(path)
+
+
+def test_impossible_light_ahead_is_one_sentence(tmp_path: Path) -> None:
+    run, path, ahead = VirtualRun("fixed"), tmp_path / "run.mcap", LightAhead((9.0, 12.0), 1, 1.0)
+    object.__setattr__(ahead, "now", 2)
+    file = RecordingFile(path, "rig")
+    pair = next(run.pairs())
+    file.write(Step(1, 2, pair, run.loop.step(pair), light_ahead=ahead), run.loop.setup, None)
+    file.close(1, 0)
+    with pytest.raises(RecordingError, match=r"is damaged: frame 2 of 2 levels"):
         replayed(path)
 
 

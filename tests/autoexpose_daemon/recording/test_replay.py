@@ -48,6 +48,12 @@ def test_decisions_by_an_imu_that_comes_and_goes_are_replayed_bit_for_bit(tmp_pa
     assert len([each for each in replayed(path, "neves2009") if each.decision]) == len(steps)
 
 
+def test_decisions_by_the_light_of_an_earlier_drive_are_replayed_bit_for_bit(tmp_path: Path) -> None:
+    steps = replayed(record(tmp_path / "run.mcap", VirtualRun("fisher-map", driven_before=True), 60))
+    assert [each.step.light_ahead is not None for each in steps] == [each.step.pair.trigger % 8 < 5 for each in steps]
+    assert all(each.same for each in steps[1:])
+
+
 @pytest.mark.parametrize("bits", [8, 12, 16])
 def test_frames_come_back_as_they_were(tmp_path: Path, bits: int) -> None:
     run, kept = VirtualRun("neves2009", bits), []

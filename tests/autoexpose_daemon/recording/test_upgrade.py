@@ -1,9 +1,12 @@
-"""Recordings of the format before are replayed: their setups and states become those of the present one."""
+"""Recordings of former formats are replayed: their setups and states become those of the present one."""
 
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 from typing import Any
+
+import pytest
 
 from autoexpose_daemon.control.loop import ControlLoop, ControlSetup
 from autoexpose_daemon.control.snapshot import parse, plain
@@ -14,8 +17,14 @@ from drivers.frames import SIDES
 from tests.autoexpose_daemon.recording.runs import LIMITS, START, VirtualRun
 
 
-def as_it_was(setup: Any, state: Any) -> tuple[Any, Any]:
-    """A setup and a state of the present format as the format before had them."""
+def of_third(setup: Any, state: Any) -> tuple[Any, Any]:
+    """A setup and a state of the present format as the third format had them."""
+    return setup, {**state, "policy": {key: value for key, value in state["policy"].items() if key != "foresight"}}
+
+
+def of_second(setup: Any, state: Any) -> tuple[Any, Any]:
+    """As the second format had them."""
+    _, state = of_third(setup, state)
     policy = {**state["policy"], "registration": {**state["policy"]["registration"]}}
     del policy["registration"]["side"]
     del policy["votes"], policy["sides"]
@@ -27,7 +36,8 @@ def as_it_was(setup: Any, state: Any) -> tuple[Any, Any]:
     )
 
 
-def test_a_loop_goes_on_from_the_former_setup_and_state() -> None:
+@pytest.mark.parametrize("as_it_was", [of_second, of_third])
+def test_a_loop_goes_on_from_a_former_setup_and_state(as_it_was: Callable[[Any, Any], tuple[Any, Any]]) -> None:
     pairs = list(itertools.islice(VirtualRun("metric-map").pairs(), 12))
     loop = ControlLoop("metric-map", ResponseFunction.linear(), LIMITS, START)
     for pair in pairs[:8]:

@@ -13,7 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.balance import Balance
+from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.control.policies.metric_map.forecast import Forecast
+from autoexpose_daemon.control.policies.metric_map.foresight import Foresight
 from autoexpose_daemon.control.policies.metric_map.loop_delay import LoopDelay
 from autoexpose_daemon.control.policies.metric_map.memory import TRUSTED_RISE, MetricMemory, Sighting
 from autoexpose_daemon.control.policies.metric_map.registration import Registration
@@ -82,7 +84,7 @@ class ExposureMap(ExposurePolicy):
 
     STATE: ClassVar[tuple[str, ...]] = (
         "registration", "forecast", "latency", "memory", "target", "ahead", "densities", "motion_px",
-        "votes", "sides",
+        "votes", "sides", "foresight",
     )  # fmt: skip
     HOLD_GAIN_MOVING: ClassVar[float]
     WORTH_KEEPING: ClassVar[float]
@@ -96,6 +98,7 @@ class ExposureMap(ExposurePolicy):
         self.balance = balance
         self.registration = Registration(responses)
         self.forecast = Forecast()
+        self.foresight = Foresight()
         self.latency = LoopDelay()
         self.memory = MetricMemory()
         self.target = None
@@ -199,8 +202,11 @@ class ExposureMap(ExposurePolicy):
         levels = _bins(observation.limits)
         ahead = self.forecast.ahead(self.latency.frames, steady=self.motion_px < SLOW_PX)
         moving = self.motion_px >= MOVING_PX
+        if observation.light_ahead is None:
+            worth, metric = self._worth(levels + ahead, moving)
+        else:
+            ahead, worth, metric = self._expected(observation.light_ahead, levels, ahead, moving)
         risen, self.ahead = change + ahead - self.ahead, ahead
-        worth, metric = self._worth(levels + ahead, moving)
         best = float(worth.max())
         if best <= 0:
             return Target(held, "held: no gradient at any exposure")
@@ -216,6 +222,17 @@ class ExposureMap(ExposurePolicy):
         else:
             reason = f"metric {'rises' if target > level else 'falls'} with exposure"
         return Target(target, reason, float(np.interp(target, levels, metric)))
+
+    def _expected(
+        self, light_ahead: LightAhead, levels: NDArray[np.float64], ahead: float, moving: bool
+    ) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
+        """The expected rise of the light, and of `_worth` its expectation over all rises; `ahead` as is forecast."""
+        rises, shares = self.foresight.rises(light_ahead, self.forecast.changes, self.latency.frames, ahead)
+        lowest, highest = levels[0] + rises.min(), levels[-1] + rises.max()
+        known = np.linspace(lowest, highest, math.ceil((highest - lowest) / BIN) + 1)
+        shifted = levels + rises[:, None]
+        worth, metric = (shares @ np.interp(shifted, known, values) for values in self._worth(known, moving))
+        return float(shares @ rises), worth, metric
 
     def _worth(self, levels: NDArray[np.float64], moving: bool) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """(worth, metric of the left camera) over levels under the present light.

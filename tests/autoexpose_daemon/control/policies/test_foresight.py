@@ -1,0 +1,99 @@
+"""What an earlier drive foretells, and how far it is believed."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from autoexpose_daemon.control.light_ahead import LightAhead
+from autoexpose_daemon.control.policies.metric_map.foresight import (
+    LEAST_BELIEF,
+    MOST_BELIEF,
+    UNPROVEN,
+    WINDOW_FRAMES,
+    Foresight,
+)
+
+BEHIND, TO_MOUTH = 100, 8
+STILL = [0.0] * WINDOW_FRAMES
+
+
+def tunnel(in_frames: int, spread_frames: float = 2.0) -> LightAhead:
+    """A series whose light falls by 6 stops `in_frames` from now, for good."""
+    levels = np.where(np.arange(200) < BEHIND + in_frames, 8.0, 14.0)
+    return LightAhead(tuple(levels.tolist()), BEHIND, spread_frames)
+
+
+def expected(
+    foresight: Foresight, ahead: LightAhead, changes: list[float], frames: int, otherwise: float = 0.0
+) -> float:
+    rises, shares = foresight.rises(ahead, changes, frames, otherwise)
+    assert shares.sum() == pytest.approx(1.0) and (shares >= 0).all()
+    return float(shares @ rises)
+
+
+def test_a_believed_mouth_is_expected_when_the_frame_to_come_lies_beyond_it() -> None:
+    far, near = Foresight(MOST_BELIEF), Foresight(MOST_BELIEF)
+    assert expected(far, tunnel(30), STILL, 2) == pytest.approx(0.0, abs=0.01)
+    assert expected(near, tunnel(8), STILL, 16) == pytest.approx(-6.0 * MOST_BELIEF, abs=0.2)
+
+
+def test_where_the_mouth_may_lie_on_either_side_both_are_expected() -> None:
+    rises, shares = Foresight(MOST_BELIEF).rises(tunnel(8, spread_frames=4.0), STILL, 8, 0.0)
+    assert rises.tolist() == [-6.0, 0.0, 0.0]
+    assert shares[0] == pytest.approx(MOST_BELIEF / 2, abs=0.1)
+
+
+def test_light_that_fell_already_is_not_expected_to_fall_again() -> None:
+    """The mouth came three frames early."""
+    fell = [*STILL[:-1], -6.0]
+    assert expected(Foresight(MOST_BELIEF), tunnel(3), fell, 8) == pytest.approx(0.0, abs=0.2)
+
+
+def test_what_has_foretold_nothing_yet_is_believed_less_than_a_half() -> None:
+    assert expected(Foresight(), tunnel(8), STILL, 16) == pytest.approx(-6.0 * UNPROVEN, abs=0.2)
+
+
+def test_a_series_that_is_wrong_leaves_the_forecast_as_it_is() -> None:
+    long_past = tunnel(-20)  # the light should have fallen a third of a second ago
+    assert expected(Foresight(MOST_BELIEF), long_past, STILL, 2, otherwise=0.5) == pytest.approx(0.5, abs=0.05)
+
+
+@pytest.mark.parametrize(("fell", "belief"), [(-6.0, MOST_BELIEF), (0.0, LEAST_BELIEF)])
+def test_belief_is_earned_and_lost_by_changes_that_come_or_do_not(fell: float, belief: float) -> None:
+    foresight, changes = Foresight(), list(STILL)
+    for frame in range(-30, 90):
+        changes = [*changes[1:], fell if frame == 0 else 0.0]
+        foresight.rises(tunnel(-frame), changes, 2, 0.0)
+    assert foresight.belief == pytest.approx(belief, abs=0.02)
+
+
+def test_a_series_without_changes_proves_nothing() -> None:
+    foresight, even = Foresight(), LightAhead((9.0,) * 200, BEHIND, 2.0)
+    for change in (0.0, 2.0, -3.0):
+        assert expected(foresight, even, [change] * 4, 2, otherwise=0.25) == pytest.approx(0.25 * (1 - UNPROVEN))
+    assert foresight.belief == pytest.approx(UNPROVEN)
+
+
+@given(
+    levels=st.lists(st.floats(-100, 100), min_size=1, max_size=40),
+    spread=st.floats(0, 32),
+    changes=st.lists(st.floats(-30, 30), max_size=96),
+    frames=st.integers(1, 32),
+)
+def test_any_series_and_any_light_give_probabilities(
+    levels: list[float], spread: float, changes: list[float], frames: int
+) -> None:
+    foresight = Foresight()
+    expected(foresight, LightAhead(tuple(levels), len(levels) // 2, spread), changes, frames)
+    assert LEAST_BELIEF <= foresight.belief <= MOST_BELIEF
+
+
+@pytest.mark.parametrize(
+    ("levels", "now", "spread"), [((), 0, 1.0), ((1.0,), 1, 1.0), ((1.0,), 0, float("nan")), ((float("inf"),), 0, 1.0)]
+)
+def test_a_series_that_makes_no_sense_is_refused(levels: tuple[float, ...], now: int, spread: float) -> None:
+    with pytest.raises(ValueError, match=r"frame|spread|level"):
+        LightAhead(levels, now, spread)
