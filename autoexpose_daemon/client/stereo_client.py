@@ -26,8 +26,10 @@ from autoexpose_daemon.messages.keys import (
     check_rig_name,
     consumer_key,
     last_but,
+    light_ahead_key,
     side_of,
 )
+from autoexpose_daemon.messages.light import LightSeries, light_ahead
 from autoexpose_daemon.messages.read import DamagedMessageError
 from autoexpose_daemon.publish.session import Endpoints, SessionHolder
 from autoexpose_daemon.status.document import response_from_json
@@ -95,6 +97,8 @@ class StereoClient:
         endpoints = Endpoints(connect=() if zenoh_file is not None else connect, file=zenoh_file)
         self._holder = SessionHolder("client", endpoints, self._serve, self._on_trouble)
         self._close_session: Callable[[], object] | None = None
+        self._session: zenoh.Session | None = None
+        self._sending = threading.Lock()
 
     @property
     def tally(self) -> ConsumerTally:
@@ -113,6 +117,12 @@ class StereoClient:
         with self._news:
             self._news.wait_for(lambda: len(self._queue) or self._holder.closed.is_set(), timeout_s)
             return self._queue.take() if len(self._queue) and not self._holder.closed.is_set() else None
+
+    def send_light_ahead(self, series: LightSeries) -> None:
+        """Tell the daemon what an earlier drive saw of the light around here, if it is connected."""
+        with self._sending:
+            if self._session is not None:
+                self._session.put(light_ahead_key(self._rig), light_ahead(series, time.time_ns()))
 
     def close(self) -> None:
         """Leave the daemon; iterations end."""
@@ -144,11 +154,14 @@ class StereoClient:
     def _serve(self, session: zenoh.Session) -> None:
         self._holder.subscribe(session, all_of_rig(self._rig), self._receive, _RING_MESSAGES)
         key = consumer_key(self._rig, self._name)
+        self._session = session
         while True:
             with contextlib.suppress(zenoh.ZError):  # the next report holds these counts too
                 session.put(key, self._tally.to_json())
             if self._holder.closed.wait(_REPORT_S):
-                return
+                break
+        with self._sending:
+            self._session = None
 
     def _receive(self, key: str, data: bytes) -> None:
         takes: dict[str, _Take] = {

@@ -5,6 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
+WINDOW_FRAMES: Final = 60
+"""The light of the last second says where along a series the rig is, and whether the series is right."""
+
+SPREADS: Final = 3
+"""How many standard deviations along a series the rig may be elsewhere."""
+
+UNPROVEN: Final = 0.4
+"""Belief in a series that has not foretold anything yet. Less than a half: it cannot move the exposure far."""
+
 MOST_LEVELS: Final = 512
 WIDEST_SPREAD_FRAMES: Final = 32.0
 """Beyond these, a series is not used."""

@@ -144,6 +144,11 @@ class ControlLoop:
         return self._policy.uncounted
 
     @property
+    def light_belief(self) -> float | None:
+        """How far the latest decision believed the light ahead, 0 to 1; None: it knew none, or the policy uses none."""
+        return None if self.light_ahead is None else self._policy.light_belief
+
+    @property
     def flicker_hz(self) -> float | None:
         """The flicker of the light that was found, flashes per second; None: none, or it is not looked for."""
         return None if self._flicker is None else self._flicker.flicker_hz

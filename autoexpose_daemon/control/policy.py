@@ -239,6 +239,11 @@ class ExposurePolicy(ABC):
     shortfall: str | None = None
 
     @property
+    def light_belief(self) -> float | None:
+        """How far light ahead is believed, 0 to 1; None: the policy uses none."""
+        return None
+
+    @property
     def uncounted(self) -> Mapping[Side, str]:
         """The cameras whose frames do not count at present, and why, in words after "left camera"."""
         return {}

@@ -87,6 +87,11 @@ def registration_key(rig: str) -> str:
     return f"autoexpose/{rig}/registration"
 
 
+def light_ahead_key(rig: str) -> str:
+    """Where `autoexpose repeat` says how the light of an earlier drive changes, for the daemon."""
+    return f"autoexpose/{rig}/light_ahead"
+
+
 def response_key(rig: str, side: Side | Literal["*"]) -> str:
     """Where the response function of a camera goes; `*` for all of them."""
     return f"autoexpose/{rig}/{side}/response"

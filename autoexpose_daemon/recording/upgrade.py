@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from autoexpose_daemon.control.policies.metric_map.foresight import UNPROVEN
+from autoexpose_daemon.control.light_ahead import UNPROVEN
 from drivers.frames import SIDES
 
 FORMER_FORMATS = ("autoexpose-control/2", "autoexpose-control/3")

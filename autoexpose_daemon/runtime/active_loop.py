@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 
 from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.runtime.tuning import Tuning
 from drivers.exposure import ExposureLimits
@@ -50,12 +51,14 @@ class ActiveLoop:
         if self._limits:
             self._install(loop)
 
-    def step(self, pair: StereoPair, angular_rate_rad_s: float | None) -> Decision | None:
-        """Decide on a pair, given the angular rate if known; None before a camera is ready."""
+    def step(
+        self, pair: StereoPair, angular_rate_rad_s: float | None, light_ahead: LightAhead | None
+    ) -> Decision | None:
+        """Decide on a pair, given the angular rate and the light ahead if known; None before a camera is ready."""
         if self.loop is None:
             return None
         known_hz = self.loop.flicker_hz
-        decision = self.loop.step(pair, angular_rate_rad_s)
+        decision = self.loop.step(pair, angular_rate_rad_s, light_ahead)
         if self.loop.flicker_hz != known_hz:
             log.info("%s", _flicker_in_words(self.loop.flicker_hz))
         self._newest = pair

@@ -17,6 +17,7 @@ import numpy as np
 
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.control.loop import ControlLoop
+from autoexpose_daemon.runtime.foretold_light import ForetoldLight
 from autoexpose_daemon.runtime.outlet import Outlet
 from autoexpose_daemon.runtime.rig_control import RigControl
 from autoexpose_daemon.runtime.tuning import Tuning
@@ -98,6 +99,10 @@ class Daemon:
     def follow_imu(self, imu: AbstractContextManager[Any], angular_rate: Callable[[], float | None]) -> None:
         """Have control ask for an angular rate before each decision (rad/s; None: unknown); `run` opens `imu`."""
         self._imu, self._control.angular_rate = imu, angular_rate
+
+    def follow_light(self, light: ForetoldLight) -> None:
+        """Have control ask for the light ahead before each decision."""
+        self.telemetry.light_ahead, self._control.light_ahead = light.tally, light
 
     def run(self, stop: threading.Event) -> None:
         """Run until `stop` is set, then stop and release the cameras.

@@ -11,6 +11,7 @@ from typing import Protocol
 
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.runtime.active_loop import ActiveLoop
 from autoexpose_daemon.runtime.outlet import Outlet
 from autoexpose_daemon.runtime.rig_health import RigHealth
@@ -54,6 +55,9 @@ class RigControl:
         Called with every pair.
     angular_rate
         Called before each decision: how fast the camera turns, rad/s; None: unknown.
+    light_ahead
+        Called before each decision with the time of its frame (CLOCK_MONOTONIC, ns): what an earlier drive saw; None:
+        unknown.
     record
         What became of every trigger and write.
     active
@@ -71,6 +75,7 @@ class RigControl:
         self.telemetry = Telemetry()
         self.outlets: list[Outlet] = []
         self.angular_rate: Callable[[], float | None] = lambda: None
+        self.light_ahead: Callable[[int], LightAhead | None] = lambda _: None
         lines = dict.fromkeys(config.triggered_sides, config.trigger.line)
         self.record = RigRecord(tuple(config.sides), lines, config.trigger.rate_hz, now_ns())
         self.active = ActiveLoop(Tuning(config))
@@ -129,7 +134,8 @@ class RigControl:
 
     def _step(self, pair: StereoPair) -> None:
         started_ns = self._now_ns()
-        decision = self.active.step(pair, self.angular_rate())
+        taken_ns = min(frame.host_time_ns for frame in pair.frames.values())
+        decision = self.active.step(pair, self.angular_rate(), self.light_ahead(taken_ns))
         if decision is None or self.active.loop is None:
             return
         decided_ns = self._now_ns()
@@ -138,6 +144,8 @@ class RigControl:
         self.telemetry.decision_ms.add_ns(decided_ns - started_ns)
         self.telemetry.decided(decision, self.active.loop.setup.limits)
         self.telemetry.flicker_hz = self.active.loop.flicker_hz
+        if self.telemetry.light_ahead is not None:
+            self.telemetry.light_ahead.belief = self.active.loop.light_belief
         self._health.counted(pair, self.active.loop.uncounted)
         if decision.setting != self._asked:
             self._asked = decision.setting

@@ -14,6 +14,7 @@ from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.messages.keys import response_key, status_key
 from autoexpose_daemon.runtime.angular_rate import AngularRate
 from autoexpose_daemon.runtime.daemon import Daemon
+from autoexpose_daemon.runtime.foretold_light import ForetoldLight
 from autoexpose_daemon.status.describe import describe
 from autoexpose_daemon.status.document import response_to_json
 from autoexpose_daemon.status.publishing import PublishTally
@@ -58,7 +59,9 @@ def add_outlets(daemon: Daemon, config: Config, recorder: Recorder | None = None
         log.warning("frames are not published: %s", trouble)
         daemon.telemetry.publishing = PublishTally(trouble=trouble)
         return daemon
-    publisher = Publisher(config.publish, len(config.sides), partial(_texts, daemon))
+    light = ForetoldLight(config.trigger.rate_hz)
+    daemon.follow_light(light)
+    publisher = Publisher(config.publish, len(config.sides), partial(_texts, daemon), light)
     daemon.outlets.append(publisher)
     daemon.telemetry.publishing = publisher.tally
     return daemon

@@ -11,6 +11,7 @@ from pydantic import AfterValidator, Field, TypeAdapter, ValidationError
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.status.counters import Count, Counts
 from autoexpose_daemon.status.imu import ImuTally
+from autoexpose_daemon.status.light import LightTally
 from autoexpose_daemon.status.publishing import ConsumerTally
 from autoexpose_daemon.status.states import Health, State
 from calibration.response import CurveDocument, ResponseFunction
@@ -151,6 +152,8 @@ class Status:
         The latest, oldest first.
     imu
         None where none is configured.
+    light_ahead
+        What became of the light that `autoexpose repeat` foretold; None where nothing is published.
     flicker_hz
         The flicker of the light that was found; None: none, or `control.flicker_hz` is a number.
     """
@@ -179,6 +182,7 @@ class Status:
     recorder: RecorderStatus | None
     faults: Annotated[tuple[Fault, ...], _Few]
     imu: ImuTally | None = None
+    light_ahead: LightTally | None = None
     flicker_hz: _Hertz | None = None
 
     @property

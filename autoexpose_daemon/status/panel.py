@@ -11,6 +11,7 @@ from autoexpose_daemon.status.counters import anomalies
 from autoexpose_daemon.status.document import CameraStatus, DurationStatus, PublishStatus, Status
 from autoexpose_daemon.status.durations import DURATIONS
 from autoexpose_daemon.status.imu import ImuTally
+from autoexpose_daemon.status.light import LightTally
 from autoexpose_daemon.status.losses import lost_in_words
 from autoexpose_daemon.status.states import State
 from drivers.exposure import ExposureSetting
@@ -100,6 +101,8 @@ def _responses(status: Status) -> Iterator[tuple[str, str]]:
 def _outlets(status: Status) -> Iterator[tuple[str, str]]:
     if status.imu is not None:
         yield "imu", _imu(status.imu)
+    if status.light_ahead is not None and (status.light_ahead.messages or status.light_ahead.refused):
+        yield "light ahead", _light_ahead(status.light_ahead)
     if status.publishing is not None:
         yield from _publishing(status.publishing)
     if status.recorder is not None:
@@ -110,6 +113,11 @@ def _outlets(status: Status) -> Iterator[tuple[str, str]]:
 def _imu(imu: ImuTally) -> str:
     used = "not used" if imu.angular_rate_rad_s is None else f"{imu.angular_rate_rad_s:.2f} rad/s"
     return f"{used}   {imu.samples} samples, refused: {imu.refused or 'none'}"
+
+
+def _light_ahead(light: LightTally) -> str:
+    used = "not used" if light.belief is None else f"believed to {light.belief:.0%}"
+    return f"{used}   {light.messages} messages, refused: {light.refused or 'none'}"
 
 
 def _publishing(publishing: PublishStatus) -> Iterator[tuple[str, str]]:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.status.counters import Counts
 from autoexpose_daemon.status.imu import ImuTally
+from autoexpose_daemon.status.light import LightTally
 from autoexpose_daemon.status.publishing import PublishTally
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Side, StereoPair
@@ -91,6 +92,8 @@ class Telemetry:
         Counts of the publisher and of the recorder; None without one.
     imu
         What became of the IMU's samples; None without one.
+    light_ahead
+        What became of the light that `autoexpose repeat` foretold; None where nothing is published.
     flicker_hz
         The flicker of the light that was found; None: none, or it is not looked for.
     """
@@ -117,6 +120,7 @@ class Telemetry:
     publishing: PublishTally | None = None
     recorder: RecorderCounts | None = None
     imu: ImuTally | None = None
+    light_ahead: LightTally | None = None
     flicker_hz: float | None = None
     _recent_ns: deque[int] = field(default_factory=lambda: deque(maxlen=120))
 

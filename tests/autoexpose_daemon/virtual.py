@@ -32,13 +32,14 @@ class SteadyLoop:
 
     shortfall = None
     flicker_hz: float | None = None
+    light_belief: float | None = None
     uncounted: Mapping[Side, str] = MappingProxyType({})
 
     def __init__(self, limits: ExposureLimits, setting: ExposureSetting) -> None:
         self.setup = dataclasses.make_dataclass("Setup", ["limits"])(limits)
         self._decision = Decision(setting, setting.level, "steady", 0.5, 0.0, 0.0, 0.0)
 
-    def step(self, pair: StereoPair, _angular_rate_rad_s: float | None = None) -> Decision:
+    def step(self, pair: StereoPair, *_: object) -> Decision:
         return self._decision
 
 

@@ -47,6 +47,7 @@ class ScriptedLoop:
 
     shortfall = None
     flicker_hz: float | None = None
+    light_belief: float | None = None
     uncounted: Mapping[Side, str] = MappingProxyType({})
 
     def __init__(self, limits: ExposureLimits, clock: Clock) -> None:
@@ -54,7 +55,7 @@ class ScriptedLoop:
         self._clock = clock
         self._decision: dict[int, Decision] = {}
 
-    def step(self, pair: StereoPair, _angular_rate_rad_s: float | None = None) -> Decision:
+    def step(self, pair: StereoPair, *_: object) -> Decision:
         self._clock.now_ns += (1 + pair.trigger % 5) * MS
         tenths = pair.reference.host_time_ns // (100 * MS)
         level = 10.0 + round(1.5 * math.sin(tenths * math.tau / 200), 1) + (0.5 if tenths // 70 % 2 else 0.0)

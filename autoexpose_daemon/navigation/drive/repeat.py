@@ -9,7 +9,9 @@ from dataclasses import dataclass
 
 from autoexpose_daemon.client import ReceivedPair, StereoClient
 from autoexpose_daemon.messages.keys import registration_key
+from autoexpose_daemon.messages.light import LightSeries
 from autoexpose_daemon.messages.robot import registration
+from autoexpose_daemon.navigation.drive.light import LightMemory, LightTrail, nearest_in_hour
 from autoexpose_daemon.navigation.drive.motion import STANDSTILL, Velocity
 from autoexpose_daemon.navigation.drive.progress import Progress
 from autoexpose_daemon.navigation.drive.repetition import Repetition, View
@@ -59,6 +61,8 @@ class Repeater:
             now_s = time.time()
             sought = [best(MODELS[predict](file.history(place))(now_s)) for place in places]
         self.repetition = Repetition(file.info, file.taught_path(), places, finder, strategy, sought=sought)
+        self._trail = LightTrail()
+        self._light = self._remembered_light()
         self._run: Run | None = None
         self._start_m: float | None = None
 
@@ -76,6 +80,7 @@ class Repeater:
         self._remember(self.repetition.look(image, self.from_start_m(driven_m), time.monotonic_ns()))
         view = self.repetition.view
         assert view is not None
+        self._trail.see(view.distance_m, pair.decision)
         self.tally.frames += 1
         self.tally.registered += view.shift_px is not None
         return view
@@ -84,11 +89,28 @@ class Repeater:
         """At the end of the path: remember the last local map, too."""
         self._remember(self.repetition.end())
 
+    def close(self) -> None:
+        """At the end of the drive, wherever: remember the light up to there."""
+        if self._run is not None:
+            self._file.add_light(self._run, self._trail.new_rows())
+
+    def light_ahead(self, driven_m: float, speed_m_s: float) -> LightSeries | None:
+        """What an earlier drive saw of the light around here; None if that is not known, or the robot hardly moves."""
+        if self._light is None:
+            return None
+        return self._light.series(self.from_start_m(driven_m) + self.repetition.correction_m, speed_m_s)
+
     def _remember(self, passed: tuple[int, Passing] | None) -> None:
         if passed is not None and self._run is not None:
             index, passing = passed
             places = self.repetition.places
             places[index] = self._file.pass_place(self._run, places[index], passing, time.time())
+            self._file.add_light(self._run, self._trail.new_rows())
+
+    def _remembered_light(self) -> LightMemory | None:
+        rows = {run: rows for run in self._file.runs() if (rows := self._file.light(run))}
+        run = nearest_in_hour(rows, time.time())
+        return None if run is None else LightMemory.of(rows[run])
 
     def from_start_m(self, driven_m: float) -> float:
         """How far the robot has driven since its first frame, at the start of the path."""
@@ -116,12 +138,16 @@ def repeat(repeater: Repeater, source: Source, stop: threading.Event, progress: 
                 tally.distance_m = driven_m + repetition.correction_m
                 if drives:
                     robot.command(velocity)
+                light = repeater.light_ahead(robot.distance_m, velocity.forward_m_s)
+                if light is not None:
+                    client.send_light_ahead(light)
                 if pair is not None and view is not None:
                     robot.send(registration_key(source.rig), _message(pair, view, repetition, velocity, tally.stop))
                 progress.say(robot.trouble or _line(tally, repetition.length_m, view or repetition.view, velocity))
         finally:
             if drives:
                 robot.command(STANDSTILL)
+            repeater.close()
     if tally.stop is Stop.END:
         repeater.end()
     share = f"{tally.registered} of {tally.frames} frames registered"

@@ -9,6 +9,7 @@ from pathlib import Path
 from autoexpose_daemon.client import ReceivedPair, StereoClient
 from autoexpose_daemon.client.status_client import StatusClient
 from autoexpose_daemon.navigation.drive.lesson import Lesson
+from autoexpose_daemon.navigation.drive.light import LightTrail
 from autoexpose_daemon.navigation.drive.motion import Velocity
 from autoexpose_daemon.navigation.drive.progress import Progress
 from autoexpose_daemon.navigation.drive.robot import Robot
@@ -35,6 +36,7 @@ class Teacher:
         self.places = 0
         self._path, self._focal_length_px, self._detector = path, focal_length_px, detector
         self._lesson = Lesson(FINDERS[detector]())
+        self._trail = LightTrail()
         self._file: MapFile | None = None
         self._run: Run | None = None
         self._start_m = 0.0
@@ -53,21 +55,24 @@ class Teacher:
             self._file = MapFile(self._path, MapInfo(width, height, self._focal_length_px, self._detector, policy))
             self._run = self._file.begin_run("teach", time.time())
             self._start_m = distance_m
+        self._trail.see(distance_m - self._start_m, pair.decision)
         taught = self._lesson.look(image, pair.left.setting, distance_m - self._start_m)
         if taught is not None:
             with self._turn:
                 speeds = self._lesson.new_speeds()
             self._file.add_place(self._run, taught, speeds)
+            self._file.add_light(self._run, self._trail.new_rows())
             self.places += 1
 
     def end(self, distance_m: float) -> float:
         """Close the map; returns the length of the path (m), 0 if none was begun."""
-        if self._file is None:
+        if self._file is None or self._run is None:
             return 0.0
         length_m = distance_m - self._start_m
         with self._turn:
             self._lesson.drive(Velocity(0.0, 0.0), length_m)
             self._file.add_speeds([*self._lesson.new_speeds(), (length_m, 0.0, 0.0)])
+        self._file.add_light(self._run, self._trail.new_rows())
         self._file.close()
         return length_m
 

@@ -12,7 +12,7 @@ from drivers.config.files import open_regular
 from drivers.config.readable import readable
 from drivers.errors import AutoexposeError
 
-FORMAT: Final = 1
+FORMAT: Final = 2
 """`PRAGMA user_version`: counted up when files can no longer be read as before."""
 
 APPLICATION: Final = 0x4145_4D50
@@ -34,9 +34,12 @@ TABLES: Final = (
     "removed INTEGER, PRIMARY KEY (place, id)) STRICT, WITHOUT ROWID",
     "CREATE TABLE observation (place INTEGER NOT NULL, run INTEGER NOT NULL, time_s REAL NOT NULL, "
     "states BLOB NOT NULL, PRIMARY KEY (place, run)) STRICT, WITHOUT ROWID",
+    "CREATE TABLE light (id INTEGER PRIMARY KEY, run INTEGER NOT NULL, distance_m REAL NOT NULL, "
+    "level REAL NOT NULL) STRICT",
 )
 """`feature.added` and `.removed` are runs. `observation.states` has a byte for each feature that the place had before
-that run, by ascending id: those added before it, and not removed before it."""
+that run, by ascending id: those added before it, and not removed before it. `light.level` is
+the exposure level that served there, stops."""
 
 
 class MapError(AutoexposeError):

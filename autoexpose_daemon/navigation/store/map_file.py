@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import sqlite3
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -34,6 +35,9 @@ from drivers.exposure import ExposureSetting
 
 SpeedRow = tuple[float, float, float]
 """Distance (m), forward (m/s) and turn (rad/s, positive to the left)."""
+
+LightRow = tuple[float, float]
+"""Distance (m), and the exposure level that served there (stops)."""
 
 _PRESENT = "added < :run AND (removed IS NULL OR removed >= :run)"
 _NOW = "removed IS NULL"
@@ -113,6 +117,22 @@ class MapFile:
         with self._transaction() as connection:
             _insert_speeds(connection, speeds)
 
+    def add_light(self, run: Run, light: Sequence[LightRow]) -> None:
+        """Exposure levels that served along a drive, in the order of driving."""
+        with self._transaction() as connection:
+            connection.executemany(
+                "INSERT INTO light (run, distance_m, level) VALUES (?, ?, ?)", [(run.number, *row) for row in light]
+            )
+
+    def light(self, run: Run) -> list[LightRow]:
+        """What `add_light` was given for a drive."""
+        with self._checking():
+            rows = self._read("SELECT distance_m, level FROM light WHERE run = ? ORDER BY id", run.number)
+            light = [(distance_m, level) for distance_m, level in (finite(*row) for row in rows)]
+            if any(later[0] < earlier[0] for earlier, later in itertools.pairwise(light)):
+                raise RowError("light at distances that fall along the path")
+            return light
+
     def pass_place(self, run: Run, place: Place, passing: Passing, time_s: float) -> Place:
         """What a passing showed of a local map and changed in it; returns the local map as it is now."""
         after, added = passing.after, passing.after.take(passing.added)
@@ -138,7 +158,7 @@ class MapFile:
         return Place(place.number, place.distance_m, place.setting, next_feature, after)
 
     def forget_all_runs_but(self, newest: int) -> int:
-        """Drop observations of all but the newest drives, and features removed before; returns how many rows."""
+        """Drop what is known of all but the newest drives, and features removed before; returns how many rows."""
         numbers = [run.number for run in self.runs()]
         if newest >= len(numbers):
             return 0
@@ -146,6 +166,7 @@ class MapFile:
         with self._transaction() as connection:
             gone = connection.execute("DELETE FROM observation WHERE run < ?", (first_kept,)).rowcount
             gone += connection.execute("DELETE FROM feature WHERE removed < ?", (first_kept,)).rowcount
+            gone += connection.execute("DELETE FROM light WHERE run < ?", (first_kept,)).rowcount
         self._write("VACUUM")
         self._write("PRAGMA wal_checkpoint(TRUNCATE)")
         return gone

@@ -16,6 +16,7 @@ from autoexpose_daemon.messages.robot import odometry, read_velocity, twist
 from autoexpose_daemon.navigation.drive.motion import STANDSTILL, Pose, Velocity
 from autoexpose_daemon.publish.publisher import Publisher
 from autoexpose_daemon.publish.session import Endpoints, open_session
+from autoexpose_daemon.runtime.foretold_light import ForetoldLight
 from drivers.frames import Frame, StereoPair
 from tests.autoexpose_daemon.navigation.texture import HEIGHT, WIDTH, texture
 from tests.autoexpose_daemon.publish.steps import DECISION, SETTING, nothing
@@ -36,6 +37,8 @@ class SimulatedRobot:
         All that came.
     blind
         Whether its daemon is silent.
+    light
+        What its daemon is told of the light ahead.
     """
 
     def __init__(self, robot_at: str, daemon_at: str, heading_rad: float = 0.0) -> None:
@@ -45,7 +48,8 @@ class SimulatedRobot:
         self.blind = False
         self._robot_at = robot_at
         self._wall = np.clip(128 + 40 * texture(7, 3 * WIDTH), 0, 255).astype(np.uint8)
-        self._publisher = Publisher(PublishConfig(listen=(daemon_at,)), 2, nothing)
+        self.light = ForetoldLight(1.0 / PERIOD_S)
+        self._publisher = Publisher(PublishConfig(listen=(daemon_at,)), 2, nothing, self.light)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._live)
 

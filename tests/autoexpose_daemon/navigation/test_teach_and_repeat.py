@@ -21,7 +21,7 @@ from tests.autoexpose_daemon.navigation.simulated_robot import (
     VELOCITY,
     SimulatedRobot,
 )
-from tests.autoexpose_daemon.publish.steps import PATIENCE_S, endpoint, wait_until
+from tests.autoexpose_daemon.publish.steps import DECISION, PATIENCE_S, endpoint, wait_until
 
 pytestmark = pytest.mark.wire
 
@@ -83,11 +83,15 @@ def repeating(
 def test_a_lesson_has_local_maps_and_speeds(lap: Path) -> None:
     with MapFile(lap) as file:
         places, path = file.places(), file.taught_path()
-        assert [run.kind for run in file.runs()][:1] == ["teach"]
+        run = file.runs()[0]
+        assert run.kind == "teach"
+        light = file.light(run)
     distances_m = [place.distance_m for place in places]
     assert distances_m[0] < 0.1 and distances_m == sorted(distances_m)
     assert 2.0 <= path.length_m < 3.0
     assert len(places) > 5 and all(len(place.map) > 100 for place in places)
+    assert {level for _, level in light} == {DECISION.level}
+    assert light[-1][0] > 1.8 and len(light) > 10
     assert path.at(1.0) == (FORWARD.forward_m_s, 0.0) and path.at(path.length_m) == (0.0, 0.0)
 
 
@@ -98,6 +102,7 @@ def test_a_robot_that_starts_turned_comes_back_to_the_heading_and_stops_at_the_e
         turns = [velocity.turn_rad_s for velocity in robot.commands if velocity.forward_m_s > 0]
         assert turns and min(turns) < -0.03  # to the right
         assert robot.commands[-1] == STANDSTILL
+        assert robot.light.tally.messages > 5 and robot.light.tally.refused == 0
         assert robot.pose.x_m > 1.5
         assert abs(robot.pose.heading_rad) < math.radians(4.0)
     with MapFile(lap) as file:

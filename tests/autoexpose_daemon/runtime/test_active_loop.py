@@ -21,9 +21,9 @@ class LoopUnderLamps(SteadyLoop):
         super().__init__(ExposureLimits(20.0, 7500.0, 0.0, 30.0), ExposureSetting(2000.0, 0.0))
         self._found_hz = list(found_hz)
 
-    def step(self, pair: StereoPair, angular_rate_rad_s: float | None = None) -> Decision:
+    def step(self, pair: StereoPair, *_: object) -> Decision:
         self.flicker_hz = self._found_hz.pop(0)
-        return super().step(pair, angular_rate_rad_s)
+        return super().step(pair)
 
 
 def test_the_log_says_once_that_the_light_flickers_or_no_longer_does(caplog: pytest.LogCaptureFixture) -> None:
@@ -31,7 +31,7 @@ def test_the_log_says_once_that_the_light_flickers_or_no_longer_does(caplog: pyt
     active.loop = cast(ControlLoop, LoopUnderLamps(None, 100.0, 100.0, None))
     with caplog.at_level("INFO"):
         for _ in range(4):
-            active.step(pair, None)
+            active.step(pair, None, None)
     assert caplog.messages == [
         "the light flickers at 100 Hz: exposure times of whole periods, where they fit",
         "the light no longer flickers: any exposure time",

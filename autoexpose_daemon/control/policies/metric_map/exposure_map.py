@@ -109,6 +109,11 @@ class ExposureMap(ExposurePolicy):
         self.sides = []
 
     @property
+    def light_belief(self) -> float | None:
+        """How far light ahead is believed, 0 to 1."""
+        return self.foresight.belief
+
+    @property
     def uncounted(self) -> dict[Side, str]:
         """The cameras without a vote."""
         return {side: REMARKS[fault] for side, fault in self.votes.faults.items()}

@@ -11,24 +11,15 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from autoexpose_daemon.control.light_ahead import LightAhead
-
-WINDOW_FRAMES = 60
-"""The light of the last second says where along the series the rig is, and whether the series is right."""
+from autoexpose_daemon.control.light_ahead import SPREADS, UNPROVEN, WINDOW_FRAMES, LightAhead
 
 SCALE_STOPS = 1.0
 """Of the difference between foretold and seen changes of light; its distribution has long tails (Laplace)."""
-
-UNPROVEN = 0.4
-"""Belief in a series that has not foretold anything yet. Less than a half: it cannot move the exposure far."""
 
 LEAST_BELIEF, MOST_BELIEF = 0.05, 0.95
 
 CLEARLY_STOPS = 20.0
 """Beyond this a difference counts no more."""
-
-SPREADS = 3
-"""How many standard deviations along the series the rig may be elsewhere."""
 
 NARROWEST_FRAMES = 0.5
 

@@ -7,14 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from autoexpose_daemon.control.light_ahead import LightAhead
-from autoexpose_daemon.control.policies.metric_map.foresight import (
-    LEAST_BELIEF,
-    MOST_BELIEF,
-    UNPROVEN,
-    WINDOW_FRAMES,
-    Foresight,
-)
+from autoexpose_daemon.control.light_ahead import UNPROVEN, WINDOW_FRAMES, LightAhead
+from autoexpose_daemon.control.policies.metric_map.foresight import LEAST_BELIEF, MOST_BELIEF, Foresight
 
 BEHIND, TO_MOUTH = 100, 8
 STILL = [0.0] * WINDOW_FRAMES

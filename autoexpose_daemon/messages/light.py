@@ -1,0 +1,54 @@
+"""The light of an earlier drive, as a message."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from autoexpose_daemon.control.light_ahead import MOST_LEVELS
+from autoexpose_daemon.messages.read import DamagedMessageError, deserialise
+from autoexpose_daemon.messages.types import LIGHT_AHEAD, TYPESTORE
+
+LARGEST_LIGHT_BYTES: Final = 8 * MOST_LEVELS + 1024
+
+_types = TYPESTORE.types
+_Time, _Header = _types["builtin_interfaces/msg/Time"], _types["std_msgs/msg/Header"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LightSeries:
+    """The fields of `LightAhead.msg`; `levels` are float64, (n,)."""
+
+    levels: NDArray[np.float64]
+    now: int
+    step_s: float
+    spread_s: float
+
+
+def light_ahead(series: LightSeries, stamp_ns: int, frame_id: str = "base_link") -> bytes:
+    """A LightAhead; the stamp is CLOCK_REALTIME, ns."""
+    header = _Header(_Time(*divmod(stamp_ns, 1_000_000_000)), frame_id)
+    message = _types[LIGHT_AHEAD](header, series.levels, series.now, series.step_s, series.spread_s)
+    return bytes(TYPESTORE.serialize_cdr(message, LIGHT_AHEAD))
+
+
+def read_light_ahead(data: bytes) -> LightSeries:
+    """The series in a LightAhead.
+
+    Raises
+    ------
+    DamagedMessageError
+        When it is none, or not credible.
+    """
+    message = deserialise(data, LIGHT_AHEAD)
+    levels = np.asarray(message.levels, np.float64)
+    if not 0 <= message.now < len(levels) <= MOST_LEVELS:
+        raise DamagedMessageError(f"a LightAhead of {len(levels)} levels that is at level {message.now}")
+    if not np.abs(levels).max() <= 100.0:
+        raise DamagedMessageError("a LightAhead with a level beyond 100 stops")
+    if not (1e-3 <= message.step_s <= 10.0 and 0.0 <= message.spread_s <= 10.0):
+        raise DamagedMessageError(f"a LightAhead in steps of {message.step_s:g} s, spread {message.spread_s:g} s")
+    return LightSeries(levels, int(message.now), float(message.step_s), float(message.spread_s))
