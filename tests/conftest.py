@@ -21,7 +21,6 @@ from fake_camera.usb3.run import CAMERAS_VARIABLE
 LEFT_OUT = [Path(__file__).with_name(name) for name in ("accept", "kernel")]
 LONGEST = (
     "autoexpose_daemon/page/test_page.py",
-    "systemd/test_install.py",
     "evaluation/test_teach.py",
     "evaluation/test_fig7_fig12.py",
     "evaluation/test_prediction_experiments.py",
