@@ -72,12 +72,12 @@ def test_interpolating_the_oracle_changes_ratios_little() -> None:
     stage, first_scored = course_of("pan", "shelves", 4)
     every = SCENARIOS["pan"].oracle_every
     runs = race(stage, entrants, Oracle(stage), frames=48, first_scored=first_scored, every=every)
-    exact, between = Oracle(stage, exhaustive=True), range(first_scored + 1, 47, every)
+    exact, asked = Oracle(stage, exhaustive=True), runs[0].by_metric.best
+    between = [frame for frame in range(first_scored, 48) if frame not in asked]
     ratios: dict[str, list[float]] = {entrant.name: [] for entrant in entrants}
     for frame in between:
         stage.go_to(frame)
         for series in runs:
-            assert frame not in series.by_metric.best
             best = exact.best(series.delayed.loop.balance, series.delayed.decisions[frame].motion_px)
             assert best is not None
             ratios[series.entrant.name].append(series.metrics[frame, 0] / best.metrics[0])
