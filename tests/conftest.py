@@ -21,18 +21,23 @@ from fake_camera.usb3.run import CAMERAS_VARIABLE
 LEFT_OUT = [Path(__file__).with_name(name) for name in ("accept", "kernel")]
 LONGEST = (
     "autoexpose_daemon/page/test_page.py",
-    "systemd/test_install.py",
-    "evaluation/test_teach.py",
     "evaluation/test_fig7_fig12.py",
     "evaluation/test_prediction_experiments.py",
+    "evaluation/test_teach.py",
     "calibration/test_commands.py",
     "calibration/test_solve.py",
     "calibration/test_judge_sweep.py",
-    "evaluation/test_oracle.py",
+    "evaluation/test_arena.py",
+    "evaluation/test_race.py",
+    "fuzz/test_fuzz.py",
     "calibration/test_report.py",
     "autoexpose_daemon/control/test_snapshot.py",
     "calibration/test_drift.py",
-    "evaluation/test_arena.py",
+    "evaluation/test_worth.py",
+    "evaluation/test_oracle.py",
+    "autoexpose_daemon/page/test_access.py",
+    "evaluation/test_navigation_experiment.py",
+    "evaluation/test_navigation_lap.py",
 )
 """More than eight seconds of processor each."""
 

@@ -106,7 +106,8 @@ def _source(module: str) -> Path | None:
     return Path(spec.origin) if spec and spec.origin and spec.origin.endswith(".py") else None
 
 
-def _imports(path: Path) -> list[str]:
+@cache
+def _imports(path: Path) -> tuple[str, ...]:
     names: list[str] = []
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         match node:
@@ -114,7 +115,7 @@ def _imports(path: Path) -> list[str]:
                 names += [alias.name for alias in aliases]
             case ast.ImportFrom(module=str(module), names=aliases):
                 names += [module, *(f"{module}.{alias.name}" for alias in aliases)]
-    return names
+    return tuple(names)
 
 
 def plain(value: Any) -> Plain:

@@ -92,6 +92,7 @@ def _furnished(room: int) -> list[Surface]:
     ]
 
 
+@lru_cache(maxsize=1)
 def _lit(room: int, lux: tuple[float, float], bright_rad: float) -> list[Surface]:
     """The room with light on it: `lux[1]` around a bearing from its middle, `lux[0]` away from it."""
     surfaces = _furnished(room)

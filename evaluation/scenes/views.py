@@ -136,7 +136,8 @@ def build_views(scene: str, seed: int, gaze: Gaze, at_window: bool) -> dict[Side
         place = NEAR_WINDOW_M if at_window else (0.3 * math.cos(bearing), 0.2 * math.sin(bearing))
         heading = WINDOW_HEADING_RAD if at_window else turn * math.pi
         path = GazePath(gaze=gaze, place_m=place, heading_rad=heading)
-        return {side: RoomView(Renderer(furnished_room(seed), CAMERA), path, side) for side in ("left", "right")}
+        renderer = Renderer(furnished_room(seed), CAMERA)
+        return {side: RoomView(renderer, path, side) for side in ("left", "right")}
     interior, outdoors = _still(scene, seed, at_window)
     start = 0.0 if at_window else 0.35 * turn
 

@@ -58,7 +58,8 @@ def test_a_day_becomes_night_without_a_jump_of_the_light_by_more_than_the_lamp()
 
 
 def test_leaves_that_grew_are_the_same_every_day(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("evaluation.experiments.teach.park.MEADOW_TEXELS", 256)
+    for name, fewer in (("MEADOW_TEXELS", 256), ("HEDGES", 1), ("PANELS", 4)):
+        monkeypatch.setattr(f"evaluation.experiments.teach.park.{name}", fewer)
     still = replace(When(0, 12.0, overcast=True).daylight(0), sun_azimuth_deg=-90.0)  # a day of 0 has no wind
     before, after, again = (
         [surface.pattern for surface in park(3, replace(still, grown=grown))] for grown in (0.0, 0.5, 0.5)

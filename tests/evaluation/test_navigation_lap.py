@@ -17,7 +17,11 @@ LENGTH_M = 3.0
 
 @pytest.fixture(scope="module")
 def lesson() -> Taught:
-    return taught(TaughtPath(SEED, 12.0), SEED, DEFAULT_POLICY, LENGTH_M)
+    """In a park with coarser ground and fewer kinds of shrubs."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("evaluation.experiments.teach.park.MEADOW_TEXELS", 1024)
+        patch.setattr("evaluation.experiments.teach.park.HEDGES", 2)
+        return taught(TaughtPath(SEED, 12.0), SEED, DEFAULT_POLICY, LENGTH_M)
 
 
 def test_a_lesson_has_a_local_map_every_0_2_m(lesson: Taught) -> None:

@@ -23,15 +23,15 @@ def alone(entrant: Entrant, scenario: str, seed: int, frames: int) -> Series:
 
 
 def test_the_same_course_twice_is_the_same_to_the_bit() -> None:
-    first, second = (alone(Entrant.of("begin2022"), "step_down", 3, 40) for _ in range(2))
+    first, second = (alone(Entrant.of("begin2022"), "step_down", 3, 35) for _ in range(2))
 
     assert np.array_equal(first.levels, second.levels)
     assert np.array_equal(first.ratios, second.ratios)
 
 
 def test_the_result_of_one_does_not_depend_on_the_others() -> None:
-    together = run_course("pan", "leaves", 3, [Entrant.of("neves2009"), Entrant.of("begin2022", 3)], frames=40)[1]
-    single = alone(Entrant.of("begin2022", 3), "pan", 3, 40)
+    together = run_course("pan", "leaves", 3, [Entrant.of("neves2009"), Entrant.of("begin2022", 3)], frames=15)[1]
+    single = alone(Entrant.of("begin2022", 3), "pan", 3, 15)
 
     assert np.array_equal(together.levels, single.levels)
     assert np.array_equal(together.metrics, single.metrics)
@@ -40,7 +40,7 @@ def test_the_result_of_one_does_not_depend_on_the_others() -> None:
 
 @pytest.mark.parametrize("delay", [1, 2, 3])
 def test_a_decision_on_frame_k_applies_from_frame_k_plus_d(delay: int) -> None:
-    series = alone(Entrant.of("majer2018-full", delay), "step_down", 3, 45)
+    series = alone(Entrant.of("majer2018-full", delay), "step_down", 3, 35)
     change = series.first_scored + int(np.argmax(np.abs(np.diff(series.levels[series.first_scored - 1 :])) > 0.5))
 
     # It decides on every fifth frame, of which frame 30, the first after the step, is one.
@@ -49,8 +49,8 @@ def test_a_decision_on_frame_k_applies_from_frame_k_plus_d(delay: int) -> None:
 
 
 def test_any_maker_of_loops_may_enter() -> None:
-    by_id = alone(Entrant.of("neves2009"), "step_up", 1, 40)
-    own = alone(Entrant("own", 2, lambda *args: ControlLoop("neves2009", *args)), "step_up", 1, 40)
+    by_id = alone(Entrant.of("neves2009"), "step_up", 1, 35)
+    own = alone(Entrant("own", 2, lambda *args: ControlLoop("neves2009", *args)), "step_up", 1, 35)
 
     assert np.array_equal(by_id.levels, own.levels)
 

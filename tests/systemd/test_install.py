@@ -1,93 +1,99 @@
-"""What `make install` and `make deb` put on a robot; DESTDIR stands for the robot."""
+"""What would be installed, without installing it: our own wheel, and the files beside it.
+
+`tests/accept/test_install.py` installs everything.
+"""
 
 from __future__ import annotations
 
+import configparser
 import os
+import re
+import shutil
 import subprocess
-from collections.abc import Iterator
+import sys
+import tomllib
 from pathlib import Path
+from zipfile import ZipFile
 
 import pytest
 
 from tests import REPOSITORY
 
-CONFIG = "cameras: {left: {serial: MINE}}\n"
-FILES = [
+INSTALL_TREE = REPOSITORY / "tools/install-tree"
+PROJECT = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())
+PACKAGES: list[str] = PROJECT["tool"]["importlinter"]["root_packages"]
+NOT_SHIPPED = {".c", ".h", ".so"}
+"""The sources of the C parts, which may be shipped, and what is built on each machine."""
+
+CONFIG = "etc/autoexpose/config.yaml"
+FILES = {
     "usr/lib/systemd/system/autoexpose.service",
     "usr/lib/systemd/system/autoexpose-page.service",
     "usr/lib/sysusers.d/autoexpose.conf",
     "usr/lib/tmpfiles.d/autoexpose-usbfs-memory.conf",
     "usr/lib/udev/rules.d/60-usb3-vision.rules",
     "usr/share/doc/autoexpose-daemon/docs/service.md",
-]
-
-pytestmark = pytest.mark.timeout(300)
+}
 
 
-def output(*command: str | Path) -> str:
-    environment = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "VIRTUAL_ENV")}
-    result = subprocess.run(command, cwd=REPOSITORY, env=environment, capture_output=True, text=True, check=False)
+def output(*command: str | Path, **variables: str) -> str:
+    result = subprocess.run(
+        command, cwd=REPOSITORY, env=os.environ | variables, capture_output=True, text=True, timeout=60, check=False
+    )
     assert result.returncode == 0, result.stdout + result.stderr
     return result.stdout
 
 
+def installed_beside() -> dict[str, str]:
+    """Files in the checkout by where `tools/install-tree` puts them, as bash reads its list."""
+    (listing,) = re.findall(r"^files=\(.*?^done$", INSTALL_TREE.read_text(), re.DOTALL | re.MULTILINE)
+    words = output("bash", "-euc", f'{listing}\nprintf "%s\\n" "${{files[@]}}"').splitlines()
+    return dict(zip(words[1::2], words[::2], strict=True))
+
+
 @pytest.fixture(scope="module")
-def robot(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """A robot whose configuration was there before; the product is uninstalled from it in the end."""
-    robot = tmp_path_factory.mktemp("robot")
-    config = robot / "etc/autoexpose/config.yaml"
-    config.parent.mkdir(parents=True)
-    config.write_text(CONFIG)
-    output("make", "install", f"DESTDIR={robot}")
-    yield robot
-    output("make", "uninstall", f"DESTDIR={robot}")
-    assert [path for path in robot.rglob("*") if path.is_file() and "DEBIAN" not in path.parts] == [config]
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> ZipFile:
+    """Made of what `tools/install-tree` copies; without its C parts, which are optional and take long to compile."""
+    (copied,) = re.findall(r'^cp -r (.*) "\$source"$', INSTALL_TREE.read_text(), re.MULTILINE)
+    source = tmp_path_factory.mktemp("source")
+    for name in copied.split():
+        if (REPOSITORY / name).is_dir():
+            shutil.copytree(REPOSITORY / name, source / name, ignore=shutil.ignore_patterns("__pycache__", "*.so"))
+        else:
+            shutil.copy(REPOSITORY / name, source)
+    build = "import os, sys; os.chdir(sys.argv[1]); from setuptools import build_meta; build_meta.build_wheel('.')"
+    output(sys.executable, "-c", build, source, CC="false")
+    (file,) = source.glob("autoexpose_daemon-*.whl")
+    return ZipFile(file)
 
 
-def autoexpose(robot: Path, *arguments: str | Path) -> str:
-    return output(robot / "opt/autoexpose/bin/python", robot / "opt/autoexpose/bin/autoexpose", *arguments)
+def test_the_wheel_holds_every_file_of_our_packages_and_nothing_else(wheel: ZipFile) -> None:
+    files = [file for package in PACKAGES for file in (REPOSITORY / package).rglob("*") if file.is_file()]
+    shipped = (file for file in files if file.suffix not in NOT_SHIPPED and file.parent.name != "__pycache__")
+    ours = {file.relative_to(REPOSITORY).as_posix() for file in shipped}
+    assert {"autoexpose_daemon/page/static/page.js", "calibration/report/report.html", "drivers/py.typed"} < ours
+    held = {name for name in wheel.namelist() if ".dist-info/" not in name and not name.endswith(".c")}
+    assert held == ours
 
 
-def test_the_installed_program_runs_and_keeps_the_configuration(robot: Path) -> None:
-    assert "Auto-exposure for stereo machine-vision cameras" in autoexpose(robot, "--help")
-    assert "valid: left MINE" in autoexpose(robot, "config", "check", robot / "etc/autoexpose/config.yaml")
+def test_the_wheel_has_our_commands(wheel: ZipFile) -> None:
+    (listing,) = (name for name in wheel.namelist() if name.endswith(".dist-info/entry_points.txt"))
+    points = configparser.ConfigParser()
+    points.read_string(wheel.read(listing).decode())
+    assert points["console_scripts"]["autoexpose"] == "autoexpose_daemon.cli:main"
+    assert {"arena", "experiments", "calibrate", "map", "repeat", "teach"} == {*points["autoexpose.commands"]}
 
 
-def test_the_page_is_there_but_not_enabled(robot: Path) -> None:
-    assert "live page" in autoexpose(robot, "page", "--help")
-    (static,) = robot.glob("opt/autoexpose/lib/python3*/site-packages/autoexpose_daemon/page/static")
-    ours = REPOSITORY / "autoexpose_daemon/page/static"
-    assert {file.name for file in static.iterdir()} == {file.name for file in ours.iterdir()}
-    assert not list(robot.glob("etc/systemd/system/**/*.service"))
+def test_units_rules_and_documentation_are_there_to_be_installed() -> None:
+    listed = installed_beside()
+    assert {*listed} >= FILES
+    assert [file for file in listed.values() if not (REPOSITORY / file).is_file()] == []
+    assert (REPOSITORY / "systemd/config.yaml").is_file()
 
 
-def test_units_rules_and_documentation_are_in_place(robot: Path) -> None:
-    assert [file for file in FILES if not (robot / file).is_file()] == []
-    assert str((robot / "usr/bin/autoexpose").readlink()) == "/opt/autoexpose/bin/autoexpose"
-
-
-def test_the_tree_does_not_remember_where_it_was_made(robot: Path) -> None:
-    places = (str(robot).encode(), str(REPOSITORY).encode())
-    files = [path for path in robot.rglob("*") if path.is_file()]
-    packages = [path for path in files if "autoexpose_daemon" in str(path) or path.parent.name == "bin"]
-    assert packages
-    assert [path for path in packages if any(place in path.read_bytes() for place in places)] == []
-
-
-def test_nothing_but_aravis_comes_from_debians_python_packages(robot: Path) -> None:
-    packages = {path.name for path in robot.glob("opt/autoexpose/lib/python3*/site-packages/*")}
-    assert {"numpy", "cv2", "yaml", "pydantic", "typer", "rich", "usb", "jinja2", "matplotlib", "starlette"} <= packages
-
-
-def test_the_debian_package_holds_the_tree(robot: Path, tmp_path: Path) -> None:
-    output("tools/make-deb", robot, tmp_path)
-    (package,) = tmp_path.glob("autoexpose-daemon_*.deb")
-    control = output("dpkg-deb", "--info", package)
-    assert "Package: autoexpose-daemon" in control
-    for dependency in ("gir1.2-aravis-0.8", "python3-gi", "python3 (>= 3."):
-        assert dependency in control
-    contents = output("dpkg-deb", "--contents", package)
-    for file in (*FILES, "opt/autoexpose/bin/autoexpose", "etc/autoexpose/config.yaml"):
-        assert f" ./{file}\n" in contents
-    assert all(line.split()[1] == "root/root" for line in contents.splitlines())
-    assert "conffiles" in control
+def test_what_is_uninstalled_is_gone_except_the_configuration(tmp_path: Path) -> None:
+    for file in (*installed_beside(), "usr/bin/autoexpose", "opt/autoexpose/bin/autoexpose", CONFIG):
+        (tmp_path / file).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / file).touch()
+    output("make", "uninstall", f"DESTDIR={tmp_path}")
+    assert [path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*") if path.is_file()] == [CONFIG]

@@ -28,6 +28,17 @@ SHRUNK = """((selector, width, height) => {
 """A function of JavaScript: red of a canvas shrunk to some width and height, row by row."""
 
 
+LOOKED = """(async () => {
+  for (const until = Date.now() + 500; Date.now() < until; await new Promise((next) => setTimeout(next, 20))) {
+    if (%s) return true;
+  }
+  return false;
+})()"""
+"""Whether an expression comes true within half a second: the page looks itself, for to be asked keeps it busy."""
+
+NAVIGATED = ("navigated", "context was destroyed", "Promise was collected")
+
+
 class NavigatedError(Exception):
     """The page went elsewhere before it answered."""
 
@@ -49,7 +60,7 @@ class Tab:
         while True:
             message = json.loads(self._socket.recv(PATIENCE_S))
             if message.get("id") == number:
-                if "navigated" in str(message.get("error")) or "context was destroyed" in str(message.get("error")):
+                if any(words in str(message.get("error")) for words in NAVIGATED):
                     raise NavigatedError(method)
                 assert "error" not in message, message
                 result: dict[str, Any] = message["result"]
@@ -88,7 +99,7 @@ class Tab:
 
     def _is_true(self, expression: str) -> bool:
         try:
-            return bool(self.value(expression))
+            return bool(self.value(LOOKED % expression))
         except NavigatedError:
             return False
 

@@ -56,11 +56,17 @@ def tshark(path: Path, *arguments: str) -> list[str]:
     return process.stdout.splitlines()
 
 
-def decoded(path: Path, display_filter: str) -> list[str]:
-    """Summaries of the packets that a filter lets through, those of stream channels decoded as GVSP."""
-    ports = set(tshark(path, "-Y", f"udp && !(udp.port=={GVCP_PORT})", "-T", "fields", "-e", "udp.dstport"))
-    decode_as = [argument for port in sorted(ports) for argument in ("-d", f"udp.port=={port},gvsp")]
-    return tshark(path, *decode_as, "-Y", display_filter)
+class Decoder:
+    """A capture with all stream channels decoded as GVSP. Each start of tshark takes half a second."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        ports = set(tshark(path, "-Y", f"udp && !(udp.port=={GVCP_PORT})", "-T", "fields", "-e", "udp.dstport"))
+        self._decode_as = [argument for port in sorted(ports) for argument in ("-d", f"udp.port=={port},gvsp")]
+
+    def packets(self, display_filter: str) -> list[str]:
+        """Summaries of those that a filter lets through."""
+        return tshark(self._path, *self._decode_as, "-Y", display_filter)
 
 
 def one_session(camera: Device) -> list[Datagram]:
@@ -132,20 +138,22 @@ def session() -> list[Datagram]:
 
 def test_every_packet_of_a_session_is_decoded(session: list[Datagram], tmp_path: Path) -> None:
     write_pcap(tmp_path / "session.pcap", session)
+    decoder = Decoder(tmp_path / "session.pcap")
     control = [datagram for datagram in session if GVCP_PORT in (datagram[0][1], datagram[1][1])]
-    assert len(decoded(tmp_path / "session.pcap", "gvcp")) == len(control)
-    assert len(decoded(tmp_path / "session.pcap", "gvsp")) == len(session) - len(control)
-    assert decoded(tmp_path / "session.pcap", "_ws.malformed") == []
+    assert len(decoder.packets("gvcp")) == len(control)
+    assert len(decoder.packets("gvsp")) == len(session) - len(control)
+    assert decoder.packets("_ws.malformed") == []
 
 
 def test_wireshark_sees_what_was_sent(session: list[Datagram], tmp_path: Path) -> None:
     write_pcap(tmp_path / "session.pcap", session)
-    leaders = "\n".join(decoded(tmp_path / "session.pcap", "gvsp.format == 1"))
+    decoder = Decoder(tmp_path / "session.pcap")
+    leaders = "\n".join(decoder.packets("gvsp.format == 1"))
     assert "LEADER [Block ID: 1 Packet ID: 0] IMAGE" in leaders
-    assert decoded(tmp_path / "session.pcap", "gvsp.sizex == 720 && gvsp.sizey == 540 && gvsp.pixel == 0x01080001")
-    assert decoded(tmp_path / "session.pcap", "gvsp.status == 0x0100")  # packets sent again
-    assert decoded(tmp_path / "session.pcap", "gvsp.status == 0x800c")  # one that is not to be had
-    assert decoded(tmp_path / "session.pcap", f'gvcp.bootstrap.serialnumber == "{SERIAL}"')
+    assert decoder.packets("gvsp.sizex == 720 && gvsp.sizey == 540 && gvsp.pixel == 0x01080001")
+    assert decoder.packets("gvsp.status == 0x0100")  # packets sent again
+    assert decoder.packets("gvsp.status == 0x800c")  # one that is not to be had
+    assert decoder.packets(f'gvcp.bootstrap.serialnumber == "{SERIAL}"')
 
 
 def test_a_packet_broken_on_purpose_is_reported(session: list[Datagram], tmp_path: Path) -> None:
@@ -155,7 +163,7 @@ def test_a_packet_broken_on_purpose_is_reported(session: list[Datagram], tmp_pat
     source, destination, data = session[leader]
     for cut in (20, 30):
         write_pcap(tmp_path / "broken.pcap", [*session[:leader], (source, destination, data[:cut])])
-        assert len(decoded(tmp_path / "broken.pcap", "_ws.malformed")) == 1
+        assert len(Decoder(tmp_path / "broken.pcap").packets("_ws.malformed")) == 1
 
 
 @pytest.mark.realtime
@@ -184,10 +192,11 @@ def test_a_capture_of_stock_aravis(tmp_path: Path) -> None:
         finally:
             dumpcap.terminate()
             dumpcap.communicate(timeout=10)
-    assert len(decoded(capture, "gvcp")) > 20
-    assert len(decoded(capture, "gvsp")) > 500
-    assert decoded(capture, "udp && !gvcp && !gvsp") == []
-    assert decoded(capture, "_ws.malformed") == []
+    decoder = Decoder(capture)
+    assert len(decoder.packets("gvcp")) > 20
+    assert len(decoder.packets("gvsp")) > 500
+    assert decoder.packets("udp && !gvcp && !gvsp") == []
+    assert decoder.packets("_ws.malformed") == []
 
 
 def wait_until_captured(capture: Path) -> None:
