@@ -34,7 +34,7 @@ LOOKED = """(async () => {
   }
   return false;
 })()"""
-"""Whether an expression comes true within half a second: the page looks itself, for to be asked keeps it busy."""
+"""Whether an expression comes true within half a second. The page itself watches: questions would keep it busy."""
 
 NAVIGATED = ("navigated", "context was destroyed", "Promise was collected")
 
