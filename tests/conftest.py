@@ -16,7 +16,11 @@ import pytest
 # several times as long.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+import cv2
+
 from fake_camera.usb3.run import CAMERAS_VARIABLE
+
+cv2.setNumThreads(1)  # likewise: a second thread for each small image waits more than it works
 
 LEFT_OUT = [Path(__file__).with_name(name) for name in ("accept", "kernel")]
 LONGEST = (

@@ -62,7 +62,10 @@ def pairs_of(shots: Sequence[Shot]) -> list[tuple[int, int]]:
 
 def grey_step(shots: Sequence[Shot]) -> int:
     """The greatest common divisor of all differences between grey levels."""
-    greys = np.unique(np.concatenate([np.unique(shot.pixels) for shot in shots])).astype(np.int64)
+    seen = np.zeros(1 << 16, bool)
+    for shot in shots:
+        seen[shot.pixels] = True
+    greys = np.flatnonzero(seen)
     return int(np.gcd.reduce(np.diff(greys))) if len(greys) > 1 else 1
 
 

@@ -35,18 +35,20 @@ def fit_free(tones: Tones, within: NDArray[np.bool_], prior: InverseCurve) -> tu
     prior
         What the curve is where the sweep says nothing: differences from it are kept smooth.
     """
+    rows = _interpolation(octaves(tones.greys, prior.black), prior.octaves)
+    roughness = _roughness(prior.octaves)
     fits = []
     for smoothness in SMOOTHNESS:
-        curve, errors = _fit(tones, within, prior, smoothness)
+        curve, errors = _fit(tones, within, prior, rows, smoothness * roughness)
         fits.append((misfit(curve, tones, within), curve, errors))
     best = min(size for size, _, _ in fits)
     _, curve, errors = next(fit for fit in fits if as_well(fit[0], best))
     return curve, errors
 
 
-def _fit(tones: Tones, within: NDArray[np.bool_], prior: InverseCurve, smoothness: float) -> tuple[InverseCurve, Curve]:
-    rows = _interpolation(octaves(tones.greys, prior.black), prior.octaves)
-    rough = smoothness * _roughness(prior.octaves)
+def _fit(
+    tones: Tones, within: NDArray[np.bool_], prior: InverseCurve, rows: Curve, rough: Curve
+) -> tuple[InverseCurve, Curve]:
     curve = prior
     for _ in range(_ROUNDS):
         size = np.abs(residuals(curve, tones, within)) / tones.errors
@@ -54,10 +56,10 @@ def _fit(tones: Tones, within: NDArray[np.bool_], prior: InverseCurve, smoothnes
         trust = 1.0 / np.maximum(size / (scale * _SQUARE_UP_TO), 1.0)
         weights = np.where(within, trust / (tones.errors * curve.slope(tones.greys)) ** 2, 0.0)
         normal, right = _without_radiances(rows, weights, tones.levels)
-        steps, variances = _increasing(normal + rough, right + rough @ prior.stops)
+        steps = _increasing(normal + rough, right + rough @ prior.stops)
         stops = np.concatenate([[0.0], np.cumsum(steps)])
         curve = InverseCurve(prior.greys, stops - stops[-1], prior.black)
-    return curve, max(scale, 1.0) * np.sqrt(np.maximum(variances, 0.0))
+    return curve, max(scale, 1.0) * np.sqrt(np.maximum(_variances(normal + rough), 0.0))
 
 
 def _interpolation(at: Curve, grid: Curve) -> Curve:
@@ -94,8 +96,8 @@ def _without_radiances(rows: Curve, weights: Curve, levels: Curve) -> tuple[Curv
     return normal, right
 
 
-def _increasing(normal: Curve, right: Curve) -> tuple[Curve, Curve]:
-    """The steps between nodes, none below the least one, and the variances of the nodes relative to the middle one.
+def _increasing(normal: Curve, right: Curve) -> Curve:
+    """The steps between nodes, none below the least one.
 
     Steps that would be smaller are set to the least one and the others solved again, until all are large enough.
     """
@@ -112,5 +114,14 @@ def _increasing(normal: Curve, right: Curve) -> tuple[Curve, Curve]:
             break
         steps[low] = LEAST_STEP_STOPS
         free &= ~low
+    return steps
+
+
+def _variances(normal: Curve) -> Curve:
+    """The variances of the nodes relative to the middle one."""
+    count = len(normal)
+    sums = np.tri(count, count - 1, -1)
     relative = sums - sums[count // 2]
-    return steps, np.einsum("ij,ij->i", relative @ np.linalg.pinv(quadratic, hermitian=True), relative)
+    return np.asarray(
+        np.einsum("ij,ij->i", relative @ np.linalg.pinv(sums.T @ normal @ sums, hermitian=True), relative)
+    )

@@ -113,12 +113,14 @@ def _medians(histogram: NDArray[np.intp]) -> tuple[Curve, Curve]:
     Where the cumulative distribution crosses one half is found on its logit, in which that of noise is nearly a
     straight line: so that the median of narrow noise is not pulled to whole levels.
     """
-    below = np.cumsum(histogram.reshape(-1, GREY_LEVELS), axis=1)
-    count = below[:, -1:]
-    crossing = np.argmax(2 * below >= count, axis=1)
-    padded = np.concatenate([np.zeros_like(count), below], axis=1)
-    share = (np.take_along_axis(padded, np.stack([crossing, crossing + 1], axis=1), axis=1) + 0.5) / (count + 1.0)
+    below = np.cumsum(histogram)
+    ends = below[GREY_LEVELS - 1 :: GREY_LEVELS]
+    count = np.diff(ends, prepend=0)
+    before, first = ends - count, np.arange(len(count)) * GREY_LEVELS
+    crossing = np.maximum(np.searchsorted(below, before + (count + 1) // 2), first)
+    upto = below[crossing] - before
+    share = (np.stack([upto - histogram[crossing], upto], axis=1) + 0.5) / (count[:, None] + 1.0)
     left, right = np.log(share / (1.0 - share)).T
     slope = np.maximum(right - left, 1e-3)
     # 2.0: standard error of a median of noise whose distribution has a logit of this slope.
-    return crossing - 0.5 - left / slope, 2.0 / slope / np.sqrt(np.maximum(count[:, 0], 1))
+    return crossing - first - 0.5 - left / slope, 2.0 / slope / np.sqrt(np.maximum(count, 1))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from typing import Literal
 
 import numpy as np
@@ -18,6 +19,12 @@ MODEL = SensorModel(width=480, height=360)
 Scene = Literal["flat", "textured"]
 
 
+@cache
+def sensor_of(response: str) -> Sensor:
+    return Sensor(MODEL, 7, response)
+
+
+@cache
 def radiance(scene: Scene) -> NDArray[np.float32]:
     """A wall behind a vignetting lens, or patches of many brightnesses with texture."""
     y, x = np.mgrid[: MODEL.height, : MODEL.width]
@@ -44,7 +51,7 @@ def noisy_sweep(
     `stops` are counted from where the bright parts of the scene saturate. `light` is the factor on the light of each
     shot, one for all or one for each pixel, and `moved` by how many pixels the scene has shifted in it.
     """
-    sensor, lit = Sensor(MODEL, 7, response), radiance(scene)
+    sensor, lit = sensor_of(response), radiance(scene)
     bright = float(np.percentile(lit, 95)) * MODEL.sensitivity_e_per_lux_s
     full_us = 1e6 * MODEL.full_well_e / linear_gain(gain_db) / bright
     times_us = full_us * np.exp2(np.linspace(*stops, exposures))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import lru_cache
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,7 @@ UP_DOWN_UP = (*TIMES_US, *TIMES_US[::-1], *TIMES_US)
 Radiance = NDArray[np.float32]
 
 
-@lru_cache(maxsize=1)
+@cache
 def scene(seed: int = 0) -> Radiance:
     """A texture of all scales in light that falls off by nine stops, in lux times reflectance; wider than the image."""
     rng = np.random.default_rng(seed)
@@ -33,6 +33,12 @@ def scene(seed: int = 0) -> Radiance:
         texture += np.kron(coarse, np.ones((period, period)))[:HEIGHT, : 2 * WIDTH]
     light = np.linspace(-5.0, 4.0, HEIGHT)[:, None] + 0.3 * texture
     return (60.0 * np.exp2(light)).astype(np.float32)
+
+
+@cache
+def sensor(response: str, seed: int) -> Sensor:
+    """Its noise and its table are drawn and computed once: equal sensors give equal images."""
+    return Sensor(SensorModel(WIDTH, HEIGHT), seed, response)
 
 
 class Bench:
@@ -58,7 +64,7 @@ class Bench:
         view: Callable[[float], Radiance] = lambda time_s: scene()[:, :WIDTH],
         seed: int = 1,
     ) -> None:
-        self._sensor = Sensor(SensorModel(WIDTH, HEIGHT), seed, response)
+        self._sensor = sensor(response, seed)
         self._black_level_percent, self._pixel_format = black_level_percent, pixel_format
         self._light, self._view, self._seed = light, view, seed
 

@@ -127,8 +127,9 @@ def test_what_cannot_be_is_one_sentence(
 
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Half the exposures, for half the time."""
+    """Half the exposures, for half the time, and no plots, which take as long again."""
     monkeypatch.setattr("calibration.sources.sweep_plan.STEP_STOPS", 1.0)
+    monkeypatch.setattr("calibration.report.plots._png", lambda figure: b"")
 
 
 @contextlib.contextmanager

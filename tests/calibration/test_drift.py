@@ -17,20 +17,20 @@ from fake_camera.world.simulation import build_image_source
 from tests.calibration.true_response import true_response
 
 NAMES = ("linear", "gamma", "s_shaped")
-LIGHT = LightScript((Change(0.0, 60.0), Change(3.0, 20.0), Change(6.0, 100.0), Change(9.0, 40.0)))
+LIGHT = LightScript((Change(0.0, 60.0), Change(2.0, 20.0), Change(4.0, 100.0), Change(6.0, 40.0)))
 TIMES_US = {"linear": (700.0, 7500.0), "gamma": (250.0, 3000.0), "s_shaped": (250.0, 3000.0)}
 """Shortest and longest exposure that show something."""
 
 
 @cache
 def watches(camera: str) -> dict[str, ResponseWatch]:
-    """Eleven seconds at 60 Hz of a camera with that response, watched by who assumes each of the responses."""
+    """Seven seconds at 60 Hz of a camera with that response, watched by who assumes each of the responses."""
     source = build_image_source("room", "left", LIGHT, 1, camera)
     numbers = np.random.default_rng(1)
     shortest_us, longest_us = TIMES_US[camera]
     watches = {assumed: ResponseWatch(true_response(assumed)) for assumed in NAMES}
     frame = 0
-    while frame < 660:
+    while frame < 420:
         time_us = float(np.exp(numbers.uniform(np.log(shortest_us), np.log(longest_us))))
         for _ in range(int(numbers.integers(2, 7))):
             settings = ImageSettings(time_us, 0.0, 0.0, 1.0, "Mono8", 0, 0, 720, 540, 1, 1)

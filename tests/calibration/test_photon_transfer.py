@@ -143,7 +143,7 @@ def test_flicker_between_the_images_of_a_pair_does_not_count_as_noise() -> None:
 
 
 @given(st.floats(0.0, 50.0))
-@settings(max_examples=50)
+@settings(max_examples=20)
 def test_quantisation_is_taken_out_as_it_came_in(variance: float) -> None:
     shown = quantised(np.array([variance]))
     assert without_quantisation(shown)[0] == pytest.approx(variance, rel=0.02, abs=1e-4)

@@ -24,6 +24,8 @@ ORIGIN = Origin(
     CameraIdentity("Maker", "Model 7", "0012"), PixelFormat.MONO8, None, 0.0, datetime(2026, 11, 21, tzinfo=UTC), "ours"
 )
 TIMES_US = np.geomspace(60, 120_000, 20)
+NOISE = {"gains": [{"gain_db": 0.0, "system_gain": [0.123456, 0.002], "full_well_e": None}]}
+LATENCY = {"rate_hz": 60.0, "exposure time": {"mode_frames": 2, "frames": {2: 30}}}
 COUNT = """<script>addEventListener("load", () => {
   const broken = [...document.images].filter(image => !image.complete || !image.naturalWidth).length;
   document.body.dataset.images = document.images.length + " images, " + broken + " broken";
@@ -39,6 +41,18 @@ def solved() -> Result:
     return result_of(MadeUpCamera(gamma))
 
 
+@pytest.fixture(scope="module")
+def known(solved: Result) -> Result:
+    """The same, of a camera whose noise and latency were measured before."""
+    assert solved.file is not None
+    return solved.keeping(replace(solved.file, noise=NOISE, latency=LATENCY))
+
+
+@pytest.fixture(scope="module")
+def page(known: Result, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_report(tmp_path_factory.mktemp("report") / "left.response.yaml", known)
+
+
 def browse(page: Path, tmp_path: Path) -> tuple[str, str]:
     """The page's content after it was loaded, with its images counted, and what the browser complained of."""
     counted = tmp_path / "counted.html"
@@ -50,9 +64,8 @@ def browse(page: Path, tmp_path: Path) -> tuple[str, str]:
 
 
 @pytest.mark.needs("chromium")
-def test_the_page_opens_in_a_browser_and_needs_nothing_else(solved: Result, tmp_path: Path) -> None:
-    page = write_report(tmp_path / "left.response.yaml", solved)
-    assert page == tmp_path / "left.response.html"
+def test_the_page_opens_in_a_browser_and_needs_nothing_else(solved: Result, page: Path, tmp_path: Path) -> None:
+    assert page.name == "left.response.html"
     content, complaints = browse(page, tmp_path)
     assert complaints == ""
     assert f'data-images="{content.count("<img")} images, 0 broken"' in content
@@ -73,9 +86,8 @@ def test_the_browser_would_tell_a_broken_page(tmp_path: Path) -> None:
     assert "nothing is not defined" in complaints
 
 
-def test_the_plots_lie_beside_it(solved: Result, tmp_path: Path) -> None:
-    write_report(tmp_path / "left.response.yaml", solved)
-    plots = cv2.imread(str(tmp_path / "left.response.png"))
+def test_the_plots_lie_beside_it(page: Path) -> None:
+    plots = cv2.imread(str(page.with_suffix(".png")))
     assert plots is not None
     assert plots.shape[1] > 1000
     assert plots.std() > 10
@@ -96,19 +108,15 @@ def test_a_sweep_of_one_image_has_a_report(tmp_path: Path) -> None:
     assert "where 3 are the least" in write_report(tmp_path / "r.yaml", one).read_text(encoding="utf-8")
 
 
-def test_noise_and_latency_measured_before_stay(solved: Result, tmp_path: Path) -> None:
-    file = solved.file
-    assert file is not None
-    noise = {"gains": [{"gain_db": 0.0, "system_gain": [0.123456, 0.002], "full_well_e": None}]}
-    latency = {"rate_hz": 60.0, "exposure time": {"mode_frames": 2, "frames": {2: 30}}}
-    known = solved.keeping(replace(file, noise=noise, latency=latency))
+def test_noise_and_latency_measured_before_stay(solved: Result, known: Result, page: Path) -> None:
+    assert solved.file is not None
     assert known.file is not None
-    assert (known.file.noise, known.file.latency) == (noise, latency)
-    text = write_report(tmp_path / "r.yaml", known).read_text(encoding="utf-8")
+    assert (known.file.noise, known.file.latency) == (NOISE, LATENCY)
+    text = page.read_text(encoding="utf-8")
     assert "<th>gain db</th><th>system gain</th><th>full well e</th>" in text
     assert "<td>0</td><td>0.1235±0.0020</td><td>not seen</td>" in text
     assert "<th>exposure time: frames: 2</th><td>30</td>" in text
-    other = replace(file, origin=Origin(CameraIdentity("Maker", "Model 7", "0013")), noise={"system_gain": 1.0})
+    other = replace(solved.file, origin=Origin(CameraIdentity("Maker", "Model 7", "0013")), noise={"system_gain": 1.0})
     assert solved.keeping(other).noise == {}
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 from dataclasses import replace
+from functools import cache
 
 import cv2
 import numpy as np
@@ -16,6 +17,7 @@ from calibration.judges.solution import judge_solution
 from calibration.judges.sweep import judge_sweep
 from calibration.response import ResponseFunction
 from calibration.response.prediction import prediction_tables
+from calibration.response.solution import ResponseSolution
 from calibration.solver.solve import solve_response
 from calibration.sources.images import read_images
 from calibration.sweep import Shot, Sweep
@@ -39,13 +41,18 @@ def prediction_errors(found: ResponseFunction, true: ResponseFunction, lowest: i
     return (mine - theirs)[clear[0] & clear[1] & (grey >= lowest) & (grey <= 247)]
 
 
+@cache
+def solved(name: str, black_level_percent: float, pixel_format: str) -> tuple[Sweep, ResponseSolution]:
+    """A sweep of a sound camera, and what is recovered from it."""
+    sweep = Bench(name, black_level_percent=black_level_percent, pixel_format=pixel_format).sweep()
+    return sweep, solve_response(sweep)
+
+
 @pytest.mark.parametrize("pixel_format", ["Mono8", "Mono12"])
 @pytest.mark.parametrize("black_level_percent", [0.0, 2.0])
 @pytest.mark.parametrize("name", ["linear", "gamma", "s_shaped"])
 def test_predictions_are_those_of_the_true_curve(name: str, black_level_percent: float, pixel_format: str) -> None:
-    bench = Bench(name, black_level_percent=black_level_percent, pixel_format=pixel_format)
-    sweep = bench.sweep()
-    solution = solve_response(sweep)
+    sweep, solution = solved(name, black_level_percent, pixel_format)
     true = true_response(name, black_level_percent, cut_bits=pixel_format != "Mono8")
     lowest = max(8, true.black_level + 8)
     errors = prediction_errors(solution.response, true, lowest)
@@ -64,10 +71,10 @@ def test_predictions_are_those_of_the_true_curve(name: str, black_level_percent:
 
 
 def test_parameters_are_those_of_the_camera() -> None:
-    gamma = solve_response(Bench("gamma", black_level_percent=2.0).sweep())
+    _, gamma = solved("gamma", 2.0, "Mono8")
     assert gamma.parameters["gamma"] == pytest.approx(1 / 2.2, rel=0.01)
     assert gamma.parameters["black"] == pytest.approx(255 * 0.02 ** (1 / 2.2), abs=0.2)
-    linear = solve_response(Bench("linear", black_level_percent=2.0).sweep())
+    _, linear = solved("linear", 2.0, "Mono8")
     assert linear.parameters == {"black": pytest.approx(255 * 0.02, abs=0.1)}
 
 
@@ -81,7 +88,7 @@ def test_few_exposures_wide_apart_still_give_the_curve(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["linear", "gamma", "s_shaped"])
 def test_the_uncertainty_holds_most_of_the_error(name: str) -> None:
-    solution = solve_response(Bench(name).sweep())
+    _, solution = solved(name, 0.0, "Mono8")
     grey = np.arange(8, 248)
     error = solution.response.log2_exposure[grey] - true_response(name).log2_exposure[grey]
     error -= error[100]
@@ -130,7 +137,7 @@ def drawn_sweep(seed: int, scale: float = 1.0) -> Sweep:
     return Sweep(tuple(shots))
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(st.integers(0, 2**32 - 1))
 def test_every_solution_is_monotone_and_finite(seed: int) -> None:
     solution = solve_response(drawn_sweep(seed))
@@ -144,7 +151,7 @@ def test_every_solution_is_monotone_and_finite(seed: int) -> None:
     assert np.isfinite(solution.residual_grey)
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=5, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.floats(0.01, 100))
 def test_the_unit_of_exposure_times_does_not_matter(seed: int, scale: float) -> None:
     one, other = (solve_response(drawn_sweep(seed, factor)) for factor in (1.0, scale))

@@ -13,7 +13,7 @@ from fake_camera.world.response import CURVES
 @cache
 def true_response(name: str, black_level_percent: float = 0.0, cut_bits: bool = False) -> ResponseFunction:
     """The response function that the fake's curve stands for; `cut_bits`: of deeper pixels shifted to 8 bits."""
-    light = np.linspace(0.0, 1.0, 2_000_001)
+    light = np.concatenate([[0.0], np.geomspace(1e-9, 1.0, 200_000)])
     greys = CURVES[name](light) * (256.0 if cut_bits else 255.0)
     black_light = black_level_percent / 100.0
     black_grey = float(np.interp(black_light, light, greys))

@@ -28,7 +28,7 @@ def radiance(seed: int = 0, spread_stops: float = 1.0, shape: tuple[int, int] = 
 def expose(light: NDArray[np.float64], setting: ExposureSetting, half_scale_level: float, bits: int = 8) -> Frame:
     """A noiseless linear frame: light 1 gives half of full scale at `half_scale_level`."""
     full = 2**bits - 1
-    grey = np.rint(np.clip(light * 0.5 * 2 ** (setting.level - half_scale_level), 0, 1) * full)
+    grey = np.rint(np.minimum(light * (0.5 * 2 ** (setting.level - half_scale_level)), 1) * full)
     return Frame(grey.astype(np.uint8 if bits == 8 else np.uint16), bits, 0, 0, 0, 0, setting)
 
 

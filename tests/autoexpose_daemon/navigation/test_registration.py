@@ -99,10 +99,7 @@ def test_a_match_must_be_clearly_better_than_the_second_best() -> None:
 
 
 @pytest.mark.parametrize("kind", FINDERS)
-@pytest.mark.parametrize("rule", RULES.values(), ids=RULES)
-def test_shifted_views_are_registered_by_their_shift_and_mirrored_ones_by_its_opposite(
-    kind: str, rule: VoteRule
-) -> None:
+def test_shifted_views_are_registered_by_their_shift_and_mirrored_ones_by_its_opposite(kind: str) -> None:
     rng, scene = np.random.default_rng(2), 128.0 + 30.0 * texture(3, WIDTH + 400)
 
     def view(shift_px: int, mirror: bool) -> Features:
@@ -115,8 +112,10 @@ def test_shifted_views_are_registered_by_their_shift_and_mirrored_ones_by_its_op
     for mirror, side in ((False, 1.0), (True, -1.0)):
         taught = view(0, mirror)
         for shift_px in (-200, 37, 200):
-            won = register(taught, view(shift_px, mirror), rule).vote
-            assert won.shift_px == pytest.approx(side * shift_px, abs=1.0) and won.votes > 50
+            seen = view(shift_px, mirror)
+            for rule in RULES.values():
+                won = register(taught, seen, rule).vote
+                assert won.shift_px == pytest.approx(side * shift_px, abs=1.0) and won.votes > 50
 
 
 @pytest.mark.parametrize("kind", FINDERS)

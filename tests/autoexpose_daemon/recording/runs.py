@@ -83,7 +83,7 @@ class VirtualRun:
         return Frame(frame.pixels, self.bits, self.trigger, time_ns + 7, time_ns, time_ns + 9_000_000, frame.setting)
 
 
-def record(path: Path, run: VirtualRun, steps: int = 150) -> Path:
+def record(path: Path, run: VirtualRun, steps: int = 60) -> Path:
     """A recording of a run, nothing dropped."""
     with ContinuousRecorder(path, steps, "rig") as recorder:
         run.feed(recorder, steps)
