@@ -19,6 +19,7 @@ from typing import Self
 import zenoh
 
 from autoexpose_daemon.client.pairs import PairAssembler, PairQueue, ReceivedPair
+from autoexpose_daemon.control.light_ahead import LightSeries
 from autoexpose_daemon.messages.keys import (
     CONSUMER_NAME,
     LOOPBACK,
@@ -29,7 +30,7 @@ from autoexpose_daemon.messages.keys import (
     light_ahead_key,
     side_of,
 )
-from autoexpose_daemon.messages.light import LightSeries, light_ahead
+from autoexpose_daemon.messages.light import light_ahead
 from autoexpose_daemon.messages.read import DamagedMessageError
 from autoexpose_daemon.publish.session import Endpoints, SessionHolder
 from autoexpose_daemon.status.document import response_from_json

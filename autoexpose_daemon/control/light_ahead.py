@@ -2,8 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+LATEST_FRAMES: Final = 32
+"""Frames ahead that may be asked for: half a second at 60 Hz, longer than any camera takes to show a decision."""
 
 WINDOW_FRAMES: Final = 60
 """The light of the last second says where along a series the rig is, and whether the series is right."""
@@ -17,6 +24,9 @@ UNPROVEN: Final = 0.4
 MOST_LEVELS: Final = 512
 WIDEST_SPREAD_FRAMES: Final = 32.0
 """Beyond these, a series is not used."""
+
+DIGITS: Final = 3
+"""Of a level in stops; recordings hold it in decimal digits."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,3 +56,36 @@ class LightAhead:
             raise ValueError(f"a spread of {self.spread_frames:g} frames")
         if not all(abs(level) <= 100.0 for level in self.levels):
             raise ValueError("a level beyond 100 stops")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LightSeries:
+    """The exposure levels that served on an earlier drive, as a series in time.
+
+    Attributes
+    ----------
+    levels
+        Stops, float64, (n,), in the order of driving.
+    now
+        Index of the present place.
+    step_s
+        From one level to the next at the present speed.
+    spread_s
+        Standard deviation of the error of the present place, as a time at the present speed.
+    """
+
+    levels: NDArray[np.float64]
+    now: int
+    step_s: float
+    spread_s: float
+
+    def in_frames(self, later_s: float, rate_hz: float) -> LightAhead | None:
+        """For a frame taken `later_s` after the present of the series; None where the place is too uncertain."""
+        spread_frames = self.spread_s * rate_hz
+        if spread_frames > WIDEST_SPREAD_FRAMES:
+            return None
+        reach = math.ceil(SPREADS * spread_frames)
+        frames = np.arange(-WINDOW_FRAMES - reach, LATEST_FRAMES + reach + 1)
+        times_s = (np.arange(len(self.levels)) - self.now) * self.step_s
+        levels = np.interp(later_s + frames / rate_hz, times_s, self.levels)
+        return LightAhead(tuple(np.round(levels, DIGITS).tolist()), WINDOW_FRAMES + reach, spread_frames)

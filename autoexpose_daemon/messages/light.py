@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from autoexpose_daemon.control.light_ahead import MOST_LEVELS
+from autoexpose_daemon.control.light_ahead import MOST_LEVELS, LightSeries
 from autoexpose_daemon.messages.read import DamagedMessageError, deserialise
 from autoexpose_daemon.messages.types import LIGHT_AHEAD, TYPESTORE
 
@@ -16,16 +14,6 @@ LARGEST_LIGHT_BYTES: Final = 8 * MOST_LEVELS + 1024
 
 _types = TYPESTORE.types
 _Time, _Header = _types["builtin_interfaces/msg/Time"], _types["std_msgs/msg/Header"]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class LightSeries:
-    """The fields of `LightAhead.msg`; `levels` are float64, (n,)."""
-
-    levels: NDArray[np.float64]
-    now: int
-    step_s: float
-    spread_s: float
 
 
 def light_ahead(series: LightSeries, stamp_ns: int, frame_id: str = "base_link") -> bytes:

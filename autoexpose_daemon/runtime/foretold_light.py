@@ -2,23 +2,15 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable
 from typing import Final
 
-import numpy as np
-
-from autoexpose_daemon.control.light_ahead import SPREADS, WIDEST_SPREAD_FRAMES, WINDOW_FRAMES, LightAhead
-from autoexpose_daemon.control.loop import REMEMBERED_STEPS
-from autoexpose_daemon.messages.light import LightSeries
+from autoexpose_daemon.control.light_ahead import LightAhead, LightSeries
 from autoexpose_daemon.status.light import LightTally
 
 MOST_AGE_S: Final = 0.5
 """Of a message: a robot that has changed its speed since is elsewhere."""
-
-DIGITS: Final = 3
-"""Of a level in stops; recordings hold it in decimal digits."""
 
 
 class ForetoldLight:
@@ -58,11 +50,4 @@ class ForetoldLight:
         if newest is None or self._now_ns() - newest[1] > MOST_AGE_S * 1e9:
             return None
         series, came_ns = newest
-        spread_frames = series.spread_s * self._rate_hz
-        if spread_frames > WIDEST_SPREAD_FRAMES:
-            return None
-        reach = math.ceil(SPREADS * spread_frames)
-        frames = np.arange(-WINDOW_FRAMES - reach, REMEMBERED_STEPS + reach + 1)
-        times_s = (frame_ns - came_ns) * 1e-9 + frames / self._rate_hz
-        levels = np.interp(times_s, (np.arange(len(series.levels)) - series.now) * series.step_s, series.levels)
-        return LightAhead(tuple(np.round(levels, DIGITS).tolist()), WINDOW_FRAMES + reach, spread_frames)
+        return series.in_frames((frame_ns - came_ns) * 1e-9, self._rate_hz)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from evaluation.experiments.drives import fig7, fig12, fig13_orb_slam3
 from evaluation.experiments.experiment import Experiment
 from evaluation.experiments.navigation.navigation import EXPERIMENT as NAVIGATION
+from evaluation.experiments.navigation.second_lap import EXPERIMENT as SECOND_LAP
 from evaluation.experiments.prediction import fig1, fig3, fig10, fig11
 from evaluation.experiments.teach.teach_repeat import EXPERIMENT as TEACH
 from evaluation.experiments.worth import worth
@@ -19,6 +20,7 @@ EXPERIMENTS: tuple[Experiment, ...] = (
     fig13_orb_slam3.EXPERIMENT,
     TEACH,
     NAVIGATION,
+    SECOND_LAP,
     worth.EXPERIMENT,
     worth.TUNING,
 )

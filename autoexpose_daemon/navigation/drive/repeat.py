@@ -8,10 +8,9 @@ import time
 from dataclasses import dataclass
 
 from autoexpose_daemon.client import ReceivedPair, StereoClient
+from autoexpose_daemon.control.light_ahead import LightSeries
 from autoexpose_daemon.messages.keys import registration_key
-from autoexpose_daemon.messages.light import LightSeries
 from autoexpose_daemon.messages.robot import registration
-from autoexpose_daemon.navigation.drive.light import LightMemory, LightTrail, nearest_in_hour
 from autoexpose_daemon.navigation.drive.motion import STANDSTILL, Velocity
 from autoexpose_daemon.navigation.drive.progress import Progress
 from autoexpose_daemon.navigation.drive.repetition import Repetition, View
@@ -20,8 +19,9 @@ from autoexpose_daemon.navigation.drive.source import Source, newest_pair
 from autoexpose_daemon.navigation.drive.steering import Stop
 from autoexpose_daemon.navigation.maps.adaptation import Passing, Strategy
 from autoexpose_daemon.navigation.maps.choice import best
+from autoexpose_daemon.navigation.maps.light import LightMemory, LightTrail
 from autoexpose_daemon.navigation.maps.temporal import MODELS
-from autoexpose_daemon.navigation.store import MapError, MapFile, Run
+from autoexpose_daemon.navigation.store import MapError, MapFile, Run, nearest_in_hour
 from autoexpose_daemon.navigation.views.detectors import FINDERS
 from autoexpose_daemon.publish.session import Endpoints
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.navigation.maps.adaptation import CORRECT, LocalMap, Passing
+from autoexpose_daemon.navigation.maps.light import LightRow
 from autoexpose_daemon.navigation.maps.path import TaughtPath
 from autoexpose_daemon.navigation.maps.temporal import History
 from autoexpose_daemon.navigation.store import database
@@ -35,9 +36,6 @@ from drivers.exposure import ExposureSetting
 
 SpeedRow = tuple[float, float, float]
 """Distance (m), forward (m/s) and turn (rad/s, positive to the left)."""
-
-LightRow = tuple[float, float]
-"""Distance (m), and the exposure level that served there (stops)."""
 
 _PRESENT = "added < :run AND (removed IS NULL OR removed >= :run)"
 _NOW = "removed IS NULL"

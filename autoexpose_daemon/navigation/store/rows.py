@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, Final, Literal
 
@@ -23,6 +24,8 @@ DESCRIPTORS: Final[dict[str, tuple[np.dtype[Any], int]]] = {
 
 LARGEST_PX: Final = 1 << 16
 LONGEST_PATH_M: Final = 1e6
+
+HOUR_S, DAY_S = 3600.0, 86400.0
 
 
 class RowError(ValueError):
@@ -76,6 +79,16 @@ class Run:
     def __post_init__(self) -> None:
         if self.kind not in {"teach", "repeat"} or not 0.0 <= self.start_s < 1e11:
             raise RowError(f"a run of kind {self.kind!a} at {self.start_s:g} s")
+
+
+def nearest_in_hour(runs: Iterable[Run], now_s: float) -> Run | None:
+    """The drive whose time of the day is nearest, to the hour; the newest of those that are as near."""
+
+    def apart_h(run: Run) -> int:
+        apart_s = abs(now_s - run.start_s) % DAY_S
+        return math.floor(min(apart_s, DAY_S - apart_s) / HOUR_S)
+
+    return min(runs, key=lambda run: (apart_h(run), -run.number), default=None)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

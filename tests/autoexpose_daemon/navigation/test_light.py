@@ -9,17 +9,9 @@ import numpy as np
 import pytest
 
 from autoexpose_daemon.control.light_ahead import LightAhead
-from autoexpose_daemon.navigation.drive.light import (
-    DAY_S,
-    EVERY_M,
-    HOUR_S,
-    SLOWEST_M_S,
-    SPREAD_M,
-    LightMemory,
-    LightTrail,
-    nearest_in_hour,
-)
-from autoexpose_daemon.navigation.store import MapError, MapFile, Run
+from autoexpose_daemon.navigation.maps.light import EVERY_M, SLOWEST_M_S, SPREAD_M, LightMemory, LightTrail
+from autoexpose_daemon.navigation.store import MapError, MapFile, Run, nearest_in_hour
+from autoexpose_daemon.navigation.store.rows import DAY_S, HOUR_S
 from tests.autoexpose_daemon.navigation.test_store import INFO, START_S
 from tests.autoexpose_daemon.publish.steps import DECISION
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from autoexpose_daemon.control.light_ahead import WIDEST_SPREAD_FRAMES, WINDOW_FRAMES
-from autoexpose_daemon.messages.light import LightSeries
+from autoexpose_daemon.control.light_ahead import WIDEST_SPREAD_FRAMES, WINDOW_FRAMES, LightSeries
 from autoexpose_daemon.runtime.foretold_light import MOST_AGE_S, ForetoldLight
 
 RATE_HZ = 50.0

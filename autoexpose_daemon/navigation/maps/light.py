@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -11,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.decision import Decision
-from autoexpose_daemon.messages.light import LightSeries
-from autoexpose_daemon.navigation.store import LightRow, Run
+from autoexpose_daemon.control.light_ahead import LightSeries
 
 BLIND_SHARE: Final = 0.8
 """Of a frame's pixels black or saturated: what was decided on it was a guess."""
@@ -30,7 +28,9 @@ SPREAD_M: Final = 0.05
 SLOWEST_M_S: Final = 0.05
 """Slower, the light changes by itself sooner than by driving."""
 
-HOUR_S, DAY_S = 3600.0, 86400.0
+
+LightRow = tuple[float, float]
+"""How far along the path (m), and the level that served there (stops)."""
 
 
 class LightTrail:
@@ -81,13 +81,3 @@ class LightMemory:
         there_m = distance_m + np.arange(-behind, ahead + 1) * STEP_S * speed_m_s
         levels = np.interp(there_m, self.distances_m, self.levels)
         return LightSeries(levels, behind, STEP_S, SPREAD_M / speed_m_s)
-
-
-def nearest_in_hour(runs: Iterable[Run], now_s: float) -> Run | None:
-    """The drive whose time of the day is nearest, to the hour; the newest of those that are as near."""
-
-    def apart_h(run: Run) -> int:
-        apart_s = abs(now_s - run.start_s) % DAY_S
-        return math.floor(min(apart_s, DAY_S - apart_s) / HOUR_S)
-
-    return min(runs, key=lambda run: (apart_h(run), -run.number), default=None)
