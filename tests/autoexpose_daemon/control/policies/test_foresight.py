@@ -7,8 +7,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.light_ahead import UNPROVEN, WINDOW_FRAMES, LightAhead
+from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.policies.metric_map.foresight import LEAST_BELIEF, MOST_BELIEF, Foresight
+from calibration.response import ResponseFunction
+from drivers.exposure import ExposureSetting
+from drivers.frames import StereoPair
+from tests.autoexpose_daemon.control.scene import LIMITS, run
 
 BEHIND, TO_MOUTH = 100, 8
 STILL = [0.0] * WINDOW_FRAMES
@@ -69,6 +75,45 @@ def test_a_series_without_changes_proves_nothing() -> None:
     for change in (0.0, 2.0, -3.0):
         assert expected(foresight, even, [change] * 4, 2, otherwise=0.25) == pytest.approx(0.25 * (1 - UNPROVEN))
     assert foresight.belief == pytest.approx(UNPROVEN)
+
+
+class ToldLoop(ControlLoop):
+    """Is told with every frame what light it drives through, and how wrong by so many frames."""
+
+    off_frames = 0
+
+    def step(self, pair: StereoPair, *_: object) -> Decision:
+        now = pair.trigger + self.off_frames
+        there = np.clip(np.arange(now - 70, now + 50), 0, len(WAY) - 1)
+        return super().step(pair, None, LightAhead(tuple(np.array(WAY)[there].tolist()), 70, 2.0))
+
+
+START = ExposureSetting(300.0, 0.0)
+WAY = [8.0] * 70 + [10.0] * 30 + [8.0] * 40 + [14.0] * 60 + [8.0] * 60
+"""Levels at which half scale lies: into shade and out of it, then into a tunnel and out of it."""
+
+
+def bad_frames(loop: ControlLoop) -> int:
+    """Frames more than two stops from half scale, with a camera that shows a decision 8 frames later."""
+    levels = run(loop, WAY, START, delay=8)
+    return sum(abs(level - light) > 2.0 for level, light in zip(levels[60:], WAY[60:], strict=True))
+
+
+@pytest.mark.parametrize("off_frames", [-2, 0, 2])
+def test_on_a_second_lap_less_than_half_the_frames_are_lost_at_the_mouths(off_frames: int) -> None:
+    responses = ResponseFunction.linear()
+    told = ToldLoop("fisher-map", responses, LIMITS, START)
+    told.off_frames = off_frames
+    untold = bad_frames(ControlLoop("fisher-map", responses, LIMITS, START))
+    assert untold >= 16
+    assert bad_frames(told) < 0.5 * untold
+
+
+def test_to_be_told_of_another_place_costs_no_frame_before_it_was_right_somewhere() -> None:
+    responses = ResponseFunction.linear()
+    told = ToldLoop("fisher-map", responses, LIMITS, START)
+    told.off_frames = 200
+    assert bad_frames(told) <= bad_frames(ControlLoop("fisher-map", responses, LIMITS, START))
 
 
 @given(
