@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.balance import Balance
-from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.control.policies.metric_map.forecast import Forecast
 from autoexpose_daemon.control.policies.metric_map.foresight import Foresight
 from autoexpose_daemon.control.policies.metric_map.loop_delay import LoopDelay
@@ -63,6 +62,9 @@ NOTHING = 1e-9
 LONGEST_STEP = 0.4
 """Stops by which frames of a moving camera may come to differ in brightness from one to the next, as long as the last
 target is worth `ExposureMap.WORTH_KEEPING`: odometry must find its points again."""
+
+LEAST_FORETOLD = 1.0
+"""Stops by which light ahead must differ from the forecast to count: lesser changes are followed as well without."""
 
 LEAST_CAMERA = 0.1
 """A camera that sees less than this share of the other's metric does not get a full vote."""
@@ -207,10 +209,12 @@ class ExposureMap(ExposurePolicy):
         levels = _bins(observation.limits)
         ahead = self.forecast.ahead(self.latency.frames, steady=self.motion_px < SLOW_PX)
         moving = self.motion_px >= MOVING_PX
-        if observation.light_ahead is None:
+        rises, shares = self._rises(observation, ahead)
+        if len(rises) == 1:
             worth, metric = self._worth(levels + ahead, moving)
         else:
-            ahead, worth, metric = self._expected(observation.light_ahead, levels, ahead, moving)
+            worth, metric = self._expected(levels, rises, shares, moving)
+            ahead = float(shares @ rises)
         risen, self.ahead = change + ahead - self.ahead, ahead
         best = float(worth.max())
         if best <= 0:
@@ -228,16 +232,24 @@ class ExposureMap(ExposurePolicy):
             reason = f"metric {'rises' if target > level else 'falls'} with exposure"
         return Target(target, reason, float(np.interp(target, levels, metric)))
 
+    def _rises(self, observation: Observation, forecast: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """By how much the light may rise until a decision shows, stops, and with which probabilities."""
+        if observation.light_ahead is not None:
+            changes, frames = self.forecast.changes, self.latency.frames
+            rises, shares = self.foresight.rises(observation.light_ahead, changes, frames, forecast)
+            if np.abs(rises - forecast).max() > LEAST_FORETOLD:
+                return rises, shares
+        return np.array([forecast]), np.ones(1)
+
     def _expected(
-        self, light_ahead: LightAhead, levels: NDArray[np.float64], ahead: float, moving: bool
-    ) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
-        """The expected rise of the light, and of `_worth` its expectation over all rises; `ahead` as is forecast."""
-        rises, shares = self.foresight.rises(light_ahead, self.forecast.changes, self.latency.frames, ahead)
+        self, levels: NDArray[np.float64], rises: NDArray[np.float64], shares: NDArray[np.float64], moving: bool
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """The expectation of `_worth` over rises of the light."""
         lowest, highest = levels[0] + rises.min(), levels[-1] + rises.max()
         known = np.linspace(lowest, highest, math.ceil((highest - lowest) / BIN) + 1)
         shifted = levels + rises[:, None]
         worth, metric = (shares @ np.interp(shifted, known, values) for values in self._worth(known, moving))
-        return float(shares @ rises), worth, metric
+        return worth, metric
 
     def _worth(self, levels: NDArray[np.float64], moving: bool) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """(worth, metric of the left camera) over levels under the present light.
