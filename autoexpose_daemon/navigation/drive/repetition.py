@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.navigation.drive.motion import STANDSTILL, Velocity
-from autoexpose_daemon.navigation.drive.steering import Stop, StopRule, nearest, turn_rad_s
+from autoexpose_daemon.navigation.drive.steering import Steering, Stop, StopRule, nearest
 from autoexpose_daemon.navigation.maps.adaptation import Passing, Strategy, adapt
 from autoexpose_daemon.navigation.maps.path import TaughtPath
 from autoexpose_daemon.navigation.store import MapInfo, Place
 from autoexpose_daemon.navigation.views.detectors import AdaptiveFinder
+from autoexpose_daemon.navigation.views.expansion import expansion
 from autoexpose_daemon.navigation.views.features import Features
 from autoexpose_daemon.navigation.views.registration import RULES, Registration, register
 
@@ -21,12 +22,17 @@ LEAST_VOTES = 20
 """Of matches that must agree before the robot is steered by them. In a simulated park 38 of 40 views of the right place
 had more, and 79 of 80 that looked the other way or were from elsewhere had fewer. The paper is content with 3."""
 
-NEIGHBOUR = 5
-"""The local maps so many ahead and behind, a metre away, say whether odometry ran ahead or fell behind."""
+CORRECTION = 0.1
+"""The share that is taken over of how far a view seems to lie ahead of where the robot believes to be."""
 
-CORRECTION_M = 0.01
-"""By how much a view moves the robot along the path if it agrees with the map ahead only. Of 0, 0.01, 0.02 and 0.06,
-and neighbours 2 and 5 maps away, these kept a simulated lap closest to the path, with odometry wrong by 2 %."""
+FURTHEST_M = 0.5
+"""No view is believed to lie further away."""
+
+NEIGHBOUR = 4
+"""The local maps so many ahead and behind show how fast pictures grow there."""
+
+LEAST_GROWTH_PER_M = 0.01
+"""Pictures of what is further than 100 m away do not say where the robot is along the path."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,8 +66,8 @@ class View:
 class Repetition:
     """Follows a taught path by registering views with local maps.
 
-    The distance along the path comes from odometry, and is corrected by whether views agree more with the local maps
-    ahead or behind. The paper leaves that to turns, which on a round lap bend the robot off the path.
+    The distance along the path comes from odometry, and is corrected by how much larger or smaller a view shows what
+    the local map shows. The paper leaves that to turns, which on a round lap bend the robot off the path.
 
     Parameters
     ----------
@@ -102,7 +108,10 @@ class Repetition:
         )
         self.view: View | None = None
         self.correction_m = 0.0
-        self._focal_length_px = info.focal_length_px
+        self._steering = Steering(info.focal_length_px)
+        self._horizon_px = info.height / 2
+        self._registered_m = 0.0
+        self._growths_per_m: dict[int, float | None] = {}
         self._path, self._finder, self._strategy = path, finder, strategy
         self._distances_m = np.array([place.distance_m for place in places])
         self._nearest_view: View | None = None
@@ -131,7 +140,9 @@ class Repetition:
         self._rule.frame_ns = now_ns
         if self.view.shift_px is not None:
             self._rule.registered_m = distance_m
-            self.correction_m += CORRECTION_M * self._pull(place, features)
+            self._steering.see(self.view.shift_px, driven_m - self._registered_m)
+            self._registered_m = driven_m
+            self.correction_m += CORRECTION * self._ahead_m(self.view)
         return self._keep_nearest(self.view)
 
     def end(self) -> tuple[int, Passing] | None:
@@ -145,21 +156,34 @@ class Repetition:
         stop = self._rule.reason(distance_m, now_ns)
         if stop is not None or self.view is None:
             return STANDSTILL, stop
-        forward_m_s, taught_rad_s = self._path.at(distance_m)
-        shift_px = self.view.shift_px or 0.0
-        return Velocity(forward_m_s, turn_rad_s(taught_rad_s, shift_px, self._focal_length_px)), None
+        taught = Velocity(*self._path.at(distance_m))
+        return Velocity(taught.forward_m_s, self._steering.turn_rad_s(taught, self.view.shift_px or 0.0)), None
 
     def _register(self, place: int, features: Features) -> Registration:
-        taught = self.places[place].map.features if self._sought is None else self._sought[place]
-        return register(taught, features, RULES["overlapping"])
+        return register(self._taught(place), features, RULES["overlapping"])
 
-    def _pull(self, place: int, features: Features) -> float:
-        """How much more the local map ahead agrees with a view than the one behind, -1 to 1; 0 at the ends."""
-        behind, ahead = place - NEIGHBOUR, place + NEIGHBOUR
-        if behind < 0 or ahead >= len(self.places):
+    def _taught(self, place: int) -> Features:
+        return self.places[place].map.features if self._sought is None else self._sought[place]
+
+    def _ahead_m(self, view: View) -> float:
+        """How much further along the path than believed a view lies, by how much larger it shows things; 0: unknown."""
+        grown = expansion(self._taught(view.place), view.features, view.registration, self._horizon_px)
+        per_m = self._growth_per_m(view.place)
+        if grown is None or per_m is None:
             return 0.0
-        votes = [self._register(neighbour, features).vote.votes for neighbour in (behind, ahead)]
-        return (votes[1] - votes[0]) / max(sum(votes), 1)
+        ahead_m = grown / per_m - (view.distance_m - float(self._distances_m[view.place]))
+        return min(max(ahead_m, -FURTHEST_M), FURTHEST_M)
+
+    def _growth_per_m(self, place: int) -> float | None:
+        """How fast pictures grew there when they were taught; None where they hardly did."""
+        if place not in self._growths_per_m:
+            behind, ahead = max(place - NEIGHBOUR, 0), min(place + NEIGHBOUR, len(self.places) - 1)
+            way_m = float(self._distances_m[ahead] - self._distances_m[behind])
+            before, after = (self.places[each].map.features for each in (behind, ahead))
+            grown = expansion(before, after, register(before, after, RULES["overlapping"]), self._horizon_px)
+            grows = grown is not None and grown > LEAST_GROWTH_PER_M * way_m > 0.0
+            self._growths_per_m[place] = grown / way_m if grown and grows else None
+        return self._growths_per_m[place]
 
     def _keep_nearest(self, view: View) -> tuple[int, Passing] | None:
         before = self._nearest_view

@@ -9,9 +9,22 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from autoexpose_daemon.navigation.drive.motion import Velocity
+
 CORRECTION_PER_S = 1.5
 """How fast a heading error is turned away: the share of it per second. The authors turn by 0.001 rad/s per pixel, which
 is 0.7 with a lens of 700 pixels; a robot that drifts by a degree a metre is then 5 cm off landmarks 5 m away."""
+
+DRIFT_PER_M2 = 1.0
+"""How fast drift is learnt, rad per metre for each radian of shift and metre of way: within a few metres."""
+
+LARGEST_SHIFT_RAD = 0.03
+"""A greater one is from where the robot began, or from a wrong registration, not from drift."""
+
+LARGEST_DRIFT_RAD_PER_M = 0.1
+
+LONGEST_WAY_M = 0.2
+"""Between registrations. Over a longer one the shift was not watched."""
 
 SILENT_S = 0.5
 """Without a frame or odometry for so long, the robot stops."""
@@ -29,13 +42,38 @@ class Stop(StrEnum):
     LOST = "two metres without a registration"
 
 
-def turn_rad_s(taught_rad_s: float, shift_px: float, focal_length_px: float) -> float:
-    """How fast to turn, positive to the left.
+@dataclass(slots=True)
+class Steering:
+    """Turns towards the map (Majer et al. 2018, 3.1, with the angle of the shift in place of its pixels).
 
-    Majer et al. 2018, 3.1, with the angle of the shift in place of its pixels. A view that is shifted to the right of
-    the map is one from a robot turned to the left.
+    A view that is shifted to the right of the map is one from a robot turned to the left. A robot that drifts aside as
+    it drives would settle where its correction makes up for that, beside the path: so the drift is learnt.
+
+    Attributes
+    ----------
+    focal_length_px
+        Of the lens.
+    drift_rad_per_m
+        How much further to the left the robot turns than it is told.
     """
-    return taught_rad_s - CORRECTION_PER_S * math.atan2(shift_px, focal_length_px)
+
+    focal_length_px: float
+    drift_rad_per_m: float = 0.0
+
+    def see(self, shift_px: float, way_m: float) -> None:
+        """A view was registered `way_m` after the one before."""
+        shift_rad = _within(math.atan2(shift_px, self.focal_length_px), LARGEST_SHIFT_RAD)
+        drift_rad_per_m = self.drift_rad_per_m + DRIFT_PER_M2 * shift_rad * _within(way_m, LONGEST_WAY_M)
+        self.drift_rad_per_m = _within(drift_rad_per_m, LARGEST_DRIFT_RAD_PER_M)
+
+    def turn_rad_s(self, taught: Velocity, shift_px: float) -> float:
+        """How fast to turn, positive to the left, where `taught` was driven."""
+        correction_rad_s = CORRECTION_PER_S * math.atan2(shift_px, self.focal_length_px)
+        return taught.turn_rad_s - correction_rad_s - self.drift_rad_per_m * taught.forward_m_s
+
+
+def _within(value: float, limit: float) -> float:
+    return min(max(value, -limit), limit)
 
 
 def nearest(distances_m: NDArray[np.float64], distance_m: float) -> int:
