@@ -18,6 +18,7 @@ from tests.autoexpose_daemon.publish.steps import DECISION
 from tests.autoexpose_daemon.statuses import EXPOSING
 from tests.fuzz.of_fake_camera import ATTACH, submit
 from tests.fuzz.of_host import received
+from tests.fuzz.of_robot import map_seeds
 from tests.fuzz.target import framed
 
 _BOMB = b"a: &a {x: 1, y: 2}\n" + b"".join(
@@ -122,6 +123,7 @@ FOUND: dict[str, Iterable[bytes]] = {
         _decided(1, 1, 100.0, (0, 3)),
         _decided(1, 1, 100.0) + _decided(2**63, 2**63, 100.0),
     ),
+    "map": [each.replace(b"CREATE TABLE meta", b"CREATE TABLE m\xffta") for each in map_seeds()],
     "imu": (imu_message((math.nan, 0.0, 0.0)), imu_message((0.0, 1e308, 1e308))),
     "truth": (b"{}", b"[" * 100_000, b'{"trigger": 1, "host_time_ns": 1e999, "lux": 1}', b'{"trigger": 1, "host'),
     "tally": (

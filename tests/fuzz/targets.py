@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from autoexpose_daemon.messages.light import read_light_ahead
 from autoexpose_daemon.messages.read import DamagedMessageError, read_angular_rate
+from autoexpose_daemon.messages.robot import read_odometry, read_velocity
+from autoexpose_daemon.navigation.store import MapError
 from autoexpose_daemon.recording.step import RecordingError
 from drivers.errors import AutoexposeError, ConfigurationError
 from fake_camera.device.faults import FaultError
 from fake_camera.device.line0 import WireError
 from tests.fuzz import of_fake_camera as fake
 from tests.fuzz import of_host as host
+from tests.fuzz import of_robot as robot
 from tests.fuzz.target import Target
 
 TARGETS = (
@@ -31,6 +35,10 @@ TARGETS = (
     Target("last-exposure", host.last_exposure, (), host.last_exposure_seeds),
     Target("published", host.published, (DamagedMessageError,), host.published_seeds),
     Target("imu", read_angular_rate, (DamagedMessageError,), host.imu_seeds),
+    Target("odometry", read_odometry, (DamagedMessageError,), robot.odometry_seeds),
+    Target("velocity", read_velocity, (DamagedMessageError,), robot.velocity_seeds),
+    Target("light-ahead", read_light_ahead, (DamagedMessageError,), robot.light_ahead_seeds),
+    Target("map", robot.map_file, (MapError,), robot.map_seeds),
     Target("tally", host.tally, (), host.tally_seeds),
     Target("status", host.status, (), host.status_seeds),
     Target("published-response", host.published_response, (), host.published_response_seeds),

@@ -71,7 +71,7 @@ def connect(path: Path, *, writable: bool) -> sqlite3.Connection:
     try:
         connection = _connected(path, "rw" if writable else "ro")
         _check(path, connection)
-    except sqlite3.Error as error:
+    except (sqlite3.Error, UnicodeDecodeError) as error:  # SQLite quotes what is damaged
         raise MapError(f"{path} is not a map, or damaged: {readable(str(error))}") from error
     return connection
 
@@ -93,6 +93,7 @@ def _connected(path: Path, mode: str) -> sqlite3.Connection:
     uri = f"{path.absolute().as_uri()}?mode={mode}{'&immutable=1' if unwritable else ''}"
     connection = sqlite3.connect(uri, uri=True, isolation_level=None)
     connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LARGEST_VALUE_BYTES)
+    connection.text_factory = lambda text: text.decode(errors="replace")  # text that is damaged is none that we know
     connection.execute("PRAGMA trusted_schema = OFF")
     if mode == "rw":
         connection.execute("PRAGMA journal_mode = WAL")

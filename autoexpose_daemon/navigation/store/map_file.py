@@ -252,7 +252,7 @@ class MapFile:
     def _read(self, query: str, *values: object) -> list[tuple[Any, ...]]:
         try:
             return self._connection.execute(query, values).fetchall()
-        except (sqlite3.Error, OverflowError) as error:
+        except (sqlite3.Error, OverflowError, UnicodeDecodeError) as error:
             raise MapError(f"{self.path} cannot be read: {readable(str(error))}") from error
 
     def _write(self, query: str, *values: object) -> None:
@@ -279,10 +279,9 @@ class MapFile:
     def _checking(self) -> Iterator[None]:
         try:
             yield
-        except (RowError, TypeError, ValueError) as error:
-            raise MapError(
-                f"{self.path} is damaged, it has {readable(str(error))}: restore a copy, or teach it again"
-            ) from error
+        except (TypeError, ValueError) as error:
+            what = readable(str(error)) if isinstance(error, RowError) else "a value of another type than a map of ours"
+            raise MapError(f"{self.path} is damaged, it has {what}: restore a copy, or teach it again") from error
 
 
 def _values(info: MapInfo) -> tuple[object, ...]:
