@@ -41,8 +41,8 @@ applies from frame k + D; D = {MAIN_DELAY} unless stated otherwise.
   chose the scenarios themselves (how bright, how fast) earlier, looking at other courses, and in one case (`flicker`)
   in a way that happened to suit `metric-map`. We chose its rule for steps while the camera moves on other courses
   too, the second time after the first choice had missed the target of `pan` on these. Published policies run with
-  their papers' parameters, on a sensor that is not their authors'. Better numbers on held-out courses than on those used for
-  tuning mean that they are easier, which most policies agree on (the table by split).
+  their papers' parameters, on a sensor that is not their authors'. Better numbers on held-out courses than on those
+  used for tuning mean that they are easier, which most policies agree on (the table by split).
 """
 
 
