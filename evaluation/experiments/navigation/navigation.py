@@ -22,7 +22,7 @@ from evaluation.experiments.navigation.tables import (
     upkeep_tables,
 )
 
-PARKS, LAP_PARKS = (41, 42, 43), (44, 45)
+PARKS, LAP_PARKS = (41, 42, 43), (46, 47)
 """Seeds of parks in which nothing was tried before."""
 
 
