@@ -121,7 +121,7 @@ class StereoClient:
 
     def send_light_ahead(self, series: LightSeries) -> None:
         """Tell the daemon what an earlier drive saw of the light around here, if it is connected."""
-        with self._sending:
+        with self._sending, contextlib.suppress(zenoh.ZError):  # the next one says it again
             if self._session is not None:
                 self._session.put(light_ahead_key(self._rig), light_ahead(series, time.time_ns()))
 

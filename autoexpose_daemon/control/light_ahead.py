@@ -13,7 +13,7 @@ LATEST_FRAMES: Final = 32
 """Frames ahead that may be asked for: half a second at 60 Hz, longer than any camera takes to show a decision."""
 
 WINDOW_FRAMES: Final = 60
-"""The light of the last second says where along a series the rig is, and whether the series is right."""
+"""The light of so many last frames, a second at 60 Hz, says where in a series the rig is, and whether it is right."""
 
 SPREADS: Final = 3
 """How many standard deviations along a series the rig may be elsewhere."""
@@ -24,6 +24,9 @@ UNPROVEN: Final = 0.4
 MOST_LEVELS: Final = 512
 WIDEST_SPREAD_FRAMES: Final = 32.0
 """Beyond these, a series is not used."""
+
+MOST_STOPS: Final = 100.0
+"""No exposure level is beyond that."""
 
 DIGITS: Final = 3
 """Of a level in stops; recordings hold it in decimal digits."""
@@ -54,8 +57,8 @@ class LightAhead:
             raise ValueError(f"frame {self.now} of {len(self.levels)} levels")
         if not 0.0 <= self.spread_frames <= WIDEST_SPREAD_FRAMES:
             raise ValueError(f"a spread of {self.spread_frames:g} frames")
-        if not all(abs(level) <= 100.0 for level in self.levels):
-            raise ValueError("a level beyond 100 stops")
+        if not all(abs(level) <= MOST_STOPS for level in self.levels):
+            raise ValueError(f"a level beyond {MOST_STOPS:g} stops")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,7 +88,8 @@ class LightSeries:
         if spread_frames > WIDEST_SPREAD_FRAMES:
             return None
         reach = math.ceil(SPREADS * spread_frames)
-        frames = np.arange(-WINDOW_FRAMES - reach, LATEST_FRAMES + reach + 1)
         times_s = (np.arange(len(self.levels)) - self.now) * self.step_s
+        behind = max(min(WINDOW_FRAMES + reach, math.floor((later_s - times_s[0]) * rate_hz)), 0)
+        frames = np.arange(-behind, LATEST_FRAMES + reach + 1)
         levels = np.interp(later_s + frames / rate_hz, times_s, self.levels)
-        return LightAhead(tuple(np.round(levels, DIGITS).tolist()), WINDOW_FRAMES + reach, spread_frames)
+        return LightAhead(tuple(np.round(levels, DIGITS).tolist()), behind, spread_frames)

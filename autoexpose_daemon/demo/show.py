@@ -93,11 +93,11 @@ def check_account(result: dict[str, Any]) -> None:
         )
 
 
-def start(cameras: FakeCameras, asked_hz: float | None, console: Console) -> float:
+def start(cameras: FakeCameras, asked_hz: float | None, console: Console, busy_cores: float = 0.0) -> float:
     """Have the cameras run at the requested rate, or else at one that this machine sustains; returns it.
 
     They are searched for while they get ready, and the daemon goes by what was found: else the trigger wire would run
-    for the second that a search takes.
+    for the second that a search takes. `busy_cores` is what other processes of the demo need.
     """
     cameras.wait_until_found()
     _search()
@@ -106,7 +106,7 @@ def start(cameras: FakeCameras, asked_hz: float | None, console: Console) -> flo
         _search()
     while not (cameras.are_timed(_SEARCH_HOLDS_S) or cameras.stop.is_set()):
         _search()
-    possible_hz = pairs_per_s(cameras.frame_s(), cores())
+    possible_hz = pairs_per_s(cameras.frame_s(), cores() - busy_cores)
     rate_hz = held_rate_hz(possible_hz) if asked_hz is None else asked_hz
     words = shortfall(possible_hz, rate_hz, asked_hz is not None)
     if words is not None:

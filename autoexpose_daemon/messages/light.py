@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from autoexpose_daemon.control.light_ahead import MOST_LEVELS, LightSeries
+from autoexpose_daemon.control.light_ahead import MOST_LEVELS, MOST_STOPS, LightSeries
 from autoexpose_daemon.messages.read import DamagedMessageError, deserialise
 from autoexpose_daemon.messages.types import LIGHT_AHEAD, TYPESTORE
 
@@ -35,8 +35,8 @@ def read_light_ahead(data: bytes) -> LightSeries:
     levels = np.asarray(message.levels, np.float64)
     if not 0 <= message.now < len(levels) <= MOST_LEVELS:
         raise DamagedMessageError(f"a LightAhead of {len(levels)} levels that is at level {message.now}")
-    if not np.abs(levels).max() <= 100.0:
-        raise DamagedMessageError("a LightAhead with a level beyond 100 stops")
+    if not np.abs(levels).max() <= MOST_STOPS:
+        raise DamagedMessageError(f"a LightAhead with a level beyond {MOST_STOPS:g} stops")
     if not (1e-3 <= message.step_s <= 10.0 and 0.0 <= message.spread_s <= 10.0):
         raise DamagedMessageError(f"a LightAhead in steps of {message.step_s:g} s, spread {message.spread_s:g} s")
     return LightSeries(levels, int(message.now), float(message.step_s), float(message.spread_s))

@@ -35,7 +35,7 @@ def _with_foresight(state: dict[str, Any]) -> dict[str, Any]:
     policy = state.get("policy")
     if not isinstance(policy, dict) or "registration" not in policy or "foresight" in policy:
         return state
-    return {**state, "policy": {**policy, "foresight": {"belief": UNPROVEN}}}
+    return {**state, "policy": {**policy, "foresight": {"belief": UNPROVEN, "untold_frames": 0}}}
 
 
 def _of_third(state: dict[str, Any]) -> dict[str, Any]:

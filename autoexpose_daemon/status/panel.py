@@ -116,7 +116,7 @@ def _imu(imu: ImuTally) -> str:
 
 
 def _light_ahead(light: LightTally) -> str:
-    used = "not used" if light.belief is None else f"believed to {light.belief:.0%}"
+    used = "not used" if light.belief is None else f"{light.belief:.0%} trusted"
     return f"{used}   {light.messages} messages, refused: {light.refused or 'none'}"
 
 

@@ -65,6 +65,10 @@ def running(service: Service) -> Iterator[None]:
         raise failed[0]
 
 
+COMMANDS_CORES = 0.6
+"""What `teach` or `repeat` needs beside the daemon, looking at each frame on a slow machine."""
+
+
 @dataclasses.dataclass(frozen=True, slots=True)
 class Part:
     """A policy's part: the run of the daemon, and its laps."""
@@ -84,7 +88,7 @@ def navigate(options: DemoOptions, cameras: FakeCameras, folder: Path, stop: thr
     AutoexposeError
         When a command fails, or the account of triggers does not balance.
     """
-    rate_hz = start(cameras, options.rate_hz, console)
+    rate_hz = start(cameras, options.rate_hz, console, COMMANDS_CORES)
     daemon_at, robot_at = (f"tcp/127.0.0.1:{port}" for port in _free_ports())
     config = configuration(options, rate_hz)
     commands = 1 + len(LIGHTS)

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections import deque
+from dataclasses import dataclass, field
 
 from autoexpose_daemon.navigation.drive.motion import Pose
 
 JUMP_M = 1.0
 """A pose further than this from the one before is odometry that began again, not a way that was driven."""
+
+
+SPEED_NS = 500_000_000
+"""Speed is the way of the last half second."""
 
 
 @dataclass(slots=True)
@@ -26,9 +31,18 @@ class Odometer:
     distance_m: float = 0.0
     jumps: int = 0
     _last: Pose | None = None
+    _recent: deque[tuple[int, float]] = field(default_factory=deque)
 
-    def take(self, pose: Pose) -> None:
-        """The next pose."""
+    @property
+    def speed_m_s(self) -> float:
+        """Over the last `SPEED_NS`; 0 before there are two poses."""
+        if len(self._recent) < 2:
+            return 0.0
+        (first_ns, first_m), (last_ns, last_m) = self._recent[0], self._recent[-1]
+        return (last_m - first_m) / max((last_ns - first_ns) * 1e-9, 1e-3)
+
+    def take(self, pose: Pose, now_ns: int) -> None:
+        """The next pose; `now_ns` is CLOCK_MONOTONIC."""
         if self._last is not None:
             way_m = math.hypot(pose.x_m - self._last.x_m, pose.y_m - self._last.y_m)
             if way_m > JUMP_M:
@@ -36,3 +50,6 @@ class Odometer:
             else:
                 self.distance_m += way_m
         self._last = pose
+        self._recent.append((now_ns, self.distance_m))
+        while now_ns - self._recent[0][0] > SPEED_NS:
+            self._recent.popleft()

@@ -21,9 +21,12 @@ from autoexpose_daemon.navigation.maps.adaptation import Passing, Strategy
 from autoexpose_daemon.navigation.maps.choice import best
 from autoexpose_daemon.navigation.maps.light import LightMemory, LightTrail
 from autoexpose_daemon.navigation.maps.temporal import MODELS
-from autoexpose_daemon.navigation.store import MapError, MapFile, Run, nearest_in_hour
+from autoexpose_daemon.navigation.store import MapError, MapFile, Run, newest_of_hour
 from autoexpose_daemon.navigation.views.detectors import FINDERS
 from autoexpose_daemon.publish.session import Endpoints
+
+NEAR_END_M = 1.0
+"""A drive that came so near to the end of the path saw its light."""
 
 
 @dataclass(slots=True)
@@ -61,8 +64,9 @@ class Repeater:
             now_s = time.time()
             sought = [best(MODELS[predict](file.history(place))(now_s)) for place in places]
         self.repetition = Repetition(file.info, file.taught_path(), places, finder, strategy, sought=sought)
-        self._trail = LightTrail()
         self._light = self._remembered_light()
+        # Exposures on a drive that was told of an earlier one lead the light, and would lead it further each time.
+        self._trail = LightTrail() if self._light is None else None
         self._run: Run | None = None
         self._start_m: float | None = None
 
@@ -80,37 +84,38 @@ class Repeater:
         self._remember(self.repetition.look(image, self.from_start_m(driven_m), time.monotonic_ns()))
         view = self.repetition.view
         assert view is not None
-        self._trail.see(view.distance_m, pair.decision)
+        if self._trail is not None:
+            self._trail.see(view.distance_m, pair.decision)
         self.tally.frames += 1
         self.tally.registered += view.shift_px is not None
         return view
 
     def end(self) -> None:
-        """At the end of the path: remember the last local map, too."""
+        """At the end of the path: remember the last local map, too, and the light up to there."""
         self._remember(self.repetition.end())
+        self._remember_light()
 
-    def close(self) -> None:
-        """At the end of the drive, wherever: remember the light up to there."""
-        if self._run is not None:
-            self._file.add_light(self._run, self._trail.new_rows())
-
-    def light_ahead(self, driven_m: float, speed_m_s: float) -> LightSeries | None:
-        """What an earlier drive saw of the light around here; None if that is not known, or the robot hardly moves."""
-        if self._light is None:
-            return None
-        return self._light.series(self.from_start_m(driven_m) + self.repetition.correction_m, speed_m_s)
+    def light_ahead(self, distance_m: float, speed_m_s: float) -> LightSeries | None:
+        """What an earlier drive saw of the light around a place; None if it is not known, or the robot hardly moves."""
+        return None if self._light is None else self._light.series(distance_m, speed_m_s)
 
     def _remember(self, passed: tuple[int, Passing] | None) -> None:
         if passed is not None and self._run is not None:
             index, passing = passed
             places = self.repetition.places
             places[index] = self._file.pass_place(self._run, places[index], passing, time.time())
+            self._remember_light()
+
+    def _remember_light(self) -> None:
+        if self._trail is not None and self._run is not None:
             self._file.add_light(self._run, self._trail.new_rows())
 
     def _remembered_light(self) -> LightMemory | None:
-        rows = {run: rows for run in self._file.runs() if (rows := self._file.light(run))}
-        run = nearest_in_hour(rows, time.time())
-        return None if run is None else LightMemory.of(rows[run])
+        """Of the newest drive at this time of the day that came to the end of the path."""
+        reaches_m, end_m = self._file.light_reaches_m(), self.repetition.places[-1].distance_m
+        complete = [run for run in self._file.runs() if reaches_m.get(run.number, -math.inf) > end_m - NEAR_END_M]
+        run = newest_of_hour(complete, time.time())
+        return None if run is None else LightMemory.of(self._file.light(run))
 
     def from_start_m(self, driven_m: float) -> float:
         """How far the robot has driven since its first frame, at the start of the path."""
@@ -124,6 +129,7 @@ def repeat(repeater: Repeater, source: Source, stop: threading.Event, progress: 
     """
     drives = bool(source.robot.command)
     tally, repetition = repeater.tally, repeater.repetition
+    repetition.obeyed = drives
     with (
         Robot(source.robot, Endpoints(connect=source.robot_connect)) as robot,
         StereoClient(source.rig, source.connect, name="repeat") as client,
@@ -138,7 +144,7 @@ def repeat(repeater: Repeater, source: Source, stop: threading.Event, progress: 
                 tally.distance_m = driven_m + repetition.correction_m
                 if drives:
                     robot.command(velocity)
-                light = repeater.light_ahead(robot.distance_m, velocity.forward_m_s)
+                light = repeater.light_ahead(tally.distance_m, robot.speed_m_s)
                 if light is not None:
                     client.send_light_ahead(light)
                 if pair is not None and view is not None:
@@ -147,7 +153,6 @@ def repeat(repeater: Repeater, source: Source, stop: threading.Event, progress: 
         finally:
             if drives:
                 robot.command(STANDSTILL)
-            repeater.close()
     if tally.stop is Stop.END:
         repeater.end()
     share = f"{tally.registered} of {tally.frames} frames registered"

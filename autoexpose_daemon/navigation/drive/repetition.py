@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -22,8 +23,8 @@ LEAST_VOTES = 20
 """Of matches that must agree before the robot is steered by them. In a simulated park 38 of 40 views of the right place
 had more, and 79 of 80 that looked the other way or were from elsewhere had fewer. The paper is content with 3."""
 
-CORRECTION = 0.1
-"""The share that is taken over of how far a view seems to lie ahead of where the robot believes to be."""
+CORRECTION_PER_M = 2.5
+"""How fast the place along the path is corrected: the share per metre of way of how far a view seems to lie ahead."""
 
 FURTHEST_M = 0.5
 """No view is believed to lie further away."""
@@ -88,6 +89,8 @@ class Repetition:
         The last one.
     correction_m
         What to add to the distance driven from the start to get the one along the path.
+    obeyed
+        Whether the robot drives by `velocity`: what it does otherwise says nothing of its drift.
     """
 
     def __init__(
@@ -108,9 +111,10 @@ class Repetition:
         )
         self.view: View | None = None
         self.correction_m = 0.0
+        self.obeyed = True
         self._steering = Steering(info.focal_length_px)
         self._horizon_px = info.height / 2
-        self._registered_m = 0.0
+        self._driven_to_registration_m = 0.0
         self._growths_per_m: dict[int, float | None] = {}
         self._path, self._finder, self._strategy = path, finder, strategy
         self._distances_m = np.array([place.distance_m for place in places])
@@ -140,9 +144,11 @@ class Repetition:
         self._rule.frame_ns = now_ns
         if self.view.shift_px is not None:
             self._rule.registered_m = distance_m
-            self._steering.see(self.view.shift_px, driven_m - self._registered_m)
-            self._registered_m = driven_m
-            self.correction_m += CORRECTION * self._ahead_m(self.view)
+            way_m = driven_m - self._driven_to_registration_m
+            self._driven_to_registration_m = driven_m
+            if self.obeyed:
+                self._steering.see(self.view.shift_px, way_m)
+            self.correction_m += -math.expm1(-CORRECTION_PER_M * max(way_m, 0.0)) * self._ahead_m(self.view)
         return self._keep_nearest(self.view)
 
     def end(self) -> tuple[int, Passing] | None:
@@ -175,14 +181,16 @@ class Repetition:
         return min(max(ahead_m, -FURTHEST_M), FURTHEST_M)
 
     def _growth_per_m(self, place: int) -> float | None:
-        """How fast pictures grew there when they were taught; None where they hardly did."""
+        """How fast pictures grow there, by what the local maps behind and ahead hold; None where they hardly do."""
         if place not in self._growths_per_m:
             behind, ahead = max(place - NEIGHBOUR, 0), min(place + NEIGHBOUR, len(self.places) - 1)
             way_m = float(self._distances_m[ahead] - self._distances_m[behind])
-            before, after = (self.places[each].map.features for each in (behind, ahead))
+            before, after = self._taught(behind), self._taught(ahead)
             grown = expansion(before, after, register(before, after, RULES["overlapping"]), self._horizon_px)
-            grows = grown is not None and grown > LEAST_GROWTH_PER_M * way_m > 0.0
-            self._growths_per_m[place] = grown / way_m if grown and grows else None
+            if grown is None or grown <= LEAST_GROWTH_PER_M * way_m or way_m == 0.0:
+                self._growths_per_m[place] = None
+            else:
+                self._growths_per_m[place] = grown / way_m
         return self._growths_per_m[place]
 
     def _keep_nearest(self, view: View) -> tuple[int, Passing] | None:

@@ -21,7 +21,7 @@ from autoexpose_daemon.messages.robot import (
     twist_stamped,
 )
 from autoexpose_daemon.navigation.drive.motion import Pose, Velocity
-from autoexpose_daemon.navigation.drive.odometer import Odometer
+from autoexpose_daemon.navigation.drive.odometer import SPEED_NS, Odometer
 from autoexpose_daemon.publish.session import Endpoints, SessionHolder
 from drivers.config.readable import readable
 from drivers.log_throttle import LogThrottle
@@ -84,6 +84,7 @@ class Robot:
         self._odometer = Odometer()
         self._throttle = LogThrottle(_SAID_S)
         self._session: zenoh.Session | None = None
+        self._turn = threading.Lock()
         self._sending = threading.Lock()
         self._holder = SessionHolder("client", endpoints, self._serve, self._on_trouble)
 
@@ -101,6 +102,13 @@ class Robot:
     def distance_m(self) -> float:
         """How far it has driven since the connection was opened."""
         return self._odometer.distance_m
+
+    @property
+    def speed_m_s(self) -> float:
+        """How fast it drives by its odometry; 0 when that is silent."""
+        silent = self.odometry_ns is None or time.monotonic_ns() - self.odometry_ns > SPEED_NS
+        with self._turn:
+            return 0.0 if silent else self._odometer.speed_m_s
 
     @property
     def connected(self) -> bool:
@@ -137,8 +145,10 @@ class Robot:
         except DamagedMessageError as error:
             self._refuse(key, error)
             return
-        self._odometer.take(pose)
-        self.odometry_ns = time.monotonic_ns()
+        now_ns = time.monotonic_ns()
+        with self._turn:
+            self._odometer.take(pose, now_ns)
+        self.odometry_ns = now_ns
 
     def _take_velocity(self, key: str, data: bytes) -> None:
         try:

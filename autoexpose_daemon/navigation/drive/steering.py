@@ -13,7 +13,7 @@ from autoexpose_daemon.navigation.drive.motion import Velocity
 
 CORRECTION_PER_S = 1.5
 """How fast a heading error is turned away: the share of it per second. The authors turn by 0.001 rad/s per pixel, which
-is 0.7 with a lens of 700 pixels; a robot that drifts by a degree a metre is then 5 cm off landmarks 5 m away."""
+is 0.7 with a lens of 700 pixels."""
 
 DRIFT_PER_M2 = 1.0
 """How fast drift is learnt, rad per metre for each radian of shift and metre of way: within a few metres."""

@@ -10,10 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.decision import Decision
-from autoexpose_daemon.control.light_ahead import LightSeries
+from autoexpose_daemon.control.light_ahead import MOST_STOPS, LightSeries
 
 BLIND_SHARE: Final = 0.8
 """Of a frame's pixels black or saturated: what was decided on it was a guess."""
+
+LONGEST_BLIND_M: Final = 0.5
+"""Where nothing was seen for longer, what served is not known."""
 
 STEP_S: Final = 0.02
 BEHIND_S, AHEAD_S = 2.2, 2.0
@@ -47,12 +50,13 @@ class LightTrail:
 
     def see(self, distance_m: float, decision: Decision | None) -> None:
         """The next frame, taken after this distance along the path, and what was decided on it, if anything was."""
-        if decision is None or distance_m < self._next_m:
+        if decision is None or distance_m < self._next_m or not abs(decision.level) <= MOST_STOPS:
             return
         self._next_m = distance_m + EVERY_M
         self._blind_m.append(distance_m)
         if decision.saturated_share + decision.black_share < BLIND_SHARE:
-            self._rows += [(each_m, decision.level) for each_m in self._blind_m]
+            seen_m = distance_m - LONGEST_BLIND_M
+            self._rows += [(each_m, decision.level) for each_m in self._blind_m if each_m >= seen_m]
             self._blind_m = []
 
     def new_rows(self) -> list[LightRow]:

@@ -34,12 +34,12 @@ TABLES: Final = (
     "removed INTEGER, PRIMARY KEY (place, id)) STRICT, WITHOUT ROWID",
     "CREATE TABLE observation (place INTEGER NOT NULL, run INTEGER NOT NULL, time_s REAL NOT NULL, "
     "states BLOB NOT NULL, PRIMARY KEY (place, run)) STRICT, WITHOUT ROWID",
-    "CREATE TABLE light (id INTEGER PRIMARY KEY, run INTEGER NOT NULL, distance_m REAL NOT NULL, "
-    "level REAL NOT NULL) STRICT",
+    "CREATE TABLE light (run INTEGER NOT NULL, distance_m REAL NOT NULL, level REAL NOT NULL, "
+    "PRIMARY KEY (run, distance_m)) STRICT, WITHOUT ROWID",
 )
 """`feature.added` and `.removed` are runs. `observation.states` has a byte for each feature that the place had before
-that run, by ascending id: those added before it, and not removed before it. `light.level` is
-the exposure level that served there, stops."""
+that run, by ascending id: those added before it, and not removed before it. `light.level`
+is the exposure level that served there, stops."""
 
 
 class MapError(AutoexposeError):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import sqlite3
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -122,14 +121,17 @@ class MapFile:
                 "INSERT INTO light (run, distance_m, level) VALUES (?, ?, ?)", [(run.number, *row) for row in light]
             )
 
-    def light(self, run: Run) -> list[LightRow]:
-        """What `add_light` was given for a drive."""
+    def light_reaches_m(self) -> dict[int, float]:
+        """How far along the path light is known of each drive, by its number."""
         with self._checking():
-            rows = self._read("SELECT distance_m, level FROM light WHERE run = ? ORDER BY id", run.number)
-            light = [(distance_m, level) for distance_m, level in (finite(*row) for row in rows)]
-            if any(later[0] < earlier[0] for earlier, later in itertools.pairwise(light)):
-                raise RowError("light at distances that fall along the path")
-            return light
+            rows = self._read("SELECT run, MAX(distance_m) FROM light GROUP BY run")
+            return {run: finite(reach_m)[0] for run, reach_m in rows}
+
+    def light(self, run: Run) -> list[LightRow]:
+        """The levels that served on a drive, in the order of driving."""
+        with self._checking():
+            rows = self._read("SELECT distance_m, level FROM light WHERE run = ? ORDER BY distance_m", run.number)
+            return [(distance_m, level) for distance_m, level in (finite(*row) for row in rows)]
 
     def pass_place(self, run: Run, place: Place, passing: Passing, time_s: float) -> Place:
         """What a passing showed of a local map and changed in it; returns the local map as it is now."""
@@ -280,7 +282,7 @@ class MapFile:
         try:
             yield
         except (TypeError, ValueError) as error:
-            what = readable(str(error)) if isinstance(error, RowError) else "a value of another type than a map of ours"
+            what = readable(str(error)) if isinstance(error, RowError) else "a value that no map of ours has"
             raise MapError(f"{self.path} is damaged, it has {what}: restore a copy, or teach it again") from error
 
 

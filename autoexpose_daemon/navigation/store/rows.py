@@ -27,6 +27,9 @@ LONGEST_PATH_M: Final = 1e6
 
 HOUR_S, DAY_S = 3600.0, 86400.0
 
+AS_BRIGHT_S: Final = 2 * HOUR_S
+"""The sun has moved on by 30 degrees: what it lights is lit otherwise."""
+
 
 class RowError(ValueError):
     """A row that no map of ours has."""
@@ -81,14 +84,14 @@ class Run:
             raise RowError(f"a run of kind {self.kind!a} at {self.start_s:g} s")
 
 
-def nearest_in_hour(runs: Iterable[Run], now_s: float) -> Run | None:
-    """The drive whose time of the day is nearest, to the hour; the newest of those that are as near."""
+def newest_of_hour(runs: Iterable[Run], now_s: float) -> Run | None:
+    """The newest drive that began at this time of the day, give or take `AS_BRIGHT_S`; None if there is none."""
 
-    def apart_h(run: Run) -> int:
+    def apart_s(run: Run) -> float:
         apart_s = abs(now_s - run.start_s) % DAY_S
-        return math.floor(min(apart_s, DAY_S - apart_s) / HOUR_S)
+        return min(apart_s, DAY_S - apart_s)
 
-    return min(runs, key=lambda run: (apart_h(run), -run.number), default=None)
+    return max((run for run in runs if apart_s(run) <= AS_BRIGHT_S), key=lambda run: run.number, default=None)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

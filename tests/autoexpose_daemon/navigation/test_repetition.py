@@ -1,5 +1,7 @@
 """Repeating a path without a robot: which views teach what, and what is refused."""
 
+import time
+from dataclasses import replace
 from pathlib import Path
 from typing import get_args, get_type_hints
 
@@ -19,7 +21,7 @@ from autoexpose_daemon.navigation.store import MapError, MapFile, MapInfo
 from autoexpose_daemon.navigation.views.detectors import FINDERS
 from drivers.frames import Frame
 from tests.autoexpose_daemon.navigation.texture import WIDTH, texture
-from tests.autoexpose_daemon.publish.steps import SETTING
+from tests.autoexpose_daemon.publish.steps import DECISION, SETTING
 
 WALL = np.clip(128 + 40 * texture(3, 2 * WIDTH), 0, 255).astype(np.uint8)
 
@@ -118,9 +120,38 @@ def test_a_map_without_places_is_refused_in_a_sentence(tmp_path: Path) -> None:
 
 def test_an_odometer_adds_ways_but_not_jumps() -> None:
     odometer = Odometer()
-    for x_m, y_m in ((5.0, 0.0), (5.3, 0.4), (-70.0, 0.0), (-70.0, 0.25)):
-        odometer.take(Pose(x_m, y_m, 0.0))
+    for number, (x_m, y_m) in enumerate(((5.0, 0.0), (5.3, 0.4), (-70.0, 0.0), (-70.0, 0.25))):
+        odometer.take(Pose(x_m, y_m, 0.0), number * 100_000_000)
     assert odometer.distance_m == pytest.approx(0.75) and odometer.jumps == 1
+
+
+def test_speed_is_that_of_the_last_half_second() -> None:
+    odometer = Odometer()
+    assert odometer.speed_m_s == 0.0
+    for number in range(20):
+        odometer.take(Pose(0.02 * min(number, 10), 0.0, 0.0), number * 50_000_000)
+        if number == 10:
+            assert odometer.speed_m_s == pytest.approx(0.4)
+    assert odometer.speed_m_s == pytest.approx(0.04)
+    odometer.take(Pose(0.2, 0.0, 0.0), 1_000_000_000)
+    odometer.take(Pose(0.2, 0.0, 0.0), 1_050_000_000)
+    assert odometer.speed_m_s == 0.0
+
+
+@pytest.mark.parametrize(("ago_h", "reach_m", "told"), [(1.0, 0.9, True), (30.0, 0.9, False), (1.0, -0.3, False)])
+def test_a_drive_is_told_of_an_earlier_one_at_that_hour_or_is_remembered(
+    taught: Path, ago_h: float, reach_m: float, told: bool
+) -> None:
+    with MapFile(taught, writable=True) as file:
+        if reach_m > 0:
+            file.add_light(file.begin_run("repeat", time.time() - 3600 * ago_h), [(0.0, 9.0), (reach_m, 12.0)])
+        repeater = Repeater(file, "static")
+        for number in range(21):
+            repeater.look(replace(pair(view(), number), decision=DECISION), number / 20)
+        repeater.end()
+        assert (repeater.light_ahead(0.5, 0.5) is not None) == told
+        assert repeater.light_ahead(0.5, 0.0) is None
+        assert (len(file.light(file.runs()[-1])) == 0) == told
 
 
 def drive(repeater: Repeater, shift_px: int) -> list[int]:

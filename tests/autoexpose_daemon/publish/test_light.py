@@ -83,7 +83,7 @@ def test_control_weighs_what_a_client_sends_and_its_recording_replays(
             return tally.belief is not None
 
         wait_until(is_believed, "a decision by the series")
-        assert "light ahead believed to " in line_of(describe(daemon.telemetry, daemon.tuning.config))
+        assert "% trusted" in line_of(describe(daemon.telemetry, daemon.tuning.config))
         with open_session("client", Endpoints(connect=[at])) as other:
             wait_until(lambda: other.put(light_ahead_key("rig"), b"?") or tally.refused, "a refusal")
             other.put(light_ahead_key("rig"), bytes(LARGEST_LIGHT_BYTES + 1))

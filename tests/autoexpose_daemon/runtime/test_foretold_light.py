@@ -49,3 +49,8 @@ def test_what_is_old_or_vague_or_was_never_told_is_not_used() -> None:
     assert light(clock.now_ns) is not None
     clock.now_ns += 1
     assert light(clock.now_ns) is None
+
+
+def test_at_a_low_rate_the_series_reaches_as_far_back_as_it_was_told() -> None:
+    slow = LightSeries(np.full(221, 8.0), 120, 0.02, 0.05).in_frames(0.0, 10.0)
+    assert slow is not None and slow.now == 24

@@ -234,7 +234,9 @@ class ExposureMap(ExposurePolicy):
 
     def _rises(self, observation: Observation, forecast: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """By how much the light may rise until a decision shows, stops, and with which probabilities."""
-        if observation.light_ahead is not None:
+        if observation.light_ahead is None:
+            self.foresight.rest()
+        else:
             changes, frames = self.forecast.changes, self.latency.frames
             rises, shares = self.foresight.rises(observation.light_ahead, changes, frames, forecast)
             if np.abs(rises - forecast).max() > LEAST_FORETOLD:

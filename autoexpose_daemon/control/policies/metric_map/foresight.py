@@ -16,6 +16,9 @@ from autoexpose_daemon.control.light_ahead import SPREADS, UNPROVEN, WINDOW_FRAM
 SCALE_STOPS = 1.0
 """Of the difference between foretold and seen changes of light; its distribution has long tails (Laplace)."""
 
+FORGOTTEN_FRAMES = 300
+"""Five seconds at 60 Hz without a series, and what the last one foretold says nothing of the next."""
+
 LEAST_BELIEF, MOST_BELIEF = 0.05, 0.95
 
 CLEARLY_STOPS = 20.0
@@ -40,9 +43,16 @@ class Foresight:
         Probability that the series foretells the light, from what it foretold so far.
     """
 
-    STATE: ClassVar[tuple[str, ...]] = ("belief",)
+    STATE: ClassVar[tuple[str, ...]] = ("belief", "untold_frames")
 
     belief: float = UNPROVEN
+    untold_frames: int = 0
+
+    def rest(self) -> None:
+        """A frame without a series. After a while, the next series is of another drive."""
+        self.untold_frames += 1
+        if self.untold_frames >= FORGOTTEN_FRAMES:
+            self.belief = UNPROVEN
 
     def rises(
         self, ahead: LightAhead, changes: Collection[float], frames: int, otherwise: float
@@ -64,10 +74,11 @@ class Foresight:
         -------
             Rises in stops, and probabilities that sum up to 1; float64, both of the same length.
         """
+        self.untold_frames = 0
         reach = math.ceil(SPREADS * ahead.spread_frames)
         aside = np.arange(-reach, reach + 1)
         here = ahead.now + aside
-        window = min(WINDOW_FRAMES, len(changes))
+        window = max(min(WINDOW_FRAMES, len(changes), ahead.now - reach), 0)
         seen = sum(itertools.islice(changes, len(changes) - window, None))
         levels = np.array(ahead.levels)
         before, now, then = (levels.take(here + shift, mode="clip") for shift in (-window, 0, frames))

@@ -10,7 +10,12 @@ from hypothesis import strategies as st
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.light_ahead import UNPROVEN, WINDOW_FRAMES, LightAhead
 from autoexpose_daemon.control.loop import ControlLoop
-from autoexpose_daemon.control.policies.metric_map.foresight import LEAST_BELIEF, MOST_BELIEF, Foresight
+from autoexpose_daemon.control.policies.metric_map.foresight import (
+    FORGOTTEN_FRAMES,
+    LEAST_BELIEF,
+    MOST_BELIEF,
+    Foresight,
+)
 from calibration.response import ResponseFunction
 from drivers.exposure import ExposureSetting
 from drivers.frames import StereoPair
@@ -68,6 +73,22 @@ def test_belief_is_earned_and_lost_by_changes_that_come_or_do_not(fell: float, b
         changes = [*changes[1:], fell if frame == 0 else 0.0]
         foresight.rises(tunnel(-frame), changes, 2, 0.0)
     assert foresight.belief == pytest.approx(belief, abs=0.02)
+
+
+def test_what_a_drive_has_proven_is_forgotten_once_it_has_ended() -> None:
+    foresight = Foresight(MOST_BELIEF)
+    for _ in range(FORGOTTEN_FRAMES - 1):
+        foresight.rest()
+    assert foresight.belief == MOST_BELIEF
+    foresight.rest()
+    assert foresight.belief == UNPROVEN
+
+
+def test_a_series_that_begins_here_says_what_comes_and_is_not_judged() -> None:
+    short = LightAhead((8.0,) * 6 + (14.0,) * 60, 0, 0.5)
+    foresight = Foresight(MOST_BELIEF)
+    assert expected(foresight, short, [*STILL[:-1], 3.0], 16) == pytest.approx(-6.0 * MOST_BELIEF, abs=0.3)
+    assert foresight.belief == pytest.approx(MOST_BELIEF, abs=0.01)
 
 
 def test_a_series_without_changes_proves_nothing() -> None:
