@@ -17,7 +17,7 @@ from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.demo.analysis import light_steps, pulses_in_window
 from autoexpose_daemon.demo.fakes import SERIALS, FakeCameras, newest_lux, read_pulses
 from autoexpose_daemon.demo.options import DemoOptions
-from autoexpose_daemon.demo.rate import cores, held_rate_hz, pairs_per_s, shortfall
+from autoexpose_daemon.demo.rate import RATES_HZ, cores, held_rate_hz, pairs_per_s, shortfall
 from autoexpose_daemon.demo.reference_step import reference_step_ms
 from autoexpose_daemon.demo.step_log import StepLog
 from autoexpose_daemon.demo.summary import Run, figures, in_words
@@ -93,11 +93,11 @@ def check_account(result: dict[str, Any]) -> None:
         )
 
 
-def start(cameras: FakeCameras, asked_hz: float | None, console: Console, busy_cores: float = 0.0) -> float:
+def start(cameras: FakeCameras, asked_hz: float | None, console: Console, highest_hz: float = RATES_HZ[0]) -> float:
     """Have the cameras run at the requested rate, or else at one that this machine sustains; returns it.
 
     They are searched for while they get ready, and the daemon goes by what was found: else the trigger wire would run
-    for the second that a search takes. `busy_cores` is what other processes of the demo need.
+    for the second that a search takes.
     """
     cameras.wait_until_found()
     _search()
@@ -106,9 +106,9 @@ def start(cameras: FakeCameras, asked_hz: float | None, console: Console, busy_c
         _search()
     while not (cameras.are_timed(_SEARCH_HOLDS_S) or cameras.stop.is_set()):
         _search()
-    possible_hz = pairs_per_s(cameras.frame_s(), cores() - busy_cores)
-    rate_hz = held_rate_hz(possible_hz) if asked_hz is None else asked_hz
-    words = shortfall(possible_hz, rate_hz, asked_hz is not None)
+    possible_hz = pairs_per_s(cameras.frame_s(), cores())
+    rate_hz = min(held_rate_hz(possible_hz), highest_hz) if asked_hz is None else asked_hz
+    words = shortfall(possible_hz, rate_hz, asked_hz is not None or rate_hz == highest_hz)
     if words is not None:
         console.print(words)
     cameras.run_at(rate_hz)

@@ -65,8 +65,8 @@ def running(service: Service) -> Iterator[None]:
         raise failed[0]
 
 
-COMMANDS_CORES = 0.6
-"""What `teach` or `repeat` needs beside the daemon, looking at each frame on a slow machine."""
+HIGHEST_HZ = 30.0
+"""Two fakes in motion, a daemon, and `teach` or `repeat`, which look at each frame, are much for two cores."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -88,7 +88,7 @@ def navigate(options: DemoOptions, cameras: FakeCameras, folder: Path, stop: thr
     AutoexposeError
         When a command fails, or the account of triggers does not balance.
     """
-    rate_hz = start(cameras, options.rate_hz, console, COMMANDS_CORES)
+    rate_hz = start(cameras, options.rate_hz, console, HIGHEST_HZ)
     daemon_at, robot_at = (f"tcp/127.0.0.1:{port}" for port in _free_ports())
     config = configuration(options, rate_hz)
     commands = 1 + len(LIGHTS)
