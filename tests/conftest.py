@@ -25,6 +25,8 @@ cv2.setNumThreads(1)  # likewise: a second thread for each small image waits mor
 LEFT_OUT = [Path(__file__).with_name(name) for name in ("accept", "kernel")]
 LONGEST = (
     "autoexpose_daemon/page/test_page.py",
+    "autoexpose_daemon/control/test_faulty_camera.py",
+    "fake_camera/usb3/test_usb3_aravis.py",
     "evaluation/test_fig7_fig12.py",
     "evaluation/test_prediction_experiments.py",
     "evaluation/test_teach.py",
@@ -36,6 +38,10 @@ LONGEST = (
     "fuzz/test_fuzz.py",
     "calibration/test_report.py",
     "autoexpose_daemon/control/test_snapshot.py",
+    "autoexpose_daemon/control/policies/test_flicker.py",
+    "autoexpose_daemon/recording/test_replay.py",
+    "autoexpose_daemon/navigation/test_teach_and_repeat.py",
+    "calibration/test_commands_noise_latency.py",
     "calibration/test_drift.py",
     "evaluation/test_worth.py",
     "evaluation/test_oracle.py",
