@@ -98,8 +98,6 @@ class StereoClient:
         endpoints = Endpoints(connect=() if zenoh_file is not None else connect, file=zenoh_file)
         self._holder = SessionHolder("client", endpoints, self._serve, self._on_trouble)
         self._close_session: Callable[[], object] | None = None
-        self._session: zenoh.Session | None = None
-        self._sending = threading.Lock()
 
     @property
     def tally(self) -> ConsumerTally:
@@ -121,9 +119,8 @@ class StereoClient:
 
     def send_light_ahead(self, series: LightSeries) -> None:
         """Tell the daemon what an earlier drive saw of the light around here, if it is connected."""
-        with self._sending, contextlib.suppress(zenoh.ZError):  # the next one says it again
-            if self._session is not None:
-                self._session.put(light_ahead_key(self._rig), light_ahead(series, time.time_ns()))
+        with contextlib.suppress(zenoh.ZError):  # the next one says it again
+            self._holder.send(light_ahead_key(self._rig), light_ahead(series, time.time_ns()))
 
     def close(self) -> None:
         """Leave the daemon; iterations end."""
@@ -155,14 +152,11 @@ class StereoClient:
     def _serve(self, session: zenoh.Session) -> None:
         self._holder.subscribe(session, all_of_rig(self._rig), self._receive, _RING_MESSAGES)
         key = consumer_key(self._rig, self._name)
-        self._session = session
         while True:
             with contextlib.suppress(zenoh.ZError):  # the next report holds these counts too
                 session.put(key, self._tally.to_json())
             if self._holder.closed.wait(_REPORT_S):
-                break
-        with self._sending:
-            self._session = None
+                return
 
     def _receive(self, key: str, data: bytes) -> None:
         takes: dict[str, _Take] = {

@@ -9,8 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-LATEST_FRAMES: Final = 32
-"""Frames ahead that may be asked for: half a second at 60 Hz, longer than any camera takes to show a decision."""
+from autoexpose_daemon.control.parameters import REMEMBERED_STEPS
 
 WINDOW_FRAMES: Final = 60
 """The light of so many last frames, a second at 60 Hz, says where in a series the rig is, and whether it is right."""
@@ -90,6 +89,6 @@ class LightSeries:
         reach = math.ceil(SPREADS * spread_frames)
         times_s = (np.arange(len(self.levels)) - self.now) * self.step_s
         behind = max(min(WINDOW_FRAMES + reach, math.floor((later_s - times_s[0]) * rate_hz)), 0)
-        frames = np.arange(-behind, LATEST_FRAMES + reach + 1)
+        frames = np.arange(-behind, REMEMBERED_STEPS + reach + 1)
         levels = np.interp(later_s + frames / rate_hz, times_s, self.levels)
         return LightAhead(tuple(np.round(levels, DIGITS).tolist()), behind, spread_frames)

@@ -14,6 +14,9 @@ MotionId = Literal["policy", "farneback", "dis"]
 FASTEST_TURN_RAD_S = 100.0
 """Beyond it an angular rate is not believed: the fastest gyroscopes measure up to 4000 degrees a second, 70 rad/s."""
 
+REMEMBERED_STEPS = 32
+"""Half a second at 60 Hz: the slowest camera reported takes 0.4 s from write to effect."""
+
 _RANGES = {
     "metric_delta": bounds.METRIC_DELTA,
     "metric_lambda": bounds.METRIC_LAMBDA,

@@ -107,8 +107,8 @@ def start(cameras: FakeCameras, asked_hz: float | None, console: Console, highes
     while not (cameras.are_timed(_SEARCH_HOLDS_S) or cameras.stop.is_set()):
         _search()
     possible_hz = pairs_per_s(cameras.frame_s(), cores())
-    rate_hz = min(held_rate_hz(possible_hz), highest_hz) if asked_hz is None else asked_hz
-    words = shortfall(possible_hz, rate_hz, asked_hz is not None or rate_hz == highest_hz)
+    rate_hz = asked_hz or min(held_rate_hz(possible_hz), highest_hz)
+    words = shortfall(possible_hz, rate_hz, asked=rate_hz == (asked_hz or highest_hz))
     if words is not None:
         console.print(words)
     cameras.run_at(rate_hz)

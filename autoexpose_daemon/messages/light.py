@@ -8,19 +8,16 @@ import numpy as np
 
 from autoexpose_daemon.control.light_ahead import MOST_LEVELS, MOST_STOPS, LightSeries
 from autoexpose_daemon.messages.read import DamagedMessageError, deserialise
-from autoexpose_daemon.messages.types import LIGHT_AHEAD, TYPESTORE
+from autoexpose_daemon.messages.types import LIGHT_AHEAD, TYPESTORE, header, serialise
 
 LARGEST_LIGHT_BYTES: Final = 8 * MOST_LEVELS + 1024
 
-_types = TYPESTORE.types
-_Time, _Header = _types["builtin_interfaces/msg/Time"], _types["std_msgs/msg/Header"]
 
-
-def light_ahead(series: LightSeries, stamp_ns: int, frame_id: str = "base_link") -> bytes:
+def light_ahead(series: LightSeries, stamp_ns: int) -> bytes:
     """A LightAhead; the stamp is CLOCK_REALTIME, ns."""
-    header = _Header(_Time(*divmod(stamp_ns, 1_000_000_000)), frame_id)
-    message = _types[LIGHT_AHEAD](header, series.levels, series.now, series.step_s, series.spread_s)
-    return bytes(TYPESTORE.serialize_cdr(message, LIGHT_AHEAD))
+    message_type = TYPESTORE.types[LIGHT_AHEAD]
+    of_robot = header(stamp_ns, "base_link")
+    return serialise(message_type(of_robot, series.levels, series.now, series.step_s, series.spread_s), LIGHT_AHEAD)
 
 
 def read_light_ahead(data: bytes) -> LightSeries:
@@ -29,7 +26,7 @@ def read_light_ahead(data: bytes) -> LightSeries:
     Raises
     ------
     DamagedMessageError
-        When it is none, or not credible.
+        When the message is something else, or not credible.
     """
     message = deserialise(data, LIGHT_AHEAD)
     levels = np.asarray(message.levels, np.float64)

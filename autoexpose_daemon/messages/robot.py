@@ -9,7 +9,7 @@ import numpy as np
 
 from autoexpose_daemon.control.parameters import FASTEST_TURN_RAD_S
 from autoexpose_daemon.messages.read import DamagedMessageError, deserialise
-from autoexpose_daemon.messages.types import ODOMETRY, REGISTRATION, TWIST, TWIST_STAMPED, TYPESTORE
+from autoexpose_daemon.messages.types import ODOMETRY, REGISTRATION, TWIST, TWIST_STAMPED, TYPESTORE, header, serialise
 
 LARGEST_ROBOT_MESSAGE_BYTES: Final = 4096
 """Of an Odometry, which takes 720 and the names of its coordinate frames; a Twist takes 52."""
@@ -22,7 +22,6 @@ FURTHEST_M = 1e7
 
 _types = TYPESTORE.types
 _Vector3, _Twist, _TwistStamped = _types["geometry_msgs/msg/Vector3"], _types[TWIST], _types[TWIST_STAMPED]
-_Time, _Header = _types["builtin_interfaces/msg/Time"], _types["std_msgs/msg/Header"]
 _Pose, _Point = _types["geometry_msgs/msg/Pose"], _types["geometry_msgs/msg/Point"]
 _Quaternion = _types["geometry_msgs/msg/Quaternion"]
 _PoseWithCovariance = _types["geometry_msgs/msg/PoseWithCovariance"]
@@ -70,12 +69,12 @@ def read_velocity(data: bytes) -> Velocity:
 
 def twist(velocity: Velocity) -> bytes:
     """A Twist."""
-    return _cdr(_twist(velocity), TWIST)
+    return serialise(_twist(velocity), TWIST)
 
 
 def twist_stamped(velocity: Velocity, stamp_ns: int, frame_id: str = "base_link") -> bytes:
     """A TwistStamped, as newer controllers of ROS 2 expect it; the stamp is CLOCK_REALTIME, ns."""
-    return _cdr(_TwistStamped(_header(stamp_ns, frame_id), _twist(velocity)), TWIST_STAMPED)
+    return serialise(_TwistStamped(header(stamp_ns, frame_id), _twist(velocity)), TWIST_STAMPED)
 
 
 def odometry(pose: Pose, velocity: Velocity, stamp_ns: int) -> bytes:
@@ -86,25 +85,17 @@ def odometry(pose: Pose, velocity: Velocity, stamp_ns: int) -> bytes:
     unknown = np.zeros(36)
     placed = _PoseWithCovariance(_Pose(_Point(x_m, y_m, 0.0), turned), unknown)
     moving = _TwistWithCovariance(_twist(velocity), unknown)
-    return _cdr(_types[ODOMETRY](_header(stamp_ns, "odom"), "base_link", placed, moving), ODOMETRY)
+    return serialise(_types[ODOMETRY](header(stamp_ns, "odom"), "base_link", placed, moving), ODOMETRY)
 
 
 def registration(stamp_ns: int, frame_id: str = "camera", **fields: float | str) -> bytes:
     """A registration, with the fields of `Registration.msg`."""
-    return _cdr(_types[REGISTRATION](header=_header(stamp_ns, frame_id), **fields), REGISTRATION)
+    return serialise(_types[REGISTRATION](header=header(stamp_ns, frame_id), **fields), REGISTRATION)
 
 
 def _twist(velocity: Velocity) -> Any:
     forward_m_s, turn_rad_s = velocity
     return _Twist(_Vector3(forward_m_s, 0.0, 0.0), _Vector3(0.0, 0.0, turn_rad_s))
-
-
-def _header(stamp_ns: int, frame_id: str) -> Any:
-    return _Header(_Time(*divmod(stamp_ns, 1_000_000_000)), frame_id)
-
-
-def _cdr(message: object, message_type: str) -> bytes:
-    return bytes(TYPESTORE.serialize_cdr(message, message_type))
 
 
 _TWIST_BYTES: Final = len(twist((0.0, 0.0)))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from importlib.resources import files
+from typing import Any
 
 import numpy as np
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -25,6 +26,17 @@ TYPESTORE = get_typestore(Stores.ROS2_HUMBLE)
 for _ours in (EXPOSURE_INFO, REGISTRATION, LIGHT_AHEAD):
     _text = files(__package__).joinpath(f"{_ours}.msg").read_text(encoding="utf-8")
     TYPESTORE.register(get_types_from_msg(_text, _ours))
+
+
+def header(stamp_ns: int, frame_id: str) -> Any:
+    """A Header; the stamp is CLOCK_REALTIME, ns."""
+    stamp = TYPESTORE.types["builtin_interfaces/msg/Time"](*divmod(stamp_ns, 1_000_000_000))
+    return TYPESTORE.types["std_msgs/msg/Header"](stamp, frame_id)
+
+
+def serialise(message: object, message_type: str) -> bytes:
+    """The CDR of a message."""
+    return bytes(TYPESTORE.serialize_cdr(message, message_type))
 
 
 def encoding(dtype: np.dtype[np.uint8] | np.dtype[np.uint16]) -> str:

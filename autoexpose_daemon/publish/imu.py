@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import logging
-import time
 from types import TracebackType
 from typing import Self
 
 import zenoh
 
 from autoexpose_daemon.config.motion import ImuConfig
-from autoexpose_daemon.messages.read import DamagedMessageError, read_angular_rate
+from autoexpose_daemon.messages.read import read_angular_rate
+from autoexpose_daemon.publish.refusal import reading
 from autoexpose_daemon.publish.session import Endpoints, SessionHolder
 from autoexpose_daemon.runtime.angular_rate import AngularRate
-from drivers.config.readable import readable
-from drivers.log_throttle import LogThrottle
 
 log = logging.getLogger(__name__)
 
@@ -22,7 +20,6 @@ LARGEST_IMU_BYTES = 4096
 """Of a sample; it takes 320 and the name of its coordinate frame."""
 
 _RING_MESSAGES = 1
-_SAID_S = 60.0
 
 
 class ImuSubscriber:
@@ -41,7 +38,6 @@ class ImuSubscriber:
     def __init__(self, config: ImuConfig, rate: AngularRate) -> None:
         self._key = config.key
         self._rate = rate
-        self._throttle = LogThrottle(_SAID_S)
         self._endpoints = Endpoints(connect=() if config.zenoh is not None else config.connect, file=config.zenoh)
         self._holder = SessionHolder("client", self._endpoints, self._serve, self._on_trouble)
 
@@ -60,13 +56,6 @@ class ImuSubscriber:
 
     def _serve(self, session: zenoh.Session) -> None:
         log.info("listening to the IMU as %s, %s", self._key, self._endpoints)
-        self._holder.subscribe(session, self._key, self._take, _RING_MESSAGES, LARGEST_IMU_BYTES)
+        take = reading(read_angular_rate, self._rate.take, self._rate.refuse)
+        self._holder.subscribe(session, self._key, take, _RING_MESSAGES, LARGEST_IMU_BYTES)
         self._holder.closed.wait()
-
-    def _take(self, key: str, data: bytes) -> None:
-        try:
-            self._rate.take(read_angular_rate(data))
-        except DamagedMessageError as error:
-            self._rate.refuse()
-            if self._throttle.due("refused", time.monotonic_ns()):
-                log.warning("a message as %s is refused: %s", key, readable(str(error)))

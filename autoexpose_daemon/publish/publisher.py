@@ -18,22 +18,19 @@ from autoexpose_daemon.config.publish import PublishConfig
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.messages.keys import CONSUMER_NAME, consumer_key, frame_key, last_but, light_ahead_key
 from autoexpose_daemon.messages.light import LARGEST_LIGHT_BYTES, read_light_ahead
-from autoexpose_daemon.messages.read import DamagedMessageError
 from autoexpose_daemon.messages.write import TOPICS, MessageWriter, realtime_offset_ns
+from autoexpose_daemon.publish.refusal import reading
 from autoexpose_daemon.publish.ros2_keys import Attachments, Ros2Node
 from autoexpose_daemon.publish.session import Endpoints, SessionHolder
 from autoexpose_daemon.runtime.foretold_light import ForetoldLight
 from autoexpose_daemon.status.publishing import LARGEST_REPORT_BYTES, ConsumerTally, DropReason, PublishTally
-from drivers.config.readable import readable
 from drivers.frames import Side, StereoPair
-from drivers.log_throttle import LogThrottle
 
 log = logging.getLogger(__name__)
 
 MAILBOX_PAIRS = 12
 """0.2 s at 60 Hz: longer than stuck consumers, or a busy machine, delay the thread; 9 MB of 720 x 540."""
 _TELL_S = 1.0
-_SAID_S = 60.0
 _PRIORITIES: dict[Side, zenoh.Priority] = {"left": zenoh.Priority.DATA, "right": zenoh.Priority.DATA_LOW}
 """Each priority has its own queue, which makes room for twice as many images."""
 
@@ -76,7 +73,6 @@ class Publisher:
         self._open = False
         self._stopping = False
         self._sequence = 0
-        self._throttle = LogThrottle(_SAID_S)
         self._holder = SessionHolder("peer", self._endpoints, self._serve, self._on_trouble)
 
     def __enter__(self) -> Self:
@@ -118,8 +114,8 @@ class Publisher:
             for topic in TOPICS
         }
         if self._light is not None:
-            key = light_ahead_key(self._config.rig)
-            self._holder.subscribe(session, key, self._on_light, 1, LARGEST_LIGHT_BYTES)
+            take = reading(read_light_ahead, self._light.take, self._light.refuse)
+            self._holder.subscribe(session, light_ahead_key(self._config.rig), take, 1, LARGEST_LIGHT_BYTES)
         with (
             self._in_ros2(session, outlets),
             session.declare_subscriber(consumer_key(self._config.rig, "*"), self._on_report),
@@ -177,16 +173,6 @@ class Publisher:
                 session.put(key, text, priority=zenoh.Priority.DATA_HIGH, express=True)
             except zenoh.ZError as error:
                 log.debug("zenoh refused %s: %s", key, error)
-
-    def _on_light(self, key: str, data: bytes) -> None:
-        """On a thread of its own."""
-        assert self._light is not None
-        try:
-            self._light.take(read_light_ahead(data))
-        except DamagedMessageError as error:
-            self._light.refuse()
-            if self._throttle.due("light", time.monotonic_ns()):
-                log.warning("a message as %s is refused: %s", key, readable(str(error)))
 
     def _on_report(self, sample: zenoh.Sample) -> None:
         """On a thread of zenoh's."""

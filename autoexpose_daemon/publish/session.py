@@ -99,6 +99,8 @@ class SessionHolder:
         on_trouble: Callable[[str], None],
     ) -> None:
         self.closed = threading.Event()
+        self._open: zenoh.Session | None = None
+        self._sending = threading.Lock()
         self._mode: Mode = mode
         self._endpoints = endpoints
         self._serve = serve
@@ -115,6 +117,12 @@ class SessionHolder:
         for thread in self._threads:
             thread.join(_JOIN_S)
         return not any(thread.is_alive() for thread in self._threads)
+
+    def send(self, key: str, data: bytes) -> None:
+        """Publish a message, if the session is open; raises what zenoh raises."""
+        with self._sending:
+            if self._open is not None:
+                self._open.put(key, data)
 
     def subscribe(
         self, session: zenoh.Session, key: str, take: Take, waiting: int, largest_bytes: int = LARGEST_MESSAGE_BYTES
@@ -141,7 +149,12 @@ class SessionHolder:
                 continue
             self._on_trouble("")
             with contextlib.closing(session):
-                self._serve(session)
+                self._open = session
+                try:
+                    self._serve(session)
+                finally:
+                    with self._sending:
+                        self._open = None
             return
 
 

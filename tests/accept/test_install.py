@@ -10,16 +10,9 @@ from pathlib import Path
 import pytest
 
 from tests import REPOSITORY
+from tests.systemd.test_install import FILES
 
 CONFIG = "cameras: {left: {serial: MINE}}\n"
-FILES = [
-    "usr/lib/systemd/system/autoexpose.service",
-    "usr/lib/systemd/system/autoexpose-page.service",
-    "usr/lib/sysusers.d/autoexpose.conf",
-    "usr/lib/tmpfiles.d/autoexpose-usbfs-memory.conf",
-    "usr/lib/udev/rules.d/60-usb3-vision.rules",
-    "usr/share/doc/autoexpose-daemon/docs/service.md",
-]
 
 pytestmark = pytest.mark.timeout(300)
 

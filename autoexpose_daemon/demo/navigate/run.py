@@ -40,6 +40,9 @@ BEGINS_S, WAITS_S = 4.0, 3.0
 
 FASTEST_M_S = 0.6
 
+HIGHEST_HZ = 30.0
+"""Two fakes in motion, a daemon, and `teach` or `repeat`, which look at each frame, are much for two cores."""
+
 _RIG = "rig"
 
 
@@ -63,10 +66,6 @@ def running(service: Service) -> Iterator[None]:
         thread.join()
     if failed:
         raise failed[0]
-
-
-HIGHEST_HZ = 30.0
-"""Two fakes in motion, a daemon, and `teach` or `repeat`, which look at each frame, are much for two cores."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)

@@ -19,7 +19,7 @@ from autoexpose_daemon.navigation.drive.source import Source, newest_pair
 from autoexpose_daemon.navigation.drive.steering import Stop
 from autoexpose_daemon.navigation.maps.adaptation import Passing, Strategy
 from autoexpose_daemon.navigation.maps.choice import best
-from autoexpose_daemon.navigation.maps.light import LightMemory, LightTrail
+from autoexpose_daemon.navigation.maps.light import LightMemory, LightRow, LightTrail
 from autoexpose_daemon.navigation.maps.temporal import MODELS
 from autoexpose_daemon.navigation.store import MapError, MapFile, Run, newest_of_hour
 from autoexpose_daemon.navigation.views.detectors import FINDERS
@@ -93,7 +93,9 @@ class Repeater:
     def end(self) -> None:
         """At the end of the path: remember the last local map, too, and the light up to there."""
         self._remember(self.repetition.end())
-        self._remember_light()
+        light = self._new_light()
+        if light and self._run is not None:
+            self._file.add_light(self._run, light)
 
     def light_ahead(self, distance_m: float, speed_m_s: float) -> LightSeries | None:
         """What an earlier drive saw of the light around a place; None if it is not known, or the robot hardly moves."""
@@ -103,12 +105,10 @@ class Repeater:
         if passed is not None and self._run is not None:
             index, passing = passed
             places = self.repetition.places
-            places[index] = self._file.pass_place(self._run, places[index], passing, time.time())
-            self._remember_light()
+            places[index] = self._file.pass_place(self._run, places[index], passing, time.time(), self._new_light())
 
-    def _remember_light(self) -> None:
-        if self._trail is not None and self._run is not None:
-            self._file.add_light(self._run, self._trail.new_rows())
+    def _new_light(self) -> list[LightRow]:
+        return [] if self._trail is None else self._trail.new_rows()
 
     def _remembered_light(self) -> LightMemory | None:
         """Of the newest drive at this time of the day that came to the end of the path."""

@@ -12,7 +12,6 @@ from typing import Self
 
 import zenoh
 
-from autoexpose_daemon.messages.read import DamagedMessageError
 from autoexpose_daemon.messages.robot import (
     LARGEST_ROBOT_MESSAGE_BYTES,
     read_odometry,
@@ -22,16 +21,13 @@ from autoexpose_daemon.messages.robot import (
 )
 from autoexpose_daemon.navigation.drive.motion import Pose, Velocity
 from autoexpose_daemon.navigation.drive.odometer import SPEED_NS, Odometer
+from autoexpose_daemon.publish.refusal import reading
 from autoexpose_daemon.publish.session import Endpoints, SessionHolder
-from drivers.config.readable import readable
-from drivers.log_throttle import LogThrottle
 
 log = logging.getLogger(__name__)
 
 _WAITING = 64
 """Messages of odometry or velocity: each adds to the distance, so none may be dropped while a frame is looked at."""
-
-_SAID_S = 60.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,10 +78,7 @@ class Robot:
         self.odometry_ns: int | None = None
         self._keys, self._on_velocity = keys, on_velocity
         self._odometer = Odometer()
-        self._throttle = LogThrottle(_SAID_S)
-        self._session: zenoh.Session | None = None
         self._turn = threading.Lock()
-        self._sending = threading.Lock()
         self._holder = SessionHolder("client", endpoints, self._serve, self._on_trouble)
 
     def __enter__(self) -> Self:
@@ -110,11 +103,6 @@ class Robot:
         with self._turn:
             return 0.0 if silent else self._odometer.speed_m_s
 
-    @property
-    def connected(self) -> bool:
-        """Whether commands can be sent."""
-        return self._session is not None
-
     def command(self, velocity: Velocity) -> None:
         """Have it drive like this."""
         data = twist_stamped(velocity, time.time_ns()) if self._keys.stamped else twist(velocity)
@@ -122,44 +110,30 @@ class Robot:
 
     def send(self, key: str, data: bytes) -> None:
         """Publish a message, if there is a connection."""
-        with self._sending:
-            if self._session is not None:
-                self._session.put(key, data)
+        self._holder.send(key, data)
 
     def _on_trouble(self, trouble: str) -> None:
         self.trouble = trouble
 
     def _serve(self, session: zenoh.Session) -> None:
-        takers = {self._keys.odometry: self._take_odometry, self._keys.velocity: self._take_velocity}
+        takers = {
+            self._keys.odometry: reading(read_odometry, self._take_odometry, self._refuse),
+            self._keys.velocity: reading(read_velocity, self._take_velocity, self._refuse),
+        }
         for key, take in takers.items():
             if key:
                 self._holder.subscribe(session, key, take, _WAITING, LARGEST_ROBOT_MESSAGE_BYTES)
-        self._session = session
         self._holder.closed.wait()
-        with self._sending:
-            self._session = None
 
-    def _take_odometry(self, key: str, data: bytes) -> None:
-        try:
-            pose = Pose(*read_odometry(data))
-        except DamagedMessageError as error:
-            self._refuse(key, error)
-            return
+    def _take_odometry(self, pose: tuple[float, float, float]) -> None:
         now_ns = time.monotonic_ns()
         with self._turn:
-            self._odometer.take(pose, now_ns)
+            self._odometer.take(Pose(*pose), now_ns)
         self.odometry_ns = now_ns
 
-    def _take_velocity(self, key: str, data: bytes) -> None:
-        try:
-            velocity = Velocity(*read_velocity(data))
-        except DamagedMessageError as error:
-            self._refuse(key, error)
-            return
+    def _take_velocity(self, velocity: tuple[float, float]) -> None:
         if self._on_velocity is not None:
-            self._on_velocity(velocity, self.distance_m)
+            self._on_velocity(Velocity(*velocity), self.distance_m)
 
-    def _refuse(self, key: str, error: DamagedMessageError) -> None:
+    def _refuse(self) -> None:
         self.refused += 1
-        if self._throttle.due(key, time.monotonic_ns()):
-            log.warning("a message as %s is refused: %s", key, readable(str(error)))

@@ -24,7 +24,7 @@ LARGEST_SHIFT_RAD = 0.03
 LARGEST_DRIFT_RAD_PER_M = 0.1
 
 LONGEST_WAY_M = 0.2
-"""Between registrations. Over a longer one the shift was not watched."""
+"""Of a longer way between registrations only so much counts: what the shift was meanwhile is not known."""
 
 SILENT_S = 0.5
 """Without a frame or odometry for so long, the robot stops."""

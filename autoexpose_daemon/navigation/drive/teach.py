@@ -60,8 +60,7 @@ class Teacher:
         if taught is not None:
             with self._turn:
                 speeds = self._lesson.new_speeds()
-            self._file.add_place(self._run, taught, speeds)
-            self._file.add_light(self._run, self._trail.new_rows())
+            self._file.add_place(self._run, taught, speeds, self._trail.new_rows())
             self.places += 1
 
     def end(self, distance_m: float) -> float:

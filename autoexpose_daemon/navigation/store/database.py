@@ -38,8 +38,8 @@ TABLES: Final = (
     "PRIMARY KEY (run, distance_m)) STRICT, WITHOUT ROWID",
 )
 """`feature.added` and `.removed` are runs. `observation.states` has a byte for each feature that the place had before
-that run, by ascending id: those added before it, and not removed before it. `light.level`
-is the exposure level that served there, stops."""
+that run, by ascending id: those added before it, and not removed before it. `light.level` is the
+exposure level that served there, stops."""
 
 
 class MapError(AutoexposeError):
@@ -93,7 +93,6 @@ def _connected(path: Path, mode: str) -> sqlite3.Connection:
     uri = f"{path.absolute().as_uri()}?mode={mode}{'&immutable=1' if unwritable else ''}"
     connection = sqlite3.connect(uri, uri=True, isolation_level=None)
     connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LARGEST_VALUE_BYTES)
-    connection.text_factory = lambda text: text.decode(errors="replace")  # text that is damaged is none that we know
     connection.execute("PRAGMA trusted_schema = OFF")
     if mode == "rw":
         connection.execute("PRAGMA journal_mode = WAL")

@@ -92,8 +92,10 @@ class MapFile:
         self._write("INSERT INTO run VALUES (?, ?, ?)", run.number, run.kind, run.start_s)
         return run
 
-    def add_place(self, run: Run, taught: TaughtPlace, speeds: Sequence[SpeedRow] = ()) -> None:
-        """A new local map at the end of the path, and the speeds that were driven up to it."""
+    def add_place(
+        self, run: Run, taught: TaughtPlace, speeds: Sequence[SpeedRow] = (), light: Sequence[LightRow] = ()
+    ) -> None:
+        """A new local map at the end of the path, the speeds that were driven up to it, and the light."""
         with self._transaction() as connection:
             place = connection.execute(
                 "INSERT INTO place (distance_m, exposure_time_us, gain_db, next_feature, jpeg) VALUES (?, ?, ?, ?, ?)",
@@ -108,6 +110,7 @@ class MapFile:
             assert place is not None
             self._insert(connection, place, LocalMap.taught(taught.features), run)
             _insert_speeds(connection, speeds)
+            _insert_light(connection, run, light)
 
     def add_speeds(self, speeds: Sequence[SpeedRow]) -> None:
         """The last speeds of a path."""
@@ -115,11 +118,9 @@ class MapFile:
             _insert_speeds(connection, speeds)
 
     def add_light(self, run: Run, light: Sequence[LightRow]) -> None:
-        """Exposure levels that served along a drive, in the order of driving."""
+        """The last exposure levels that served along a drive, in the order of driving."""
         with self._transaction() as connection:
-            connection.executemany(
-                "INSERT INTO light (run, distance_m, level) VALUES (?, ?, ?)", [(run.number, *row) for row in light]
-            )
+            _insert_light(connection, run, light)
 
     def light_reaches_m(self) -> dict[int, float]:
         """How far along the path light is known of each drive, by its number."""
@@ -133,8 +134,10 @@ class MapFile:
             rows = self._read("SELECT distance_m, level FROM light WHERE run = ? ORDER BY distance_m", run.number)
             return [(distance_m, level) for distance_m, level in (finite(*row) for row in rows)]
 
-    def pass_place(self, run: Run, place: Place, passing: Passing, time_s: float) -> Place:
-        """What a passing showed of a local map and changed in it; returns the local map as it is now."""
+    def pass_place(
+        self, run: Run, place: Place, passing: Passing, time_s: float, light: Sequence[LightRow] = ()
+    ) -> Place:
+        """What a passing showed of a local map and changed in it, and the light; returns the local map as it is now."""
         after, added = passing.after, passing.after.take(passing.added)
         next_feature = place.next_feature + len(added)
         with self._transaction() as connection:
@@ -155,6 +158,7 @@ class MapFile:
             )
             self._insert(connection, place.number, added, run)
             connection.execute("UPDATE place SET next_feature = ? WHERE id = ?", (next_feature, place.number))
+            _insert_light(connection, run, light)
         return Place(place.number, place.distance_m, place.setting, next_feature, after)
 
     def forget_all_runs_but(self, newest: int) -> int:
@@ -292,3 +296,9 @@ def _values(info: MapInfo) -> tuple[object, ...]:
 
 def _insert_speeds(connection: sqlite3.Connection, speeds: Sequence[SpeedRow]) -> None:
     connection.executemany("INSERT INTO speed (distance_m, forward_m_s, turn_rad_s) VALUES (?, ?, ?)", speeds)
+
+
+def _insert_light(connection: sqlite3.Connection, run: Run, light: Sequence[LightRow]) -> None:
+    connection.executemany(
+        "INSERT INTO light (run, distance_m, level) VALUES (?, ?, ?)", [(run.number, *row) for row in light]
+    )

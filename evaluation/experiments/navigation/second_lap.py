@@ -8,12 +8,13 @@ from dataclasses import dataclass, field
 from functools import partial
 from itertools import product
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from autoexpose_daemon.navigation.maps.light import SPREAD_M, LightMemory, LightTrail
@@ -56,24 +57,29 @@ SCENES: Final = (("shelves", 3000), ("hall", 3000), ("room", 3001), ("room", 300
 LAPS: Final = ("first", "second", "second, told", "second, told wrong")
 
 
-@dataclass
-class Told:
-    """A control loop that is told, with every frame, what a lap saw around where it believes to be."""
+class Told(ControlLoop):
+    """Is told, with every frame, what a lap saw around where it believes to be."""
 
-    loop: ControlLoop
-    memory: LightMemory
-    error_m: NDArray[np.float64]
-    frame: int = 0
+    def __init__(
+        self,
+        memory: LightMemory,
+        error_m: NDArray[np.float64],
+        response: ResponseFunction,
+        limits: ExposureLimits,
+        start: ExposureSetting,
+    ) -> None:
+        super().__init__(DEFAULT_POLICY, response, limits, start)
+        self._memory, self._error_m, self._frame = memory, error_m, 0
 
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self.loop, name)
-
-    def step(self, pair: StereoPair) -> Decision:
+    def step(
+        self, pair: StereoPair, angular_rate_rad_s: float | None = None, light_ahead: LightAhead | None = None
+    ) -> Decision:
         """The next decision."""
-        distance_m = self.frame / RATE_HZ * SPEED_M_S + float(self.error_m[self.frame])
-        series = self.memory.series(distance_m, SPEED_M_S)
-        self.frame += 1
-        return self.loop.step(pair, None, None if series is None else series.in_frames(0.0, RATE_HZ))
+        distance_m = self._frame / RATE_HZ * SPEED_M_S + float(self._error_m[self._frame])
+        series = self._memory.series(distance_m, SPEED_M_S)
+        self._frame += 1
+        told = None if series is None else series.in_frames(0.0, RATE_HZ)
+        return super().step(pair, angular_rate_rad_s, light_ahead or told)
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,12 +102,13 @@ class Way:
 def measure_second_lap(scenario: str, scene: str, seed: int, delay: int, frames: int = FRAMES) -> Plain:
     """Bad frames and the mean worth of all frames, for each of `LAPS`."""
     way = Way(scenario, scene, seed, frames)
-    (first,) = way.drive([_entrant("first", delay)], seed)
+    (first,) = way.drive([Entrant.of(DEFAULT_POLICY, delay)], seed)
+    memory = _memory(first)
     error_m = _wandering(np.random.default_rng([seed, delay]), frames)
     entrants = [
-        _entrant("second", delay),
-        _entrant("second, told", delay, _memory(first), error_m),
-        _entrant("second, told wrong", delay, _memory(first), error_m + WRONG_M),
+        Entrant.of(DEFAULT_POLICY, delay),
+        Entrant("told", delay, partial(Told, memory, error_m)),
+        Entrant("told wrong", delay, partial(Told, memory, error_m + WRONG_M)),
     ]
     return [_outcome(lap) for lap in (first, *way.drive(entrants, seed, LATER))]
 
@@ -109,23 +116,6 @@ def measure_second_lap(scenario: str, scene: str, seed: int, delay: int, frames:
 def _outcome(series: Series) -> Plain:
     ratios = series.ratios[series.first_scored :]
     return {"bad": int((ratios < BAD).sum()), "mean": float(np.nanmean(ratios))}
-
-
-def _entrant(
-    name: str, delay: int, memory: LightMemory | None = None, error_m: NDArray[np.float64] | None = None
-) -> Entrant:
-    return Entrant(name, delay, partial(_loop, memory, error_m))
-
-
-def _loop(
-    memory: LightMemory | None,
-    error_m: NDArray[np.float64] | None,
-    response: ResponseFunction,
-    limits: ExposureLimits,
-    start: ExposureSetting,
-) -> ControlLoop:
-    loop = ControlLoop(DEFAULT_POLICY, response, limits, start)
-    return loop if memory is None or error_m is None else Told(loop, memory, error_m)  # type: ignore[return-value]
 
 
 def _memory(series: Series) -> LightMemory:

@@ -209,10 +209,11 @@ class ExposureMap(ExposurePolicy):
         levels = _bins(observation.limits)
         ahead = self.forecast.ahead(self.latency.frames, steady=self.motion_px < SLOW_PX)
         moving = self.motion_px >= MOVING_PX
-        rises, shares = self._rises(observation, ahead)
-        if len(rises) == 1:
+        foretold = self._foretold(observation, ahead)
+        if foretold is None:
             worth, metric = self._worth(levels + ahead, moving)
         else:
+            rises, shares = foretold
             worth, metric = self._expected(levels, rises, shares, moving)
             ahead = float(shares @ rises)
         risen, self.ahead = change + ahead - self.ahead, ahead
@@ -232,16 +233,16 @@ class ExposureMap(ExposurePolicy):
             reason = f"metric {'rises' if target > level else 'falls'} with exposure"
         return Target(target, reason, float(np.interp(target, levels, metric)))
 
-    def _rises(self, observation: Observation, forecast: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """By how much the light may rise until a decision shows, stops, and with which probabilities."""
+    def _foretold(
+        self, observation: Observation, forecast: float
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+        """`Foresight.rises` until a decision shows; None where no earlier drive foretells more than the forecast."""
         if observation.light_ahead is None:
             self.foresight.rest()
-        else:
-            changes, frames = self.forecast.changes, self.latency.frames
-            rises, shares = self.foresight.rises(observation.light_ahead, changes, frames, forecast)
-            if np.abs(rises - forecast).max() > LEAST_FORETOLD:
-                return rises, shares
-        return np.array([forecast]), np.ones(1)
+            return None
+        changes, frames = self.forecast.changes, self.latency.frames
+        rises, shares = self.foresight.rises(observation.light_ahead, changes, frames, forecast)
+        return (rises, shares) if np.abs(rises - forecast).max() > LEAST_FORETOLD else None
 
     def _expected(
         self, levels: NDArray[np.float64], rises: NDArray[np.float64], shares: NDArray[np.float64], moving: bool

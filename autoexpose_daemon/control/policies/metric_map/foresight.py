@@ -22,7 +22,7 @@ FORGOTTEN_FRAMES = 300
 LEAST_BELIEF, MOST_BELIEF = 0.05, 0.95
 
 CLEARLY_STOPS = 20.0
-"""Beyond this a difference counts no more."""
+"""A greater difference counts as much as this one."""
 
 NARROWEST_FRAMES = 0.5
 
@@ -41,6 +41,8 @@ class Foresight:
     ----------
     belief
         Probability that the series foretells the light, from what it foretold so far.
+    untold_frames
+        Since the latest series.
     """
 
     STATE: ClassVar[tuple[str, ...]] = ("belief", "untold_frames")
