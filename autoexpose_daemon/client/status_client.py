@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
 import time
 from collections.abc import Sequence
@@ -11,7 +12,16 @@ from typing import Self
 
 import zenoh
 
-from autoexpose_daemon.messages.keys import LOOPBACK, check_rig_name, response_key, side_of, status_key
+from autoexpose_daemon.messages.keys import (
+    LOOPBACK,
+    check_rig_name,
+    registration_key,
+    response_key,
+    side_of,
+    status_key,
+)
+from autoexpose_daemon.messages.read import DamagedMessageError
+from autoexpose_daemon.messages.registration import LARGEST_REGISTRATION_BYTES, RegisteredView, read_registration
 from autoexpose_daemon.publish.session import Endpoints, SessionHolder
 from autoexpose_daemon.status.document import LARGEST_RESPONSE_BYTES, LARGEST_STATUS_BYTES, Status, response_from_json
 from calibration.response import ResponseFunction
@@ -19,9 +29,12 @@ from drivers.frames import Side
 
 _RING_MESSAGES = 4
 
+_LONGEST_SINCE_REGISTRATION_S = 1.0
+"""`repeat` that has not registered a frame for so long has ended, or has no frames."""
+
 
 class StatusClient:
-    """Follows the status that a rig's daemon sends once a second, while its context is entered.
+    """Follows the status that a rig's daemon sends once a second, and what `repeat` says, while its context is entered.
 
     It waits for a daemon that has not started yet, and finds it again after a restart. Readable from any thread.
 
@@ -56,6 +69,7 @@ class StatusClient:
         self.trouble = "not connected yet"
         self._rig = rig
         self._heard_s = time.monotonic()
+        self._registered: tuple[RegisteredView, float] | None = None
         self._count = 0
         self._news = threading.Condition()
         endpoints = Endpoints(connect=() if zenoh_file is not None else connect, file=zenoh_file)
@@ -65,6 +79,13 @@ class StatusClient:
     def silent_s(self) -> float:
         """Time since the last status, or before the first, since this client was made."""
         return time.monotonic() - self._heard_s
+
+    @property
+    def registered(self) -> RegisteredView | None:
+        """The frame that `autoexpose repeat` registered last; None if there is none within the last second."""
+        newest = self._registered
+        fresh = newest is not None and time.monotonic() - newest[1] < _LONGEST_SINCE_REGISTRATION_S
+        return newest[0] if newest is not None and fresh else None
 
     def wait(self, timeout_s: float) -> Status | None:
         """The next status; None if none came in time, or the client was closed."""
@@ -92,12 +113,18 @@ class StatusClient:
         status, responses = status_key(self._rig), response_key(self._rig, "*")
         self._holder.subscribe(session, status, self._take_status, _RING_MESSAGES, LARGEST_STATUS_BYTES)
         self._holder.subscribe(session, responses, self._take_response, _RING_MESSAGES, LARGEST_RESPONSE_BYTES)
+        registration = registration_key(self._rig)
+        self._holder.subscribe(session, registration, self._take_registration, 1, LARGEST_REGISTRATION_BYTES)
         self._holder.closed.wait()
 
     def _take_response(self, key: str, data: bytes) -> None:
         side, response = side_of(key), response_from_json(data)
         if side is not None and response is not None:
             self.responses[side] = response
+
+    def _take_registration(self, _key: str, data: bytes) -> None:
+        with contextlib.suppress(DamagedMessageError):  # nothing is shown of it
+            self._registered = read_registration(data), time.monotonic()
 
     def _take_status(self, _key: str, data: bytes) -> None:
         status = Status.from_json(data)

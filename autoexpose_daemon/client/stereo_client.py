@@ -28,10 +28,12 @@ from autoexpose_daemon.messages.keys import (
     consumer_key,
     last_but,
     light_ahead_key,
+    registration_key,
     side_of,
 )
 from autoexpose_daemon.messages.light import light_ahead
 from autoexpose_daemon.messages.read import DamagedMessageError
+from autoexpose_daemon.messages.registration import RegisteredView, registration
 from autoexpose_daemon.publish.session import Endpoints, SessionHolder
 from autoexpose_daemon.status.document import response_from_json
 from autoexpose_daemon.status.publishing import ConsumerTally
@@ -119,8 +121,11 @@ class StereoClient:
 
     def send_light_ahead(self, series: LightSeries) -> None:
         """Tell the daemon what an earlier drive saw of the light around here, if it is connected."""
-        with contextlib.suppress(zenoh.ZError):  # the next one says it again
-            self._holder.send(light_ahead_key(self._rig), light_ahead(series, time.time_ns()))
+        self._send(light_ahead_key(self._rig), light_ahead(series, time.time_ns()))
+
+    def send_registration(self, view: RegisteredView) -> None:
+        """Show others how a frame lies against a taught path, if the daemon is connected."""
+        self._send(registration_key(self._rig), registration(view))
 
     def close(self) -> None:
         """Leave the daemon; iterations end."""
@@ -137,6 +142,10 @@ class StereoClient:
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         self.close()
+
+    def _send(self, key: str, data: bytes) -> None:
+        with contextlib.suppress(zenoh.ZError):  # the next one says it again
+            self._holder.send(key, data)
 
     def _open(self) -> None:
         """Begin to connect, once."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from autoexpose_daemon.control.parameters import FASTEST_TURN_RAD_S
 from autoexpose_daemon.messages.read import DamagedMessageError, deserialise
-from autoexpose_daemon.messages.types import ODOMETRY, REGISTRATION, TWIST, TWIST_STAMPED, TYPESTORE, header, serialise
+from autoexpose_daemon.messages.types import ODOMETRY, TWIST, TWIST_STAMPED, TYPESTORE, header, serialise
 
 LARGEST_ROBOT_MESSAGE_BYTES: Final = 4096
 """Of an Odometry, which takes 720 and the names of its coordinate frames; a Twist takes 52."""
@@ -86,11 +86,6 @@ def odometry(pose: Pose, velocity: Velocity, stamp_ns: int) -> bytes:
     placed = _PoseWithCovariance(_Pose(_Point(x_m, y_m, 0.0), turned), unknown)
     moving = _TwistWithCovariance(_twist(velocity), unknown)
     return serialise(_types[ODOMETRY](header(stamp_ns, "odom"), "base_link", placed, moving), ODOMETRY)
-
-
-def registration(stamp_ns: int, frame_id: str = "camera", **fields: float | str) -> bytes:
-    """A registration, with the fields of `Registration.msg`."""
-    return serialise(_types[REGISTRATION](header=header(stamp_ns, frame_id), **fields), REGISTRATION)
 
 
 def _twist(velocity: Velocity) -> Any:

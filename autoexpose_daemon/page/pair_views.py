@@ -166,7 +166,7 @@ class PairViews:
 
     def _show(self, pair: ReceivedPair) -> None:
         pictures = {side: self._maker(side).picture(frame.grey8()) for side, frame in pair.stereo.frames.items()}
-        self._newest = self._newest[0] + 1, pair_message(pair, pictures)
+        self._newest = self._newest[0] + 1, pair_message(pair, pictures, self._status.registered)
         self._loop.call_soon_threadsafe(self._ring)
 
     def _ring(self) -> None:

@@ -8,12 +8,14 @@ import numpy as np
 
 from autoexpose_daemon.control.light_ahead import LightSeries
 from autoexpose_daemon.messages.light import light_ahead
+from autoexpose_daemon.messages.registration import registration
 from autoexpose_daemon.messages.robot import odometry, twist, twist_stamped
 from autoexpose_daemon.navigation.maps.adaptation import adapt
 from autoexpose_daemon.navigation.store import MapFile, MapInfo, TaughtPlace
 from autoexpose_daemon.navigation.views.features import Features
 from autoexpose_daemon.navigation.views.registration import register
 from drivers.exposure import ExposureSetting
+from tests.autoexpose_daemon.messages.registered_view import registered_view
 from tests.fuzz.target import in_file
 
 MAP = "run/lap.map"
@@ -30,6 +32,10 @@ def velocity_seeds() -> Iterator[bytes]:
 
 def light_ahead_seeds() -> Iterator[bytes]:
     yield light_ahead(LightSeries(np.linspace(8.0, 14.0, 40), 20, 0.02, 0.05), 1_700_000_000_000_000_000)
+
+
+def registration_seeds() -> Iterator[bytes]:
+    yield registration(registered_view())
 
 
 def map_file(data: bytes) -> None:

@@ -12,8 +12,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from autoexpose_daemon.demo.navigate.robot import COMMAND, JOYSTICK, ODOMETRY, STANDSTILL, DemoRobot, Step, Vote
+from autoexpose_daemon.demo.navigate.robot import COMMAND, JOYSTICK, ODOMETRY, STANDSTILL, DemoRobot, Step
 from autoexpose_daemon.demo.navigate.track import ASIDE_M, LENGTH_M, RADIUS_M, TURNED_RAD, Place
+from autoexpose_daemon.messages.registration import RegisteredView
 from drivers.errors import AutoexposeError
 
 TAUGHT_LUX = 150.0
@@ -46,7 +47,7 @@ class Lap:
     policy: str
     completed: bool
     steps: Sequence[Step]
-    votes: Sequence[Vote]
+    views: Sequence[RegisteredView]
     said: str
 
     @property
@@ -57,7 +58,7 @@ class Lap:
     @property
     def registered_share(self) -> float:
         """Of the frames that were looked at."""
-        return sum(vote.registered for vote in self.votes) / max(len(self.votes), 1)
+        return sum(view.shift_px is not None for view in self.views) / max(len(self.views), 1)
 
     def figures(self) -> dict[str, float | str | bool]:
         """For the summary."""
@@ -128,7 +129,7 @@ class Lessons:
             repeat.terminate()
             said, _ = repeat.communicate(timeout=STARTS_S)
         steps = [step for step in robot.steps if step.place != robot.steps[0].place]
-        return Lap(light, policy, completed, steps, list(robot.votes), said.strip().splitlines()[-1] if said else "")
+        return Lap(light, policy, completed, steps, list(robot.views), said.strip().splitlines()[-1] if said else "")
 
     def _wait_for(self, file: Path) -> None:
         deadline_s = time.monotonic() + STARTS_S

@@ -66,4 +66,4 @@ def _lap(lap: Lap, log: StepLog, axes: tuple[Axes, Axes, Axes, Axes], colour: st
     taken = [step for step in log.steps if times_ns[0] <= step.host_time_ns <= times_ns[-1]]
     at_m = np.interp([step.host_time_ns for step in taken], times_ns, along_m)
     exposure.plot(at_m, [step.applied.level for step in taken], color=colour)
-    matches.plot([vote.distance_m for vote in lap.votes], [vote.votes for vote in lap.votes], color=colour, lw=1)
+    matches.plot([view.distance_m for view in lap.views], [view.votes for view in lap.views], color=colour, lw=1)

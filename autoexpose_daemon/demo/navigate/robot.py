@@ -14,10 +14,9 @@ import zenoh
 from autoexpose_daemon.demo.navigate.control_line import ControlLine
 from autoexpose_daemon.demo.navigate.track import Place, Vehicle
 from autoexpose_daemon.messages.keys import registration_key
-from autoexpose_daemon.messages.read import deserialise
+from autoexpose_daemon.messages.registration import RegisteredView, read_registration
 from autoexpose_daemon.messages.robot import Velocity, odometry, read_velocity, twist
-from autoexpose_daemon.messages.types import REGISTRATION
-from autoexpose_daemon.publish.session import Endpoints, open_session
+from autoexpose_daemon.publish.session import Endpoints, SessionHolder, open_session
 
 ODOMETRY, JOYSTICK, COMMAND = "odom", "joystick", "cmd_vel"
 """Keys."""
@@ -39,16 +38,6 @@ class Step:
     place: Place
 
 
-@dataclass(frozen=True, slots=True)
-class Vote:
-    """What `repeat` said of a frame: distance along the lap, and how many of how many matches agree."""
-
-    distance_m: float
-    registered: bool
-    votes: int
-    matches: int
-
-
 class DemoRobot:
     """Drives while its context lasts, as it is commanded or by its joystick.
 
@@ -56,6 +45,8 @@ class DemoRobot:
     ----------
     endpoint
         Where it listens for zenoh.
+    daemon
+        Where the daemon listens.
     lines
         To its cameras.
     rig
@@ -65,15 +56,17 @@ class DemoRobot:
     ----------
     joystick
         Forward (m/s) and turn (rad/s); None: commands are obeyed.
-    steps, votes
+    steps, views
         Since the last `put`.
     """
 
-    def __init__(self, endpoint: str, lines: Sequence[ControlLine], rig: str) -> None:
+    def __init__(self, endpoint: str, daemon: str, lines: Sequence[ControlLine], rig: str) -> None:
         self.joystick: Velocity | None = STANDSTILL
         self.steps: list[Step] = []
-        self.votes: list[Vote] = []
+        self.views: list[RegisteredView] = []
         self._endpoint, self._lines, self._rig = endpoint, lines, rig
+        at_daemon = Endpoints(connect=[daemon])
+        self._daemon_session = SessionHolder("client", at_daemon, self._hear_repeat, lambda _trouble: None)
         self._vehicle = Vehicle()
         self._command, self._commanded_s = STANDSTILL, 0.0
         self._turn = threading.Lock()
@@ -82,19 +75,21 @@ class DemoRobot:
 
     def __enter__(self) -> Self:
         self._thread.start()
+        self._daemon_session.start()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         self._stop.set()
+        self._daemon_session.close()
         self._thread.join()
 
     def put(self, place: Place, *, errs: bool) -> None:
         """Carry it somewhere, from where on its odometry errs or does not."""
         with self._turn:
             self._vehicle.put(place, errs=errs)
-            self._command, self.steps, self.votes = STANDSTILL, [], []
+            self._command, self.steps, self.views = STANDSTILL, [], []
 
     def light(self, lux: float) -> None:
         """Switch the light of the room, for both cameras at once."""
@@ -109,17 +104,13 @@ class DemoRobot:
 
     def _live(self) -> None:
         with open_session("peer", Endpoints(listen=[self._endpoint])) as session:
-            hear = session.declare_subscriber
-            heard = [
-                hear(COMMAND, lambda sample: self._obey(sample.payload.to_bytes())),
-                hear(registration_key(self._rig), lambda sample: self._register(sample.payload.to_bytes())),
-            ]
+            heard = session.declare_subscriber(COMMAND, lambda sample: self._obey(sample.payload.to_bytes()))
             last_ns = time.monotonic_ns()
             while not self._stop.wait(PERIOD_S):
                 now_ns = time.monotonic_ns()
                 self._step(session, now_ns, (now_ns - last_ns) * 1e-9)
                 last_ns = now_ns
-            del heard  # they end with the session
+            del heard  # it ends with the session
 
     def _step(self, session: zenoh.Session, now_ns: int, seconds: float) -> None:
         with self._turn:
@@ -142,7 +133,10 @@ class DemoRobot:
         with self._turn:
             self._command, self._commanded_s = read_velocity(data), time.monotonic()
 
-    def _register(self, data: bytes) -> None:
-        said = deserialise(data, REGISTRATION)
+    def _hear_repeat(self, session: zenoh.Session) -> None:
+        self._daemon_session.subscribe(session, registration_key(self._rig), self._take_view, 64)
+        self._daemon_session.closed.wait()
+
+    def _take_view(self, _key: str, data: bytes) -> None:
         with self._turn:
-            self.votes.append(Vote(said.distance_m, said.registered, said.votes, said.matches))
+            self.views.append(read_registration(data))

@@ -27,6 +27,7 @@ from autoexpose_daemon.demo.reference_step import reference_step_ms
 from autoexpose_daemon.demo.show import REFERENCE_REPEATS, check_account, configuration, start
 from autoexpose_daemon.demo.step_log import StepLog
 from autoexpose_daemon.demo.summary import Run, figures, in_words
+from autoexpose_daemon.messages.keys import LOOPBACK
 from autoexpose_daemon.runtime.cameras import openers
 from autoexpose_daemon.runtime.daemon import Daemon
 from autoexpose_daemon.service.outlets import add_outlets
@@ -89,6 +90,8 @@ def navigate(options: DemoOptions, cameras: FakeCameras, folder: Path, stop: thr
     """
     rate_hz = start(cameras, options.rate_hz, console, HIGHEST_HZ)
     daemon_at, robot_at = (f"tcp/127.0.0.1:{port}" for port in _free_ports())
+    if options.publish:
+        daemon_at = LOOPBACK
     config = configuration(options, rate_hz)
     commands = 1 + len(LIGHTS)
     lap_s = (options.seconds - 2 * (BEGINS_S + commands * WAITS_S)) / (2 * commands)
@@ -96,7 +99,7 @@ def navigate(options: DemoOptions, cameras: FakeCameras, folder: Path, stop: thr
     parts: dict[str, Part] = {}
     with ExitStack() as resources:
         lines = [resources.enter_context(ControlLine(camera.control)) for camera in cameras.both]
-        robot = resources.enter_context(DemoRobot(robot_at, lines, _RIG))
+        robot = resources.enter_context(DemoRobot(robot_at, daemon_at, lines, _RIG))
         lessons = Lessons(robot, ["--connect", daemon_at, "--robot", robot_at, "--rig", _RIG], forward_m_s, stop)
         for policy in (options.policy, OTHER_POLICY):
             ours = {"control": {"policy": policy}, "publish": {"rig": _RIG, "listen": [daemon_at]}}

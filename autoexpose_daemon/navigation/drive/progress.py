@@ -34,6 +34,11 @@ class Progress:
         if self._live is not None:
             self._live.stop()
 
+    def warn(self, line: str) -> None:
+        """Print a line that stays, unless it is empty."""
+        if line:
+            self._console.print(line, markup=False, highlight=False, soft_wrap=True)
+
     def say(self, line: str) -> None:
         """How it goes now; lines that differ in numbers only are one state."""
         now_s = time.monotonic()

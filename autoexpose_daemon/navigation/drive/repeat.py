@@ -7,10 +7,12 @@ import threading
 import time
 from dataclasses import dataclass
 
+import numpy as np
+
 from autoexpose_daemon.client import ReceivedPair, StereoClient
+from autoexpose_daemon.client.status_client import StatusClient
 from autoexpose_daemon.control.light_ahead import LightSeries
-from autoexpose_daemon.messages.keys import registration_key
-from autoexpose_daemon.messages.robot import registration
+from autoexpose_daemon.messages.registration import RegisteredView
 from autoexpose_daemon.navigation.drive.motion import STANDSTILL, Velocity
 from autoexpose_daemon.navigation.drive.progress import Progress
 from autoexpose_daemon.navigation.drive.repetition import Repetition, View
@@ -90,6 +92,14 @@ class Repeater:
         self.tally.registered += view.shift_px is not None
         return view
 
+    def misfit(self, policy: str) -> str:
+        """What to know of a daemon that exposes by another policy than when the path was taught; empty: it is the same.
+
+        By different policies the same place can show different features.
+        """
+        taught = self._file.info.policy
+        return f"taught with {taught}, while the daemon exposes by {policy}" if taught not in ("", policy) else ""
+
     def end(self) -> None:
         """At the end of the path: remember the last local map, too, and the light up to there."""
         self._remember(self.repetition.end())
@@ -130,7 +140,9 @@ def repeat(repeater: Repeater, source: Source, stop: threading.Event, progress: 
     drives = bool(source.robot.command)
     tally, repetition = repeater.tally, repeater.repetition
     repetition.obeyed = drives
+    compared = False
     with (
+        StatusClient(source.rig, source.connect) as status,
         Robot(source.robot, Endpoints(connect=source.robot_connect)) as robot,
         StereoClient(source.rig, source.connect, name="repeat") as client,
         progress,
@@ -144,11 +156,14 @@ def repeat(repeater: Repeater, source: Source, stop: threading.Event, progress: 
                 tally.distance_m = driven_m + repetition.correction_m
                 if drives:
                     robot.command(velocity)
+                if not compared and status.status is not None:
+                    compared = True
+                    progress.warn(repeater.misfit(status.status.policy))
                 light = repeater.light_ahead(tally.distance_m, robot.speed_m_s)
                 if light is not None:
                     client.send_light_ahead(light)
                 if pair is not None and view is not None:
-                    robot.send(registration_key(source.rig), _message(pair, view, repetition, velocity, tally.stop))
+                    client.send_registration(_registered(pair, view, repetition, velocity, tally.stop))
                 progress.say(robot.trouble or _line(tally, repetition.length_m, view or repetition.view, velocity))
         finally:
             if drives:
@@ -172,12 +187,13 @@ def _line(tally: Tally, length_m: float, view: View | None, velocity: Velocity) 
     return f"{where}, {aside}, {matches}, {drive}"
 
 
-def _message(pair: ReceivedPair, view: View, repetition: Repetition, velocity: Velocity, stop: Stop | None) -> bytes:
-    vote = view.registration.vote
-    return registration(
-        pair.stamp_ns,
-        distance_m=view.distance_m, length_m=repetition.length_m, local_map=view.place,
-        registered=view.shift_px is not None, shift_px=math.nan if view.shift_px is None else view.shift_px,
-        matches=len(view.registration.matches), votes=vote.votes,
-        forward_m_s=velocity.forward_m_s, turn_rad_s=velocity.turn_rad_s, stopped=str(stop or ""),
+def _registered(
+    pair: ReceivedPair, view: View, repetition: Repetition, velocity: Velocity, stop: Stop | None
+) -> RegisteredView:
+    registration = view.registration
+    x_px, y_px = view.features.positions[registration.matches[:, 1]].T.astype(np.float32)
+    return RegisteredView(
+        pair.stamp_ns, view.distance_m, repetition.length_m, view.place, view.shift_px,
+        x_px, y_px, registration.shifts_px.astype(np.float32), registration.vote.correct,
+        velocity.forward_m_s, velocity.turn_rad_s, str(stop or ""),
     )  # fmt: skip

@@ -90,10 +90,11 @@ def teach(teacher: Teacher, source: Source, stop: threading.Event, progress: Pro
                 pair = newest_pair(client)
                 if robot.odometry_ns is None:
                     progress.say(robot.trouble or f"waiting for odometry as {source.robot.odometry}")
-                elif pair is None:
-                    progress.say(f"waiting for frames of {source.rig}{f': {status.trouble}' if status.trouble else ''}")
+                elif pair is None or status.status is None:
+                    trouble = f": {status.trouble}" if status.trouble else ""
+                    progress.say(f"waiting for frames and status of {source.rig}{trouble}")
                 else:
-                    teacher.look(pair, robot.distance_m, "" if status.status is None else status.status.policy)
+                    teacher.look(pair, robot.distance_m, status.status.policy)
                     progress.say(f"{robot.distance_m:.1f} m driven, {teacher.places} local maps")
         finally:
             length_m = teacher.end(robot.distance_m)

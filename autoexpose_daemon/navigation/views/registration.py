@@ -80,10 +80,13 @@ class Registration:
         How far the view is shifted to the right of the map, which is the paper's delta with the other sign.
     matches
         Index into the map and index into the view of each match that voted, int64, (n, 2), in the order of the vote.
+    shifts_px
+        How far each is shifted to the right of the map, (n,).
     """
 
     vote: Vote
     matches: NDArray[np.int64]
+    shifts_px: NDArray[np.float64]
 
 
 def register(taught: Features, seen: Features, rule: VoteRule = RULES["overlapping"]) -> Registration:
@@ -99,7 +102,7 @@ def register(taught: Features, seen: Features, rule: VoteRule = RULES["overlappi
     if rule.gate_px is not None:
         near = np.abs(down) <= rule.gate_px
         matches, across = matches[near], across[near]
-    return Registration(vote(across, rule), matches)
+    return Registration(vote(across, rule), matches, across)
 
 
 def vote(shifts: NDArray[np.float64], rule: VoteRule = RULES["overlapping"]) -> Vote:

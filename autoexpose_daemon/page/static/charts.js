@@ -18,7 +18,7 @@ export const LANES = [
   { name: "metric", applied: 4, words: format.metric, span: 0.01, floor: 0, fromZero: true },
 ];
 
-function begin(canvas) {
+export function begin(canvas) {
   const scale = window.devicePixelRatio || 1;
   const [width, height] = [canvas.clientWidth, canvas.clientHeight];
   canvas.width = Math.round(width * scale);
@@ -141,7 +141,7 @@ function band(pen, rows, column, x, y, colour, width) {
   pen.restore();
 }
 
-function line(pen, points) {
+export function line(pen, points) {
   pen.beginPath();
   for (const [x, y] of points) pen.lineTo(x, y);
   pen.stroke();

@@ -3,6 +3,7 @@
 import { LANES, at, drawCurve, drawLane, lengthOf, timeAt } from "./charts.js";
 import * as format from "./format.js";
 import { define, element, showDecision, showStatus } from "./numbers.js";
+import { drawMatches, showRepetition } from "./repetition.js";
 
 const SILENT_S = 3; // the daemon sends its status once a second
 const STALE_S = 2;
@@ -119,14 +120,15 @@ async function takePair(data) {
     start += length;
   }
   const bitmaps = await Promise.all(decoded);
-  pair.pictures.forEach((picture, index) => showPicture(picture, bitmaps[index]));
+  pair.pictures.forEach((picture, index) => showPicture(picture, bitmaps[index], pair.registered));
+  showRepetition(pair.registered);
   pairMs = performance.now();
   showDecision(pair.decision);
   showState();
   document.body.dataset.trigger = pair.trigger;
 }
 
-function showPicture(picture, bitmap) {
+function showPicture(picture, bitmap, registered) {
   const figure = byId(picture.side);
   const canvas = figure.querySelector("canvas");
   if (canvas.width !== bitmap.width || canvas.height !== bitmap.height) {
@@ -134,6 +136,7 @@ function showPicture(picture, bitmap) {
     canvas.parentElement.style.aspectRatio = `${bitmap.width} / ${bitmap.height}`;
   }
   canvas.getContext("2d").drawImage(bitmap, 0, 0);
+  if (registered && picture.side === "left") drawMatches(canvas, registered, bitmap.width / picture.frame_width);
   bitmap.close();
   const title = element("h2", picture.side);
   title.append(" ", element("small", numbers?.status?.cameras[picture.side]?.camera ?? ""));

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import threading
 import time
+from dataclasses import replace
 from types import TracebackType
 from typing import Self
 
@@ -12,6 +13,7 @@ import numpy as np
 import zenoh
 
 from autoexpose_daemon.config.publish import PublishConfig
+from autoexpose_daemon.messages.keys import status_key
 from autoexpose_daemon.messages.robot import odometry, read_velocity, twist
 from autoexpose_daemon.navigation.drive.motion import STANDSTILL, Pose, Velocity
 from autoexpose_daemon.publish.publisher import Publisher
@@ -19,7 +21,8 @@ from autoexpose_daemon.publish.session import Endpoints, open_session
 from autoexpose_daemon.runtime.foretold_light import ForetoldLight
 from drivers.frames import Frame, StereoPair
 from tests.autoexpose_daemon.navigation.texture import HEIGHT, WIDTH, texture
-from tests.autoexpose_daemon.publish.steps import DECISION, SETTING, nothing
+from tests.autoexpose_daemon.publish.steps import DECISION, SETTING
+from tests.autoexpose_daemon.statuses import EXPOSING
 
 FOCAL_LENGTH_PX = 600.0
 PERIOD_S = 0.02
@@ -39,17 +42,20 @@ class SimulatedRobot:
         Whether its daemon is silent.
     light
         What its daemon is told of the light ahead.
+    daemon_at
+        Where that listens.
     """
 
-    def __init__(self, robot_at: str, daemon_at: str, heading_rad: float = 0.0) -> None:
+    def __init__(self, robot_at: str, daemon_at: str, heading_rad: float = 0.0, policy: str = "fisher-map") -> None:
         self.joystick: Velocity | None = None
         self.commands: list[Velocity] = []
         self.pose = Pose(0.0, 0.0, heading_rad)
         self.blind = False
-        self._robot_at = robot_at
+        self._robot_at, self.daemon_at = robot_at, daemon_at
         self._wall = np.clip(128 + 40 * texture(7, 3 * WIDTH), 0, 255).astype(np.uint8)
         self.light = ForetoldLight(1.0 / PERIOD_S)
-        self._publisher = Publisher(PublishConfig(listen=(daemon_at,)), 2, nothing, self.light)
+        status = {status_key("rig"): replace(EXPOSING, policy=policy).to_json()}
+        self._publisher = Publisher(PublishConfig(listen=(daemon_at,)), 2, lambda _last: status, self.light)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._live)
 

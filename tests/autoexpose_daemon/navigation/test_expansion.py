@@ -28,7 +28,9 @@ def seen_from(ahead_m: float, turned_px: float = 0.0, count: int = 80, wrong: in
     after[:wrong] = random.uniform((0.0, 0.0), (720.0, 540.0), (wrong, 2))
     vote = Vote(float(np.median((after - before)[:, 0])), np.ones(count, bool))
     matches = np.stack([np.arange(count)] * 2, axis=1)
-    return expansion(features(before), features(after), Registration(vote, matches), HORIZON_PX)
+    return expansion(
+        features(before), features(after), Registration(vote, matches, after[:, 0] - before[:, 0]), HORIZON_PX
+    )
 
 
 @pytest.mark.parametrize("turned_px", [-40.0, 0.0, 40.0])
@@ -42,5 +44,8 @@ def test_it_grows_with_the_way_ahead_whatever_the_turn(ahead_m: float, wrong: in
 
 def test_few_matches_and_no_registration_say_nothing() -> None:
     assert seen_from(0.1, count=LEAST_MATCHES - 1) is None
-    empty, none = features(np.zeros((0, 2))), Registration(Vote(None, np.zeros(0, bool)), np.zeros((0, 2), np.int64))
+    empty, none = (
+        features(np.zeros((0, 2))),
+        Registration(Vote(None, np.zeros(0, bool)), np.zeros((0, 2), np.int64), np.zeros(0)),
+    )
     assert expansion(empty, empty, none, HORIZON_PX) is None

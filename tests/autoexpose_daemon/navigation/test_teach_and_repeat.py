@@ -12,7 +12,9 @@ from pathlib import Path
 
 import pytest
 
+from autoexpose_daemon.client.status_client import StatusClient
 from autoexpose_daemon.navigation.drive.motion import STANDSTILL, Velocity
+from autoexpose_daemon.navigation.drive.repetition import LEAST_VOTES
 from autoexpose_daemon.navigation.store import MapFile
 from tests.autoexpose_daemon.navigation.simulated_robot import (
     COMMAND,
@@ -69,12 +71,12 @@ def lap(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @contextlib.contextmanager
 def repeating(
-    path: Path, *options: str, heading_rad: float = 0.0
+    path: Path, *options: str, heading_rad: float = 0.0, policy: str = "fisher-map"
 ) -> Iterator[tuple[SimulatedRobot, subprocess.Popen[str]]]:
     robot_at, daemon_at = endpoint(), endpoint()
     where = ("--connect", daemon_at, "--robot", robot_at, "--odometry", ODOMETRY, "--command", COMMAND)
     with (
-        SimulatedRobot(robot_at, daemon_at, heading_rad) as robot,
+        SimulatedRobot(robot_at, daemon_at, heading_rad, policy) as robot,
         command("repeat", str(path), *where, *options) as process,
     ):
         yield robot, process
@@ -96,9 +98,15 @@ def test_a_lesson_has_local_maps_and_speeds(lap: Path) -> None:
 
 
 def test_a_robot_that_starts_turned_comes_back_to_the_heading_and_stops_at_the_end(lap: Path) -> None:
-    with repeating(lap, "--drive", heading_rad=math.radians(6.0)) as (robot, process):
+    with (
+        repeating(lap, "--drive", heading_rad=math.radians(6.0)) as (robot, process),
+        StatusClient(connect=[robot.daemon_at]) as listener,
+    ):
+        wait_until(lambda: listener.registered is not None, "a registered frame")
+        view = listener.registered
+        assert view is not None and view.length_m > 2.0 and len(view.agreed) >= view.votes >= LEAST_VOTES
         output = said(process)
-        assert "of 2." in output and "frames registered" in output
+        assert "taught with" not in output and "of 2." in output and "frames registered" in output
         turns = [velocity.turn_rad_s for velocity in robot.commands if velocity.forward_m_s > 0]
         assert turns and min(turns) < -0.03  # to the right
         assert robot.commands[-1] == STANDSTILL
@@ -113,11 +121,12 @@ def test_a_robot_that_starts_turned_comes_back_to_the_heading_and_stops_at_the_e
 
 def test_without_drive_nothing_is_commanded(lap: Path) -> None:
     before = runs_of(lap)
-    with repeating(lap) as (robot, process):
+    with repeating(lap, policy="fixed") as (robot, process):
         wait_until(lambda: runs_of(lap) > before, "a frame to be registered")
         robot.joystick = FORWARD
         output = said(process)
         assert robot.commands == [] and "repeated 2." in output
+        assert "taught with fisher-map, while the daemon exposes by fixed" in output
 
 
 def runs_of(path: Path) -> int:

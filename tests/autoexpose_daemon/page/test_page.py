@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from autoexpose_daemon.client import StereoClient
 from autoexpose_daemon.config.publish import PublishConfig
 from autoexpose_daemon.messages.keys import response_key, status_key
 from autoexpose_daemon.page.metrics import CONTENT_TYPE
@@ -28,6 +29,7 @@ from autoexpose_daemon.status.document import (
 from autoexpose_daemon.status.publishing import ConsumerTally
 from autoexpose_daemon.status.states import State
 from calibration.response import ResponseFunction
+from tests.autoexpose_daemon.messages.registered_view import registered_view
 from tests.autoexpose_daemon.page.browser import SHRUNK, Tab, browser
 from tests.autoexpose_daemon.page.server import PageProcess, running_page
 from tests.autoexpose_daemon.publish.steps import DECISION, endpoint, publishing, wait_until
@@ -146,6 +148,26 @@ def test_a_hidden_tab_takes_no_pictures(tab: Tab, page: PageProcess, at: str) ->
         shown = tab.value("document.body.dataset.trigger")
         tab.value(hiding(False))
         tab.wait_for(f"document.body.dataset.trigger > {shown}", "pictures again")
+    assert tab.complaints == []
+
+
+def test_a_robot_that_repeats_a_path_is_shown_on_it(tab: Tab, page: PageProcess, at: str) -> None:
+    tab.open(page.url)
+    hidden = "document.getElementById('repetition').hidden"
+    with publishing(PublishConfig(listen=(at,))), StereoClient(connect=[at]) as repeating:
+        tab.wait_for("document.body.dataset.trigger > 0", "pictures")
+        assert tab.value(hidden)
+
+        def shown() -> bool:
+            repeating.send_registration(registered_view())
+            return repeating.next_pair(0.1) is not None and not tab.value(hidden)
+
+        wait_until(shown, "the card")
+        words = "3.5 of 40.0 m, local map 17, shifted +12 px, 30 of 40 matches agree, 0.40 m/s, \u22120.10 rad/s"
+        assert tab.text("repetition-words").endswith(words)
+        for canvas in ("path", "vote"):
+            assert max(tab.value(f"{SHRUNK}('#{canvas}', 8, 8)")) > 0
+        tab.wait_for(hidden, "its end")
     assert tab.complaints == []
 
 

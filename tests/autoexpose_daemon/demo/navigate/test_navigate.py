@@ -14,12 +14,13 @@ from rich.console import Console
 from autoexpose_daemon.demo.navigate.control_line import ControlLine
 from autoexpose_daemon.demo.navigate.lessons import LIGHTS, TAUGHT_LUX, Lap
 from autoexpose_daemon.demo.navigate.picture import draw
-from autoexpose_daemon.demo.navigate.robot import DemoRobot, Step, Vote
+from autoexpose_daemon.demo.navigate.robot import DemoRobot, Step
 from autoexpose_daemon.demo.navigate.run import laps_in_words
 from autoexpose_daemon.demo.navigate.track import LENGTH_M, RADIUS_M, SCALE, Place, Vehicle
 from autoexpose_daemon.demo.options import DemoOptions
 from autoexpose_daemon.demo.step_log import StepLog
 from drivers.errors import AutoexposeError, ConfigurationError
+from tests.autoexpose_daemon.messages.registered_view import registered_view
 
 
 def around(errs: bool) -> Vehicle:
@@ -87,7 +88,7 @@ def camera(tmp_path: Path) -> tuple[Path, list[dict[str, object]]]:
 def test_a_refused_order_is_remembered(camera: tuple[Path, list[dict[str, object]]]) -> None:
     path, orders = camera
     with ControlLine(path) as line:
-        robot = DemoRobot("tcp/127.0.0.1:1", [line], "rig")
+        robot = DemoRobot("tcp/127.0.0.1:1", "tcp/127.0.0.1:2", [line], "rig")
         robot.light(3.0)
     assert line.refused == "it is dark"
     assert orders[0]["light"]["lux"] == 3.0  # type: ignore[index]
@@ -101,8 +102,8 @@ def test_a_camera_that_is_not_there_is_named(tmp_path: Path) -> None:
 def lap(policy: str, light: str, *, completed: bool = True) -> Lap:
     places = [Place(RADIUS_M * math.cos(a / 10), RADIUS_M * math.sin(a / 10) - 0.02, 0.0) for a in range(60)]
     steps = [Step(20_000_000 * number, place) for number, place in enumerate(places)]
-    votes = [Vote(number * 0.05, number % 4 > 0, 50, 80) for number in range(40)]
-    return Lap(light, policy, completed, steps, votes, "repeated 3.1 of 3.1 m")
+    views = [registered_view(number * 0.05, 12.0 if number % 4 else None) for number in range(40)]
+    return Lap(light, policy, completed, steps, views, "repeated 3.1 of 3.1 m")
 
 
 def test_figures_words_and_picture_of_laps(tmp_path: Path) -> None:
