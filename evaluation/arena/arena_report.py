@@ -30,6 +30,8 @@ applies from frame k + D; D = {MAIN_DELAY} unless stated otherwise.
   common exposure reaches; otherwise it is the left camera's.
 * **Objective ratio**: the same of what the policy maximises, with its own oracle: Fisher information for `fisher-map`
   ([policy.md](../policy.md)), gradient information for all others. Its metric ratio is shown for continuity.
+* **Metric ratio to the best time and gain**: the metric ratio when the oracle also tries six ways of splitting each
+  level (times of at most 7500, 3750, 1875, 938, 469 and 234 us, the rest gain). It shows what a split costs.
 * **Settled**: an objective ratio of at least 0.9 for 10 frames in a row. Frames count from the first one exposed
   entirely after the step (in scenarios without a step, from the first scored frame); 0 means immediately, `-` that most
   runs never settled. **Stuck**: the share of runs that never settled. A decision cannot take effect sooner than D
@@ -78,6 +80,7 @@ def write_arena_report(runs: Sequence[Run], default_policy: str, folder: Path) -
         *section("Objective ratio, worst 5 % of frames", "objective_ratio_p05", "{:.3f}"),
         *section("Metric ratio, mean", "metric_ratio_mean", "{:.3f}"),
         *section("Metric ratio, worst 5 % of frames", "metric_ratio_p05", "{:.3f}"),
+        *section("Metric ratio to the best time and gain, mean", "any_split_ratio_mean", "{:.3f}"),
         *section("Frames to settle, median", "settle_frames", "{:.0f}"),
         *section("Stuck, share of runs", "stuck_share", "{:.2f}"),
         *section("Overshoot (stops)", "overshoot_stops", "{:.2f}"),

@@ -31,6 +31,9 @@ from fake_camera.world.simulation import Side
 LIGHT_JUMP_STOPS = 0.2
 """Where the light changes by more between two frames, the oracle is asked about both."""
 
+SPLITS_EVERY = 4
+"""The best of all times and gains takes six searches: it is asked for so many times less often."""
+
 
 @dataclass(slots=True, eq=False)
 class Judgement:
@@ -81,6 +84,8 @@ class Series:
     ----------
     by_metric, by_objective
         How its frames do by M_g, and by what its policy maximises; the same for all policies but `fisher-map`.
+    by_any_split
+        By M_g, against the best of all exposure times and gains.
     """
 
     entrant: Entrant
@@ -88,6 +93,7 @@ class Series:
     delayed: DelayedLoop
     by_metric: Judgement
     by_objective: Judgement
+    by_any_split: Judgement
 
     @property
     def levels(self) -> NDArray[np.float64]:
@@ -126,6 +132,7 @@ class Series:
             oracle_levels=self.oracle_levels,
             ratios=self.ratios,
             metric_ratios=self.by_metric.ratios,
+            any_split_ratios=self.by_any_split.ratios,
             clipped_shares=self.clipped_shares,
             gains_db=self.gains_db,
             first_scored=self.first_scored,
@@ -182,13 +189,18 @@ def race(
     """Take all entrants through the first `frames` frames of a stage, starting from the best exposure of the first.
 
     The oracles are asked about one frame in `every`, about the last one, and where the light jumps: that of M_g for all
-    entrants, and that of Fisher information, if given, for those that maximise it.
+    entrants, and that of Fisher information, if given, for those that maximise it. Every fourth time that of M_g is
+    asked for the best of all splits, too.
     """
     start = best_start(oracle)
-    race = [_enter(entrant, start, first_scored, informed) for entrant in entrants]
+    any_split: dict[int, Best | None] = {}
+    race = [_enter(entrant, start, first_scored, informed, any_split) for entrant in entrants]
     for frame in range(frames):
         stage.go_to(frame)
-        asked = frame % every == 0 or frame == frames - 1 or _light_jumps_at(stage, frame, frames)
+        always = frame == frames - 1 or _light_jumps_at(stage, frame, frames)
+        asked = always or frame % every == 0
+        if always or frame % (SPLITS_EVERY * every) == 0:
+            any_split[frame] = oracle.best_of_all()
         for series in race:
             taken = series.delayed.step(stage.take).reference.setting
             judges = [(series.by_metric, oracle)]
@@ -202,10 +214,17 @@ def race(
     return race
 
 
-def _enter(entrant: Entrant, start: ExposureSetting, first_scored: int, informed: Oracle | None) -> Series:
+def _enter(
+    entrant: Entrant,
+    start: ExposureSetting,
+    first_scored: int,
+    informed: Oracle | None,
+    any_split: dict[int, Best | None],
+) -> Series:
     delayed, by_metric = entrant.enter(start), Judgement()
     own = delayed.loop.objective == "information" and informed is not None
-    return Series(entrant, first_scored, delayed, by_metric, Judgement() if own else by_metric)
+    by_any_split = Judgement(by_metric.judged, any_split)
+    return Series(entrant, first_scored, delayed, by_metric, Judgement() if own else by_metric, by_any_split)
 
 
 def _light_jumps_at(stage: Stage, frame: int, frames: int) -> bool:

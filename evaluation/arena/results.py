@@ -21,6 +21,7 @@ MEANS = (
     "gain_db_mean",
     "objective_ratio_mean",
     "objective_ratio_p05",
+    "any_split_ratio_mean",
 )
 
 

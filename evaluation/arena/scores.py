@@ -41,6 +41,8 @@ class Score:
         Mean gain.
     objective_ratio_mean, objective_ratio_p05
         Mean and fifth percentile of what the policy maximises as a share of the oracle's; M_g for all but `fisher-map`.
+    any_split_ratio_mean
+        Mean of M_g as a share of the best of all exposure times and gains, however the policy splits.
     """
 
     settle_frames: int | None
@@ -52,6 +54,7 @@ class Score:
     gain_db_mean: float
     objective_ratio_mean: float
     objective_ratio_p05: float
+    any_split_ratio_mean: float
 
 
 def score(
@@ -60,18 +63,22 @@ def score(
     oracle_levels: NDArray[np.float64],
     ratios: NDArray[np.float64],
     metric_ratios: NDArray[np.float64],
+    any_split_ratios: NDArray[np.float64],
     clipped_shares: NDArray[np.float64],
     gains_db: NDArray[np.float64],
     first_scored: int,
 ) -> Score:
     """The scores of a run; all arrays have shape (frames,), and frames before `first_scored` do not count.
 
-    `ratios` and `oracle_levels` are by what the policy maximises, `metric_ratios` by M_g. Frames whose ratio is NaN (no
+    `ratios` and `oracle_levels` are by what the policy maximises, `metric_ratios` and
+    `any_split_ratios` by M_g. Frames whose ratio is NaN (no
     exposure shows anything) neither count as settled nor enter the ratios.
     """
     scored = slice(first_scored, None)
     settle = frames_to_settle(ratios[scored])
-    by_objective, by_metric = (each[scored][~np.isnan(each[scored])] for each in (ratios, metric_ratios))
+    by_objective, by_metric, by_any_split = (
+        each[scored][~np.isnan(each[scored])] for each in (ratios, metric_ratios, any_split_ratios)
+    )
     return Score(
         settle_frames=settle,
         overshoot_stops=overshoot(levels[scored], oracle_levels[scored], settle),
@@ -82,6 +89,7 @@ def score(
         gain_db_mean=float(gains_db[scored].mean()),
         objective_ratio_mean=_mean(by_objective),
         objective_ratio_p05=_worst(by_objective),
+        any_split_ratio_mean=_mean(by_any_split),
     )
 
 

@@ -35,6 +35,9 @@ PLATEAU = 0.99
 """The best level is the middle of those that reach this share of the maximum."""
 
 
+LONGEST_TIMES_US = LIMITS.max_time_us * 0.5 ** np.arange(6)
+"""For the best time and gain of all: at each level the time that is at most one of these, the rest gain."""
+
 _UNCHANGED = np.array([0.0])
 _SAME = np.array([1.0])
 
@@ -96,6 +99,7 @@ class Oracle:
         self._information = InformationPrediction(ResponseFunction.linear(), noise, _UNCHANGED)
         self._frame = -1
         self._known: dict[tuple[ExposureSetting, ...], Best] = {}
+        self._values: dict[ExposureSetting, tuple[float, ...]] = {}
 
     def judge(self, setting: ExposureSetting) -> tuple[float, ...]:
         """Value of each judged camera's image when the present frame is taken with a setting."""
@@ -112,19 +116,35 @@ class Oracle:
 
     def best(self, balance: Balance, motion_px: float) -> Best | None:
         """The best exposure of the present frame split by `balance`; None when no exposure shows any gradient."""
-        if self._frame != self._stage.frame:
-            self._frame = self._stage.frame
-            self._known.clear()
+        self._forget_other_frames()
         motion_px = motion_px if self._exhaustive else rounded_motion(motion_px)
         settings = tuple(
             LIMITS.realise(float(level), balance.exposure_time_us(float(level), motion_px, LIMITS)) for level in LEVELS
         )
         if settings not in self._known:
-            self._known[settings] = self._search(settings)
+            self._known[settings] = _best(*self._search(settings))
         best = self._known[settings]
         return best if best.joint > 0 else None
 
-    def _search(self, settings: tuple[ExposureSetting, ...]) -> Best:
+    def best_of_all(self) -> Best | None:
+        """The best exposure of the present frame however it is split; None when no exposure shows any gradient."""
+        self._forget_other_frames()
+        searched = [
+            self._search(tuple(LIMITS.realise(level, min(math.exp2(level), longest_us)) for level in LEVELS.tolist()))
+            for longest_us in LONGEST_TIMES_US.tolist()
+        ]
+        levels, curves = (np.concatenate(parts) for parts in zip(*searched, strict=True))
+        best = _best(levels, curves)
+        return best if best.joint > 0 else None
+
+    def _forget_other_frames(self) -> None:
+        if self._frame != self._stage.frame:
+            self._frame = self._stage.frame
+            self._known.clear()
+            self._values.clear()
+
+    def _search(self, settings: tuple[ExposureSetting, ...]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """The levels tried, (n,), and what each camera's image is worth there, (n, cameras)."""
         curve = np.full((len(LEVELS), len(self._sides)), np.nan)
         coarse = np.arange(0, len(LEVELS), 1 if self._exhaustive else COARSE)
         self._try(settings, curve, coarse)
@@ -134,16 +154,16 @@ class Oracle:
             for hill in coarse[np.unique(np.concatenate(hills))]:
                 self._try(settings, curve, np.arange(max(hill - COARSE + 1, 0), min(hill + COARSE, len(LEVELS))))
         tried = np.flatnonzero(~np.isnan(curve[:, 0]))
-        joint = _joint(curve[tried])
-        good = LEVELS[tried][joint >= PLATEAU * joint.max()]
-        return Best(float(good.mean()), tuple(curve[tried].max(axis=0).tolist()), float(joint.max()))
+        return LEVELS[tried], curve[tried]
 
     def _try(
         self, settings: tuple[ExposureSetting, ...], curve: NDArray[np.float64], places: NDArray[np.int64]
     ) -> None:
         for place in places:
-            if np.isnan(curve[place, 0]):
-                curve[place] = self.judge(settings[place])
+            setting = settings[place]
+            if setting not in self._values:
+                self._values[setting] = self.judge(setting)
+            curve[place] = self._values[setting]
 
 
 def best_start(oracle: Oracle) -> ExposureSetting:
@@ -155,6 +175,12 @@ def best_start(oracle: Oracle) -> ExposureSetting:
 def rounded_motion(motion_px: float) -> float:
     """Speed of image points rounded to half octaves; less than half a pixel counts as none."""
     return 0.0 if motion_px < 0.5 else 2.0 ** (round(2.0 * math.log2(motion_px)) / 2.0)
+
+
+def _best(levels: NDArray[np.float64], curve: NDArray[np.float64]) -> Best:
+    joint = _joint(curve)
+    good = levels[joint >= PLATEAU * joint.max()]
+    return Best(float(good.mean()), tuple(curve.max(axis=0).tolist()), float(joint.max()))
 
 
 def _hills(values: NDArray[np.float64]) -> NDArray[np.int64]:

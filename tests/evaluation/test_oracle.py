@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from autoexpose_daemon.control.balance import Balance, BlurNoiseBalance, ExposurePriority, FixedRatio
+from autoexpose_daemon.control.balance import Balance, BlurNoiseBalance, ExposurePriority, FixedGain, FixedRatio
 from drivers.exposure import ExposureSetting
 from evaluation.arena.race import course_of, race
 from evaluation.scenes.scenarios import SCENARIOS
@@ -46,6 +46,17 @@ def test_search_finds_what_trying_everything_finds(
     assert quick is not None and exhaustive is not None
     assert quick.metrics[0] == pytest.approx(exhaustive.metrics[0], rel=0.005)
     assert quick.level == pytest.approx(exhaustive.level, abs=0.3)
+
+
+def test_no_split_is_better_than_the_best_of_all() -> None:
+    oracle = Oracle(stage_at("lowlight_fast", "shelves", 4, 50))
+    best = oracle.best_of_all()
+    assert best is not None
+    for balance in (ExposurePriority(), BlurNoiseBalance(0.02, 8.0), FixedRatio(), FixedGain(12.0)):
+        split = oracle.best(balance, 7.3)
+        assert split is not None and split.metrics[0] <= 1.005 * best.metrics[0]
+    longest = oracle.best(ExposurePriority(), 0.0)
+    assert longest is not None and longest.metrics[0] < 0.98 * best.metrics[0]  # what moves is better taken briefly
 
 
 def test_two_cameras_share_one_exposure() -> None:
