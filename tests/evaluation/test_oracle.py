@@ -49,14 +49,14 @@ def test_search_finds_what_trying_everything_finds(
 
 
 def test_no_split_is_better_than_the_best_of_all() -> None:
-    oracle = Oracle(stage_at("lowlight_fast", "shelves", 4, 50))
+    oracle = Oracle(stage_at("pan", "room", 3, 100))
     best = oracle.best_of_all()
     assert best is not None
-    for balance in (ExposurePriority(), BlurNoiseBalance(0.02, 8.0), FixedRatio(), FixedGain(12.0)):
-        split = oracle.best(balance, 7.3)
-        assert split is not None and split.metrics[0] <= 1.005 * best.metrics[0]
-    longest = oracle.best(ExposurePriority(), 0.0)
-    assert longest is not None and longest.metrics[0] < 0.98 * best.metrics[0]  # what moves is better taken briefly
+    balances = (ExposurePriority(), BlurNoiseBalance(0.02, 8.0), FixedRatio(), FixedGain(12.0))
+    splits = [oracle.best(balance, 7.3) for balance in balances]
+    shares = [split.metrics[0] / best.metrics[0] for split in splits if split is not None]
+    assert len(shares) == 4 and max(shares) <= 1.005
+    assert min(shares) < 0.9  # a poor split costs
 
 
 def test_two_cameras_share_one_exposure() -> None:
