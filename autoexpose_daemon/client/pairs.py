@@ -36,7 +36,7 @@ class ReceivedPair:
         The frames, each with its own exposure time and gain; `right` is None in a rig with one camera.
         Their host and arrival times are of the daemon's machine; the pixels are read-only.
     stamp_ns
-        When the left frame was taken, CLOCK_REALTIME.
+        The middle of the left frame's exposure, CLOCK_REALTIME, unless `publish.stamp` says otherwise.
     trigger
         The daemon's number for the trigger.
     sequence

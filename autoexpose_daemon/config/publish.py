@@ -8,6 +8,7 @@ from pydantic import Field, field_validator
 
 from autoexpose_daemon.config.connection import ConnectionConfig
 from autoexpose_daemon.messages.keys import LAST_ROS2_DOMAIN, LOOPBACK, check_rig_name
+from autoexpose_daemon.messages.stamp import Stamp
 
 
 class PublishConfig(ConnectionConfig):
@@ -15,6 +16,7 @@ class PublishConfig(ConnectionConfig):
 
     rig: str = "rig"
     listen: tuple[str, ...] = (LOOPBACK,)
+    stamp: Stamp = "middle"
     ros2_domain: Annotated[int, Field(ge=0, le=LAST_ROS2_DOMAIN, strict=True)] | None = None
 
     @field_validator("rig")

@@ -11,6 +11,7 @@ from typing import Any, Final
 import numpy as np
 
 from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.messages.stamp import Stamp, moment_ns
 from autoexpose_daemon.messages.types import CAMERA_INFO, EXPOSURE_INFO, IMAGE, TYPESTORE, encoding
 from drivers.frames import SIDES, Frame, Side, StereoPair
 
@@ -64,10 +65,13 @@ class MessageWriter:
         Name of the rig; coordinate frames are named after it, as in ``rig_left_optical_frame``.
     cameras
         How many cameras the rig has.
+    stamp
+        The moment of the left frame's exposure that messages carry.
     """
 
-    def __init__(self, rig: str, cameras: int) -> None:
+    def __init__(self, rig: str, cameras: int, stamp: Stamp = "middle") -> None:
         self._rig = rig
+        self._stamp = stamp
         self._cameras = cameras
 
     def messages(
@@ -89,7 +93,7 @@ class MessageWriter:
         wanted
             Side and topic of the messages to make.
         """
-        stamp_ns = min(max(pair.reference.host_time_ns + offset_ns, 0), LAST_STAMP_NS)
+        stamp_ns = min(max(moment_ns(pair.reference, self._stamp) + offset_ns, 0), LAST_STAMP_NS)
         stamp = _Time(*divmod(stamp_ns, 1_000_000_000))
         of_pair: dict[str, float | str] = {
             "trigger": pair.trigger,

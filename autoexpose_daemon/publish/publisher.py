@@ -67,7 +67,7 @@ class Publisher:
         # rmw_zenoh's routers forward nothing from peer to peer: ROS 2 nodes and we learn of each other by gossip.
         gossip = config.ros2_domain is not None
         self._endpoints = Endpoints(config.listen, config.connect, config.zenoh, gossip)
-        self._writer = MessageWriter(config.rig, cameras)
+        self._writer = MessageWriter(config.rig, cameras, config.stamp)
         self._mailbox: deque[tuple[StereoPair, Decision | None]] = deque()
         self._news = threading.Condition()
         self._open = False

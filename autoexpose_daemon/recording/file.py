@@ -16,6 +16,7 @@ from mcap.writer import CompressionType, Writer
 from autoexpose_daemon.control.loop import STATE_FORMAT, ControlSetup
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
 from autoexpose_daemon.control.snapshot import Plain, plain
+from autoexpose_daemon.messages.stamp import Stamp
 from autoexpose_daemon.messages.types import TYPESTORE, definition
 from autoexpose_daemon.messages.write import TOPICS, MessageWriter, realtime_offset_ns
 from autoexpose_daemon.recording.plain_json import to_json
@@ -45,6 +46,8 @@ class RecordingFile:
         Must not exist.
     rig
         Name of the rig: topics are named as the keys of published frames.
+    stamp
+        The moment of the left frame's exposure that messages carry.
 
     Raises
     ------
@@ -57,9 +60,9 @@ class RecordingFile:
         Steps that can be read back whatever happens next: those in the chunks already written.
     """
 
-    def __init__(self, path: Path, rig: str) -> None:
+    def __init__(self, path: Path, rig: str, stamp: Stamp = "middle") -> None:
         self._path = path
-        self._rig = rig
+        self._rig, self._stamp = rig, stamp
         self._offset_ns = realtime_offset_ns()  # for the whole file: its times must not run backwards
         self._time_ns = 0
         self._setup: ControlSetup | None = None
@@ -91,7 +94,7 @@ class RecordingFile:
                 self._say(MOTION, {"angular_rate_rad_s": step.angular_rate_rad_s})
             if step.light_ahead is not None:
                 self._say(LIGHT, {"light_ahead": plain(step.light_ahead)})
-            messages = MessageWriter(self._rig, step.cameras)
+            messages = MessageWriter(self._rig, step.cameras, self._stamp)
             for message in messages.messages(step.pair, step.decision, step.sequence, self._offset_ns):
                 self._add(message.side, message.topic, TOPICS[message.topic], message.data, step.sequence)
             if state is not None:

@@ -129,8 +129,8 @@ class ContinuousRecorder(Recorder):
         The file to write.
     rate_hz
         Steps per second; the queue has room for `QUEUE_S` of them.
-    rig
-        Name of the rig.
+    frames
+        Name of the rig, and how frames are stamped.
 
     Raises
     ------
@@ -138,10 +138,10 @@ class ContinuousRecorder(Recorder):
         When the file cannot be written.
     """
 
-    def __init__(self, file: Path, rate_hz: float, rig: str) -> None:
+    def __init__(self, file: Path, rate_hz: float, frames: PublishConfig) -> None:
         super().__init__(rate_hz, QUEUE_S)
         self._path = file
-        self._file = RecordingFile(file, rig)
+        self._file = RecordingFile(file, frames.rig, frames.stamp)
 
     def save(self) -> None:
         """Nothing: everything is written anyway."""
@@ -184,8 +184,8 @@ class LastSecondsRecorder(Recorder):
         ``run.mcap``; the next free number is used.
     rate_hz
         Steps per second; memory is limited to this times the seconds, and twice that while it writes.
-    rig
-        Name of the rig.
+    frames
+        Name of the rig, and how frames are stamped.
     last_s
         How many seconds at that rate, and up to one more, so that each recording begins with a snapshot.
 
@@ -195,13 +195,13 @@ class LastSecondsRecorder(Recorder):
         When the folder does not exist.
     """
 
-    def __init__(self, file: Path, rate_hz: float, rig: str, last_s: float) -> None:
+    def __init__(self, file: Path, rate_hz: float, frames: PublishConfig, last_s: float) -> None:
         super().__init__(rate_hz, last_s + SNAPSHOT_S)
         self._ring: deque[Entry] = deque(maxlen=self._room + 1)
         if not os.access(file.absolute().parent, os.W_OK):
             raise RecordingError(f"{file}: cannot be written; name a file in an existing folder")
         self._path = file
-        self._rig = rig
+        self._frames = frames
         self._last_s = last_s
         self._save_asked = False
         self._written: list[str] = []
@@ -232,7 +232,7 @@ class LastSecondsRecorder(Recorder):
             return
         path = self._free_path()
         try:
-            file = RecordingFile(path, self._rig)
+            file = RecordingFile(path, self._frames.rig, self._frames.stamp)
         except RecordingError as error:
             self._fell_short("nothing is saved", error)
             return
@@ -273,10 +273,10 @@ def new_recorder(file: Path, config: Config, last_s: float | None) -> Recorder:
     """
     if file.suffix != SUFFIX:
         raise RecordingError(f"{file}: is not a name for a recording: it must end in {SUFFIX}")
-    rate_hz, rig = config.trigger.rate_hz, (config.publish or PublishConfig()).rig
+    rate_hz, frames = config.trigger.rate_hz, config.publish or PublishConfig()
     if last_s is None:
-        return ContinuousRecorder(file, rate_hz, rig)
-    return LastSecondsRecorder(file, rate_hz, rig, last_s)
+        return ContinuousRecorder(file, rate_hz, frames)
+    return LastSecondsRecorder(file, rate_hz, frames, last_s)
 
 
 def last_seconds(entries: Sequence[Entry], last_s: float) -> Sequence[Entry]:

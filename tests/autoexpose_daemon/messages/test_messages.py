@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.messages.read import DamagedMessageError, decision_of, frame_of, read_exposure_info, read_image
+from autoexpose_daemon.messages.stamp import Stamp
 from autoexpose_daemon.messages.types import EXPOSURE_INFO, TYPESTORE, definition
 from autoexpose_daemon.messages.write import LAST_STAMP_NS, TOPICS, Message, MessageWriter, realtime_offset_ns
 from drivers.exposure import ExposureSetting
@@ -39,9 +40,15 @@ def frames(draw: st.DrawFn) -> Frame:
 
 
 def written(
-    pair: StereoPair, decision: Decision | None = DECISION, sequence: int = 0, offset_ns: int = 0, cameras: int = 2
+    pair: StereoPair,
+    decision: Decision | None = DECISION,
+    sequence: int = 0,
+    *,
+    offset_ns: int = 0,
+    cameras: int = 2,
+    stamp: Stamp = "middle",
 ) -> dict[tuple[Side, str], Message]:
-    messages = MessageWriter("robot", cameras).messages(pair, decision, sequence, offset_ns)
+    messages = MessageWriter("robot", cameras, stamp).messages(pair, decision, sequence, offset_ns)
     return {(message.side, message.topic): message for message in messages}
 
 
@@ -71,14 +78,17 @@ def test_what_is_written_is_read_back_to_the_bit(
         assert info.exposure_level == frame.setting.level
 
 
-@given(frames(), frames())
-def test_all_messages_of_a_pair_have_one_stamp_and_the_frame_of_their_camera(left: Frame, right: Frame) -> None:
-    offset_ns = 1_600_000_000_000_000_000
-    messages = written(StereoPair(1, {"left": left, "right": right}), offset_ns=offset_ns)
+@given(frames(), frames(), st.sampled_from([("start", 0.0), ("middle", 0.5), ("end", 1.0)]))
+def test_all_messages_of_a_pair_have_one_stamp_and_the_frame_of_their_camera(
+    left: Frame, right: Frame, moment: tuple[Stamp, float]
+) -> None:
+    offset_ns, (stamp, share) = 1_600_000_000_000_000_000, moment
+    messages = written(StereoPair(1, {"left": left, "right": right}), offset_ns=offset_ns, stamp=stamp)
     headers = {key: parsed(message).header for key, message in messages.items()}
     assert len(headers) == 6
+    at_ns = left.host_time_ns + round(1e3 * share * left.setting.exposure_time_us) + offset_ns
     for (side, _), header in headers.items():
-        assert header.stamp.sec * 10**9 + header.stamp.nanosec == min(left.host_time_ns + offset_ns, LAST_STAMP_NS)
+        assert header.stamp.sec * 10**9 + header.stamp.nanosec == min(at_ns, LAST_STAMP_NS)
         assert header.frame_id == f"robot_{side}_optical_frame"
 
 

@@ -17,6 +17,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from autoexpose_daemon.config.motion import ImuConfig
+from autoexpose_daemon.config.publish import PublishConfig
 from autoexpose_daemon.messages.keys import check_key_expression
 from autoexpose_daemon.messages.types import IMU, TYPESTORE
 from autoexpose_daemon.publish.imu import LARGEST_IMU_BYTES, ImuSubscriber
@@ -165,7 +166,7 @@ def test_control_goes_by_the_imu_and_without_it_by_flow_and_says_so(
     control = {"policy": "neves2009", "focal_length_px": 600}
     with (
         caplog.at_level(logging.INFO, "autoexpose_daemon.runtime.angular_rate"),
-        ContinuousRecorder(file, 600, "rig") as recorder,
+        ContinuousRecorder(file, 600, PublishConfig()) as recorder,
         scripted_daemon(recorder, control=control, motion={"imu": imu}) as (daemon, _, seen),
     ):
 

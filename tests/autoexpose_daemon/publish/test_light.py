@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from autoexpose_daemon.client import StereoClient
+from autoexpose_daemon.config.publish import PublishConfig
 from autoexpose_daemon.control.light_ahead import LightSeries
 from autoexpose_daemon.messages.keys import light_ahead_key
 from autoexpose_daemon.messages.light import LARGEST_LIGHT_BYTES, light_ahead, read_light_ahead
@@ -70,7 +71,7 @@ def test_control_weighs_what_a_client_sends_and_its_recording_replays(
     at, file = endpoint(), tmp_path / "run.mcap"
     with (
         caplog.at_level(logging.WARNING),
-        ContinuousRecorder(file, 600, "rig") as recorder,
+        ContinuousRecorder(file, 600, PublishConfig()) as recorder,
         scripted_daemon(recorder, publish={"listen": [at]}) as (daemon, _, seen),
         StereoClient(connect=[at], name="repeat") as client,
     ):

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from autoexpose_daemon.client import pairs
 from autoexpose_daemon.client.pairs import PairAssembler, PairQueue, ReceivedPair
 from autoexpose_daemon.messages.read import DamagedMessageError
+from autoexpose_daemon.messages.stamp import moment_ns
 from autoexpose_daemon.messages.write import Message, MessageWriter
 from autoexpose_daemon.status.publishing import ConsumerTally
 from drivers.frames import SIDES, Frame, Side, StereoPair
@@ -89,7 +90,7 @@ def test_a_pair_holds_what_its_messages_say() -> None:
         receiver.receive(message)
     (pair,) = receiver.drain()
     assert pair.right is not None
-    assert (pair.trigger, pair.stamp_ns, pair.decision) == (7, 7 * PERIOD_NS, DECISION)
+    assert (pair.trigger, pair.stamp_ns, pair.decision) == (7, moment_ns(pair.left, "middle"), DECISION)
     assert pair.stereo.frames == {"left": pair.left, "right": pair.right}
     assert not pair.left.pixels.flags.writeable
 

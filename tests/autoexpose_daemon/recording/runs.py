@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from autoexpose_daemon.config.publish import PublishConfig
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.control.loop import ControlLoop
@@ -85,7 +86,7 @@ class VirtualRun:
 
 def record(path: Path, run: VirtualRun, steps: int = 60) -> Path:
     """A recording of a run, nothing dropped."""
-    with ContinuousRecorder(path, steps, "rig") as recorder:
+    with ContinuousRecorder(path, steps, PublishConfig()) as recorder:
         run.feed(recorder, steps)
     assert recorder.failure is None
     return path

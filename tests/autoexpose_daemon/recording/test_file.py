@@ -21,6 +21,7 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from autoexpose_daemon.config.document import Config
+from autoexpose_daemon.config.publish import PublishConfig
 from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.recording.file import RESERVE_BYTES, RecordingFile
 from autoexpose_daemon.recording.read import Recording
@@ -201,12 +202,12 @@ def test_what_cannot_be_opened_is_one_sentence(tmp_path: Path, missing: str) -> 
 
 def test_a_file_that_exists_or_cannot_be_is_refused_at_once(whole: Path, tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match="already exists: name a new file"):
-        ContinuousRecorder(whole, 60, "rig")
+        ContinuousRecorder(whole, 60, PublishConfig())
     nowhere = tmp_path / "no folder" / "run.mcap"
     with pytest.raises(RecordingError, match=r"run\.mcap: cannot be written: No such file or directory"):
-        ContinuousRecorder(nowhere, 60, "rig")
+        ContinuousRecorder(nowhere, 60, PublishConfig())
     with pytest.raises(RecordingError, match=r"run\.mcap: cannot be written; name a file in an existing folder"):
-        LastSecondsRecorder(nowhere, 60, "rig", 5)
+        LastSecondsRecorder(nowhere, 60, PublishConfig(), 5)
 
 
 def test_a_disk_that_fills_up_ends_the_recording_and_nothing_else(
@@ -214,7 +215,7 @@ def test_a_disk_that_fills_up_ends_the_recording_and_nothing_else(
 ) -> None:
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     run, path = VirtualRun("neves2009"), tmp_path / "run.mcap"
-    with caplog.at_level(logging.WARNING), ContinuousRecorder(path, 200, "rig") as recorder:
+    with caplog.at_level(logging.WARNING), ContinuousRecorder(path, 200, PublishConfig()) as recorder:
         resource.setrlimit(resource.RLIMIT_FSIZE, (5 << 20, hard))
         try:
             run.feed(recorder, 200)
@@ -246,7 +247,7 @@ def test_some_of_the_disk_is_left_free_and_the_file_is_whole(
     free = iter([*[RESERVE_BYTES] * 30, *[RESERVE_BYTES - 1] * 100])
     monkeypatch.setattr(os, "fstatvfs", lambda _: SimpleNamespace(f_bavail=next(free), f_frsize=1))
     run, path = VirtualRun("neves2009"), tmp_path / "run.mcap"
-    with caplog.at_level(logging.WARNING), ContinuousRecorder(path, 60, "rig") as recorder:
+    with caplog.at_level(logging.WARNING), ContinuousRecorder(path, 60, PublishConfig()) as recorder:
         run.feed(recorder, 60)
     assert [each.message for each in caplog.records] == [
         f"recording stops, control goes on: {path}: less than 64 MiB are left on its disk: make room"
@@ -265,7 +266,7 @@ def test_last_seconds_that_do_not_fit_on_the_disk_are_said_and_kept_for_the_next
     free = iter([*[RESERVE_BYTES] * 10, RESERVE_BYTES - 1, *[RESERVE_BYTES] * 100])
     monkeypatch.setattr(os, "fstatvfs", lambda _: SimpleNamespace(f_bavail=next(free), f_frsize=1))
     run, path = VirtualRun("neves2009"), tmp_path / "run.mcap"
-    with caplog.at_level(logging.WARNING), LastSecondsRecorder(path, 30, "rig", 1.0) as recorder:
+    with caplog.at_level(logging.WARNING), LastSecondsRecorder(path, 30, PublishConfig(), 1.0) as recorder:
         run.feed(recorder, 40)
         recorder.save()
         while not caplog.records:
@@ -288,8 +289,8 @@ def test_a_disk_that_fills_up_at_the_last_moment_is_no_success(
 ) -> None:
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     run = VirtualRun("fixed")
-    everything = ContinuousRecorder(tmp_path / "run.mcap", 60, "rig")
-    last = LastSecondsRecorder(tmp_path / "last.mcap", 60, "rig", 1.0)
+    everything = ContinuousRecorder(tmp_path / "run.mcap", 60, PublishConfig())
+    last = LastSecondsRecorder(tmp_path / "last.mcap", 60, PublishConfig(), 1.0)
     with caplog.at_level(logging.WARNING):
         for recorder in (everything, last):
             with recorder:

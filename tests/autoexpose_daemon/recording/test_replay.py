@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from autoexpose_daemon.config.publish import PublishConfig
 from autoexpose_daemon.control.policies.ids import POLICY_IDS
 from autoexpose_daemon.recording import recorder as recorder_module
 from autoexpose_daemon.recording.file import RecordingFile
@@ -66,7 +67,7 @@ def test_frames_come_back_as_they_were(tmp_path: Path, bits: int) -> None:
         kept.append(alone.get(pair.trigger % 4, pair))
         return kept[-1]
 
-    with ContinuousRecorder(tmp_path / "run.mcap", 20, "rig") as recorder:
+    with ContinuousRecorder(tmp_path / "run.mcap", 20, PublishConfig()) as recorder:
         run.feed(recorder, 20, keep)
     steps = [item for item in Recording(tmp_path / "run.mcap") if isinstance(item, Step)]
     for pair, step in zip(kept, steps, strict=True):
@@ -93,7 +94,7 @@ def test_a_recorder_drop_is_named_and_the_replay_goes_on_at_the_next_snapshot(
 
     monkeypatch.setattr(RecordingFile, "write", stall)
     run, path = VirtualRun(), tmp_path / "run.mcap"
-    with ContinuousRecorder(path, 20, "rig") as recorder:  # room for 40
+    with ContinuousRecorder(path, 20, PublishConfig()) as recorder:  # room for 40
         run.feed(recorder, 30)
         assert disk_waits.wait(30)
         run.feed(recorder, 52)
@@ -128,7 +129,7 @@ def test_drops_at_the_very_end_are_known(tmp_path: Path, monkeypatch: pytest.Mon
         write(file, *step)
 
     monkeypatch.setattr(RecordingFile, "write", stall)
-    with ContinuousRecorder(tmp_path / "run.mcap", 5, "rig") as recorder:
+    with ContinuousRecorder(tmp_path / "run.mcap", 5, PublishConfig()) as recorder:
         VirtualRun().feed(recorder, 20)
         disk_goes_on.set()
     recording = Recording(tmp_path / "run.mcap")
@@ -138,7 +139,7 @@ def test_drops_at_the_very_end_are_known(tmp_path: Path, monkeypatch: pytest.Mon
 
 def test_pairs_that_never_reached_control_are_told_from_drops(tmp_path: Path) -> None:
     run, path = VirtualRun(), tmp_path / "run.mcap"
-    with ContinuousRecorder(path, 100, "rig") as recorder:
+    with ContinuousRecorder(path, 100, PublishConfig()) as recorder:
         run.feed(recorder, 20)
         run.trigger += 7
         run.feed(recorder, 20)
@@ -149,7 +150,7 @@ def test_pairs_that_never_reached_control_are_told_from_drops(tmp_path: Path) ->
 
 def test_control_that_begins_anew_is_replayed_anew(tmp_path: Path) -> None:
     run, path = VirtualRun(), tmp_path / "run.mcap"
-    with ContinuousRecorder(path, 100, "rig") as recorder:
+    with ContinuousRecorder(path, 100, PublishConfig()) as recorder:
         run.feed(recorder, 20)
         run.loop = VirtualRun("begin2022").loop
         run.feed(recorder, 20)
@@ -184,7 +185,7 @@ def test_a_decision_that_differs_is_shown(tmp_path: Path, monkeypatch: pytest.Mo
 
 def test_the_last_seconds_are_kept_and_begin_with_a_snapshot(tmp_path: Path) -> None:
     run = VirtualRun()
-    recorder = LastSecondsRecorder(tmp_path / "run.mcap", rate_hz=30, rig="rig", last_s=1.0)
+    recorder = LastSecondsRecorder(tmp_path / "run.mcap", rate_hz=30, frames=PublishConfig(), last_s=1.0)
 
     def unhurried(pair: StereoPair) -> StereoPair:
         """As cameras are: nothing is dropped because the recorder's thread had no turn."""
