@@ -38,6 +38,22 @@ class TriggerSetup:
 
 
 @dataclass(frozen=True, slots=True)
+class LinkShare:
+    """The link to the host that several cameras share.
+
+    Attributes
+    ----------
+    cameras
+        How many.
+    mbps
+        Its speed, megabits per second; None: that of the host's network interface.
+    """
+
+    cameras: int
+    mbps: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class CameraSetup:
     """Trigger wiring, image format and transport of one camera; None keeps what the camera has.
 
@@ -51,9 +67,12 @@ class CameraSetup:
         `binning` x `binning` pixels are read as one, over the whole sensor.
     packet_size_bytes
         GigE Vision only: size of a stream packet, headers included; None uses the largest that gets through.
+    link_share
+        GigE Vision only: the link that its stream has to share; None: it sends as fast as it can.
     """
 
     trigger: TriggerSetup
     pixel_format: PixelFormat | None = None
     binning: int | None = None
     packet_size_bytes: int | None = None
+    link_share: LinkShare | None = None

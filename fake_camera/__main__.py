@@ -25,6 +25,7 @@ from fake_camera.files import read_regular
 from fake_camera.genapi.description import Description
 from fake_camera.genapi.xml_camera import XmlCamera
 from fake_camera.gige.server import AddressTakenError, GigeServer
+from fake_camera.gige.switch import Switch
 from fake_camera.imaging import ImageSource
 from fake_camera.usb3.run import ShimError, run, shim_path
 from fake_camera.usb3.usbip.messages import TCP_PORT
@@ -54,6 +55,7 @@ def _parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     add("--socket", type=Path, metavar="PATH", help="Unix socket to serve USB/IP on")
     add("--tcp", type=_port, nargs="?", const=TCP_PORT, metavar="PORT", help="TCP port for it on 127.0.0.1 (%(const)d)")
     add("--exec", nargs=argparse.REMAINDER, metavar="COMMAND", help="run a command that sees the camera on its USB bus")
+    add("--switch", type=_switch, metavar="FILE,MBPS,KIB", help="send through a switch, shared by all that name FILE")
     add("--serial", default="FAKE-LEFT", help="its serial number (%(default)s)")
     add("--side", choices=["left", "right"], default="left", help="its side of the stereo rig (%(default)s)")
     add("--line0", metavar="NAME", help="trigger wire, shared by all cameras that name it (none)")
@@ -84,6 +86,8 @@ def _parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
         parser.error("--steered needs --control SOCKET and --line0 NAME, and the scene `room`")
     if options.steered and (options.still or options.light is not None):
         parser.error("--steered: orders say how the camera moves and how bright it is, leave out --still and --light")
+    if options.usb3 and options.switch is not None:
+        parser.error("--switch is for GigE Vision cameras: leave it out")
     if not options.usb3 and usb3_options:
         parser.error(f"{usb3_options[0]} is for USB3 Vision cameras: add --usb3")
     if options.exec in ([], [""]):
@@ -132,6 +136,20 @@ def _integer(text: str, low: int, high: int) -> int:
     if not low <= number <= high:
         raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from {low} to {high}")
     return number
+
+
+def _switch(text: str) -> tuple[Path, float, int]:
+    """File, megabits per second and bytes of a switch."""
+    try:
+        file, mbps, kib = text.rsplit(",", 2)
+        speed, size = float(mbps), int(kib)
+    except ValueError:
+        file, speed, size = "", 0.0, 0
+    if not (file and 1 <= speed <= 100_000 and 16 <= size <= 1 << 20):
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is no switch: give a file, 1 to 100000 Mb/s and 16 to 1048576 KiB, as in /tmp/switch,1000,128"
+        )
+    return Path(file), speed, size * 1024
 
 
 def _f_number(text: str) -> float:
@@ -216,7 +234,10 @@ def _serve(options: argparse.Namespace, device: Device, xml: XmlCamera | None, r
     if options.usb3:
         resources.callback(Usb3Server(device, options.socket, options.tcp, xml).close)
     else:
-        server = GigeServer(device, options.address, xml)
+        switch = None
+        if options.switch is not None:
+            switch = resources.enter_context(Switch(*options.switch))
+        server = GigeServer(device, options.address, xml, switch)
         server.start()
         resources.callback(server.close)
 

@@ -21,6 +21,7 @@ from autoexpose_daemon.config.section import (
     FocalLengthPx,
     FullWellE,
     GainDb,
+    LinkMbps,
     MeanTarget,
     MetricDelta,
     MetricLambda,
@@ -153,10 +154,19 @@ class ResponseConfig(Section):
 class TransportConfig(Section):
     """GigE Vision tuning; the defaults suit a direct link.
 
-    `packet_size_bytes` None lets camera and host agree on the largest that passes.
+    `packet_size_bytes` None lets camera and host agree on the largest that passes. With `plan` cameras that share
+    a link send no faster than it takes; its speed is that of the host's interface unless `link_mbps` says otherwise.
     """
 
     packet_size_bytes: PacketBytes | None = None
+    plan: bool = False
+    link_mbps: LinkMbps | None = None
+
+    @model_validator(mode="after")
+    def _a_speed_is_for_a_plan(self) -> Self:
+        if self.link_mbps is not None and not self.plan:
+            raise ValueError("link_mbps has no effect without plan: set transport.plan: true, or remove it")
+        return self
 
 
 class ImageConfig(Section):

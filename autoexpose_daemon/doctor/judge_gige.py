@@ -9,6 +9,7 @@ from itertools import groupby
 from autoexpose_daemon.doctor.facts import GigeFacts
 from autoexpose_daemon.doctor.finding import Finding
 from autoexpose_daemon.doctor.need import Need
+from drivers.genicam.link_share import bytes_per_s
 from drivers.host.gvcp import Control, GigeCamera
 from drivers.host.network import SOCKET_BUFFER_BYTES, NetworkInterface
 
@@ -42,6 +43,8 @@ def judge_gige(gige: GigeFacts, need: Need) -> Iterator[Finding]:
         sharing = list(group)
         yield _judge_packets(interface, need)
         yield _judge_bandwidth(interface, sharing, need)
+        if len(sharing) > 1 and interface.speed_mbps is not None:
+            yield _judge_bursts(interface, interface.speed_mbps, sharing, need)
         if gige.no_filter is not None:
             yield _unfiltered(interface, sharing, gige.no_filter)
     yield _judge_socket_buffer(gige.largest_socket_buffer_bytes, bool(wanted))
@@ -130,6 +133,20 @@ def _judge_bandwidth(interface: NetworkInterface, cameras: Sequence[GigeCamera],
         "warning",
         f"{sentence}: frames will be lost",
         f"ethtool {interface.name}   # shows the link's speed; give each camera an interface, or lower trigger.rate_hz",
+    )
+
+
+def _judge_bursts(interface: NetworkInterface, speed_mbps: float, cameras: Sequence[GigeCamera], need: Need) -> Finding:
+    names = " and ".join(need.name(camera.serial) for camera in cameras)
+    share = bytes_per_s(speed_mbps, len(cameras)) / 1e6
+    if need.plan:
+        return Finding("gige-bursts", "ok", f"{names} each send at most {share:.0f} MB/s to {interface.name}")
+    return Finding(
+        "gige-bursts",
+        "warning",
+        f"{names} send to {interface.name} at the same instant, each as fast as its own cable allows: a switch with "
+        "little memory drops packets",
+        f"transport.plan: true   # in the configuration: each camera then sends at most {share:.0f} MB/s",
     )
 
 

@@ -24,6 +24,7 @@ class Need:
     height: int = ASSUMED_HEIGHT
     bits_per_pixel: int = PixelFormat.MONO8.bits_per_pixel
     packet_size_bytes: int | None = None
+    plan: bool = False
 
     @classmethod
     def of(cls, config: Config | None) -> Self:
@@ -38,6 +39,7 @@ class Need:
             height=ASSUMED_HEIGHT // binning,
             bits_per_pixel=(config.image.pixel_format or PixelFormat.MONO8).bits_per_pixel,
             packet_size_bytes=config.transport.packet_size_bytes,
+            plan=config.transport.plan,
         )
 
     @property

@@ -11,7 +11,7 @@ from drivers.aravis import open_camera
 from drivers.camera import Camera
 from drivers.errors import ConfigurationError
 from drivers.frames import Side
-from drivers.setup import CameraSetup, TriggerSetup
+from drivers.setup import CameraSetup, LinkShare, TriggerSetup
 
 
 def openers(config: Config) -> dict[Side, Callable[[], Camera]]:
@@ -26,6 +26,7 @@ def openers(config: Config) -> dict[Side, Callable[[], Camera]]:
                 pixel_format=config.image.pixel_format,
                 binning=config.image.binning,
                 packet_size_bytes=config.transport.packet_size_bytes,
+                link_share=LinkShare(len(config.sides), config.transport.link_mbps) if config.transport.plan else None,
             ),
         )
         for side, camera in config.sides.items()

@@ -6,6 +6,7 @@ import logging
 from typing import Any
 
 from drivers.aravis.introspection import Aravis
+from drivers.aravis.link import keep_to_share
 from drivers.aravis.nodes import AravisNodes
 from drivers.errors import CameraLostError, NodeError
 from drivers.host.network import SOCKET_BUFFER_BYTES
@@ -35,6 +36,8 @@ def create_stream(camera: Any, nodes: AravisNodes, setup: CameraSetup) -> Any:
     stream = nodes.call("open the stream", camera.create_stream, None, None)
     payload_bytes = nodes.call("read the payload size", camera.get_payload)
     if camera.is_gv_device():
+        if setup.link_share is not None:
+            keep_to_share(camera, nodes, setup.link_share, payload_bytes, setup.trigger.rate_hz)
         stream.set_property("socket-buffer", Aravis.GvStreamSocketBuffer.FIXED)
         stream.set_property("socket-buffer-size", SOCKET_BUFFER_BYTES)
         stream.set_property("packet-timeout", PACKET_TIMEOUT_US)

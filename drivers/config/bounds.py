@@ -36,6 +36,7 @@ WEIGHT = Range(0.0, 1.0)
 PIXEL = Range(0, 65_535, "pixels")
 EXTENT = Range(1, 65_536, "pixels")
 BINNING = Range(1, 8, "pixels")
+LINK_MBPS = Range(10.0, 100_000.0, "Mb/s")
 PACKET_BYTES = Range(576, 16_000, "bytes")
 
 METRIC_DELTA = Range(0.0, 0.99)

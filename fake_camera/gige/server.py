@@ -21,6 +21,7 @@ from fake_camera.gige import gvcp
 from fake_camera.gige.bootstrap import GIGE_VISION, bootstrap_registers
 from fake_camera.gige.control_channel import ControlChannel
 from fake_camera.gige.stream_channel import StreamChannel
+from fake_camera.gige.switch import Switch
 from fake_camera.imaging import ExposedFrame
 
 _BROADCAST_ADDRESSES = ("255.255.255.255", "127.255.255.255")
@@ -34,8 +35,12 @@ class AddressTakenError(Exception):
 class GigeServer:
     """Serves one device at one IPv4 address of this machine (127.0.0.1, 127.0.0.2 ...), always on UDP port 3956."""
 
-    def __init__(self, device: Device, address: str, xml: XmlCamera | None = None) -> None:
+    def __init__(
+        self, device: Device, address: str, xml: XmlCamera | None = None, switch: Switch | None = None
+    ) -> None:
         """Bind the sockets; with `xml` the device shows the description and the memory of that camera.
+
+        Its stream goes through `switch`, if given.
 
         Raises
         ------
@@ -48,7 +53,7 @@ class GigeServer:
         # Without SO_REUSEADDR, since two cameras at one address would each get some of the commands.
         self._socket = _bind(address, reuse=False)
         self._broadcast_sockets = [_bind(broadcast, reuse=True) for broadcast in _BROADCAST_ADDRESSES]
-        self._stream = StreamChannel(address, device.faults)
+        self._stream = StreamChannel(address, device.faults, switch)
         privilege = ControlPrivilege()
         self._xml = xml
         registers = self._registers(address, privilege)

@@ -12,6 +12,7 @@ from fake_camera.device.faults import Fault, Faults
 from fake_camera.genicam.status import CommandError, Status
 from fake_camera.gige.gvcp import Resend
 from fake_camera.gige.gvsp import Block, trial_packet, unavailable_packet
+from fake_camera.gige.switch import Switch
 from fake_camera.imaging import ExposedFrame
 
 MIN_PACKET_BYTES = 220
@@ -22,6 +23,7 @@ MAX_PACKET_DELAY_NS = 1_000_000
 _PACE_S_PER_BYTE = 0.3e-3 / 65536
 """Pause per byte sent: a client's default socket buffer (about 200 kB) loses packets of an unpaced frame."""
 
+_IP_UDP_BYTES = 28
 _SHORTEST_PAUSE_S = 0.25e-3  # pauses are saved up to this, since shorter ones cost more processor time than they help
 _BLOCKS_KEPT = 8
 
@@ -41,8 +43,9 @@ class StreamChannel:
         The UDP port that packets come from.
     """
 
-    def __init__(self, address: str, faults: Faults) -> None:
+    def __init__(self, address: str, faults: Faults, switch: Switch | None = None) -> None:
         self._faults = faults
+        self._switch = switch
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.bind((address, 0))
         self._kept: deque[Block] = deque(maxlen=_BLOCKS_KEPT)
@@ -145,6 +148,8 @@ class StreamChannel:
         """Send one packet and return its size, even if a fault or the network loses it."""
         size = sum(map(len, buffers))
         if not self._host_port or self._faults.vanished or self._faults.lose_packet():
+            return size
+        if self._switch is not None and not self._switch.passes(size + _IP_UDP_BYTES):
             return size
         with contextlib.suppress(OSError):  # too big to go unfragmented, no route, no room
             self._socket.sendmsg(buffers, (), 0, (self._client, self._host_port))

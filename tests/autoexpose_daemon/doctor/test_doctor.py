@@ -140,10 +140,15 @@ GIGE_TROUBLES: list[tuple[GigeFacts, *Trouble]] = [
     (
         gige_facts(GIGE, replace(GIGE, serial="H", address=IPv4Interface("192.168.7.6/24"))),
         need({"left": {"serial": "G"}, "right": {"serial": "H"}}, trigger={"rate_hz": 110},
-             image={"pixel_format": "Mono12"}),
+             image={"pixel_format": "Mono12"}, transport={"plan": True}),
         "gige-bandwidth", "warning",
         r"left camera G and right camera H share eth0 and need 171 MB/s of about 119 MB/s .* 16 bits at 110 Hz",
         "ethtool eth0",
+    ),
+    (
+        gige_facts(GIGE, replace(GIGE, serial="H", address=IPv4Interface("192.168.7.6/24"))),
+        need({"left": {"serial": "G"}, "right": {"serial": "H"}}), "gige-bursts", "warning",
+        "left camera G and right camera H send to eth0 at the same instant", "transport.plan: true .* at most 56 MB/s",
     ),
     (
         gige_facts(GIGE, buffer=212992),
