@@ -233,11 +233,14 @@ def list_cameras() -> None:
 def doctor(
     config: Annotated[Path | None, typer.Option("-c", "--config", help="Check against this configuration.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
+    report: Annotated[
+        Path | None, typer.Option(help="Instead, run each camera for 20 s and write a report to send: FILE.zip.")
+    ] = None,
 ) -> None:
     """Check beforehand what would stop the daemon: cameras, USB, network, permissions."""
     from autoexpose_daemon.doctor.examine import examine  # noqa: PLC0415  loads libusb
 
-    if not examine(config, as_json):
+    if not examine(config, as_json, report):
         raise typer.Exit(1)
 
 

@@ -14,9 +14,18 @@ from autoexpose_daemon.doctor.need import Need
 from autoexpose_daemon.doctor.output import as_json, show, stops
 
 
-def examine(config: Path | None, as_document: bool) -> bool:
-    """Examine the host for a configuration and print the findings; True if the daemon could run."""
-    findings = judge(gather(), Need.of(None if config is None else load_config(config)))
+def examine(config: Path | None, as_document: bool, report: Path | None = None) -> bool:
+    """Examine the host for a configuration and print the findings; True if the daemon could run.
+
+    With `report` write a report of the cameras there instead.
+    """
+    facts, need = gather(), Need.of(None if config is None else load_config(config))
+    if report is not None:
+        from autoexpose_daemon.doctor.camera_report import write_report  # noqa: PLC0415  loads Aravis
+
+        write_report(report, facts, need, typer.echo)
+        return True
+    findings = judge(facts, need)
     if as_document:
         typer.echo(as_json(findings))
     else:

@@ -74,6 +74,12 @@ class AravisCamera:
         return self._description
 
     @property
+    def description_xml(self) -> str:
+        """Its GenICam description."""
+        xml: str = self._camera.get_device().get_genicam_xml()[0]
+        return xml
+
+    @property
     def limits(self) -> ExposureLimits:
         """Bounds and increments of exposure time and gain, as found when the camera was opened."""
         return self._limits

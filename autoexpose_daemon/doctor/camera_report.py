@@ -1,0 +1,159 @@
+"""What a camera is and does on this host, in a file to send to those who cannot try it themselves."""
+
+from __future__ import annotations
+
+import json
+import platform
+import time
+import zipfile
+from collections.abc import Callable
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from autoexpose_daemon.doctor.facts import Facts
+from autoexpose_daemon.doctor.need import Need
+from drivers.aravis import AravisCamera, FoundCamera, find_cameras, open_camera
+from drivers.errors import AutoexposeError, ConfigurationError
+from drivers.exposure import ExposureLimits, ExposureSetting
+from drivers.frames import Frame
+from drivers.setup import CameraSetup, TriggerSetup
+
+FORMAT = "autoexpose-camera-report/1"
+WATCHED_S: Final = 20.0
+_RATE_HZ: Final = 30.0
+_PATIENCE_S: Final = 0.5
+_WRITE_EVERY_S: Final = 0.2
+_TIMES_US: Final = (2000.0, 1000.0)
+"""Written in turn; both leave room for the frame rate."""
+
+
+def write_report(
+    path: Path, facts: Facts, need: Need, say: Callable[[str], None], watched_s: float = WATCHED_S
+) -> None:
+    """Run each camera that is needed freely for a while, and write the report: no images, addresses or serial numbers.
+
+    Raises
+    ------
+    ConfigurationError
+        When the file exists, or cannot be written.
+    """
+    found = [camera for camera in find_cameras() if need.wants(camera.serial)]
+    host = json.dumps({"format": FORMAT, "software": _software(), "host": _host(facts)}, indent=1)
+    try:
+        with zipfile.ZipFile(path, "x", zipfile.ZIP_DEFLATED) as archive:
+            archive.writestr("host.json", host)
+            for number, camera in enumerate(found, 1):
+                say(f"{camera.vendor} {camera.model}: running freely for {watched_s:g} s ...")
+                about, description = _examined(camera, watched_s)
+                say(_in_words(about))
+                archive.writestr(f"camera{number}/camera.json", json.dumps(about, indent=1))
+                if description:
+                    archive.writestr(f"camera{number}/description.xml", description)
+    except OSError as error:
+        reason = "it exists: name a new file" if isinstance(error, FileExistsError) else error.strerror
+        raise ConfigurationError(f"--report {path}: {reason}") from error
+    say(f"{path}: {len(found)} camera{'' if len(found) == 1 else 's'}; no images, addresses or serial numbers")
+
+
+def _software() -> dict[str, str]:
+    return {
+        "autoexpose-daemon": version("autoexpose-daemon"),
+        "python": platform.python_version(),
+        "system": platform.platform(),
+    }
+
+
+def _host(facts: Facts) -> dict[str, Any]:
+    interfaces = {camera.interface.name: camera.interface for camera in facts.gige.cameras}
+    return {
+        "network_interfaces": [
+            {"mtu_bytes": each.mtu_bytes, "speed_mbps": each.speed_mbps} for each in interfaces.values()
+        ],
+        "largest_socket_buffer_bytes": facts.gige.largest_socket_buffer_bytes,
+        "usb_speeds_mbps": [camera.speed_mbps for camera in facts.usb.cameras],
+    }
+
+
+def _examined(found: FoundCamera, watched_s: float) -> tuple[dict[str, Any], str]:
+    """What is to be said of a camera, and its GenICam description."""
+    about: dict[str, Any] = {"vendor": found.vendor, "model": found.model, "transport": found.transport}
+    try:
+        camera = open_camera(found.serial, CameraSetup(TriggerSetup("free_run", rate_hz=_RATE_HZ)))
+    except AutoexposeError as error:
+        return about | {"not_opened": str(error).replace(found.serial, "S")}, ""
+    try:
+        limits, pixel_format = camera.limits, camera.description.pixel_format
+        about |= {
+            "limitations": camera.description.limitations,
+            "pixel_format": None if pixel_format is None else pixel_format.value,
+            "exposure_time_us": [limits.min_time_us, limits.max_time_us, limits.time_step_us],
+            "gain_db": [limits.min_gain_db, limits.max_gain_db, limits.gain_step_db],
+        }
+        about |= _watched(camera, watched_s)
+        return about, camera.description_xml
+    except AutoexposeError as error:
+        return about | {"failed": str(error).replace(found.serial, "S")}, camera.description_xml
+    finally:
+        camera.close()
+
+
+def _watched(camera: AravisCamera, watched_s: float) -> dict[str, Any]:
+    """What the camera sends while its exposure time is written five times a second."""
+    frames: list[Frame] = []
+    write_ms: list[float] = []
+    incomplete = 0
+    camera.start()
+    end_s = written_s = time.monotonic() + watched_s
+    written_s -= watched_s
+    while (now_s := time.monotonic()) < end_s:
+        if now_s >= written_s:
+            written_s += _WRITE_EVERY_S
+            camera.write(_setting(camera.limits, _TIMES_US[len(write_ms) % 2]))
+            write_ms.append(1e3 * (time.monotonic() - now_s))
+        frame = camera.next_frame(_PATIENCE_S)
+        if isinstance(frame, Frame):
+            frames.append(frame)
+        else:
+            incomplete += frame is not None
+    if not frames:
+        return {"frames": 0, "incomplete": incomplete}
+    after_exposure_ms = [
+        (frame.arrival_time_ns - frame.host_time_ns) * 1e-6 - 1e-3 * frame.setting.exposure_time_us for frame in frames
+    ]
+    starts_ms = np.array([frame.device_time_ns for frame in frames]) * 1e-6
+    return {
+        "frames": len(frames),
+        "incomplete": incomplete,
+        "missing_ids": frames[-1].frame_id - frames[0].frame_id + 1 - len(frames) - incomplete,
+        "frame_shape": list(frames[-1].pixels.shape),
+        "setting_source": frames[-1].setting_source,
+        "asked_hz": _RATE_HZ,
+        "between_starts_ms": _percentiles(np.diff(starts_ms)),
+        "exposure_end_to_arrival_ms": _percentiles(np.array(after_exposure_ms)),
+        "write_ms": _percentiles(np.array(write_ms)),
+    }
+
+
+def _setting(limits: ExposureLimits, time_us: float) -> ExposureSetting:
+    return ExposureSetting(min(max(time_us, limits.min_time_us), limits.max_time_us), limits.min_gain_db)
+
+
+def _percentiles(values: np.ndarray[Any, np.dtype[np.float64]]) -> dict[str, float] | None:
+    if not values.size:
+        return None
+    return {f"p{share}": round(float(np.percentile(values, share)), 3) for share in (1, 50, 99)}
+
+
+def _in_words(about: dict[str, Any]) -> str:
+    if "not_opened" in about or "failed" in about:
+        return f"  {about.get('not_opened') or about['failed']}"
+    if not about["frames"]:
+        return "  no frames came"
+    return (
+        f"  {about['frames']} frames, {about['incomplete']} incomplete, {about['missing_ids']} missing; "
+        f"{about['exposure_end_to_arrival_ms']['p50']:.1f} ms from the end of exposure to memory, "
+        f"{about['write_ms']['p50']:.1f} ms for a write"
+    )
