@@ -62,8 +62,10 @@ def _doubling() -> str:
 
 def _published(bits: int, exposure_time_us: float) -> bytes:
     """One frame as it is sent, with what no camera has."""
-    frame = Frame(np.ones((2, 3), np.uint16), bits, 1, 1, 1, 0, ExposureSetting(exposure_time_us, 0.0))
-    return received(MessageWriter("rig", 1).messages(StereoPair(1, {"left": frame}), DECISION, 0, 0))
+    sent_us = 1234.5
+    frame = Frame(np.ones((2, 3), np.uint16), bits, 1, 1, 1, 0, ExposureSetting(sent_us, 0.0))
+    sent = received(MessageWriter("rig", 1).messages(StereoPair(1, {"left": frame}), DECISION, 0, 0))
+    return sent.replace(struct.pack("<d", sent_us), struct.pack("<d", exposure_time_us))
 
 
 def _report(pairs: bytes) -> bytes:
