@@ -46,8 +46,9 @@ PIXEL_FORMATS = {
 class ImageSettings:
     """The settings of one image, latched at the start of its exposure.
 
-    The region (`offset_x`, `offset_y`, `width`, `height`) is in pixels after binning. `pixel_format` is
-    a name in `PIXEL_FORMATS`. `gamma` is 1 when the camera applies none.
+    The region (`offset_x`, `offset_y`, `width`, `height`) is in pixels after binning, and after `reverse_x` and
+    `reverse_y` have mirrored the whole image. `pixel_format` is a name in `PIXEL_FORMATS`.
+    `gamma` is 1 when the camera applies none.
     """
 
     exposure_time_us: float
@@ -61,6 +62,8 @@ class ImageSettings:
     height: int
     binning_horizontal: int
     binning_vertical: int
+    reverse_x: bool = False
+    reverse_y: bool = False
 
 
 class ImageSource(Protocol):

@@ -92,9 +92,10 @@ class Device:
         return self._device_time_ns(time.monotonic_ns())
 
     def execute(self, command: str) -> None:
-        """Run AcquisitionStart, AcquisitionStop, TriggerSoftware, TimestampLatch or DeviceReset (else KeyError).
+        """Run a command of the description (else KeyError), at any time.
 
-        All may come at any time; a software trigger that the camera is not waiting for is dropped.
+        A software trigger that the camera is not waiting for is dropped. FeatureError when UserSetLoad or UserSetSave
+        is refused.
         """
         match command:
             case "AcquisitionStart":
@@ -111,6 +112,10 @@ class Device:
                 self.features.update("TimestampLatchValue", self.now_ns())
             case "DeviceReset":
                 self._power_on()
+            case "UserSetLoad":
+                self.features.load_user_set()
+            case "UserSetSave":
+                self.features.save_user_set()
             case _:
                 raise KeyError(command)
 

@@ -34,6 +34,7 @@ ENUM_ENTRIES: dict[str, dict[str, int]] = {
     "LineMode": {"Input": 0, "Output": 1},
     "LineSource": {"Off": 0, "ExposureActive": 3},
     "ChunkSelector": {"ExposureTime": 0, "Gain": 1, "FrameID": 2, "Timestamp": 3},
+    "UserSetSelector": {"Default": 0, "UserSet0": 1},
 }
 """Entries of the enumerations with the integers their registers hold."""
 
@@ -81,6 +82,7 @@ FULL_READOUT_NS = 3_000_000
 """Readout of the sensor's full height; a lower region takes proportionally less."""
 
 _REGION = {"Width": "OffsetX", "OffsetX": "Width", "Height": "OffsetY", "OffsetY": "Height"}  # share an axis
+_NOT_IN_USER_SETS = ("DeviceUserID", "TLParamsLocked", "UserSetSelector")
 _HISTORY = 64  # writes that may come between a pulse and the moment when its thread runs
 
 
@@ -148,6 +150,10 @@ def _specs(model: str, serial: str, sensor_width: int, sensor_height: int) -> li
         Spec("ChunkEnable", "boolean", False, locked_while=_ACQUIRING),
         fixed("Timestamp", "integer", 0, "ns"),
         fixed("TimestampLatchValue", "integer", 0, "ns"),
+        Spec("ReverseX", "boolean", False, locked_while=_ACQUIRING),
+        Spec("ReverseY", "boolean", False, locked_while=_ACQUIRING),
+        Spec("LineInverter", "boolean", False),
+        choice("UserSetSelector", "Default"),
     ]
 
 
@@ -159,8 +165,9 @@ def readout_ns(settings: ImageSettings, sensor_height: int) -> int:
 class Features:
     """The values of one camera's features; safe to use from any thread.
 
-    Commands (AcquisitionStart, AcquisitionStop, TriggerSoftware, TimestampLatch, DeviceReset) are not features:
-    see ``Device.execute``. `device_clock_ns` gives Timestamp; `host_clock_ns` dates the writes.
+    Commands (AcquisitionStart, AcquisitionStop, TriggerSoftware, TimestampLatch, DeviceReset, UserSetLoad,
+    UserSetSave) are not features: see ``Device.execute``. LineInverter is kept for each line, and has no effect.
+    `device_clock_ns` gives Timestamp; `host_clock_ns` dates the writes.
     """
 
     def __init__(
@@ -181,18 +188,21 @@ class Features:
             "PayloadSize": self._payload_bytes,
             "SensorReadoutTime": lambda: readout_ns(self._snapshot(), sensor_height) * 1e-3,
             "ChunkEnable": lambda: self._chunks[str(self._values["ChunkSelector"])],
+            "LineInverter": lambda: self._inverted[str(self._values["LineSelector"])],
             "LineMode": lambda: "Output" if self._values["LineSelector"] == "Line1" else "Input",
             "LineSource": lambda: self._values["LineSource"] if self._values["LineSelector"] == "Line1" else "Off",
         }
         self._host_clock_ns = host_clock_ns
         self._lock = threading.RLock()
         self.reset()
+        self._user_sets = dict.fromkeys(ENUM_ENTRIES["UserSetSelector"], self._user_set())
 
     def reset(self) -> None:
         """Back to the power-on state."""
         with self._lock:
             self._values = {spec.name: spec.initial for spec in self._specs.values()}
             self._chunks = dict.fromkeys(CHUNK_BYTES, False)
+            self._inverted = dict.fromkeys(ENUM_ENTRIES["LineSelector"], False)
             self._history = deque([(self._host_clock_ns(), self._snapshot())], maxlen=_HISTORY)
 
     @property
@@ -232,6 +242,8 @@ class Features:
         with self._lock:
             if name == "ChunkEnable":
                 self._chunks[str(self._values["ChunkSelector"])] = bool(value)
+            elif name == "LineInverter":
+                self._inverted[str(self._values["LineSelector"])] = bool(value)
             elif name in ("ExposureAuto", "GainAuto") and value == "Once":
                 self._values[name] = "Off"  # auto functions keep the present value: finished at once
             else:
@@ -239,6 +251,28 @@ class Features:
             if name in ("BinningHorizontal", "BinningVertical"):
                 self._open_region()
             self._history.append((self._host_clock_ns(), self._snapshot()))
+
+    def load_user_set(self) -> None:
+        """Take the values of the selected user set; they outlast power-off. FeatureError while acquiring."""
+        with self._lock:
+            if self._values["TLParamsLocked"]:
+                raise FeatureError("locked", "no user set can be loaded while acquiring")
+            values, chunks, inverted = self._user_sets[str(self._values["UserSetSelector"])]
+            self._values |= values
+            self._chunks, self._inverted = dict(chunks), dict(inverted)
+            self._history.append((self._host_clock_ns(), self._snapshot()))
+
+    def save_user_set(self) -> None:
+        """Keep the present values in the selected user set; FeatureError for the default one."""
+        with self._lock:
+            selected = str(self._values["UserSetSelector"])
+            if selected == "Default":
+                raise FeatureError("read_only", "the default user set cannot be changed")
+            self._user_sets[selected] = self._user_set()
+
+    def _user_set(self) -> tuple[dict[str, Value], dict[str, bool], dict[str, bool]]:
+        values = {name: value for name, value in self._values.items() if name not in _NOT_IN_USER_SETS}
+        return values, dict(self._chunks), dict(self._inverted)
 
     @property
     def shows_exposure(self) -> bool:
@@ -342,4 +376,6 @@ class Features:
             height=int(values["Height"]),
             binning_horizontal=int(values["BinningHorizontal"]),
             binning_vertical=int(values["BinningVertical"]),
+            reverse_x=bool(values["ReverseX"]),
+            reverse_y=bool(values["ReverseY"]),
         )

@@ -31,20 +31,22 @@ _ELEMENT = {
 
 _CATEGORIES = {
     "DeviceControl": ("Device", "Timestamp"),
-    "ImageFormatControl": ("Sensor", "Width", "Height", "Offset", "Binning", "PixelFormat"),
+    "ImageFormatControl": ("Sensor", "Width", "Height", "Offset", "Binning", "Reverse", "PixelFormat"),
     "AcquisitionControl": ("Acquisition", "Exposure", "Trigger"),
     "DigitalIOControl": ("Line",),
     "AnalogControl": ("Gain", "BlackLevel", "Gamma"),
     "ChunkDataControl": ("Chunk",),
+    "UserSetControl": ("UserSet",),
     "TransportLayerControl": ("PayloadSize", "TLParamsLocked", "Gev", "U3V"),
 }
 """The categories, with the prefixes of the features that belong to them."""
 
 _SELECTED = {
     "GainSelector": ("Gain", "GainAuto"),
-    "LineSelector": ("LineMode", "LineSource"),
+    "LineSelector": ("LineMode", "LineSource", "LineInverter"),
     "TriggerSelector": ("TriggerMode", "TriggerSource", "TriggerActivation", "TriggerOverlap", "TriggerSoftware"),
     "ChunkSelector": ("ChunkEnable",),
+    "UserSetSelector": ("UserSetLoad", "UserSetSave"),
 }
 
 

@@ -16,7 +16,10 @@ from fake_camera.genicam.status import CommandError, Status
 ByteOrder = Literal["big", "little"]
 """GigE Vision is big-endian throughout, USB3 Vision little-endian."""
 
-COMMANDS = ("AcquisitionStart", "AcquisitionStop", "TriggerSoftware", "TimestampLatch", "DeviceReset")
+COMMANDS = (
+    *("AcquisitionStart", "AcquisitionStop", "TriggerSoftware", "TimestampLatch", "DeviceReset"),
+    *("UserSetLoad", "UserSetSave"),
+)
 
 STRING_BYTES = 64
 
@@ -213,8 +216,11 @@ def _command(device: Device, name: str, address: int, byte_order: ByteOrder) -> 
     def write(value: int) -> None:
         if device.faults.spoils_command(Fault.REFUSE_WRITES):
             raise CommandError(Status.ACCESS_DENIED)
-        if value:
-            device.execute(name)
+        try:
+            if value:
+                device.execute(name)
+        except FeatureError as error:
+            raise CommandError(FEATURE_STATUS[error.kind]) from error
 
     return unsigned(address, lambda: 0, write, byte_order)  # reads 0: has finished
 

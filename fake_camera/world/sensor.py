@@ -122,7 +122,7 @@ class Sensor:
         return image
 
     def _charged(self, radiance: NDArray[np.float32], settings: ImageSettings) -> NDArray[np.float32]:
-        """Radiance summed over the pixels of each bin, cut to the region of interest; a bin holds one full well."""
+        """Radiance summed over the pixels of each bin, mirrored, and cut to the region; a bin holds one full well."""
         across, down = settings.binning_horizontal, settings.binning_vertical
         rows, columns = self.model.height // down, self.model.width // across
         right, bottom = settings.offset_x + settings.width, settings.offset_y + settings.height
@@ -136,6 +136,7 @@ class Sensor:
             # A mean by area, scaled: numpy's sum over two axes takes fifty times as long, a quarter of a frame period.
             mean = cv2.resize(whole, (columns, rows), interpolation=cv2.INTER_AREA)
             radiance = np.asarray(mean, np.float32) * np.float32(across * down)
+        radiance = radiance[:: -1 if settings.reverse_y else 1, :: -1 if settings.reverse_x else 1]
         return np.ascontiguousarray(radiance[settings.offset_y : bottom, settings.offset_x : right])
 
     def _greys(self, pixel_format: str, gamma: float) -> NDArray[np.uint8] | NDArray[np.uint16]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -190,3 +192,28 @@ def test_reset_restores_the_power_on_state(features: Features) -> None:
 
 def test_the_time_stamp_is_the_device_clock(features: Features) -> None:
     assert features.get("Timestamp") == 42
+
+
+def test_a_user_set_is_kept_over_power_off_and_loaded_as_it_was_saved(features: Features) -> None:
+    features.set("Width", 320)
+    features.set("LineSelector", "Line3")
+    features.set("LineInverter", True)
+    assert refused_to(features.save_user_set) == "read_only"  # the default one
+    features.set("UserSetSelector", "UserSet0")
+    features.save_user_set()
+    features.reset()
+    assert (features.get("Width"), features.get("LineInverter")) == (720, False)
+    features.set("UserSetSelector", "UserSet0")
+    features.load_user_set()
+    assert (features.get("Width"), features.get("LineSelector"), features.get("LineInverter")) == (320, "Line3", True)
+    features.set("UserSetSelector", "Default")
+    features.load_user_set()
+    assert (features.get("Width"), features.get("ExposureAuto")) == (720, "Continuous")
+    features.update("TLParamsLocked", 1)
+    assert refused_to(features.load_user_set) == "locked"
+
+
+def refused_to(command: Callable[[], None]) -> str:
+    with pytest.raises(FeatureError) as error:
+        command()
+    return error.value.kind

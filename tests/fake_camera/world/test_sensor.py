@@ -102,6 +102,14 @@ def test_region_shows_that_part_of_the_scene(sensor: Sensor) -> None:
         sensor.expose(scene, replace(region, offset_x=261), 1)
 
 
+def test_a_mirrored_image_is_that_of_a_mirrored_scene_and_the_region_is_cut_from_it(sensor: Sensor) -> None:
+    scene = np.linspace(0.0, HALF_WELL, 240 * 320, dtype=np.float32).reshape(240, 320)
+    region = replace(BASE, offset_x=200, offset_y=100, width=60, height=40)
+    for across, down in ((True, False), (False, True), (True, True)):
+        mirrored = sensor.expose(scene, replace(region, reverse_x=across, reverse_y=down), 1)
+        assert np.array_equal(mirrored, sensor.expose(scene[:: 1 - 2 * down, :: 1 - 2 * across], region, 1))
+
+
 def test_gamma_node_and_response_bend_the_curve_but_keep_its_ends() -> None:
     settings = replace(BASE, exposure_time_us=1000.0, gamma=0.5)
     bent = Sensor(MODEL, 1).expose(flat(HALF_WELL), settings, 1)
