@@ -10,7 +10,7 @@ from collections.abc import Callable
 from typing import Any
 
 from drivers.aravis.discovery import FoundCamera
-from drivers.aravis.introspection import Aravis, GLib
+from drivers.aravis.introspection import Aravis, GLib, genicam_xml
 from drivers.aravis.nodes import AravisNodes
 from drivers.aravis.stream import create_stream
 from drivers.camera import CameraDescription, IncompleteFrame
@@ -76,8 +76,7 @@ class AravisCamera:
     @property
     def description_xml(self) -> str:
         """Its GenICam description."""
-        xml: str = self._camera.get_device().get_genicam_xml()[0]
-        return xml
+        return genicam_xml(self._camera.get_device())
 
     @property
     def limits(self) -> ExposureLimits:

@@ -2,9 +2,25 @@
 
 from __future__ import annotations
 
+import ctypes
+from typing import Any
+
 import gi
 
 gi.require_version("Aravis", "0.8")
 from gi.repository import Aravis, GLib  # noqa: E402
 
-__all__ = ["Aravis", "GLib"]
+__all__ = ["Aravis", "GLib", "genicam_xml"]
+
+
+def genicam_xml(device: Any) -> str:
+    """The GenICam description of a device.
+
+    Aravis 0.8.26 gives it with its length and without an end, but PyGObject takes it for a text with an end, and reads
+    whatever memory follows: hence past PyGObject.
+    """
+    function = ctypes.CDLL("libaravis-0.8.so.0").arv_device_get_genicam_xml
+    function.restype, function.argtypes = ctypes.c_void_p, [ctypes.c_void_p, ctypes.POINTER(ctypes.c_size_t)]
+    size = ctypes.c_size_t()
+    text = function(hash(device), ctypes.byref(size))  # PyGObject's hash is the address
+    return ctypes.string_at(text, size.value).decode("utf-8", "replace") if text else ""

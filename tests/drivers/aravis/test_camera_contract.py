@@ -176,6 +176,7 @@ def test_an_unknown_serial_is_reported_with_those_that_answer(fake: FakeCamera) 
 def test_the_camera_describes_itself(fake: FakeCamera, camera: AravisCamera) -> None:
     assert camera.description.serial == fake.serial
     assert camera.description.limitations == ()
+    assert camera.description_xml.rstrip().endswith("</RegisterDescription>")
     limits = camera.limits
     assert 0 < limits.min_time_us < 100
     assert limits.max_time_us > 1e5
