@@ -244,6 +244,27 @@ def doctor(
         raise typer.Exit(1)
 
 
+@app.command()
+def features(
+    serial: Annotated[str, typer.Argument(help="The camera, as `autoexpose list` shows it.")],
+    changed: Annotated[
+        bool, typer.Option("--changed", help="Only what differs from its default user set, which is loaded for that.")
+    ] = False,
+    save: Annotated[Path | None, typer.Option(help="Write it to this new file.")] = None,
+    diff: Annotated[Path | None, typer.Option(help="Compare with the features of this configuration instead.")] = None,
+) -> None:
+    """Show what a camera's features are set to, as a configuration file."""
+    from autoexpose_daemon.doctor.camera_features import show_difference, show_features  # noqa: PLC0415
+
+    if diff is None:
+        show_features(serial, changed, save)
+        return
+    if changed or save is not None:
+        raise ConfigurationError("--diff compares the camera with a file: leave --changed and --save out")
+    if not show_difference(serial, diff):
+        raise typer.Exit(1)
+
+
 @app.command(
     "fake-camera", context_settings={"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []}
 )
@@ -256,11 +277,22 @@ def fake_camera(context: typer.Context) -> None:
 
 
 @config_app.command("check")
-def check_config(file: Path) -> None:
+def check_config(
+    file: Path,
+    camera: Annotated[
+        bool, typer.Option("--camera", help="Also open its cameras, set them up as configured, and close them.")
+    ] = False,
+) -> None:
     """Check a configuration file, and the response files it names."""
     from autoexpose_daemon.config.load import load_config  # noqa: PLC0415
 
     config = load_config(file)
+    if camera:
+        from autoexpose_daemon.runtime.cameras import refusals  # noqa: PLC0415
+
+        refused = [f"{file}: cameras.{side}: {error}" for side, error in refusals(config) if error is not None]
+        if refused:
+            raise ConfigurationError("\n".join(refused))
     cameras = ", ".join(f"{side} {camera.serial}" for side, camera in config.sides.items())
     typer.echo(f"{file}: valid: {cameras}; policy {config.control.policy}")
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from drivers.config.feature import FeatureSetting
 from drivers.pixel_format import PixelFormat
 
 TriggerMode = Literal["external", "free_run"]
@@ -69,6 +70,8 @@ class CameraSetup:
         GigE Vision only: size of a stream packet, headers included; None uses the largest that gets through.
     link_share
         GigE Vision only: the link that its stream has to share; None: it sends as fast as it can.
+    features
+        Features to set before everything else, in this order.
     """
 
     trigger: TriggerSetup
@@ -76,3 +79,4 @@ class CameraSetup:
     binning: int | None = None
     packet_size_bytes: int | None = None
     link_share: LinkShare | None = None
+    features: tuple[FeatureSetting, ...] = ()

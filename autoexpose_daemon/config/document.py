@@ -7,7 +7,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import BeforeValidator, model_validator
+from pydantic import BeforeValidator, PlainSerializer, model_validator
 
 from autoexpose_daemon.config.motion import MotionConfig
 from autoexpose_daemon.config.publish import PublishConfig
@@ -35,6 +35,7 @@ from autoexpose_daemon.control.parameters import BalanceId, ControlParameters, M
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, check_policy_id
 from calibration.response import ResponseFunction
 from calibration.response.file import ResponseFile
+from drivers.config.feature import FeatureSetting, as_list, parse_features
 from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Side
@@ -50,11 +51,15 @@ def _refuse_number(serial: object) -> object:
     return serial
 
 
+Features = Annotated[tuple[FeatureSetting, ...], BeforeValidator(parse_features), PlainSerializer(as_list)]
+
+
 class CameraConfig(Section):
-    """One camera: its serial, and the file with its response function (none: a linear response)."""
+    """One camera: its serial, the file with its response function (none: a linear response), features to set."""
 
     serial: Annotated[Name, BeforeValidator(_refuse_number)]
     response: Path | None = None
+    features: Features = ()
 
 
 class CamerasConfig(Section):

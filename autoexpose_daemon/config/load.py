@@ -9,6 +9,7 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
+from autoexpose_daemon.config.camera_setup import refuse_driven_features
 from autoexpose_daemon.config.document import CameraConfig, Config
 from drivers.config.readable import readable
 from drivers.config.strict_yaml import load_mapping
@@ -28,6 +29,7 @@ def load_config(path: Path) -> Config:
         config = Config.model_validate(content)
     except ValidationError as error:
         raise ConfigurationError("\n".join(_sentence(path, each) for each in error.errors())) from error
+    refuse_driven_features(path, config)
     try:
         config = _with_absolute_paths(config, path.resolve().parent)
         _ = config.responses, config.control.roi.regions  # read now, so that errors in them are reported now

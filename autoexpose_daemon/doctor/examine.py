@@ -19,13 +19,18 @@ def examine(config: Path | None, as_document: bool, report: Path | None = None) 
 
     With `report` write a report of the cameras there instead.
     """
-    facts, need = gather(), Need.of(None if config is None else load_config(config))
+    loaded = None if config is None else load_config(config)
+    facts, need = gather(), Need.of(loaded)
     if report is not None:
         from autoexpose_daemon.doctor.camera_report import write_report  # noqa: PLC0415  loads Aravis
 
         write_report(report, facts, need, typer.echo)
         return True
     findings = judge(facts, need)
+    if loaded is not None and not stops(findings) and any(camera.features for camera in loaded.sides.values()):
+        from autoexpose_daemon.doctor.judge_features import judge_features  # noqa: PLC0415  loads Aravis
+
+        findings += judge_features(loaded)
     if as_document:
         typer.echo(as_json(findings))
     else:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 from calibration.sources.session import session_setup
+from drivers.config.feature import FeatureSetting, parse_features
 from drivers.config.strict_yaml import load_mapping
 from drivers.errors import ConfigurationError
 from drivers.frames import Side
@@ -16,15 +17,16 @@ from drivers.setup import CameraSetup
 
 @dataclass(frozen=True, slots=True)
 class CameraMode:
-    """A camera by its serial, and the image format to run it with; None keeps what it has."""
+    """A camera by its serial, the image format to run it with (None keeps what it has), and features to set first."""
 
     serial: str
     pixel_format: PixelFormat | None = None
     binning: int | None = None
+    features: tuple[FeatureSetting, ...] = ()
 
     def setup(self) -> CameraSetup:
         """How to open it for a `calibration.sources.session.Session`."""
-        return replace(session_setup(self.pixel_format), binning=self.binning)
+        return replace(session_setup(self.pixel_format), binning=self.binning, features=self.features)
 
 
 def rig_of_config(path: Path) -> list[CameraMode]:
@@ -47,10 +49,15 @@ def rig_of_config(path: Path) -> list[CameraMode]:
         raise ConfigurationError(f"{path}: cameras.left.serial is missing: name the camera")
     for side in get_args(Side):
         if cameras.get(side) is not None:
-            serial = _section(path, cameras, side, "cameras.").get("serial")
+            camera = _section(path, cameras, side, "cameras.")
+            serial = camera.get("serial")
             if not isinstance(serial, str) or not serial:
                 raise ConfigurationError(f"{path}: cameras.{side}.serial is {serial!r}: give it in quotes")
-            rig.append(CameraMode(serial, pixel_format and PIXEL_FORMATS[pixel_format], binning))
+            try:
+                features = parse_features(camera.get("features", []))
+            except ValueError as error:
+                raise ConfigurationError(f"{path}: cameras.{side}.features: {error}") from error
+            rig.append(CameraMode(serial, pixel_format and PIXEL_FORMATS[pixel_format], binning, features))
     return rig
 
 

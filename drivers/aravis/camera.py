@@ -19,6 +19,7 @@ from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Frame, Pixels, SettingSource
 from drivers.genicam.clock import find_clock
 from drivers.genicam.dialect import find_dialect, switch_auto_off
+from drivers.genicam.features import apply_features
 from drivers.genicam.gamma import switch_gamma_off
 from drivers.genicam.image_format import choose_pixel_format, decode_pixels, set_binning
 from drivers.genicam.metadata import FrameIdUnwrapper, SettingLedger, enable_chunks
@@ -46,6 +47,7 @@ class AravisCamera:
         self._frames = threading.Lock()
         self._closed = threading.Event()
         nodes.call("stop acquisition", camera.stop_acquisition)
+        apply_features(nodes, setup)
         pixel_format = choose_pixel_format(nodes, setup.pixel_format)
         set_binning(nodes, setup.binning)
         switch_auto_off(nodes)

@@ -9,9 +9,19 @@ from typing import Any, TypeVar
 
 from drivers.aravis.introspection import Aravis, GLib
 from drivers.errors import CameraError, CameraLostError, NodeError
+from drivers.genicam.nodes import Kind
 
 T = TypeVar("T")
 
+_KINDS: tuple[tuple[Any, Kind], ...] = (
+    (Aravis.GcEnumeration, "enumeration"),
+    (Aravis.GcBoolean, "boolean"),
+    (Aravis.GcCommand, "command"),
+    (Aravis.GcFloat, "float"),
+    (Aravis.GcString, "string"),
+    (Aravis.GcInteger, "integer"),
+)
+"""Kinds by interface; enumerations and booleans are integers, too, so these come last."""
 _SILENCE = (Aravis.DeviceError.TIMEOUT, Aravis.DeviceError.NOT_CONNECTED)
 
 
@@ -70,6 +80,52 @@ class AravisNodes:
             self.silent.set()
             return CameraLostError(f"camera {self.serial} does not answer: could not {action}")
         return NodeError(f"camera {self.serial}: could not {action}: {error.message}")
+
+    def features(self) -> tuple[str, ...]:
+        """All features below the root category."""
+        found: dict[str, None] = {}
+        categories = ["Root"]
+        for category in categories:
+            listed = self._device.get_feature(category)
+            for name in () if listed is None else listed.get_features():
+                node = self._device.get_feature(name)
+                if isinstance(node, Aravis.GcCategory) and name not in categories:
+                    categories.append(name)
+                elif isinstance(node, Aravis.GcFeatureNode):
+                    found[name] = None
+        return tuple(found)
+
+    def streamable(self) -> frozenset[str]:
+        """The features that the description marks as worth storing."""
+        return frozenset(name for name in self.features() if self._is_streamable(name))
+
+    def _is_streamable(self, name: str) -> bool:
+        # Aravis 0.8.26 keeps the mark to itself, and hands the description out as text without an end.
+        part = self._device.get_feature(name).get_first_child()
+        while part is not None:
+            if part.get_node_name() == "Streamable":
+                return bool(part.get_string() == "Yes")
+            part = part.get_next_sibling()
+        return False
+
+    def kind(self, name: str) -> Kind | None:
+        """What kind of feature it is."""
+        node = self._device.get_feature(name)
+        return next((kind for interface, kind in _KINDS if isinstance(node, interface)), None)
+
+    def writable(self, name: str) -> bool:
+        """Whether the feature is available, and neither read-only nor locked at present."""
+        node = self._device.get_feature(name)
+        if not self.available(name) or node.get_actual_access_mode() == Aravis.GcAccessMode.RO:
+            return False
+        return not self.call(f"ask whether {name} is locked", node.is_locked)
+
+    def selected(self, name: str) -> tuple[str, ...]:
+        """The features whose values depend on this one."""
+        node = self._device.get_feature(name)
+        if not isinstance(node, Aravis.GcSelector):
+            return ()
+        return tuple(feature.get_name() for feature in node.get_selected_features())
 
     def exists(self, name: str) -> bool:
         """Whether the camera's description has this feature."""
@@ -144,13 +200,17 @@ class AravisNodes:
         """Write an integer feature."""
         self.call(f"set {name} to {value}", self._device.set_integer_feature_value, name, value)
 
+    def read_boolean(self, name: str) -> bool:
+        """Value of a boolean feature."""
+        return bool(self.call(f"read {name}", self._device.get_boolean_feature_value, name))
+
     def write_boolean(self, name: str, value: bool) -> None:
         """Write a boolean feature."""
         self.call(f"set {name} to {value}", self._device.set_boolean_feature_value, name, value)
 
     def read_entry(self, name: str) -> str:
         """The current entry of an enumeration."""
-        return str(self.call(f"read {name}", self._device.get_string_feature_value, name))
+        return str(self.call(f"read {name}", self._device.get_string_feature_value, name) or "")
 
     def write_entry(self, name: str, entry: str) -> None:
         """Choose an entry of an enumeration.
@@ -163,6 +223,17 @@ class AravisNodes:
             self.call(f"set {name} to {entry}", self._device.set_string_feature_value, name, entry)
         finally:
             self._device.set_range_check_policy(Aravis.RangeCheckPolicy.ENABLE)
+
+    def read_string(self, name: str) -> str:
+        """Value of a text feature."""
+        try:
+            return str(self.call(f"read {name}", self._device.get_string_feature_value, name) or "")
+        except UnicodeDecodeError:
+            raise NodeError(f"camera {self.serial}: {name} is no text in UTF-8") from None
+
+    def write_string(self, name: str, value: str) -> None:
+        """Write a text feature."""
+        self.call(f"set {name} to {value!r}", self._device.set_string_feature_value, name, value)
 
     def execute(self, name: str) -> None:
         """Execute a command feature."""

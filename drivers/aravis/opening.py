@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 from drivers.aravis.camera import AravisCamera
@@ -33,7 +35,34 @@ def open_camera(serial: str, setup: CameraSetup) -> AravisCamera:
         raise error.with_traceback(None) from None
 
 
+@contextmanager
+def open_nodes(serial: str) -> Iterator[AravisNodes]:
+    """Open a camera for its nodes alone, as it is, with its acquisition stopped; closed when the block ends.
+
+    Raises
+    ------
+    CameraNotFoundError, CameraBusyError, CameraLostError
+        Try again later.
+    """
+    camera = _controlled(find_camera(serial))
+    nodes = AravisNodes(camera.get_device(), serial)
+    try:
+        nodes.call("stop acquisition", camera.stop_acquisition)
+        yield nodes
+    finally:
+        if camera.is_gv_device() and not nodes.silent.is_set():
+            nodes.call("release control", camera.get_device().leave_control)
+        nodes.release()
+
+
 def _set_up(found: FoundCamera, setup: CameraSetup) -> AravisCamera:
+    camera = _controlled(found)
+    with OPENING:
+        return AravisCamera(found, camera, AravisNodes(camera.get_device(), found.serial), setup)
+
+
+def _controlled(found: FoundCamera) -> Any:
+    """The opened Aravis camera, controlled by us."""
     try:
         with OPENING:
             camera = Aravis.Camera.new(found.id)
@@ -42,8 +71,7 @@ def _set_up(found: FoundCamera, setup: CameraSetup) -> AravisCamera:
             raise _busy(found.serial) from None
         raise CameraNotFoundError(f"camera {found.serial} was seen but could not be opened: {error.message}") from None
     _take_control(camera, found.serial)
-    with OPENING:
-        return AravisCamera(found, camera, AravisNodes(camera.get_device(), found.serial), setup)
+    return camera
 
 
 def _take_control(camera: Any, serial: str) -> None:

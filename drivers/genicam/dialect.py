@@ -14,6 +14,7 @@ TIME_NODES = ("ExposureTime", "ExposureTimeAbs")
 RAW_TIME, RAW_TIME_UNIT = "ExposureTimeRaw", "ExposureTimeBaseAbs"
 """A time in counts, and the node that holds the microseconds per count."""
 GAIN_NODES = ("Gain", "GainAbs")
+RAW_GAIN = "GainRaw"
 UNDRIVEN_TIME_NODES = (RAW_TIME, "ExposureValue", "Shutter", "ShutterTime")
 """Other names seen in the field: known, so that the refusal can say what the camera offers instead."""
 
@@ -100,6 +101,11 @@ def find_dialect(nodes: NodeMap) -> ExposureDialect:
     return ExposureDialect(_find_time(nodes), gain, limitations)
 
 
+def gain_driven(nodes: NodeMap) -> bool:
+    """Whether the camera's gain is driven, as it is in dB."""
+    return _find_gain(nodes)[0] is not None
+
+
 def switch_auto_off(nodes: NodeMap) -> None:
     """Switch the camera's automatic exposure and gain off, and have ExposureTime set the exposure."""
     for name, entry in (("ExposureMode", "Timed"), ("ExposureAuto", "Off"), ("GainAuto", "Off")):
@@ -141,7 +147,7 @@ def _find_gain(nodes: NodeMap) -> tuple[Quantity | None, tuple[str, ...]]:
     for name in GAIN_NODES:
         if _is_number(nodes, name) and (nodes.unit(name) or "").lower() in DECIBELS:
             return Quantity(name, integer=nodes.is_integer(name)), ()
-    for name in (*GAIN_NODES, "GainRaw"):
+    for name in (*GAIN_NODES, RAW_GAIN):
         if nodes.available(name):
             unit = nodes.unit(name) if _is_number(nodes, name) else None
             scale = f"{name} is in {unit or 'numbers without a unit'}"

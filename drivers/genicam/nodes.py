@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Literal, Protocol
+
+Kind = Literal["float", "integer", "boolean", "enumeration", "string", "command"]
 
 
 class NodeMap(Protocol):
@@ -15,6 +17,21 @@ class NodeMap(Protocol):
     @property
     def serial(self) -> str:
         """Serial number of the camera, for messages."""
+
+    def features(self) -> tuple[str, ...]:
+        """All features, in the order of the camera's description; categories are none."""
+
+    def streamable(self) -> frozenset[str]:
+        """The features that the description marks as worth storing; empty if it marks none."""
+
+    def kind(self, name: str) -> Kind | None:
+        """What kind of feature it is; None if the camera has none of that name, or it holds no value of these kinds."""
+
+    def writable(self, name: str) -> bool:
+        """Whether the feature is available, and neither read-only nor locked at present."""
+
+    def selected(self, name: str) -> tuple[str, ...]:
+        """The features whose values depend on this one; empty if it is not a selector."""
 
     def exists(self, name: str) -> bool:
         """Whether the camera has this feature, available or not."""
@@ -58,14 +75,23 @@ class NodeMap(Protocol):
     def write_integer(self, name: str, value: int) -> None:
         """Write an integer feature."""
 
+    def read_boolean(self, name: str) -> bool:
+        """Value of a boolean feature."""
+
     def write_boolean(self, name: str, value: bool) -> None:
         """Write a boolean feature."""
 
     def read_entry(self, name: str) -> str:
-        """The current entry of an enumeration."""
+        """The current entry of an enumeration; empty if it holds none that the description has."""
 
     def write_entry(self, name: str, entry: str) -> None:
         """Choose an entry of an enumeration."""
+
+    def read_string(self, name: str) -> str:
+        """Value of a text feature."""
+
+    def write_string(self, name: str, value: str) -> None:
+        """Write a text feature."""
 
     def execute(self, name: str) -> None:
         """Execute a command feature."""

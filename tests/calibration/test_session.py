@@ -11,11 +11,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from calibration.commands.rig import rig_of_config
 from calibration.sources import session as session_module
 from calibration.sources.session import FRAMES_TO_OBEY, Session, session_setup
 from drivers.aravis import open_camera
 from drivers.camera import CameraDescription, IncompleteFrame
-from drivers.errors import CameraError
+from drivers.config.feature import FeatureSetting
+from drivers.errors import CameraError, ConfigurationError
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Frame, SettingSource
 from drivers.genicam.write_latency import FRAMES_AFTER
@@ -128,3 +130,12 @@ def test_a_session_over_the_wire_from_the_shortest_exposure_to_a_long_one(tmp_pa
     assert mid[0].bit_depth == 12
     one, two = (shot.pixels.astype(np.float64) for shot in mid)
     assert np.abs(two - one).mean() < 50.0, "the camera stands still under steady light"
+
+
+def test_the_features_of_a_configuration_are_set_for_a_calibration_too(tmp_path: Path) -> None:
+    file = tmp_path / "rig.yaml"
+    file.write_text("cameras: {left: {serial: A, features: [Width: 320]}, right: {serial: B}}")
+    assert [mode.setup().features for mode in rig_of_config(file)] == [(FeatureSetting("Width", 320),), ()]
+    file.write_text("cameras: {left: {serial: A, features: {Width: 320}}}")
+    with pytest.raises(ConfigurationError, match=r"rig\.yaml: cameras\.left\.features: is not a list"):
+        rig_of_config(file)

@@ -140,6 +140,18 @@ def test_a_short_file_has_the_documented_defaults(tmp_path: Path) -> None:
             ["control.roi.left: no pixel counts"],
         ),
         (LEFT + "control: {roi: {left: {rectangles: [{box: [0, 0, 9, 70000]}]}}}", ["box.3: 70000 is out of bounds"]),
+        (
+            "cameras: {left: {serial: A, features: {Width: 640}}}",
+            ["cameras.left.features: is not a list: begin each line with a dash"],
+        ),
+        (
+            "cameras: {left: {serial: A, features: [Width: 640, PixelFormat: Mono8]}}",
+            ["cameras.left.features: PixelFormat cannot be set here: the daemon drives it: set image.pixel_format"],
+        ),
+        (
+            "image: {binning: 2}\ncameras: {left: {serial: A, features: [Width: 640]}}",
+            ["cameras.left.features: Width cannot be set here: image.binning sets it"],
+        ),
         ("[1, 2", ["YAML"]),
         ("just words", ["cameras"]),
     ],

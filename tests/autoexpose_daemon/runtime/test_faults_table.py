@@ -14,7 +14,7 @@ from tests import REPOSITORY
 PAGE = REPOSITORY / "docs" / "faults.md"
 COLUMNS = ["fault", "what happens", "what the user sees", "counted", "test"]
 FAULTS = [
-    *("camera lost", "camera back", "replaced by another serial"),
+    *("camera lost", "camera back", "replaced by another serial", "feature refused"),
     *("trigger stopped", "trigger doubled", "trigger halved"),
     *("half the packets lost", "frame truncated", "chunk missing", "hostile packets"),
     *("node refuses a write", "node clips", "node sticks", "exposure frozen", "one camera's clock jumps"),

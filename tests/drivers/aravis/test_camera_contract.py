@@ -19,15 +19,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drivers.aravis import AravisCamera, find_cameras, open_camera
+from drivers.aravis import AravisCamera, find_cameras, open_camera, open_nodes
 from drivers.camera import IncompleteFrame
+from drivers.config.feature import FeatureSetting, parse_features
 from drivers.errors import CameraBusyError, CameraLostError, CameraNotFoundError, ConfigurationError, NodeError
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame
+from drivers.genicam.driven import advice
+from drivers.genicam.inventory import differing, read_inventory
 from drivers.pixel_format import PixelFormat
 from drivers.setup import CameraSetup, TriggerSetup
 from fake_camera.device.faults import Fault
 from fake_camera.usb3.run import CAMERAS_VARIABLE
+from tests.drivers.aravis.written import SELECTORS, names_written
 from tests.drivers.camera_contract import CameraContract
 from tests.fakes import FakeCamera, camera_on_this_bus, fake_camera
 
@@ -274,6 +278,51 @@ def test_a_free_run_keeps_its_rate(idle: FakeCamera) -> None:
         camera.start()
         frames = next_frames(camera, 20)
         assert np.median(np.diff([frame.device_time_ns for frame in frames])) == pytest.approx(25e6, rel=0.05)
+
+
+WAYS = [
+    {"pixel_format": PixelFormat.MONO8},
+    {"trigger": TriggerSetup("free_run", rate_hz=40.0), "binning": 1},
+    {"trigger": TriggerSetup("free_run", rate_hz=40.0, output_line="Line1"), "packet_size_bytes": 1500},
+]
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_whatever_it_drives_is_refused_among_features(
+    idle: FakeCamera, way: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    written = names_written(monkeypatch)
+    with opened(idle, **way) as camera:
+        for setting in (ExposureSetting(3000.0, 3.0), ExposureSetting(2000.0, 0.0)):
+            camera.write(setting)
+    setup = CameraSetup(**{"trigger": EXTERNAL, **way})
+    assert {"ExposureTime", "Gain", "TriggerMode", "ChunkEnable"} <= written
+    assert {name for name in written if advice(FeatureSetting(name, 0), setup, True) is None} <= SELECTORS
+
+
+def test_features_are_set_before_everything_else_and_selectors_put_back(idle: FakeCamera) -> None:
+    features = parse_features(
+        [
+            {"OffsetY": 100},
+            {"Width": 320},
+            {"OffsetX": 400},
+            {"Height": 200},
+            {"LineSelector[Line3].LineInverter": True},
+        ]
+    )
+    with opened(idle, features=features) as camera:
+        camera.start()
+        assert next_frames(camera, 1)[0].pixels.shape == (200, 320)
+    with open_nodes(idle.serial) as nodes:
+        assert nodes.read_entry("LineSelector") != "Line3"
+        assert differing(nodes, features) == []
+        assert set(features) <= set(read_inventory(nodes).settings)
+        assert differing(nodes, features) == []
+    with pytest.raises(ConfigurationError, match=r"features: Widht: .*; did you mean Width\?"):
+        open_camera(idle.serial, CameraSetup(EXTERNAL, features=parse_features([{"Widht": 320}])))
+    with opened(idle, features=parse_features([{"UserSetSelector": "Default"}, {"UserSetLoad": "execute"}])) as camera:
+        camera.start()
+        assert next_frames(camera, 1)[0].pixels.shape == (540, 720)
 
 
 HOLDER = """

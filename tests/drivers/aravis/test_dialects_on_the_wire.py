@@ -10,18 +10,21 @@ import gc
 import os
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from drivers.aravis import AravisCamera, discovery, find_cameras, open_camera
+from drivers.aravis import AravisCamera, discovery, find_cameras, open_camera, open_nodes
 from drivers.aravis.introspection import Aravis
+from drivers.config.feature import FeatureSetting, parse_features
 from drivers.errors import NodeError, UnsupportedCameraError
 from drivers.exposure import ExposureSetting, linear_gain
 from drivers.frames import Frame
+from drivers.genicam.driven import advice
+from drivers.genicam.features import set_features
 from drivers.pixel_format import PixelFormat
 from drivers.setup import CameraSetup, TriggerSetup
 from fake_camera.device.device import Device
@@ -33,6 +36,7 @@ from fake_camera.imaging import ImageSettings
 from fake_camera.usb3.run import CAMERAS_VARIABLE
 from fake_camera.usb3.usbip.server import Usb3Server
 from tests.data import data
+from tests.drivers.aravis.written import SELECTORS, names_written
 from tests.fakes import loopback_address, unique
 from tests.xml_cameras import COMBINATIONS, REAL, features, xml_camera
 
@@ -208,6 +212,19 @@ def test_the_driver_exposes_by_it_and_each_frame_says_how(worn: Worn) -> None:
             assert len(wrong) <= (0 if worn.tells_by_chunks else 3)
         check_gain(worn, camera)
         check_words(worn, camera)
+
+
+@pytest.mark.parametrize("worn", WORN[1:], ids=str, indirect=True)
+def test_features_are_taken_but_for_those_that_the_driver_writes(worn: Worn, monkeypatch: pytest.MonkeyPatch) -> None:
+    written = names_written(monkeypatch)
+    setup = replace(set_up(worn), features=parse_features([{"Width": 32}, {"TriggerSelector[FrameStart].Height": 40}]))
+    with contextlib.closing(open_camera(worn.serial, setup)) as camera:
+        camera.write(ExposureSetting(2000.0, 0.0))
+    assert [worn.device.features.get(name) for name in ("Width", "Height")] == [32, 40]
+    driven = {name for name in written if advice(FeatureSetting(name, 0), setup, worn.gain_in_db) is not None}
+    assert written - driven <= SELECTORS | {"Width", "Height"}
+    with open_nodes(worn.serial) as nodes:
+        assert set_features(nodes, parse_features([{"Width": 64}, {"Height": 48}])) == []
 
 
 @pytest.mark.parametrize("worn", range(1, len(COMBINATIONS)), ids=str, indirect=True)

@@ -14,7 +14,8 @@ pytestmark = pytest.mark.realtime
 
 HERE = Path(__file__).parent
 DIALECTS = HERE / "test_dialects_on_the_wire.py"
-SUITES = [HERE / "test_camera_contract.py", DIALECTS, REPOSITORY / "tests/autoexpose_daemon/runtime/test_daemon.py"]
+RUNTIME = REPOSITORY / "tests/autoexpose_daemon/runtime"
+SUITES = [HERE / "test_camera_contract.py", DIALECTS, RUNTIME / "test_daemon.py", RUNTIME / "test_features.py"]
 PORTS = len(COMBINATIONS)
 """As many cameras as the dialects need at a time."""
 

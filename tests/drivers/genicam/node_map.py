@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import TypeVar
 
 from drivers.errors import NodeError
+from drivers.genicam.nodes import Kind
 
 
 @dataclass
@@ -16,6 +17,7 @@ class FloatNode:
     high: float = 1e6
     unit: str | None = None
     increment: float = 0.0
+    locked: bool = False
     take: Callable[[float], float] = lambda value: value
     """What the camera makes of a value written."""
 
@@ -27,12 +29,14 @@ class IntegerNode:
     high: int = 1 << 62
     unit: str | None = None
     increment: int = 1
+    locked: bool = False
 
 
 @dataclass
 class EnumerationNode:
     value: str
     entries: tuple[str, ...]
+    selected: tuple[str, ...] = ()
 
 
 @dataclass
@@ -41,13 +45,27 @@ class BooleanNode:
 
 
 @dataclass
+class StringNode:
+    value: str
+
+
+@dataclass
 class CommandNode:
     run: Callable[[], None] = lambda: None
 
 
-Node = FloatNode | IntegerNode | EnumerationNode | BooleanNode | CommandNode
+Node = FloatNode | IntegerNode | EnumerationNode | BooleanNode | StringNode | CommandNode
 
-N = TypeVar("N", FloatNode, IntegerNode, EnumerationNode, BooleanNode, CommandNode)
+N = TypeVar("N", FloatNode, IntegerNode, EnumerationNode, BooleanNode, StringNode, CommandNode)
+
+KINDS: dict[type[Node], Kind] = {
+    FloatNode: "float",
+    IntegerNode: "integer",
+    EnumerationNode: "enumeration",
+    BooleanNode: "boolean",
+    StringNode: "string",
+    CommandNode: "command",
+}
 
 
 @dataclass
@@ -62,6 +80,22 @@ class MemoryNodes:
         node = self.nodes[name]
         assert isinstance(node, kind), f"{name} is a {type(node).__name__}"
         return node
+
+    def features(self) -> tuple[str, ...]:
+        return tuple(self.nodes)
+
+    def streamable(self) -> frozenset[str]:
+        return frozenset()
+
+    def kind(self, name: str) -> Kind | None:
+        return KINDS[type(self.nodes[name])] if name in self.nodes else None
+
+    def writable(self, name: str) -> bool:
+        return not getattr(self.nodes[name], "locked", False)
+
+    def selected(self, name: str) -> tuple[str, ...]:
+        node = self.nodes.get(name)
+        return node.selected if isinstance(node, EnumerationNode) else ()
 
     def exists(self, name: str) -> bool:
         return name in self.nodes
@@ -101,7 +135,7 @@ class MemoryNodes:
 
     def write_float(self, name: str, value: float) -> None:
         node = self._node(name, FloatNode)
-        if not node.low <= value <= node.high:
+        if node.locked or not node.low <= value <= node.high:
             raise NodeError(f"camera {self.serial}: could not set {name} to {value:g}")
         self.writes.append((name, value))
         node.value = node.take(value)
@@ -110,8 +144,14 @@ class MemoryNodes:
         return self._node(name, IntegerNode).value
 
     def write_integer(self, name: str, value: int) -> None:
+        node = self._node(name, IntegerNode)
+        if node.locked or not node.low <= value <= node.high:
+            raise NodeError(f"camera {self.serial}: could not set {name} to {value}")
         self.writes.append((name, value))
-        self._node(name, IntegerNode).value = value
+        node.value = value
+
+    def read_boolean(self, name: str) -> bool:
+        return self._node(name, BooleanNode).value
 
     def write_boolean(self, name: str, value: bool) -> None:
         self.writes.append((name, value))
@@ -124,6 +164,13 @@ class MemoryNodes:
         assert entry in self.entries(name)
         self.writes.append((name, entry))
         self._node(name, EnumerationNode).value = entry
+
+    def read_string(self, name: str) -> str:
+        return self._node(name, StringNode).value
+
+    def write_string(self, name: str, value: str) -> None:
+        self.writes.append((name, value))
+        self._node(name, StringNode).value = value
 
     def execute(self, name: str) -> None:
         self._node(name, CommandNode).run()

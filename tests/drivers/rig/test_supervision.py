@@ -9,7 +9,7 @@ import queue
 import pytest
 
 from drivers.camera import Camera
-from drivers.errors import AutoexposeError, CameraNotFoundError, NodeError, UnsupportedCameraError
+from drivers.errors import AutoexposeError, CameraNotFoundError, ConfigurationError, NodeError, UnsupportedCameraError
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame
 from drivers.rig.events import CameraGone, CameraReady, CameraSilent, FrameArrived, RigEvent, Written
@@ -124,6 +124,18 @@ def test_a_camera_that_can_never_be_driven_is_left_alone() -> None:
     assert len(bench.attempts_ns) == len(events) == 1
     assert isinstance(events[0], CameraGone) and events[0].final
     assert bench.supervisor.serve_due_ns == bench.supervisor.take_due_ns == math.inf
+
+
+def test_a_setup_that_a_returning_camera_refuses_is_tried_again() -> None:
+    camera = InstantCamera()
+    bench = Bench(camera)
+    bench.run(0.1)
+    camera.lost, bench.camera = True, ConfigurationError("camera S: features: Widht: the camera has no such feature")
+    gone = [event for event in bench.run(0.5) if isinstance(event, CameraGone)]
+    assert isinstance(gone[-1].error, ConfigurationError)
+    assert not gone[-1].final
+    bench.camera = InstantCamera()
+    assert any(isinstance(event, CameraReady) for event in bench.run(1.0))
 
 
 def test_the_camera_clock_is_read_once_a_second_and_at_a_silence() -> None:

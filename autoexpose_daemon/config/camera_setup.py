@@ -1,0 +1,46 @@
+"""How each camera is to be opened, by the configuration."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from autoexpose_daemon.config.document import Config
+from drivers.errors import ConfigurationError
+from drivers.frames import Side
+from drivers.genicam.driven import refuse_driven
+from drivers.setup import CameraSetup, LinkShare, TriggerSetup
+
+
+def camera_setup(config: Config, side: Side) -> CameraSetup:
+    """How to open the camera of a side."""
+    return CameraSetup(
+        trigger=_trigger(config, side),
+        pixel_format=config.image.pixel_format,
+        binning=config.image.binning,
+        packet_size_bytes=config.transport.packet_size_bytes,
+        link_share=LinkShare(len(config.sides), config.transport.link_mbps) if config.transport.plan else None,
+        features=config.sides[side].features,
+    )
+
+
+def refuse_driven_features(path: Path, config: Config) -> None:
+    """Raise ConfigurationError, one sentence for each feature of a configuration file that the daemon drives itself."""
+    refused = [
+        f"{path}: cameras.{side}.features: {error}"
+        for side in config.sides
+        for error in refuse_driven(camera_setup(config, side))
+    ]
+    if refused:
+        raise ConfigurationError("\n".join(refused))
+
+
+def _trigger(config: Config, side: Side) -> TriggerSetup:
+    """In mode primary the left camera runs by its own clock, and its exposures trigger the right one."""
+    trigger = config.trigger
+    return TriggerSetup(
+        "external" if side in config.triggered_sides else "free_run",
+        trigger.line,
+        trigger.rate_hz,
+        config.exposure.max_time_us,
+        trigger.output_line if trigger.mode == "primary" and side == "left" else None,
+    )

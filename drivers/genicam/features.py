@@ -1,0 +1,262 @@
+"""Setting any features of a camera, in a given order, each checked against the camera's description."""
+
+from __future__ import annotations
+
+import contextlib
+import difflib
+import logging
+import math
+from collections.abc import Iterator, Sequence
+
+from drivers.config.feature import EXECUTE, FeatureSetting, FeatureValue
+from drivers.errors import AutoexposeError, ConfigurationError, NodeError
+from drivers.genicam.dialect import gain_driven
+from drivers.genicam.driven import GAINS, refuse_driven
+from drivers.genicam.nodes import NodeMap
+from drivers.setup import CameraSetup
+
+ROUNDING = 0.01
+"""Cameras round numbers without declaring an increment; more than a hundredth of one is not rounding."""
+_SWITCHES = {False: ("Off", "No", "False"), True: ("On", "Yes", "True")}
+"""Entries that YAML reads as booleans."""
+_TAKEN = {
+    "float": "a number",
+    "integer": "a whole number",
+    "boolean": "true or false",
+    "string": "text, in quotes",
+    "command": f"only `{EXECUTE}`, being a command",
+}
+
+log = logging.getLogger(__name__)
+
+
+def apply_features(nodes: NodeMap, setup: CameraSetup) -> None:
+    """Set the features of a setup.
+
+    Raises
+    ------
+    ConfigurationError
+        Naming each feature that the daemon drives itself, or that the camera does not take, and why.
+    NodeError
+        When the camera refuses some without a reason that its description gives.
+    """
+    features = setup.features
+    if not features:
+        return
+    driven = any(feature.name in GAINS for feature in features) and gain_driven(nodes)
+    complaints = [*refuse_driven(setup, driven)] or set_features(nodes, features)
+    if complaints:
+        kind = NodeError if all(isinstance(complaint, NodeError) for complaint in complaints) else ConfigurationError
+        raise kind(f"camera {nodes.serial}: features: {'; '.join(map(str, complaints))}")
+    done = ", ".join(f"{feature.key} {_written(feature.value)}" for feature in features)
+    log.info("camera %s: features set: %s", nodes.serial, done)
+
+
+def set_features(nodes: NodeMap, features: Sequence[FeatureSetting]) -> list[AutoexposeError]:
+    """Set features in their order, and return what is wrong with those that the camera does not take.
+
+    Those between two selectors or commands shall hold together in the end: as long as that helps, those that the camera
+    refused (locked, or out of bounds before the others were set) or changed (as binning does with the region) are set
+    again. So a region may move and grow, whatever it was before.
+    """
+    return [complaint for run in _runs(nodes, features) for complaint in _set_run(nodes, run)]
+
+
+def _set_run(nodes: NodeMap, run: Sequence[FeatureSetting]) -> list[AutoexposeError]:
+    wanted = {feature.key: feature for feature in run}  # of two, the last one counts
+    pending, fewest = run, len(run) + 1
+    while True:
+        wrong: dict[str, AutoexposeError | None] = {}
+        for feature in pending:
+            wrong[feature.key] = _refusal(nodes, feature)
+        for key, feature in wanted.items():
+            wrong[key] = wrong.get(key) or _change(nodes, feature)
+        complaints = {key: error for key, error in wrong.items() if error is not None}
+        if not complaints or len(complaints) >= fewest:
+            return list(complaints.values())
+        pending, fewest = [wanted[key] for key in complaints], len(complaints)
+
+
+def read_feature(nodes: NodeMap, name: str) -> FeatureValue:
+    """The value of a feature, whatever its kind; NodeError if it cannot be read."""
+    match nodes.kind(name):
+        case "float":
+            return nodes.read_float(name)
+        case "integer":
+            return nodes.read_integer(name)
+        case "boolean":
+            return nodes.read_boolean(name)
+        case "enumeration" if entry := nodes.read_entry(name):
+            return entry
+        case "string":
+            return nodes.read_string(name)
+    raise NodeError(f"camera {nodes.serial}: {name} holds no value")
+
+
+@contextlib.contextmanager
+def selecting(nodes: NodeMap, selectors: Sequence[tuple[str, str]]) -> Iterator[None]:
+    """Within the block these selectors are at these entries, and afterwards where they were before.
+
+    Raises ConfigurationError for what is no selector, or has no such entry, and NodeError when the camera refuses.
+    """
+    with contextlib.ExitStack() as restored:
+        for selector, entry in selectors:
+            counts = nodes.kind(selector) == "integer" and entry.isdecimal()
+            try:
+                wanted = _fitting(nodes, selector, int(entry) if counts else entry)
+            except ConfigurationError as error:
+                raise ConfigurationError(f"its selector {selector}: {error}") from None
+            present = read_feature(nodes, selector)
+            if wanted != present:
+                _write(nodes, selector, wanted)
+                restored.callback(_write, nodes, selector, present)
+        yield
+
+
+def same(wanted: FeatureValue, present: FeatureValue) -> bool:
+    """Whether a feature has the value that was written for it, up to the rounding of cameras."""
+    if isinstance(wanted, bool) and isinstance(present, str):
+        return present in _SWITCHES[wanted]
+    if isinstance(present, float) and not isinstance(wanted, bool | str):
+        return math.isclose(wanted, present, rel_tol=ROUNDING, abs_tol=1e-9)
+    return wanted == present
+
+
+def _runs(nodes: NodeMap, features: Sequence[FeatureSetting]) -> Iterator[list[FeatureSetting]]:
+    """The features up to a selector or command, which stands alone, and so on."""
+    run: list[FeatureSetting] = []
+    for feature in features:
+        if nodes.kind(feature.name) == "command" or nodes.selected(feature.name):
+            yield run
+            yield [feature]
+            run = []
+        else:
+            run.append(feature)
+    yield run
+
+
+def _refusal(nodes: NodeMap, feature: FeatureSetting) -> AutoexposeError | None:
+    """Set a feature; why the camera does not take it, or None."""
+    name = feature.name
+    try:
+        with selecting(nodes, feature.selectors):
+            value = _fitting(nodes, name, feature.value)
+            try:
+                _write(nodes, name, value)
+            except NodeError:
+                if (reason := _reason(nodes, name, value)) is not None:
+                    raise ConfigurationError(reason) from None
+                raise
+    except ConfigurationError as error:
+        return ConfigurationError(f"{feature.key}: {error}")
+    except NodeError as error:
+        return NodeError(f"{feature.key}: {error}")
+    return None
+
+
+def _change(nodes: NodeMap, feature: FeatureSetting) -> AutoexposeError | None:
+    """How a feature that was set differs from what the camera now reads back; None if it holds."""
+    name = feature.name
+    if nodes.kind(name) == "command":
+        return None
+    try:
+        with selecting(nodes, feature.selectors):
+            present = read_feature(nodes, name)
+            if same(feature.value, present):
+                return None
+            bounds = _bounds(nodes, name)
+    except NodeError as error:
+        return NodeError(f"{feature.key}: {error}")
+    why = "another feature changes it" if bounds is None else f"it takes {bounds}, or another feature changes it"
+    return ConfigurationError(
+        f"{feature.key}: set to {_written(feature.value)}, it reads back {_written(present)}: {why}"
+    )
+
+
+def _fitting(nodes: NodeMap, name: str, value: FeatureValue) -> FeatureValue:
+    """The value as this feature takes it, apart from its bounds; raises ConfigurationError for one of another kind."""
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    match nodes.kind(name):
+        case "float" if number:
+            return float(value)
+        case "integer" if number and isinstance(value, int):
+            return value
+        case "boolean" if isinstance(value, bool):
+            return value
+        case "string" if isinstance(value, str):
+            return value
+        case "command" if value == EXECUTE:
+            return value
+        case "enumeration":
+            return _entry(nodes.entries(name), value)
+        case None if nodes.exists(name):
+            raise ConfigurationError("it holds no value that can be set")
+        case None:
+            raise ConfigurationError(f"the camera has no such feature{_hint(name, nodes.features())}")
+        case kind:
+            raise ConfigurationError(f"it takes {_TAKEN[kind]}, not {value!r}")
+
+
+def _entry(entries: Sequence[str], value: FeatureValue) -> str:
+    """The entry that a value names; YAML reads Off and On without quotes as booleans."""
+    names = _SWITCHES[value] if isinstance(value, bool) else (str(value),)
+    for entry in names:
+        if entry in entries:
+            return entry
+    if not entries:
+        raise ConfigurationError("it is not available at present")
+    raise ConfigurationError(f"it takes {', '.join(entries)}, not {_written(value)}{_hint(str(value), entries)}")
+
+
+def _hint(name: str, known: Sequence[str]) -> str:
+    lower = {each.lower(): each for each in known}
+    near = difflib.get_close_matches(name.lower(), lower, n=1)
+    return f"; did you mean {lower[near[0]]}?" if near else ""
+
+
+def _write(nodes: NodeMap, name: str, value: FeatureValue) -> None:
+    """Write a value that fits."""
+    match nodes.kind(name):
+        case "float":
+            nodes.write_float(name, float(value))
+        case "integer":
+            nodes.write_integer(name, int(value))
+        case "boolean":
+            nodes.write_boolean(name, bool(value))
+        case "enumeration":
+            nodes.write_entry(name, str(value))
+        case "string":
+            nodes.write_string(name, str(value))
+        case "command":
+            nodes.execute(name)
+
+
+def _reason(nodes: NodeMap, name: str, value: FeatureValue) -> str | None:
+    """Why the camera refused a value of the right kind; None if neither its access nor its bounds explain it."""
+    if not nodes.available(name):
+        return "it is not available at present"
+    if not nodes.writable(name):
+        return "it is read-only, or locked at present by another feature"
+    bounds = _bounds(nodes, name)
+    return None if bounds is None else f"it takes {bounds}, not {_written(value)}"
+
+
+def _bounds(nodes: NodeMap, name: str) -> str | None:
+    """What numbers a feature takes; None for other kinds."""
+    low: float
+    high: float
+    match nodes.kind(name):
+        case "integer":
+            (low, high), step = nodes.integer_bounds(name), float(nodes.integer_increment(name))
+        case "float":
+            (low, high), step = nodes.float_bounds(name), nodes.float_increment(name)
+        case _:
+            return None
+    unit = nodes.unit(name)
+    steps = f" in steps of {step:.10g}" if step not in (0.0, 1.0) else ""
+    return f"{low:.10g} to {high:.10g}{f' {unit}' if unit else ''}{steps} at present"
+
+
+def _written(value: FeatureValue) -> str:
+    """As people write it."""
+    return str(value).lower() if isinstance(value, bool) else str(value)

@@ -1,0 +1,84 @@
+"""Features by the command line: shown, saved, compared, and checked against a camera on the wire."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import yaml
+
+from tests.autoexpose_daemon.test_cli import Within, autoexpose
+from tests.fakes import FakeCamera, fake_camera
+
+pytestmark = pytest.mark.wire
+
+FEATURES = "[Width: 320, OffsetX: 400, ReverseX: true, 'LineSelector[Line3].LineInverter': true]"
+
+
+@pytest.fixture
+def within(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Within:
+    return Within(monkeypatch, capsys)
+
+
+@pytest.fixture(scope="module")
+def camera() -> Iterator[FakeCamera]:
+    with fake_camera() as running:
+        yield running
+
+
+def rig(folder: Path, camera: FakeCamera, features: str) -> Path:
+    file = folder / "rig.yaml"
+    file.write_text(f"cameras: {{left: {{serial: {camera.serial}, features: {features}}}}}")
+    return file
+
+
+def test_what_is_saved_can_be_used_and_compared(within: Within, tmp_path: Path, camera: FakeCamera) -> None:
+    file = rig(tmp_path, camera, FEATURES)
+    code, output, _ = within("config", "check", "--camera", str(file))
+    assert code == 0, output
+
+    saved, changed = tmp_path / "saved.yaml", tmp_path / "changed.yaml"
+    assert within("features", camera.serial, "--save", str(saved))[0] == 0
+    code, _, left_out = within("features", camera.serial, "--changed", "--save", str(changed))
+    assert code == 0
+    assert "the daemon drives, so left out: " in left_out
+    assert yaml.safe_load(changed.read_text()) == yaml.safe_load(file.read_text())
+    code, output, _ = within("features", camera.serial, "--diff", str(saved))
+    assert (code, output.count("\n")) == (0, 1), output
+
+    assert within("config", "check", "--camera", str(rig(tmp_path, camera, "[OffsetX: 0, Width: 720]")))[0] == 0
+    code, output, _ = within("features", camera.serial, "--diff", str(saved))
+    assert code == 1
+    assert output == f"Width is 720, in {saved} 320\nOffsetX is 0, in {saved} 400\n"
+    assert within("config", "check", "--camera", str(saved))[0] == 0
+    assert within("features", camera.serial, "--diff", str(saved))[0] == 0
+
+    code, _, complaint = within("features", camera.serial, "--save", str(saved))
+    assert (code, complaint.count("\n")) == (1, 1)
+    assert "cannot be written (File exists): name a new file" in complaint
+
+
+def test_what_the_camera_does_not_take_is_refused_beforehand(
+    within: Within, tmp_path: Path, camera: FakeCamera
+) -> None:
+    file = rig(tmp_path, camera, "[Widht: 320, Height: 5000]")
+    assert within("config", "check", str(file))[0] == 0
+    code, _, complaint = within("config", "check", "--camera", str(file))
+    assert (code, complaint.count("\n")) == (1, 1)
+    words = f"camera {camera.serial}: features: Widht: the camera has no such feature; did you mean Width?; Height: it"
+    assert words in complaint
+    started = autoexpose("run", "-c", str(file))
+    assert started.returncode == os.EX_CONFIG
+    assert words in started.stderr.splitlines()[-1]
+
+    code, output, _ = within("doctor", "--json", "-c", str(file))
+    (stop,) = (finding for finding in json.loads(output)["findings"] if finding["check"] == "features")
+    assert code == 1
+    assert stop["severity"] == "stops"
+    assert words in stop["sentence"]
+    code, output, _ = within("doctor", "--json", "-c", str(rig(tmp_path, camera, "[Height: 540]")))
+    assert f"left camera {camera.serial} takes all 1 features" in output
+    assert code == 0

@@ -1,0 +1,31 @@
+"""Which nodes the driver writes."""
+
+from __future__ import annotations
+
+import pytest
+
+from drivers.aravis.nodes import AravisNodes
+
+SELECTORS = {
+    *("TriggerSelector", "GainSelector", "ChunkSelector", "LineSelector"),
+    *("TimestampLatch", "GevTimestampControlLatch"),
+}
+"""May be features all the same: the driver sets a selector whenever it needs it, and may latch at any time."""
+
+
+def names_written(monkeypatch: pytest.MonkeyPatch) -> set[str]:
+    """Names of the nodes that are written from now on."""
+    names: set[str] = set()
+
+    def noting(method: str) -> None:
+        original = getattr(AravisNodes, method)
+
+        def note(nodes: AravisNodes, name: str, *value: object) -> None:
+            names.add(name)
+            original(nodes, name, *value)
+
+        monkeypatch.setattr(AravisNodes, method, note)
+
+    for method in ("write_float", "write_integer", "write_boolean", "write_entry", "write_string", "execute"):
+        noting(method)
+    return names

@@ -1,0 +1,240 @@
+"""Setting features in their order, on node maps in memory."""
+
+from __future__ import annotations
+
+import pytest
+import yaml
+
+from drivers.config.feature import FeatureSetting, parse_features
+from drivers.errors import ConfigurationError, NodeError, UnsupportedCameraError
+from drivers.genicam.features import apply_features, same, set_features
+from drivers.genicam.inventory import changed_from_default, differing, read_inventory
+from drivers.setup import CameraSetup, LinkShare, TriggerMode, TriggerSetup
+from tests.drivers.genicam.node_map import (
+    BooleanNode,
+    CommandNode,
+    EnumerationNode,
+    FloatNode,
+    IntegerNode,
+    MemoryNodes,
+    StringNode,
+)
+
+LINES = ("Line1", "Line2")
+
+
+class Camera(MemoryNodes):
+    """Width and OffsetX share 720 pixels, LineInverter has a value for each line, and a user set can be loaded."""
+
+    def __init__(self) -> None:
+        self.inverted = dict.fromkeys(LINES, False)
+        super().__init__(
+            {
+                "Width": IntegerNode(720, 8, 720, "px", 4),
+                "OffsetX": IntegerNode(0, 0, 0, "px", 4),
+                "LineSelector": EnumerationNode("Line1", LINES, ("LineInverter",)),
+                "LineInverter": BooleanNode(),
+                "BlackLevel": FloatNode(0.0, 0.0, 12.5, "%"),
+                "Sharpness": EnumerationNode("Off", ("Off", "On", "Strong")),
+                "SensorWidth": IntegerNode(720, locked=True),
+                "DeviceUserID": StringNode(""),
+                "Gain": FloatNode(0.0, 0.0, 40.0, "dB"),
+                "GevPersistentIPAddress": IntegerNode(0),
+                "UserSetSelector": EnumerationNode("Default", ("Default",), ("UserSetLoad",)),
+                "UserSetLoad": CommandNode(self._load),
+            }
+        )
+
+    def write_integer(self, name: str, value: int) -> None:
+        super().write_integer(name, value)
+        width, offset = self._node("Width", IntegerNode), self._node("OffsetX", IntegerNode)
+        for node, other in ((width, offset), (offset, width)):
+            node.value -= node.value % node.increment
+            node.high = 720 - other.value
+
+    def read_boolean(self, name: str) -> bool:
+        return self.inverted[self.read_entry("LineSelector")]
+
+    def write_boolean(self, name: str, value: bool) -> None:
+        self.writes.append((name, value))
+        self.inverted[self.read_entry("LineSelector")] = value
+
+    def _load(self) -> None:
+        self.writes.append(("UserSetLoad", True))
+        self._node("BlackLevel", FloatNode).value = 0.0
+        for name, value in (("OffsetX", 0), ("Width", 720)):
+            self.write_integer(name, value)
+        self.inverted = dict.fromkeys(LINES, False)
+
+
+def features(text: str) -> tuple[FeatureSetting, ...]:
+    return parse_features(yaml.safe_load(text))
+
+
+def setup(text: str, mode: TriggerMode = "external", **more: object) -> CameraSetup:
+    return CameraSetup(TriggerSetup(mode), features=features(text), **more)  # type: ignore[arg-type]
+
+
+def test_they_are_set_in_their_order_and_selectors_put_back() -> None:
+    camera = Camera()
+    apply_features(
+        camera,
+        setup(
+            "- UserSetSelector: Default\n- UserSetLoad: execute\n- Width: 320\n- OffsetX: 400\n"
+            "- LineSelector[Line2].LineInverter: on\n- BlackLevel: 2\n- Sharpness: Off\n- DeviceUserID: left"
+        ),
+    )
+    assert (camera.read_integer("Width"), camera.read_integer("OffsetX")) == (320, 400)
+    assert camera.inverted == {"Line1": False, "Line2": True}
+    assert camera.read_entry("LineSelector") == "Line1"
+    names = [name for name, _ in camera.writes]
+    assert names.index("UserSetLoad") < names.index("BlackLevel") < names.index("Sharpness")
+
+
+def test_a_region_may_move_and_grow_whatever_it_was() -> None:
+    camera = Camera()
+    for width, offset in ((320, 400), (700, 20), (8, 712), (720, 0)):
+        assert set_features(camera, features(f"- Width: {width}\n- OffsetX: {offset}")) == []
+        assert (camera.read_integer("Width"), camera.read_integer("OffsetX")) == (width, offset)
+
+
+def test_what_another_feature_changes_is_set_again() -> None:
+    class Binning(Camera):
+        def write_float(self, name: str, value: float) -> None:
+            super().write_float(name, value)
+            self.write_integer("OffsetX", 0)
+
+    camera = Binning()
+    assert set_features(camera, features("- Width: 320\n- OffsetX: 400\n- BlackLevel: 2")) == []
+    assert camera.read_integer("OffsetX") == 400
+
+
+def test_what_cannot_be_before_a_command_is_not_tried_after_it() -> None:
+    camera = Camera()
+    set_features(camera, features("- Width: 320\n- OffsetX: 400"))
+    (complaint,) = set_features(camera, features("- Width: 720\n- UserSetSelector: Default\n- UserSetLoad: execute"))
+    assert str(complaint) == "Width: it takes 8 to 320 px in steps of 4 at present, not 720"
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("Widht: 640", "Widht: the camera has no such feature; did you mean Width?"),
+        ("Zzz: 640", "Zzz: the camera has no such feature"),
+        ("Width: 1000", "Width: it takes 8 to 720 px in steps of 4 at present, not 1000"),
+        ("Width: 6", "not 6"),
+        (
+            "Width: 322",
+            "Width: set to 322, it reads back 320: it takes 8 to 720 px in steps of 4 at present, or another feature "
+            "changes it",
+        ),
+        ("Width: 320.5", "Width: it takes a whole number, not 320.5"),
+        ("Width: true", "Width: it takes a whole number, not True"),
+        ("BlackLevel: '3'", "BlackLevel: it takes a number, not '3'"),
+        ("BlackLevel: 13.5", "BlackLevel: it takes 0 to 12.5 % at present, not 13.5"),
+        ("LineInverter: 1", "LineInverter: it takes true or false, not 1"),
+        ("Sharpness: strong", "Sharpness: it takes Off, On, Strong, not strong; did you mean Strong?"),
+        ("DeviceUserID: 22", "DeviceUserID: it takes text, in quotes, not 22"),
+        ("UserSetLoad: true", "UserSetLoad: it takes only `execute`, being a command, not True"),
+        ("SensorWidth: 8", "SensorWidth: it is read-only, or locked at present by another feature"),
+        ("LineSelector[Line3].LineInverter: true", "its selector LineSelector: it takes Line1, Line2, not Line3"),
+        ("LinSelector[Line1].LineInverter: true", "the camera has no such feature; did you mean LineSelector?"),
+        ("BlackLevel[1].LineInverter: true", "its selector BlackLevel: it takes a number, not '1'"),
+    ],
+)
+def test_what_a_camera_does_not_take_is_named_with_the_reason(text: str, words: str) -> None:
+    with pytest.raises(ConfigurationError) as refusal:
+        apply_features(Camera(), setup(f"- {text}"))
+    assert str(refusal.value).startswith("camera M1: features: ")
+    assert words in str(refusal.value)
+
+
+def test_all_that_is_wrong_is_told_at_once() -> None:
+    with pytest.raises(ConfigurationError, match=r"features: Widht: .*; Heigth: "):
+        apply_features(Camera(), setup("- Widht: 640\n- Heigth: 480\n- BlackLevel: 2"))
+
+
+def test_a_refusal_without_a_reason_may_pass() -> None:
+    class Refusing(Camera):
+        def write_string(self, name: str, value: str) -> None:
+            raise NodeError(f"camera M1: could not set {name}: access denied")
+
+    with pytest.raises(NodeError, match="features: DeviceUserID: camera M1: could not set DeviceUserID: access denied"):
+        apply_features(Refusing(), setup("- DeviceUserID: left"))
+
+
+@pytest.mark.parametrize(
+    ("text", "key"),
+    [
+        ("ExposureTime: 100", "exposure.max_time_us"),
+        ("GainAuto: Off", "exposure.max_gain_db"),
+        ("Gain: 3", "exposure.max_gain_db"),
+        ("GainSelector[All].GainRaw: 3", "exposure.max_gain_db"),
+        ("TriggerMode: On", "trigger.mode"),
+        ("TriggerSelector[LineStart].TriggerMode: On", "trigger.mode"),
+        ("TriggerActivation: FallingEdge", "LineInverter"),
+        ("PixelFormat: Mono8", "image.pixel_format"),
+        ("GevSCPSPacketSize: 1500", "transport.packet_size_bytes"),
+        ("ChunkSelector[Gain].ChunkEnable: false", "remove it"),
+        ("UserSetSave: execute", "wear out"),
+    ],
+)
+def test_what_the_daemon_drives_is_refused_with_its_own_key(text: str, key: str) -> None:
+    camera = Camera()
+    with pytest.raises(ConfigurationError, match=f"{key}"):
+        apply_features(camera, setup(f"- {text}\n- BlackLevel: 2"))
+    assert camera.writes == []
+
+
+def test_what_is_driven_depends_on_the_setup_and_on_the_camera() -> None:
+    camera = Camera()
+    camera.nodes["Gain"] = FloatNode(0.0, 0.0, 40.0)  # no dB: not driven
+    apply_features(camera, setup("- Gain: 3"))
+    apply_features(camera, setup("- Width: 320"))
+    with pytest.raises(ConfigurationError, match=r"Width cannot be set here: image\.binning"):
+        apply_features(camera, setup("- Width: 320", binning=2))
+    with pytest.raises(ConfigurationError, match=r"transport\.plan sets it"):
+        apply_features(camera, setup("- GevSCPD: 1000", link_share=LinkShare(2)))
+    with pytest.raises(ConfigurationError, match=r"trigger\.rate_hz"):
+        apply_features(camera, setup("- AcquisitionFrameRate: 20", "free_run"))
+    primary = CameraSetup(
+        TriggerSetup("free_run", output_line="Line2"), features=features("- LineSelector[Line2].LineSource: Off")
+    )
+    with pytest.raises(ConfigurationError, match=r"trigger\.output_line"):
+        apply_features(camera, primary)
+
+
+def test_the_inventory_can_be_set_again() -> None:
+    camera = Camera()
+    set_features(camera, features("- Width: 320\n- OffsetX: 400\n- LineSelector[Line2].LineInverter: true"))
+    inventory = read_inventory(camera)
+    assert [setting.key for setting in inventory.settings] == [
+        *("Width", "OffsetX", "LineSelector[Line1].LineInverter", "LineSelector[Line2].LineInverter", "BlackLevel"),
+        *("Sharpness", "DeviceUserID", "Gain"),
+    ]
+    other = Camera()
+    assert {setting.name for setting, _ in differing(other, inventory.settings)} == {"Width", "OffsetX", "LineInverter"}
+    assert set_features(other, inventory.settings) == []
+    assert differing(other, inventory.settings) == []
+
+
+def test_what_differs_from_the_default_user_set_is_found_and_put_back() -> None:
+    camera = Camera()
+    set_features(camera, features("- Width: 320\n- OffsetX: 400\n- LineSelector[Line2].LineInverter: true"))
+    before = read_inventory(camera).settings
+    changed, lost = changed_from_default(camera, before)
+    assert [setting.key for setting in changed] == ["Width", "OffsetX", "LineSelector[Line2].LineInverter"]
+    assert lost == []
+    assert read_inventory(camera).settings == before
+
+
+def test_without_a_default_user_set_there_is_nothing_to_compare_with() -> None:
+    with pytest.raises(UnsupportedCameraError, match="--diff FILE"):
+        changed_from_default(MemoryNodes({"Width": IntegerNode(8)}), [])
+
+
+def test_rounding_is_no_difference() -> None:
+    assert same(30, 30.0000003)
+    assert same(False, "Off")
+    assert not same(30, 31.0)
+    assert not same(False, "On")
