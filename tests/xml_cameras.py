@@ -47,7 +47,7 @@ SCALE = 16
 """Counts in a unit, where numbers are converted."""
 
 
-class _Writer:
+class Writer:
     """Writes nodes in one of three ways, as vendors do.
 
     Way 0: big-endian floats, nothing conditional. Way 1: big-endian integers behind converters, limits behind
@@ -166,17 +166,17 @@ def features(combination: str) -> dict[str, tuple[str, str]]:
 def xml_camera(number: int, name_space: str = "GEV") -> bytes:
     """The description of the camera with the `number`-th combination, and of the standard it names."""
     declared = features(COMBINATIONS[number])
-    writer = _Writer(number % 3)
+    writer = Writer(number % 3)
     for name, (type_, unit) in declared.items():
         if type_ in ("Integer", "Float") and not name.startswith("Chunk"):
             writer.number(name, type_, unit)
     if declared.get("Gain", ("", ""))[0] == "Category":
         writer.nodes.append('<Category Name="Gain"><pFeature>GainRaw</pFeature></Category>')
     _everything_else(writer, declared)
-    return _document(number, name_space, writer.nodes)
+    return document(f"Tiny{number}", name_space, writer.nodes)
 
 
-def _everything_else(writer: _Writer, declared: dict[str, tuple[str, str]]) -> None:
+def _everything_else(writer: Writer, declared: dict[str, tuple[str, str]]) -> None:
     for name in ("Width", "Height", "OffsetX", "OffsetY"):
         writer.number(name, "Integer", "")
     writer.register("IntReg", "PayloadSize_Raw", "RO")
@@ -199,7 +199,7 @@ def _everything_else(writer: _Writer, declared: dict[str, tuple[str, str]]) -> N
         _chunk_control(writer, declared)
 
 
-def _lookup_and_period(writer: _Writer) -> None:
+def _lookup_and_period(writer: Writer) -> None:
     """Pixel formats behind a lookup table, and a frame rate over a register that holds a period: as on Basler's ace."""
     writer.register("IntReg", "PixelFormat_Raw")
     writer.nodes.append(
@@ -224,7 +224,7 @@ def _lookup_and_period(writer: _Writer) -> None:
     )
 
 
-def _chunk_control(writer: _Writer, declared: dict[str, tuple[str, str]]) -> None:
+def _chunk_control(writer: Writer, declared: dict[str, tuple[str, str]]) -> None:
     writer.register("IntReg", "ChunkModeActive_Raw")
     writer.nodes.append('<Boolean Name="ChunkModeActive"><pValue>ChunkModeActive_Raw</pValue></Boolean>')
     chunks = {name: kind for name, kind in declared.items() if name.startswith("Chunk") and kind[0]}
@@ -238,12 +238,13 @@ def _chunk_control(writer: _Writer, declared: dict[str, tuple[str, str]]) -> Non
         writer.chunk(name, type_, unit, 0x9A000001 + number)
 
 
-def _document(number: int, name_space: str, nodes: list[str]) -> bytes:
+def document(model: str, name_space: str, nodes: list[str]) -> bytes:
+    """The description with these nodes."""
     names = "".join(f"<pFeature>{name}</pFeature>" for name in _features_of(nodes))
     text = (
         '<?xml version="1.0" encoding="utf-8"?>'
         '<RegisterDescription xmlns="http://www.genicam.org/GenApi/Version_1_1" '
-        f'ModelName="Tiny{number}" VendorName="Nobody" StandardNameSpace="{name_space}" SchemaMajorVersion="1" '
+        f'ModelName="{model}" VendorName="Nobody" StandardNameSpace="{name_space}" SchemaMajorVersion="1" '
         'SchemaMinorVersion="1" SchemaSubMinorVersion="0" MajorVersion="1" MinorVersion="0" SubMinorVersion="0" '
         'ToolTip="" ProductGuid="1" VersionGuid="1">'
         f'<Category Name="Root">{names}</Category>{"".join(nodes)}<Port Name="Device"/></RegisterDescription>'

@@ -46,13 +46,14 @@ class AravisCamera:
         self._nodes = nodes
         self._frames = threading.Lock()
         self._closed = threading.Event()
-        nodes.call("stop acquisition", camera.stop_acquisition)
+        if nodes.exists("AcquisitionStop"):
+            nodes.call("stop acquisition", camera.stop_acquisition)
         apply_features(nodes, setup)
+        switch_auto_off(nodes)
+        self._dialect = find_dialect(nodes)  # before all else: without an exposure time there is nothing to drive
         pixel_format = choose_pixel_format(nodes, setup.pixel_format)
         set_binning(nodes, setup.binning)
-        switch_auto_off(nodes)
         of_trigger = arm_trigger(nodes, setup.trigger)
-        self._dialect = find_dialect(nodes)
         of_gamma = switch_gamma_off(nodes)
         self._chunk_nodes, of_chunks = enable_chunks(nodes, self._dialect.gain is not None)
         self._clock, of_clock = find_clock(nodes)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from drivers.errors import NodeError, UnsupportedCameraError
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.genicam.nodes import NodeMap
-from drivers.genicam.quantity import DECIBELS, MICROSECONDS, Quantity
+from drivers.genicam.quantity import DECIBELS, MICROSECONDS, Quantity, is_number
 
 TIME_NODES = ("ExposureTime", "ExposureTimeAbs")
 """SFNC 2 and SFNC 1 names."""
@@ -118,12 +118,12 @@ def switch_auto_off(nodes: NodeMap) -> None:
 def _find_time(nodes: NodeMap) -> Quantity:
     refusals = []
     for name in TIME_NODES:
-        if not _is_number(nodes, name):
+        if not is_number(nodes, name):
             continue
         if nodes.unit(name) in MICROSECONDS:
             return Quantity(name, MICROSECONDS[nodes.unit(name)], nodes.is_integer(name))
         refusals.append(f"its {name} is in {nodes.unit(name)!r}, which is not a known unit of time")
-    if _is_number(nodes, RAW_TIME):
+    if is_number(nodes, RAW_TIME):
         scale = _length_of_count_us(nodes)
         if scale is not None:
             return Quantity(RAW_TIME, scale, nodes.is_integer(RAW_TIME))
@@ -145,15 +145,11 @@ def _length_of_count_us(nodes: NodeMap) -> float | None:
 
 def _find_gain(nodes: NodeMap) -> tuple[Quantity | None, tuple[str, ...]]:
     for name in GAIN_NODES:
-        if _is_number(nodes, name) and (nodes.unit(name) or "").lower() in DECIBELS:
+        if is_number(nodes, name) and (nodes.unit(name) or "").lower() in DECIBELS:
             return Quantity(name, integer=nodes.is_integer(name)), ()
     for name in (*GAIN_NODES, RAW_GAIN):
         if nodes.available(name):
-            unit = nodes.unit(name) if _is_number(nodes, name) else None
+            unit = nodes.unit(name) if is_number(nodes, name) else None
             scale = f"{name} is in {unit or 'numbers without a unit'}"
             return None, (f"gain has no dB scale: left at its present value, exposure time alone is driven ({scale})",)
     return None, ("no gain node: exposure time alone is driven",)
-
-
-def _is_number(nodes: NodeMap, name: str) -> bool:
-    return nodes.is_float(name) or nodes.is_integer(name)

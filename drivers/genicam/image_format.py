@@ -18,9 +18,13 @@ def choose_pixel_format(nodes: NodeMap, wanted: PixelFormat | None) -> PixelForm
     ConfigurationError
         When the camera does not offer the wanted one.
     UnsupportedCameraError
-        When its current one is not supported.
+        When its current one is not supported, or it does not say which that is.
     """
     offered = nodes.entries("PixelFormat")
+    if not offered:
+        raise UnsupportedCameraError(
+            f"camera {nodes.serial}: it has no PixelFormat, so that its pixels cannot be told from its bytes"
+        )
     if wanted is None:
         present = nodes.read_entry("PixelFormat")
         if present not in PIXEL_FORMATS:

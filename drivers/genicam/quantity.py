@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from drivers.errors import NodeError
@@ -64,3 +65,13 @@ class Quantity:
         own = value / self.scale
         limits = (limit for limit in nodes.float_bounds(self.node) if math.isclose(own, limit))
         return next(limits, own)
+
+
+def is_number(nodes: NodeMap, name: str) -> bool:
+    """Whether the camera has this feature and it holds a number."""
+    return nodes.is_float(name) or nodes.is_integer(name)
+
+
+def find_quantity(nodes: NodeMap, names: Sequence[str]) -> Quantity | None:
+    """The first of `names` that is a number, in its own unit; None if none is."""
+    return next((Quantity(name, integer=nodes.is_integer(name)) for name in names if is_number(nodes, name)), None)

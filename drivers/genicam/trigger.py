@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from drivers.errors import ConfigurationError, UnsupportedCameraError
 from drivers.genicam.nodes import NodeMap
+from drivers.genicam.quantity import find_quantity
 from drivers.setup import TriggerSetup
 
 RATE_NODES = ("AcquisitionFrameRate", "AcquisitionFrameRateAbs")
 RATE_SWITCHES = ("AcquisitionFrameRateEnable", "AcquisitionFrameRateEnabled")
+FRAME_TRIGGERS = ("FrameStart", "ExposureStart")
+"""The trigger that starts a frame, by the names of its selector's entry; the second is older."""
 FIXED_RATE = "FixedRate"
 """Allied Vision's GigE cameras run at their frame rate by this trigger source; with triggers off, at full speed."""
 
@@ -35,13 +38,18 @@ def arm_trigger(nodes: NodeMap, setup: TriggerSetup) -> tuple[str, ...]:
 
 
 def _switch_triggers_off(nodes: NodeMap) -> None:
-    """Every trigger, as one left on elsewhere (AcquisitionStart, LineStart) would starve FrameStart."""
+    """Every trigger, as one left on elsewhere (AcquisitionStart, LineStart) would starve that of the frames."""
     for selector in nodes.entries("TriggerSelector"):
         nodes.write_entry("TriggerSelector", selector)
         if "Off" in nodes.entries("TriggerMode"):  # some list selectors whose trigger has no mode
             nodes.write_entry("TriggerMode", "Off")
-    if "FrameStart" in nodes.entries("TriggerSelector"):
-        nodes.write_entry("TriggerSelector", "FrameStart")
+    frame_trigger = _frame_trigger(nodes)
+    if frame_trigger is not None:
+        nodes.write_entry("TriggerSelector", frame_trigger)
+
+
+def _frame_trigger(nodes: NodeMap) -> str | None:
+    return next((name for name in FRAME_TRIGGERS if name in nodes.entries("TriggerSelector")), None)
 
 
 def _lines(nodes: NodeMap) -> tuple[str, ...]:
@@ -50,15 +58,16 @@ def _lines(nodes: NodeMap) -> tuple[str, ...]:
 
 def _arm_line(nodes: NodeMap, line: str) -> tuple[str, ...]:
     selectors = nodes.entries("TriggerSelector")
-    if selectors and "FrameStart" not in selectors:
+    if selectors and _frame_trigger(nodes) is None:
         raise UnsupportedCameraError(
-            f"camera {nodes.serial}: no FrameStart trigger; its TriggerSelector offers {', '.join(selectors)}"
+            f"camera {nodes.serial}: no {' or '.join(FRAME_TRIGGERS)} trigger; its TriggerSelector offers "
+            f"{', '.join(selectors)}"
         )
     if line not in nodes.entries("TriggerSource"):
         if not _lines(nodes):
-            raise UnsupportedCameraError(
-                f"camera {nodes.serial}: no hardware trigger line; run it with trigger mode free_run"
-            )
+            free = find_quantity(nodes, RATE_NODES) is not None
+            advice = "; run it with trigger mode free_run" if free else f", and no {RATE_NODES[0]} to run freely at"
+            raise UnsupportedCameraError(f"camera {nodes.serial}: no hardware trigger line{advice}")
         raise ConfigurationError(
             f"camera {nodes.serial}: no trigger line {line!r}; it has {', '.join(_lines(nodes))} (trigger line)"
         )
@@ -107,12 +116,17 @@ def _set_frame_rate(nodes: NodeMap, rate_hz: float | None) -> None:
     if FIXED_RATE in nodes.entries("TriggerSource"):
         nodes.write_entry("TriggerSource", FIXED_RATE)
         nodes.write_entry("TriggerMode", "On")
-    name = next((name for name in RATE_NODES if nodes.is_float(name)), None)
-    if name is None:
+    rate = find_quantity(nodes, RATE_NODES)
+    if rate is None:
         raise UnsupportedCameraError(f"camera {nodes.serial}: no {RATE_NODES[0]} to set for a free run")
-    low, high = nodes.float_bounds(name)
+    low, high = rate.bounds(nodes)
     if not low <= rate_hz <= high:
         raise ConfigurationError(
             f"camera {nodes.serial}: it cannot run at {rate_hz:g} Hz, only at {low:g} to {high:g} Hz (trigger rate_hz)"
         )
-    nodes.write_float(name, rate_hz)
+    rate.write(nodes, rate_hz)
+    if rate.integer and rate.read(nodes) != rate_hz:
+        raise ConfigurationError(
+            f"camera {nodes.serial}: it runs at whole numbers of Hz, such as {rate.read(nodes):g}, but not at "
+            f"{rate_hz:g} Hz (trigger rate_hz)"
+        )

@@ -96,7 +96,7 @@ class Evaluator:
         self._seen = {}
         with contextlib.suppress(NodeError):
             self.value(name)
-        return self._seen
+        return dict(self._seen)  # the next value may depend on others: a formula need not use all its variables
 
     @_raising_node_errors
     def chain(self, name: str) -> tuple[Node, ...]:

@@ -21,7 +21,8 @@ def assign(evaluator: Evaluator, name: str, value: Number) -> None:
     """Make a node evaluate to `value`, or as near to it as its registers allow; a constant node keeps its value.
 
     First through the node's own pValue and converters; else from the bits of the registers that it depends on, by what
-    each bit adds (sums, shifts, scales); else by bisecting one register (any monotonic formula).
+    each bit adds (sums, shifts, scales); else by bisecting one register (any monotonic formula), at last with 1 in the
+    empty ones (products, quotients).
     """
     try:
         evaluator.set(name, value)
@@ -34,6 +35,23 @@ def assign(evaluator: Evaluator, name: str, value: Number) -> None:
         if fields and way(evaluator, name, value, fields):
             return
         _restore(evaluator, fields, before)
+    filled = fill(evaluator, (name,), 1)
+    if not filled or not _halve(evaluator, name, value, evaluator.fields(name)):
+        for node in filled:
+            evaluator.set(node, 0)
+
+
+def fill(evaluator: Evaluator, names: Sequence[str], number: Number) -> list[str]:
+    """Fill the empty registers behind some nodes, and those that come into play thereby; returns which."""
+    filled: list[str] = []
+    while True:
+        seen = dict.fromkeys(node for name in names for node in evaluator.fields(name) if node not in filled)
+        empty = [node for node in seen if not evaluator.value(node)]
+        if not empty:
+            return filled
+        for node in empty:
+            evaluator.set(node, number)
+        filled += empty
 
 
 def achieve(evaluator: Evaluator, wish: Wish, name: str, kept: Mapping[int, Sequence[Wish]]) -> bool:

@@ -14,7 +14,7 @@ from fake_camera.genapi.field import Field
 from fake_camera.genapi.memory import Fixed, Memory
 from fake_camera.genapi.solve import assign
 from fake_camera.genapi.xml_features import Animation, Watch
-from fake_camera.genapi.xml_power_on import CHUNK_CONTENTS, LIVE_COMMANDS, PowerOn, trigger_lines
+from fake_camera.genapi.xml_power_on import CHUNK_CONTENTS, LIVE_COMMANDS, PowerOn, frame_trigger, trigger_lines
 from fake_camera.imaging import ExposedFrame
 
 _BANKS = {
@@ -190,7 +190,8 @@ class XmlCamera:
         for name in LIVE_COMMANDS:
             if self._evaluator.kind(name) != "Command":
                 continue
-            with contextlib.suppress(NodeError), self._evaluator.selecting_entry("TriggerSelector", "FrameStart"):
+            frame = frame_trigger(self._evaluator)
+            with contextlib.suppress(NodeError), self._evaluator.selecting_entry("TriggerSelector", frame):
                 node = self._evaluator.node(name)
                 number = node.integer("CommandValue", 1)
                 if "pCommandValue" in node.parts:

@@ -17,6 +17,8 @@ from fake_camera.genapi.xml_power_on import (
     FRAME_RATES,
     GAINS,
     GAMMA_SWITCHES,
+    TIME_BASE,
+    frame_trigger,
     in_db,
     limits,
     spoken,
@@ -99,6 +101,7 @@ class Animation:
                         assign(self._evaluator, other, exposure_us / time_unit_us(self._evaluator, other))
 
             yield from self._watch(name, apply)
+            yield from self._watch(TIME_BASE, apply)
 
     def _gain(self) -> Iterator[Watch]:
         with self._evaluator.selecting_entry("GainSelector", "All"):
@@ -157,7 +160,7 @@ class Animation:
         yield from self._watch("PixelFormat", lambda: self._features.update("PixelFormat", self._entry("PixelFormat")))
 
     def _trigger(self) -> Iterator[Watch]:
-        selection = ("TriggerSelector", "FrameStart")
+        selection = ("TriggerSelector", frame_trigger(self._evaluator))
         self._features.update("TriggerMode", "Off")
         for name in ("TriggerMode", "TriggerSource"):
             yield from self._watch(name, self._apply_trigger, selection)

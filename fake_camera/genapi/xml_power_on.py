@@ -9,12 +9,14 @@ from typing import NamedTuple
 from fake_camera.genapi.description import NodeError
 from fake_camera.genapi.evaluator import Evaluator
 from fake_camera.genapi.formula import Number
-from fake_camera.genapi.solve import Wish, achieve, assign
+from fake_camera.genapi.solve import Wish, achieve, assign, fill
 from fake_camera.imaging import PIXEL_FORMATS
 
 TIME_UNITS_US = {"s": 1e6, "ms": 1e3, "ns": 1e-3}
 """Microseconds per unit of time, by the names in descriptions; any other name, or none, means microseconds."""
 EXPOSURE_TIMES = ("ExposureTime", "ExposureTimeAbs", "ExposureTimeRaw")
+TIME_BASE = "ExposureTimeBaseAbs"
+"""Microseconds in a count of ExposureTimeRaw."""
 GAINS = ("Gain", "GainAbs", "GainRaw")
 FRAME_RATES = ("AcquisitionFrameRate", "AcquisitionFrameRateAbs")
 FRAME_RATE_SWITCHES = ("AcquisitionFrameRateEnable", "AcquisitionFrameRateEnabled")
@@ -43,6 +45,7 @@ class Wished(NamedTuple):
 
 
 _EXPOSURE_US = Wished(10.0, 1e6, 1.0, 5000.0)
+_TIME_BASE_US = Wished(1.0, 100.0, 1.0, 10.0)
 _GAIN_DB = Wished(0.0, 36.0, 0.01, 0.0)
 _RAW_GAIN = Wished(0, 240, 1, 0)
 _RATE_HZ = Wished(1.0, 200.0, 0.01, 30.0)
@@ -73,7 +76,7 @@ class PowerOn:
         self._exposure()
         with self._selecting("GainSelector", "All"):
             self._gain()
-        with self._selecting("TriggerSelector", "FrameStart"):
+        with self._selecting("TriggerSelector", frame_trigger(evaluator)):
             self._trigger()
             self._command("TriggerSoftware")
         self._chunks()
@@ -98,6 +101,7 @@ class PowerOn:
     def _exposure(self) -> None:
         self._choice("ExposureMode", ("Timed",))
         self._choice("ExposureAuto", ("Off", "Continuous"))
+        self._number(TIME_BASE, _TIME_BASE_US)
         for name in spoken(self._evaluator, EXPOSURE_TIMES):
             self._number(name, _EXPOSURE_US.over(time_unit_us(self._evaluator, name)))
         for name in FRAME_RATE_SWITCHES:
@@ -158,11 +162,11 @@ class PowerOn:
         if evaluator.kind(name) not in _NUMBERS or not self._open(name, writable):
             return
         parts = [name, *(node.text(tag) for node in evaluator.chain(name) for tag in _LIMITS if node.text(tag))]
-        fields = {register: field for part in parts for register, field in evaluator.fields(part).items()}
-        empty = {register: field for register, field in fields.items() if not evaluator.value(register)}
+        empty: list[str] = []
         for filling in _FILLINGS:
             for register in empty:
                 evaluator.set(register, filling)
+            empty += [register for register in fill(evaluator, parts, filling) if register not in empty]
             with contextlib.suppress(NodeError):
                 self._limit(name, wished, filling)
                 low, high = limits(evaluator, name)
@@ -245,11 +249,9 @@ class PowerOn:
 
 
 def spoken(evaluator: Evaluator, names: Sequence[str]) -> tuple[str, ...]:
-    """Those of `names` that drive this camera; a raw one only if it is the only one or the same register."""
-    there = [name for name in names if evaluator.kind(name) in _NUMBERS]
-    physical = [name for name in there if not name.endswith("Raw")]
-    registers = {evaluator.target(name) for name in physical}
-    return tuple(name for name in there if name in physical or not physical or evaluator.target(name) in registers)
+    """Those of `names` that drive this camera; a raw one only if there is no other."""
+    there = tuple(name for name in names if evaluator.kind(name) in _NUMBERS)
+    return tuple(name for name in there if not name.endswith("Raw")) or there
 
 
 def in_db(evaluator: Evaluator, name: str) -> bool:
@@ -258,7 +260,9 @@ def in_db(evaluator: Evaluator, name: str) -> bool:
 
 
 def time_unit_us(evaluator: Evaluator, name: str) -> float:
-    """Microseconds per unit of a time."""
+    """Microseconds per unit of a time; of a count, where there is a time base."""
+    if name == "ExposureTimeRaw" and evaluator.kind(TIME_BASE) in _NUMBERS:
+        return evaluator.value(TIME_BASE)
     return TIME_UNITS_US.get(evaluator.node(name).text("Unit"), 1.0)
 
 
@@ -268,6 +272,12 @@ def limits(evaluator: Evaluator, name: str) -> tuple[Number, Number]:
     if low is not None and high is not None:
         return min(low, high), max(low, high)  # a decreasing converter swaps them
     return float("-inf") if low is None else low, float("inf") if high is None else high
+
+
+def frame_trigger(evaluator: Evaluator) -> str:
+    """The entry of TriggerSelector whose trigger starts a frame: FrameStart, or its older name."""
+    entries = evaluator.node("TriggerSelector").entries if evaluator.kind("TriggerSelector") == "Enumeration" else {}
+    return "ExposureStart" if "ExposureStart" in entries and "FrameStart" not in entries else "FrameStart"
 
 
 def trigger_lines(evaluator: Evaluator) -> tuple[str, ...]:

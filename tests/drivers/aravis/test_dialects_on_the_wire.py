@@ -15,13 +15,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from drivers.aravis import AravisCamera, discovery, find_cameras, open_camera, open_nodes
 from drivers.aravis.introspection import Aravis
 from drivers.config.feature import FeatureSetting, parse_features
 from drivers.errors import NodeError, UnsupportedCameraError
-from drivers.exposure import ExposureSetting, linear_gain
+from drivers.exposure import ExposureSetting
 from drivers.frames import Frame
 from drivers.genicam.driven import advice
 from drivers.genicam.features import set_features
@@ -32,10 +31,10 @@ from fake_camera.device.line0 import Line0
 from fake_camera.genapi.description import Description
 from fake_camera.genapi.xml_camera import XmlCamera
 from fake_camera.gige.server import GigeServer
-from fake_camera.imaging import ImageSettings
 from fake_camera.usb3.run import CAMERAS_VARIABLE
 from fake_camera.usb3.usbip.server import Usb3Server
 from tests.data import data
+from tests.drivers.aravis.grey_card import GreyCard, frames_until, grey_of
 from tests.drivers.aravis.written import SELECTORS, names_written
 from tests.fakes import loopback_address, unique
 from tests.xml_cameras import COMBINATIONS, REAL, features, xml_camera
@@ -43,8 +42,6 @@ from tests.xml_cameras import COMBINATIONS, REAL, features, xml_camera
 pytestmark = pytest.mark.realtime
 
 RATE_HZ = 60.0
-US_PER_GREY = 40.0
-PATIENCE_S = 20.0
 PORTS = os.environ.get(CAMERAS_VARIABLE, "").split(":")
 TRANSPORT, NAME_SPACE = ("usb3", "U3V") if PORTS != [""] else ("gige", "GEV")
 REAL_ONES = [pytest.param(name, marks=pytest.mark.data) for name in REAL[TRANSPORT]]
@@ -57,19 +54,6 @@ WORN = [
     ),
     *REAL_ONES,
 ]
-
-
-class GreyCard:
-    """A uniform grey proportional to exposure: frames show what they were actually taken with."""
-
-    sensor_width, sensor_height = 64, 48
-
-    def take(self, start_s: float, settings: ImageSettings, noise_seed: int) -> NDArray[np.uint8]:
-        grey = (settings.exposure_time_us / US_PER_GREY * linear_gain(settings.gain_db) / 255) ** settings.gamma * 255
-        return np.full((settings.height, settings.width), min(round(grey), 255), np.uint8)
-
-    def lux(self, time_s: float) -> float:
-        return 1.0
 
 
 @dataclass(frozen=True)
@@ -152,23 +136,6 @@ def set_up(worn: Worn) -> CameraSetup:
     line = worn.camera.trigger_line
     assert line is not None
     return CameraSetup(TriggerSetup("external", line, RATE_HZ), pixel_format=PixelFormat.MONO8)
-
-
-def frames_until(camera: AravisCamera, grey: float) -> list[Frame]:
-    """Frames up to three of this grey level in a row."""
-    frames: list[Frame] = []
-    deadline_s = time.monotonic() + PATIENCE_S
-    while time.monotonic() < deadline_s:
-        frame = camera.next_frame(0.2)
-        if isinstance(frame, Frame):
-            frames.append(frame)
-            if len(frames) >= 3 and all(abs(late.pixels.mean() - grey) <= 1.5 for late in frames[-3:]):
-                return frames
-    raise AssertionError(f"no frames of grey level {grey:g}, but {[frame.pixels.mean() for frame in frames]}")
-
-
-def grey_of(setting: ExposureSetting) -> float:
-    return setting.exposure_time_us / US_PER_GREY * linear_gain(setting.gain_db)
 
 
 @pytest.mark.parametrize("worn", WORN[1:], ids=str, indirect=True)

@@ -54,7 +54,7 @@ def test_an_unknown_line_is_refused_with_those_that_exist() -> None:
 def test_cameras_without_a_line_or_a_frame_trigger_are_refused() -> None:
     with pytest.raises(UnsupportedCameraError, match="no hardware trigger line"):
         arm_trigger(triggered(TriggerSource=EnumerationNode("Software", ("Software",))), LINE0)
-    with pytest.raises(UnsupportedCameraError, match="no FrameStart trigger"):
+    with pytest.raises(UnsupportedCameraError, match="no FrameStart or ExposureStart trigger"):
         arm_trigger(triggered(TriggerSelector=EnumerationNode("LineStart", ("LineStart",))), LINE0)
 
 

@@ -9,7 +9,7 @@ from fake_camera.genapi.description import Description, NodeError
 from fake_camera.genapi.evaluator import Evaluator
 from fake_camera.genapi.formula import FormulaError, compile_formula
 from fake_camera.genapi.memory import Memory
-from fake_camera.genapi.solve import achieve, assign
+from fake_camera.genapi.solve import achieve, assign, fill
 
 BIG = "<pPort>Device</pPort><Endianess>BigEndian</Endianess>"
 LITTLE = "<pPort>Device</pPort><Endianess>LittleEndian</Endianess>"
@@ -203,3 +203,16 @@ def test_text_before_the_declaration_is_left_out() -> None:
 def test_what_is_no_description_is_refused_in_one_sentence(text: bytes, words: str) -> None:
     with pytest.raises(ValueError, match=f"some.xml: .*{words}"):
         Description.from_bytes(text, "some.xml")
+
+
+def test_a_register_that_matters_only_at_times_is_found_too() -> None:
+    for text, value in (("(R0 = 0) ? 0 : 1000 / R1", 20.0), ("R0 * ((R0 &gt; 0) ? R1 : 0)", 24.0)):
+        evaluator = knife(text, "R0", "R1")
+        assign(evaluator, "K", value)
+        assert evaluator.value("K") == pytest.approx(value)
+
+
+def test_filling_goes_on_to_what_the_first_registers_hid() -> None:
+    evaluator = knife("1 / R0 + 1 / R1", "R0", "R1", "R2")
+    assert fill(evaluator, ("K",), 4) == ["R0", "R1"]
+    assert evaluator.value("K") == 0.5

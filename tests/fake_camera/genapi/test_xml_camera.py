@@ -20,6 +20,7 @@ from fake_camera.genicam.chunks import tagged
 from fake_camera.imaging import ExposedFrame
 from tests.fake_camera.gige.gige_client import Ramp
 from tests.xml_cameras import COMBINATIONS, SCALE, features, xml_camera
+from tests.xml_shapes import xml_shape
 
 FLIR, ABS_AND_PLAIN, BASLER_RAW = 16, 17, 7
 """Numbers of combinations: everything there is; two names for one exposure time; a raw gain with a chunk."""
@@ -191,5 +192,18 @@ def test_a_description_with_a_node_missing_still_makes_a_camera() -> None:
             worn = XmlCamera(Description(whole.data, whole.vendor, whole.model, whole.namespace, nodes), device)
             incomplete += bool(worn.not_available)
         assert incomplete > 10
+    finally:
+        device.close()
+
+
+@pytest.mark.parametrize("name", ["base", "counts"])
+def test_exposure_is_counts_times_their_base(name: str) -> None:
+    device = Device(Ramp(), "X1")
+    try:
+        client = Client(XmlCamera(Description.from_bytes(xml_shape(name), name), device))
+        client.set("ExposureTimeRaw", 300)
+        assert device.features.get("ExposureTime") == 300 * client.get("ExposureTimeBaseAbs") == 3000.0
+        client.set("ExposureTimeBaseAbs", 20.0)
+        assert (client.get("ExposureTimeRaw"), device.features.get("ExposureTime")) == (300, 6000.0)
     finally:
         device.close()

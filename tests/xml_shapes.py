@@ -1,0 +1,245 @@
+"""Descriptions of made-up cameras whose exposure, gain, rate or trigger is built in a way that a survey has found.
+
+`tests.xml_cameras` has one description for each combination of features; here is how their nodes depend on each other,
+and what is missing. The survey's 92 descriptions by these shapes: docs/dialects.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+from tests.xml_cameras import Writer, document
+
+Part = Callable[[Writer], None]
+
+
+def _knife(writer: Writer, name: str, formula: str, integer: bool = False, **variables: str) -> None:
+    """A node with the value of a formula; `variables` are the nodes behind its variables."""
+    inside = "".join(f'<pVariable Name="{key}">{node}</pVariable>' for key, node in variables.items())
+    kind = "IntSwissKnife" if integer else "SwissKnife"
+    writer.nodes.append(f'<{kind} Name="{name}">{inside}<Formula>{formula}</Formula></{kind}>')
+
+
+def _converter(writer: Writer, name: str, to: str, back: str, value: str, **variables: str) -> None:
+    inside = "".join(f'<pVariable Name="{key}">{node}</pVariable>' for key, node in variables.items())
+    writer.nodes.append(
+        f'<Converter Name="{name}">{inside}<FormulaTo>{to}</FormulaTo><FormulaFrom>{back}</FormulaFrom>'
+        f"<pValue>{value}</pValue><Slope>Varying</Slope></Converter>"
+    )
+
+
+def _feature(writer: Writer, kind: str, name: str, **parts: str) -> None:
+    inside = "".join(f"<{tag}>{text}</{tag}>" for tag, text in parts.items())
+    writer.nodes.append(f'<{kind} Name="{name}">{inside}</{kind}>')
+
+
+# Exposure times
+
+
+def counts_of_a_base(writer: Writer) -> None:
+    """Raw counts of a time base; the limits of each follow from the other."""
+    for register in ("TimeBase_Raw", "Longest_Raw", "ExposureTimeRaw_Raw"):
+        writer.register("IntReg", register)
+    _knife(writer, "ExposureTimeRaw_Max", "(BASE&gt;0)?(LONGEST/BASE):4095", BASE="TimeBase_us", LONGEST="Longest_Raw")
+    _knife(writer, "TimeBase_Max", "(COUNT&gt;0)?(LONGEST/COUNT):100", COUNT="ExposureTimeRaw", LONGEST="Longest_Raw")
+    _converter(writer, "TimeBase_us", "FROM*1000", "TO/1000", "TimeBase_Raw")
+    conditions = writer.conditions("ExposureTimeBaseAbs")
+    writer.nodes.append(
+        f'<Float Name="ExposureTimeBaseAbs">{conditions}<pValue>TimeBase_us</pValue><Min>1</Min>'
+        "<pMax>TimeBase_Max</pMax><Unit>us</Unit></Float>"
+    )
+    _feature(
+        writer, "Integer", "ExposureTimeRaw", pValue="ExposureTimeRaw_Raw", Min="1", pMax="ExposureTimeRaw_Max", Inc="1"
+    )  # fmt: skip
+
+
+def time_over_a_base(writer: Writer) -> None:
+    """As above, and a time in microseconds over both."""
+    counts_of_a_base(writer)
+    _converter(writer, "ExposureTime_Product", "FROM/BASE", "TO*BASE", "ExposureTimeRaw", BASE="ExposureTimeBaseAbs")
+    _feature(writer, "Float", "ExposureTimeAbs", pValue="ExposureTime_Product", Unit="us")
+
+
+def time_by_two_divisors(writer: Writer) -> None:
+    """Lines of a length that follows from two divisors; what divides is read only once the time is not 0."""
+    for register in ("Lines_Raw", "Clock_Raw", "Divider_Raw"):
+        writer.register("IntReg", register)
+    _knife(writer, "Line_us", "1000000/CLOCK+100/DIVIDER", CLOCK="Clock_Raw", DIVIDER="Divider_Raw")
+    _converter(writer, "Lines_us", "FROM/LINE", "(TO=0)?0:(TO*LINE)", "Lines_Raw", LINE="Line_us")
+    _knife(writer, "ExposureTime_Max", "1000*LINE*100", LINE="Line_us")
+    _feature(writer, "Float", "ExposureTime", pValue="Lines_us", pMin="Line_us", pMax="ExposureTime_Max", Unit="us")
+
+
+def whole_microseconds(writer: Writer) -> None:
+    """An integer, locked unless the camera says that it has stopped."""
+    for register in ("ExposureTime_Raw", "Stopped_Raw", "ExposureTimeMin_Raw", "ExposureTimeMax_Raw"):
+        writer.register("IntReg", register)
+    _knife(writer, "IsRunning", "STOPPED&lt;&gt;1", integer=True, STOPPED="Stopped_Raw")
+    _knife(writer, "ExposureTime_Min", "LEAST", integer=True, LEAST="ExposureTimeMin_Raw")
+    _knife(writer, "ExposureTime_Max", "MOST", integer=True, MOST="ExposureTimeMax_Raw")
+    _feature(
+        writer, "Integer", "ExposureTime", pIsLocked="IsRunning", pValue="ExposureTime_Raw", pMin="ExposureTime_Min",
+        pMax="ExposureTime_Max", Inc="1",
+    )  # fmt: skip
+
+
+def plain_time(writer: Writer, name: str = "ExposureTime", unit: str = "us") -> None:
+    writer.number(name, "Float", unit)
+
+
+# Gain
+
+
+def gain_in_db(writer: Writer) -> None:
+    writer.number("Gain", "Float", "dB")
+
+
+def raw_gain_of_taps(writer: Writer) -> None:
+    """One raw gain for all, and one for each tap, in the same register."""
+    writer.choice("GainSelector", {"Tap1": 1, "Tap2": 2, "All": 0}, ("GainRaw",))
+    writer.number("GainRaw", "Integer", "")
+
+
+def gain_without_a_unit(writer: Writer) -> None:
+    writer.choice("GainSelector", {"AnalogAll": 1, "All": 0, "DigitalAll": 2}, ("Gain",))
+    writer.number("Gain", "Float", "")
+    writer.nodes.append('<Integer Name="GainRaw"><pValue>GainRaw_Raw</pValue></Integer>')
+    writer.register("IntReg", "GainRaw_Raw")
+
+
+# Frame rates
+
+
+def whole_rate(writer: Writer) -> None:
+    writer.register("IntReg", "Rate_Raw")
+    writer.register("IntReg", "RateMax_Raw", "RO")
+    _knife(writer, "Rate_Max", "MOST", integer=True, MOST="RateMax_Raw")
+    _feature(writer, "Integer", "AcquisitionFrameRate", pValue="Rate_Raw", Min="1", pMax="Rate_Max", Inc="1")
+
+
+def plain_rate(writer: Writer) -> None:
+    writer.number("AcquisitionFrameRate", "Float", "Hz")
+
+
+def switched_rate(writer: Writer) -> None:
+    """With a switch and an automatic mode."""
+    plain_rate(writer)
+    writer.choice("AcquisitionFrameRateAuto", {"Continuous": 2, "Off": 0})
+    writer.register("IntReg", "RateEnabled_Raw")
+    writer.nodes.append('<Boolean Name="AcquisitionFrameRateEnabled"><pValue>RateEnabled_Raw</pValue></Boolean>')
+
+
+def rate_that_is_a_converter(writer: Writer) -> None:
+    """The converter itself is the feature, over a period in us."""
+    writer.number("Period_us", "Integer", "")
+    writer.nodes.append(
+        '<Converter Name="AcquisitionFrameRateAbs"><Extension><PvRename Name="ExposureMode"/></Extension>'
+        "<FormulaTo>1000000/FROM</FormulaTo><FormulaFrom>1000000/TO</FormulaFrom><pValue>Period_us</pValue>"
+        "<Slope>Decreasing</Slope></Converter>"
+    )
+
+
+# Triggers
+
+
+def triggers(writer: Writer, *selectors: str, sources: tuple[str, ...] = ("Software", "Line1", "Line2")) -> None:
+    """A trigger mode and source for each entry of a selector."""
+    selected = ("TriggerMode", "TriggerSource")
+    writer.choice("TriggerSelector", {name: number for number, name in enumerate(selectors)}, selected)
+    writer.choice("TriggerMode", {"Off": 0, "On": 1})
+    writer.choice("TriggerSource", {name: number for number, name in enumerate(sources)})
+
+
+def edge_of_an_external_trigger(writer: Writer) -> None:
+    """The edge can be chosen only while the source is a line and the exposure timed."""
+    triggers(writer, "FrameStart")
+    writer.choice("ExposureMode", {"TriggerWidth": 1, "Timed": 2})
+    writer.register("IntReg", "Edge_Raw")
+    _knife(
+        writer, "Edge_Available", "((SOURCE=1)||(SOURCE=2))&amp;&amp;(MODE=2)", integer=True,
+        SOURCE="TriggerSource_Raw", MODE="ExposureMode_Raw",
+    )  # fmt: skip
+    writer.nodes.append(
+        '<Enumeration Name="TriggerActivation"><pIsAvailable>Edge_Available</pIsAvailable><EnumEntry Name="AnyEdge">'
+        '<Value>2</Value></EnumEntry><EnumEntry Name="RisingEdge"><Value>0</Value></EnumEntry>'
+        "<pValue>Edge_Raw</pValue></Enumeration>"
+    )
+
+
+def sources_alone(writer: Writer) -> None:
+    writer.choice("TriggerSource", {"Trigger": 0, "IO_Connector": 1})
+
+
+# Pictures and time stamps
+
+
+def picture(writer: Writer) -> None:
+    """Sizes and offsets that limit each other."""
+    for axis, size, offset in (("WIDTH", "Width", "OffsetX"), ("HEIGHT", "Height", "OffsetY")):
+        for register in (f"{size}_Raw", f"{offset}_Raw", f"Sensor{size}_Raw"):
+            writer.register("IntReg", register)
+        _knife(writer, f"{size}_Max", "WHOLE-OFFSET", True, WHOLE=f"Sensor{size}_Raw", OFFSET=f"{offset}_Raw")
+        _knife(writer, f"{offset}_Max", f"WHOLE-{axis}", True, WHOLE=f"Sensor{size}_Raw", **{axis: f"{size}_Raw"})
+        _feature(writer, "Integer", f"Sensor{size}", pValue=f"Sensor{size}_Raw")
+        _feature(writer, "Integer", size, pValue=f"{size}_Raw", Min="8", pMax=f"{size}_Max", Inc="4")
+        _feature(writer, "Integer", offset, pValue=f"{offset}_Raw", Min="0", pMax=f"{offset}_Max")
+    writer.register("IntReg", "PayloadSize_Raw", "RO")
+    writer.nodes.append('<Integer Name="PayloadSize"><pValue>PayloadSize_Raw</pValue></Integer>')
+    writer.choice("PixelFormat", {"Mono8": 0x01080001, "Mono16": 0x01100007})
+    writer.choice("AcquisitionMode", {"Continuous": 0})
+    writer.command("AcquisitionStart")
+    writer.command("AcquisitionStop")
+
+
+def latch_without_its_value(writer: Writer) -> None:
+    writer.command("TimestampLatch")
+    writer.register("IntReg", "Timestamp_Raw", "RO")
+    writer.nodes.append('<Integer Name="Timestamp"><pValue>Timestamp_Raw</pValue></Integer>')
+
+
+_lines = partial(triggers, sources=("Freerun", "Line1", "FixedRate", "Software"))
+
+DRIVEN: dict[str, tuple[Part, ...]] = {
+    "base": (picture, time_over_a_base, raw_gain_of_taps, plain_rate, lambda w: triggers(w, "FrameStart")),
+    "counts": (picture, counts_of_a_base, plain_rate, lambda w: triggers(w, "FrameStart")),
+    "divisors": (picture, time_by_two_divisors, gain_in_db, plain_rate, lambda w: triggers(w, "FrameStart")),
+    "integers": (picture, whole_microseconds, whole_rate, edge_of_an_external_trigger),
+    "converter": (
+        picture, partial(plain_time, name="ExposureTimeAbs", unit=""), gain_without_a_unit, rate_that_is_a_converter,
+        lambda w: _lines(w, "FrameStart", "AcquisitionStart", "AcquisitionEnd"),
+    ),
+    "exposure start": (
+        picture, plain_time, gain_in_db, switched_rate, latch_without_its_value,
+        lambda w: triggers(w, "ExposureStart", "ExposureActive"),
+    ),
+    "only exposure start": (
+        picture, plain_time, gain_without_a_unit, plain_rate, lambda w: triggers(w, "ExposureStart")
+    ),
+}  # fmt: skip
+"""Cameras that are driven by a trigger line."""
+
+FREE_ONLY: dict[str, tuple[Part, ...]] = {
+    "sources alone": (picture, plain_time, gain_without_a_unit, plain_rate, sources_alone),
+    "acquisition start": (
+        picture, time_over_a_base, raw_gain_of_taps, plain_rate, lambda w: triggers(w, "AcquisitionStart")
+    ),
+}  # fmt: skip
+"""Cameras that can only run freely."""
+
+REFUSED: dict[str, tuple[Part, ...]] = {
+    "no exposure": (picture,),
+    "a rate alone": (picture, plain_rate),
+    "no picture": (plain_time,),
+    "nothing": (),
+    "a time alone": (picture, partial(plain_time, unit="s")),
+}
+"""What is not driven."""
+
+
+def xml_shape(name: str, name_space: str = "GEV") -> bytes:
+    """The description of a camera of that shape, and of the standard it names."""
+    writer = Writer(0)
+    for part in (DRIVEN | FREE_ONLY | REFUSED)[name]:
+        part(writer)
+    return document(name, name_space, writer.nodes)
