@@ -20,13 +20,14 @@ class IncompleteFrame:
 
 @dataclass(frozen=True, slots=True)
 class CameraDescription:
-    """A camera's identity, the pixel format it sends, and its limitations as phrases for the user."""
+    """A camera's identity, its limitations as phrases for the user, its pixel format, and what node drives its gain."""
 
     vendor: str
     model: str
     serial: str
     limitations: tuple[str, ...] = ()
     pixel_format: PixelFormat | None = None
+    gain_node: str | None = None
 
 
 class Camera(Protocol):

@@ -48,7 +48,10 @@ class ExposureSetting:
 
 @dataclass(frozen=True, slots=True)
 class ExposureLimits:
-    """Bounds of exposure time (us) and gain (dB), with the increments in which a camera takes them (0: any value)."""
+    """Bounds of exposure time (us) and gain (dB), with the increments in which a camera takes them (0: any value).
+
+    `gains_db`, rising, are the only gains that it takes, where their steps are uneven.
+    """
 
     min_time_us: float
     max_time_us: float
@@ -56,6 +59,7 @@ class ExposureLimits:
     max_gain_db: float
     time_step_us: float = 0.0
     gain_step_db: float = 0.0
+    gains_db: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         if not 0 < self.min_time_us <= self.max_time_us:
@@ -98,13 +102,20 @@ class ExposureLimits:
         """
         time_grid = max(self, other, key=lambda limits: limits.time_step_us)
         gain_grid = max(self, other, key=lambda limits: limits.gain_step_db)
+        min_gain_db = _next_on_grid(
+            max(self.min_gain_db, other.min_gain_db), gain_grid.min_gain_db, gain_grid.gain_step_db
+        )
+        max_gain_db = min(self.max_gain_db, other.max_gain_db)
+        coarser = min((gains_db for gains_db in (self.gains_db, other.gains_db) if gains_db), key=len, default=())
+        gains_db = tuple(gain_db for gain_db in coarser if min_gain_db <= gain_db <= max_gain_db)
         return ExposureLimits(
             _next_on_grid(max(self.min_time_us, other.min_time_us), time_grid.min_time_us, time_grid.time_step_us),
             min(self.max_time_us, other.max_time_us),
-            _next_on_grid(max(self.min_gain_db, other.min_gain_db), gain_grid.min_gain_db, gain_grid.gain_step_db),
-            min(self.max_gain_db, other.max_gain_db),
+            gains_db[0] if gains_db else min_gain_db,
+            gains_db[-1] if gains_db else max_gain_db,
             time_grid.time_step_us,
             gain_grid.gain_step_db,
+            gains_db,
         )
 
     def realise(self, level: float, exposure_time_us: float) -> ExposureSetting:
@@ -133,6 +144,8 @@ class ExposureLimits:
 
     def _gain_for(self, level: float, exposure_time_us: float) -> float:
         gain_db = (level - math.log2(exposure_time_us)) * DB_PER_STOP
+        if self.gains_db:
+            return min(self.gains_db, key=lambda taken_db: abs(taken_db - gain_db))
         return _quantise(gain_db, self.min_gain_db, self.max_gain_db, self.gain_step_db)
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from drivers.config.feature import FeatureSetting
+from drivers.gain_scale import GainScale
 from drivers.pixel_format import PixelFormat
 
 TriggerMode = Literal["external", "free_run"]
@@ -72,6 +73,9 @@ class CameraSetup:
         GigE Vision only: the link that its stream has to share; None: it sends as fast as it can.
     features
         Features to set before everything else, in this order.
+    gain_scale
+        What a gain that is not in dB means; None leaves such a gain alone. "own numbers" drives it in the numbers of
+        its node, as if they were dB, so that their meaning can be measured.
     """
 
     trigger: TriggerSetup
@@ -80,3 +84,4 @@ class CameraSetup:
     packet_size_bytes: int | None = None
     link_share: LinkShare | None = None
     features: tuple[FeatureSetting, ...] = ()
+    gain_scale: GainScale | Literal["own numbers"] | None = None

@@ -15,6 +15,7 @@ import threading
 import time
 from functools import partial
 from pathlib import Path
+from typing import get_args
 
 from fake_camera.device.control_socket import ControlSocket
 from fake_camera.device.device import Device
@@ -23,6 +24,7 @@ from fake_camera.device.line0 import Line0, WireError
 from fake_camera.device.truth import TruthFile
 from fake_camera.files import read_regular
 from fake_camera.genapi.description import Description
+from fake_camera.genapi.raw_gain import RawGainLaw
 from fake_camera.genapi.xml_camera import XmlCamera
 from fake_camera.gige.server import AddressTakenError, GigeServer
 from fake_camera.gige.switch import Switch
@@ -72,6 +74,7 @@ def _parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     add("--nice", type=_niceness, default=0, metavar="N", help="niceness of the rendering, as of nice(1) (%(default)s)")
     add("--keep-room", type=Path, metavar="FOLDER", help="keep the painted room there (47 MB) for a faster start")
     add("--xml", type=Path, metavar="FILE", help="serve this GenICam description of a real camera (its own)")
+    add("--raw-gain", choices=get_args(RawGainLaw), help="in what a raw gain of --xml is linear (decibels)")
     add("--truth", type=Path, metavar="FILE", help="write the light at each pulse of the wire as JSON lines")
     add("--control", type=Path, metavar="SOCKET", help="Unix socket that takes orders as JSON lines")
     options = parser.parse_args(arguments)
@@ -80,6 +83,8 @@ def _parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
         parser.error("--address is for GigE Vision cameras: leave out --address or --usb3")
     if options.usb3 and not usb3_options:
         parser.error("--usb3 needs a way to reach the camera: --socket PATH, --tcp or --exec COMMAND")
+    if options.raw_gain is not None and options.xml is None:
+        parser.error("--raw-gain needs --xml FILE: the camera's own gain is in dB")
     if options.line0_rate_hz is None and (options.line0 is None or options.xml is not None):
         parser.error("--line0-rate-hz ask needs --line0 NAME, and does not work with --xml")
     if options.steered and (options.control is None or options.line0 is None or options.scene != "room"):
@@ -217,7 +222,7 @@ def _run(options: argparse.Namespace, resources: contextlib.ExitStack) -> tuple[
         resources.callback(ControlSocket(options.control, device.faults, steered).close)
     xml = None
     if options.xml is not None:
-        xml = XmlCamera(_description(options.xml, options.usb3), device)
+        xml = XmlCamera(_description(options.xml, options.usb3), device, options.raw_gain or "decibels")
     _serve(options, device, xml, resources)
     return device, xml
 

@@ -20,6 +20,7 @@ def camera_setup(config: Config, side: Side) -> CameraSetup:
         packet_size_bytes=config.transport.packet_size_bytes,
         link_share=LinkShare(len(config.sides), config.transport.link_mbps) if config.transport.plan else None,
         features=config.sides[side].features,
+        gain_scale=config.gain_scales[side],
     )
 
 

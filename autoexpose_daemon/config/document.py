@@ -33,12 +33,14 @@ from autoexpose_daemon.config.section import (
 )
 from autoexpose_daemon.control.parameters import BalanceId, ControlParameters, MotionId
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, check_policy_id
+from calibration.gain.file import GainFile
 from calibration.response import ResponseFunction
 from calibration.response.file import ResponseFile
 from drivers.config.feature import FeatureSetting, as_list, parse_features
 from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Side
+from drivers.gain_scale import GainScale
 from drivers.pixel_format import PixelFormat
 
 DEFAULT_START = ExposureSetting(2000.0, 0.0)
@@ -55,11 +57,17 @@ Features = Annotated[tuple[FeatureSetting, ...], BeforeValidator(parse_features)
 
 
 class CameraConfig(Section):
-    """One camera: its serial, the file with its response function (none: a linear response), features to set."""
+    """One camera: its serial, the files with its response (none: linear) and the scale of its gain, features to set."""
 
     serial: Annotated[Name, BeforeValidator(_refuse_number)]
     response: Path | None = None
+    gain_calibration: Path | None = None
     features: Features = ()
+
+    def relative_to(self, folder: Path) -> Self:
+        """The same with the paths of its files relative to `folder`."""
+        files = {"response": self.response, "gain_calibration": self.gain_calibration}
+        return self.model_copy(update={key: path and folder / path for key, path in files.items()})
 
 
 class CamerasConfig(Section):
@@ -278,3 +286,24 @@ class Config(Section):
                 raise ConfigurationError(f"cameras.{side}.response: {error}") from error
             files[side] = file
         return files
+
+    @cached_property
+    def gain_scales(self) -> dict[Side, GainScale | None]:
+        """The scale of each camera's gain, read once; None where none is configured.
+
+        Raises
+        ------
+        ConfigurationError
+            Naming key and file of one that cannot be used, or is for another camera.
+        """
+        scales: dict[Side, GainScale | None] = dict.fromkeys(self.sides)
+        for side, camera in self.sides.items():
+            if camera.gain_calibration is None:
+                continue
+            try:
+                file = GainFile.load(camera.gain_calibration)
+                file.check_belongs(camera.serial)
+            except ConfigurationError as error:
+                raise ConfigurationError(f"cameras.{side}.gain_calibration: {error}") from error
+            scales[side] = file.scale
+        return scales

@@ -17,7 +17,7 @@ from drivers.errors import ConfigurationError
 
 
 def load_config(path: Path) -> Config:
-    """Read and check a configuration file, with the response and mask files it names.
+    """Read and check a configuration file, with the response, gain and mask files it names.
 
     Raises
     ------
@@ -32,7 +32,11 @@ def load_config(path: Path) -> Config:
     refuse_driven_features(path, config)
     try:
         config = _with_absolute_paths(config, path.resolve().parent)
-        _ = config.responses, config.control.roi.regions  # read now, so that errors in them are reported now
+        _ = (
+            config.responses,
+            config.gain_scales,
+            config.control.roi.regions,
+        )  # read now: errors in them are reported now
     except ConfigurationError as error:
         raise ConfigurationError(f"{path}: {error}") from error
     return config
@@ -40,10 +44,7 @@ def load_config(path: Path) -> Config:
 
 def _with_absolute_paths(config: Config, folder: Path) -> Config:
     """Files are relative to the configuration file, wherever the daemon is started."""
-    cameras: dict[str, CameraConfig] = {
-        side: camera.model_copy(update={"response": camera.response and folder / camera.response})
-        for side, camera in config.sides.items()
-    }
+    cameras: dict[str, CameraConfig] = {side: camera.relative_to(folder) for side, camera in config.sides.items()}
     control = config.control.model_copy(update={"roi": config.control.roi.relative_to(folder)})
     publish = config.publish and config.publish.relative_to(folder, "publish")
     imu = config.motion.imu and config.motion.imu.relative_to(folder, "motion.imu")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
@@ -13,9 +13,10 @@ from rich.console import Console
 
 from calibration.commands.check import REACH_STOPS, Check, check_camera
 from calibration.commands.measure import measure_camera, measure_images
+from calibration.commands.measure_gain import gain
 from calibration.commands.measure_latency import latency
 from calibration.commands.measure_noise import noise
-from calibration.commands.rig import CameraMode, rig_of_config
+from calibration.commands.rig import CameraMode, places_of, rig_of_config
 from calibration.commands.tum import tum_table
 from calibration.findings import Finding
 from calibration.report import check_extra, facts, write_report
@@ -27,7 +28,7 @@ from drivers.errors import ConfigurationError
 from drivers.frames import SIDES
 
 calibrate_app = typer.Typer(
-    help="Measure what a camera does to light: its response, noise and latency.", no_args_is_help=True
+    help="Measure what a camera does to light: its response, noise, latency and gain.", no_args_is_help=True
 )
 
 
@@ -56,7 +57,7 @@ def response(
         jobs = {output: partial(measure_images, images)}
     else:
         rig = [CameraMode(serial) for serial in camera or []] if config is None else rig_of_config(config)
-        places = _places(rig, output)
+        places = places_of(rig, output, "response")
         jobs = {path: partial(measure_camera, mode, gain_db, console) for path, mode in places.items()}
     previous = {path: _previous(path) for path in jobs}
     results = {path: measure().keeping(previous[path]) for path, measure in jobs.items()}
@@ -110,21 +111,7 @@ def export(
 
 calibrate_app.command()(noise)
 calibrate_app.command()(latency)
-
-
-def _places(rig: Sequence[CameraMode], output: Path) -> dict[Path, CameraMode]:
-    """The response file of each camera."""
-    if len(rig) > len(SIDES):
-        raise ConfigurationError(f"--camera is given {len(rig)} times: a rig has a left and a right camera")
-    if len({mode.serial for mode in rig}) < len(rig):
-        raise ConfigurationError(f"left and right are the same camera, {rig[0].serial}")
-    if len(rig) == 1:
-        return {output: rig[0]}
-    try:
-        output.mkdir(exist_ok=True)
-    except OSError as error:
-        raise ConfigurationError(f"{output}: no folder for two cameras ({error.strerror}): choose another") from error
-    return {output / f"{side}.response.yaml": mode for side, mode in zip(SIDES, rig, strict=True)}
+calibrate_app.command()(gain)
 
 
 def _previous(path: Path) -> ResponseFile | None:

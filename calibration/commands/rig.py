@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, get_args
@@ -10,7 +11,7 @@ from calibration.sources.session import session_setup
 from drivers.config.feature import FeatureSetting, parse_features
 from drivers.config.strict_yaml import load_mapping
 from drivers.errors import ConfigurationError
-from drivers.frames import Side
+from drivers.frames import SIDES, Side
 from drivers.pixel_format import PIXEL_FORMATS, PixelFormat
 from drivers.setup import CameraSetup
 
@@ -59,6 +60,21 @@ def rig_of_config(path: Path) -> list[CameraMode]:
                 raise ConfigurationError(f"{path}: cameras.{side}.features: {error}") from error
             rig.append(CameraMode(serial, pixel_format and PIXEL_FORMATS[pixel_format], binning, features))
     return rig
+
+
+def places_of(rig: Sequence[CameraMode], output: Path, kind: str) -> dict[Path, CameraMode]:
+    """The file of each camera: `output`, or left.`kind`.yaml and right.`kind`.yaml in that folder, which is made."""
+    if len(rig) > len(SIDES):
+        raise ConfigurationError(f"--camera is given {len(rig)} times: a rig has a left and a right camera")
+    if len({mode.serial for mode in rig}) < len(rig):
+        raise ConfigurationError(f"left and right are the same camera, {rig[0].serial}")
+    if len(rig) == 1:
+        return {output: rig[0]}
+    try:
+        output.mkdir(exist_ok=True)
+    except OSError as error:
+        raise ConfigurationError(f"{output}: no folder for two cameras ({error.strerror}): choose another") from error
+    return {output / f"{side}.{kind}.yaml": mode for side, mode in zip(SIDES, rig, strict=True)}
 
 
 def _section(path: Path, document: dict[Any, Any], key: str, parent: str = "") -> dict[Any, Any]:

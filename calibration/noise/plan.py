@@ -27,7 +27,7 @@ def plan_noise(camera: StaticCamera, gain_db: float) -> SweepPlan:
         When the camera fails.
     """
     shortest_us, longest_us = time_bounds_us(camera.limits)
-    half_us = _half_exposure_us(camera, gain_db)
+    half_us = half_exposure_us(camera, gain_db, FIRST_TIME_US)
     low_us = max(half_us * 2.0**DARKEST_STOPS, shortest_us)
     high_us = min(half_us * 2.0**BRIGHTEST_STOPS, longest_us)
     count = max(int(np.ceil(np.log2(high_us / low_us) / STEP_STOPS)) + 1, 2)
@@ -43,10 +43,13 @@ def default_gains_db(limits: ExposureLimits) -> tuple[float, ...]:
     )
 
 
-def _half_exposure_us(camera: StaticCamera, gain_db: float) -> float:
-    """The exposure time at which the median pixel is about half of full scale, as near as the bounds allow."""
+def half_exposure_us(camera: StaticCamera, gain_db: float, first_us: float) -> float:
+    """The exposure time at which the median pixel is about half of full scale, as near as the bounds allow.
+
+    It is looked for from `first_us` on.
+    """
     shortest_us, longest_us = time_bounds_us(camera.limits)
-    time_us = min(max(FIRST_TIME_US, shortest_us), longest_us)
+    time_us = min(max(first_us, shortest_us), longest_us)
     for _ in range(SEARCH_STEPS):
         (shot,) = camera.take(ExposureSetting(time_us, gain_db), 1)
         part = float(np.median(shot.pixels)) / (2**shot.bit_depth - 1)

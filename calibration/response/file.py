@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import reprlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from datetime import datetime
@@ -11,8 +10,8 @@ from typing import Annotated, Any, Literal, get_args
 
 import yaml
 from pydantic import ConfigDict, Field, Strict, ValidationError, field_validator, with_config
-from pydantic_core import ErrorDetails
 
+from calibration.complaint import complaint
 from calibration.findings import Finding
 from calibration.response import GREY_LEVELS, CurveDocument, ResponseFunction
 from calibration.response.solution import ResponseModel, ResponseSolution
@@ -121,7 +120,7 @@ class ResponseFile:
             document = _Document.model_validate(content)
             response = document.response()
         except ValidationError as error:
-            raise ConfigurationError(f"{path}: {_complaint(error.errors()[0], content)}") from None
+            raise ConfigurationError(f"{path}: {complaint(_Document, error.errors()[0], content)}") from None
         except ConfigurationError as error:
             raise ConfigurationError(f"{path}: {error}") from None
         known = {key: value for key, value in document if value is not None}
@@ -221,19 +220,6 @@ class _Document(CurveDocument):
         if covered is not None and covered[0] > covered[1]:
             raise ValueError("the first grey level is above the last")
         return covered
-
-
-def _complaint(error: ErrorDetails, content: Mapping[Any, Any]) -> str:
-    """What is wrong with a response file, and what to do about it."""
-    key, *places = error["loc"]
-    if error["type"] in ("extra_forbidden", "invalid_key") and not places:
-        return f"unknown key {key!r}: remove it, or update this program"
-    if error["type"] == "missing" and not places:
-        return f"the key {key!r} is missing: add it"
-    value = content[key]
-    if places and isinstance(places[0], int) and isinstance(value, list):
-        key, value = f"{key}[{places[0]}]", value[places[0]]
-    return f"{key} is {reprlib.repr(value)}: {_Document.model_fields[str(error['loc'][0])].description}"
 
 
 def _rounded(value: float) -> float:

@@ -50,16 +50,19 @@ class AravisCamera:
             nodes.call("stop acquisition", camera.stop_acquisition)
         apply_features(nodes, setup)
         switch_auto_off(nodes)
-        self._dialect = find_dialect(nodes)  # before all else: without an exposure time there is nothing to drive
+        self._dialect = find_dialect(nodes, setup.gain_scale)  # first: what cannot expose is refused for just that
         pixel_format = choose_pixel_format(nodes, setup.pixel_format)
         set_binning(nodes, setup.binning)
         of_trigger = arm_trigger(nodes, setup.trigger)
         of_gamma = switch_gamma_off(nodes)
-        self._chunk_nodes, of_chunks = enable_chunks(nodes, self._dialect.gain is not None)
+        gain_node = None if self._dialect.gain is None else self._dialect.gain.node
+        self._chunk_nodes, of_chunks = enable_chunks(nodes, gain_node)
         self._clock, of_clock = find_clock(nodes)
         of_timing = timing_limitations(nodes, setup.trigger)
         limitations = (*self._dialect.limitations, *of_trigger, *of_timing, *of_gamma, *of_chunks, *of_clock)
-        self._description = CameraDescription(found.vendor, found.model, found.serial, limitations, pixel_format)
+        self._description = CameraDescription(
+            found.vendor, found.model, found.serial, limitations, pixel_format, gain_node
+        )
         self._limits = self._dialect.limits(nodes)
         self._setting: ExposureSetting | None = self._dialect.read(nodes)
         self._ledger = SettingLedger(self._setting)
@@ -191,9 +194,13 @@ class AravisCamera:
             return None
         try:
             exposure_time_us = self._chunks.get_float_value(buffer, chunks.exposure_time) * chunks.us_per_unit
-            gain_db = 0.0 if chunks.gain is None else self._chunks.get_float_value(buffer, chunks.gain)
+            gain_db = 0.0 if chunks.gain is None else self._read_gain_chunk(buffer, chunks.gain, chunks.gain_is_raw)
         except GLib.Error:
             return None
         if not (math.isfinite(exposure_time_us) and exposure_time_us > 0 and math.isfinite(gain_db)):
             return None
         return ExposureSetting(exposure_time_us, gain_db)
+
+    def _read_gain_chunk(self, buffer: Any, name: str, raw: bool) -> float:
+        value = (self._chunks.get_integer_value if raw else self._chunks.get_float_value)(buffer, name)
+        return float(value) if self._dialect.gain is None else self._dialect.gain.ours(value)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Literal
 
-from drivers.errors import NodeError, UnsupportedCameraError
+from drivers.errors import ConfigurationError, NodeError, UnsupportedCameraError
 from drivers.exposure import ExposureLimits, ExposureSetting
+from drivers.gain_scale import GainScale
 from drivers.genicam.nodes import NodeMap
-from drivers.genicam.quantity import DECIBELS, MICROSECONDS, Quantity, is_number
+from drivers.genicam.quantity import DECIBELS, MICROSECONDS, Quantity, find_quantity, is_number
 
 TIME_NODES = ("ExposureTime", "ExposureTimeAbs")
 """SFNC 2 and SFNC 1 names."""
@@ -28,7 +30,7 @@ GAIN_ROUNDING_DB = 0.5
 class ExposureDialect:
     """The nodes that drive exposure time (us) and gain (dB) of one camera, and its limitations in words.
 
-    `gain` is None when the camera has no gain in dB: gain is then left alone and counts as 0 dB.
+    `gain` is None when the camera has no gain whose dB are known: gain is then left alone and counts as 0 dB.
     """
 
     time: Quantity
@@ -40,7 +42,9 @@ class ExposureDialect:
         time_us, time_step_us = self.time.bounds(nodes), self.time.increment(nodes)
         if self.gain is None:
             return ExposureLimits(*time_us, 0.0, 0.0, time_step_us)
-        return ExposureLimits(*time_us, *self.gain.bounds(nodes), time_step_us, self.gain.increment(nodes))
+        uneven_db = self.gain.uneven_steps(nodes)
+        gain_step_db = 0.0 if uneven_db else self.gain.increment(nodes)
+        return ExposureLimits(*time_us, *self.gain.bounds(nodes), time_step_us, gain_step_db, uneven_db)
 
     def read(self, nodes: NodeMap) -> ExposureSetting:
         """The setting that the nodes hold now."""
@@ -61,7 +65,8 @@ class ExposureDialect:
         """
         if self.gain is None and setting.gain_db != 0.0:
             raise NodeError(
-                f"camera {nodes.serial}: it has no gain in dB, so {setting.gain_db:g} dB cannot be set; ask for 0 dB"
+                f"camera {nodes.serial}: it has no gain known in dB, so that {setting.gain_db:g} dB cannot be "
+                "set; ask for 0 dB"
             )
         if present is None or setting.exposure_time_us != present.exposure_time_us:
             self.time.write(nodes, setting.exposure_time_us)
@@ -89,21 +94,24 @@ class ExposureDialect:
             )
 
 
-def find_dialect(nodes: NodeMap) -> ExposureDialect:
-    """Find the nodes that drive this camera's exposure.
+def find_dialect(nodes: NodeMap, gain_scale: GainScale | Literal["own numbers"] | None = None) -> ExposureDialect:
+    """Find the nodes that drive this camera's exposure; `gain_scale` as in `drivers.setup.CameraSetup`.
 
     Raises
     ------
     UnsupportedCameraError
         When the camera offers no exposure time in a known unit.
+    ConfigurationError
+        When the scale of its gain is for another gain.
     """
-    gain, limitations = _find_gain(nodes)
-    return ExposureDialect(_find_time(nodes), gain, limitations)
+    time = _find_time(nodes)
+    gain, limitations = _find_gain(nodes, gain_scale)
+    return ExposureDialect(time, gain, limitations)
 
 
 def gain_driven(nodes: NodeMap) -> bool:
     """Whether the camera's gain is driven, as it is in dB."""
-    return _find_gain(nodes)[0] is not None
+    return _find_gain(nodes, None)[0] is not None
 
 
 def switch_auto_off(nodes: NodeMap) -> None:
@@ -121,7 +129,8 @@ def _find_time(nodes: NodeMap) -> Quantity:
         if not is_number(nodes, name):
             continue
         if nodes.unit(name) in MICROSECONDS:
-            return Quantity(name, MICROSECONDS[nodes.unit(name)], nodes.is_integer(name))
+            step_us = nodes.read_float(RAW_TIME_UNIT) if nodes.is_float(RAW_TIME_UNIT) else 0.0
+            return Quantity(name, MICROSECONDS[nodes.unit(name)], nodes.is_integer(name), step=step_us)
         refusals.append(f"its {name} is in {nodes.unit(name)!r}, which is not a known unit of time")
     if is_number(nodes, RAW_TIME):
         scale = _length_of_count_us(nodes)
@@ -143,13 +152,32 @@ def _length_of_count_us(nodes: NodeMap) -> float | None:
     return nodes.read_float(RAW_TIME_UNIT) if nodes.is_float(RAW_TIME_UNIT) else None
 
 
-def _find_gain(nodes: NodeMap) -> tuple[Quantity | None, tuple[str, ...]]:
+def _find_gain(
+    nodes: NodeMap, gain_scale: GainScale | Literal["own numbers"] | None
+) -> tuple[Quantity | None, tuple[str, ...]]:
     for name in GAIN_NODES:
         if is_number(nodes, name) and (nodes.unit(name) or "").lower() in DECIBELS:
+            _check_scale(nodes, gain_scale, f"its {name} is in dB already")
             return Quantity(name, integer=nodes.is_integer(name)), ()
-    for name in (*GAIN_NODES, RAW_GAIN):
-        if nodes.available(name):
-            unit = nodes.unit(name) if is_number(nodes, name) else None
-            scale = f"{name} is in {unit or 'numbers without a unit'}"
-            return None, (f"gain has no dB scale: left at its present value, exposure time alone is driven ({scale})",)
-    return None, ("no gain node: exposure time alone is driven",)
+    own = find_quantity(nodes, (*GAIN_NODES, RAW_GAIN))
+    if own is None:
+        _check_scale(nodes, gain_scale, "it has no gain that is a number")
+        for name in GAIN_NODES:
+            if nodes.available(name):
+                return None, (f"gain ({name}) is not a number: left at its present value",)
+        return None, ("no gain node: exposure time alone is driven",)
+    if gain_scale is None:
+        units = nodes.unit(own.node) or ("raw units" if own.node == RAW_GAIN else "numbers without a unit")
+        text = f"gain ({own.node}) is in {units} and not driven, so that dim light stays dark: run `autoexpose "
+        return None, (f"{text}calibrate gain --camera {nodes.serial}`",)
+    if isinstance(gain_scale, GainScale):
+        if gain_scale.node != own.node:
+            _check_scale(nodes, gain_scale, f"its gain is {own.node}, not {gain_scale.node}")
+        own = replace(own, gain_scale=gain_scale)
+    return own, ()
+
+
+def _check_scale(nodes: NodeMap, gain_scale: object, why: str) -> None:
+    """Refuse a scale that this camera's gain does not need or fit."""
+    if gain_scale is not None:
+        raise ConfigurationError(f"camera {nodes.serial}: {why}: a gain calibration does not apply to it")

@@ -45,7 +45,8 @@ _OUTPUT = ("LineMode", "LineSource")
 def refuse_driven(setup: CameraSetup, gain_driven: bool = False) -> Iterator[ConfigurationError]:
     """What is wrong with each feature of a setup that the daemon drives itself.
 
-    A gain without a dB scale is not driven: `gain_driven` says whether the camera's is, False if that is not known.
+    A gain that is not in dB is driven only with a scale: `gain_driven` says whether the camera's is in dB, False if that
+    is not known.
     """
     for feature in setup.features:
         words = advice(feature, setup, gain_driven)
@@ -61,7 +62,7 @@ def advice(feature: FeatureSetting, setup: CameraSetup, gain_driven: bool) -> st
     own_rate = trigger.mode == "free_run" and trigger.rate_hz is not None
     own_line = trigger.output_line is not None and line in (None, trigger.output_line)
     driven = [
-        (_GAIN, GAINS, gain_driven),
+        (_GAIN, GAINS, gain_driven or setup.gain_scale is not None),
         (_RATE, RATE_NODES, own_rate),
         (f"{_DRIVEN}set trigger.output_line instead", _OUTPUT, own_line),
         ("image.binning sets it: remove that, or this", _BINNED, setup.binning is not None),

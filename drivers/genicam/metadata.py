@@ -74,16 +74,24 @@ class SettingLedger:
 
 @dataclass(frozen=True, slots=True)
 class ChunkNodes:
-    """The chunk nodes that hold a frame's setting: exposure time in units of `us_per_unit`; gain in dB, if driven."""
+    """The chunk nodes that hold a frame's setting: exposure time in units of `us_per_unit`; `gain`, if it is driven.
+
+    `gain` is in the numbers of the node that drives it, whole numbers if that is raw.
+    """
 
     exposure_time: str
     us_per_unit: float
     gain: str | None
+    gain_is_raw: bool = False
 
 
-def enable_chunks(nodes: NodeMap, gain_driven: bool) -> tuple[ChunkNodes | None, tuple[str, ...]]:
-    """Have each frame carry its exposure time and gain; None if the camera cannot, with the limitation in words."""
-    wanted = ("ExposureTime", "Gain") if gain_driven else ("ExposureTime",)
+def enable_chunks(nodes: NodeMap, gain_node: str | None) -> tuple[ChunkNodes | None, tuple[str, ...]]:
+    """Have each frame carry its exposure time and gain; None if the camera cannot, with the limitation in words.
+
+    `gain_node` is what drives the gain, None if nothing does.
+    """
+    raw = gain_node == "GainRaw"
+    wanted = ("ExposureTime", *(() if gain_node is None else ("GainAll",) if raw else ("Gain",)))
     try:
         if nodes.exists("ChunkSelector") and nodes.available("ChunkModeActive"):
             nodes.write_boolean("ChunkModeActive", True)  # first: some selectors are there only while it is on
@@ -92,7 +100,8 @@ def enable_chunks(nodes: NodeMap, gain_driven: bool) -> tuple[ChunkNodes | None,
                     nodes.write_entry("ChunkSelector", chunk)
                     nodes.write_boolean("ChunkEnable", True)
                 us_per_unit = MICROSECONDS.get(nodes.unit("ChunkExposureTime"), 1.0)
-                return ChunkNodes("ChunkExposureTime", us_per_unit, "ChunkGain" if gain_driven else None), ()
+                gain = None if gain_node is None else f"Chunk{wanted[1]}"
+                return ChunkNodes("ChunkExposureTime", us_per_unit, gain, raw), ()
             nodes.write_boolean("ChunkModeActive", False)
     except NodeError as error:
         return None, (f"{_INFERRED} (chunk data cannot be switched on: {error})",)

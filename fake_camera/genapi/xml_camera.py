@@ -12,6 +12,7 @@ from fake_camera.genapi.description import REGISTERS, Description, NodeError
 from fake_camera.genapi.evaluator import Evaluator
 from fake_camera.genapi.field import Field
 from fake_camera.genapi.memory import Fixed, Memory
+from fake_camera.genapi.raw_gain import RawGainLaw
 from fake_camera.genapi.solve import assign
 from fake_camera.genapi.xml_features import Animation, Watch
 from fake_camera.genapi.xml_power_on import CHUNK_CONTENTS, LIVE_COMMANDS, PowerOn, frame_trigger, trigger_lines
@@ -38,10 +39,13 @@ class XmlCamera:
         The description that it wears.
     not_available
         Wanted features that stay unavailable, because no register contents were found that unlock them.
+
+    `raw_gain` is the law of a gain that is not in dB.
     """
 
-    def __init__(self, description: Description, device: Device) -> None:
+    def __init__(self, description: Description, device: Device, raw_gain: RawGainLaw = "decibels") -> None:
         self.description = description
+        self._raw_gain = raw_gain
         self._device = device
         self._fixed: Fixed = lambda address, count: None
         self._lock = threading.RLock()
@@ -141,7 +145,7 @@ class XmlCamera:
             self._banks: dict[tuple[str, int], bytes] = {}
             self._chunk_data: dict[str, tuple[float, bytes]] = {}
             self._latched_ns: int | None = None
-            self._animation = Animation(self._evaluator, features, self._banked)
+            self._animation = Animation(self._evaluator, features, self._banked, self._raw_gain)
             self._watches: list[Watch] = self._animation.watches
             self._commands = self._find_commands()
             for watch in self._watches:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from fake_camera.device.features import FeatureError, Features
 from fake_camera.genapi.description import NodeError
 from fake_camera.genapi.evaluator import Evaluator
+from fake_camera.genapi.raw_gain import RawGain, RawGainLaw
 from fake_camera.genapi.solve import assign
 from fake_camera.genapi.xml_power_on import (
     CHUNK_CONTENTS,
@@ -27,10 +28,6 @@ from fake_camera.genapi.xml_power_on import (
 )
 from fake_camera.imaging import PIXEL_FORMATS, ExposedFrame
 
-RAW_GAIN_RANGE_DB = 24.0
-"""What a gain that is not in dB spans from its lowest to its highest value, linear in dB."""
-_RAW_GAIN_LIMITS = (0.0, 240.0)
-"""For a gain that declares none."""
 EXPOSURE_RANGE_US = (1.0, 1e7)
 """What the sensor can do, even if a description's limits allow more."""
 _TOLERANCE = 1e-6  # for limits that went through formulas
@@ -60,10 +57,13 @@ class Animation:
         Whether chunk data follow the images.
     """
 
-    def __init__(self, evaluator: Evaluator, features: Features, banked: Mapping[str, tuple[str, ...]]) -> None:
+    def __init__(
+        self, evaluator: Evaluator, features: Features, banked: Mapping[str, tuple[str, ...]], law: RawGainLaw
+    ) -> None:
         self._evaluator = evaluator
         self._features = features
         self._banked = {name: selector for selector, names in banked.items() for name in names}
+        self._law = law
         self._lines = trigger_lines(evaluator)
         self.chunk_mode = False
         self._chunks: dict[str, bool] = {}
@@ -82,7 +82,7 @@ class Animation:
                 return frame.settings.exposure_time_us / time_unit_us(self._evaluator, "ChunkExposureTime")
             case "Gain":
                 gain_db = frame.settings.gain_db
-                return gain_db if self._gain_in_db else self._raw_gain(gain_db)
+                return gain_db if self._raw_gain is None else self._raw_gain.number(gain_db)
             case "FrameID":
                 return frame.frame_id
             case _:
@@ -106,28 +106,21 @@ class Animation:
     def _gain(self) -> Iterator[Watch]:
         with self._evaluator.selecting_entry("GainSelector", "All"):
             names = spoken(self._evaluator, GAINS)
-            self._gain_in_db = bool(names) and in_db(self._evaluator, names[0])
-            self._raw_limits = self._gain_limits(names[0]) if names else _RAW_GAIN_LIMITS
+            in_decibels = not names or in_db(self._evaluator, names[0])
+            self._raw_gain = None if in_decibels else self._find_raw_gain(names[0])
         if names:
             yield from self._watch(names[0], lambda: self._apply_gain(names[0]), ("GainSelector", "All"))
 
-    def _gain_limits(self, name: str) -> tuple[float, float]:
+    def _find_raw_gain(self, name: str) -> RawGain:
         with contextlib.suppress(NodeError):
             low, high = limits(self._evaluator, name)
             if low < high < float("inf"):
-                return float(low), float(high)
-        return _RAW_GAIN_LIMITS
+                return RawGain(float(low), float(high), self._law)
+        return RawGain(law=self._law)
 
     def _apply_gain(self, name: str) -> None:
-        value = self._evaluator.value(name)
-        if not self._gain_in_db:
-            low, high = self._raw_limits
-            value = RAW_GAIN_RANGE_DB * (value - low) / (high - low)
-        self._features.update("Gain", float(value))
-
-    def _raw_gain(self, gain_db: float) -> float:
-        low, high = self._raw_limits
-        return low + (high - low) * gain_db / RAW_GAIN_RANGE_DB
+        value = float(self._evaluator.value(name))
+        self._features.update("Gain", value if self._raw_gain is None else self._raw_gain.gain_db(value))
 
     def _rate(self) -> Iterator[Watch]:
         self._features.update("AcquisitionFrameRateEnable", True)

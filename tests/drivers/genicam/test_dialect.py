@@ -32,13 +32,13 @@ def test_gain_without_db_is_left_alone_and_reported() -> None:
     nodes = sfnc1()
     dialect = find_dialect(nodes)
     assert dialect.limitations == (
-        "gain has no dB scale: left at its present value, exposure time alone is driven "
-        "(GainRaw is in numbers without a unit)",
+        "gain (GainRaw) is in raw units and not driven, so that dim light stays dark: run `autoexpose calibrate gain "
+        "--camera M1`",
     )
     assert dialect.limits(nodes) == ExposureLimits(20.0, 2e5, 0.0, 0.0)
     assert dialect.write(nodes, ExposureSetting(100.0, 0.0), None) == ExposureSetting(100.0, 0.0)
     assert nodes.writes == [("ExposureTimeAbs", 100.0)]
-    with pytest.raises(NodeError, match="no gain in dB"):
+    with pytest.raises(NodeError, match="no gain known in dB"):
         dialect.write(nodes, ExposureSetting(100.0, 3.0), None)
 
 
@@ -177,11 +177,10 @@ def test_automatic_exposure_and_gain_are_switched_off_if_present() -> None:
 
 
 def test_a_gain_in_another_unit_is_named_with_that_unit() -> None:
-    assert "(Gain is in %)" in find_dialect(sfnc2(Gain=FloatNode(1.0, unit="%"))).limitations[0]
-    assert (
-        "(Gain is in numbers without a unit)"
-        in find_dialect(sfnc2(Gain=EnumerationNode("Low", ("Low",)))).limitations[0]
-    )
+    assert "gain (Gain) is in % and" in find_dialect(sfnc2(Gain=FloatNode(1.0, unit="%"))).limitations[0]
+    assert "gain (Gain) is in numbers without a unit" in find_dialect(sfnc2(Gain=FloatNode(1.0))).limitations[0]
+    (limitation,) = find_dialect(sfnc2(Gain=EnumerationNode("Low", ("Low",)))).limitations
+    assert limitation == "gain (Gain) is not a number: left at its present value"
 
 
 @pytest.mark.parametrize(

@@ -78,20 +78,19 @@ def test_the_ledger_forgets_only_the_oldest() -> None:
     assert ledger.setting_at(1).exposure_time_us > 1
 
 
-@pytest.mark.parametrize("gain_driven", [True, False])
-def test_chunks_are_switched_on(gain_driven: bool) -> None:
+@pytest.mark.parametrize(("gain_node", "chunk"), [("Gain", "Gain"), ("GainRaw", "GainAll"), (None, None)])
+def test_chunks_are_switched_on(gain_node: str | None, chunk: str | None) -> None:
     nodes = MemoryNodes(
         {
             "ChunkModeActive": BooleanNode(),
-            "ChunkSelector": EnumerationNode("Image", ("Image", "ExposureTime", "Gain")),
+            "ChunkSelector": EnumerationNode("Image", ("Image", "ExposureTime", "Gain", "GainAll")),
             "ChunkEnable": BooleanNode(),
         }
     )
-    assert enable_chunks(nodes, gain_driven) == (
-        ChunkNodes("ChunkExposureTime", 1.0, "ChunkGain" if gain_driven else None),
-        (),
-    )
-    assert (("ChunkSelector", "Gain") in nodes.writes) == gain_driven
+    wanted = ChunkNodes("ChunkExposureTime", 1.0, chunk and f"Chunk{chunk}", gain_node == "GainRaw")
+    assert enable_chunks(nodes, gain_node) == (wanted, ())
+    chosen = [entry for name, entry in nodes.writes if name == "ChunkSelector"]
+    assert chosen == ["ExposureTime", *([] if chunk is None else [chunk])]
     assert nodes.writes[0] == ("ChunkModeActive", True)
 
 
@@ -103,9 +102,9 @@ def test_missing_chunks_are_reported() -> None:
         None,
         ("no chunk data of ExposureTime and Gain: a frame's setting is inferred from when it was written",),
     )
-    assert enable_chunks(nodes, True) == lacking
+    assert enable_chunks(nodes, "Gain") == lacking
     assert nodes.writes[-1] == ("ChunkModeActive", False)
-    assert enable_chunks(MemoryNodes({}), True) == lacking
+    assert enable_chunks(MemoryNodes({}), "Gain") == lacking
 
 
 def test_a_chunk_of_another_unit_is_read_in_microseconds() -> None:
@@ -117,7 +116,7 @@ def test_a_chunk_of_another_unit_is_read_in_microseconds() -> None:
             "ChunkExposureTime": FloatNode(0.0, unit="s"),
         }
     )
-    assert enable_chunks(nodes, False) == (ChunkNodes("ChunkExposureTime", 1e6, None), ())
+    assert enable_chunks(nodes, None) == (ChunkNodes("ChunkExposureTime", 1e6, None), ())
 
 
 def test_chunks_that_cannot_be_switched_on_are_reported_with_the_reason() -> None:
@@ -126,7 +125,7 @@ def test_chunks_that_cannot_be_switched_on_are_reported_with_the_reason() -> Non
             raise NodeError(f"could not set {name}: write-protect")
 
     nodes = Refusing({"ChunkModeActive": BooleanNode(), "ChunkSelector": EnumerationNode("Image", ("Image",))})
-    chunks, (limitation,) = enable_chunks(nodes, False)
+    chunks, (limitation,) = enable_chunks(nodes, None)
     assert chunks is None
     assert limitation.startswith("a frame's setting is inferred from when it was written")
     assert "could not set ChunkModeActive: write-protect" in limitation

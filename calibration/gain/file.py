@@ -1,0 +1,130 @@
+"""A gain file: what the numbers of one camera's gain are in dB."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, Strict, ValidationError, model_validator
+
+from calibration.complaint import complaint
+from calibration.findings import Finding
+from calibration.response.file import CameraIdentity
+from drivers.config.strict_yaml import load_mapping
+from drivers.errors import ConfigurationError
+from drivers.gain_scale import GainScale
+
+FORMAT = "autoexpose-gain/1"
+_Number = Annotated[float, Strict()]
+_Rising = "give two or more numbers that rise"
+
+
+@dataclass(frozen=True, slots=True)
+class GainFile:
+    """The scale of a gain, of which camera it is, and how well it is known.
+
+    Attributes
+    ----------
+    scale
+        The scale itself.
+    camera
+        Which camera it was measured with; None: it does not say.
+    error_db
+        How far any gain may be from the truth; None: it does not say.
+    date, tool
+        When, and by which version.
+    findings
+        What made the verdict `with care`.
+    path
+        Where it was read from; None: nowhere.
+    """
+
+    scale: GainScale
+    camera: CameraIdentity | None = None
+    error_db: float | None = None
+    date: datetime | None = None
+    tool: str | None = None
+    findings: tuple[Finding, ...] = ()
+    path: Path | None = None
+
+    @classmethod
+    def load(cls, path: Path) -> GainFile:
+        """Read a gain file.
+
+        Raises
+        ------
+        ConfigurationError
+            Naming the file, the key and what to do.
+        """
+        content = load_mapping(path, f"begin with 'format: {FORMAT}'")
+        try:
+            document = _Document.model_validate(content)
+        except ValidationError as error:
+            first = error.errors()[0]
+            text = complaint(_Document, first, content) if first["loc"] else first["msg"].removeprefix("Value error, ")
+            raise ConfigurationError(f"{path}: {text}") from None
+        scale = GainScale(document.node, document.settings, document.gains_db)
+        return cls(
+            scale, document.camera, document.error_db, document.date, document.tool, document.findings or (), path
+        )
+
+    def save(self, path: Path) -> None:
+        """Write the file; ConfigurationError when it cannot be written."""
+        camera = self.camera
+        document: dict[str, Any] = {
+            "format": FORMAT,
+            "camera": camera and {"vendor": camera.vendor, "model": camera.model, "serial": camera.serial},
+            "node": self.scale.node,
+            "date": self.date,
+            "tool": self.tool,
+            "error_db": self.error_db,
+            "findings": [{"severity": f.severity, "reason": f.reason, "text": f.text} for f in self.findings],
+            "settings": list(self.scale.settings),
+            "gains_db": [round(gain_db, 4) for gain_db in self.scale.gains_db],
+        }
+        said = {key: value for key, value in document.items() if value not in (None, [])}
+        text = yaml.safe_dump(said, sort_keys=False, default_flow_style=None, width=110, allow_unicode=True)
+        try:
+            path.write_text(text, encoding="utf-8")
+        except OSError as error:
+            raise ConfigurationError(f"{path}: cannot be written ({error.strerror}): choose another place") from error
+
+    def check_belongs(self, serial: str) -> None:
+        """Refuse a file of another camera; ConfigurationError names file, camera and what to do."""
+        if self.camera is not None and self.camera.serial != serial:
+            raise ConfigurationError(
+                f"{self.path}: camera.serial is {self.camera.serial}, but this is camera {serial}: name its own file, "
+                f"or calibrate this one: autoexpose calibrate gain --camera {serial}"
+            )
+
+
+class _Document(BaseModel):
+    """All keys of a gain file; one that this version does not know is refused."""
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+    format: Literal["autoexpose-gain/1"] = Field(description=f"only {FORMAT!r} can be read")
+    camera: CameraIdentity | None = Field(
+        None, description='give {vendor: ..., model: ..., serial: "..."}, each in quotes, or remove it'
+    )
+    node: Annotated[str, Strict(), Field(min_length=1)] = Field(description="give the name of the gain's node")
+    date: Annotated[datetime, Strict()] | None = Field(None, description="give date and time, or remove it")
+    tool: Annotated[str, Strict()] | None = Field(None, description="give name and version in quotes, or remove it")
+    error_db: Annotated[float, Strict(), Field(ge=0)] | None = Field(None, description="give dB, or remove it")
+    findings: tuple[Finding, ...] | None = Field(None, description="keep it as it was written, or remove it")
+    settings: Annotated[tuple[_Number, ...], Field(min_length=2)] = Field(description=_Rising)
+    gains_db: Annotated[tuple[_Number, ...], Field(min_length=2)] = Field(description=_Rising)
+
+    @model_validator(mode="after")
+    def _is_a_scale(self) -> Self:
+        if len(self.settings) != len(self.gains_db):
+            raise ValueError(f"{len(self.settings)} settings for {len(self.gains_db)} gains_db: give as many")
+        if any(after <= before for before, after in zip(self.settings, self.settings[1:], strict=False)):
+            raise ValueError("settings must rise from one to the next: measure them again")
+        falls = any(after < before for before, after in zip(self.gains_db, self.gains_db[1:], strict=False))
+        if falls or self.gains_db[0] == self.gains_db[-1]:
+            raise ValueError("gains_db must rise with settings, and may not fall: measure them again")
+        return self
