@@ -145,8 +145,19 @@ class ExposureLimits:
     def _gain_for(self, level: float, exposure_time_us: float) -> float:
         gain_db = (level - math.log2(exposure_time_us)) * DB_PER_STOP
         if self.gains_db:
-            return min(self.gains_db, key=lambda taken_db: abs(taken_db - gain_db))
+            return self._taken_gain(gain_db, exposure_time_us)
         return _quantise(gain_db, self.min_gain_db, self.max_gain_db, self.gain_step_db)
+
+    def _taken_gain(self, gain_db: float, exposure_time_us: float) -> float:
+        """The nearest of the gains that it takes whose difference the time can make up for."""
+        longest_db = math.log2(self.max_time_us / exposure_time_us) * DB_PER_STOP
+        shortest_db = math.log2(self.min_time_us / exposure_time_us) * DB_PER_STOP
+
+        def key(taken_db: float) -> tuple[float, float]:
+            missing_db = gain_db - taken_db
+            return round(max(missing_db - longest_db, shortest_db - missing_db, 0.0), 6), abs(missing_db)
+
+        return min(self.gains_db, key=key)
 
 
 def _quantise(value: float, low: float, high: float, step: float) -> float:

@@ -196,7 +196,7 @@ def _everything_else(writer: Writer, declared: dict[str, tuple[str, str]]) -> No
     writer.command("AcquisitionStart")
     writer.command("AcquisitionStop", 0)
     if "ChunkModeActive" in declared:
-        _chunk_control(writer, declared)
+        chunk_control(writer, declared)
 
 
 def _lookup_and_period(writer: Writer) -> None:
@@ -224,7 +224,8 @@ def _lookup_and_period(writer: Writer) -> None:
     )
 
 
-def _chunk_control(writer: Writer, declared: dict[str, tuple[str, str]]) -> None:
+def chunk_control(writer: Writer, declared: dict[str, tuple[str, str]]) -> None:
+    """Switches for the chunks that `declared` names, and the chunks themselves."""
     writer.register("IntReg", "ChunkModeActive_Raw")
     writer.nodes.append('<Boolean Name="ChunkModeActive"><pValue>ChunkModeActive_Raw</pValue></Boolean>')
     chunks = {name: kind for name, kind in declared.items() if name.startswith("Chunk") and kind[0]}

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 
-from tests.xml_cameras import Writer, document
+from tests.xml_cameras import Writer, chunk_control, document
 
 Part = Callable[[Writer], None]
 
@@ -198,6 +198,10 @@ def latch_without_its_value(writer: Writer) -> None:
     writer.nodes.append('<Integer Name="Timestamp"><pValue>Timestamp_Raw</pValue></Integer>')
 
 
+def chunks(writer: Writer) -> None:
+    chunk_control(writer, {"ChunkExposureTime": ("Float", "us"), "ChunkGainAll": ("Integer", "")})
+
+
 _lines = partial(triggers, sources=("Freerun", "Line1", "FixedRate", "Software"))
 
 DRIVEN: dict[str, tuple[Part, ...]] = {
@@ -213,6 +217,7 @@ DRIVEN: dict[str, tuple[Part, ...]] = {
         picture, plain_time, gain_in_db, switched_rate, latch_without_its_value,
         lambda w: triggers(w, "ExposureStart", "ExposureActive"),
     ),
+    "raw": (picture, plain_time, raw_gain_of_taps, switched_rate, chunks, lambda w: triggers(w, "FrameStart")),
     "only exposure start": (
         picture, plain_time, gain_without_a_unit, plain_rate, lambda w: triggers(w, "ExposureStart")
     ),

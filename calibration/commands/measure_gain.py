@@ -93,7 +93,7 @@ def _facts(node: str, curve: GainCurve) -> list[str]:
     return [
         settings,
         f"in dB: 0 to {curve.gains_db[-1]:.2f}, and {curve.gains_db[middle]:.2f} at {curve.settings[middle]:g}",
-        f"error: {max(curve.error_db, 0.01):.2f} dB at most, between the settings as well",
+        f"error: {curve.error_db:.2f} dB at most, between the settings as well",
     ]
 
 

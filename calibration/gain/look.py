@@ -71,7 +71,7 @@ def look(camera: StaticCamera, number: float, time_us: float) -> Look:
     long_us, long = _patches(camera.take(ExposureSetting(time_us, number), FRAMES))
     short_us = max(time_us * SHORT, camera.limits.min_time_us)
     short_us, short = _patches(camera.take(ExposureSetting(short_us, number), FRAMES))
-    lit = long - short > LEAST_RISE
+    lit = (long - short > LEAST_RISE) & (long_us > short_us)
     slopes = np.full_like(long, np.nan)
     slopes[lit] = (long - short)[lit] / (long_us - short_us)
     return Look(number, time_us, slopes)

@@ -20,6 +20,8 @@ UNEVEN = 0.1
 """Where the patches of a scene disagree by more about one gain, the scene moved."""
 FALL_DB = 0.1
 SIGMAS = 2.0
+LEAST_ERROR_DB = 0.02
+"""Cameras round exposure times without saying so."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,8 +35,8 @@ class GainCurve:
     gains_db
         What they are, not falling, the first 0; empty if the looks give none.
     error_db
-        How far any gain within the range may be from the truth: the spread of the two passes (two standard errors) and
-        what straight lines between the settings miss.
+        How far any gain within the range may be from the truth: 0.02 dB, the spread of the two passes (two standard
+        errors), and what straight lines between the settings miss.
     findings
         Reasons not to believe it.
     """
@@ -60,8 +62,9 @@ def solve_gain(looks: GainLooks) -> GainCurve:
     findings = tuple(_judge(settings, raw_db, float(apart_db.max()), unevenness))
     gains_db = np.maximum.accumulate(raw_db)
     spread_db = SIGMAS * float(np.sqrt(np.mean(apart_db**2))) / 2.0
-    error_db = spread_db + float((gains_db - raw_db).max()) + _missed_db(settings, gains_db, looks.step)
-    return GainCurve(settings, gains_db, error_db, findings)
+    levelled_db = float((gains_db - raw_db).max())
+    missed_db = _missed_db(settings, gains_db, looks.step)
+    return GainCurve(settings, gains_db, LEAST_ERROR_DB + spread_db + levelled_db + missed_db, findings)
 
 
 def _missed_db(settings: Array, gains_db: Array, step: float) -> float:

@@ -18,6 +18,8 @@ PATIENCE_S = 3.0
 """How late a frame may be, besides its own exposure and that of the previous setting."""
 FRAMES_TO_OBEY = 16
 """A camera that takes none of this many frames with a setting that it read back never will."""
+LATE_NS = 100_000_000
+"""Where the start of an exposure is inferred from its arrival, one that had to queue seems to start so much late."""
 _POLL_S = 0.5  # how often a wait for a long exposure checks that the camera is still there
 
 
@@ -85,7 +87,7 @@ class Session:
         since_write = 0
         while len(shots) < frames:
             frame = self.next_frame(previous)
-            since_write += frame.host_time_ns > written_ns
+            since_write += frame.host_time_ns > written_ns + LATE_NS
             if frame.setting_source == "ledger":
                 obeyed = previous == taken or since_write > FRAMES_AFTER
             else:

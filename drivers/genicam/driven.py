@@ -45,8 +45,8 @@ _OUTPUT = ("LineMode", "LineSource")
 def refuse_driven(setup: CameraSetup, gain_driven: bool = False) -> Iterator[ConfigurationError]:
     """What is wrong with each feature of a setup that the daemon drives itself.
 
-    A gain that is not in dB is driven only with a scale: `gain_driven` says whether the camera's is in dB, False if that
-    is not known.
+    A gain that is not in dB is driven only with a scale: `gain_driven` says whether the camera's is in dB, False if
+    that is not known.
     """
     for feature in setup.features:
         words = advice(feature, setup, gain_driven)

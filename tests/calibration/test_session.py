@@ -68,6 +68,13 @@ class ObedientCamera:
         self.closed = True
 
 
+@pytest.fixture(autouse=True)
+def _prompt_frames(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> None:
+    """The obedient camera takes frames without any pause, and none of them queues."""
+    if request.node.get_closest_marker("realtime") is None and request.node.get_closest_marker("wire") is None:
+        monkeypatch.setattr(session_module, "LATE_NS", 0)
+
+
 @pytest.mark.parametrize("latency", [0, 1, 3])
 @pytest.mark.parametrize("source", ["chunk", "ledger"])
 def test_shots_are_those_that_show_the_setting_read_back(latency: int, source: SettingSource) -> None:

@@ -42,10 +42,12 @@ from autoexpose_daemon.status.document import Status, response_from_json, respon
 from autoexpose_daemon.status.panel import line_of
 from autoexpose_daemon.status.publishing import Consumers, ConsumerTally
 from calibration.findings import Finding
+from calibration.gain.file import GainFile
 from calibration.response import ResponseFunction
 from calibration.response.file import CameraIdentity, Origin, ResponseFile
 from calibration.sources.exposure_times import timed_files
 from calibration.sources.images import read_images
+from drivers.gain_scale import GainScale
 from drivers.genicam.image_format import decode_pixels
 from drivers.host import gvcp
 from drivers.host.network import NetworkInterface, largest_socket_buffer_bytes
@@ -118,6 +120,22 @@ def response_seeds() -> Iterator[bytes]:
     curve = [round(float(stops), 1) for stops in ResponseFunction.linear().log2_exposure]
     document = {"format": "autoexpose-response/1", "black_level": 0, "saturation": 255, "log2_exposure": curve}
     yield yaml.safe_dump(document, default_flow_style=None, width=9999).encode()
+
+
+def gain_file(data: bytes) -> None:
+    path = in_file(data, "gain.yaml")
+    file = GainFile.load(path)
+    file.check_belongs(file.camera.serial if file.camera else "X")
+    file.save(path.with_name("again.yaml"))
+
+
+def gain_seeds() -> Iterator[bytes]:
+    path = in_file(b"", "made-gain.yaml")
+    found = (Finding("warned", "light_changed", "One gain differs by 0.2 dB."),)
+    scale = GainScale("GainRaw", (0.0, 10.0, 20.0), (0.0, 1.5, 6.0))
+    GainFile(scale, CameraIdentity("Acme", "M1", "0042"), 0.05, tool="autoexpose 0.1", findings=found).save(path)
+    yield path.read_bytes()
+    yield b"format: autoexpose-gain/1\nnode: Gain\nsettings: [1.0, 16.0]\ngains_db: [0.0, 24.0]\n"
 
 
 def config(data: bytes) -> None:

@@ -29,6 +29,7 @@ TARGETS = (
     Target("image-bytes", host.image_bytes, (ValueError,), host.image_bytes_seeds),
     Target("sysfs", host.sysfs, (), host.sysfs_seeds),
     Target("response-file", host.response_file, (ConfigurationError,), host.response_seeds),
+    Target("gain-file", host.gain_file, (ConfigurationError,), host.gain_seeds),
     Target("config", host.config, (ConfigurationError,), host.config_seeds),
     Target("mask", host.mask, (ConfigurationError,), host.mask_seeds),
     Target("exposure-list", host.exposure_list, (ConfigurationError,), host.list_seeds),

@@ -20,11 +20,13 @@ from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.config.load import load_config
 from autoexpose_daemon.control.parameters import ControlParameters
 from autoexpose_daemon.control.region import Rectangle
+from calibration.gain.file import GainFile
 from calibration.response import ResponseFunction
 from calibration.response.file import CameraIdentity, Origin, ResponseFile
 from drivers.config import bounds
 from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureSetting
+from drivers.gain_scale import GainScale
 from drivers.pixel_format import PixelFormat
 from tests import REPOSITORY
 
@@ -195,6 +197,7 @@ def test_a_text_file_is_no_mask(tmp_path: Path) -> None:
     [
         "",
         "cameras: {left: {serial: A, response: FILE}}",
+        "cameras: {left: {serial: A, gain_calibration: FILE}}",
         LEFT + "control: {roi: {left: {mask: FILE}}}",
         LEFT + "publish: {zenoh: FILE}",
     ],
@@ -314,6 +317,16 @@ def test_a_response_file_of_another_camera_is_refused(tmp_path: Path) -> None:
     assert "camera.serial is B, but this is camera A" in message
     message = complaint(tmp_path, "cameras: {left: {serial: B, response: r.yaml}}\nimage: {pixel_format: Mono12}")
     assert "pixel_format is Mono8" in message
+
+
+def test_a_gain_file_is_read_beside_the_configuration_and_refused_for_another_camera(tmp_path: Path) -> None:
+    scale = GainScale("GainRaw", (0.0, 240.0), (0.0, 24.0))
+    GainFile(scale, CameraIdentity("Maker", "Model 7", "B")).save(tmp_path / "g.yaml")
+    (tmp_path / "rig.yaml").write_text("cameras: {left: {serial: B, gain_calibration: g.yaml}, right: {serial: C}}")
+    assert load_config(tmp_path / "rig.yaml").gain_scales == {"left": scale, "right": None}
+    message = complaint(tmp_path, "cameras: {left: {serial: A, gain_calibration: g.yaml}}")
+    assert "cameras.left.gain_calibration" in message
+    assert "camera.serial is B, but this is camera A" in message
 
 
 SCALARS = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8) | st.dates()

@@ -1,0 +1,51 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from calibration.findings import Finding
+from calibration.gain.file import GainFile
+from calibration.response.file import CameraIdentity
+from drivers.errors import ConfigurationError
+from drivers.gain_scale import GainScale
+
+SCALE = GainScale("GainRaw", (0.0, 10.0, 20.0), (0.0, 1.5, 6.0))
+MINIMUM = "format: autoexpose-gain/1\nnode: GainRaw\n"
+
+
+def test_what_is_saved_is_loaded(tmp_path: Path) -> None:
+    path = tmp_path / "left.gain.yaml"
+    finding = Finding("warned", "light_changed", "one gain measured twice differs by 0.20 dB")
+    GainFile(SCALE, CameraIdentity("Maker", "Model 7", "0012"), 0.05, tool="t", findings=(finding,)).save(path)
+    loaded = GainFile.load(path)
+    assert (loaded.scale, loaded.error_db, loaded.findings, loaded.path) == (SCALE, 0.05, (finding,), path)
+    loaded.check_belongs("0012")
+    with pytest.raises(ConfigurationError, match=r"camera.serial is 0012, but this is camera X: .*calibrate gain"):
+        loaded.check_belongs("X")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "begin with 'format: autoexpose-gain/1'"),
+        ("format: autoexpose-gain/2", "only 'autoexpose-gain/1' can be read"),
+        (MINIMUM + "gains_db: [0.0, 1.0]", "the key 'settings' is missing"),
+        (MINIMUM + "settings: [0.0, x]\ngains_db: [0.0, 1.0]", "give two or more numbers that rise"),
+        (MINIMUM + "settings: [0.0]\ngains_db: [0.0]", "give two or more numbers that rise"),
+        (MINIMUM + "settings: [0.0, 1.0, 2.0]\ngains_db: [0.0, 1.0]", "3 settings for 2 gains_db"),
+        (MINIMUM + "settings: [0.0, 0.0]\ngains_db: [0.0, 1.0]", "settings must rise"),
+        (MINIMUM + "settings: [0.0, 1.0]\ngains_db: [1.0, 0.0]", "gains_db must rise"),
+        (MINIMUM + "settings: [0.0, 1.0]\ngains_db: [0.0, 0.0]", "gains_db must rise"),
+        (MINIMUM + "settings: [0.0, 1.0]\ngains_db: [0.0, .inf]", "give two or more numbers that rise"),
+        (MINIMUM + "settings: [0.0, 1.0]\ngains_db: [0.0, 1.0]\nlaw: cubic", "unknown key 'law'"),
+    ],
+)
+def test_what_is_no_gain_file_is_refused_in_one_sentence(tmp_path: Path, text: str, words: str) -> None:
+    path = tmp_path / "left.gain.yaml"
+    path.write_text(text)
+    with pytest.raises(ConfigurationError) as refused:
+        GainFile.load(path)
+    assert str(path) in str(refused.value)
+    assert words in str(refused.value)
+    assert "\n" not in str(refused.value)
