@@ -32,11 +32,8 @@ def load_config(path: Path) -> Config:
     refuse_driven_features(path, config)
     try:
         config = _with_absolute_paths(config, path.resolve().parent)
-        _ = (
-            config.responses,
-            config.gain_scales,
-            config.control.roi.regions,
-        )  # read now: errors in them are reported now
+        # Read now, so that errors in them are reported now.
+        _ = config.responses, config.gain_scales, config.control.roi.regions
     except ConfigurationError as error:
         raise ConfigurationError(f"{path}: {error}") from error
     return config

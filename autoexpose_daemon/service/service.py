@@ -181,6 +181,14 @@ def _same_cameras(one: Config, other: Config) -> bool:
     """Whether the cameras, the IMU and publishing would be opened the same way."""
 
     def opening(config: Config) -> tuple[object, ...]:
-        return config.cameras, config.trigger, config.image, config.transport, config.motion, config.publish
+        return (
+            config.cameras,
+            config.gain_scales,
+            config.trigger,
+            config.image,
+            config.transport,
+            config.motion,
+            config.publish,
+        )
 
     return opening(one) == opening(other)

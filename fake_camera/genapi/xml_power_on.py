@@ -262,7 +262,8 @@ def in_db(evaluator: Evaluator, name: str) -> bool:
 def time_unit_us(evaluator: Evaluator, name: str) -> float:
     """Microseconds per unit of a time; of a count, where there is a time base."""
     if name == "ExposureTimeRaw" and evaluator.kind(TIME_BASE) in _NUMBERS:
-        return evaluator.value(TIME_BASE)
+        with contextlib.suppress(NodeError):
+            return evaluator.value(TIME_BASE) or 1.0
     return TIME_UNITS_US.get(evaluator.node(name).text("Unit"), 1.0)
 
 

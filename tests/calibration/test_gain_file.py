@@ -9,6 +9,7 @@ from calibration.gain.file import GainFile
 from calibration.response.file import CameraIdentity
 from drivers.errors import ConfigurationError
 from drivers.gain_scale import GainScale
+from tests.calibration.test_commands import calibrate
 
 SCALE = GainScale("GainRaw", (0.0, 10.0, 20.0), (0.0, 1.5, 6.0))
 MINIMUM = "format: autoexpose-gain/1\nnode: GainRaw\n"
@@ -49,3 +50,24 @@ def test_what_is_no_gain_file_is_refused_in_one_sentence(tmp_path: Path, text: s
     assert str(path) in str(refused.value)
     assert words in str(refused.value)
     assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ("gain -o out.yaml", "one of --camera and --config"),
+        ("gain --camera A --camera A -o rig", "left and right are the same camera, A"),
+        ("gain --camera A -o missing/out.yaml", "out.yaml: cannot be written"),
+        ("gain --camera A -o other.yaml", "not a gain file to replace"),
+        ("gain --camera NO-SUCH -o out.yaml", "NO-SUCH"),
+    ],
+)
+def test_what_cannot_be_measured_is_one_sentence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: str, words: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("other.yaml").write_text("cameras: {}")
+    code, output = calibrate(*arguments.split())
+    assert code == 1
+    assert words in output
+    assert "\n" not in output.strip()
