@@ -78,6 +78,14 @@ def _parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     add("--truth", type=Path, metavar="FILE", help="write the light at each pulse of the wire as JSON lines")
     add("--control", type=Path, metavar="SOCKET", help="Unix socket that takes orders as JSON lines")
     options = parser.parse_args(arguments)
+    _refuse_contradictions(parser, options)
+    if not options.usb3:
+        options.address = options.address or _ADDRESS
+    return options
+
+
+def _refuse_contradictions(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
+    """End with one sentence where options do not go together."""
     usb3_options = [f"--{name}" for name in ("socket", "tcp", "exec") if getattr(options, name) is not None]
     if options.usb3 and options.address is not None:
         parser.error("--address is for GigE Vision cameras: leave out --address or --usb3")
@@ -99,9 +107,6 @@ def _parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
         parser.error("--exec needs a command")
     if (wrong := _wrong_with_serial(options.serial, options.usb3)) is not None:
         parser.error(f"--serial {options.serial!r} {wrong}")
-    if not options.usb3:
-        options.address = options.address or _ADDRESS
-    return options
 
 
 def _wrong_with_serial(serial: str, usb3: bool) -> str | None:
