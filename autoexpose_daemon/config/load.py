@@ -29,13 +29,13 @@ def load_config(path: Path) -> Config:
         config = Config.model_validate(content)
     except ValidationError as error:
         raise ConfigurationError("\n".join(_sentence(path, each) for each in error.errors())) from error
-    refuse_driven_features(path, config)
     try:
         config = _with_absolute_paths(config, path.resolve().parent)
         # Read now, so that errors in them are reported now.
         _ = config.responses, config.gain_scales, config.control.roi.regions
     except ConfigurationError as error:
         raise ConfigurationError(f"{path}: {error}") from error
+    refuse_driven_features(path, config)
     return config
 
 
