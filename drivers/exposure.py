@@ -88,6 +88,10 @@ class ExposureLimits:
             and self.min_gain_db <= setting.gain_db <= self.max_gain_db
         )
 
+    def nearest(self, setting: ExposureSetting) -> ExposureSetting:
+        """`setting` itself if the bounds contain it, else the one of the nearest level, with the nearest time."""
+        return setting if self.contain(setting) else self.realise(setting.level, setting.exposure_time_us)
+
     def clamp_level(self, level: float) -> float:
         """The exposure level within these limits nearest to `level` (stops)."""
         return min(max(level, self.darkest.level), self.brightest.level)

@@ -16,10 +16,11 @@ from autoexpose_daemon.control.image import ImagePreparation
 from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.control.metrics.gradient import ExtremeShares, GradientMetric, mean_signal
 from autoexpose_daemon.control.motion import DisMotion, FarnebackMotion, FlowMotion
+from autoexpose_daemon.control.override import NO_OVERRIDE, Compensation, Override
 from autoexpose_daemon.control.parameters import FASTEST_TURN_RAD_S, REMEMBERED_STEPS, ControlParameters
 from autoexpose_daemon.control.policies.flicker import FlickerWatch
 from autoexpose_daemon.control.policies.table import build_policy
-from autoexpose_daemon.control.policy import Look, Objective, Observation, PastStep, PolicySetup
+from autoexpose_daemon.control.policy import Look, Objective, Observation, PastStep, PolicySetup, Target
 from autoexpose_daemon.control.region import Region
 from autoexpose_daemon.control.snapshot import Plain, restore, take
 from calibration.response import ResponseFunction
@@ -78,7 +79,7 @@ class ControlLoop:
 
     Attributes
     ----------
-    angular_rate_rad_s, light_ahead
+    angular_rate_rad_s, light_ahead, override
         What the latest step was given.
 
     Raises
@@ -107,6 +108,8 @@ class ControlLoop:
         self.setup = ControlSetup(policy_id, by_side, limits, start, parameters, dict(regions or {}))
         self.angular_rate_rad_s: float | None = None
         self.light_ahead: LightAhead | None = None
+        self.override = NO_OVERRIDE
+        self._compensation: Compensation | None = None  # follows from the override
         self._limits = limits
         self._focal_length_px = parameters.focal_length_px
         self._metric = GradientMetric(parameters.metric_delta, parameters.metric_lambda)
@@ -158,8 +161,20 @@ class ControlLoop:
         """Continue from the `state` of a loop with the same setup; ValueError if it does not fit."""
         restore(self, state)
 
+    def check_ev(self, ev_stops: float) -> None:
+        """Raise ConfigurationError for an EV compensation that the policy cannot be given; `step` does not ask."""
+        if ev_stops > 0 and self._policy.COMPENSATED == "darker":
+            raise ConfigurationError(
+                f"policy {self.setup.policy_id} takes no EV compensation above 0, since it would go by what that "
+                "saturates: give 0 or less, or choose another policy"
+            )
+
     def step(
-        self, pair: StereoPair, angular_rate_rad_s: float | None = None, light_ahead: LightAhead | None = None
+        self,
+        pair: StereoPair,
+        angular_rate_rad_s: float | None = None,
+        light_ahead: LightAhead | None = None,
+        override: Override = NO_OVERRIDE,
     ) -> Decision:
         """Look at a pair and decide on the next setting of both cameras.
 
@@ -175,6 +190,9 @@ class ControlLoop:
             focal length, and no flow is computed. None: flow.
         light_ahead
             What an earlier drive along the same way saw, which map policies use; None: nothing is known.
+        override
+            What stands above the policy. While a setting is held, the policy goes on looking, so that it knows the
+            light when it decides again.
 
         Raises
         ------
@@ -182,58 +200,97 @@ class ControlLoop:
             For a frame that is too small, a region that does not fit the frames, or an angular rate beyond
             `FASTEST_TURN_RAD_S` or without a focal length.
         """
-        self.angular_rate_rad_s, self.light_ahead = angular_rate_rad_s, light_ahead
-        observation = self._observe(pair, angular_rate_rad_s, light_ahead)
-        target = self._policy.decide(observation)
-        level = self._limits.clamp_level(target.level)
-        wanted_us = target.exposure_time_us
-        if wanted_us is None:
-            wanted_us = self._policy.balance.exposure_time_us(level, observation.motion_px, self._limits)
-            if observation.flicker_hz is not None:
-                wanted_us = whole_periods_us(wanted_us, level, self._limits, observation.flicker_hz)
-        setting = self._limits.realise(level, wanted_us)
-        self._past.append(PastStep(setting, observation.setting.level, observation.metric, target))
-        return Decision(
-            setting=setting,
-            level=level,
-            reason=target.reason if level == target.level else _limited(target.reason, target.level > level),
-            metric=observation.metric,
-            saturated_share=observation.saturated_share,
-            black_share=observation.black_share,
-            motion_px=observation.motion_px,
-        )
+        self.angular_rate_rad_s, self.light_ahead, self.override = angular_rate_rad_s, light_ahead, override
+        self._compensate(override.ev_stops)
+        looks = self._looks(pair)
+        observation = self._observe(pair.frames[looks[0].side], looks, angular_rate_rad_s, light_ahead)
+        target = None if override.unseen else self._policy.decide(observation)
+        asked = override.shot or override.held
+        if asked is not None:
+            setting = self._limits.nearest(asked)
+            level, reason = setting.level, "locked" if override.shot is None else "one shot"
+        else:
+            assert target is not None, "what is unseen is held"
+            level = self._limits.clamp_level(target.level + override.ev_stops)
+            setting = self._split(target, level, observation)
+            reason = _in_words(target, override.ev_stops, level)
+        self._remember(observation, None if asked is not None else target, setting, level)
+        metric, saturated, black = self._figures(looks[0], observation)
+        return Decision(setting, level, reason, metric, saturated, black, observation.motion_px)
+
+    def _compensate(self, ev_stops: float) -> None:
+        if ev_stops == 0.0 or self._policy.COMPENSATED == "targets":
+            self._compensation = None
+        elif self._compensation is None or self._compensation.stops != ev_stops:
+            self._compensation = Compensation(ev_stops, self.setup.responses, self._limits)
+
+    def _looks(self, pair: StereoPair) -> list[Look]:
+        """What is seen of each frame, the reference first."""
+        sides = sorted(pair.frames, key=lambda each: each in self.uncounted)  # a stable sort
+        return [self._views[each].look(each, pair.frames[each]) for each in sides]
 
     def _observe(
-        self, pair: StereoPair, angular_rate_rad_s: float | None, light_ahead: LightAhead | None
+        self, frame: Frame, looks: list[Look], angular_rate_rad_s: float | None, light_ahead: LightAhead | None
     ) -> Observation:
-        sides = sorted(pair.frames, key=lambda each: each in self.uncounted)  # a stable sort
-        side, frame = sides[0], pair.frames[sides[0]]
-        looks = [self._views[each].look(each, pair.frames[each]) for each in sides]
+        """What the policy is shown, `frame` being the reference."""
+        limits, setting = self._limits, frame.setting
+        if self._compensation is not None:
+            limits, setting = self._compensation.limits, self._compensation.setting(setting)
+            looks = [self._compensation.look(look) for look in looks]
         look = looks[0]
         if self._flicker is not None:
-            self._flicker.see(look, frame.setting, frame.device_time_ns)
-        saturated_share, black_share = self._views[side].shares.measure(look.image, look.weights, look.counts)
+            self._flicker.see(look, setting, frame.device_time_ns)
+        saturated_share, black_share = self._views[look.side].shares.measure(look.image, look.weights, look.counts)
         return Observation(
             looks=looks,
-            setting=frame.setting,
+            setting=setting,
             device_time_ns=frame.device_time_ns,
             metric=self._metric.measure(look.image, look.weights),
             mean=mean_signal(look.image, look.response, look.weights),
             saturated_share=saturated_share,
             black_share=black_share,
-            motion_px=self._speed_px(side, look.image, frame, angular_rate_rad_s),
-            limits=self._limits,
+            motion_px=self._speed_px(look, frame, setting, angular_rate_rad_s),
+            limits=limits,
             past=self._past,
-            realised=self._decision_realised_by(frame.setting),
+            realised=self._decision_realised_by(setting),
             by_flow=angular_rate_rad_s is None,
             flicker_hz=self.flicker_hz,
             light_ahead=light_ahead,
         )
 
-    def _speed_px(self, side: Side, image: NDArray[np.uint8], frame: Frame, angular_rate_rad_s: float | None) -> float:
+    def _split(self, target: Target, level: float, observation: Observation) -> ExposureSetting:
+        """Time and gain for a level (stops)."""
+        wanted_us = target.exposure_time_us
+        if wanted_us is None:
+            wanted_us = self._policy.balance.exposure_time_us(level, observation.motion_px, self._limits)
+            if observation.flicker_hz is not None:
+                wanted_us = whole_periods_us(wanted_us, level, self._limits, observation.flicker_hz)
+        return self._limits.realise(level, wanted_us)
+
+    def _remember(
+        self, observation: Observation, target: Target | None, setting: ExposureSetting, level: float
+    ) -> None:
+        """Keep what was asked of the cameras, in the terms of the policy; `target` None: the policy was not asked.
+
+        By it the policy recognises what its own targets led to, and learns the delay of the loop.
+        """
+        if self._compensation is not None:
+            setting, level = self._compensation.setting(setting), level - self._compensation.stops
+        if target is None or (self.override.ev_stops and self._compensation is None):
+            target = Target(level, "")
+        self._past.append(PastStep(setting, observation.setting.level, observation.metric, target))
+
+    def _figures(self, look: Look, observation: Observation) -> tuple[float, float, float]:
+        """Metric, saturated and black share of the reference frame as it is."""
+        if self._compensation is None:
+            return observation.metric, observation.saturated_share, observation.black_share
+        shares = self._views[look.side].shares.measure(look.image, look.weights, look.counts)
+        return self._metric.measure(look.image, look.weights), *shares
+
+    def _speed_px(self, look: Look, frame: Frame, setting: ExposureSetting, angular_rate_rad_s: float | None) -> float:
         """Mean speed of image points, pixels of full resolution per 1/60 s."""
         if angular_rate_rad_s is None:
-            return self._flow_px(side, image, frame)
+            return self._flow_px(look, frame, setting)
         if self._focal_length_px is None:
             raise ConfigurationError("an angular rate needs control.focal_length_px: give the focal length in pixels")
         if not abs(angular_rate_rad_s) <= FASTEST_TURN_RAD_S:
@@ -246,16 +303,17 @@ class ControlLoop:
         self._motion_px = abs(angular_rate_rad_s) * self._focal_length_px / REFERENCE_RATE_HZ
         return self._motion_px
 
-    def _flow_px(self, side: Side, image: NDArray[np.uint8], frame: Frame) -> float:
+    def _flow_px(self, look: Look, frame: Frame, setting: ExposureSetting) -> float:
         """The speed by optical flow; the last one where flow takes over from another camera or from angular rates.
 
         Flow then has no recent frame. It is not measured across frames with an angular rate either: it saturates where
         they are far apart.
         """
-        speed_px = self._motions[side].measure(image, frame.pixels.shape[1], frame.setting.level, frame.device_time_ns)
+        motion = self._motions[look.side]
+        speed_px = motion.measure(look.image, frame.pixels.shape[1], setting.level, frame.device_time_ns)
         if speed_px is None:
-            speed_px = 0.0 if self._motion_side == side else self._motion_px
-        self._motion_side, self._motion_px = side, speed_px
+            speed_px = 0.0 if self._motion_side == look.side else self._motion_px
+        self._motion_side, self._motion_px = look.side, speed_px
         return speed_px
 
     def _decision_realised_by(self, setting: ExposureSetting) -> PastStep | None:
@@ -284,5 +342,8 @@ class View:
         return Look(side, image, self._response, self._weights, self._preparation.unfiltered, scale)
 
 
-def _limited(reason: str, above: bool) -> str:
-    return f"{reason}; held: at {'upper' if above else 'lower'} limit"
+def _in_words(target: Target, ev_stops: float, level: float) -> str:
+    """The reason of a target, and what became of it."""
+    wanted = target.level + ev_stops
+    reason = f"{target.reason}; EV {ev_stops:+g}" if ev_stops else target.reason
+    return reason if level == wanted else f"{reason}; held: at {'upper' if wanted > level else 'lower'} limit"

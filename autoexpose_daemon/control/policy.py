@@ -226,6 +226,10 @@ class ExposurePolicy(ABC):
         The optical flow of its paper, used unless another is configured.
     OBJECTIVE
         What it is judged by.
+    COMPENSATED
+        How it gets an EV compensation: `targets`, its targets are levels that do not depend on the frames they are
+        based on, so the compensation is added to them; `frames`, it is shown frames without the compensation;
+        `darker`, the same, but none above 0, since it goes by what that would saturate.
     balance
         How the level is split into time and gain.
     shortfall
@@ -235,6 +239,7 @@ class ExposurePolicy(ABC):
     STATE: ClassVar[tuple[str, ...]] = ()
     FLOW: ClassVar[Literal["dis", "farneback"]] = "dis"
     OBJECTIVE: ClassVar[Objective] = "metric"
+    COMPENSATED: ClassVar[Literal["targets", "frames", "darker"]] = "darker"
     balance: Balance
     shortfall: str | None = None
 

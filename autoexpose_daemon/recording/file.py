@@ -15,6 +15,7 @@ from mcap.writer import CompressionType, Writer
 
 from autoexpose_daemon.control.loop import STATE_FORMAT, ControlSetup
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
+from autoexpose_daemon.control.override import NO_OVERRIDE
 from autoexpose_daemon.control.snapshot import Plain, plain
 from autoexpose_daemon.messages.stamp import Stamp
 from autoexpose_daemon.messages.types import TYPESTORE, definition
@@ -23,8 +24,9 @@ from autoexpose_daemon.recording.plain_json import to_json
 from autoexpose_daemon.recording.step import RecordingError, Step
 
 CONTROL, SETUP, MOTION, LIGHT, STATE = "control", "setup", "motion", "light", "state"
+OVERRIDE, REQUESTS = "override", "requests"
 STRING = "std_msgs/msg/String"
-"""Control's setup, angular rates, light ahead and state are JSON in a String, so that any ROS 2 tool shows them."""
+"""What control was built from and given is JSON in a String, so that any ROS 2 tool shows it."""
 
 METADATA = "autoexpose"
 COMPRESSION = CompressionType.LZ4
@@ -94,6 +96,10 @@ class RecordingFile:
                 self._say(MOTION, {"angular_rate_rad_s": step.angular_rate_rad_s})
             if step.light_ahead is not None:
                 self._say(LIGHT, {"light_ahead": plain(step.light_ahead)})
+            if step.requests:
+                self._say(REQUESTS, {"requests": plain(step.requests)})
+            if step.override != NO_OVERRIDE:
+                self._say(OVERRIDE, {"override": plain(step.override)})
             messages = MessageWriter(self._rig, step.cameras, self._stamp)
             for message in messages.messages(step.pair, step.decision, step.sequence, self._offset_ns):
                 self._add(message.side, message.topic, TOPICS[message.topic], message.data, step.sequence)

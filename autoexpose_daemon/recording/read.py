@@ -12,14 +12,16 @@ from mcap.stream_reader import StreamReader
 
 from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.control.loop import STATE_FORMAT, ControlSetup
+from autoexpose_daemon.control.override import NO_OVERRIDE, Override
 from autoexpose_daemon.control.parameters import FASTEST_TURN_RAD_S
 from autoexpose_daemon.control.snapshot import parse
 from autoexpose_daemon.messages.read import DamagedMessageError, decision_of, frame_of, read_exposure_info, read_image
 from autoexpose_daemon.messages.types import EXPOSURE_INFO, TYPESTORE, definition
-from autoexpose_daemon.recording.file import LIGHT, METADATA, MOTION, STATE, STRING
+from autoexpose_daemon.recording.file import LIGHT, METADATA, MOTION, OVERRIDE, REQUESTS, STATE, STRING
 from autoexpose_daemon.recording.plain_json import from_json
 from autoexpose_daemon.recording.step import Item, RecordingError, Setup, State, Step
 from autoexpose_daemon.recording.upgrade import FORMER_FORMATS, upgraded_setup, upgraded_state
+from drivers.config import bounds
 from drivers.config.files import open_regular
 from drivers.frames import SIDES, Pixels, Side, StereoPair
 
@@ -50,6 +52,8 @@ class Recording:
         self._infos: dict[Side, Any] = {}
         self._angular_rate_rad_s: float | None = None
         self._light_ahead: LightAhead | None = None
+        self._override = NO_OVERRIDE
+        self._requests: tuple[str, ...] = ()
 
     def __iter__(self) -> Iterator[Item]:
         """Read on from the start of the file."""
@@ -109,7 +113,7 @@ class Recording:
         if channel is None:
             raise ValueError(f"a message of channel {message.channel_id}, which does not exist")
         match channel.topic.split("/")[-2:]:
-            case ["control", "setup" | "motion" | "light" | "state" as what]:
+            case ["control", "setup" | "motion" | "light" | "override" | "requests" | "state" as what]:
                 return self._of_control(what, message.data)
             case ["left" | "right" as side, "exposure"]:
                 self._check_version(channel)
@@ -132,6 +136,12 @@ class Recording:
             return None
         if what == LIGHT:
             self._light_ahead = parse(content.get("light_ahead"), LightAhead)
+            return None
+        if what == OVERRIDE:
+            self._override = _override(content)
+            return None
+        if what == REQUESTS:
+            self._requests = parse(content.get("requests"), tuple[str, ...])
             return None
         if what == STATE:
             return State(upgraded_state(content.get("state")))
@@ -161,7 +171,9 @@ class Recording:
             raise ValueError(f"step {info.sequence} has no decision")
         angular_rate_rad_s, self._angular_rate_rad_s = self._angular_rate_rad_s, None
         light_ahead, self._light_ahead = self._light_ahead, None
-        return Step(info.sequence, info.cameras, pair, decision, angular_rate_rad_s, light_ahead)
+        override, self._override = self._override, NO_OVERRIDE
+        requests, self._requests = self._requests, ()
+        return Step(info.sequence, info.cameras, pair, decision, angular_rate_rad_s, light_ahead, override, requests)
 
     def _check_version(self, channel: Channel) -> None:
         schema = self._schemas.get(channel.schema_id)
@@ -178,3 +190,15 @@ def _angular_rate(content: dict[str, Any]) -> float:
     if not abs(rate) <= FASTEST_TURN_RAD_S:
         raise ValueError(f"an angular rate of {rate} rad/s")
     return rate
+
+
+def _override(content: dict[str, Any]) -> Override:
+    """That of the step that follows."""
+    override: Override = parse(content.get("override"), Override)
+    if override.ev_stops not in bounds.EV_STOPS:
+        raise ValueError(f"an EV compensation of {override.ev_stops}")
+    if not all(setting.is_physical for setting in (override.held, override.shot) if setting is not None):
+        raise ValueError(f"{override} is not an exposure")
+    if override.unseen and override.held is None:
+        raise ValueError("a pair that is not shown to the policy, and nothing to hold")
+    return override

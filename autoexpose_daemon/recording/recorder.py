@@ -88,8 +88,13 @@ class Recorder(ABC):
         self._queue.put(None)
         self._thread.join()
 
-    def take(self, pair: StereoPair, decision: Decision, loop: ControlLoop, cameras: int) -> None:
-        """Take a step of a rig with this many cameras; on the control thread, right after `loop` has made it."""
+    def take(
+        self, pair: StereoPair, decision: Decision, loop: ControlLoop, cameras: int, requests: tuple[str, ...] = ()
+    ) -> None:
+        """Take a step of a rig with this many cameras; on the control thread, right after `loop` has made it.
+
+        `requests` took effect with it.
+        """
         if self._ended:
             return
         self.steps += 1
@@ -103,7 +108,8 @@ class Recorder(ABC):
             self._dropped_said = self.dropped
         if loop.setup is not self._setup or self.steps - self._snapshot_step >= self._steps_per_snapshot:
             self._setup, self._snapshot_step, state = loop.setup, self.steps, loop.state()
-        step = Step(self.steps, cameras, pair, decision, loop.angular_rate_rad_s, loop.light_ahead)
+        given = loop.angular_rate_rad_s, loop.light_ahead, loop.override
+        step = Step(self.steps, cameras, pair, decision, *given, requests)
         self._queue.put(Entry(step, loop.setup, state, now_ns))
 
     @abstractmethod

@@ -101,5 +101,6 @@ class Replay:
         self._former = step
         if dropped and self.faithful:
             self._loop = None
-        decision = None if self._loop is None else self._loop.step(step.pair, step.angular_rate_rad_s, step.light_ahead)
+        given = step.pair, step.angular_rate_rad_s, step.light_ahead, step.override
+        decision = None if self._loop is None else self._loop.step(*given)
         return Replayed(step, decision, dropped, undelivered)

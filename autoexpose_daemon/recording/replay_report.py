@@ -11,6 +11,7 @@ import numpy as np
 from autoexpose_daemon.recording.file import software
 from autoexpose_daemon.recording.read import Recording
 from autoexpose_daemon.recording.replay import Replay, Replayed
+from drivers.config.readable import readable
 
 _SECOND_NS = 1_000_000_000
 
@@ -45,6 +46,8 @@ def report_replay(path: Path, policy_id: str | None, say: Say) -> bool:
             _print_second(say, second, start_ns, player.faithful)
             second = _Figures()
             end_ns += (time_ns - end_ns) // _SECOND_NS * _SECOND_NS + _SECOND_NS
+        for request in replayed.step.requests:
+            say(f"trigger {replayed.step.pair.trigger}: {readable(request)}")
         if replayed.dropped:
             _print_drop(say, replayed, player.faithful)
         second.add(replayed)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.control.loop import ControlSetup
+from autoexpose_daemon.control.override import NO_OVERRIDE, Override
 from autoexpose_daemon.control.snapshot import Plain
 from drivers.errors import AutoexposeError
 from drivers.frames import StereoPair
@@ -34,6 +35,10 @@ class Step:
         How fast the camera turned; None: control was not given it, and used optical flow.
     light_ahead
         What control was told of an earlier drive; None: nothing.
+    override
+        What stood above the policy.
+    requests
+        What was requested of control since the step before, and who asked.
     """
 
     sequence: int
@@ -42,6 +47,8 @@ class Step:
     decision: Decision
     angular_rate_rad_s: float | None = None
     light_ahead: LightAhead | None = None
+    override: Override = NO_OVERRIDE
+    requests: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.control.loop import ControlLoop
+from autoexpose_daemon.control.override import NO_OVERRIDE, Override
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from autoexpose_daemon.navigation.maps.light import SPREAD_M, LightMemory, LightTrail
 from calibration.response import ResponseFunction
@@ -72,14 +73,18 @@ class Told(ControlLoop):
         self._memory, self._error_m, self._frame = memory, error_m, 0
 
     def step(
-        self, pair: StereoPair, angular_rate_rad_s: float | None = None, light_ahead: LightAhead | None = None
+        self,
+        pair: StereoPair,
+        angular_rate_rad_s: float | None = None,
+        light_ahead: LightAhead | None = None,
+        override: Override = NO_OVERRIDE,
     ) -> Decision:
         """The next decision."""
         distance_m = self._frame / RATE_HZ * SPEED_M_S + float(self._error_m[self._frame])
         series = self._memory.series(distance_m, SPEED_M_S)
         self._frame += 1
         told = None if series is None else series.in_frames(0.0, RATE_HZ)
-        return super().step(pair, angular_rate_rad_s, light_ahead or told)
+        return super().step(pair, angular_rate_rad_s, light_ahead or told, override)
 
 
 @dataclass(frozen=True, slots=True)

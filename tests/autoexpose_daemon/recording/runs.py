@@ -13,6 +13,7 @@ from autoexpose_daemon.config.publish import PublishConfig
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.control.loop import ControlLoop
+from autoexpose_daemon.control.override import NO_OVERRIDE, Override
 from autoexpose_daemon.control.parameters import ControlParameters
 from autoexpose_daemon.recording.read import Recording
 from autoexpose_daemon.recording.recorder import ContinuousRecorder, Recorder
@@ -35,6 +36,7 @@ class VirtualRun:
     bits: int = 8
     imu: bool = False
     driven_before: bool = False
+    steered: bool = False
     loop: ControlLoop = field(init=False)
     decisions: dict[int, Decision] = field(default_factory=dict)
     trigger: int = 99
@@ -61,10 +63,12 @@ class VirtualRun:
         """Have the recorder see so many steps, of pairs that `shape` may change first."""
         for _, pair in zip(range(steps), self.pairs(), strict=False):
             shaped = shape(pair)
-            decision = self.loop.step(shaped, self._angular_rate_rad_s(), self._light_ahead())
+            override = self._override()
+            decision = self.loop.step(shaped, self._angular_rate_rad_s(), self._light_ahead(), override)
             self._settings = [self._settings[-1], decision.setting]
             self.decisions[pair.trigger] = decision
-            recorder.take(shaped, decision, self.loop, 2)
+            requests = (f"made up in step {self.trigger}",) if self.trigger % 10 == 0 and self.steered else ()
+            recorder.take(shaped, decision, self.loop, 2, requests)
 
     def _angular_rate_rad_s(self) -> float | None:
         """Of an IMU that fails for 3 steps in 8."""
@@ -76,6 +80,18 @@ class VirtualRun:
             return None
         levels = 9.0 + np.cumsum(self._rng.normal(0.0, 0.7, 90))
         return LightAhead(tuple(levels.tolist()), 70, 1.5)
+
+    def _override(self) -> Override:
+        """EV compensation from the third step on, locked now and then, with a shot every ten steps."""
+        if not self.steered or self.trigger < 102:
+            return NO_OVERRIDE
+        held = START if self.trigger % 20 < 6 else None
+        match self.trigger % 10:
+            case 7:
+                return Override(-1.3, held, ExposureSetting(300.0, 2.0))
+            case 9:
+                return Override(-1.3, self._settings[0], unseen=True)
+        return Override(-1.3, held)
 
     def _frame(self, scene: NDArray[np.float64]) -> Frame:
         frame = expose(np.roll(scene, self.trigger, axis=1), self._settings[0], self._light, self.bits)

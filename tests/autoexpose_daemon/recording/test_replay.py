@@ -55,6 +55,20 @@ def test_decisions_by_the_light_of_an_earlier_drive_are_replayed_bit_for_bit(tmp
     assert all(each.same for each in steps[1:])
 
 
+@pytest.mark.parametrize("policy_id", ["fisher-map", "neves2009", "kim2018"])
+def test_what_was_requested_is_replayed_bit_for_bit_and_named(tmp_path: Path, policy_id: str) -> None:
+    path = record(tmp_path / "run.mcap", VirtualRun(policy_id, steered=True), 60)
+    steps = replayed(path)
+    assert {each.step.override.ev_stops for each in steps} == {0.0, -1.3}
+    assert {each.step.override.unseen for each in steps} == {False, True}
+    assert all(each.same for each in steps[1:])
+    said: list[str] = []
+    assert report_replay(path, None, said.append)
+    assert [line for line in said if "made up" in line] == [
+        f"trigger {number}: made up in step {number}" for number in range(100, 160, 10)
+    ]
+
+
 @pytest.mark.parametrize("bits", [8, 12, 16])
 def test_frames_come_back_as_they_were(tmp_path: Path, bits: int) -> None:
     run, kept = VirtualRun("neves2009", bits), []

@@ -88,6 +88,7 @@ class ExposureMap(ExposurePolicy):
         "registration", "forecast", "latency", "memory", "target", "ahead", "densities", "motion_px",
         "votes", "sides", "foresight",
     )  # fmt: skip
+    COMPENSATED = "targets"
     HOLD_GAIN_MOVING: ClassVar[float]
     WORTH_KEEPING: ClassVar[float]
     target: float | None

@@ -14,6 +14,8 @@ from drivers.exposure import ExposureSetting
 class Fixed(ExposurePolicy):
     """Always asks for `start`, time and gain alike."""
 
+    COMPENSATED = "targets"
+
     start: ExposureSetting
     balance: Balance
 

@@ -39,6 +39,7 @@ class Majer2018(ExposurePolicy):
     """
 
     STATE: ClassVar[tuple[str, ...]] = ("frames", "level")
+    COMPENSATED = "frames"
 
     region: Literal["top_half", "full"]
     balance: Balance

@@ -37,6 +37,7 @@ class Neves2009(ExposurePolicy):
     """
 
     STATE: ClassVar[tuple[str, ...]] = ("previous_error",)
+    COMPENSATED = "frames"
 
     target: float
     balance: Balance

@@ -1,0 +1,93 @@
+"""What a person asks of control while it runs: it stands above what the policy decides."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from autoexpose_daemon.control.metrics.gradient import ExtremeShares
+from autoexpose_daemon.control.policy import Look
+from calibration.response import ResponseFunction
+from calibration.response.prediction import prediction_table
+from drivers.exposure import DB_PER_STOP, ExposureLimits, ExposureSetting
+from drivers.frames import Side
+
+MOSTLY = 0.5
+"""Share of saturated pixels from which they are taken to be saturated without the compensation, too."""
+
+
+@dataclass(frozen=True, slots=True)
+class Override:
+    """What applies to one step besides its frames.
+
+    Attributes
+    ----------
+    ev_stops
+        Stops that are added to what the policy decides.
+    held
+        The setting to stay at, whatever the policy decides; None: as it decides.
+    shot
+        The setting of the next pair alone, even where one is held; None: no shot.
+    unseen
+        This pair was taken for a shot: the policy is not shown it. Only with `held`.
+    """
+
+    ev_stops: float = 0.0
+    held: ExposureSetting | None = None
+    shot: ExposureSetting | None = None
+    unseen: bool = False
+
+
+NO_OVERRIDE = Override()
+
+
+class Compensation:
+    """Shows a policy the world without the EV compensation, so that it neither sees nor fights it.
+
+    The policy's camera has a gain lower by the compensation: the same photons and the same exposure time, but pixels
+    as the response predicts them for so many stops less, and limits and settings with that much less gain. What the
+    policy wants there, plus the compensation, is what the cameras get.
+
+    How bright that is which only the compensation saturates, is lost: the larger its share of the frame, the brighter
+    it is taken to be, from just saturated with the compensation to saturated without it.
+
+    Parameters
+    ----------
+    stops
+        The compensation.
+    responses
+        Response function of each camera.
+    limits
+        Of the cameras.
+
+    Attributes
+    ----------
+    limits
+        For the policy.
+    """
+
+    def __init__(self, stops: float, responses: Mapping[Side, ResponseFunction], limits: ExposureLimits) -> None:
+        self.stops = stops
+        gain_db = stops * DB_PER_STOP
+        self.limits = replace(
+            limits, min_gain_db=limits.min_gain_db - gain_db, max_gain_db=limits.max_gain_db - gain_db
+        )
+        self._tables = {side: prediction_table(response, -stops) for side, response in responses.items()}
+        self._shares = {side: ExtremeShares(response) for side, response in responses.items()}
+
+    def setting(self, setting: ExposureSetting) -> ExposureSetting:
+        """A setting of the cameras, for the policy."""
+        return replace(setting, gain_db=setting.gain_db - self.stops * DB_PER_STOP)
+
+    def look(self, look: Look) -> Look:
+        """What the policy sees of a frame."""
+        table, shares = self._tables[look.side], self._shares[look.side]
+        saturated, _ = shares.measure(look.image, look.weights, look.counts)
+        if self.stops > 0 and saturated > 0:
+            left = self.stops * max(1.0 - saturated / MOSTLY, 0.0)
+            brighter = prediction_table(look.response, -left)
+            table = np.concatenate([table[: shares.saturated_from], brighter[shares.saturated_from :]])
+        before_median = None if look.before_median is None else table[look.before_median]
+        return Look(look.side, table[look.image], look.response, look.weights, before_median, look.scale)
