@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import difflib
 from pathlib import Path
-from typing import Any
 
-from pydantic import BaseModel, ValidationError
-from pydantic_core import ErrorDetails
+from pydantic import ValidationError
 
 from autoexpose_daemon.config.camera_setup import refuse_driven_features
 from autoexpose_daemon.config.document import CameraConfig, Config
+from autoexpose_daemon.config.mistakes import mistakes
 from drivers.config.readable import readable
 from drivers.config.strict_yaml import load_mapping
 from drivers.errors import ConfigurationError
@@ -28,7 +26,8 @@ def load_config(path: Path) -> Config:
     try:
         config = Config.model_validate(content)
     except ValidationError as error:
-        raise ConfigurationError("\n".join(_sentence(path, each) for each in error.errors())) from error
+        sentences = (readable(f"{path}: {mistake}") for mistake in mistakes(error, Config))
+        raise ConfigurationError("\n".join(sentences)) from error
     try:
         config = _with_absolute_paths(config, path.resolve().parent)
         # Read now, so that errors in them are reported now.
@@ -53,33 +52,3 @@ def _with_absolute_paths(config: Config, folder: Path) -> Config:
             "publish": publish,
         }
     )
-
-
-def _sentence(path: Path, error: ErrorDetails) -> str:
-    """What is wrong, on one line whatever the file contains."""
-    return readable(f"{path}: {_complaint(error)}")
-
-
-def _complaint(error: ErrorDetails) -> str:
-    key = ".".join(str(part) for part in error["loc"])
-    if error["type"] == "extra_forbidden":
-        *parents, last = [str(part) for part in error["loc"]]
-        near = difflib.get_close_matches(last, _keys_of(parents), n=1)
-        hint = f"did you mean {'.'.join([*parents, near[0]])}?" if near else f"known: {', '.join(_keys_of(parents))}"
-        return f"{key}: unknown key; {hint}"
-    if error["type"] == "missing":
-        return f"{key}: is missing"
-    message = error["msg"].removeprefix("Value error, ")
-    return f"{key + ': ' if key else ''}{message[0].lower()}{message[1:]}"
-
-
-def _keys_of(parents: list[str]) -> list[str]:
-    """The known keys below a path of keys, taken from the models themselves."""
-    model: type[BaseModel] = Config
-    for parent in parents:
-        if parent.isdecimal():  # a place in a list
-            continue
-        annotation: Any = model.model_fields[parent].annotation
-        candidates = [annotation, *getattr(annotation, "__args__", ())]
-        model = next(c for c in candidates if isinstance(c, type) and issubclass(c, BaseModel))
-    return list(model.model_fields)

@@ -4,37 +4,26 @@ from __future__ import annotations
 
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
 
-from autoexpose_daemon.config.section import Extent, Pixel, Section, Weight
+from autoexpose_daemon.config.area import AreaConfig
+from autoexpose_daemon.config.section import Section
 from autoexpose_daemon.control.region import Rectangle, Region
 from drivers.config.files import read_regular
 from drivers.config.png import is_whole_png
 from drivers.errors import ConfigurationError
 from drivers.frames import Side
 
-MOST_RECTANGLES = 256
 MOST_MASK_BYTES = 1 << 26
 """More than the PNG file of any sensor's mask needs, being mostly black and white."""
 
 
-class RectangleConfig(Section):
-    """A rectangle in pixels of the camera's frames, `[x, y, width, height]`, and how much its pixels count."""
+class RegionConfig(AreaConfig):
+    """The same, and a mask file."""
 
-    box: tuple[Pixel, Pixel, Extent, Extent]
-    weight: Weight = 1.0
-
-
-class RegionConfig(Section):
-    """What counts in the picture of one camera: rectangles, everything else, and a mask file."""
-
-    rectangles: Annotated[tuple[RectangleConfig, ...], Field(max_length=MOST_RECTANGLES)] = ()
-    background_weight: Weight = 0.0
     mask: Path | None = None
 
 
@@ -70,13 +59,19 @@ class RoiConfig(Section):
         )
 
 
+def region_of(key: str, area: AreaConfig) -> Region:
+    """An area as a region that errors call `key`; ConfigurationError if nothing in it counts."""
+    rectangles = tuple(Rectangle(*rectangle.box, rectangle.weight) for rectangle in area.rectangles)
+    region = Region(key, rectangles, area.background_weight)
+    region.check_something_counts()
+    return region
+
+
 def _region(side: Side, config: RegionConfig) -> Region:
     key = f"control.roi.{side}"
-    rectangles = tuple(Rectangle(*rectangle.box, rectangle.weight) for rectangle in config.rectangles)
     if config.mask is None:
-        region = Region(key, rectangles, config.background_weight)
-        region.check_something_counts()
-        return region
+        return region_of(key, config)
+    rectangles = tuple(Rectangle(*rectangle.box, rectangle.weight) for rectangle in config.rectangles)
     mask = _read_mask(f"{key}.mask", config.mask)
     region = Region(f"{key} ({config.mask})", rectangles, config.background_weight, mask)
     region.weights(mask.shape)  # whether the mask has the size of the frames, only the frames show

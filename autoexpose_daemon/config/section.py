@@ -65,6 +65,7 @@ FlickerHz = Annotated[Float | Literal["auto"], WrapValidator(_hertz_or_auto)]
 FocalLengthPx = Annotated[Float, AfterValidator(bounds.FOCAL_LENGTH_PX.check)]
 FullWellE = Annotated[Float, AfterValidator(bounds.FULL_WELL_E.check)]
 ReadNoiseE = Annotated[Float, AfterValidator(bounds.READ_NOISE_E.check)]
+EvStops = Annotated[Float, AfterValidator(bounds.EV_STOPS.check)]
 SampleAgeS = Annotated[Float, AfterValidator(bounds.SAMPLE_AGE_S.check)]
 Name = Annotated[str, AfterValidator(check_name)]
 

@@ -13,6 +13,7 @@ from autoexpose_daemon.status.counters import counters
 from autoexpose_daemon.status.document import CameraStatus, DurationStatus, PublishStatus, RecorderStatus, Status
 from autoexpose_daemon.status.durations import DURATIONS
 from autoexpose_daemon.status.publishing import DropReason
+from autoexpose_daemon.status.requests import RequestTally
 from autoexpose_daemon.status.states import State
 from drivers.exposure import ExposureSetting
 from drivers.triggers.account import LossReason
@@ -49,6 +50,8 @@ class _Collector(Collector):
             yield from self._publishing(status.publishing)
         if status.recorder is not None:
             yield from self._recorder(status.recorder)
+        if status.requests is not None:
+            yield from self._requests(status.requests)
 
     def _condition(self, status: Status) -> Iterator[Metric]:
         states = [((state,), float(state is status.state)) for state in State]
@@ -59,6 +62,7 @@ class _Collector(Collector):
             ("open_seconds", "Time since it opened its cameras; counters start there.", status.open_s),
         ):
             yield self._gauge(name, help_text, [((), value)])
+        yield self._gauge("policy", "1 for the policy that decides.", [((status.policy,), 1.0)], "policy")
         flicker = [] if status.flicker_hz is None else [((), status.flicker_hz)]
         yield self._gauge("flicker_hertz", "Flicker of the light that was found.", flicker)
         if status.decision is not None:
@@ -121,6 +125,13 @@ class _Collector(Collector):
         yield self._gauge("recorder_up", "Whether the recorder works.", [((), float(recorder.failure is None))])
         yield self._counter("recorder_steps", "Control steps it was given.", [((), recorder.steps)])
         yield self._counter("recorder_dropped_steps", "Steps dropped for lack of room.", [((), recorder.dropped)])
+
+    def _requests(self, requests: RequestTally) -> Iterator[Metric]:
+        locked = float(requests.locked is not None)
+        yield self._gauge("exposure_locked", "Whether the exposure is locked.", [((), locked)])
+        yield self._gauge("ev_stops", "EV compensation.", [((), requests.ev_stops)])
+        yield self._counter("control_requests", "Requests to control that were taken.", [((), requests.taken)])
+        yield self._counter("refused_control_requests", "Requests that were refused.", [((), requests.refused)])
 
     def _gauge(
         self, name: str, help_text: str, values: Iterable[tuple[tuple[str, ...], float]], *labels: str

@@ -7,6 +7,7 @@ import logging
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.control.loop import ControlLoop
+from autoexpose_daemon.control.override import NO_OVERRIDE, Override
 from autoexpose_daemon.runtime.tuning import Tuning
 from drivers.exposure import ExposureLimits
 from drivers.frames import Side, StereoPair
@@ -41,24 +42,41 @@ class ActiveLoop:
         if self.loop is None or limits != self.loop.setup.limits:
             self._install(self.tuning.loop(limits))
 
+    @property
+    def knows_all_limits(self) -> bool:
+        """Whether every camera has been ready."""
+        return self._limits.keys() >= self.tuning.config.sides.keys()
+
     def tune(self, tuning: Tuning) -> None:
         """Switch to another tuning; ConfigurationError, with nothing changed, if it does not fit cameras or frames."""
+        self.use(tuning, self.prepared(tuning))
+
+    def prepared(self, tuning: Tuning) -> ControlLoop:
+        """The loop of another tuning, for `use`; ConfigurationError if it does not fit cameras or frames."""
         tuning.check_belongs(self._pixel_formats)
         loop = tuning.loop(tuning.limits(self._limits.values()))
         if self._newest is not None:
             loop.step(self._newest)
+        return loop
+
+    def use(self, tuning: Tuning, loop: ControlLoop) -> None:
+        """Switch to another tuning and its loop."""
         self.tuning = tuning
         if self._limits:
             self._install(loop)
 
     def step(
-        self, pair: StereoPair, angular_rate_rad_s: float | None, light_ahead: LightAhead | None
+        self,
+        pair: StereoPair,
+        angular_rate_rad_s: float | None,
+        light_ahead: LightAhead | None,
+        override: Override = NO_OVERRIDE,
     ) -> Decision | None:
-        """Decide on a pair, given the angular rate and the light ahead if known; None before a camera is ready."""
+        """Decide on a pair, given what `ControlLoop.step` is given; None before a camera is ready."""
         if self.loop is None:
             return None
         known_hz = self.loop.flicker_hz
-        decision = self.loop.step(pair, angular_rate_rad_s, light_ahead)
+        decision = self.loop.step(pair, angular_rate_rad_s, light_ahead, override)
         if self.loop.flicker_hz != known_hz:
             log.info("%s", _flicker_in_words(self.loop.flicker_hz))
         self._newest = pair

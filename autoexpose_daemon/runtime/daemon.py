@@ -11,16 +11,19 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
 from contextlib import AbstractContextManager, ExitStack, nullcontext
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from autoexpose_daemon.config.document import Config
+from autoexpose_daemon.config.request import Request
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.runtime.foretold_light import ForetoldLight
 from autoexpose_daemon.runtime.outlet import Outlet
 from autoexpose_daemon.runtime.rig_control import RigControl
 from autoexpose_daemon.runtime.tuning import Tuning
+from autoexpose_daemon.status.requests import Answer
 from calibration.response import ResponseFunction
 from drivers.camera import Camera
 from drivers.errors import ConfigurationError
@@ -72,7 +75,7 @@ class Daemon:
         self._config = config
         self._rig = Rig(openers, silence_s(config), start or config.start)
         self._control = RigControl(config, self._rig, start)
-        self._tunings: queue.SimpleQueue[tuple[Tuning, Future[None]]] = queue.SimpleQueue()
+        self._orders: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self.telemetry = self._control.telemetry
         self.outlets = self._control.outlets
         self.outlets += outlets
@@ -126,7 +129,7 @@ class Daemon:
                 while not stop.is_set():
                     self.beat_ns = time.monotonic_ns()
                     self._control.take(self._next_events())
-                    self._tune()
+                    self._obey()
             except BaseException as error:
                 self.telemetry.failed(error)
                 raise
@@ -140,18 +143,34 @@ class Daemon:
         The future holds a ConfigurationError if it does not fit cameras or frames; then nothing has changed.
         """
         taken: Future[None] = Future()
-        self._tunings.put((tuning, taken))
+        self._orders.put(partial(self._tune, tuning, taken))
         return taken
 
-    def _tune(self) -> None:
-        while not self._tunings.empty():  # only this thread takes them out
-            tuning, taken = self._tunings.get_nowait()
-            try:
-                self._control.tune(tuning)
-            except ConfigurationError as error:
-                taken.set_exception(error)
-            else:
-                taken.set_result(None)
+    def ask(self, request: Request) -> Future[Answer]:
+        """Have control change what a request asks for, between two pairs.
+
+        The future holds an AutoexposeError if it is refused; then nothing has changed, nor if it could be cancelled.
+        """
+        answer: Future[Answer] = Future()
+        self._orders.put(partial(self._control.ask, request, answer))
+        return answer
+
+    @property
+    def fresh_requests(self) -> tuple[str, ...]:
+        """What was requested, and took effect with the present step: for observers, which are called on its thread."""
+        return self._control.requests.fresh
+
+    def _obey(self) -> None:
+        while not self._orders.empty():  # only this thread takes them out
+            self._orders.get_nowait()()
+
+    def _tune(self, tuning: Tuning, taken: Future[None]) -> None:
+        try:
+            self._control.tune(tuning)
+        except ConfigurationError as error:
+            taken.set_exception(error)
+        else:
+            taken.set_result(None)
 
     def _stop_rig(self) -> None:
         deadline_s = time.monotonic() + _STOP_S

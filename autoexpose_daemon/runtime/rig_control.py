@@ -7,15 +7,19 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from concurrent.futures import Future
 from typing import Protocol
 
 from autoexpose_daemon.config.document import Config
+from autoexpose_daemon.config.request import Request
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.runtime.active_loop import ActiveLoop
 from autoexpose_daemon.runtime.outlet import Outlet
+from autoexpose_daemon.runtime.requests import Requests
 from autoexpose_daemon.runtime.rig_health import RigHealth
 from autoexpose_daemon.runtime.tuning import Tuning
+from autoexpose_daemon.status.requests import Answer
 from autoexpose_daemon.status.telemetry import Telemetry
 from drivers.exposure import ExposureSetting
 from drivers.frames import Side, StereoPair
@@ -62,6 +66,8 @@ class RigControl:
         What became of every trigger and write.
     active
         The loop that decides: for outlets, which run on its thread.
+    requests
+        What is requested of it meanwhile.
     """
 
     def __init__(
@@ -79,6 +85,7 @@ class RigControl:
         lines = dict.fromkeys(config.triggered_sides, config.trigger.line)
         self.record = RigRecord(tuple(config.sides), lines, config.trigger.rate_hz, now_ns())
         self.active = ActiveLoop(Tuning(config))
+        self.requests = Requests(self.active, self.telemetry.requests, 1e9 / config.trigger.rate_hz)
         self._cameras = cameras
         self._now_ns = now_ns
         self._health = RigHealth(config, self.telemetry, self.record)
@@ -89,6 +96,11 @@ class RigControl:
         """Switch to another tuning; ConfigurationError, with nothing changed, if it does not fit cameras or frames."""
         self.active.tune(tuning)
         self._health.tune(tuning)
+        self.requests.drop()
+
+    def ask(self, request: Request, answer: Future[Answer]) -> None:
+        """Change what a request asks for, and answer it; see `Requests.ask`."""
+        self.requests.ask(request, answer, self._now_ns())
 
     def close(self) -> None:
         """Account for the triggers up to now that will never make a pair."""
@@ -113,6 +125,7 @@ class RigControl:
             if newest.trigger > self._last_trigger:  # a pair may come after one of its frames was used alone
                 self._last_trigger = newest.trigger
                 self._step(newest)
+        self.requests.look(self._now_ns())
         if events:
             self.telemetry.account(self.record)
         for side in self._health.look(self._now_ns()):
@@ -126,6 +139,7 @@ class RigControl:
         else:
             pairs = self.record.take(event, self._now_ns())
         self._health.see(event, self._now_ns())
+        self.requests.see(event)
         if isinstance(event, CameraReady):
             self.active.ready(event)
         elif isinstance(event, WriteFailed):
@@ -135,7 +149,8 @@ class RigControl:
     def _step(self, pair: StereoPair) -> None:
         started_ns = self._now_ns()
         taken_ns = min(frame.host_time_ns for frame in pair.frames.values())
-        decision = self.active.step(pair, self.angular_rate(), self.light_ahead(taken_ns))
+        override = self.requests.override(pair)
+        decision = self.active.step(pair, self.angular_rate(), self.light_ahead(taken_ns), override)
         if decision is None or self.active.loop is None:
             return
         decided_ns = self._now_ns()
@@ -147,10 +162,20 @@ class RigControl:
         if self.telemetry.light_ahead is not None:
             self.telemetry.light_ahead.belief = self.active.loop.light_belief
         self._health.counted(pair, self.active.loop.uncounted)
-        if decision.setting != self._asked:
-            self._asked = decision.setting
+        written_to: list[Side] = []
+        if decision.setting != self._asked and not self._awaits_shot(decided_ns):
+            self._asked, written_to = decision.setting, self.telemetry.present
             self._cameras.write(decision.setting, self.record.command(decision.setting, arrival_ns, decided_ns).due_ns)
+        self.requests.decided(pair, decision, written_to)
         self._deliver(pair, decision)
+        self.requests.fresh = ()
+
+    def _awaits_shot(self, decided_ns: int) -> bool:
+        """Whether what was decided now would replace the setting of a shot before an exposure was made with it."""
+        shot = self.requests.shot
+        if shot is None or not shot.is_decided:
+            return False
+        return bool(shot.unwritten) or not self.record.exposes_before_write(shot.written_ns, decided_ns)
 
     def _deliver(self, pair: StereoPair, decision: Decision | None) -> None:
         """Record what a pair shows, and pass it on."""

@@ -3,11 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from copy import copy
+from typing import Self
 
+from pydantic import ValidationError
+
+from autoexpose_daemon.config.area import AreaConfig
 from autoexpose_daemon.config.document import Config
+from autoexpose_daemon.config.mistakes import mistakes
+from autoexpose_daemon.config.request import RegionRequest, Request
+from autoexpose_daemon.config.roi import region_of
 from autoexpose_daemon.control.loop import ControlLoop
+from autoexpose_daemon.control.region import Region
+from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureLimits
-from drivers.frames import Side
+from drivers.frames import SIDES, Side
 
 
 class Tuning:
@@ -22,7 +32,48 @@ class Tuning:
     def __init__(self, config: Config) -> None:
         self.config = config
         self.responses = {side: file.response for side, file in config.responses.items()}
-        self._regions = config.control.roi.regions
+        self.regions = config.control.roi.regions
+
+    def changed(self, request: Request) -> Self:
+        """The same with what a request changes, or itself; ConfigurationError if that is no valid configuration.
+
+        Reads no files.
+        """
+        config, regions = self.config, self._requested_regions(request.region)
+        control, exposure = config.control, config.exposure
+        if request.policy is not None:
+            control = control.model_copy(update={"policy": request.policy})
+        if request.limits is not None:
+            exposure = exposure.model_copy(update=request.limits.model_dump(exclude_none=True))
+        if (control, exposure, regions) == (config.control, config.exposure, self.regions):
+            return self
+        exposure.limits()
+        sections = {"control": control, "exposure": exposure}
+        try:
+            others = {name: getattr(config, name) for name in Config.model_fields}
+            Config.model_validate(others | sections)  # whether the sections fit each other
+        except ValidationError as error:
+            raise ConfigurationError(mistakes(error, Config)[0]) from error
+        tuning = copy(self)
+        # With its responses, which a copy keeps: they are read once.
+        tuning.config, tuning.regions = config.model_copy(update=sections), regions
+        return tuning
+
+    def differs_from(self, other: Tuning) -> tuple[str, ...]:
+        """What is not the same, in words."""
+        ours, theirs = self.config, other.config
+        named = {"policy": ours.control.policy != theirs.control.policy, "limits": ours.exposure != theirs.exposure}
+        named |= {f"region {side}": self.regions.get(side) is not other.regions.get(side) for side in SIDES}
+        return tuple(name for name, differs in named.items() if differs)
+
+    def _requested_regions(self, request: RegionRequest | None) -> dict[Side, Region]:
+        areas: dict[Side, AreaConfig | None] = {}
+        if request is not None:
+            areas = {"left": request.left, "right": request.right}
+        asked = {side: region_of(f"region.{side}", area) for side, area in areas.items() if area is not None}
+        for side in asked.keys() - self.config.sides.keys():
+            raise ConfigurationError(f"region.{side}: the rig has no {side} camera: leave it out")
+        return self.regions | asked
 
     def check_belongs(self, pixel_formats: Mapping[Side, str | None]) -> None:
         """Refuse a response file made for another pixel format than a camera sends; raises ConfigurationError."""
@@ -45,5 +96,5 @@ class Tuning:
             limits,
             self.config.start,
             parameters=control.parameters(),
-            regions=self._regions,
+            regions=self.regions,
         )

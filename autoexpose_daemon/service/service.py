@@ -111,7 +111,7 @@ class Service:
 
     def status(self) -> Status:
         """The present status of the daemon."""
-        return describe(self.daemon.telemetry, self._config)
+        return describe(self.daemon.telemetry, self.daemon.tuning.config)
 
     def _make(self, config: Config) -> Daemon:
         return self._build(config, self._last_exposure.recall(config.exposure.limits()))

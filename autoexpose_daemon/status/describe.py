@@ -60,6 +60,7 @@ def describe(telemetry: Telemetry, config: Config, ending: bool = False) -> Stat
         imu=None if telemetry.imu is None else replace(telemetry.imu),
         light_ahead=None if telemetry.light_ahead is None else replace(telemetry.light_ahead),
         flicker_hz=telemetry.flicker_hz,
+        requests=replace(telemetry.requests),
     )
 
 

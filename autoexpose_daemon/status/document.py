@@ -13,6 +13,7 @@ from autoexpose_daemon.status.counters import Count, Counts
 from autoexpose_daemon.status.imu import ImuTally
 from autoexpose_daemon.status.light import LightTally
 from autoexpose_daemon.status.publishing import ConsumerTally
+from autoexpose_daemon.status.requests import RequestTally
 from autoexpose_daemon.status.states import Health, State
 from calibration.response import CurveDocument, ResponseFunction
 from drivers.errors import ConfigurationError
@@ -156,6 +157,8 @@ class Status:
         What became of the light that `autoexpose repeat` foretold; None where nothing is published.
     flicker_hz
         The flicker of the light that was found; None: none, or `control.flicker_hz` is a number.
+    requests
+        What was requested of control while it runs; None from a daemon that takes no requests.
     """
 
     version: int
@@ -184,6 +187,7 @@ class Status:
     imu: ImuTally | None = None
     light_ahead: LightTally | None = None
     flicker_hz: _Hertz | None = None
+    requests: RequestTally | None = None
 
     @property
     def health(self) -> Health:

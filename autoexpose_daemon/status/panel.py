@@ -53,6 +53,8 @@ def line_of(status: Status) -> str:
         parts.append(f"{applied} (E {applied.level:.2f})")
     if status.decision is not None:
         parts.append(f"metric {status.decision.metric:.4f}")
+    if requested := str(status.requests or ""):
+        parts.append(f"requested: {requested}")
     parts += [f"{name} {text}" for name, text in _responses(status)]
     parts += [f"{count} {counter.label}" for counter, count in anomalies(status.counts)]
     parts += [f"{name} {text}" for name, text in _outlets(status)]
@@ -74,6 +76,8 @@ def _rows(status: Status) -> Iterator[tuple[str, str]]:
         yield "metric", f"{status.decision.metric:.4f}"
         yield "saturated", f"{status.decision.saturated_share:.0%}   black {status.decision.black_share:.0%}"
         yield "decision", f"{status.decision.setting}: {status.decision.reason}"
+    if requested := str(status.requests or ""):
+        yield "requested", requested
     if status.flicker_hz is not None:
         yield "flicker", f"{status.flicker_hz:g} Hz"
     yield from _responses(status)

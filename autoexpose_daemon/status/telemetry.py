@@ -14,6 +14,7 @@ from autoexpose_daemon.status.counters import Counts
 from autoexpose_daemon.status.imu import ImuTally
 from autoexpose_daemon.status.light import LightTally
 from autoexpose_daemon.status.publishing import PublishTally
+from autoexpose_daemon.status.requests import RequestTally
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Side, StereoPair
 from drivers.rig.events import Written
@@ -96,6 +97,8 @@ class Telemetry:
         What became of the light that `autoexpose repeat` foretold; None where nothing is published.
     flicker_hz
         The flicker of the light that was found; None: none, or it is not looked for.
+    requests
+        What was requested of control while it runs.
     """
 
     opened_ns: int | None = None
@@ -122,6 +125,7 @@ class Telemetry:
     imu: ImuTally | None = None
     light_ahead: LightTally | None = None
     flicker_hz: float | None = None
+    requests: RequestTally = field(default_factory=RequestTally)
     _recent_ns: deque[int] = field(default_factory=lambda: deque(maxlen=120))
 
     @property

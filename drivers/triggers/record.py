@@ -97,6 +97,13 @@ class RigRecord:
         self._writes.command(command)
         return command
 
+    def exposes_before_write(self, since_ns: int, decided_ns: int) -> bool:
+        """Whether an exposure begins between `since_ns` and the write of a setting decided on at `decided_ns`."""
+        grid = self._account.grid
+        if grid is None:
+            return True
+        return grid.time_of(grid.last_before(self._window.next_ns(grid, decided_ns))) > since_ns
+
     def mismatched(self, pair: StereoPair) -> bool:
         """Whether left and right differ, or a frame was taken with a setting that no camera ever held completely."""
         return self._writes.mismatched(pair)

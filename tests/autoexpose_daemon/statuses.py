@@ -15,6 +15,7 @@ from autoexpose_daemon.status.document import (
 )
 from autoexpose_daemon.status.imu import ImuTally
 from autoexpose_daemon.status.publishing import ConsumerTally
+from autoexpose_daemon.status.requests import Bounds, RequestTally
 from autoexpose_daemon.status.states import State
 from drivers.exposure import ExposureSetting
 
@@ -65,5 +66,8 @@ EXPOSING = Status(
     faults=(Fault(1.7e9, "WARNING", "right camera: no frames; checking that it answers"),),
     imu=ImuTally(1_440_000, 17, 0.75),
     flicker_hz=100.0,
+    requests=RequestTally(
+        SETTING, -0.5, ("policy",), Bounds(20.0, 7500.0, 0.0, 30.0), 18, 19, "lock, asked by ana@robot"
+    ),
 )
 """All is well, and every number is different."""

@@ -46,7 +46,7 @@ export function showStatus(status, tables) {
     ["pairs/s", status.rate_hz.toFixed(1)],
     ["up", format.lasting(status.uptime_s)],
   ]);
-  byId("policy").textContent = `by ${status.policy}`;
+  byId("policy").textContent = [`by ${status.policy}`, ...requested(status.requests)].join(", ");
   showCounts(byId("triggers"), tables.triggers);
   showCounts(byId("writes"), tables.writes);
   showLatency(tables.latency);
@@ -54,6 +54,17 @@ export function showStatus(status, tables) {
   showConsumers(status.publishing);
   showRecorder(status.recorder);
   showFaults(status.faults);
+}
+
+// What was requested of control while it runs, in words.
+function requested(requests) {
+  if (!requests) return [];
+  const { locked, ev_stops: stops } = requests;
+  return [
+    ...(locked ? [`locked at ${format.micros(locked.exposure_time_us)}, ${format.decibels(locked.gain_db)}`] : []),
+    ...(stops ? [`EV ${stops > 0 ? "+" : ""}${stops}`] : []),
+    ...requests.changed.map((name) => `${name} changed`),
+  ];
 }
 
 export function showDecision(decision) {

@@ -1,0 +1,148 @@
+"""What may be asked of control while it runs: a JSON object, checked as the configuration is."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Annotated, Any, Final, Self
+
+from pydantic import Field, ValidationError, field_validator, model_validator
+
+from autoexpose_daemon.config.area import AreaConfig
+from autoexpose_daemon.config.mistakes import mistakes
+from autoexpose_daemon.config.section import EvStops, ExposureTimeUs, GainDb, Name, Section
+from autoexpose_daemon.control.policies.ids import check_policy_id
+from drivers.config.readable import readable
+from drivers.errors import ConfigurationError
+
+LARGEST_REQUEST_BYTES: Final = 1 << 15
+"""Of a region of 256 rectangles, with room to spare."""
+
+_LONGEST_SENTENCE: Final = 400
+
+Flag = Annotated[bool, Field(strict=True)]
+
+
+class LimitsRequest(Section):
+    """Bounds of the exposure; None: as they are."""
+
+    min_time_us: ExposureTimeUs | None = None
+    max_time_us: ExposureTimeUs | None = None
+    min_gain_db: GainDb | None = None
+    max_gain_db: GainDb | None = None
+
+    @model_validator(mode="after")
+    def _names_one(self) -> Self:
+        if not self.model_dump(exclude_none=True):
+            raise ValueError(f"no limit is named: give {', '.join(type(self).model_fields)}, or some of them")
+        return self
+
+
+class RegionRequest(Section):
+    """What counts in the pictures; None: as it is."""
+
+    left: AreaConfig | None = None
+    right: AreaConfig | None = None
+
+    @model_validator(mode="after")
+    def _names_one(self) -> Self:
+        if self.left is None and self.right is None:
+            raise ValueError("no camera is named: give left, right, or both")
+        return self
+
+
+class ShotRequest(Section):
+    """The setting of one pair."""
+
+    exposure_time_us: ExposureTimeUs
+    gain_db: GainDb = 0.0
+
+    @property
+    def words(self) -> str:
+        """What is asked for, in words."""
+        return f"shot {self.exposure_time_us:g} us, {self.gain_db:g} dB"
+
+
+class Request(Section):
+    """Changes of control, all or none of which are made; what is None or false stays as it is.
+
+    Attributes
+    ----------
+    by
+        Who asks, in their own words: for the log.
+    reset
+        Back to the configuration first.
+    locked
+        True: stay at the setting decided on last; False: decide again.
+    ev_stops
+        Added to what the policy decides.
+    policy, limits, region
+        In place of those of the configuration.
+    shot
+        One pair of another setting.
+    """
+
+    by: Name
+    reset: Flag = False
+    locked: Flag | None = None
+    ev_stops: EvStops | None = None
+    policy: str | None = None
+    limits: LimitsRequest | None = None
+    region: RegionRequest | None = None
+    shot: ShotRequest | None = None
+
+    @field_validator("policy")
+    @classmethod
+    def _policy_exists(cls, policy: str | None) -> str | None:
+        if policy is not None:
+            check_policy_id(policy)
+        return policy
+
+    @property
+    def words(self) -> str:
+        """What is asked for, in words; empty: nothing."""
+        return ", ".join(self._parts())
+
+    def _parts(self) -> Iterator[str]:
+        if self.reset:
+            yield "reset"
+        if self.locked is not None:
+            yield "lock" if self.locked else "unlock"
+        if self.ev_stops is not None:
+            yield f"EV {self.ev_stops:+g}" if self.ev_stops else "EV 0"
+        if self.policy is not None:
+            yield f"policy {self.policy}"
+        if self.limits is not None:
+            yield "limits " + " ".join(f"{name} {value:g}" for name, value in self.limits if value is not None)
+        if self.region is not None:
+            areas = {side: len(area.rectangles) for side, area in self.region if area is not None}
+            yield "region " + " and ".join(f"{side} of {count} rectangles" for side, count in areas.items())
+        if self.shot is not None:
+            yield self.shot.words
+
+    def to_json(self) -> str:
+        """The text that is sent."""
+        return self.model_dump_json(exclude_defaults=True)
+
+
+def new_request(content: Mapping[str, Any]) -> Request:
+    """A request; ConfigurationError, a sentence, if it is not valid."""
+    try:
+        return Request.model_validate(content)
+    except ValidationError as error:
+        raise ConfigurationError(_sentence(error)) from error
+
+
+def read_request(data: bytes) -> Request:
+    """The request in a message; ConfigurationError, a sentence, if it is damaged or not valid."""
+    if len(data) > LARGEST_REQUEST_BYTES:
+        raise ConfigurationError(f"a request of {len(data)} bytes: give at most {LARGEST_REQUEST_BYTES}")
+    try:
+        return Request.model_validate_json(data)
+    except ValidationError as error:
+        raise ConfigurationError(_sentence(error)) from error
+
+
+def _sentence(error: ValidationError) -> str:
+    """The first mistake, printable and of bounded length: it goes into logs and terminals."""
+    text = readable(mistakes(error, Request)[0])
+    return text if len(text) <= _LONGEST_SENTENCE else f"{text[:_LONGEST_SENTENCE]}..."

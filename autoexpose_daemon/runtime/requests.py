@@ -1,0 +1,171 @@
+"""What is requested of control while it runs: checked, put into effect between two pairs, and dropped by a reload."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterable
+from concurrent.futures import Future
+from dataclasses import replace
+
+from autoexpose_daemon.config.request import Request, ShotRequest
+from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.control.override import Override
+from autoexpose_daemon.runtime.active_loop import ActiveLoop
+from autoexpose_daemon.runtime.shot import PATIENCE_NS, PATIENCE_PERIODS, PendingShot
+from autoexpose_daemon.status.requests import Answer, Bounds, RequestTally, Shot
+from drivers.errors import AutoexposeError, ConfigurationError
+from drivers.exposure import ExposureLimits, ExposureSetting
+from drivers.frames import Side, StereoPair
+from drivers.log_throttle import LogThrottle
+from drivers.rig.events import RigEvent
+
+log = logging.getLogger(__name__)
+
+_REFUSALS_S = 10.0
+_MOST_FRESH = 16  # where no pair comes
+
+
+class Requests:
+    """Holds what was requested; all methods are called on the control thread.
+
+    Parameters
+    ----------
+    active
+        The loop that decides: policy, limits and regions are its tuning; the rest goes into each of its steps.
+    tally
+        For the status.
+    period_ns
+        Between two triggers.
+
+    Attributes
+    ----------
+    fresh
+        Requests that take effect with the next step, or did with the latest, and who asked: for the recording.
+    shot
+        The one that is under way.
+    """
+
+    def __init__(self, active: ActiveLoop, tally: RequestTally, period_ns: float) -> None:
+        self.fresh: tuple[str, ...] = ()
+        self.shot: PendingShot | None = None
+        self._active = active
+        self._tally = tally
+        self._configured = active.tuning
+        self._decided = active.tuning.config.start
+        self._override = Override()
+        self._patience_ns = round(PATIENCE_NS + PATIENCE_PERIODS * period_ns)
+        self._throttle = LogThrottle(_REFUSALS_S)
+
+    def ask(self, request: Request, answer: Future[Answer], now_ns: int) -> None:
+        """Answer a request, at once or when its shot is seen; what is refused, with its error, has changed nothing."""
+        if not answer.set_running_or_notify_cancel():
+            return
+        try:
+            self._apply(request)
+        except ConfigurationError as error:
+            self._tally.refused += 1
+            if self._throttle.due("refused", now_ns):
+                log.info("refused: %s, asked by %s: %s", request.words, request.by, error)
+            answer.set_exception(error)
+            return
+        if request.words:
+            self._note(request)
+        if request.shot is None:
+            answer.set_result(self._answer())
+        else:
+            self.shot = PendingShot(_setting(request.shot), now_ns + self._patience_ns, answer)
+
+    def drop(self) -> None:
+        """Back to the configuration, which is now the tuning of the active loop."""
+        if words := str(self._tally):
+            log.info("the configuration replaces what was requested: %s", words)
+        self._configured = self._active.tuning
+        self._tally.locked, self._tally.ev_stops, self._tally.changed = None, 0.0, ()
+        self._give_up("the configuration was reloaded meanwhile")
+
+    def override(self, pair: StereoPair) -> Override:
+        """What applies to the step on a pair."""
+        held, shot, unseen = self._tally.locked, None, False
+        if self.shot is not None:
+            unseen = self.shot.is_in(pair)
+            shot = None if self.shot.is_decided else self.shot.setting
+        if unseen and held is None:
+            held = self._decided
+        self._override = Override(self._tally.ev_stops, held, shot, unseen)
+        return self._override
+
+    def decided(self, pair: StereoPair, decision: Decision, written_to: Iterable[Side]) -> None:
+        """The step was made, and these cameras will be written."""
+        if self._override.shot is None:
+            self._decided = decision.setting
+            if self._tally.locked is not None:
+                self._tally.locked = decision.setting  # within bounds that may have changed
+        elif self.shot is not None:
+            self.shot.decided(written_to)
+        if self._active.loop is not None:
+            self._tally.bounds = Bounds.of(self._active.loop.setup.limits)
+        found = None if self.shot is None else self.shot.found(pair)
+        if self.shot is not None and found is not None:
+            log.info("the shot is trigger %d, %s", found.trigger, found.setting)
+            self.shot.answer.set_result(self._answer(found))
+            self.shot = None
+
+    def see(self, event: RigEvent) -> None:
+        """An event of the rig."""
+        if self.shot is not None:
+            self.shot.see(event)
+
+    def look(self, now_ns: int) -> None:
+        """To be called at least ten times a second."""
+        if self.shot is not None and now_ns > self.shot.deadline_ns:
+            self._give_up("no frame was taken with it in time: are there pairs, and does the camera take the setting?")
+
+    def _apply(self, request: Request) -> None:
+        if not request.words:
+            return
+        tuning = self._configured if request.reset else self._active.tuning
+        tuning = tuning.changed(request)
+        loop = self._active.loop
+        if tuning is not self._active.tuning:
+            loop = self._active.prepared(tuning)
+        ev_stops = 0.0 if request.reset else self._tally.ev_stops
+        ev_stops = ev_stops if request.ev_stops is None else request.ev_stops
+        locked = None if request.reset else self._tally.locked
+        if request.locked is not None:
+            locked = (locked or self._decided) if request.locked else None
+        if loop is None or (request.limits is not None and not self._active.knows_all_limits):
+            raise ConfigurationError("not every camera has been open yet: ask again when it has")
+        loop.check_ev(ev_stops)
+        self._check_shot(request, loop.setup.limits)
+        # Nothing is refused from here on.
+        if tuning is not self._active.tuning:
+            self._active.use(tuning, loop)
+        self._tally.locked, self._tally.ev_stops = locked, ev_stops
+        self._tally.changed = tuning.differs_from(self._configured)
+        self._tally.bounds = Bounds.of(loop.setup.limits)
+
+    def _check_shot(self, request: Request, limits: ExposureLimits) -> None:
+        if request.shot is None:
+            return
+        if self.shot is not None:
+            raise ConfigurationError("another shot is under way: ask again")
+        if not limits.contain(_setting(request.shot)):
+            raise ConfigurationError(f"{request.shot.words} is out of bounds: give {Bounds.of(limits)}")
+
+    def _note(self, request: Request) -> None:
+        self._tally.taken += 1
+        self._tally.latest = f"{request.words}, asked by {request.by}"
+        self.fresh = (*self.fresh, self._tally.latest)[-_MOST_FRESH:]
+        log.info("%s", self._tally.latest)
+
+    def _give_up(self, why: str) -> None:
+        if self.shot is not None:
+            self.shot.answer.set_exception(AutoexposeError(f"the shot failed: {why}"))
+            self.shot = None
+
+    def _answer(self, shot: Shot | None = None) -> Answer:
+        return Answer(self._active.tuning.config.control.policy, replace(self._tally), shot)
+
+
+def _setting(shot: ShotRequest) -> ExposureSetting:
+    return ExposureSetting(shot.exposure_time_us, shot.gain_db)

@@ -1,0 +1,79 @@
+"""One pair of another setting: from the request to the frames that show it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from concurrent.futures import Future
+
+from autoexpose_daemon.status.requests import Answer, Shot
+from drivers.exposure import ExposureSetting
+from drivers.frames import Frame, Side, StereoPair
+from drivers.rig.events import CameraGone, RigEvent, WriteFailed, Written
+
+PATIENCE_NS = 1_000_000_000
+PATIENCE_PERIODS = 8
+"""A shot that no frame shows after these together is given up: the slowest camera reported takes 0.4 s."""
+
+
+class PendingShot:
+    """A shot that was asked for, and not yet seen.
+
+    Parameters
+    ----------
+    setting
+        What to take the pair with.
+    deadline_ns
+        When to give up.
+    answer
+        For the one who asked.
+
+    Attributes
+    ----------
+    is_decided
+        Whether the step that asks the cameras for it has been made.
+    unwritten
+        Cameras that are still to be written.
+    written_ns
+        When the last of the others was (CLOCK_MONOTONIC).
+    """
+
+    def __init__(self, setting: ExposureSetting, deadline_ns: int, answer: Future[Answer]) -> None:
+        self.setting = setting
+        self.deadline_ns = deadline_ns
+        self.answer = answer
+        self.is_decided = False
+        self.unwritten: set[Side] = set()
+        self.written_ns = 0
+        self._frames: dict[Side, Frame] = {}
+        self._trigger: int | None = None
+
+    def decided(self, written_to: Iterable[Side]) -> None:
+        """The cameras are asked for it; these will be written."""
+        self.is_decided, self.unwritten = True, set(written_to)
+
+    def see(self, event: RigEvent) -> None:
+        """An event of the rig."""
+        match event:
+            case Written(side) if event.asked == self.setting:
+                self.unwritten.discard(side)
+                self.written_ns = event.finished_ns
+            case WriteFailed(side) | CameraGone(side):
+                self.unwritten.discard(side)
+
+    def is_in(self, pair: StereoPair) -> bool:
+        """Whether a frame of a pair was taken for it; of each camera, only the first such frame was."""
+        if not self.is_decided:
+            return False
+        showing = {side for side, frame in pair.frames.items() if frame.setting.agrees_with(self.setting)}
+        new = showing - self._frames.keys()
+        self._frames |= {side: pair.frames[side] for side in new}
+        if new and self._trigger is None:
+            self._trigger = pair.trigger
+        return bool(new)
+
+    def found(self, pair: StereoPair) -> Shot | None:
+        """The frames taken for it, once every camera of `pair` has shown it."""
+        if self._trigger is None or not self._frames.keys() >= pair.frames.keys():
+            return None
+        ids = {side: frame.frame_id for side, frame in self._frames.items()}
+        return Shot(next(iter(self._frames.values())).setting, self._trigger, ids)

@@ -1,0 +1,67 @@
+"""Requests to control: what is one, and what is refused in a sentence."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from autoexpose_daemon.config.request import LARGEST_REQUEST_BYTES, new_request, read_request
+from drivers.errors import ConfigurationError
+
+
+def test_a_request_is_read_as_it_was_sent() -> None:
+    request = new_request(
+        {
+            "by": "ana@robot",
+            "locked": False,
+            "ev_stops": -0.5,
+            "limits": {"max_gain_db": 12},
+            "region": {"right": {"rectangles": [{"box": (1, 2, 30, 40)}]}},
+            "shot": {"exposure_time_us": 500},
+        }
+    )
+    assert read_request(request.to_json().encode()) == request
+    assert request.words == "unlock, EV -0.5, limits max_gain_db 12, region right of 1 rectangles, shot 500 us, 0 dB"
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("", "invalid JSON: EOF"),
+        ("[1]", "input should be an object"),
+        ("{}", "by: is missing"),
+        ('{"by": " x"}', "by: ' x' is not a valid name"),
+        ('{"by": "x", "lock": true}', "lock: unknown key; did you mean locked?"),
+        ('{"by": "x", "locked": 1}', "locked: input should be a valid boolean"),
+        ('{"by": "x", "ev_stops": NaN}', "ev_stops: nan is out of bounds: give -3 to 3 stops"),
+        ('{"by": "x", "policy": "fisher"}', "policy: there is no policy 'fisher'; did you mean fisher-map?"),
+        ('{"by": "x", "limits": {}}', "limits: no limit is named"),
+        ('{"by": "x", "limits": {"max_time_us": 1e9}}', "limits.max_time_us: 1000000000.0 is out of bounds"),
+        ('{"by": "x", "region": {}}', "region: no camera is named: give left, right, or both"),
+        ('{"by": "x", "region": {"left": {"mask": "/etc/shadow"}}}', "region.left.mask: unknown key"),
+        ('{"by": "x", "shot": {"gain_db": 1}}', "shot.exposure_time_us: is missing"),
+    ],
+)
+def test_what_is_no_request_is_refused_in_a_sentence(text: str, why: str) -> None:
+    with pytest.raises(ConfigurationError, match="^" + re.escape(why)):
+        read_request(text.encode())
+
+
+def test_a_sentence_is_short_and_printable_whatever_was_sent() -> None:
+    with pytest.raises(ConfigurationError) as refused:
+        read_request(b'{"by": "x", "policy": "\\u001b[2J' + 30_000 * b"y" + b'"}')
+    assert str(refused.value).isprintable()
+    assert len(str(refused.value)) < 500
+    with pytest.raises(ConfigurationError, match="a request of 32769 bytes: give at most 32768"):
+        read_request(bytes(LARGEST_REQUEST_BYTES + 1))
+
+
+@given(st.binary(max_size=300))
+def test_any_bytes_are_a_request_or_refused(data: bytes) -> None:
+    try:
+        read_request(data)
+    except ConfigurationError:
+        return
