@@ -313,6 +313,8 @@ def main() -> None:
 
 def _add_commands(requested: str | None) -> None:
     """Add the commands of other packages: the requested one, or all for the help; loading them takes a second."""
+    if requested in (None, "ctl"):
+        _add_ctl(requested)
     for point in entry_points(group="autoexpose.commands"):
         if requested in (None, point.name):
             try:
@@ -327,3 +329,13 @@ def _add_commands(requested: str | None) -> None:
                     raise AutoexposeError(
                         f"{needs}: pip install 'autoexpose-daemon[sim,calibration,experiments]'"
                     ) from error
+
+
+def _add_ctl(requested: str | None) -> None:
+    try:
+        from autoexpose_daemon.client.ctl import ctl_app  # noqa: PLC0415  an extra
+    except ImportError as error:
+        if requested is not None:
+            raise AutoexposeError(f"{error.name} is missing: pip install 'autoexpose-daemon[publish]'") from error
+    else:
+        app.add_typer(ctl_app, name="ctl")

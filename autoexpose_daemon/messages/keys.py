@@ -92,6 +92,11 @@ def light_ahead_key(rig: str) -> str:
     return f"autoexpose/{rig}/light_ahead"
 
 
+def control_key(rig: str) -> str:
+    """Where the daemon takes requests to control."""
+    return f"autoexpose/{rig}/control"
+
+
 def response_key(rig: str, side: Side | Literal["*"]) -> str:
     """Where the response function of a camera goes; `*` for all of them."""
     return f"autoexpose/{rig}/{side}/response"

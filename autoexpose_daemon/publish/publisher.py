@@ -16,9 +16,17 @@ import zenoh
 
 from autoexpose_daemon.config.publish import PublishConfig
 from autoexpose_daemon.control.decision import Decision
-from autoexpose_daemon.messages.keys import CONSUMER_NAME, consumer_key, frame_key, last_but, light_ahead_key
+from autoexpose_daemon.messages.keys import (
+    CONSUMER_NAME,
+    consumer_key,
+    control_key,
+    frame_key,
+    last_but,
+    light_ahead_key,
+)
 from autoexpose_daemon.messages.light import LARGEST_LIGHT_BYTES, read_light_ahead
 from autoexpose_daemon.messages.write import TOPICS, MessageWriter, realtime_offset_ns
+from autoexpose_daemon.publish.control import WAITING_REQUESTS, Ask, ControlDoor
 from autoexpose_daemon.publish.refusal import reading
 from autoexpose_daemon.publish.ros2_keys import Attachments, Ros2Node
 from autoexpose_daemon.publish.session import Endpoints, SessionHolder
@@ -56,12 +64,22 @@ class Publisher:
         What to publish once a second.
     light
         Takes what `autoexpose repeat` sends of the light ahead.
+    ask
+        Takes requests to control.
     """
 
-    def __init__(self, config: PublishConfig, cameras: int, tell: Tell, light: ForetoldLight | None = None) -> None:
+    def __init__(
+        self,
+        config: PublishConfig,
+        cameras: int,
+        tell: Tell,
+        light: ForetoldLight | None = None,
+        ask: Ask | None = None,
+    ) -> None:
         self.tally = PublishTally()
         self._tell = tell
         self._light = light
+        self._ask = ask
         self._config = config
         self._cameras = cameras
         # rmw_zenoh's routers forward nothing from peer to peer: ROS 2 nodes and we learn of each other by gossip.
@@ -116,6 +134,9 @@ class Publisher:
         if self._light is not None:
             take = reading(read_light_ahead, self._light.take, self._light.refuse)
             self._holder.subscribe(session, light_ahead_key(self._config.rig), take, 1, LARGEST_LIGHT_BYTES)
+        if self._ask is not None:
+            door = ControlDoor(self._ask, self._holder.closed)
+            self._holder.answer(session, control_key(self._config.rig), door.serve, WAITING_REQUESTS)
         with (
             self._in_ros2(session, outlets),
             session.declare_subscriber(consumer_key(self._config.rig, "*"), self._on_report),

@@ -41,6 +41,8 @@ Mode = Literal["peer", "client"]
 Take = Callable[[str, bytes], None]
 """Takes a message and its key."""
 
+ServeQueries = Callable[[zenoh.Queryable[Handler[zenoh.Query]]], None]
+
 
 class SessionError(AutoexposeError):
     """A session cannot be opened, for now or ever; the message says why."""
@@ -133,6 +135,13 @@ class SessionHolder:
         """
         messages = session.declare_subscriber(key, RingChannel(waiting))
         thread = threading.Thread(target=_receive, args=(messages, take, largest_bytes), name="receive", daemon=True)
+        self._threads.append(thread)
+        thread.start()
+
+    def answer(self, session: zenoh.Session, key: str, serve: ServeQueries, waiting: int) -> None:
+        """Have `serve` answer queries on a separate thread until the session closes, when `recv` raises `ZError`."""
+        queries = session.declare_queryable(key, RingChannel(waiting))
+        thread = threading.Thread(target=serve, args=(queries,), name="answer", daemon=True)
         self._threads.append(thread)
         thread.start()
 

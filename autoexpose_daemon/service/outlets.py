@@ -37,7 +37,7 @@ class RecorderTap:
     def __call__(self, pair: StereoPair, decision: Decision | None) -> None:
         """Record a step and the loop that has just made it; a pair without a decision is not a step."""
         if decision is not None and self.daemon.loop is not None:
-            self.recorder.take(pair, decision, self.daemon.loop, self.cameras)
+            self.recorder.take(pair, decision, self.daemon.loop, self.cameras, self.daemon.fresh_requests)
 
 
 def add_outlets(daemon: Daemon, config: Config, recorder: Recorder | None = None) -> Daemon:
@@ -61,7 +61,7 @@ def add_outlets(daemon: Daemon, config: Config, recorder: Recorder | None = None
         return daemon
     light = ForetoldLight(config.trigger.rate_hz)
     daemon.follow_light(light)
-    publisher = Publisher(config.publish, len(config.sides), partial(_texts, daemon), light)
+    publisher = Publisher(config.publish, len(config.sides), partial(_texts, daemon), light, daemon.ask)
     daemon.outlets.append(publisher)
     daemon.telemetry.publishing = publisher.tally
     return daemon

@@ -23,9 +23,12 @@ from rich.table import Table
 from starlette.requests import HTTPConnection
 from starlette.responses import PlainTextResponse
 
+from autoexpose_daemon.client.ctl import rows_of
 from autoexpose_daemon.client.pairs import PairAssembler, PairQueue
 from autoexpose_daemon.client.top import Sparklines, panel_of
+from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.config.load import load_config
+from autoexpose_daemon.config.request import read_request
 from autoexpose_daemon.control.loop import ControlSetup
 from autoexpose_daemon.control.snapshot import parse, plain
 from autoexpose_daemon.demo.fakes import read_pulses
@@ -37,16 +40,19 @@ from autoexpose_daemon.page.picture import PictureMaker
 from autoexpose_daemon.recording.plain_json import from_json, to_json
 from autoexpose_daemon.recording.read import Recording
 from autoexpose_daemon.recording.replay import Replay
+from autoexpose_daemon.runtime.tuning import Tuning
 from autoexpose_daemon.service.last_exposure import FORMAT, LastExposure
 from autoexpose_daemon.status.document import Status, response_from_json, response_to_json
 from autoexpose_daemon.status.panel import line_of
 from autoexpose_daemon.status.publishing import Consumers, ConsumerTally
+from autoexpose_daemon.status.requests import Answer, Shot
 from calibration.findings import Finding
 from calibration.gain.file import GainFile
 from calibration.response import ResponseFunction
 from calibration.response.file import CameraIdentity, Origin, ResponseFile
 from calibration.sources.exposure_times import timed_files
 from calibration.sources.images import read_images
+from drivers.exposure import ExposureSetting
 from drivers.gain_scale import GainScale
 from drivers.genicam.image_format import decode_pixels
 from drivers.host import gvcp
@@ -296,6 +302,38 @@ def status_seeds() -> Iterator[bytes]:
     yield EXPOSING.to_json().encode()
 
 
+def control_request(data: bytes) -> None:
+    """What is asked of a daemon, and what it makes of it."""
+    request = read_request(data)
+    assert read_request(request.to_json().encode()) == request
+    assert str(request.words.encode())
+    config = Config.model_validate({"cameras": {"left": {"serial": "A"}, "right": {"serial": "B"}}})
+    Tuning(config).changed(request)
+
+
+def control_request_seeds() -> Iterator[bytes]:
+    yield b'{"by": "ana@robot", "locked": true, "shot": {"exposure_time_us": 500, "gain_db": 3}}'
+    region = b'{"left": {"rectangles": [{"box": [0, 0, 720, 270], "weight": 0.5}], "background_weight": 0.1}}'
+    limits = b'{"min_time_us": 20, "max_time_us": 5000, "min_gain_db": 0, "max_gain_db": 20}'
+    yield (
+        b'{"by": "x", "reset": true, "ev_stops": -1.5, "policy": "begin2022", "limits": ' + limits
+        + b', "region": ' + region + b"}"
+    )  # fmt: skip
+
+
+def control_answer(data: bytes) -> None:
+    """What a daemon answers, as the terminal shows it."""
+    answer = Answer.from_json(data)
+    if answer is not None:
+        rows_of(answer)
+        assert str(answer.shot)
+
+
+def control_answer_seeds() -> Iterator[bytes]:
+    assert EXPOSING.requests is not None
+    yield Answer("fisher-map", EXPOSING.requests, Shot(ExposureSetting(500.0, 3.0), 7, {"left": 8})).to_json().encode()
+
+
 def published_response(data: bytes) -> None:
     """A camera's response function, as the page uses it."""
     response = response_from_json(data)
@@ -336,7 +374,7 @@ def _recording() -> bytes:
 
 
 def _run() -> VirtualRun:
-    return VirtualRun("neves2009", imu=True)
+    return VirtualRun("neves2009", imu=True, steered=True)
 
 
 def _bare(recording: bytes) -> bytes:

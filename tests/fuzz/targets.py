@@ -44,6 +44,8 @@ TARGETS = (
     Target("map", robot.map_file, (MapError,), robot.map_seeds),
     Target("tally", host.tally, (), host.tally_seeds),
     Target("status", host.status, (), host.status_seeds),
+    Target("control-request", host.control_request, (ConfigurationError,), host.control_request_seeds),
+    Target("control-answer", host.control_answer, (), host.control_answer_seeds),
     Target("published-response", host.published_response, (), host.published_response_seeds),
     Target("page-request", host.page_request, (), host.page_request_seeds),
     Target("truth", host.truth, (AutoexposeError,), host.truth_seeds),

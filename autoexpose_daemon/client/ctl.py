@@ -1,0 +1,168 @@
+"""`autoexpose ctl`: change the control of a running daemon, from a terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import typer
+
+from autoexpose_daemon.client.control_client import ControlClient, Rectangle
+from autoexpose_daemon.control.policies.ids import POLICY_IDS
+from autoexpose_daemon.messages.keys import LOOPBACK, check_endpoints
+from autoexpose_daemon.status.panel import plain
+from autoexpose_daemon.status.requests import Answer
+from drivers.config.files import read_regular
+from drivers.errors import ConfigurationError
+
+ctl_app = typer.Typer(
+    help="Change the control of a running daemon, until it restarts or reloads.", no_args_is_help=True
+)
+
+_MOST_ZENOH_BYTES = 1 << 20
+
+
+@ctl_app.callback()
+def connection(
+    context: typer.Context,
+    rig: Annotated[str, typer.Option(help="Name of the rig, `publish.rig` of its configuration.")] = "rig",
+    connect: Annotated[
+        list[str] | None, typer.Option(help=f"Endpoint of a daemon or router; {LOOPBACK} unless given.")
+    ] = None,
+    zenoh: Annotated[
+        Path | None, typer.Option(help="A configuration file of zenoh, for TLS and the like, instead of --connect.")
+    ] = None,
+    by: Annotated[str | None, typer.Option(help="Who asks, for the daemon's log; user@host unless given.")] = None,
+) -> None:
+    """Say which daemon to ask; these options come before the command."""
+    check_endpoints(connect or [])
+    if zenoh is not None:
+        _check_file(zenoh)
+    context.obj = ControlClient(rig, connect or [LOOPBACK], zenoh, by)
+
+
+@ctl_app.command()
+def show(context: typer.Context) -> None:
+    """Show what applies."""
+    _ask(context, {})
+
+
+@ctl_app.command()
+def lock(context: typer.Context) -> None:
+    """Stay at the exposure decided on last."""
+    _ask(context, {"locked": True})
+
+
+@ctl_app.command()
+def unlock(context: typer.Context) -> None:
+    """Let the policy decide again."""
+    _ask(context, {"locked": False})
+
+
+@ctl_app.command(context_settings={"ignore_unknown_options": True})  # a number below 0 is no option
+def ev(context: typer.Context, stops: Annotated[float, typer.Argument(help="-3 to 3; 0: none.")]) -> None:
+    """Add stops to what the policy decides."""
+    _ask(context, {"ev_stops": stops})
+
+
+@ctl_app.command()
+def policy(
+    context: typer.Context, policy_id: Annotated[str, typer.Argument(help=f"One of {', '.join(POLICY_IDS)}.")]
+) -> None:
+    """Have another policy decide."""
+    _ask(context, {"policy": policy_id})
+
+
+@ctl_app.command()
+def limits(
+    context: typer.Context,
+    min_time_us: Annotated[float | None, typer.Option(help="Shortest exposure time, us.")] = None,
+    max_time_us: Annotated[float | None, typer.Option(help="Longest exposure time, us.")] = None,
+    min_gain_db: Annotated[float | None, typer.Option(help="Lowest gain, dB.")] = None,
+    max_gain_db: Annotated[float | None, typer.Option(help="Highest gain, dB.")] = None,
+) -> None:
+    """Change the bounds of the exposure; those that are not given stay."""
+    given = {
+        "min_time_us": min_time_us, "max_time_us": max_time_us, "min_gain_db": min_gain_db, "max_gain_db": max_gain_db,
+    }  # fmt: skip
+    _ask(context, {"limits": given})
+
+
+@ctl_app.command()
+def region(
+    context: typer.Context,
+    side: Annotated[Literal["left", "right"], typer.Argument(help="Which camera.")],
+    rectangle: Annotated[
+        list[str] | None,
+        typer.Option(help="X,Y,WIDTH,HEIGHT in pixels of the frames; give several. Without any, everything counts."),
+    ] = None,
+    background: Annotated[float, typer.Option(help="Weight of what no rectangle covers, 0 to 1.")] = 0.0,
+) -> None:
+    """Change what counts in the picture of a camera."""
+    boxes = [{"box": _box(text)} for text in rectangle or []]
+    _ask(context, {"region": {side: {"rectangles": boxes, "background_weight": background}}})
+
+
+@ctl_app.command()
+def shot(
+    context: typer.Context,
+    time_us: Annotated[float, typer.Option(help="Exposure time, us.")],
+    gain_db: Annotated[float, typer.Option(help="Gain, dB.")] = 0.0,
+) -> None:
+    """Take one pair with another setting, and say which one it is."""
+    with _client(context) as client:
+        taken = client.shot(time_us, gain_db)
+    frames = ", ".join(f"{side} frame {taken.frame_ids[side]}" for side in sorted(taken.frame_ids))
+    typer.echo(f"trigger {taken.trigger}: {frames}, taken with {taken.setting}")
+
+
+@ctl_app.command()
+def reset(context: typer.Context) -> None:
+    """Go back to the configuration."""
+    _ask(context, {"reset": True})
+
+
+def _client(context: typer.Context) -> ControlClient:
+    client: ControlClient = context.obj
+    return client
+
+
+def _ask(context: typer.Context, changes: Mapping[str, Any]) -> None:
+    with _client(context) as client:
+        for name, text in rows_of(client.ask(changes)):
+            typer.echo(f"{name:9} {plain(text)}")
+
+
+def rows_of(answer: Answer) -> list[tuple[str, str]]:
+    """What applies, as rows of a name and a text."""
+    requests = answer.requests
+    exposure = "decided by the policy" if requests.locked is None else f"locked at {requests.locked}"
+    rows = [
+        ("policy", answer.policy),
+        ("exposure", exposure),
+        ("EV", f"{requests.ev_stops:+g}" if requests.ev_stops else "0"),
+        ("bounds", str(requests.bounds or "unknown before a camera is open")),
+        ("changed", ", ".join(requests.changed) or "nothing"),
+    ]
+    if requests.taken:
+        rows.append(("latest", requests.latest))
+    return rows
+
+
+def _box(text: str) -> Rectangle:
+    try:
+        x, y, width, height = (int(part) for part in text.split(","))
+    except ValueError:
+        raise ConfigurationError(f"{text} is no rectangle: give X,Y,WIDTH,HEIGHT, such as 0,0,720,270") from None
+    return x, y, width, height
+
+
+def _check_file(file: Path) -> None:
+    """Zenoh itself would wait for a pipe to be written."""
+    try:
+        read_regular(file, _MOST_ZENOH_BYTES)
+    except OSError as error:
+        raise ConfigurationError(
+            f"{file} cannot be read ({error.strerror}): name a zenoh configuration file"
+        ) from error

@@ -1,0 +1,278 @@
+"""Requests to control over real sessions of zenoh: by the client and the terminal, by strangers, by nobody allowed."""
+
+from __future__ import annotations
+
+import json
+import re
+import threading
+from collections.abc import Iterator
+from concurrent.futures import Future
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+import zenoh
+
+from autoexpose_daemon import cli
+from autoexpose_daemon.client import StereoClient
+from autoexpose_daemon.client.control_client import ControlClient
+from autoexpose_daemon.config.publish import PublishConfig
+from autoexpose_daemon.config.request import LARGEST_REQUEST_BYTES, Request
+from autoexpose_daemon.messages.keys import control_key
+from autoexpose_daemon.publish import control as control_module
+from autoexpose_daemon.publish.publisher import Publisher
+from autoexpose_daemon.publish.session import Endpoints, open_session
+from autoexpose_daemon.recording.recorder import ContinuousRecorder
+from autoexpose_daemon.runtime.daemon import Daemon
+from autoexpose_daemon.status.describe import describe
+from autoexpose_daemon.status.panel import line_of
+from autoexpose_daemon.status.requests import LARGEST_ANSWER_BYTES, Answer
+from drivers.errors import AutoexposeError, ConfigurationError
+from drivers.exposure import ExposureSetting
+from tests.autoexpose_daemon.publish.router import router
+from tests.autoexpose_daemon.publish.steps import endpoint, nothing, wait_until
+from tests.autoexpose_daemon.recording.runs import replayed
+from tests.autoexpose_daemon.scripted import Seen, scripted_daemon
+
+pytestmark = pytest.mark.wire
+
+SHOT = ExposureSetting(150.0, 3.0)
+
+
+@contextmanager
+def exposing(at: str, recorder: ContinuousRecorder | None = None) -> Iterator[tuple[Daemon, Seen]]:
+    """A daemon that has pairs, and takes requests."""
+    with scripted_daemon(recorder, publish={"listen": [at]}) as (daemon, _, seen):
+        wait_until(lambda: len(seen) > 20 and daemon.telemetry.publishing and daemon.telemetry.publishing.sent, "pairs")
+        yield daemon, seen
+
+
+def test_a_client_changes_control_and_the_recording_of_it_replays(tmp_path: Path) -> None:
+    at, file = endpoint(), tmp_path / "run.mcap"
+    with (
+        ContinuousRecorder(file, 600, "rig") as recorder,
+        exposing(at, recorder) as (daemon, seen),
+        ControlClient(connect=[at], name="ana") as control,
+        StereoClient(connect=[at]) as frames,
+    ):
+        received = iter(frames)
+        next(received)
+        locked = control.lock().requests.locked
+        assert locked is not None
+        taken = control.shot(SHOT.exposure_time_us, SHOT.gain_db)
+        pair = next(pair for pair in received if pair.left.setting == SHOT)
+        assert (pair.trigger, pair.left.frame_id) == (taken.trigger, taken.frame_ids["left"])
+        assert next(received).decision is not None
+        wait_until(lambda: seen[-1][1] and seen[-1][1].setting == locked, "the lock to go on")
+        control.unlock()
+        assert control.ev(1.0).requests.ev_stops == 1.0
+        assert control.policy("neves2009").policy == "neves2009"
+        assert control.limits(max_time_us=3000.0).requests.bounds is not None
+        answer = control.region("left", [(0, 0, 90, 90)], 0.1)
+        assert str(answer.requests) == "EV +1, policy changed, limits changed, region left changed"
+        wait_until(lambda: seen[-1][1] and seen[-1][1].reason.endswith("EV +1"), "a decision by all of that")
+        status = describe(daemon.telemetry, daemon.tuning.config)
+        assert "requested: EV +1, policy changed" in line_of(status)
+        assert status.policy == "neves2009"
+        assert str(control.reset().requests) == ""
+        count = len(seen)
+        wait_until(lambda: len(seen) > count + 5, "more pairs")
+    steps = replayed(file)
+    assert [request for each in steps for request in each.step.requests] == [
+        f"{words}, asked by ana"
+        for words in (
+            "lock", "shot 150 us, 3 dB", "unlock", "EV +1", "policy neves2009", "limits max_time_us 3000",
+            "region left of 1 rectangles", "reset",
+        )
+    ]  # fmt: skip
+    assert sum(each.step.override.shot is not None for each in steps) == 1
+    assert {each.step.override.held for each in steps} >= {None, locked}
+    unknown = [each for each in steps if each.decision is None]
+    assert len(unknown) == 5  # the first of each loop: its snapshot is of the state after it
+    assert all(each.same for each in steps if each.decision is not None)
+
+
+def asked(session: zenoh.Session, payload: bytes | None) -> str:
+    """What the daemon answers to any bytes."""
+    (reply,) = session.get(control_key("rig"), payload=payload)
+    answer = reply.ok or reply.err
+    assert answer is not None
+    return answer.payload.to_string()
+
+
+def test_what_is_no_request_is_refused_in_a_sentence_and_changes_nothing() -> None:
+    at = endpoint()
+    with exposing(at) as (daemon, _), open_session("client", Endpoints(connect=[at])) as session:
+        before = daemon.tuning
+        assert asked(session, None) == "the query has no payload: send a request in JSON"
+        assert asked(session, b"\xff\x1b[2J") == "invalid JSON: expected value at line 1 column 1"
+        assert asked(session, b"{}") == "by: is missing"
+        assert asked(session, b'{"by": "x", "ev": 1}').startswith("ev: unknown key; known: by, reset,")
+        assert asked(session, b'{"by": "x", "ev_stops": 4}') == "ev_stops: 4.0 is out of bounds: give -3 to 3 stops"
+        assert asked(session, b'{"by": "\\u001b[2J", "locked": true}').startswith("by: '\\x1b[2J' is not a valid name")
+        assert asked(session, bytes(LARGEST_REQUEST_BYTES + 1)).startswith("a request of 32769 bytes")
+        assert "leaves no pixel" in asked(session, b'{"by":"x","region":{"left":{"rectangles":[{"box":[0,0,1,1]}]}}}')
+        assert json.loads(asked(session, b'{"by": "x"}'))["requests"]["taken"] == 0
+        assert daemon.tuning is before
+        assert str(daemon.telemetry.requests) == ""
+
+
+@pytest.mark.parametrize("where", ["the daemon's own file", "a router"])
+def test_nobody_asks_anything_where_access_control_forbids_it(tmp_path: Path, where: str) -> None:
+    """As in docs/control-api.md: frames are for all, requests for none."""
+    at = endpoint()
+    rule = {
+        "id": "no control",
+        "permission": "deny",
+        "flows": ["ingress"],
+        "messages": ["query"],
+        "key_exprs": ["autoexpose/*/control"],
+    }
+    access = {
+        "enabled": True,
+        "default_permission": "allow",
+        "rules": [rule],
+        "subjects": [{"id": "all"}],
+        "policies": [{"rules": ["no control"], "subjects": ["all"]}],
+    }
+    ends = {"listen": {"endpoints": [at]}, "scouting": {"multicast": {"enabled": False}}, "access_control": access}
+    file = tmp_path / "zenoh.json5"
+    with contextmanager(_at)(where, file, ends, at) as publish, scripted_daemon(publish=publish) as (daemon, _, seen):
+        with StereoClient(connect=[at]) as frames:
+            assert frames.next_pair(20.0) is not None
+        with ControlClient(connect=[at]) as control, pytest.raises(AutoexposeError, match="may you ask it"):
+            control.lock()
+        assert (daemon.telemetry.requests.taken, daemon.telemetry.requests.refused) == (0, 0)
+        assert seen
+
+
+def _at(where: str, file: Path, ends: dict[str, object], at: str) -> Iterator[dict[str, object]]:
+    if where == "a router":
+        file.write_text(json.dumps({"mode": "router", **ends}))
+        with router(file):
+            yield {"listen": [], "connect": [at]}
+    else:
+        file.write_text(json.dumps(ends))
+        yield {"zenoh": str(file)}
+
+
+def test_control_that_does_not_respond_is_named_and_what_it_did_not_begin_is_withdrawn(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(control_module, "_PATIENCE_S", 0.1)
+    at, waiting = endpoint(), list[Future[Answer]]()
+
+    def ask(_: Request) -> Future[Answer]:
+        waiting.append(Future())
+        return waiting[-1]
+
+    with (
+        Publisher(PublishConfig(listen=(at,)), 2, nothing, ask=ask) as publisher,
+        ControlClient(connect=[_opened(publisher, at)]) as control,
+    ):
+        with pytest.raises(AutoexposeError, match="control does not respond: nothing has changed"):
+            control.lock()
+        (answer,) = waiting
+        assert answer.cancelled()
+
+
+def test_a_daemon_that_stops_answers_who_still_waits() -> None:
+    at, said = endpoint(), list[str]()
+    begun: Future[Answer] = Future()
+    asked_for = threading.Event()
+
+    def ask(_: Request) -> Future[Answer]:
+        begun.set_running_or_notify_cancel()
+        asked_for.set()
+        return begun
+
+    def lock() -> None:
+        with ControlClient(connect=[at]) as control, pytest.raises(AutoexposeError) as refused:
+            control.lock()
+        said.append(str(refused.value))
+
+    with Publisher(PublishConfig(listen=(at,)), 2, nothing, ask=ask) as publisher:
+        _opened(publisher, at)
+        asking = threading.Thread(target=lock)
+        asking.start()
+        assert asked_for.wait(20.0)
+    asking.join()
+    (why,) = said
+    assert why == "the daemon stops" or why.startswith("no answer")
+
+
+def _opened(publisher: Publisher, at: str) -> str:
+    wait_until(lambda: publisher._open, "the publisher's session")
+    return at
+
+
+def test_an_answer_of_another_program_is_refused() -> None:
+    at = endpoint()
+    answers = iter([b"?", b"\xff", bytes(LARGEST_ANSWER_BYTES + 1)])
+    with (
+        open_session("peer", Endpoints(listen=[at])) as other,
+        other.declare_queryable(control_key("rig"), lambda query: query.reply(query.key_expr, next(answers))),
+        ControlClient(connect=[at]) as control,
+    ):
+        for _ in range(3):
+            with pytest.raises(AutoexposeError, match="is no daemon, or of another version"):
+                control.show()
+
+
+def test_a_name_is_checked_before_anything_is_sent() -> None:
+    control = ControlClient(name="\x1b[2J")
+    with pytest.raises(ConfigurationError, match="is not a valid name"):
+        control.lock()
+
+
+def ctl(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, *arguments: str) -> tuple[int, str]:
+    """Exit code, and what is written on either stream."""
+    monkeypatch.setattr("sys.argv", ["autoexpose", "ctl", *arguments])
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    written = capsys.readouterr()
+    code = ended.value.code or 0
+    assert isinstance(code, int)
+    return code, written.out + written.err
+
+
+def test_the_terminal(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    at = endpoint()
+    at_daemon = "--connect", at, "--by", "ana"
+    with exposing(at) as (daemon, _):
+        code, text = ctl(capsys, monkeypatch, *at_daemon, "lock")
+        assert code == 0
+        assert re.fullmatch(
+            r"policy    fisher-map\nexposure  locked at \d+ us, 0.0 dB\nEV        0\n"
+            r"bounds    20 to 7500 us, 0 to 30 dB\nchanged   nothing\nlatest    lock, asked by ana\n",
+            text,
+        )
+        assert "EV        -0.5\n" in ctl(capsys, monkeypatch, *at_daemon, "ev", "-0.5")[1]
+        code, text = ctl(capsys, monkeypatch, *at_daemon, "shot", "--time-us", "500")
+        assert re.fullmatch(r"trigger \d+: left frame \d+, right frame \d+, taken with 500 us, 0.0 dB\n", text)
+        assert "changed   policy\n" in ctl(capsys, monkeypatch, *at_daemon, "policy", "zhang2017")[1]
+        limits = ctl(capsys, monkeypatch, *at_daemon, "limits", "--max-time-us", "4000")
+        assert "bounds    20 to 4000 us, 0 to 30 dB\nchanged   policy, limits\n" in limits[1]
+        region = ctl(capsys, monkeypatch, *at_daemon, "region", "right", "--rectangle", "0,0,90,90")
+        assert "changed   policy, limits, region right\n" in region[1]
+        assert "exposure  decided by the policy\n" in ctl(capsys, monkeypatch, *at_daemon, "unlock")[1]
+        assert "changed   nothing\n" in ctl(capsys, monkeypatch, *at_daemon, "reset")[1]
+        assert daemon.telemetry.requests.taken == 8
+        assert "latest    reset, asked by ana\n" in ctl(capsys, monkeypatch, *at_daemon, "show")[1]
+        for arguments, why in (
+            (("ev", "9"), "ev_stops: 9.0 is out of bounds: give -3 to 3 stops"),
+            (("policy", "fisher"), "policy: there is no policy 'fisher'; did you mean fisher-map?"),
+            (("region", "left", "--rectangle", "1,2"), "1,2 is no rectangle: give X,Y,WIDTH,HEIGHT"),
+            (("shot", "--time-us", "9000"), "shot 9000 us, 0 dB is out of bounds: give 20 to 7500 us, 0 to 30 dB"),
+        ):
+            code, text = ctl(capsys, monkeypatch, *at_daemon, *arguments)
+            assert (code, text.startswith(f"autoexpose: {why}"), text.count("\n")) == (1, True, 1), text
+        assert daemon.telemetry.requests.taken == 8
+    code, text = ctl(capsys, monkeypatch, *at_daemon, "lock")
+    assert (code, text.count("\n")) == (1, 1)
+    assert text.startswith(f"autoexpose: no answer for rig rig from {at}: is the daemon running")
+    code, text = ctl(capsys, monkeypatch, "--zenoh", "/nowhere.json5", "lock")
+    assert (code, text) == (
+        1,
+        "autoexpose: /nowhere.json5 cannot be read (No such file or directory): name a zenoh configuration file\n",
+    )
