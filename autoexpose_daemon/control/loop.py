@@ -208,7 +208,7 @@ class ControlLoop:
         asked = override.shot or override.held
         if asked is not None:
             setting = self._limits.nearest(asked)
-            level, reason = setting.level, "locked" if override.shot is None else "one shot"
+            level, reason = setting.level, override.reason
         else:
             assert target is not None, "what is unseen is held"
             level = self._limits.clamp_level(target.level + override.ev_stops)

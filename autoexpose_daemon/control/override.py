@@ -39,6 +39,13 @@ class Override:
     shot: ExposureSetting | None = None
     unseen: bool = False
 
+    @property
+    def reason(self) -> str:
+        """Why a setting is asked for that the policy has not decided on."""
+        if self.shot is not None:
+            return "one shot"
+        return "held: this pair is a shot" if self.unseen else "locked"
+
 
 NO_OVERRIDE = Override()
 

@@ -34,6 +34,8 @@ class Requests:
         The loop that decides: policy, limits and regions are its tuning; the rest goes into each of its steps.
     tally
         For the status.
+    start
+        The setting that the cameras start with.
     period_ns
         Between two triggers.
 
@@ -45,13 +47,13 @@ class Requests:
         The one that is under way.
     """
 
-    def __init__(self, active: ActiveLoop, tally: RequestTally, period_ns: float) -> None:
+    def __init__(self, active: ActiveLoop, tally: RequestTally, start: ExposureSetting, period_ns: float) -> None:
         self.fresh: tuple[str, ...] = ()
         self.shot: PendingShot | None = None
         self._active = active
         self._tally = tally
         self._configured = active.tuning
-        self._decided = active.tuning.config.start
+        self._decided = start
         self._override = Override()
         self._patience_ns = round(PATIENCE_NS + PATIENCE_PERIODS * period_ns)
         self._throttle = LogThrottle(_REFUSALS_S)

@@ -85,7 +85,8 @@ class RigControl:
         lines = dict.fromkeys(config.triggered_sides, config.trigger.line)
         self.record = RigRecord(tuple(config.sides), lines, config.trigger.rate_hz, now_ns())
         self.active = ActiveLoop(Tuning(config))
-        self.requests = Requests(self.active, self.telemetry.requests, 1e9 / config.trigger.rate_hz)
+        period_ns = 1e9 / config.trigger.rate_hz
+        self.requests = Requests(self.active, self.telemetry.requests, start or config.start, period_ns)
         self._cameras = cameras
         self._now_ns = now_ns
         self._health = RigHealth(config, self.telemetry, self.record)

@@ -171,6 +171,8 @@ class Service:
             "the new configuration changes cameras, trigger, image, transport, IMU or publishing: reopening all of them"
         )
         daemon = self._make(config)  # may raise while the old one still runs
+        if requested := str(self.daemon.telemetry.requests):
+            log.info("what was requested ends with it: %s", requested)
         self._end()
         self._raise_failure()
         self._former, self._config, self.daemon = self._config, config, daemon

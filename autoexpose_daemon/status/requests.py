@@ -87,7 +87,7 @@ class Shot:
 
     setting: ExposureSetting
     trigger: Annotated[int, Field(ge=0, le=LAST_COUNT)]
-    frame_ids: dict[Side, Annotated[int, Field(ge=0, le=LAST_COUNT)]]
+    frame_ids: dict[Side, Annotated[int, Field(ge=0, lt=1 << 64)]]
 
 
 @dataclass(frozen=True, slots=True)

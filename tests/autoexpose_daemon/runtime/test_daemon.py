@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from autoexpose_daemon.config.request import new_request
+from drivers.exposure import ExposureSetting
 from tests.autoexpose_daemon.stereo import JOIN_WARNING, Run, running_daemon, stereo_cameras
 
 pytestmark = [pytest.mark.realtime, JOIN_WARNING]
@@ -29,6 +31,26 @@ def test_pairs_arrive_are_decided_on_and_written() -> None:
 
         run.wait_until(lambda: applied() > 1, "decisions that frames show")
         assert median_skew_periods(run, 60) < 0.1
+
+
+def test_a_shot_is_found_by_what_its_frames_say_while_the_exposure_is_locked() -> None:
+    """On a slow machine a write may come late, and split the shot or double it."""
+    setting = ExposureSetting(400.0, 6.0)
+    shot = {"exposure_time_us": setting.exposure_time_us, "gain_db": setting.gain_db}
+    with stereo_cameras("--still") as cameras, running_daemon(cameras) as run:
+        run.wait_for_pairs(30)
+        locked = run.daemon.ask(new_request({"by": "test", "locked": True})).result(10).requests.locked
+        assert locked is not None
+        run.wait_until(lambda: run.seen[-1][0].reference.setting.agrees_with(locked), "the lock")
+        taken = run.daemon.ask(new_request({"by": "test", "shot": shot})).result(10).shot
+        assert taken is not None and taken.setting.agrees_with(setting)
+        run.wait_for_pairs(10)
+        seen = [pair for pair, _ in run.seen if pair.trigger > taken.trigger - 5]
+        run.wait_until(lambda: run.seen[-1][0].reference.setting.agrees_with(locked), "the lock to go on")
+        assert run.seen[-1][1].reason == "locked"
+    shown = [pair.trigger for pair in seen for frame in pair.frames.values() if frame.setting.agrees_with(setting)]
+    assert taken.trigger == min(shown)
+    assert len(set(shown)) <= 4
 
 
 @pytest.mark.gige_only  # the right camera's trigger input is independent of the transport
