@@ -92,6 +92,13 @@ class ExposureLimits:
         """`setting` itself if the bounds contain it, else the one of the nearest level, with the nearest time."""
         return setting if self.contain(setting) else self.realise(setting.level, setting.exposure_time_us)
 
+    def rounded(self, setting: ExposureSetting) -> ExposureSetting:
+        """The time and the gain nearest to those of `setting`, each by itself, within bounds and increments."""
+        return ExposureSetting(
+            _quantise(setting.exposure_time_us, self.min_time_us, self.max_time_us, self.time_step_us),
+            _quantise(setting.gain_db, self.min_gain_db, self.max_gain_db, self.gain_step_db),
+        )
+
     def clamp_level(self, level: float) -> float:
         """The exposure level within these limits nearest to `level` (stops)."""
         return min(max(level, self.darkest.level), self.brightest.level)

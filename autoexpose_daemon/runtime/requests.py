@@ -63,7 +63,7 @@ class Requests:
         if not answer.set_running_or_notify_cancel():
             return
         try:
-            self._apply(request)
+            shot = self._apply(request)
         except ConfigurationError as error:
             self._tally.refused += 1
             if self._throttle.due("refused", now_ns):
@@ -72,10 +72,10 @@ class Requests:
             return
         if request.words:
             self._note(request)
-        if request.shot is None:
+        if shot is None:
             answer.set_result(self._answer())
         else:
-            self.shot = PendingShot(_setting(request.shot), now_ns + self._patience_ns, answer)
+            self.shot = PendingShot(shot, now_ns + self._patience_ns, answer)
 
     def drop(self) -> None:
         """Back to the configuration, which is now the tuning of the active loop."""
@@ -122,9 +122,10 @@ class Requests:
         if self.shot is not None and now_ns > self.shot.deadline_ns:
             self._give_up("no frame was taken with it in time: are there pairs, and does the camera take the setting?")
 
-    def _apply(self, request: Request) -> None:
+    def _apply(self, request: Request) -> ExposureSetting | None:
+        """Make all changes, or raise ConfigurationError; returns the setting of a shot, which is still to be taken."""
         if not request.words:
-            return
+            return None
         tuning = self._configured if request.reset else self._active.tuning
         tuning = tuning.changed(request)
         loop = self._active.loop
@@ -138,21 +139,22 @@ class Requests:
         if loop is None or (request.limits is not None and not self._active.knows_all_limits):
             raise ConfigurationError("not every camera has been open yet: ask again when it has")
         loop.check_ev(ev_stops)
-        self._check_shot(request, loop.setup.limits)
+        shot = None if request.shot is None else self._shot_within(loop.setup.limits, request.shot)
         # Nothing is refused from here on.
         if tuning is not self._active.tuning:
             self._active.use(tuning, loop)
         self._tally.locked, self._tally.ev_stops = locked, ev_stops
         self._tally.changed = tuning.differs_from(self._configured)
         self._tally.bounds = Bounds.of(loop.setup.limits)
+        return shot
 
-    def _check_shot(self, request: Request, limits: ExposureLimits) -> None:
-        if request.shot is None:
-            return
+    def _shot_within(self, limits: ExposureLimits, request: ShotRequest) -> ExposureSetting:
+        setting = ExposureSetting(request.exposure_time_us, request.gain_db)
         if self.shot is not None:
             raise ConfigurationError("another shot is under way: ask again")
-        if not limits.contain(_setting(request.shot)):
-            raise ConfigurationError(f"{request.shot.words} is out of bounds: give {Bounds.of(limits)}")
+        if not limits.contain(setting):
+            raise ConfigurationError(f"{request.words} is out of bounds: give {Bounds.of(limits)}")
+        return limits.rounded(setting)
 
     def _note(self, request: Request) -> None:
         self._tally.taken += 1
@@ -167,7 +169,3 @@ class Requests:
 
     def _answer(self, shot: Shot | None = None) -> Answer:
         return Answer(self._active.tuning.config.control.policy, replace(self._tally), shot)
-
-
-def _setting(shot: ShotRequest) -> ExposureSetting:
-    return ExposureSetting(shot.exposure_time_us, shot.gain_db)

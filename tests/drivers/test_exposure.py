@@ -60,6 +60,24 @@ def test_steps_of_gain_are_kept_and_compensated_by_time(level: float, time_us: f
     assert abs(setting.level - level) < 0.26 / DB_PER_STOP
 
 
+@given(st.floats(1, 1e4), st.floats(-10, 40), st.floats(0.5, 12.0), st.sampled_from([0.0, 0.1]))
+def test_time_and_gain_are_each_rounded_to_the_nearest(time_us: float, gain_db: float, step: float, db: float) -> None:
+    limits = ExposureLimits(20.0, 7500.0, 0.0, 30.0, step, db)
+    rounded = limits.rounded(ExposureSetting(time_us, gain_db))
+    assert limits.contain(rounded)
+    assert limits.rounded(rounded) == rounded
+    assert abs(rounded.exposure_time_us - min(max(time_us, 20.0), 7500.0)) <= step + 1e-6
+    assert abs(rounded.gain_db - min(max(gain_db, 0.0), 30.0)) <= db / 2 + 1e-6
+
+
+@given(st.floats(10, 9000), st.floats(0, 30))
+def test_the_nearest_setting_is_itself_or_has_its_level(time_us: float, gain_db: float) -> None:
+    setting = ExposureSetting(time_us, gain_db)
+    nearest = LIMITS.nearest(setting)
+    assert nearest == setting if LIMITS.contain(setting) else LIMITS.contain(nearest)
+    assert nearest.level == pytest.approx(LIMITS.clamp_level(setting.level), abs=1e-6)
+
+
 @pytest.mark.parametrize("limits", [(0, 10, 0, 1), (20, 10, 0, 1), (10, 20, 5, 1), (-1, 20, 0, 1)])
 def test_empty_limits_are_refused(limits: tuple[float, float, float, float]) -> None:
     with pytest.raises(ConfigurationError, match="leave no"):

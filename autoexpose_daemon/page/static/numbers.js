@@ -62,7 +62,7 @@ function requested(requests) {
   const { locked, ev_stops: stops } = requests;
   return [
     ...(locked ? [`locked at ${format.micros(locked.exposure_time_us)}, ${format.decibels(locked.gain_db)}`] : []),
-    ...(stops ? [`EV ${stops > 0 ? "+" : ""}${stops}`] : []),
+    ...(stops ? [`EV ${format.signed(stops)}`] : []),
     ...requests.changed.map((name) => `${name} changed`),
   ];
 }

@@ -105,6 +105,13 @@ def test_a_shot_is_one_pair_which_the_policy_is_not_shown_and_the_account_is_rig
     assert run.telemetry.counts.mismatched_pairs == 0
 
 
+def test_a_shot_is_rounded_to_the_increments_of_the_cameras(run: Rig) -> None:
+    answer = run.request(shot={"exposure_time_us": 500.4, "gain_db": 3.04})
+    run.wait_until(answer.done, "the shot")
+    assert answer.result().shot.setting == SHOT  # type: ignore[union-attr]
+    assert run.counted() == {}
+
+
 def test_shots_in_a_row_are_each_one_pair(run: Rig) -> None:
     since = len(run.pairs)
     for _ in range(5):
