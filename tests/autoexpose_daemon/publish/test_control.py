@@ -50,7 +50,7 @@ def exposing(at: str, recorder: ContinuousRecorder | None = None) -> Iterator[tu
 def test_a_client_changes_control_and_the_recording_of_it_replays(tmp_path: Path) -> None:
     at, file = endpoint(), tmp_path / "run.mcap"
     with (
-        ContinuousRecorder(file, 600, "rig") as recorder,
+        ContinuousRecorder(file, 600, PublishConfig()) as recorder,
         exposing(at, recorder) as (daemon, seen),
         ControlClient(connect=[at], name="ana") as control,
         StereoClient(connect=[at]) as frames,
