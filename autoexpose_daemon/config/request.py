@@ -115,7 +115,7 @@ class Request(Section):
             yield "limits " + " ".join(f"{name} {value:g}" for name, value in self.limits if value is not None)
         if self.region is not None:
             areas = {side: len(area.rectangles) for side, area in self.region if area is not None}
-            yield "region " + " and ".join(f"{side} of {count} rectangles" for side, count in areas.items())
+            yield "region " + " and ".join(f"{side} (rectangles: {count})" for side, count in areas.items())
         if self.shot is not None:
             yield self.shot.words
 

@@ -24,7 +24,7 @@ def test_a_request_is_read_as_it_was_sent() -> None:
         }
     )
     assert read_request(request.to_json().encode()) == request
-    assert request.words == "unlock, EV -0.5, limits max_gain_db 12, region right of 1 rectangles, shot 500 us, 0 dB"
+    assert request.words == "unlock, EV -0.5, limits max_gain_db 12, region right (rectangles: 1), shot 500 us, 0 dB"
 
 
 @pytest.mark.parametrize(

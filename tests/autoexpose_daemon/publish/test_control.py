@@ -82,7 +82,7 @@ def test_a_client_changes_control_and_the_recording_of_it_replays(tmp_path: Path
         f"{words}, asked by ana"
         for words in (
             "lock", "shot 150 us, 3 dB", "unlock", "EV +1", "policy neves2009", "limits max_time_us 3000",
-            "region left of 1 rectangles", "reset",
+            "region left (rectangles: 1)", "reset",
         )
     ]  # fmt: skip
     assert sum(each.step.override.shot is not None for each in steps) == 1
