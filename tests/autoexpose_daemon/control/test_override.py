@@ -131,8 +131,10 @@ def test_a_setting_that_is_no_longer_within_the_limits_is_held_at_the_nearest() 
     assert decision.setting.level == pytest.approx(held.level)
 
 
-@pytest.mark.parametrize("policy_id", (*KINDS, *SEARCHING))
-@pytest.mark.parametrize("delay", [1, 2])
+@pytest.mark.parametrize(
+    ("policy_id", "delay"),
+    [("fisher-map", 1), ("neves2009", 3), *((policy_id, 2) for policy_id in (*KINDS, "kim2018"))],
+)
 def test_a_shot_changes_one_frame_and_no_other_decision(policy_id: str, delay: int) -> None:
     taken = 50
 
