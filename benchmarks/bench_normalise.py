@@ -12,7 +12,8 @@ import numpy as np
 from calibration.response import ResponseFunction
 from calibration.response.normalised import Bits, normalised
 from drivers.exposure import ExposureSetting
-from drivers.frames import Frame, Pixels
+from drivers.frames import Frame
+from drivers.pixels import Pixels
 
 TURNS = 300
 RESPONSE = ResponseFunction.linear()

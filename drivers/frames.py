@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.exposure import ExposureSetting
+from drivers.pixels import Layout, Pixels, grey_plane
 
 Side = Literal["left", "right"]
 SIDES: Final[tuple[Side, ...]] = get_args(Side)
 SettingSource = Literal["chunk", "ledger"]
-Pixels = NDArray[np.uint8] | NDArray[np.uint16]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -24,9 +24,10 @@ class Frame:
     Attributes
     ----------
     pixels
-        Grey levels, shape (height, width), uint8, or uint16 where a pixel has more than 8 bits.
+        Grey levels or a colour mosaic, shape (height, width), or more samples to a pixel, shape (height, width,
+        samples); uint8, or uint16 where a sample has more than 8 bits.
     bit_depth
-        Significant bits of a pixel, as in `PixelFormat`.
+        Significant bits of a sample, as in `PixelFormat`.
     frame_id
         The camera's frame counter, unwrapped: it never restarts while the camera stays open.
     device_time_ns
@@ -39,6 +40,8 @@ class Frame:
         Exposure time and gain that this frame was taken with.
     setting_source
         How that is known: "chunk", the frame itself says so; "ledger", inferred from when settings were written.
+    layout
+        What the samples are, as in `PixelFormat`.
     """
 
     pixels: Pixels
@@ -49,11 +52,14 @@ class Frame:
     arrival_time_ns: int
     setting: ExposureSetting
     setting_source: SettingSource = "chunk"
+    layout: Layout = "grey"
 
-    def grey8(self) -> NDArray[np.uint8]:
-        """The pixels as 8-bit grey levels, shape (height, width); deeper ones are shifted, not rounded."""
-        pixels = self.pixels if self.bit_depth == 8 else self.pixels >> (self.bit_depth - 8)
-        return pixels.astype(np.uint8, copy=False)
+    def grey8(self, saturation: int = 255) -> NDArray[np.uint8]:
+        """What control sees of the pixels: 8-bit grey levels (see `grey_plane`), of a colour mosaic at half its size.
+
+        `saturation` is the 8-bit level from which a colour is clipped.
+        """
+        return grey_plane(self.pixels, self.bit_depth, self.layout, saturation)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

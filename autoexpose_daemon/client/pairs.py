@@ -14,7 +14,8 @@ from autoexpose_daemon.status.publishing import ConsumerTally
 from calibration.response import ResponseFunction
 from calibration.response.normalised import Bits, normalised
 from drivers.errors import ConfigurationError
-from drivers.frames import SIDES, Frame, Pixels, Side, StereoPair
+from drivers.frames import SIDES, Frame, Side, StereoPair
+from drivers.pixels import Pixels
 
 _KEPT_STAMPS = 64
 """Triggers whose messages wait for the rest, about a second: the images of each camera queue separately."""

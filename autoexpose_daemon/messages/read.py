@@ -9,8 +9,9 @@ from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.parameters import FASTEST_TURN_RAD_S
 from autoexpose_daemon.messages.types import ENCODINGS, EXPOSURE_INFO, IMAGE, IMU, TYPESTORE
 from drivers.exposure import ExposureSetting
-from drivers.frames import Frame, Pixels
+from drivers.frames import Frame
 from drivers.pixel_format import PixelFormat
+from drivers.pixels import Pixels
 
 _PIXELS = {(pixel_format.bit_depth, pixel_format.dtype) for pixel_format in PixelFormat}
 

@@ -23,7 +23,8 @@ from autoexpose_daemon.recording.step import Item, RecordingError, Setup, State,
 from autoexpose_daemon.recording.upgrade import FORMER_FORMATS, upgraded_setup, upgraded_state
 from drivers.config import bounds
 from drivers.config.files import open_regular
-from drivers.frames import SIDES, Pixels, Side, StereoPair
+from drivers.frames import SIDES, Side, StereoPair
+from drivers.pixels import Pixels
 
 
 class Recording:

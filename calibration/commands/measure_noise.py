@@ -33,7 +33,7 @@ COLUMNS = (
     ("black", "DN"),
     ("full well", "e"),
 )
-DEEPER = (PixelFormat.MONO12, PixelFormat.MONO16)
+DEEPEST_FIRST = (PixelFormat.MONO12, PixelFormat.MONO16, PixelFormat.MONO8)
 
 
 def noise(
@@ -116,15 +116,15 @@ def _session(serial: str, pixel_format: PixelFormat | None) -> Iterator[Session]
 
 
 def _open(serial: str, pixel_format: PixelFormat | None) -> AravisCamera:
-    """In the deepest format that the camera has: 8 bits hide the read noise of most sensors at low gain."""
+    """In the deepest grey format that the camera has: 8 bits hide the read noise of most sensors at low gain."""
     if pixel_format is not None:
         return open_camera(serial, session_setup(pixel_format))
-    for deeper in DEEPER:
+    for grey in DEEPEST_FIRST:
         try:
-            return open_camera(serial, session_setup(deeper))
+            return open_camera(serial, session_setup(grey))
         except ConfigurationError:
             continue
-    return open_camera(serial, session_setup(PixelFormat.MONO8))
+    return open_camera(serial, session_setup())
 
 
 def _measure(session: Session, gains_db: Sequence[float] | None, console: Console) -> dict[float, PhotonTransfer]:

@@ -15,8 +15,9 @@ from calibration.findings import Finding
 from calibration.latency.write_effect import SeenFrame, Trial, WriteEffect, WrittenQuantity, is_clear, write_effect
 from calibration.sources.session import Session
 from drivers.exposure import DB_PER_STOP, ExposureLimits, ExposureSetting
-from drivers.frames import Frame, Pixels
+from drivers.frames import Frame
 from drivers.genicam.write_latency import FRAMES_AFTER
+from drivers.pixels import Pixels, light_samples
 
 TRIALS = 100
 """Of each quantity: enough to distinguish 95 % from less, in a dozen seconds at 60 Hz."""
@@ -81,7 +82,9 @@ class _Watch:
         says_new = None
         if frame.setting_source == "chunk":
             says_new = frame.setting.agrees_with(new) and not frame.setting.agrees_with(old)
-        return SeenFrame(frame.frame_id, self._start_ns(frame), _grey(frame.pixels), says_new)
+        return SeenFrame(
+            frame.frame_id, self._start_ns(frame), _grey(light_samples(frame.pixels, frame.layout)), says_new
+        )
 
     def _start_ns(self, frame: Frame) -> int:
         """When the exposure started: no later than its own length before the frame arrived, whatever its stamp says."""

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.response import ResponseFunction
-from drivers.frames import Frame, Pixels
+from drivers.frames import Frame
+from drivers.pixels import Pixels
 
 Bits = Literal[8, 16]
 

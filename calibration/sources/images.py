@@ -15,7 +15,7 @@ from drivers.config.files import read_regular
 from drivers.config.png import SIGNATURE, is_whole_png
 from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureSetting
-from drivers.frames import Pixels
+from drivers.pixels import Pixels
 
 GREEN = 1
 """Of OpenCV's blue, green, red."""

@@ -12,6 +12,7 @@ from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Frame, SettingSource
 from drivers.genicam.write_latency import FRAMES_AFTER
 from drivers.pixel_format import PixelFormat
+from drivers.pixels import light_samples
 from drivers.setup import CameraSetup, TriggerSetup
 
 PATIENCE_S = 3.0
@@ -93,7 +94,8 @@ class Session:
             else:
                 obeyed = frame.setting.agrees_with(taken)
             if obeyed:
-                shots.append(Shot(frame.pixels, frame.bit_depth, frame.setting, frame.host_time_ns * 1e-9))
+                samples = light_samples(frame.pixels, frame.layout)
+                shots.append(Shot(samples, frame.bit_depth, frame.setting, frame.host_time_ns * 1e-9))
             elif since_write > FRAMES_TO_OBEY:
                 raise CameraError(
                     f"camera {self.description.serial}: it read back {taken}, but {FRAMES_TO_OBEY} frames later still "

@@ -16,7 +16,7 @@ from drivers.aravis.stream import create_stream
 from drivers.camera import CameraDescription, IncompleteFrame
 from drivers.errors import CameraError, CameraLostError
 from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.frames import Frame, Pixels, SettingSource
+from drivers.frames import Frame, SettingSource
 from drivers.genicam.clock import find_clock
 from drivers.genicam.dialect import find_dialect, switch_auto_off
 from drivers.genicam.features import apply_features
@@ -25,6 +25,7 @@ from drivers.genicam.image_format import choose_pixel_format, decode_pixels, set
 from drivers.genicam.metadata import FrameIdUnwrapper, SettingLedger, enable_chunks
 from drivers.genicam.timing import timing_limitations
 from drivers.genicam.trigger import arm_trigger
+from drivers.pixels import Pixels, light_samples
 from drivers.setup import CameraSetup
 
 SPARSE = 8
@@ -51,7 +52,7 @@ class AravisCamera:
         apply_features(nodes, setup)
         switch_auto_off(nodes)
         self._dialect = find_dialect(nodes, setup.gain_scale)  # first: what cannot expose is refused for just that
-        pixel_format = choose_pixel_format(nodes, setup.pixel_format)
+        self._pixel_format = choose_pixel_format(nodes, setup.pixel_format)
         set_binning(nodes, setup.binning)
         of_trigger = arm_trigger(nodes, setup.trigger)
         of_gamma = switch_gamma_off(nodes)
@@ -61,7 +62,7 @@ class AravisCamera:
         of_timing = timing_limitations(nodes, setup.trigger)
         limitations = (*self._dialect.limitations, *of_trigger, *of_timing, *of_gamma, *of_chunks, *of_clock)
         self._description = CameraDescription(
-            found.vendor, found.model, found.serial, limitations, pixel_format, gain_node
+            found.vendor, found.model, found.serial, limitations, self._pixel_format, gain_node
         )
         self._limits = self._dialect.limits(nodes)
         self._setting: ExposureSetting | None = self._dialect.read(nodes)
@@ -169,7 +170,14 @@ class AravisCamera:
             return IncompleteFrame(frame_id, host_time_ns)
         try:
             width, height = buffer.get_image_width(), buffer.get_image_height()
-            pixels, bit_depth = decode_pixels(buffer.get_data(), buffer.get_image_pixel_format(), width, height)
+            pixels = decode_pixels(
+                buffer.get_data(),
+                buffer.get_image_pixel_format(),
+                width,
+                height,
+                self._pixel_format,
+                has_chunks=buffer.has_chunks(),
+            )
             setting, source = self._read_setting(buffer, pixels, host_time_ns)
         except ValueError as error:
             if not self._unreadable:
@@ -178,13 +186,24 @@ class AravisCamera:
                 )
             self._unreadable = True
             return IncompleteFrame(frame_id, host_time_ns)
-        return Frame(pixels, bit_depth, frame_id, device_time_ns, host_time_ns, arrival_time_ns, setting, source)
+        return Frame(
+            pixels,
+            self._pixel_format.bit_depth,
+            frame_id,
+            device_time_ns,
+            host_time_ns,
+            arrival_time_ns,
+            setting,
+            source,
+            self._pixel_format.layout,
+        )
 
     def _read_setting(self, buffer: Any, pixels: Pixels, host_time_ns: int) -> tuple[ExposureSetting, SettingSource]:
         setting = self._read_chunks(buffer)
         if setting is not None:
             return setting, "chunk"
-        self._ledger.observe(host_time_ns, float(pixels[::SPARSE, ::SPARSE].mean()))
+        samples = light_samples(pixels, self._pixel_format.layout)
+        self._ledger.observe(host_time_ns, float(samples[::SPARSE, ::SPARSE].mean()))
         return self._ledger.setting_at(host_time_ns), "ledger"
 
     def _read_chunks(self, buffer: Any) -> ExposureSetting | None:

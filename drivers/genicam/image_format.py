@@ -3,10 +3,17 @@
 from __future__ import annotations
 
 from drivers.errors import ConfigurationError, UnsupportedCameraError
-from drivers.frames import Pixels
 from drivers.genicam.nodes import NodeMap
 from drivers.pixel_format import PIXEL_FORMATS, PixelFormat
+from drivers.pixels import Pixels
 
+_FORMER_NAMES = {
+    PixelFormat.RGB8: "RGB8Packed",
+    PixelFormat.BGR8: "BGR8Packed",
+    PixelFormat.YUV422_8: "YUV422_YUYV_Packed",
+}
+"""What cameras from before the naming convention call the same formats, with the same codes."""
+_BY_NAME = PIXEL_FORMATS | {name: pixel_format for pixel_format, name in _FORMER_NAMES.items()}
 _BY_PFNC_CODE = {pixel_format.pfnc_code: pixel_format for pixel_format in PixelFormat}
 
 
@@ -27,25 +34,18 @@ def choose_pixel_format(nodes: NodeMap, wanted: PixelFormat | None) -> PixelForm
         )
     if wanted is None:
         present = nodes.read_entry("PixelFormat")
-        if present not in PIXEL_FORMATS:
-            raise UnsupportedCameraError(f"camera {nodes.serial}: {_refusal(present, offered)}")
-        return PIXEL_FORMATS[present]
-    if wanted not in offered:
+        if present not in _BY_NAME:
+            usable = [name for name in offered if name in _BY_NAME]
+            advice = f"set pixel_format to {' or '.join(usable)}" if usable else "it has no other that is"
+            raise UnsupportedCameraError(
+                f"camera {nodes.serial}: pixel format {present} is not supported; {advice} (docs/configuration.md)"
+            )
+        return _BY_NAME[present]
+    entry = next((name for name in (wanted.value, _FORMER_NAMES.get(wanted)) if name in offered), None)
+    if entry is None:
         raise ConfigurationError(f"camera {nodes.serial}: it has no pixel format {wanted}; it has {', '.join(offered)}")
-    nodes.write_entry("PixelFormat", wanted.value)
+    nodes.write_entry("PixelFormat", entry)
     return wanted
-
-
-def _refusal(pixel_format: str, offered: tuple[str, ...]) -> str:
-    if pixel_format.startswith("Bayer"):
-        why = "is a colour mosaic, in which neighbouring pixels differ by colour"
-    elif pixel_format.endswith(("Packed", "p")):
-        why = "packs pixels across bytes"
-    else:
-        why = "is not plain grey"
-    usable = [name for name in PixelFormat if name in offered]
-    advice = f"set pixel_format to {' or '.join(usable)}" if usable else f"it has none of {', '.join(PixelFormat)}"
-    return f"pixel format {pixel_format} {why}; {advice}"
 
 
 def set_binning(nodes: NodeMap, binning: int | None) -> None:
@@ -75,23 +75,31 @@ def set_binning(nodes: NodeMap, binning: int | None) -> None:
         nodes.write_integer(size, nodes.integer_bounds(size)[1])
 
 
-def decode_pixels(data: bytes, pfnc_code: int, width: int, height: int) -> tuple[Pixels, int]:
-    """Pixels, shape (height, width), and their bit depth, from received `data`, without the chunks at its end.
+def decode_pixels(
+    data: bytes, pfnc_code: int, width: int, height: int, expected: PixelFormat, *, has_chunks: bool = False
+) -> Pixels:
+    """The pixels of an image in the format that the camera was set to, in the shape of `Frame.pixels`.
 
-    The pixels are a read-only view of `data` where they need no unpacking.
+    They are a read-only view of `data` where they need no unpacking.
+
+    Parameters
+    ----------
+    data
+        What was received: the image and, with `has_chunks`, more after it.
+    pfnc_code, width, height
+        What the frame says of itself.
 
     Raises
     ------
     ValueError
-        When the image has no pixels, there are too few bytes for it, or the format is unknown.
+        When the frame says that it is in another format, it has no pixels, or the number of bytes is not theirs.
     """
-    if width < 1 or height < 1:
-        raise ValueError(f"an image of {width}x{height} pixels")
-    pixel_format = _BY_PFNC_CODE.get(pfnc_code)
-    if pixel_format is None:
-        raise ValueError(f"unknown pixel format code {pfnc_code:#010x}")
-    needed = -(-width * height * pixel_format.bits_per_pixel // 8)
-    if len(data) < needed:
+    if pfnc_code != expected.pfnc_code:
+        says = _BY_PFNC_CODE.get(pfnc_code, f"the unknown pixel format {pfnc_code:#010x}")
+        raise ValueError(f"the frame says that it is {says}, but the camera was set to {expected}")
+    if width < 1 or height < 1 or (expected.layout == "YUYV" and width % 2):
+        raise ValueError(f"an image of {width}x{height} pixels in {expected}")
+    needed = expected.image_bytes(width, height)
+    if len(data) < needed or (len(data) > needed and not has_chunks):
         raise ValueError(f"{len(data)} bytes for an image of {needed}")
-    pixels = pixel_format.unpack(memoryview(data)[:needed])
-    return pixels[: width * height].reshape(height, width), pixel_format.bit_depth
+    return expected.decode(memoryview(data)[:needed], width, height)

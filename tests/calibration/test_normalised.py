@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from calibration.response import ResponseFunction
 from calibration.response.normalised import WHITE_16, Bits, normalised
 from drivers.exposure import ExposureSetting
-from drivers.frames import Frame, Pixels
+from drivers.frames import Frame
+from drivers.pixels import Pixels
 from evaluation.scenes.responses import FAKE_CAMERAS, CameraResponse
 from evaluation.scenes.scenarios import Course, no_turn, steady
 from evaluation.scenes.views import build_views

@@ -85,12 +85,14 @@ def discovery_seeds() -> Iterator[bytes]:
 def image_bytes(data: bytes) -> None:
     """A received buffer: pixel format, width and height before it."""
     if len(data) >= 12:
-        decode_pixels(data[12:], *struct.unpack(">III", data[:12]))
+        code, width, height = struct.unpack(">III", data[:12])
+        expected = next((each for each in PixelFormat if each.pfnc_code == code), PixelFormat.MONO8)
+        decode_pixels(data[12:], code, width, height, expected, has_chunks=True)
 
 
 def image_bytes_seeds() -> Iterator[bytes]:
     for pixel_format in PixelFormat:
-        yield struct.pack(">III", pixel_format.pfnc_code, 4, 3) + bytes(24)
+        yield struct.pack(">III", pixel_format.pfnc_code, 4, 3) + bytes(36)
 
 
 def sysfs(data: bytes) -> None:

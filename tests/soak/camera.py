@@ -195,7 +195,7 @@ class VirtualCamera:
         if not whole or host_ns is None:
             return IncompleteFrame(frame_id, host_ns)
         source: SettingSource = "chunk" if told else "ledger"
-        return VirtualFrame(PIXELS, 8, frame_id, device_ns, host_ns, now_ns, setting, source, pulse)
+        return VirtualFrame(PIXELS, 8, frame_id, device_ns, host_ns, now_ns, setting, source, pulse=pulse)
 
     def write(self, setting: ExposureSetting) -> ExposureSetting:
         self._reach()

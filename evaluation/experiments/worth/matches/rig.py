@@ -10,7 +10,8 @@ import cv2
 import numpy as np
 
 from drivers.exposure import ExposureSetting
-from drivers.frames import Frame, Pixels, Side, StereoPair
+from drivers.frames import Frame, Side, StereoPair
+from drivers.pixels import Pixels
 from evaluation.experiments.worth.matches.pairs import Truth
 from evaluation.experiments.worth.matches.scenes import (
     CANVAS,

@@ -1,0 +1,81 @@
+"""The pixels of a frame: what they hold, and the grey plane that control sees of them."""
+
+from __future__ import annotations
+
+from typing import Any, Final, Literal, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+Pixels = NDArray[np.uint8] | NDArray[np.uint16]
+
+Layout = Literal["grey", "RGGB", "GRBG", "GBRG", "BGGR", "RGB", "BGR", "YUYV"]
+"""What the samples are: grey; a colour mosaic, by its upper left 2x2 pixels row by row; three colours to a pixel; or
+luminance and chroma, U in even columns and V in odd ones."""
+
+SAMPLES: Final[dict[Layout, int]] = {"RGB": 3, "BGR": 3, "YUYV": 2}
+"""Samples of a pixel, in the layouts where it has more than one."""
+
+_CHROMA = np.arange(256) - 128.0
+_RED_EXCESS = np.rint(np.maximum(1.402 * _CHROMA, 0.0)).astype(np.uint8)
+_BLUE_EXCESS = np.rint(np.maximum(1.772 * _CHROMA, 0.0)).astype(np.uint8)
+"""What red is above luminance for each V, and blue for each U (ITU-R BT.601, full range)."""
+_YUV_ROUNDING = 2
+"""Grey levels that a colour may lose where luminance and chroma are rounded."""
+
+
+def grey_plane(pixels: Pixels, bit_depth: int, layout: Layout, saturation: int = 255) -> NDArray[np.uint8]:
+    """The pixels as 8-bit grey levels; deeper ones are shifted, not rounded.
+
+    A colour mosaic gives its green at half the size: the mean of both green pixels of each 2x2. Other colours give
+    their luminance (BT.601). Where any colour is clipped the plane is 255, however little green there is: no exposure
+    shows what is there.
+
+    Parameters
+    ----------
+    pixels, bit_depth, layout
+        As in `Frame`.
+    saturation
+        The 8-bit level from which a sample is clipped; grey pixels stay what they are.
+
+    Returns
+    -------
+    Shape (height, width); of a mosaic (height // 2, width // 2).
+    """
+    if layout == "grey":
+        return _shifted(pixels, bit_depth)
+    import cv2  # noqa: PLC0415  a client loads OpenCV only if it wants this
+
+    mono, height, width = cast(Any, pixels), *pixels.shape[:2]
+    if layout == "YUYV":
+        y0, u, y1, v = cv2.split(mono.reshape(height, width // 2, 4))
+        luma = cv2.max(y0, y1)
+        brightest = cv2.max(cv2.add(luma, _RED_EXCESS[v]), cv2.add(luma, _BLUE_EXCESS[u]))
+        clipped = np.where(brightest >= saturation - _YUV_ROUNDING, np.uint8(255), np.uint8(0))
+        return np.asarray(cv2.merge([cv2.max(y0, clipped), cv2.max(y1, clipped)]).reshape(height, width), np.uint8)
+    if layout in ("RGB", "BGR"):
+        samples = cv2.split(mono)
+        plane = cv2.cvtColor(mono, cv2.COLOR_RGB2GRAY if layout == "RGB" else cv2.COLOR_BGR2GRAY)
+    else:
+        height, width = height // 2, width // 2
+        if not height * width:
+            return np.zeros((height, width), np.uint8)
+        upper, lower = (mono[row : 2 * height : 2, : 2 * width].reshape(height, width, 2) for row in (0, 1))
+        samples = (*cv2.split(upper), *cv2.split(lower))
+        greens = [samples[place] for place in range(4) if layout[place] == "G"]
+        plane = cv2.addWeighted(greens[0], 0.5, greens[1], 0.5, 0.0)
+    brightest = samples[0]
+    for sample in samples[1:]:
+        brightest = cv2.max(brightest, sample)
+    return np.where(brightest >= saturation << bit_depth - 8, np.uint8(255), _shifted(plane, bit_depth))
+
+
+def light_samples(pixels: Pixels, layout: Layout) -> Pixels:
+    """All samples that follow the light, whatever their colour, side by side: 2-D, in full depth."""
+    if layout == "YUYV":
+        return pixels[..., 0]
+    return pixels.reshape(len(pixels), -1)
+
+
+def _shifted(pixels: Pixels, bit_depth: int) -> NDArray[np.uint8]:
+    return (pixels if bit_depth == 8 else pixels >> bit_depth - 8).astype(np.uint8, copy=False)
