@@ -150,7 +150,7 @@ def demo(
     transport: Annotated[Literal["gige", "usb3"], typer.Option(help="GigE Vision or USB3 Vision.")] = "gige",
     rate_hz: Annotated[
         float | None,
-        typer.Option(help="Stereo pairs per second, 10 to 200; by default 60, or 30 or 20 on a slow machine."),
+        typer.Option(help="Stereo pairs per second, 2 to 200; by default 60, or down to 2 on a slow machine."),
     ] = None,
     still: Annotated[bool, typer.Option("--still", help="The cameras stand still, as on tripods.")] = False,
     publish: Annotated[bool, typer.Option("--publish", help="Publish frames to other processes, as `rig`.")] = False,
@@ -158,6 +158,8 @@ def demo(
     navigate: Annotated[
         bool, typer.Option("--navigate", help="Teach a simulated robot a lap, and repeat it in other lights.")
     ] = False,
+    pixel_format: Annotated[str, typer.Option(help="Of the cameras, such as BayerRG12p or RGB8.")] = "Mono8",
+    size: Annotated[str, typer.Option(help="Of the sensors: 720x540, 1440x1080, 2048x1536, 2448x2048.")] = "720x540",
 ) -> None:
     """Expose two fake cameras through lights going on and off: no hardware needed."""
     from autoexpose_daemon.demo.options import DemoOptions  # noqa: PLC0415
@@ -166,7 +168,21 @@ def demo(
     if seconds is None:
         seconds = 120.0 if navigate else 20.0
     options = DemoOptions(
-        seconds, policy, summary, plot, scene, light, seed, transport, rate_hz, still, publish, record, navigate
+        seconds,
+        policy,
+        summary,
+        plot,
+        scene,
+        light,
+        seed,
+        transport,
+        rate_hz,
+        still,
+        publish,
+        record,
+        navigate,
+        pixel_format,
+        size,
     )
     stop = threading.Event()
     stop_on_signals(stop)

@@ -28,7 +28,7 @@ from fake_camera.genapi.raw_gain import RawGainLaw
 from fake_camera.genapi.xml_camera import XmlCamera
 from fake_camera.gige.server import AddressTakenError, GigeServer
 from fake_camera.gige.switch import Switch
-from fake_camera.imaging import ImageSource
+from fake_camera.imaging import PIXEL_FORMATS, ImageSource
 from fake_camera.usb3.run import ShimError, run, shim_path
 from fake_camera.usb3.usbip.messages import TCP_PORT
 from fake_camera.usb3.usbip.server import Usb3Server
@@ -36,13 +36,14 @@ from fake_camera.warm_up import Unpainted, frame_s, warm_up
 from fake_camera.world.lighting import LightScript
 from fake_camera.world.scene.kept_room import kept_room
 from fake_camera.world.scene.room import furnished_room
-from fake_camera.world.sensor import DEFAULT_F_NUMBER
+from fake_camera.world.sensor import DEFAULT_F_NUMBER, SIZES
 from fake_camera.world.simulation import build_image_source
 from fake_camera.world.steered import Steered
 
 _ADDRESS = "127.0.0.1"
 _LONGEST_DESCRIPTION_BYTES = 1 << 24
 _SERIAL_CHARACTERS = {"GigE Vision": 15, "USB3 Vision": 63}  # registers of 16 and 64 bytes, with a final zero
+_SIZES = ", ".join(f"{width}x{height}" for width, height in SIZES)
 _ASK = "60; ask: print how long a frame takes, and read the rate from standard input"
 
 
@@ -65,6 +66,8 @@ def _parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     add("--line1", type=Path, metavar="SOCKET", help="wire from the exposure output to another camera's Line3")
     add("--line3", type=Path, metavar="SOCKET", help="wire from another camera's Line1")
     add("--scene", default="room", metavar="room|FILE.hdr", help="what the camera sees (%(default)s)")
+    add("--pixel-format", choices=PIXEL_FORMATS, default="Mono8", metavar="NAME", help="at power-on (%(default)s)")
+    add("--size", type=_size, default=SIZES[0], metavar="WxH", help=f"of its sensor: {_SIZES} (720x540)")
     add("--still", action="store_true", help="do not move, as on a tripod")
     add("--steered", action="store_true", help="move, and be lit, as orders on the control socket say")
     add("--light", type=Path, metavar="FILE", help="light script (150 and 1 lux in turn)")
@@ -138,6 +141,13 @@ def _niceness(text: str) -> int:
     return _integer(text, 0, 19)
 
 
+def _size(text: str) -> tuple[int, int]:
+    size = next((size for size in SIZES if text == f"{size[0]}x{size[1]}"), None)
+    if size is None:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a size that can be simulated: {_SIZES}")
+    return size
+
+
 def _integer(text: str, low: int, high: int) -> int:
     try:
         number = int(text)
@@ -200,10 +210,11 @@ def _run(options: argparse.Namespace, resources: contextlib.ExitStack) -> tuple[
             paint=paint,
             lens_f_number=options.lens_f_number,
             steered=steered,
+            size=options.size,
         )
-        warm_up(source)
+        warm_up(source, options.pixel_format)
         if options.line0_rate_hz is None:
-            options.line0_rate_hz = _ask_for_rate(source)
+            options.line0_rate_hz = _ask_for_rate(source, options.pixel_format)
     line0 = truth = None
     if options.line0 is not None:
         line0 = Line0.join(options.line0, options.line0_rate_hz)
@@ -236,7 +247,16 @@ def _device(
     options: argparse.Namespace, source: ImageSource, line0: Line0 | None = None, truth: TruthFile | None = None
 ) -> Device:
     model = "FakeU3V287M" if options.usb3 else "FakeGV287M"
-    return Device(source, options.serial, options.seed, line0, truth, model=model, niceness=options.nice)
+    return Device(
+        source,
+        options.serial,
+        options.seed,
+        line0,
+        truth,
+        model=model,
+        pixel_format=options.pixel_format,
+        niceness=options.nice,
+    )
 
 
 def _serve(options: argparse.Namespace, device: Device, xml: XmlCamera | None, resources: contextlib.ExitStack) -> None:
@@ -254,15 +274,15 @@ def _serve(options: argparse.Namespace, device: Device, xml: XmlCamera | None, r
 
 def _be_found(options: argparse.Namespace, meanwhile: contextlib.ExitStack) -> None:
     """Answer searches, which take a second, already while the room is being painted."""
-    device = _device(options, Unpainted())
+    device = _device(options, Unpainted(options.size))
     meanwhile.callback(device.close)
     _serve(options, device, None, meanwhile)
     print(json.dumps({"can_be_found": True}), flush=True)
 
 
-def _ask_for_rate(source: ImageSource) -> float:
+def _ask_for_rate(source: ImageSource, pixel_format: str) -> float:
     """Print how long a frame takes, and wait for the rate of the wire; raises ValueError when none comes."""
-    print(json.dumps({"frame_s": round(frame_s(source), 6)}), flush=True)
+    print(json.dumps({"frame_s": round(frame_s(source, pixel_format), 6)}), flush=True)
     answer = sys.stdin.readline().strip()
     try:
         rate_hz = _rate(answer)

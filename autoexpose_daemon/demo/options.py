@@ -8,14 +8,17 @@ from pathlib import Path
 from typing import Literal
 
 from drivers.errors import ConfigurationError
+from drivers.pixel_format import PIXEL_FORMATS
 
 SECONDS = (2.0, 3600.0)
 NAVIGATE_SECONDS = (60.0, 3600.0)
-RATES_HZ = (10.0, 200.0)
+RATES_HZ = (2.0, 200.0)
 _LARGEST_SEED = 2**64 - 1
 _LARGEST_SCRIPT_BYTES = 1 << 18
 
 Transport = Literal["gige", "usb3"]
+SIZES = ("720x540", "1440x1080", "2048x1536", "2448x2048")
+"""What the fake cameras' sensors can be."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +44,8 @@ class DemoOptions:
     publish: bool
     record: Path | None
     navigate: bool = False
+    pixel_format: str = "Mono8"
+    size: str = SIZES[0]
 
     def __post_init__(self) -> None:
         _check_within("--seconds", self.seconds, NAVIGATE_SECONDS if self.navigate else SECONDS, "s")
@@ -49,6 +54,14 @@ class DemoOptions:
                 "--navigate decides itself how cameras move and how bright the room is, and records nothing: "
                 "leave out --still, --light, --scene and --record"
             )
+        if self.navigate and self.size != SIZES[0]:
+            raise ConfigurationError(f"--navigate drives with a view of {SIZES[0]}: leave out --size")
+        if self.pixel_format not in PIXEL_FORMATS:
+            raise ConfigurationError(
+                f"--pixel-format {self.pixel_format} is not supported: docs/configuration.md lists what is"
+            )
+        if self.size not in SIZES:
+            raise ConfigurationError(f"--size {self.size} cannot be simulated: give one of {', '.join(SIZES)}")
         if self.rate_hz is not None:
             _check_within("--rate-hz", self.rate_hz, RATES_HZ, "Hz")
         if not 0 <= self.seed <= _LARGEST_SEED:
@@ -61,6 +74,12 @@ class DemoOptions:
                 raise ConfigurationError(f"--light {self.light} is longer than {_LARGEST_SCRIPT_BYTES >> 10} KiB")
         for file in (self.summary, self.plot):
             _check_writable(file)
+
+    @property
+    def width_height(self) -> tuple[int, int]:
+        """Of the cameras' images, pixels."""
+        width, height = self.size.split("x")
+        return int(width), int(height)
 
 
 def _check_within(option: str, number: float, bounds: tuple[float, float], unit: str) -> None:

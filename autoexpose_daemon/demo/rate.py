@@ -5,12 +5,13 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-RATES_HZ = (60.0, 30.0, 20.0)
+RATES_HZ = (60.0, 30.0, 20.0, 10.0, 5.0, 2.0)
 """The demo runs at the highest that this machine can sustain."""
 
 _USABLE_SHARE = 0.85  # of the cores; the rest is for the terminal and the system
 _SENDING_S = 0.001  # a fake camera's time per frame besides rendering: packets, clock, commands
 _DAEMON_S = 0.0085  # the daemon's time for a pair: half a core at 60 Hz, as measured on a slow machine
+_MEASURED_AT_PX = 720 * 540
 _QUOTA = Path("/sys/fs/cgroup/cpu.max")
 
 
@@ -24,10 +25,14 @@ def cores(quota: Path = _QUOTA) -> float:
         return allowed
 
 
-def pairs_per_s(frame_s: float, cores: float) -> float:
-    """Pairs per second that two fake cameras, which need `frame_s` per frame, can make beside the daemon."""
-    camera_s = frame_s + _SENDING_S
-    return _USABLE_SHARE * min(cores / (2 * camera_s + _DAEMON_S), 1 / camera_s)
+def pairs_per_s(frame_s: float, cores: float, pixels: int = _MEASURED_AT_PX) -> float:
+    """Pairs per second that two fake cameras, which need `frame_s` per frame, can make beside the daemon.
+
+    What sending and the daemon take is assumed to grow with the frames' `pixels`.
+    """
+    size = pixels / _MEASURED_AT_PX
+    camera_s = frame_s + size * _SENDING_S
+    return _USABLE_SHARE * min(cores / (2 * camera_s + size * _DAEMON_S), 1 / camera_s)
 
 
 def held_rate_hz(possible_hz: float) -> float:

@@ -40,6 +40,7 @@ def run_demo(options: DemoOptions, stop: threading.Event, console: Console) -> N
     if options.transport == "usb3" and not sockets:
         begin_again_on_fake_bus()
     arguments = ["--line0", f"demo-{os.getpid()}", "--scene", options.scene, "--seed", str(options.seed)]
+    arguments += ["--pixel-format", options.pixel_format, "--size", options.size]
     arguments += ["--still"] if options.still else []
     arguments += ["--steered"] if options.navigate else []
     if options.light is not None:

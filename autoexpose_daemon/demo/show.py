@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import json
+import math
 import signal
 import threading
 import time
@@ -41,7 +42,7 @@ _SEARCH_HOLDS_S = 1.2  # less than the daemon's two seconds: the cameras still h
 
 def show(options: DemoOptions, cameras: FakeCameras, stop: threading.Event, console: Console) -> Run:
     """Run the daemon on cameras that are starting, then end them."""
-    rate_hz = start(cameras, options.rate_hz, console)
+    rate_hz = start(cameras, options, console)
     config = configuration(options, rate_hz)
     step_log = StepLog(options.seconds / _PICTURES)
     with ExitStack() as resources:
@@ -93,7 +94,7 @@ def check_account(result: dict[str, Any]) -> None:
         )
 
 
-def start(cameras: FakeCameras, asked_hz: float | None, console: Console, highest_hz: float = RATES_HZ[0]) -> float:
+def start(cameras: FakeCameras, options: DemoOptions, console: Console, highest_hz: float = RATES_HZ[0]) -> float:
     """Have the cameras run at the requested rate, or else at one that this machine sustains; returns it.
 
     They are searched for while they get ready, and the daemon goes by what was found: else the trigger wire would run
@@ -106,9 +107,9 @@ def start(cameras: FakeCameras, asked_hz: float | None, console: Console, highes
         _search()
     while not (cameras.are_timed(_SEARCH_HOLDS_S) or cameras.stop.is_set()):
         _search()
-    possible_hz = pairs_per_s(cameras.frame_s(), cores())
-    rate_hz = asked_hz or min(held_rate_hz(possible_hz), highest_hz)
-    words = shortfall(possible_hz, rate_hz, asked=rate_hz == (asked_hz or highest_hz))
+    possible_hz = pairs_per_s(cameras.frame_s(), cores(), math.prod(options.width_height))
+    rate_hz = options.rate_hz or min(held_rate_hz(possible_hz), highest_hz)
+    words = shortfall(possible_hz, rate_hz, asked=rate_hz == (options.rate_hz or highest_hz))
     if words is not None:
         console.print(words)
     cameras.run_at(rate_hz)
@@ -131,6 +132,7 @@ def configuration(options: DemoOptions, rate_hz: float) -> Config:
             "trigger": {"mode": "external", "line": "Line0", "rate_hz": rate_hz},
             "exposure": {"max_time_us": min(_LONGEST_US, 0.8e6 / rate_hz)},
             "control": {"policy": options.policy},
+            "image": {"pixel_format": options.pixel_format},
             "publish": {} if options.publish else None,
         }
     )

@@ -68,7 +68,7 @@ class StepLog:
             )
         )
         if not self.pictures or frame.host_time_ns - self.pictures[-1][0] >= self._picture_period_ns:
-            height, width = frame.pixels.shape
-            size = (_PICTURE_WIDTH, round(height * _PICTURE_WIDTH / width))
-            small = np.asarray(cv2.resize(frame.grey8(), size, interpolation=cv2.INTER_AREA), np.uint8)
+            grey = frame.grey8()
+            size = (_PICTURE_WIDTH, round(grey.shape[0] * _PICTURE_WIDTH / grey.shape[1]))
+            small = np.asarray(cv2.resize(grey, size, interpolation=cv2.INTER_AREA), np.uint8)
             self.pictures.append((frame.host_time_ns, small))

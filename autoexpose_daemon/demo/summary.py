@@ -40,10 +40,14 @@ class Run:
 def figures(run: Run, steps: Sequence[LightStep]) -> dict[str, Any]:
     """The figures of a run, as written to the summary file."""
     tally, telemetry = run.daemon.tally, run.daemon.telemetry
+    width, height = run.options.width_height
     seconds = ((tally.window_end_ns or 0) - (tally.window_start_ns or 0)) * 1e-9
     return {
         "transport": run.options.transport,
         "policy": run.options.policy,
+        "pixel_format": run.options.pixel_format,
+        "width": width,
+        "height": height,
         "rate_hz": run.rate_hz,
         "native": GradientMetric().native,
         "seconds": round(seconds, 3),
@@ -90,7 +94,8 @@ def _rows(figures: Mapping[str, Any], steps: Sequence[LightStep]) -> Iterator[tu
         chosen = f"{setting['exposure_time_us'] / 1e3:.2f} ms of exposure, {setting['gain_db']:.1f} dB of gain"
         yield f"under {setting['lux']:g} lux", f"{chosen} (medians)"
     pairs = f"{figures['pairs']} stereo pairs in {figures['seconds']:.1f} s, {figures['fps']:.1f} per second"
-    yield "seen", f"{pairs}, from two fake {_TRANSPORTS[figures['transport']]} cameras"
+    kind = f"{figures['pixel_format']} {figures['width']}x{figures['height']}"
+    yield "seen", f"{pairs}, from two fake {_TRANSPORTS[figures['transport']]} cameras, {kind}"
     yield "lost", f"{_lost(figures)}; of {figures['triggers']} triggers on the cameras' wire"
     unusual = [f"{count} {counter.label}" for counter, count in anomalies(Counts(**figures["counts"]))]
     if unusual:

@@ -21,7 +21,7 @@ from drivers.genicam.clock import find_clock
 from drivers.genicam.dialect import find_dialect, switch_auto_off
 from drivers.genicam.features import apply_features
 from drivers.genicam.gamma import switch_gamma_off
-from drivers.genicam.image_format import choose_pixel_format, decode_pixels, set_binning
+from drivers.genicam.image_format import choose_pixel_format, decode_pixels, set_binning, switch_white_balance_off
 from drivers.genicam.metadata import FrameIdUnwrapper, SettingLedger, enable_chunks
 from drivers.genicam.timing import timing_limitations
 from drivers.genicam.trigger import arm_trigger
@@ -53,6 +53,7 @@ class AravisCamera:
         switch_auto_off(nodes)
         self._dialect = find_dialect(nodes, setup.gain_scale)  # first: what cannot expose is refused for just that
         self._pixel_format = choose_pixel_format(nodes, setup.pixel_format)
+        switch_white_balance_off(nodes, self._pixel_format)
         set_binning(nodes, setup.binning)
         of_trigger = arm_trigger(nodes, setup.trigger)
         of_gamma = switch_gamma_off(nodes)

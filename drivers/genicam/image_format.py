@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import logging
+
 from drivers.errors import ConfigurationError, UnsupportedCameraError
 from drivers.genicam.nodes import NodeMap
 from drivers.pixel_format import PIXEL_FORMATS, PixelFormat
 from drivers.pixels import Pixels
+
+_log = logging.getLogger(__name__)
 
 _FORMER_NAMES = {
     PixelFormat.RGB8: "RGB8Packed",
@@ -46,6 +50,16 @@ def choose_pixel_format(nodes: NodeMap, wanted: PixelFormat | None) -> PixelForm
         raise ConfigurationError(f"camera {nodes.serial}: it has no pixel format {wanted}; it has {', '.join(offered)}")
     nodes.write_entry("PixelFormat", entry)
     return wanted
+
+
+def switch_white_balance_off(nodes: NodeMap, pixel_format: PixelFormat) -> None:
+    """Keep the camera from changing its ratios of colours behind the response; grey has none."""
+    if pixel_format.layout == "grey" or "Off" not in nodes.entries("BalanceWhiteAuto"):
+        return
+    present = nodes.read_entry("BalanceWhiteAuto")
+    if present != "Off":
+        nodes.write_entry("BalanceWhiteAuto", "Off")
+        _log.info("camera %s: BalanceWhiteAuto was %s, now Off: ratios of colours stay", nodes.serial, present)
 
 
 def set_binning(nodes: NodeMap, binning: int | None) -> None:

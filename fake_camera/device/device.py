@@ -21,7 +21,7 @@ from fake_camera.imaging import PIXEL_FORMATS, ExposedFrame, ImageSource, Pixels
 
 _TOO_LATE_NS = 500_000_000  # a pulse this old (the process was stopped) makes no exposure
 _OVERRUN_NS = 100_000_000  # a frame that would be sent this late is dropped, so that a slow machine keeps up
-_BEHIND_NS = _OVERRUN_NS // 2  # a frame is rendered while it is no later: else all would be rendered, then dropped
+_OVERRUN_PX = 720 * 540  # a larger one may be later in proportion
 _UNWIRED_RATE_HZ = 60.0  # of the pulses by which faults and truth are counted when no wire is plugged in
 
 
@@ -49,6 +49,7 @@ class Device:
         truth: TruthFile | None = None,
         *,
         model: str = "FakeGV287M",
+        pixel_format: str = "Mono8",
         niceness: int = 0,
     ) -> None:
         self._source = source
@@ -62,7 +63,10 @@ class Device:
         self._clock_offset_ns = oscillator.randrange(1_000_000_000, 10_000_000_000)
         self._clock_rate = 1 + oscillator.uniform(-10e-6, 10e-6)
         self._power_on_ns = time.monotonic_ns()
-        self.features = Features(serial, source.sensor_width, source.sensor_height, self.now_ns, model=model)
+        size = source.sensor_width, source.sensor_height
+        # Half as late, a frame is not even rendered: else all would be rendered, then dropped.
+        self._overrun_ns = max(_OVERRUN_NS, size[0] * size[1] * _OVERRUN_NS // _OVERRUN_PX)
+        self.features = Features(serial, *size, self.now_ns, model=model, pixel_format=pixel_format)
         self.faults = Faults(self._power_on, self._power_off)
         self._acquisition = Acquisition(self.features)
         self._lock = threading.Lock()  # guards the acquisition; never held while other code is called back
@@ -228,7 +232,11 @@ class Device:
         while (exposure := self._exposures.get()) is not None:
             # A delayed frame delays those behind it: frames stay in order.
             due_ns = max(due_ns, exposure.ready_ns + (DELAY_NS if Fault.DELAY in exposure.faults else 0))
-            if Fault.FREEZE not in exposure.faults and self._wanted(exposure) and self._in_time(due_ns, _BEHIND_NS):
+            if (
+                Fault.FREEZE not in exposure.faults
+                and self._wanted(exposure)
+                and self._in_time(due_ns, self._overrun_ns // 2)
+            ):
                 self._frames.put((due_ns, exposure, self._render(exposure)))
         self._frames.put(None)
 
@@ -238,7 +246,7 @@ class Device:
             due_ns, exposure, frame = rendered
             if self._closed.wait(max(0, due_ns - time.monotonic_ns()) * 1e-9):
                 return
-            if self._wanted(exposure) and self._in_time(due_ns, _OVERRUN_NS):
+            if self._wanted(exposure) and self._in_time(due_ns, self._overrun_ns):
                 self.faults.on_send(exposure.pulse)
                 self._sink(frame)
 
@@ -264,8 +272,11 @@ class Device:
 
 def _spoilt(pixels: Pixels, exposure: Exposure) -> Pixels:
     """The image after the faults of the sensor."""
-    if Fault.BLACK in exposure.faults:
-        return np.zeros_like(pixels)
-    if Fault.WHITE in exposure.faults:
-        return np.full_like(pixels, PIXEL_FORMATS[exposure.settings.pixel_format].max_grey)
+    pixel_format = PIXEL_FORMATS[exposure.settings.pixel_format]
+    for fault, level in ((Fault.BLACK, 0), (Fault.WHITE, pixel_format.max_grey)):
+        if fault in exposure.faults:
+            pixels = np.full_like(pixels, level)
+            if pixel_format.colours == "YUYV":
+                pixels[..., 1] = 128  # chroma of grey
+            break
     return pixels

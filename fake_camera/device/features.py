@@ -25,6 +25,7 @@ ENUM_ENTRIES: dict[str, dict[str, int]] = {
     "ExposureAuto": {"Off": 0, "Once": 1, "Continuous": 2},
     "GainSelector": {"All": 0},
     "GainAuto": {"Off": 0, "Once": 1, "Continuous": 2},
+    "BalanceWhiteAuto": {"Off": 0, "Continuous": 2},
     "TriggerSelector": {"FrameStart": 0},
     "TriggerMode": {"Off": 0, "On": 1},
     "TriggerSource": {"Software": 0, "Line0": 1, "Line3": 4},
@@ -86,7 +87,7 @@ _NOT_IN_USER_SETS = ("DeviceUserID", "TLParamsLocked", "UserSetSelector")
 _HISTORY = 64  # writes that may come between a pulse and the moment when its thread runs
 
 
-def _specs(model: str, serial: str, sensor_width: int, sensor_height: int) -> list[Spec]:
+def _specs(model: str, serial: str, sensor_width: int, sensor_height: int, pixel_format: str) -> list[Spec]:
     """The table of features of one camera."""
 
     def fixed(name: str, type_: Type, value: Value, unit: str = "") -> Spec:
@@ -113,7 +114,7 @@ def _specs(model: str, serial: str, sensor_width: int, sensor_height: int) -> li
         Spec("OffsetY", "integer", 0, 0, sensor_height, 2, "px", locked_while=_ACQUIRING),
         Spec("BinningHorizontal", "integer", 1, 1, 4, 1, locked_while=_ACQUIRING),
         Spec("BinningVertical", "integer", 1, 1, 4, 1, locked_while=_ACQUIRING),
-        choice("PixelFormat", "Mono8", _ACQUIRING),
+        choice("PixelFormat", pixel_format, _ACQUIRING),
         fixed("PayloadSize", "integer", 0, "bytes"),
         choice("AcquisitionMode", "Continuous", _ACQUIRING),
         Spec("AcquisitionFrameRateEnable", "boolean", True),
@@ -133,6 +134,7 @@ def _specs(model: str, serial: str, sensor_width: int, sensor_height: int) -> li
         choice("GainSelector", "All"),
         Spec("Gain", "float", 0.0, 0.0, 47.0, unit="dB", locked_while=("GainAuto", "Continuous")),
         choice("GainAuto", "Continuous"),
+        choice("BalanceWhiteAuto", "Continuous"),
         Spec("BlackLevel", "float", 0.0, 0.0, 12.5, unit="%"),
         Spec("Gamma", "float", 0.8, 0.25, 4.0),
         Spec("GammaEnable", "boolean", False),
@@ -167,7 +169,7 @@ class Features:
 
     Commands (AcquisitionStart, AcquisitionStop, TriggerSoftware, TimestampLatch, DeviceReset, UserSetLoad,
     UserSetSave) are not features: see ``Device.execute``. LineInverter is kept for each line, and has no effect.
-    `device_clock_ns` gives Timestamp; `host_clock_ns` dates the writes.
+    `device_clock_ns` gives Timestamp; `host_clock_ns` dates the writes; `pixel_format` is the PixelFormat at power-on.
     """
 
     def __init__(
@@ -179,8 +181,10 @@ class Features:
         host_clock_ns: Callable[[], int] = time.monotonic_ns,
         *,
         model: str = "FakeGV287M",
+        pixel_format: str = "Mono8",
     ) -> None:
-        self._specs = {spec.name: spec for spec in _specs(model, serial, sensor_width, sensor_height)}
+        specs = _specs(model, serial, sensor_width, sensor_height, pixel_format)
+        self._specs = {spec.name: spec for spec in specs}
         self._derived: dict[str, Callable[[], Value]] = {
             "Timestamp": device_clock_ns,
             "WidthMax": lambda: self._region_max("Width"),
@@ -355,8 +359,8 @@ class Features:
         }
 
     def _payload_bytes(self) -> int:
-        bits_per_pixel = PIXEL_FORMATS[str(self._values["PixelFormat"])].bits_per_pixel
-        image = int(self._values["Width"]) * int(self._values["Height"]) * bits_per_pixel // 8
+        pixel_format = PIXEL_FORMATS[str(self._values["PixelFormat"])]
+        image = pixel_format.image_bytes(int(self._values["Width"]), int(self._values["Height"]))
         if not self._values["ChunkModeActive"]:
             return image
         chunks = sum(CHUNK_BYTES[name] + CHUNK_TRAILER_BYTES for name in self.enabled_chunks())
@@ -378,4 +382,5 @@ class Features:
             binning_vertical=int(values["BinningVertical"]),
             reverse_x=bool(values["ReverseX"]),
             reverse_y=bool(values["ReverseY"]),
+            balances_white=values["BalanceWhiteAuto"] != "Off",
         )

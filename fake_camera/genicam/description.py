@@ -34,7 +34,7 @@ _CATEGORIES = {
     "ImageFormatControl": ("Sensor", "Width", "Height", "Offset", "Binning", "Reverse", "PixelFormat"),
     "AcquisitionControl": ("Acquisition", "Exposure", "Trigger"),
     "DigitalIOControl": ("Line",),
-    "AnalogControl": ("Gain", "BlackLevel", "Gamma"),
+    "AnalogControl": ("Gain", "BalanceWhite", "BlackLevel", "Gamma"),
     "ChunkDataControl": ("Chunk",),
     "UserSetControl": ("UserSet",),
     "TransportLayerControl": ("PayloadSize", "TLParamsLocked", "Gev", "U3V"),

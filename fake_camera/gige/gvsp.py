@@ -5,9 +5,6 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from fake_camera.genicam.status import Status
 from fake_camera.imaging import PIXEL_FORMATS, ExposedFrame
 
@@ -40,20 +37,19 @@ class Block:
     def from_frame(cls, frame: ExposedFrame, chunks: bytes, packet_bytes: int) -> Block:
         """Cut a frame and its chunk data (may be empty) into packets of `packet_bytes`, headers included.
 
-        The pixels are not copied; those of more than 8 bits are sent little-endian, as the standard demands.
+        The pixels are not copied, unless their format is packed.
         """
         settings = frame.settings
-        height, width = frame.pixels.shape
-        little_endian: NDArray[np.uint8 | np.uint16] = frame.pixels.astype(
-            frame.pixels.dtype.newbyteorder("<"), order="C", copy=False
-        )
+        pixel_format = PIXEL_FORMATS[settings.pixel_format]
+        height, width = frame.pixels.shape[:2]
+        image = pixel_format.on_the_wire(frame.pixels)
         payload_type = _IMAGE | (_EXTENDED_CHUNKS if chunks else 0)
         leader = struct.pack(
             ">HHQIIIIIHH",
             0,
             payload_type,
             frame.device_time_ns,
-            PIXEL_FORMATS[settings.pixel_format].pfnc_code,
+            pixel_format.pfnc_code,
             width,
             height,
             settings.offset_x,
@@ -64,11 +60,11 @@ class Block:
         trailer = struct.pack(">HHI", 0, payload_type, height)
         if chunks:
             layout_id = 0  # the set of chunks never changes while the camera streams
-            trailer += struct.pack(">II", frame.pixels.nbytes + len(chunks), layout_id)
+            trailer += struct.pack(">II", len(image) + len(chunks), layout_id)
         return cls(
             block_id(frame.frame_id),
             leader,
-            little_endian.data.cast("B"),
+            image,
             chunks,
             trailer,
             packet_bytes - PACKET_OVERHEAD,

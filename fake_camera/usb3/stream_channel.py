@@ -6,18 +6,15 @@ import itertools
 import threading
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from fake_camera.device.acquisition import Counters
 from fake_camera.device.faults import Fault, Faults
 from fake_camera.genicam.status import CommandError, Status
-from fake_camera.imaging import ExposedFrame
+from fake_camera.imaging import PIXEL_FORMATS, ExposedFrame
 from fake_camera.usb3 import u3vsp
 from fake_camera.usb3.usb.endpoint import InEndpoint
 
 MEMORY_BYTES = 8 << 20
-"""The camera's memory for frames that the host has not fetched; frames that find it full are discarded."""
+"""The camera's memory for frames that the host has not fetched, at least two; those that find it full are discarded."""
 
 
 @dataclass(slots=True)
@@ -84,15 +81,12 @@ class StreamChannel:
 
     def send(self, frame: ExposedFrame, chunks: bytes) -> None:
         """Send a frame with its chunk data, unless the stream is off or the camera's memory is full."""
-        little_endian: NDArray[np.uint8 | np.uint16] = frame.pixels.astype(
-            frame.pixels.dtype.newbyteorder("<"), order="C", copy=False
-        )
-        image = little_endian.data.cast("B")
+        image = PIXEL_FORMATS[frame.settings.pixel_format].on_the_wire(frame.pixels)
         payload = memoryview(b"".join((image, chunks))) if chunks else image
         with self._lock:
             if not self.enabled:
                 return
-            if self._endpoint.backlog_bytes + len(payload) > MEMORY_BYTES:
+            if self._endpoint.backlog_bytes + len(payload) > max(MEMORY_BYTES, 2 * len(payload)):
                 self._counters.discarded += 1
             elif self._faults.spoils_frame(Fault.STALL):
                 self._endpoint.halt()

@@ -17,7 +17,7 @@ _SUCCESS, _DATA_DISCARDED = 0x0000, 0xA100
 def leader(frame: ExposedFrame, has_chunks: bool) -> bytes:
     """What precedes the payload: the block id, when the image was taken, and its kind."""
     settings = frame.settings
-    height, width = frame.pixels.shape
+    height, width = frame.pixels.shape[:2]
     return struct.pack(
         "<4sHHQHHQIIIIIHH",
         b"U3VL",

@@ -13,7 +13,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from fake_camera.imaging import PIXEL_FORMATS, ImageSettings
+from fake_camera.imaging import PIXEL_FORMATS, ImageSettings, Pixels
+from fake_camera.world.colour import Tints, balanced, filtered, grey_light, mosaic_of, with_colours
 from fake_camera.world.response import response_table
 
 _STEPS = 1 << 16
@@ -30,6 +31,10 @@ It follows from 73000 electrons per lux second: a white lamp gives some 9e15 pho
 those that leave a white surface, 0.9 / (4 F^2) pass the lens; a pixel of 4.8e-11 m^2 turns 0.6 of its share into
 electrons. That makes 58000 / F^2.
 """
+
+
+SIZES = ((720, 540), (1440, 1080), (2048, 1536), (2448, 2048))
+"""Widths and heights of the sensors that can be simulated, pixels; larger ones differ from the first only in size."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,8 +85,12 @@ class Sensor:
         self._table: NDArray[np.uint8] | NDArray[np.uint16] = np.empty(0, np.uint8)
 
     def expose(
-        self, radiance: NDArray[np.float32], settings: ImageSettings, noise_seed: int
-    ) -> NDArray[np.uint8] | NDArray[np.uint16]:
+        self,
+        radiance: NDArray[np.float32],
+        settings: ImageSettings,
+        noise_seed: int,
+        tints: Tints | None = None,
+    ) -> Pixels:
         """Take one image.
 
         Parameters
@@ -92,10 +101,12 @@ class Sensor:
             Exposure time, gain, region, binning and output of this frame.
         noise_seed
             From 0 to 2**64 - 1; equal seeds give equal noise.
+        tints
+            The colours of the light, for colour formats; None: grey.
 
         Returns
         -------
-        Grey levels, shape (settings.height, settings.width), of the `dtype` of the pixel format.
+        As from `ImageSource.take`.
 
         Raises
         ------
@@ -105,9 +116,14 @@ class Sensor:
         exposure_s = settings.exposure_time_us * 1e-6
         pixels = settings.binning_horizontal * settings.binning_vertical
         table = self._greys(settings.pixel_format, settings.gamma)
-        image = np.empty((settings.height, settings.width), table.dtype)
+        pixel_format = PIXEL_FORMATS[settings.pixel_format]
+        mosaic = mosaic_of(pixel_format)
+        charged = self._charged(radiance, settings)
+        if mosaic:
+            charged = filtered(charged, _in_region(tints or grey_light(radiance.shape), settings), mosaic)
+        image: Pixels = np.empty((settings.height, settings.width), table.dtype)
         _expose(
-            self._charged(radiance, settings),
+            charged,
             np.float32(self.model.sensitivity_e_per_lux_s * exposure_s),
             np.float32(self.model.dark_current_e_per_s * exposure_s * pixels),
             np.float32(self.model.read_noise_e**2),
@@ -119,7 +135,9 @@ class Sensor:
             table,
             image,
         )
-        return image
+        if mosaic and settings.balances_white:
+            image = balanced(image, mosaic, pixel_format.max_grey)
+        return image if mosaic == pixel_format.colours else with_colours(image, pixel_format.colours)
 
     def _charged(self, radiance: NDArray[np.float32], settings: ImageSettings) -> NDArray[np.float32]:
         """Radiance summed over the pixels of each bin, mirrored, and cut to the region; a bin holds one full well."""
@@ -146,6 +164,17 @@ class Sensor:
             self._table = greys.astype(PIXEL_FORMATS[pixel_format].dtype)
             self._table_of = (pixel_format, gamma)
         return self._table
+
+
+def _in_region(tints: Tints, settings: ImageSettings) -> Tints:
+    """The tints of the pixels in the region of interest; a bin has that of its first pixel."""
+    down, across = settings.binning_vertical, settings.binning_horizontal
+    height, width = tints.numbers.shape
+    binned = tints.numbers[: height // down * down : down, : width // across * across : across]
+    binned = binned[:: -1 if settings.reverse_y else 1, :: -1 if settings.reverse_x else 1]
+    rows = slice(settings.offset_y, settings.offset_y + settings.height)
+    columns = slice(settings.offset_x, settings.offset_x + settings.width)
+    return Tints(binned[rows, columns], tints.colours)
 
 
 @njit(cache=True, fastmath=True, nogil=True)

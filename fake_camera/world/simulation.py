@@ -10,16 +10,20 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from fake_camera.imaging import ImageSettings, ImageSource, Pixels
+from fake_camera.imaging import PIXEL_FORMATS, ImageSettings, ImageSource, Pixels
+from fake_camera.world.colour import Tints
 from fake_camera.world.lighting import LightScript
 from fake_camera.world.render.renderer import Pinhole, Renderer, Surface
 from fake_camera.world.scene.panorama import Panorama, load_radiance
 from fake_camera.world.scene.path import CameraPath, right_of
 from fake_camera.world.scene.room import furnished_room
-from fake_camera.world.sensor import DEFAULT_F_NUMBER, Sensor, SensorModel
+from fake_camera.world.sensor import DEFAULT_F_NUMBER, SIZES, Sensor, SensorModel
 from fake_camera.world.steered import Steered
 
 Side = Literal["left", "right"]
+
+_GOLDEN_RATIO = (1.0 + math.sqrt(5.0)) / 2.0
+"""Neighbours in the order of surfaces get different hues."""
 
 _LONGEST_PART_PX = 16.0
 """A longer motion is rendered in parts. The corners of the image, and near things, move by up to a third more."""
@@ -33,6 +37,10 @@ class Scene(Protocol):
 
         The next call overwrites the result.
         """
+
+    def tints(self, time_s: float) -> Tints:
+        """The colours of the light, (height, width), until the next call."""
+        ...
 
 
 class Trajectory(Protocol):
@@ -60,6 +68,7 @@ class RoomView:
 
     def __init__(self, renderer: Renderer, path: Trajectory, side: Side) -> None:
         self._renderer = renderer
+        self._numbers: Renderer | None = None
         self._path = path
         self._side = side
 
@@ -86,6 +95,23 @@ class RoomView:
         poses = [self.pose(float(time_s)) for time_s in times_s]
         return self._renderer.render_motion(np.array([poses[i : i + 3] for i in range(0, 2 * parts, 2)]), lux)
 
+    def tints(self, time_s: float) -> Tints:
+        """Those of the surfaces seen at an instant, see `Scene`: their edges are not blurred by motion."""
+        if self._numbers is None:
+            self._numbers = self._renderer.of_numbers()
+        return Tints(self._numbers.render(self.pose(time_s)[None], 1.0), paints(len(self._renderer.surfaces)))
+
+
+def paints(count: int) -> NDArray[np.float32]:
+    """A colour for each surface, from number 1 on, all round the colour circle; number 0, no surface, is grey.
+
+    Red, green and blue, shape (count + 1, 3); of each colour the mean is 1, and none is beyond 1.5.
+    """
+    hue = 2.0 * math.pi * (np.arange(count + 1)[:, None] * _GOLDEN_RATIO - np.arange(3) / 3.0)
+    colours = 1.0 + 0.5 * np.cos(hue)
+    colours[0] = 1.0
+    return colours.astype(np.float32)
+
 
 class SimulatedCamera:
     """An `ImageSource`: a scene under a light script, exposed by a sensor. It reads no clock. Not thread-safe.
@@ -101,13 +127,15 @@ class SimulatedCamera:
         self._sensor = sensor
         self._still = still
         self._rendered: tuple[float, NDArray[np.float32]] | None = None
+        self._tints_at_rest: Tints | None = None
 
     def take(self, start_s: float, settings: ImageSettings, noise_seed: int) -> Pixels:
         """The image of one exposure, see `ImageSource.take`, with the motion and the light during it."""
         exposure_s = settings.exposure_time_us * 1e-6
         lux = self._light.mean_lux(start_s, exposure_s)
         radiance = self._at_rest(lux) if self._still else self._scene.exposed(start_s, exposure_s, lux)
-        return self._sensor.expose(radiance, settings, noise_seed)
+        tints = self._tints(start_s + exposure_s / 2) if PIXEL_FORMATS[settings.pixel_format].colours else None
+        return self._sensor.expose(radiance, settings, noise_seed, tints)
 
     def lux(self, time_s: float) -> float:
         """Illumination of the light script at `time_s`, with flicker averaged out."""
@@ -117,6 +145,13 @@ class SimulatedCamera:
         if self._rendered is None or self._rendered[0] != lux:
             self._rendered = lux, self._scene.exposed(0.0, 0.0, lux)
         return self._rendered[1]
+
+    def _tints(self, time_s: float) -> Tints:
+        if not self._still:
+            return self._scene.tints(time_s)
+        if self._tints_at_rest is None:
+            self._tints_at_rest = self._scene.tints(0.0)
+        return self._tints_at_rest
 
 
 def build_image_source(
@@ -130,6 +165,7 @@ def build_image_source(
     paint: Callable[[int], Sequence[Surface]] = furnished_room,
     lens_f_number: float = DEFAULT_F_NUMBER,
     steered: Steered | None = None,
+    size: tuple[int, int] = SIZES[0],
 ) -> ImageSource:
     """Build the world of one camera. The first image of each pixel format is slow unless kernels are compiled.
 
@@ -153,17 +189,21 @@ def build_image_source(
         Of the lens.
     steered
         Decides path and light in the room, instead of the time.
+    size
+        Width and height of the sensor, pixels; the angle of view across is the same for all.
 
     Raises
     ------
     ValueError
         One sentence: what is wrong with the file, or that the response function is unknown.
     """
-    model = SensorModel(lens_f_number=lens_f_number)
+    model = SensorModel(*size, lens_f_number=lens_f_number)
     sensor = Sensor(model, 2 * seed + (side == "right"), response)
     view: Scene
     if scene == "room":
-        renderer = Renderer(paint(seed), Pinhole(model.width, model.height))
+        lens = Pinhole()
+        camera = Pinhole(model.width, model.height, lens.focal_px * model.width / lens.width)
+        renderer = Renderer(paint(seed), camera)
         view = RoomView(renderer, steered or CameraPath(), side)
     else:
         view = Panorama(load_radiance(Path(scene)), side, model.width, model.height)

@@ -88,7 +88,7 @@ def navigate(options: DemoOptions, cameras: FakeCameras, folder: Path, stop: thr
     AutoexposeError
         When a command fails, or the account of triggers does not balance.
     """
-    rate_hz = start(cameras, options.rate_hz, console, HIGHEST_HZ)
+    rate_hz = start(cameras, options, console, HIGHEST_HZ)
     daemon_at, robot_at = (f"tcp/127.0.0.1:{port}" for port in _free_ports())
     if options.publish:
         daemon_at = LOOPBACK

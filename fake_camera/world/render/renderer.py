@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -51,6 +51,7 @@ class Renderer:
 
     def __init__(self, surfaces: Sequence[Surface], camera: Pinhole) -> None:
         self.camera = camera
+        self.surfaces = surfaces
         self._lens = camera.focal_px, (camera.width - 1) / 2, (camera.height - 1) / 2
         self._corners = np.array([[s.corner, s.edge_u, s.edge_v] for s in surfaces])
         self._follows_light = np.array([s.follows_light for s in surfaces])
@@ -59,6 +60,14 @@ class Renderer:
         self._wide = np.empty((camera.height + 2 * MARGIN, camera.width + 2 * MARGIN), np.float32)
         self._sums = np.empty(self._wide.size, np.int32)
         self._nearness = np.empty((camera.height, -(-camera.width // BLOCK)))
+
+    def of_numbers(self) -> Renderer:
+        """A renderer of the surfaces' numbers, from 1 on, instead of their radiance; 0 where there is none."""
+        numbered = [
+            replace(surface, pattern=np.full((2, 2), number, np.float32), follows_light=False)
+            for number, surface in enumerate(self.surfaces, 1)
+        ]
+        return Renderer(numbered, self.camera)
 
     def render(self, poses: NDArray[np.float64], lux: float | NDArray[np.float64]) -> NDArray[np.float32]:
         """Mean radiance over the poses, in lux times reflectance; it is affine in `lux`.

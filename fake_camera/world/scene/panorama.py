@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fake_camera.files import read_regular
+from fake_camera.world.colour import Tints, grey_light
 
 _MOST_BYTES = 1 << 28
 
@@ -94,6 +95,10 @@ class Panorama:
             total += cv2.getRectSubPix(self._still, self._size, (x + self._shift_px, y))
         total *= np.float32(lux / instants)
         return total
+
+    def tints(self, time_s: float) -> Tints:
+        """Grey everywhere, see `Scene`: only the luminance of the still is known."""
+        return grey_light(self._size[::-1])
 
     def _centre(self, time_s: float) -> tuple[float, float]:
         """Middle of the left camera's view on the still, in its pixels."""

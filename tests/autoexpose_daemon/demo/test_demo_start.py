@@ -12,11 +12,12 @@ import numpy as np
 import pytest
 
 from autoexpose_daemon.demo.fakes import FakeCamera, newest_lux, read_pulses
-from autoexpose_daemon.demo.options import DemoOptions
+from autoexpose_daemon.demo.options import SIZES, DemoOptions
 from autoexpose_daemon.demo.rate import cores, held_rate_hz, pairs_per_s, shortfall
 from drivers.errors import AutoexposeError, ConfigurationError
 from fake_camera.imaging import ImageSettings, Pixels
 from fake_camera.warm_up import frame_s
+from fake_camera.world.sensor import SIZES as simulated_sizes
 from tests.fakes import loopback_address, unique
 
 OPTIONS = DemoOptions(20.0, "metric-map", None, None, "room", None, 0, "gige", None, False, False, None)
@@ -49,7 +50,8 @@ class SlowSource:
         (2.0, 2, 60.0, None),
         (12.0, 2, 30.0, "this machine renders 49 frames a second: showing 30 Hz"),
         (2.0, 1, 30.0, "this machine renders 59 frames a second: showing 30 Hz"),
-        (17.0, 1, 20.0, "this machine renders 19 frames a second: at 20 Hz the fake cameras will lose some"),
+        (17.0, 1, 10.0, "this machine renders 19 frames a second: showing 10 Hz"),
+        (400.0, 1, 2.0, "this machine renders 1 frames a second: at 2 Hz the fake cameras will lose some"),
         (32.0, 16, 20.0, "this machine renders 26 frames a second: showing 20 Hz"),
     ],
 )
@@ -57,9 +59,17 @@ def test_a_slow_simulation_runs_at_a_rate_that_it_sustains(
     frame_ms: float, processors: int, rate_hz: float, words: str | None
 ) -> None:
     source = SlowSource(1.0, 1e-3 * frame_ms)  # the first frame pays for caches, and does not count
-    possible_hz = pairs_per_s(frame_s(source, source.clock_s), processors)
+    possible_hz = pairs_per_s(frame_s(source, "Mono8", source.clock_s), processors)
     assert held_rate_hz(possible_hz) == rate_hz
     assert shortfall(possible_hz, rate_hz, asked=False) == words
+
+
+def test_larger_frames_take_longer() -> None:
+    assert pairs_per_s(0.01, 2, 1440 * 1080) < 0.8 * pairs_per_s(0.01, 2)
+
+
+def test_the_fake_cameras_have_these_sizes() -> None:
+    assert tuple(f"{width}x{height}" for width, height in simulated_sizes) == SIZES
 
 
 def test_a_requested_rate_is_kept_and_commented_on() -> None:
@@ -84,12 +94,17 @@ def test_a_container_has_as_many_cores_as_its_quota(tmp_path: Path) -> None:
         ({"seconds": float("inf")}, "--seconds inf is not within 2 to 3600 s"),
         ({"seconds": float("nan")}, "--seconds nan is not within 2 to 3600 s"),
         ({"seconds": 1.0}, "--seconds 1 is not within 2 to 3600 s"),
-        ({"rate_hz": float("nan")}, "--rate-hz nan is not within 10 to 200 Hz"),
-        ({"rate_hz": 1e300}, "--rate-hz 1e+300 is not within 10 to 200 Hz"),
+        ({"rate_hz": float("nan")}, "--rate-hz nan is not within 2 to 200 Hz"),
+        ({"rate_hz": 1e300}, "--rate-hz 1e+300 is not within 2 to 200 Hz"),
         ({"seed": 2**64}, f"--seed {2**64} is not within 0 to {2**64 - 1}"),
         ({"seed": -1}, f"--seed -1 is not within 0 to {2**64 - 1}"),
         ({"scene": "/dev/zero"}, "--scene /dev/zero is not a file: name a Radiance .hdr file, or `room`"),
         ({"light": Path("/dev/zero")}, "--light /dev/zero is not a file: name a light script (docs/fake-camera.md)"),
+        (
+            {"pixel_format": "Mono9"},
+            "--pixel-format Mono9 is not supported: docs/configuration.md lists those that are",
+        ),
+        ({"size": "99x99"}, f"--size 99x99 cannot be simulated: give one of {', '.join(SIZES)}"),
         ({"plot": Path("/dev")}, "/dev: cannot be written; name a file in an existing folder"),
     ],
 )

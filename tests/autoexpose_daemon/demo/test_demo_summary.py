@@ -23,6 +23,9 @@ FIGURES: dict[str, Any] = {
     "pairs": 1186,
     "lost": {"startup": 13, "shutdown": 1},
     "fakes": {"overruns": 0, "cpu_percent": [12.4, 13.6]},
+    "pixel_format": "Mono8",
+    "width": 720,
+    "height": 540,
     "counts": {"pairs": 1186, "decisions_at_darkest_limit": 3},
     "settings": [{"lux": 150.0, "exposure_time_us": 99.0, "gain_db": 26.1}],
     "pairing_ms": {"p50": 0.2, "p99": 1.1},
@@ -50,7 +53,7 @@ def test_every_figure_has_a_unit_and_a_meaning() -> None:
     assert said() == {
         "light at 4.0 s": "150 to 1 lux: well exposed and steady after 4 frames (67 ms)",
         "under 150 lux": "0.10 ms of exposure, 26.1 dB of gain (medians)",
-        "seen": "1186 stereo pairs in 20.0 s, 59.3 per second, from two fake GigE Vision cameras",
+        "seen": "1186 stereo pairs in 20.0 s, 59.3 per second, from two fake GigE Vision cameras, Mono8 720x540",
         "lost": "none; 13 before every camera was open, 1 at the end; of 1200 triggers on the cameras' wire",
         "pairing": "0.2 ms, 99 of 100 within 1.1 ms: From a pair in memory to the control step on it.",
         "decision": "3.1 ms, 99 of 100 within 7.4 ms: One control step.",

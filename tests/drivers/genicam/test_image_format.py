@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.errors import ConfigurationError, UnsupportedCameraError
-from drivers.genicam.image_format import choose_pixel_format, decode_pixels, set_binning
+from drivers.genicam.image_format import choose_pixel_format, decode_pixels, set_binning, switch_white_balance_off
 from drivers.pixel_format import PixelFormat
 from tests.drivers.genicam.node_map import EnumerationNode, IntegerNode, MemoryNodes
 
@@ -44,6 +44,20 @@ def test_other_formats_are_refused_by_name() -> None:
 def test_a_format_not_offered_is_refused_with_those_that_are() -> None:
     with pytest.raises(ConfigurationError, match="it has no pixel format Mono16; it has BayerRG8, Mono8"):
         choose_pixel_format(colour_camera("Mono8"), PixelFormat.MONO16)
+
+
+def test_automatic_white_balance_is_switched_off_and_said_so_where_there_are_colours(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    caplog.set_level("INFO")
+    nodes = MemoryNodes({"BalanceWhiteAuto": EnumerationNode("Continuous", ("Off", "Once", "Continuous"))})
+    switch_white_balance_off(nodes, PixelFormat.MONO8)
+    assert nodes.writes == []
+    for _ in range(2):
+        switch_white_balance_off(nodes, PixelFormat.BAYER_RG8)
+    assert nodes.writes == [("BalanceWhiteAuto", "Off")]
+    assert caplog.messages == ["camera M1: BalanceWhiteAuto was Continuous, now Off: ratios of colours stay"]
+    switch_white_balance_off(MemoryNodes({}), PixelFormat.RGB8)
 
 
 def test_binning_resets_the_region_to_the_whole_sensor() -> None:

@@ -86,7 +86,7 @@ def test_gain_is_continuous(features: Features) -> None:
         ("ExposureTime", float("nan")),
         ("Gain", -0.1),
         ("Gain", 47.1),
-        ("PixelFormat", "BayerRG8"),
+        ("PixelFormat", "YUV444"),
         ("Width", 724),
         ("Width", 0),
         ("DeviceUserID", "sixteen letters!"),

@@ -181,7 +181,7 @@ def test_the_user_name_is_one_thing_at_two_addresses(memory: RegisterMap) -> Non
         ("Gain", struct.pack(">d", 3.0), Status.ACCESS_DENIED),
         ("Width", struct.pack(">I", 4), Status.INVALID_PARAMETER),
         ("Width", struct.pack(">I", 724), Status.INVALID_PARAMETER),
-        ("PixelFormat", struct.pack(">I", 0x01080008), Status.INVALID_PARAMETER),
+        ("PixelFormat", struct.pack(">I", 0x02180020), Status.INVALID_PARAMETER),
         ("DeviceUserID", b"sixteen letters.".ljust(64, b"\0"), Status.INVALID_PARAMETER),
         ("DeviceUserID", b"\xff".ljust(64, b"\0"), Status.INVALID_PARAMETER),
         ("SensorWidth", struct.pack(">I", 640), Status.WRITE_PROTECT),

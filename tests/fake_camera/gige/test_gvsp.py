@@ -61,7 +61,7 @@ def test_packets_put_together_are_the_frame(
     assert all(len(packet) + 28 <= packet_bytes for packet in packets)
     assert all(len(packet) + 28 == packet_bytes for packet in packets[1:-2])
     sent = b"".join(packet[8:] for packet in packets[1:-1])
-    assert sent == frame.pixels.astype(frame.pixels.dtype.newbyteorder("<")).tobytes() + chunks
+    assert sent == bytes(PIXEL_FORMATS[pixel_format].on_the_wire(frame.pixels)) + chunks
 
 
 def test_leader_and_trailer_of_an_image() -> None:

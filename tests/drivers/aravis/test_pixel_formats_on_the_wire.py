@@ -1,0 +1,155 @@
+"""Every pixel format over the wire: from a fake camera through stock Aravis to our driver, bit by bit.
+
+Runs directly over GigE Vision; test_on_usb3.py runs it again in a process with the cameras on its USB bus.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import logging
+import os
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from drivers.aravis import discovery, open_camera
+from drivers.aravis.introspection import Aravis
+from drivers.camera import IncompleteFrame
+from drivers.frames import Frame
+from drivers.genicam.image_format import decode_pixels
+from drivers.pixel_format import PixelFormat
+from drivers.setup import CameraSetup, TriggerSetup
+from fake_camera.device.device import Device
+from fake_camera.gige.server import GigeServer
+from fake_camera.imaging import PIXEL_FORMATS, ExposedFrame, ImageSettings, Pixels
+from fake_camera.usb3.run import CAMERAS_VARIABLE
+from fake_camera.usb3.usbip.server import Usb3Server
+from tests.fakes import loopback_address, unique
+
+pytestmark = pytest.mark.realtime
+
+PORTS = os.environ.get(CAMERAS_VARIABLE, "")
+PATIENCE_S = 20.0
+RATE_HZ = 100.0
+
+
+class Noise:
+    """In each format the same noise in every frame, over all of its range."""
+
+    sensor_width, sensor_height = 64, 48
+
+    def take(self, start_s: float, settings: ImageSettings, noise_seed: int) -> Pixels:
+        sent = PIXEL_FORMATS[settings.pixel_format]
+        shape = sent.shape(settings.width, settings.height)
+        noise = np.random.default_rng(sent.pfnc_code).integers(0, sent.max_grey, shape, endpoint=True)
+        return noise.astype(sent.dtype)
+
+    def lux(self, time_s: float) -> float:
+        return 1.0
+
+
+def expected(device: Device, name: str) -> Pixels:
+    return Noise().take(0.0, replace(device.features.image_settings(1 << 62), pixel_format=name), 0)
+
+
+@pytest.fixture(scope="module")
+def device() -> Iterator[Device]:
+    serial = unique("PIX")[:15]
+    with contextlib.ExitStack() as running, pytest.MonkeyPatch.context() as patch:
+        patch.setattr(discovery, "FRESH_S", float("inf"))  # one search for all
+        device = Device(Noise(), serial)
+        running.callback(device.close)
+        if PORTS:
+            free = next(port for port in map(Path, PORTS.split(":")) if not port.exists())
+            running.callback(Usb3Server(device, free).close)
+        else:
+            server = GigeServer(device, loopback_address())
+            server.start()
+            running.callback(server.close)
+        yield device
+        gc.collect()  # Aravis says goodbye when it frees a camera, and waits for the answer
+
+
+def serial_of(device: Device) -> str:
+    return str(device.features.get("DeviceSerialNumber"))
+
+
+def test_every_format_arrives_bit_by_bit(device: Device) -> None:
+    """On one open camera, set up anew for each: opening takes a quarter of a second over USB."""
+    camera = Aravis.Camera.new(discovery.find_camera(serial_of(device)).id)
+    camera.set_exposure_time_auto(Aravis.Auto.OFF)
+    camera.set_exposure_time(100.0)
+    for wanted in PixelFormat:
+        camera.get_device().set_string_feature_value("PixelFormat", wanted.value)
+        stream = camera.create_stream(None, None)
+        stream.push_buffer(Aravis.Buffer.new_allocate(camera.get_payload()))
+        camera.start_acquisition()
+        buffer = whole_buffer(stream)
+        says = buffer.get_image_pixel_format(), buffer.get_image_width(), buffer.get_image_height()
+        pixels = decode_pixels(buffer.get_data(), *says, wanted)
+        assert np.array_equal(pixels, expected(device, wanted)), wanted
+        del buffer, stream  # while frames come: on USB its thread would wait 0.2 s for one
+        camera.stop_acquisition()
+
+
+def whole_buffer(stream: Any) -> Any:
+    """A busy machine loses some packets."""
+    deadline_s = time.monotonic() + PATIENCE_S
+    while time.monotonic() < deadline_s:
+        buffer = stream.timeout_pop_buffer(200_000)
+        if buffer is not None and buffer.get_status() == Aravis.BufferStatus.SUCCESS:
+            return buffer
+        if buffer is not None:
+            stream.push_buffer(buffer)
+    raise AssertionError("no whole frame arrived")
+
+
+@pytest.mark.parametrize(
+    "wanted", [PixelFormat.MONO10_PACKED, PixelFormat.BAYER_RG12P, PixelFormat.RGB8, PixelFormat.YUV422_8]
+)
+def test_the_driver_opens_a_camera_in_it(device: Device, wanted: PixelFormat) -> None:
+    """With chunk data behind the image."""
+    frame = next_frame(device, wanted)
+    assert isinstance(frame, Frame)
+    assert (frame.bit_depth, frame.layout, frame.setting_source) == (wanted.bit_depth, wanted.layout, "chunk")
+    assert np.array_equal(frame.pixels, expected(device, wanted))
+    assert wanted.layout == "grey" or device.features.get("BalanceWhiteAuto") == "Off"
+
+
+def test_frames_that_lie_about_their_mosaic_are_refused_by_name(
+    device: Device, caplog: pytest.LogCaptureFixture
+) -> None:
+    send = device._sink
+
+    def lie(frame: ExposedFrame) -> None:
+        send(replace(frame, settings=replace(frame.settings, pixel_format="BayerGB8")))
+
+    device.connect(lie)
+    try:
+        with caplog.at_level(logging.WARNING):
+            frame = next_frame(device, PixelFormat.BAYER_RG8)
+    finally:
+        device.connect(send)
+    assert isinstance(frame, IncompleteFrame)
+    assert caplog.messages == [
+        f"camera {serial_of(device)}: frames cannot be read, the first is {frame.frame_id}: the frame says that it is "
+        "BayerGB8, but the camera was set to BayerRG8"
+    ]
+
+
+def next_frame(device: Device, wanted: PixelFormat) -> Frame | IncompleteFrame:
+    setup = CameraSetup(TriggerSetup("free_run", rate_hz=RATE_HZ), pixel_format=wanted)
+    with contextlib.closing(open_camera(serial_of(device), setup)) as camera:
+        camera.start()
+        deadline_s = time.monotonic() + PATIENCE_S
+        while time.monotonic() < deadline_s:
+            frame = camera.next_frame(0.2)
+            if frame is not None:
+                return frame
+    raise AssertionError("no frame arrived")
