@@ -57,7 +57,10 @@ class ImagePreparation:
         """
         height, width = grey.shape
         if width < FLOW_SIZE[0] or height < FLOW_SIZE[1]:
-            raise ConfigurationError(f"frames of {width}x{height} pixels are too small: set at least 90x68")
+            raise ConfigurationError(
+                f"frames of {width}x{height} pixels are too small: set at least 90x68 (a colour mosaic, seen at half "
+                "its size: 180x136)"
+            )
         small_width, small_height = fit(grey.shape, CONTROL_SIZE)
         if self._image.shape != (small_height, small_width):
             self._small = np.empty((small_height, small_width), np.uint8)

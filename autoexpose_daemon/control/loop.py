@@ -178,8 +178,9 @@ class ControlLoop:
     ) -> Decision:
         """Look at a pair and decide on the next setting of both cameras.
 
-        Frames must have at least 90x68 pixels. They may have been taken with different settings: everything refers to
-        the reference frame, the left one if present and not `uncounted`, and to its own setting.
+        Frames must have at least 90x68 pixels, colour mosaics 180x136. They may have been taken with different
+        settings: everything refers to the reference frame, the left one if present and not `uncounted`, and to its own
+        setting.
 
         Parameters
         ----------
@@ -334,9 +335,10 @@ class View:
 
     def look(self, side: Side, frame: Frame) -> Look:
         """What a policy sees of a frame, valid until the next call."""
-        image = self._preparation.prepare(frame.grey8())
+        grey = frame.grey8(self._response.saturation)
+        image = self._preparation.prepare(grey)
         if self._region is not None and frame.pixels.shape != self._shape:
-            self._weights = self._region.weights(frame.pixels.shape)
+            self._weights = self._region.weights(frame.pixels.shape, grey.shape)
             self._shape = frame.pixels.shape
         scale = frame.pixels.shape[1] / image.shape[1]
         return Look(side, image, self._response, self._weights, self._preparation.unfiltered, scale)

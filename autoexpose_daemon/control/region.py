@@ -47,8 +47,10 @@ class Region:
     background_weight: float = 0.0
     mask: NDArray[np.uint8] | None = None
 
-    def weights(self, shape: tuple[int, ...]) -> NDArray[np.uint8]:
+    def weights(self, shape: tuple[int, ...], seen: tuple[int, ...] | None = None) -> NDArray[np.uint8]:
         """Weights of the prepared image of frames of `shape` (height, width): uint8, of the prepared size.
+
+        `seen` is the shape of what control sees of them (`Frame.grey8`), if it is another.
 
         A prepared pixel weighs as little as the least of what it and its measures see, so that not even the blurred
         edge of what is masked counts.
@@ -59,7 +61,7 @@ class Region:
             When the region does not fit such frames, or leaves nothing that counts.
         """
         full = self._full_weights((shape[0], shape[1]))
-        size = fit(shape, CONTROL_SIZE)
+        size = fit(seen or shape, CONTROL_SIZE)
         small = cv2.resize(full, size, interpolation=cv2.INTER_AREA)
         ignored = cv2.resize(np.where(full == 0, np.float32(1), np.float32(0)), size, interpolation=cv2.INTER_AREA)
         small[ignored > 1e-3] = 0

@@ -34,7 +34,7 @@ def _described(side: Side, frame: Frame, picture: Picture) -> dict[str, Any]:
     return {
         "side": side,
         "jpeg_bytes": len(picture.jpeg),
-        "frame_width": frame.pixels.shape[1],
+        "frame_width": picture.width,
         "exposure_time_us": frame.setting.exposure_time_us,
         "gain_db": frame.setting.gain_db,
         "metric": picture.metric,

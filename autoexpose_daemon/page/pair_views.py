@@ -160,12 +160,12 @@ class PairViews:
         return known
 
     def _curve(self, pair: ReceivedPair) -> Curve:
-        metrics = self._maker("left").curve(pair.left.grey8())
+        metrics = self._maker("left").curve(pair.left)
         decided = None if pair.decision is None else pair.decision.level
         return Curve(tuple(DELTA_LEVELS), tuple(metrics), pair.left.setting.level, decided)
 
     def _show(self, pair: ReceivedPair) -> None:
-        pictures = {side: self._maker(side).picture(frame.grey8()) for side, frame in pair.stereo.frames.items()}
+        pictures = {side: self._maker(side).picture(frame) for side, frame in pair.stereo.frames.items()}
         self._newest = self._newest[0] + 1, pair_message(pair, pictures, self._status.registered)
         self._loop.call_soon_threadsafe(self._ring)
 

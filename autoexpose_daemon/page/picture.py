@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -12,6 +13,7 @@ from autoexpose_daemon.control.image import ImagePreparation, fit
 from autoexpose_daemon.control.metrics.gradient import ExtremeShares, GradientMetric, PackedTables
 from calibration.response import ResponseFunction
 from calibration.response.prediction import prediction_tables
+from drivers.frames import Frame
 
 DISPLAY_SIZE = (720, 720)
 """Largest width and height of a picture sent to a browser."""
@@ -34,6 +36,8 @@ class Picture:
     ----------
     jpeg
         Saturated pixels are red, black ones blue: the pixels that the shares count, in the image that control uses.
+    width
+        Of what control and navigation see of the frame: a colour mosaic at half its size.
     metric
         M_g, 0..1 per pixel (eq. 5).
     saturated_share, black_share
@@ -41,6 +45,7 @@ class Picture:
     """
 
     jpeg: bytes
+    width: int
     metric: float
     saturated_share: float
     black_share: float
@@ -56,23 +61,43 @@ class PictureMaker:
         self._shares = ExtremeShares(response)
         self._tables = PackedTables(prediction_tables(response, DELTA_LEVELS.tolist()))
 
-    def picture(self, grey: NDArray[np.uint8]) -> Picture:
-        """The picture of 8-bit grey levels, shape (height, width), at least 68 by 90; ConfigurationError below."""
+    def picture(self, frame: Frame) -> Picture:
+        """The picture of a frame, in its colours; ConfigurationError if it is too small for control."""
+        grey = frame.grey8(self.response.saturation)
         image = self._preparation.prepare(grey)
         saturated, black = self._shares.measure(image)
-        return Picture(self._marked(grey, image), self._metric.measure(image), saturated, black)
+        jpeg = self._marked(in_colours(frame), image)
+        return Picture(jpeg, grey.shape[1], self._metric.measure(image), saturated, black)
 
-    def curve(self, grey: NDArray[np.uint8]) -> list[float]:
+    def curve(self, frame: Frame) -> list[float]:
         """M_g at each of `DELTA_LEVELS`, as the response predicts it (eq. 20); at 0 it is the frame's own."""
-        return [float(m) for m in self._metric.measure_predictions(self._preparation.prepare(grey), self._tables)]
+        image = self._preparation.prepare(frame.grey8(self.response.saturation))
+        return [float(m) for m in self._metric.measure_predictions(image, self._tables)]
 
-    def _marked(self, grey: NDArray[np.uint8], image: NDArray[np.uint8]) -> bytes:
-        """`grey` as JPEG, marked where the shares count pixels of its prepared `image`."""
-        size = fit(grey.shape, DISPLAY_SIZE)
-        small = grey if size == grey.shape[::-1] else cv2.resize(grey, size, interpolation=cv2.INTER_AREA)
-        colours = cv2.cvtColor(small, cv2.COLOR_GRAY2BGR)
+    def _marked(self, colours: NDArray[np.uint8], image: NDArray[np.uint8]) -> bytes:
+        """`colours` (BGR) as JPEG, marked where the shares count pixels of its prepared `image`."""
+        size = fit(colours.shape[:2], DISPLAY_SIZE)
+        small = cv2.resize(colours, size, interpolation=cv2.INTER_AREA)
         large = cv2.resize(image, size, interpolation=cv2.INTER_NEAREST)
-        colours[large >= self._shares.saturated_from] = _SATURATED_BGR
-        colours[large <= self._shares.black_to] = _BLACK_BGR
-        _, jpeg = cv2.imencode(".jpg", colours, _JPEG)
+        small[large >= self._shares.saturated_from] = _SATURATED_BGR
+        small[large <= self._shares.black_to] = _BLACK_BGR
+        _, jpeg = cv2.imencode(".jpg", small, _JPEG)
         return jpeg.tobytes()
+
+
+def in_colours(frame: Frame) -> NDArray[np.uint8]:
+    """A frame's colours as its camera sent them, without white balance: BGR, shape (height, width, 3), uint8."""
+    pixels: Any = frame.pixels if frame.bit_depth == 8 else (frame.pixels >> frame.bit_depth - 8).astype(np.uint8)
+    match frame.layout:
+        case "grey":
+            colours = cv2.cvtColor(pixels, cv2.COLOR_GRAY2BGR)
+        case "RGB":
+            colours = cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR)
+        case "BGR":
+            colours = pixels
+        case "YUYV":  # OpenCV's own YUYV is not of full range
+            u, v = (np.repeat(pixels[:, place::2, 1], 2, axis=1) for place in (0, 1))
+            colours = cv2.cvtColor(np.dstack([pixels[..., 0], v, u]), cv2.COLOR_YCrCb2BGR)
+        case mosaic:
+            colours = cv2.cvtColor(pixels, getattr(cv2, f"COLOR_Bayer{mosaic}2BGR"))
+    return np.asarray(colours, np.uint8)

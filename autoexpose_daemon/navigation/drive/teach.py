@@ -52,7 +52,8 @@ class Teacher:
         image = pair.left.grey8()
         if self._file is None or self._run is None:
             height, width = image.shape
-            self._file = MapFile(self._path, MapInfo(width, height, self._focal_length_px, self._detector, policy))
+            focal_length_px = self._focal_length_px * width / pair.left.pixels.shape[1]  # a mosaic is seen at half size
+            self._file = MapFile(self._path, MapInfo(width, height, focal_length_px, self._detector, policy))
             self._run = self._file.begin_run("teach", time.time())
             self._start_m = distance_m
         self._trail.see(distance_m - self._start_m, pair.decision)

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.loop import ControlLoop
@@ -9,11 +10,16 @@ from autoexpose_daemon.control.metrics.gradient import GradientMetric
 from autoexpose_daemon.page.picture import DELTA_LEVELS, DISPLAY_SIZE, Picture, PictureMaker
 from calibration.response import ResponseFunction
 from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.frames import StereoPair
+from drivers.frames import Frame, StereoPair
+from drivers.pixels import Layout, Pixels
 from tests.autoexpose_daemon.control.scene import expose, radiance
 
 LINEAR = ResponseFunction.linear()
 SETTING = ExposureSetting(1000.0, 0.0)
+
+
+def frame_of(pixels: Pixels, layout: Layout = "grey", bit_depth: int = 8) -> Frame:
+    return Frame(pixels, bit_depth, 0, 0, 0, 0, SETTING, layout=layout)
 
 
 def colours(picture: Picture) -> NDArray[np.int16]:
@@ -27,7 +33,7 @@ def test_saturated_is_red_and_black_is_blue_and_the_rest_is_as_it_was() -> None:
     grey = np.full((540, 720), 120, np.uint8)
     grey[:, :180] = 255
     grey[:, 540:] = 1
-    picture = PictureMaker(LINEAR).picture(grey)
+    picture = PictureMaker(LINEAR).picture(frame_of(grey))
     blue, _, red = cv2.split(colours(picture))
     assert (red - blue)[:, :170].min() > 100
     assert (blue - red)[:, 550:].min() > 100
@@ -38,7 +44,7 @@ def test_saturated_is_red_and_black_is_blue_and_the_rest_is_as_it_was() -> None:
 def test_the_marks_are_the_pixels_that_the_shares_count() -> None:
     grey = np.random.default_rng(1).integers(0, 256, (540, 720), np.uint8)
     grey[100:300, 100:400] = 255
-    picture = PictureMaker(LINEAR).picture(grey)
+    picture = PictureMaker(LINEAR).picture(frame_of(grey))
     blue, _, red = cv2.split(colours(picture))
     assert abs(float(np.mean(red - blue > 100)) - picture.saturated_share) < 0.002
 
@@ -47,7 +53,7 @@ def test_it_measures_what_control_measures() -> None:
     frame = expose(radiance(spread_stops=3.0, shape=(540, 720)), SETTING, half_scale_level=10.0)
     limits = ExposureLimits(20.0, 7500.0, 0.0, 30.0)
     decision = ControlLoop("fixed", LINEAR, limits, SETTING).step(StereoPair(0, {"left": frame, "right": frame}))
-    picture = PictureMaker(LINEAR).picture(frame.grey8())
+    picture = PictureMaker(LINEAR).picture(frame)
     shares = picture.saturated_share, picture.black_share
     assert picture.metric > 0
     assert (picture.metric, *shares) == (decision.metric, decision.saturated_share, decision.black_share)
@@ -57,13 +63,31 @@ def test_the_curve_is_the_metric_of_pictures_predicted() -> None:
     maker = PictureMaker(LINEAR)
     dark = np.full((270, 360), 20, np.uint8)
     dark[::8] = 40
-    curve = maker.curve(dark)
-    assert curve[list(DELTA_LEVELS).index(0.0)] == maker.picture(dark).metric
+    curve = maker.curve(frame_of(dark))
+    assert curve[list(DELTA_LEVELS).index(0.0)] == maker.picture(frame_of(dark)).metric
     brighter = GradientMetric().measure(cv2.medianBlur(np.minimum(dark.astype(int) * 4, 255).astype(np.uint8), 3))
     assert abs(curve[-1] - brighter) < 0.01
     assert curve == sorted(curve)
 
 
 def test_large_frames_come_smaller() -> None:
-    picture = PictureMaker(LINEAR).picture(np.full((1080, 1440), 100, np.uint8))
+    picture = PictureMaker(LINEAR).picture(frame_of(np.full((1080, 1440), 100, np.uint8)))
     assert colours(picture).shape[1] == DISPLAY_SIZE[0]
+
+
+@pytest.mark.parametrize("layout", ["RGGB", "BGGR", "RGB", "BGR", "YUYV"])
+def test_colours_are_shown(layout: Layout) -> None:
+    """All of it orange."""
+    orange = {"R": 200, "G": 120, "B": 40}
+    deep = 4 if layout == "RGGB" else 0
+    if layout == "YUYV":
+        pixels = np.empty((270, 360, 2), np.uint8)
+        pixels[..., 0], pixels[:, ::2, 1], pixels[:, 1::2, 1] = 135, 74, 174  # BT.601, full range
+    elif len(layout) == 3:
+        pixels = np.full((270, 360, 3), [orange[colour] for colour in layout], np.uint8)
+    else:
+        pixels = np.tile(np.array([orange[colour] for colour in layout], np.uint16).reshape(2, 2) << deep, (135, 180))
+    frame = frame_of(pixels.astype(np.uint16 if deep else np.uint8), layout, 8 + deep)
+    picture = PictureMaker(LINEAR).picture(frame)
+    assert np.abs(colours(picture) - [orange[colour] for colour in "BGR"]).max() <= 4
+    assert picture.width == (180 if deep or layout == "BGGR" else 360)
