@@ -9,7 +9,14 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from autoexpose_daemon.control.decision import Decision
-from autoexpose_daemon.messages.read import decision_of, frame_of, read_exposure_info, read_image, stamp_ns
+from autoexpose_daemon.messages.read import (
+    ReceivedImage,
+    decision_of,
+    frame_of,
+    read_exposure_info,
+    read_image,
+    stamp_ns,
+)
 from autoexpose_daemon.status.publishing import ConsumerTally
 from calibration.response import ResponseFunction
 from calibration.response.normalised import Bits, normalised
@@ -119,13 +126,13 @@ def alike(*pairs: ReceivedPair, bits: Bits = 8, dither: bool = False) -> list[No
 @dataclass(slots=True)
 class _Parts:
     infos: dict[Side, Any] = field(default_factory=dict)
-    pixels: dict[Side, Pixels] = field(default_factory=dict)
+    images: dict[Side, ReceivedImage] = field(default_factory=dict)
 
     def whole(self) -> bool:
         """Whether every camera's image and exposure have arrived."""
         info = self.infos.get("left")
         sides = SIDES[: info.cameras] if info is not None else ()
-        return bool(sides) and all(side in self.infos and side in self.pixels for side in sides)
+        return bool(sides) and all(side in self.infos and side in self.images for side in sides)
 
 
 class _Sequence:
@@ -193,10 +200,10 @@ class PairAssembler:
 
     def image(self, side: Side, data: bytes, now_ns: int) -> ReceivedPair | None:
         """Take an Image; returns the pair that it completes. Raises `DamagedMessageError`."""
-        stamp, pixels = read_image(data)
-        waiting = self._of(stamp).pixels
-        self._kept_bytes += pixels.nbytes - (waiting[side].nbytes if side in waiting else 0)
-        waiting[side] = pixels
+        stamp, image = read_image(data)
+        waiting = self._of(stamp).images
+        self._kept_bytes += image.pixels.nbytes - (waiting[side].pixels.nbytes if side in waiting else 0)
+        waiting[side] = image
         pair = self._completed(stamp, now_ns)
         while self._kept_bytes > _KEPT_BYTES:
             self._forget(next(iter(self._parts)))
@@ -209,7 +216,7 @@ class PairAssembler:
         return parts
 
     def _forget(self, stamp: int) -> None:
-        self._kept_bytes -= sum(pixels.nbytes for pixels in self._parts.pop(stamp).pixels.values())
+        self._kept_bytes -= sum(image.pixels.nbytes for image in self._parts.pop(stamp).images.values())
 
     def _completed(self, stamp: int, now_ns: int) -> ReceivedPair | None:
         parts = self._parts[stamp]
@@ -219,7 +226,7 @@ class PairAssembler:
             self._forget(older)
         info = parts.infos["left"]
         self._sequence.pair(info.sequence)
-        frames = [frame_of(parts.infos[side], parts.pixels[side]) for side in SIDES[: info.cameras]]
+        frames = [frame_of(parts.infos[side], parts.images[side]) for side in SIDES[: info.cameras]]
         right = frames[1] if len(frames) > 1 else None
         return ReceivedPair(frames[0], right, stamp, info.trigger, info.sequence, decision_of(info), now_ns)
 

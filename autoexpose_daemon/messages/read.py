@@ -3,40 +3,55 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Any
+
+import numpy as np
 
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.parameters import FASTEST_TURN_RAD_S
-from autoexpose_daemon.messages.types import ENCODINGS, EXPOSURE_INFO, IMAGE, IMU, TYPESTORE
+from autoexpose_daemon.messages.types import ENCODINGS, EXPOSURE_INFO, IMAGE, IMU, TYPESTORE, to_full_scale
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame
 from drivers.pixel_format import PixelFormat
-from drivers.pixels import Pixels
+from drivers.pixels import SAMPLES, Layout, Pixels
 
-_PIXELS = {(pixel_format.bit_depth, pixel_format.dtype) for pixel_format in PixelFormat}
+_KNOWN = {(row.bit_depth, row.layout, row.dtype) for row in PixelFormat}
 
 
 class DamagedMessageError(ValueError):
     """Bytes that are not the message they should be."""
 
 
-def read_image(data: bytes) -> tuple[int, Pixels]:
-    """Stamp (CLOCK_REALTIME, ns) and pixels of an Image; the pixels are a view of `data`, not a copy.
+@dataclass(frozen=True, slots=True, eq=False)
+class ReceivedImage:
+    """The content of an Image: its samples as they were sent, a read-only view of the message."""
+
+    pixels: Pixels
+    layout: Layout
+
+
+def read_image(data: bytes) -> tuple[int, ReceivedImage]:
+    """Stamp (CLOCK_REALTIME, ns) and content of an Image.
 
     Raises
     ------
     DamagedMessageError
-        When it is not a grey image, or not complete.
+        When its encoding is not one of `ENCODINGS`, or it is not complete.
     """
     message = deserialise(data, IMAGE)
-    dtype = ENCODINGS.get(message.encoding)
-    if dtype is None or message.data.size != message.height * message.step:
+    if message.encoding not in ENCODINGS or message.data.size != message.height * message.step:
         raise DamagedMessageError(f"an Image of {message.data.size} bytes, {message.height} rows, {message.encoding}")
     if message.data.size == 0:
         raise DamagedMessageError(f"an Image of {message.width}x{message.height} pixels")
-    if message.step != message.width * dtype.itemsize or message.is_bigendian:
+    layout, dtype = ENCODINGS[message.encoding]
+    samples = SAMPLES.get(layout, 1)
+    if message.step != message.width * samples * dtype.itemsize or message.is_bigendian:
         raise DamagedMessageError(f"an Image of {message.width} pixels in rows of {message.step} bytes")
-    return stamp_ns(message), message.data.view(dtype).reshape(message.height, message.width)
+    if layout == "YUYV" and message.width % 2:
+        raise DamagedMessageError(f"an Image of {message.width} pixels in a row, {message.encoding}")
+    shape = (message.height, message.width, samples) if samples > 1 else (message.height, message.width)
+    return stamp_ns(message), ReceivedImage(message.data.view(dtype).reshape(shape), layout)
 
 
 def read_exposure_info(data: bytes) -> Any:
@@ -67,16 +82,26 @@ def stamp_ns(message: Any) -> int:
     return int(message.header.stamp.sec) * 1_000_000_000 + int(message.header.stamp.nanosec)
 
 
-def frame_of(info: Any, pixels: Pixels) -> Frame:
-    """The frame that an ExposureInfo and the pixels of its Image describe.
+def frame_of(info: Any, image: ReceivedImage, *, full_scale: bool = True) -> Frame:
+    """The frame that an ExposureInfo and its Image describe.
+
+    Without `full_scale`, deep samples are not shifted, as in old recordings.
 
     Raises
     ------
     DamagedMessageError
         When the two do not belong together, or no image can have been taken that way.
     """
-    if (info.bit_depth, pixels.dtype) not in _PIXELS:
-        raise DamagedMessageError(f"{info.bit_depth} significant bits in pixels of {8 * pixels.itemsize}")
+    pixels = image.pixels
+    if (info.bit_depth, image.layout, pixels.dtype) not in _KNOWN:
+        raise DamagedMessageError(
+            f"{info.bit_depth} significant bits in samples of {8 * pixels.itemsize}, {image.layout}"
+        )
+    if full_scale and (shift := to_full_scale(info.bit_depth)):
+        if (pixels & ((1 << shift) - 1)).any():
+            raise DamagedMessageError(f"an Image that is not {info.bit_depth} bits shifted to full scale")
+        pixels = np.right_shift(pixels, shift, dtype=np.uint16)
+        pixels.setflags(write=False)
     return Frame(
         pixels,
         info.bit_depth,
@@ -86,6 +111,7 @@ def frame_of(info: Any, pixels: Pixels) -> Frame:
         info.arrival_time_ns,
         _setting(info.exposure_time_us, info.gain_db),
         "chunk" if info.setting_source == "chunk" else "ledger",
+        image.layout,
     )
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from drivers.pixel_format import PixelFormat
+from drivers.pixels import Layout
 
 IMAGE = "sensor_msgs/msg/Image"
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
@@ -39,13 +40,30 @@ def serialise(message: object, message_type: str) -> bytes:
     return bytes(TYPESTORE.serialize_cdr(message, message_type))
 
 
-def encoding(dtype: np.dtype[np.uint8] | np.dtype[np.uint16]) -> str:
-    """What an Image calls grey pixels of this type."""
-    return f"mono{8 * dtype.itemsize}"
+_NAMES: dict[Layout, str] = {
+    "grey": "mono{}",
+    "RGGB": "bayer_rggb{}",
+    "GRBG": "bayer_grbg{}",
+    "GBRG": "bayer_gbrg{}",
+    "BGGR": "bayer_bggr{}",
+    "RGB": "rgb{}",
+    "BGR": "bgr{}",
+    "YUYV": "yuv422_yuy2",
+}
 
 
-ENCODINGS = {encoding(pixel_format.dtype): pixel_format.dtype for pixel_format in PixelFormat}
-"""The encodings of an Image, and the types of their pixels."""
+def encoding(layout: Layout, dtype: np.dtype[np.uint8] | np.dtype[np.uint16]) -> str:
+    """What an Image calls such pixels (sensor_msgs/image_encodings.hpp)."""
+    return _NAMES[layout].format(8 * dtype.itemsize)
+
+
+ENCODINGS = {encoding(row.layout, row.dtype): (row.layout, row.dtype) for row in PixelFormat}
+"""The encodings of an Image, and the layout and type of their samples."""
+
+
+def to_full_scale(bit_depth: int) -> int:
+    """By how many bits an Image has samples of more than 8 bits shifted up, as drivers of ROS do."""
+    return 0 if bit_depth <= 8 else max(16 - bit_depth, 0)
 
 
 def definition(message_type: str) -> str:

@@ -12,8 +12,9 @@ import numpy as np
 
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.messages.stamp import Stamp, moment_ns
-from autoexpose_daemon.messages.types import CAMERA_INFO, EXPOSURE_INFO, IMAGE, TYPESTORE, encoding
+from autoexpose_daemon.messages.types import CAMERA_INFO, EXPOSURE_INFO, IMAGE, TYPESTORE, encoding, to_full_scale
 from drivers.frames import SIDES, Frame, Side, StereoPair
+from drivers.pixels import SAMPLES
 
 TOPICS = {"image": IMAGE, "camera_info": CAMERA_INFO, "exposure": EXPOSURE_INFO}
 """The messages for each frame: the last part of the key, and the message type."""
@@ -121,14 +122,16 @@ def _serialise(message: object, message_type: str) -> bytearray:
 
 
 def _image(header: Any, frame: Frame) -> Any:
-    height, width = frame.pixels.shape
-    data = frame.pixels.reshape(-1).view(np.uint8)
-    return _Image(header, height, width, encoding(frame.pixels.dtype), 0, width * frame.pixels.itemsize, data)
+    height, width = frame.pixels.shape[:2]
+    shift = to_full_scale(frame.bit_depth)
+    data = (frame.pixels << shift if shift else frame.pixels).reshape(-1).view(np.uint8)
+    row_bytes = width * SAMPLES.get(frame.layout, 1) * frame.pixels.itemsize
+    return _Image(header, height, width, encoding(frame.layout, frame.pixels.dtype), 0, row_bytes, data)
 
 
 def _camera_info(header: Any, frame: Frame) -> Any:
     """Of an uncalibrated camera: by the message's convention its K is zero."""
-    height, width = frame.pixels.shape
+    height, width = frame.pixels.shape[:2]
     none, k, p = np.zeros(0), np.zeros(9), np.zeros(12)
     return _CameraInfo(header, height, width, "", none, k, k, p, 0, 0, _no_region)
 

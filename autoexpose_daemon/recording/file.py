@@ -18,7 +18,7 @@ from autoexpose_daemon.control.metrics.gradient import GradientMetric
 from autoexpose_daemon.control.override import NO_OVERRIDE
 from autoexpose_daemon.control.snapshot import Plain, plain
 from autoexpose_daemon.messages.stamp import Stamp
-from autoexpose_daemon.messages.types import TYPESTORE, definition
+from autoexpose_daemon.messages.types import IMAGE, TYPESTORE, definition
 from autoexpose_daemon.messages.write import TOPICS, MessageWriter, realtime_offset_ns
 from autoexpose_daemon.recording.plain_json import to_json
 from autoexpose_daemon.recording.step import RecordingError, Step
@@ -27,6 +27,10 @@ CONTROL, SETUP, MOTION, LIGHT, STATE = "control", "setup", "motion", "light", "s
 OVERRIDE, REQUESTS = "override", "requests"
 STRING = "std_msgs/msg/String"
 """What control was built from and given is JSON in a String, so that any ROS 2 tool shows it."""
+
+FULL_SCALE = {"scale": "full"}
+"""Metadata of the channels of images: samples of more than 8 bits are shifted to full scale. Earlier files lack it, and
+hold them in the low bits."""
 
 METADATA = "autoexpose"
 COMPRESSION = CompressionType.LZ4
@@ -140,7 +144,9 @@ class RecordingFile:
             text = definition(message_type).encode()
             self._schemas[message_type] = self._writer.register_schema(message_type, "ros2msg", text)
         if topic not in self._channels:
-            self._channels[topic] = self._writer.register_channel(topic, "cdr", self._schemas[message_type])
+            self._channels[topic] = self._writer.register_channel(
+                topic, "cdr", self._schemas[message_type], FULL_SCALE if message_type == IMAGE else {}
+            )
         self._writer.add_message(self._channels[topic], self._time_ns, data, self._time_ns, sequence & 0xFFFFFFFF)
         self._chunk_bytes += len(data)
 

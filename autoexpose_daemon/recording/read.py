@@ -17,14 +17,13 @@ from autoexpose_daemon.control.parameters import FASTEST_TURN_RAD_S
 from autoexpose_daemon.control.snapshot import parse
 from autoexpose_daemon.messages.read import DamagedMessageError, decision_of, frame_of, read_exposure_info, read_image
 from autoexpose_daemon.messages.types import EXPOSURE_INFO, TYPESTORE, definition
-from autoexpose_daemon.recording.file import LIGHT, METADATA, MOTION, OVERRIDE, REQUESTS, STATE, STRING
+from autoexpose_daemon.recording.file import FULL_SCALE, LIGHT, METADATA, MOTION, OVERRIDE, REQUESTS, STATE, STRING
 from autoexpose_daemon.recording.plain_json import from_json
 from autoexpose_daemon.recording.step import Item, RecordingError, Setup, State, Step
 from autoexpose_daemon.recording.upgrade import FORMER_FORMATS, upgraded_setup, upgraded_state
 from drivers.config import bounds
 from drivers.config.files import open_regular
-from drivers.frames import SIDES, Side, StereoPair
-from drivers.pixels import Pixels
+from drivers.frames import SIDES, Frame, Side, StereoPair
 
 
 class Recording:
@@ -49,7 +48,7 @@ class Recording:
         self._path = path
         self._channels: dict[int, Channel] = {}
         self._schemas: dict[int, Schema] = {}
-        self._frames: dict[Side, tuple[Any, Pixels]] = {}  # of the step that is being read
+        self._frames: dict[Side, Frame] = {}  # of the step that is being read
         self._infos: dict[Side, Any] = {}
         self._angular_rate_rad_s: float | None = None
         self._light_ahead: LightAhead | None = None
@@ -120,7 +119,7 @@ class Recording:
                 self._check_version(channel)
                 self._exposure(side, message.data)
             case ["left" | "right" as side, "image"]:
-                return self._image(side, message.data)
+                return self._image(side, message.data, full_scale=channel.metadata == FULL_SCALE)
         return None
 
     def _of_control(self, what: str, data: bytes) -> Setup | State | None:
@@ -156,15 +155,15 @@ class Recording:
                 raise ValueError(f"step {other.sequence} is incomplete")
         self._infos[side] = info
 
-    def _image(self, side: Side, data: bytes) -> Step | None:
+    def _image(self, side: Side, data: bytes, *, full_scale: bool) -> Step | None:
         if side not in self._infos or side in self._frames:
             raise ValueError(f"an image of the {side} camera without its exposure")
-        _, pixels = read_image(data)
-        self._frames[side] = self._infos[side], pixels
+        _, image = read_image(data)
         info = self._infos[side]
+        self._frames[side] = frame_of(info, image, full_scale=full_scale)
         if len(self._frames) < (1 if info.alone else info.cameras):
             return None
-        frames = {each: frame_of(*self._frames[each]) for each in SIDES if each in self._frames}
+        frames = {each: self._frames[each] for each in SIDES if each in self._frames}
         self._infos, self._frames = {}, {}
         pair = StereoPair(info.trigger, frames)
         decision = decision_of(info)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.response import ResponseFunction
+from drivers.errors import ConfigurationError
 from drivers.frames import Frame
 from drivers.pixels import Pixels
 
@@ -53,13 +54,20 @@ def normalised(
         Round 8 bits by an ordered dither instead of to the nearest. It keeps the mean of areas without noise, but its
         pattern stays in place while the scene moves.
 
+    Raises
+    ------
+    ConfigurationError
+        For luminance and chroma.
+
     Notes
     -----
-    Light is unknown where the frame is saturated, and where it is beyond the scale. Pixels at or below the black level
-    stay black.
+    Each sample of a colour frame is brought there by itself. Light is unknown where the frame is saturated, and where
+    it is beyond the scale. Pixels at or below the black level stay black.
     """
     import cv2  # noqa: PLC0415  a client loads OpenCV only if it wants this
 
+    if frame.layout == "YUYV":
+        raise ConfigurationError("frames of YUV422_8 cannot be brought to another exposure: use a Bayer format or RGB8")
     table = _table(response, frame.bit_depth - 8, frame.setting.level - reference, bits, dither)
     if frame.pixels.dtype == np.uint8:
         codes: Any = cv2.LUT(frame.pixels, table)
@@ -67,8 +75,9 @@ def normalised(
         codes = table.take(frame.pixels, mode="clip")
     if bits == 16 or not dither:
         return cast("Pixels", codes)
-    codes = cv2.add(codes, _thresholds(*codes.shape))  # saturates: 65535 stays what it is
-    return np.asarray(codes >> _FRACTION_BITS, np.uint8)
+    flat: Any = codes.reshape(len(codes), -1)
+    flat = cv2.add(flat, _thresholds(*flat.shape))  # saturates: 65535 stays what it is
+    return np.asarray(flat >> _FRACTION_BITS, np.uint8).reshape(codes.shape)
 
 
 @lru_cache(maxsize=_KEPT_TABLES)

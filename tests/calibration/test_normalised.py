@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from calibration.response import ResponseFunction
 from calibration.response.normalised import WHITE_16, Bits, normalised
+from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame
 from drivers.pixels import Pixels
@@ -106,3 +107,20 @@ def test_it_looks_like_a_frame_taken_with_that_exposure(camera: CameraResponse, 
     assert known.mean() > 0.3
     assert abs(np.median(errors)) <= 1.0
     assert abs(errors.mean()) < 1.0
+
+
+@pytest.mark.parametrize("dither", [False, True])
+def test_each_sample_of_a_colour_is_brought_there_by_itself(dither: bool) -> None:
+    colours = np.random.default_rng(2).integers(0, 256, (6, 8, 3), np.uint8)
+    setting = ExposureSetting(TIME_US, 0.0)
+    frame = Frame(colours, 8, 1, 1, 1, 1, setting, layout="RGB")
+    flat = Frame(colours.reshape(6, 24), 8, 1, 1, 1, 1, setting)
+    linear, darker = ResponseFunction.linear(), setting.level - 1.0
+    same = normalised(frame, linear, darker, dither=dither)
+    assert np.array_equal(same.reshape(6, 24), normalised(flat, linear, darker, dither=dither))
+
+
+def test_luminance_and_chroma_are_refused() -> None:
+    frame = Frame(np.zeros((6, 8, 2), np.uint8), 8, 1, 1, 1, 1, ExposureSetting(TIME_US, 0.0), layout="YUYV")
+    with pytest.raises(ConfigurationError, match="YUV422_8 cannot be brought to another exposure"):
+        normalised(frame, ResponseFunction.linear(), 10.0)

@@ -53,6 +53,7 @@ from calibration.response.file import CameraIdentity, Origin, ResponseFile
 from calibration.sources.exposure_times import timed_files
 from calibration.sources.images import read_images
 from drivers.exposure import ExposureSetting
+from drivers.frames import Frame
 from drivers.gain_scale import GainScale
 from drivers.genicam.image_format import decode_pixels
 from drivers.host import gvcp
@@ -340,9 +341,10 @@ def published_response(data: bytes) -> None:
     """A camera's response function, as the page uses it."""
     response = response_from_json(data)
     if response is not None:
-        maker, grey = PictureMaker(response), np.arange(72 * 96, dtype=np.uint8).reshape(72, 96)
-        maker.picture(grey)
-        maker.curve(grey)
+        grey = np.arange(72 * 96, dtype=np.uint8).reshape(72, 96)
+        maker, frame = PictureMaker(response), Frame(grey, 8, 0, 0, 0, 0, ExposureSetting(1.0, 0.0))
+        maker.picture(frame)
+        maker.curve(frame)
 
 
 def published_response_seeds() -> Iterator[bytes]:

@@ -14,12 +14,21 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from autoexpose_daemon.control.decision import Decision
-from autoexpose_daemon.messages.read import DamagedMessageError, decision_of, frame_of, read_exposure_info, read_image
+from autoexpose_daemon.messages.read import (
+    DamagedMessageError,
+    ReceivedImage,
+    decision_of,
+    frame_of,
+    read_exposure_info,
+    read_image,
+)
 from autoexpose_daemon.messages.stamp import Stamp
 from autoexpose_daemon.messages.types import EXPOSURE_INFO, TYPESTORE, definition
 from autoexpose_daemon.messages.write import LAST_STAMP_NS, TOPICS, Message, MessageWriter, realtime_offset_ns
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame, Side, StereoPair
+from drivers.pixel_format import PixelFormat
+from drivers.pixels import SAMPLES
 
 DECISION = Decision(ExposureSetting(1500.0, 3.0), 11.05, "held", 0.01, 0.02, 0.03, 1.5)
 REALS = st.floats(allow_nan=False)
@@ -31,12 +40,14 @@ DECISIONS = st.builds(Decision, SETTINGS, REALS, REASONS, *[REALS] * 4)
 
 @st.composite
 def frames(draw: st.DrawFn) -> Frame:
-    bit_depth = draw(st.sampled_from([8, 12, 16]))
-    shape = draw(st.tuples(st.integers(1, 9), st.integers(1, 9)))
+    row = draw(st.sampled_from(PixelFormat))
+    width, height = 2 * draw(st.integers(1, 4)), draw(st.integers(1, 9))
     numbers = np.random.default_rng(draw(st.integers(0, 99)))
-    pixels = numbers.integers(0, 2**bit_depth, shape).astype(np.uint8 if bit_depth == 8 else np.uint16)
+    pixels = row.decode(memoryview(numbers.bytes(row.image_bytes(width, height))), width, height)
+    pixels = pixels & pixels.dtype.type((1 << row.bit_depth) - 1)
     times = [draw(st.integers(0, 2**60)) for _ in range(3)]
-    return Frame(pixels, bit_depth, draw(COUNTS), *times, draw(SETTINGS), draw(st.sampled_from(["chunk", "ledger"])))
+    source = draw(st.sampled_from(["chunk", "ledger"]))
+    return Frame(pixels, row.bit_depth, draw(COUNTS), *times, draw(SETTINGS), source, row.layout)
 
 
 def written(
@@ -68,8 +79,9 @@ def test_what_is_written_is_read_back_to_the_bit(
     sides: dict[Side, Frame] = {"left": left, "right": right}
     for side, frame in sides.items():
         info = read_exposure_info(bytes(messages[side, "exposure"].data))
-        _, pixels = read_image(bytes(messages[side, "image"].data))
-        again = frame_of(info, pixels)
+        _, image = read_image(bytes(messages[side, "image"].data))
+        again = frame_of(info, image)
+        assert not again.pixels.flags.writeable
         assert facts(again) == facts(frame)
         assert again.pixels.dtype == frame.pixels.dtype
         assert np.array_equal(again.pixels, frame.pixels)
@@ -90,6 +102,34 @@ def test_all_messages_of_a_pair_have_one_stamp_and_the_frame_of_their_camera(
     for (side, _), header in headers.items():
         assert header.stamp.sec * 10**9 + header.stamp.nanosec == min(at_ns, LAST_STAMP_NS)
         assert header.frame_id == f"robot_{side}_optical_frame"
+
+
+@pytest.mark.parametrize(
+    ("row", "encoding"),
+    [
+        (PixelFormat.MONO8, "mono8"), (PixelFormat.MONO10P, "mono16"), (PixelFormat.MONO16, "mono16"),
+        (PixelFormat.BAYER_RG8, "bayer_rggb8"), (PixelFormat.BAYER_GB12_PACKED, "bayer_gbrg16"),
+        (PixelFormat.RGB8, "rgb8"), (PixelFormat.BGR8, "bgr8"), (PixelFormat.YUV422_8, "yuv422_yuy2"),
+    ],
+)  # fmt: skip
+def test_encodings_are_those_of_ros_and_deep_samples_reach_full_scale(row: PixelFormat, encoding: str) -> None:
+    full = (1 << row.bit_depth) - 1
+    shape = (2, 4, SAMPLES[row.layout]) if row.layout in SAMPLES else (2, 4)
+    frame = Frame(
+        np.full(shape, full, row.dtype), row.bit_depth, 1, 2, 3, 4, ExposureSetting(1.0, 0.0), layout=row.layout
+    )
+    image = parsed(written(StereoPair(1, {"left": frame}), cameras=1)["left", "image"])
+    assert (image.encoding, image.height, image.width, image.step) == (encoding, 2, 4, frame.pixels.nbytes // 2)
+    assert image.data.view(row.dtype).max() >= 0.998 * np.iinfo(row.dtype).max
+
+
+def test_samples_that_are_not_at_full_scale_are_damaged() -> None:
+    """As an earlier daemon sends them."""
+    low = Frame(np.full((2, 4), 9, np.uint16), 12, 1, 2, 3, 4, ExposureSetting(1.0, 0.0))
+    info = read_exposure_info(bytes(written(StereoPair(1, {"left": low}), cameras=1)["left", "exposure"].data))
+    with pytest.raises(DamagedMessageError, match="not 12 bits shifted to full scale"):
+        frame_of(info, ReceivedImage(low.pixels, "grey"))
+    assert np.array_equal(frame_of(info, ReceivedImage(low.pixels, "grey"), full_scale=False).pixels, low.pixels)
 
 
 def frame() -> Frame:
@@ -151,7 +191,7 @@ def test_an_exposure_that_no_camera_takes_is_refused_applied_or_decided(exposure
     info = read_exposure_info(bytes(taken["left", "exposure"].data))
     info.exposure_time_us, info.gain_db = exposure
     with pytest.raises(DamagedMessageError, match="an exposure of"):
-        frame_of(info, frame().pixels)
+        frame_of(info, ReceivedImage(frame().pixels, "grey"))
     decided = written(StereoPair(1, {"left": frame()}), replace(DECISION, setting=impossible), cameras=1)
     with pytest.raises(DamagedMessageError, match="an exposure of"):
         decision_of(read_exposure_info(bytes(decided["left", "exposure"].data)))

@@ -153,7 +153,7 @@ def test_images_that_wait_for_the_rest_do_not_fill_the_memory(monkeypatch: pytes
     for number in range(1, 30):
         for _ in range(2):  # the second takes the place of the first
             receiver.receive(messages(number)[-1])
-        waiting = sum(part.pixels["right"].nbytes for part in receiver.assembler._parts.values())
+        waiting = sum(part.images["right"].pixels.nbytes for part in receiver.assembler._parts.values())
         assert waiting == min(6 * number, 96)
     for message in messages(99):
         receiver.receive(message)

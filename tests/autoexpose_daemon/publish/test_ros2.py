@@ -87,10 +87,10 @@ def test_ros2_finds_node_and_topics_and_gets_messages_through_its_router(tmp_pat
 def check_messages(session: zenoh.Session) -> None:
     images = received(session, "7/rig/left/image/**", 3)
     for sample in images:
-        stamp_ns, pixels = read_image(sample.payload.to_bytes())
+        stamp_ns, image = read_image(sample.payload.to_bytes())
         assert abs(stamp_ns - time.time_ns()) < 60e9
-        assert pixels.shape == (540, 720)
-        assert np.all(pixels == pixels[0, 0])
+        assert image.pixels.shape == (540, 720)
+        assert np.all(image.pixels == image.pixels[0, 0])
     attached = [sample.attachment.to_bytes() for sample in images if sample.attachment is not None]
     numbers, times_ns, _, gids = zip(*(struct.unpack("<qqB16s", mark) for mark in attached), strict=True)
     assert len(attached) == len(set(numbers)) == 3

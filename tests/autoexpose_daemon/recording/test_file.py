@@ -8,6 +8,7 @@ import os
 import re
 import resource
 import threading
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -29,6 +30,9 @@ from autoexpose_daemon.recording.recorder import ContinuousRecorder, LastSeconds
 from autoexpose_daemon.recording.replay import Replay
 from autoexpose_daemon.recording.replay_report import report_replay
 from autoexpose_daemon.recording.step import Item, RecordingError, Step
+from drivers.frames import Frame, StereoPair
+from drivers.pixel_format import PixelFormat
+from drivers.pixels import SAMPLES
 from tests.autoexpose_daemon.recording.runs import VirtualRun, record, replayed
 
 TOPICS = {
@@ -313,3 +317,40 @@ def test_a_recording_is_named_for_what_it_is(tmp_path: Path, name: str, last_s: 
     with pytest.raises(RecordingError, match=r"is not a name for a recording: it must end in \.mcap"):
         new_recorder(tmp_path / name, config, last_s)
     assert list(tmp_path.iterdir()) == []
+
+
+def frames_of(path: Path) -> list[Frame]:
+    return [frame for item in Recording(path) if isinstance(item, Step) for frame in item.pair.frames.values()]
+
+
+@pytest.mark.parametrize("row", [PixelFormat.MONO12, PixelFormat.BAYER_RG10P, PixelFormat.RGB8, PixelFormat.YUV422_8])
+def test_every_layout_is_read_back_to_the_bit_and_replayed(tmp_path: Path, row: PixelFormat) -> None:
+    kept: list[Frame] = []
+
+    def in_this_format(pair: StereoPair) -> StereoPair:
+        rng = np.random.default_rng(pair.trigger)
+        shape = (136, 180, SAMPLES[row.layout]) if row.layout in SAMPLES else (136, 180)
+        pixels = rng.integers(0, 1 << row.bit_depth, shape).astype(row.dtype)
+        frames = {
+            side: replace(frame, pixels=pixels, bit_depth=row.bit_depth, layout=row.layout)
+            for side, frame in pair.frames.items()
+        }
+        kept.extend(frames.values())
+        return StereoPair(pair.trigger, frames)
+
+    path = tmp_path / "run.mcap"
+    with ContinuousRecorder(path, 4, PublishConfig()) as recorder:
+        VirtualRun().feed(recorder, 4, in_this_format)
+    read = frames_of(path)
+    assert [(frame.bit_depth, frame.layout) for frame in read] == [(row.bit_depth, row.layout)] * 8
+    assert all(np.array_equal(one.pixels, other.pixels) for one, other in zip(read, kept, strict=True))
+    assert all(step.same for step in replayed(path)[1:])
+
+
+def test_deep_pixels_of_former_recordings_are_in_the_low_bits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    new = record(tmp_path / "new.mcap", VirtualRun(bits=12), 4)
+    monkeypatch.setattr("autoexpose_daemon.messages.write.to_full_scale", lambda _depth: 0)
+    monkeypatch.setattr("autoexpose_daemon.recording.file.FULL_SCALE", {})
+    old = record(tmp_path / "old.mcap", VirtualRun(bits=12), 4)
+    pairs = zip(frames_of(new), frames_of(old), strict=True)
+    assert all(np.array_equal(one.pixels, other.pixels) for one, other in pairs)
