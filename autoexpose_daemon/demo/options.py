@@ -54,8 +54,10 @@ class DemoOptions:
                 "--navigate decides itself how cameras move and how bright the room is, and records nothing: "
                 "leave out --still, --light, --scene and --record"
             )
-        if self.navigate and self.size != SIZES[0]:
-            raise ConfigurationError(f"--navigate drives with a view of {SIZES[0]}: leave out --size")
+        if self.navigate and (self.size != SIZES[0] or not self.pixel_format.startswith("Mono")):
+            raise ConfigurationError(
+                f"--navigate drives with grey views of {SIZES[0]}: leave out --size, --pixel-format"
+            )
         if self.pixel_format not in PIXEL_FORMATS:
             raise ConfigurationError(
                 f"--pixel-format {self.pixel_format} is not supported: docs/configuration.md lists what is"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gc
 import json
-import math
 import signal
 import threading
 import time
@@ -30,6 +29,7 @@ from autoexpose_daemon.service.service import Service
 from autoexpose_daemon.status.display import display
 from drivers.aravis import find_cameras
 from drivers.errors import AutoexposeError
+from drivers.pixel_format import PIXEL_FORMATS
 
 if TYPE_CHECKING:
     from autoexpose_daemon.recording.recorder import Recorder
@@ -107,7 +107,8 @@ def start(cameras: FakeCameras, options: DemoOptions, console: Console, highest_
         _search()
     while not (cameras.are_timed(_SEARCH_HOLDS_S) or cameras.stop.is_set()):
         _search()
-    possible_hz = pairs_per_s(cameras.frame_s(), cores(), math.prod(options.width_height))
+    image_bytes = PIXEL_FORMATS[options.pixel_format].image_bytes(*options.width_height)
+    possible_hz = pairs_per_s(cameras.frame_s(), cores(), image_bytes)
     rate_hz = options.rate_hz or min(held_rate_hz(possible_hz), highest_hz)
     words = shortfall(possible_hz, rate_hz, asked=rate_hz == (options.rate_hz or highest_hz))
     if words is not None:
