@@ -17,7 +17,7 @@ from calibration.response import GREY_LEVELS, CurveDocument, ResponseFunction
 from calibration.response.solution import ResponseModel, ResponseSolution
 from drivers.config.strict_yaml import load_mapping
 from drivers.errors import ConfigurationError
-from drivers.pixel_format import PIXEL_FORMATS, PixelFormat
+from drivers.pixel_format import PixelFormat
 
 FORMAT = "autoexpose-response/1"
 _DECIMALS = 6
@@ -200,7 +200,7 @@ class _Document(CurveDocument):
 
     format: Literal["autoexpose-response/1"] = Field(description=f"only {FORMAT!r} can be read")
     camera: CameraIdentity | None = _optional('give {vendor: ..., model: ..., serial: "..."}, each in quotes')
-    pixel_format: PixelFormat | None = _optional(f"give one of {', '.join(PIXEL_FORMATS)}")
+    pixel_format: PixelFormat | None = _optional("give a format of docs/configuration.md, such as Mono8")
     binning: Annotated[int, Strict(), Field(gt=0)] | None = _optional("give a whole number of pixels")
     gain_db: _Number | None = _optional("give a number of dB")
     date: Annotated[datetime, Strict()] | None = _optional("give date and time, such as 2026-11-21 12:00:00")

@@ -120,7 +120,7 @@ def test_files_that_cannot_be_added_to_are_refused_before_the_camera_is_looked_f
     assert "camera.serial is OTHER, but this is camera S" in output
 
 
-@pytest.mark.parametrize("offered", list(PixelFormat))
+@pytest.mark.parametrize("offered", measure_noise.DEEPEST_FIRST)
 def test_noise_is_measured_in_the_deepest_format(offered: PixelFormat, monkeypatch: pytest.MonkeyPatch) -> None:
     opened: list[CameraSetup] = []
 

@@ -67,7 +67,7 @@ def test_a_curve_made_by_hand_is_as_good(tmp_path: Path) -> None:
         ("camera", "0012"),
         ("camera", {"vendor": "Maker", "model": "Model 7"}),
         ("camera", {"vendor": "Maker", "model": "Model 7", "serial": 12}),
-        ("pixel_format", "BayerRG8"),
+        ("pixel_format", "BayerRG9"),
         ("pixel_format", ["Mono8"]),
         ("binning", 0),
         ("binning", "2"),
