@@ -20,7 +20,10 @@ class IncompleteFrame:
 
 @dataclass(frozen=True, slots=True)
 class CameraDescription:
-    """A camera's identity, its limitations as phrases for the user, its pixel format, and what node drives its gain."""
+    """A camera's identity, its limitations as phrases for the user, its pixel format, and what node drives its gain.
+
+    `size` is width and height of its frames in pixels, if known.
+    """
 
     vendor: str
     model: str
@@ -28,6 +31,7 @@ class CameraDescription:
     limitations: tuple[str, ...] = ()
     pixel_format: PixelFormat | None = None
     gain_node: str | None = None
+    size: tuple[int, int] | None = None
 
 
 class Camera(Protocol):

@@ -34,8 +34,11 @@ from autoexpose_daemon.config.section import (
 from autoexpose_daemon.control.parameters import BalanceId, ControlParameters, MotionId
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, check_policy_id
 from calibration.gain.file import GainFile
+from calibration.geometry.file import check_camera, check_pair, load_geometry
+from calibration.geometry.model import CameraGeometry
 from calibration.response import ResponseFunction
 from calibration.response.file import ResponseFile
+from drivers.camera import CameraDescription
 from drivers.config.feature import FeatureSetting, as_list, parse_features
 from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureLimits, ExposureSetting
@@ -57,16 +60,17 @@ Features = Annotated[tuple[FeatureSetting, ...], BeforeValidator(parse_features)
 
 
 class CameraConfig(Section):
-    """One camera: its serial, the files with its response (none: linear) and the scale of its gain, features to set."""
+    """One camera: its serial, the files with its response (none: linear), gain and geometry, and features to set."""
 
     serial: Annotated[Name, BeforeValidator(_refuse_number)]
     response: Path | None = None
     gain_calibration: Path | None = None
+    calibration: Path | None = None
     features: Features = ()
 
     def relative_to(self, folder: Path) -> Self:
         """The same with the paths of its files relative to `folder`."""
-        files = {"response": self.response, "gain_calibration": self.gain_calibration}
+        files = {key: getattr(self, key) for key in ("response", "gain_calibration", "calibration")}
         return self.model_copy(update={key: path and folder / path for key, path in files.items()})
 
 
@@ -307,3 +311,39 @@ class Config(Section):
                 raise ConfigurationError(f"cameras.{side}.gain_calibration: {error}") from error
             scales[side] = file.scale
         return scales
+
+    @cached_property
+    def calibrations(self) -> dict[Side, CameraGeometry]:
+        """The geometry of each camera that has a calibration file, read once.
+
+        Raises
+        ------
+        ConfigurationError
+            Naming key and file of one that cannot be used, is for another camera, or does not fit the other one.
+        """
+        geometries: dict[Side, CameraGeometry] = {}
+        for side, camera in self.sides.items():
+            if camera.calibration is not None:
+                try:
+                    geometries[side] = load_geometry(camera.calibration, side)
+                    check_camera(geometries[side], camera.serial, path=camera.calibration)
+                except ConfigurationError as error:
+                    raise ConfigurationError(f"cameras.{side}.calibration: {error}") from error
+        check_pair(geometries)
+        return geometries
+
+    def check_frames(self, side: Side, description: CameraDescription) -> None:
+        """Refuse files that were made for another pixel format or size than a camera sends.
+
+        Raises
+        ------
+        ConfigurationError
+            Naming key and file.
+        """
+        camera = self.sides[side]
+        self.responses[side].check_belongs(camera.serial, description.pixel_format)
+        if side in self.calibrations:
+            try:
+                check_camera(self.calibrations[side], camera.serial, description.size, camera.calibration)
+            except ConfigurationError as error:
+                raise ConfigurationError(f"cameras.{side}.calibration: {error}") from error

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Container, Iterator
+from collections.abc import Container, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -13,6 +13,7 @@ import numpy as np
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.messages.stamp import Stamp, moment_ns
 from autoexpose_daemon.messages.types import CAMERA_INFO, EXPOSURE_INFO, IMAGE, TYPESTORE, encoding, to_full_scale
+from calibration.geometry.model import CameraGeometry
 from drivers.frames import SIDES, Frame, Side, StereoPair
 from drivers.pixels import SAMPLES
 
@@ -20,6 +21,8 @@ TOPICS = {"image": IMAGE, "camera_info": CAMERA_INFO, "exposure": EXPOSURE_INFO}
 """The messages for each frame: the last part of the key, and the message type."""
 
 ALL_TOPICS: Final = frozenset((side, topic) for side in SIDES for topic in TOPICS)
+
+_UNCALIBRATED: Final[Mapping[Side, CameraGeometry]] = {}
 
 LAST_STAMP_NS = (1 << 31) * 1_000_000_000 - 1
 """The end of ROS 2's time, in 2038: a camera with a wild clock must not stop the sending of its frames."""
@@ -82,6 +85,8 @@ class MessageWriter:
         sequence: int,
         offset_ns: int,
         wanted: Container[tuple[Side, str]] = ALL_TOPICS,
+        *,
+        calibrations: Mapping[Side, CameraGeometry] = _UNCALIBRATED,
     ) -> Iterator[Message]:
         """The messages of one pair; None: nothing was decided on it.
 
@@ -93,6 +98,8 @@ class MessageWriter:
             CLOCK_REALTIME minus CLOCK_MONOTONIC, as `realtime_offset_ns` measures it.
         wanted
             Side and topic of the messages to make.
+        calibrations
+            The geometry of the cameras that are calibrated.
         """
         stamp_ns = min(max(moment_ns(pair.reference, self._stamp) + offset_ns, 0), LAST_STAMP_NS)
         stamp = _Time(*divmod(stamp_ns, 1_000_000_000))
@@ -109,7 +116,8 @@ class MessageWriter:
             if (side, "exposure") in wanted:
                 yield Message(side, "exposure", _serialise(info, EXPOSURE_INFO))
             if (side, "camera_info") in wanted:
-                yield Message(side, "camera_info", _serialise(_camera_info(header, frame), CAMERA_INFO))
+                geometry = calibrations.get(side)
+                yield Message(side, "camera_info", _serialise(_camera_info(header, frame, geometry), CAMERA_INFO))
             if (side, "image") in wanted:
                 yield Message(side, "image", _serialise(_image(header, frame), IMAGE))
 
@@ -129,11 +137,16 @@ def _image(header: Any, frame: Frame) -> Any:
     return _Image(header, height, width, encoding(frame.layout, frame.pixels.dtype), 0, row_bytes, data)
 
 
-def _camera_info(header: Any, frame: Frame) -> Any:
-    """Of an uncalibrated camera: by the message's convention its K is zero."""
+def _camera_info(header: Any, frame: Frame, geometry: CameraGeometry | None) -> Any:
+    """By the message's convention K is zero if the camera is not calibrated, as for frames of this size."""
     height, width = frame.pixels.shape[:2]
-    none, k, p = np.zeros(0), np.zeros(9), np.zeros(12)
-    return _CameraInfo(header, height, width, "", none, k, k, p, 0, 0, _no_region)
+    if geometry is None or (geometry.width, geometry.height) != (width, height):
+        none, k, p = np.zeros(0), np.zeros(9), np.zeros(12)
+        return _CameraInfo(header, height, width, "", none, k, k, p, 0, 0, _no_region)
+    d, k, r, p = map(
+        np.array, (geometry.distortion, geometry.camera_matrix, geometry.rectification, geometry.projection)
+    )
+    return _CameraInfo(header, height, width, geometry.distortion_model, d, k, r, p, 0, 0, _no_region)
 
 
 def _of_frame(frame: Frame) -> dict[str, float | str]:

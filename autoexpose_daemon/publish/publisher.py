@@ -32,6 +32,7 @@ from autoexpose_daemon.publish.ros2_keys import Attachments, Ros2Node
 from autoexpose_daemon.publish.session import Endpoints, SessionHolder
 from autoexpose_daemon.runtime.foretold_light import ForetoldLight
 from autoexpose_daemon.status.publishing import LARGEST_REPORT_BYTES, ConsumerTally, DropReason, PublishTally
+from calibration.geometry.model import CameraGeometry
 from drivers.frames import Side, StereoPair
 
 log = logging.getLogger(__name__)
@@ -66,6 +67,8 @@ class Publisher:
         Takes what `autoexpose repeat` sends of the light ahead.
     ask
         Takes requests to control.
+    calibrations
+        Called for each pair: the geometry of the cameras that are calibrated.
     """
 
     def __init__(
@@ -75,9 +78,12 @@ class Publisher:
         tell: Tell,
         light: ForetoldLight | None = None,
         ask: Ask | None = None,
+        *,
+        calibrations: Callable[[], Mapping[Side, CameraGeometry]] = dict,
     ) -> None:
         self.tally = PublishTally()
         self._tell = tell
+        self._calibrations = calibrations
         self._light = light
         self._ask = ask
         self._config = config
@@ -178,8 +184,11 @@ class Publisher:
     def _send(self, step: tuple[StereoPair, Decision | None], outlets: _Outlets) -> None:
         heard = {key: [outlet for outlet in those if outlet.is_heard()] for key, those in outlets.items()}
         wanted = {key for key, those in heard.items() if those}
+        made = self._writer.messages(
+            *step, self._sequence, realtime_offset_ns(), wanted, calibrations=self._calibrations()
+        )
         try:
-            for message in self._writer.messages(*step, self._sequence, realtime_offset_ns(), wanted):
+            for message in made:
                 for outlet in heard[message.side, message.topic]:
                     outlet.put(message.data)
             self.tally.sent += 1

@@ -105,7 +105,10 @@ class RecordingFile:
             if step.override != NO_OVERRIDE:
                 self._say(OVERRIDE, {"override": plain(step.override)})
             messages = MessageWriter(self._rig, step.cameras, self._stamp)
-            for message in messages.messages(step.pair, step.decision, step.sequence, self._offset_ns):
+            made = messages.messages(
+                step.pair, step.decision, step.sequence, self._offset_ns, calibrations=step.calibrations
+            )
+            for message in made:
                 self._add(message.side, message.topic, TOPICS[message.topic], message.data, step.sequence)
             if state is not None:
                 self._say(STATE, {"state": state})

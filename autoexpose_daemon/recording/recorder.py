@@ -10,7 +10,7 @@ import threading
 import time
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,7 +23,8 @@ from autoexpose_daemon.control.loop import ControlLoop, ControlSetup
 from autoexpose_daemon.control.snapshot import Plain
 from autoexpose_daemon.recording.file import RecordingFile
 from autoexpose_daemon.recording.step import RecordingError, Step
-from drivers.frames import StereoPair
+from calibration.geometry.model import CameraGeometry
+from drivers.frames import Side, StereoPair
 from drivers.log_throttle import LogThrottle
 
 log = logging.getLogger(__name__)
@@ -89,11 +90,18 @@ class Recorder(ABC):
         self._thread.join()
 
     def take(
-        self, pair: StereoPair, decision: Decision, loop: ControlLoop, cameras: int, requests: tuple[str, ...] = ()
+        self,
+        pair: StereoPair,
+        decision: Decision,
+        loop: ControlLoop,
+        cameras: int,
+        requests: tuple[str, ...] = (),
+        *,
+        calibrations: Mapping[Side, CameraGeometry] | None = None,
     ) -> None:
         """Take a step of a rig with this many cameras; on the control thread, right after `loop` has made it.
 
-        `requests` took effect with it.
+        `requests` took effect with it; `calibrations` are of the cameras that have one.
         """
         if self._ended:
             return
@@ -109,7 +117,7 @@ class Recorder(ABC):
         if loop.setup is not self._setup or self.steps - self._snapshot_step >= self._steps_per_snapshot:
             self._setup, self._snapshot_step, state = loop.setup, self.steps, loop.state()
         given = loop.angular_rate_rad_s, loop.light_ahead, loop.override
-        step = Step(self.steps, cameras, pair, decision, *given, requests)
+        step = Step(self.steps, cameras, pair, decision, *given, requests, calibrations or {})
         self._queue.put(Entry(step, loop.setup, state, now_ns))
 
     @abstractmethod

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.control.loop import ControlSetup
 from autoexpose_daemon.control.override import NO_OVERRIDE, Override
 from autoexpose_daemon.control.snapshot import Plain
+from calibration.geometry.model import CameraGeometry
 from drivers.errors import AutoexposeError
-from drivers.frames import StereoPair
+from drivers.frames import Side, StereoPair
 
 
 class RecordingError(AutoexposeError):
@@ -39,6 +41,8 @@ class Step:
         What stood above the policy.
     requests
         What was requested of control since the step before, and who asked.
+    calibrations
+        The geometry of the cameras that are calibrated: for CameraInfo; a replay needs none.
     """
 
     sequence: int
@@ -49,6 +53,7 @@ class Step:
     light_ahead: LightAhead | None = None
     override: Override = NO_OVERRIDE
     requests: tuple[str, ...] = ()
+    calibrations: Mapping[Side, CameraGeometry] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -9,6 +9,7 @@ from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.override import NO_OVERRIDE, Override
 from autoexpose_daemon.runtime.tuning import Tuning
+from drivers.camera import CameraDescription
 from drivers.exposure import ExposureLimits
 from drivers.frames import Side, StereoPair
 from drivers.rig.events import CameraReady
@@ -31,13 +32,13 @@ class ActiveLoop:
         self.tuning = tuning
         self.loop: ControlLoop | None = None
         self._limits: dict[Side, ExposureLimits] = {}
-        self._pixel_formats: dict[Side, str | None] = {}
+        self._cameras: dict[Side, CameraDescription] = {}
         self._newest: StereoPair | None = None
 
     def ready(self, event: CameraReady) -> None:
         """Take over the limits of a camera; raises ConfigurationError if no common range is left."""
         self._limits[event.side] = event.limits
-        self._pixel_formats[event.side] = event.description.pixel_format
+        self._cameras[event.side] = event.description
         limits = self.tuning.limits(self._limits.values())
         if self.loop is None or limits != self.loop.setup.limits:
             self._install(self.tuning.loop(limits))
@@ -53,7 +54,7 @@ class ActiveLoop:
 
     def prepared(self, tuning: Tuning) -> ControlLoop:
         """The loop of another tuning, for `use`; ConfigurationError if it does not fit cameras or frames."""
-        tuning.check_belongs(self._pixel_formats)
+        tuning.check_belongs(self._cameras)
         loop = tuning.loop(tuning.limits(self._limits.values()))
         if self._newest is not None:
             loop.step(self._newest)

@@ -7,7 +7,6 @@ from functools import partial
 
 from autoexpose_daemon.config.camera_setup import camera_setup
 from autoexpose_daemon.config.document import Config
-from calibration.response.file import ResponseFile
 from drivers.aravis import open_camera
 from drivers.camera import Camera
 from drivers.errors import AutoexposeError, ConfigurationError
@@ -17,10 +16,7 @@ from drivers.setup import CameraSetup
 
 def openers(config: Config) -> dict[Side, Callable[[], Camera]]:
     """For each side of the rig, a function that opens its camera as configured."""
-    return {
-        side: partial(_open, camera.serial, config.responses[side], camera_setup(config, side))
-        for side, camera in config.sides.items()
-    }
+    return {side: partial(_open, config, side, camera_setup(config, side)) for side in config.sides}
 
 
 def refusals(config: Config) -> Iterator[tuple[Side, AutoexposeError | None]]:
@@ -34,11 +30,11 @@ def refusals(config: Config) -> Iterator[tuple[Side, AutoexposeError | None]]:
             yield side, None
 
 
-def _open(serial: str, response: ResponseFile, setup: CameraSetup) -> Camera:
-    """Open a camera, and refuse a response file made for another pixel format than it sends."""
-    camera = open_camera(serial, setup)
+def _open(config: Config, side: Side, setup: CameraSetup) -> Camera:
+    """Open a camera, and refuse files made for another pixel format or size than it sends."""
+    camera = open_camera(config.sides[side].serial, setup)
     try:
-        response.check_belongs(serial, camera.description.pixel_format)
+        config.check_frames(side, camera.description)
     except ConfigurationError:
         camera.close()
         raise

@@ -15,13 +15,14 @@ from autoexpose_daemon.config.request import RegionRequest, Request
 from autoexpose_daemon.config.roi import region_of
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.region import Region
+from drivers.camera import CameraDescription
 from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureLimits
 from drivers.frames import SIDES, Side
 
 
 class Tuning:
-    """Bounds, policy, parameters, response and regions; reads their files unless the configuration has.
+    """Bounds, policy, parameters, response, geometry and regions; reads their files unless the configuration has.
 
     Raises
     ------
@@ -32,6 +33,7 @@ class Tuning:
     def __init__(self, config: Config) -> None:
         self.config = config
         self.responses = {side: file.response for side, file in config.responses.items()}
+        self.calibrations = config.calibrations
         self.regions = config.control.roi.regions
 
     def changed(self, request: Request) -> Self:
@@ -75,10 +77,10 @@ class Tuning:
             raise ConfigurationError(f"region.{side}: the rig has no {side} camera: leave it out")
         return self.regions | asked
 
-    def check_belongs(self, pixel_formats: Mapping[Side, str | None]) -> None:
-        """Refuse a response file made for another pixel format than a camera sends; raises ConfigurationError."""
-        for side, pixel_format in pixel_formats.items():
-            self.config.responses[side].check_belongs(self.config.sides[side].serial, pixel_format)
+    def check_belongs(self, cameras: Mapping[Side, CameraDescription]) -> None:
+        """Refuse files made for another pixel format or size than a camera sends; raises ConfigurationError."""
+        for side, description in cameras.items():
+            self.config.check_frames(side, description)
 
     def limits(self, cameras: Iterable[ExposureLimits]) -> ExposureLimits:
         """The bounds, cut to those of the cameras; raises ConfigurationError if nothing is left."""

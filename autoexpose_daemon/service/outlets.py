@@ -37,7 +37,8 @@ class RecorderTap:
     def __call__(self, pair: StereoPair, decision: Decision | None) -> None:
         """Record a step and the loop that has just made it; a pair without a decision is not a step."""
         if decision is not None and self.daemon.loop is not None:
-            self.recorder.take(pair, decision, self.daemon.loop, self.cameras, self.daemon.fresh_requests)
+            requests, calibrations = self.daemon.fresh_requests, self.daemon.tuning.calibrations
+            self.recorder.take(pair, decision, self.daemon.loop, self.cameras, requests, calibrations=calibrations)
 
 
 def add_outlets(daemon: Daemon, config: Config, recorder: Recorder | None = None) -> Daemon:
@@ -61,7 +62,14 @@ def add_outlets(daemon: Daemon, config: Config, recorder: Recorder | None = None
         return daemon
     light = ForetoldLight(config.trigger.rate_hz)
     daemon.follow_light(light)
-    publisher = Publisher(config.publish, len(config.sides), partial(_texts, daemon), light, daemon.ask)
+    publisher = Publisher(
+        config.publish,
+        len(config.sides),
+        partial(_texts, daemon),
+        light,
+        daemon.ask,
+        calibrations=lambda: daemon.tuning.calibrations,
+    )
     daemon.outlets.append(publisher)
     daemon.telemetry.publishing = publisher.tally
     return daemon

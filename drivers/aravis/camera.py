@@ -21,7 +21,13 @@ from drivers.genicam.clock import find_clock
 from drivers.genicam.dialect import find_dialect, switch_auto_off
 from drivers.genicam.features import apply_features
 from drivers.genicam.gamma import switch_gamma_off
-from drivers.genicam.image_format import choose_pixel_format, decode_pixels, set_binning, switch_white_balance_off
+from drivers.genicam.image_format import (
+    choose_pixel_format,
+    decode_pixels,
+    frame_size,
+    set_binning,
+    switch_white_balance_off,
+)
 from drivers.genicam.metadata import FrameIdUnwrapper, SettingLedger, enable_chunks
 from drivers.genicam.timing import timing_limitations
 from drivers.genicam.trigger import arm_trigger
@@ -63,7 +69,7 @@ class AravisCamera:
         of_timing = timing_limitations(nodes, setup.trigger)
         limitations = (*self._dialect.limitations, *of_trigger, *of_timing, *of_gamma, *of_chunks, *of_clock)
         self._description = CameraDescription(
-            found.vendor, found.model, found.serial, limitations, self._pixel_format, gain_node
+            found.vendor, found.model, found.serial, limitations, self._pixel_format, gain_node, frame_size(nodes)
         )
         self._limits = self._dialect.limits(nodes)
         self._setting: ExposureSetting | None = self._dialect.read(nodes)

@@ -89,6 +89,13 @@ def set_binning(nodes: NodeMap, binning: int | None) -> None:
         nodes.write_integer(size, nodes.integer_bounds(size)[1])
 
 
+def frame_size(nodes: NodeMap) -> tuple[int, int] | None:
+    """Width and height of the frames in pixels, after region, binning and decimation; None if the camera hides them."""
+    if not (nodes.available("Width") and nodes.available("Height")):
+        return None
+    return nodes.read_integer("Width"), nodes.read_integer("Height")
+
+
 def decode_pixels(
     data: bytes, pfnc_code: int, width: int, height: int, expected: PixelFormat, *, has_chunks: bool = False
 ) -> Pixels:

@@ -37,7 +37,9 @@ class TriggeredCamera(ScriptedCamera):
 
     def __init__(self, serial: str) -> None:
         super().__init__(SHAPE)
-        self.description = type(self.description)("ours", "scripted", serial, pixel_format=PixelFormat.MONO8)
+        self.description = type(self.description)(
+            "ours", "scripted", serial, pixel_format=PixelFormat.MONO8, size=SHAPE[::-1]
+        )
         self.starts = 0
         self._scene = radiance(ord(serial))
         self._noise = np.random.default_rng(ord(serial))

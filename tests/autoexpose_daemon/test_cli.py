@@ -13,6 +13,7 @@ import time
 from pathlib import Path
 
 import pytest
+import yaml
 
 from autoexpose_daemon.cli import main
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
@@ -20,6 +21,7 @@ from calibration.response import ResponseFunction
 from calibration.response.file import CameraIdentity, Origin, ResponseFile
 from drivers.pixel_format import PixelFormat
 from tests.autoexpose_daemon.stereo import stereo_cameras
+from tests.calibration.geometry.pairs import small_ros
 from tests.fake_camera.gige.gige_client import CCP, GvcpClient
 from tests.fakes import FOREIGN_ADDRESS, fake_camera, foreign_camera, loopback_address
 
@@ -145,6 +147,19 @@ def test_run_refuses_a_response_file_for_another_pixel_format(tmp_path: Path) ->
     assert result.returncode == os.EX_CONFIG
     sentence = f"autoexpose: {response}: pixel_format is Mono12, but camera {camera.serial} runs with Mono8: set "
     assert sentence in result.stderr
+    assert "Traceback" not in result.stderr
+
+
+@pytest.mark.wire
+def test_run_refuses_a_calibration_of_frames_of_another_size(tmp_path: Path) -> None:
+    file, calibration = tmp_path / "rig.yaml", tmp_path / "left.yaml"
+    calibration.write_text(yaml.safe_dump(small_ros("left", 640, 480)))
+    with fake_camera() as camera:
+        file.write_text(f"cameras: {{left: {{serial: {camera.serial}, calibration: left.yaml}}}}")
+        result = autoexpose("run", "-c", str(file))
+    assert result.returncode == os.EX_CONFIG
+    sentence = f"{calibration}: is for frames of 640x480 pixels, but camera {camera.serial} sends 720x540: calibrate"
+    assert f"autoexpose: cameras.left.calibration: {sentence}" in result.stderr
     assert "Traceback" not in result.stderr
 
 

@@ -48,6 +48,8 @@ from autoexpose_daemon.status.publishing import Consumers, ConsumerTally
 from autoexpose_daemon.status.requests import Answer, Shot
 from calibration.findings import Finding
 from calibration.gain.file import GainFile
+from calibration.geometry.file import load_geometry
+from calibration.geometry.ros import read_ros, ros_yaml
 from calibration.response import ResponseFunction
 from calibration.response.file import CameraIdentity, Origin, ResponseFile
 from calibration.sources.exposure_times import timed_files
@@ -65,6 +67,7 @@ from tests.autoexpose_daemon.imu import imu_message
 from tests.autoexpose_daemon.publish.test_pairs import messages
 from tests.autoexpose_daemon.recording.runs import LIMITS, VirtualRun, record
 from tests.autoexpose_daemon.statuses import EXPOSING
+from tests.calibration.geometry.pairs import LENSES, camchain, ros
 from tests.fuzz.of_fake_camera import gvcp_answer
 from tests.fuzz.target import framed, in_file, unframed
 
@@ -145,6 +148,17 @@ def gain_seeds() -> Iterator[bytes]:
     GainFile(scale, CameraIdentity("Acme", "M1", "0042"), 0.05, tool="autoexpose 0.1", findings=found).save(path)
     yield path.read_bytes()
     yield b"format: autoexpose-gain/1\nnode: Gain\nsettings: [1.0, 16.0]\ngains_db: [0.0, 24.0]\n"
+
+
+def calibration_file(data: bytes) -> None:
+    path = in_file(data, "calibration.yaml")
+    geometry = load_geometry(path, "right")
+    assert read_ros(yaml.safe_load(ros_yaml(geometry, "right")), "right") == geometry
+
+
+def calibration_seeds() -> Iterator[bytes]:
+    for document in (ros("right"), *map(camchain, LENSES)):
+        yield yaml.safe_dump(document, default_flow_style=None, width=9999).encode()
 
 
 def config(data: bytes) -> None:

@@ -25,6 +25,7 @@ from autoexpose_daemon.messages.read import (
 from autoexpose_daemon.messages.stamp import Stamp
 from autoexpose_daemon.messages.types import EXPOSURE_INFO, TYPESTORE, definition
 from autoexpose_daemon.messages.write import LAST_STAMP_NS, TOPICS, Message, MessageWriter, realtime_offset_ns
+from calibration.geometry.model import CameraGeometry
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame, Side, StereoPair
 from drivers.pixel_format import PixelFormat
@@ -139,6 +140,28 @@ def frame() -> Frame:
 def test_camera_info_is_that_of_an_uncalibrated_camera() -> None:
     info = parsed(written(StereoPair(1, {"left": frame(), "right": frame()}))["right", "camera_info"])
     assert (info.height, info.width) == (3, 5)
+    assert not info.k.any()
+
+
+def test_camera_info_of_a_calibrated_camera_is_what_its_file_says() -> None:
+    k, p = (8.0, 0.0, 2.0, 0.0, 8.0, 1.0, 0.0, 0.0, 1.0), (7.0, 0.0, 2.0, -0.56, 0.0, 7.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
+    r = (0.0, 1.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+    right = CameraGeometry(5, 3, "equidistant", (0.1, 0.2, 0.3, 0.4), k, r, p)
+    pair = StereoPair(1, {"left": frame(), "right": frame()})
+    made = MessageWriter("robot", 2).messages(pair, None, 0, 0, calibrations={"right": right})
+    left_info, info = (parsed(message) for message in made if message.topic == "camera_info")
+    assert not left_info.k.any()
+    assert (info.height, info.width, info.distortion_model) == (3, 5, "equidistant")
+    for read, said in ((info.d, right.distortion), (info.k, k), (info.r, r), (info.p, p)):
+        assert tuple(read) == said
+
+
+def test_a_geometry_for_frames_of_another_size_is_not_told() -> None:
+    other = CameraGeometry(6, 3, "equidistant", (0.0,) * 4, (1.0,) * 9, (1.0,) * 9, (1.0,) * 12)
+    made = MessageWriter("robot", 1).messages(
+        StereoPair(1, {"left": frame()}), None, 0, 0, calibrations={"left": other}
+    )
+    (info,) = (parsed(message) for message in made if message.topic == "camera_info")
     assert not info.k.any()
 
 

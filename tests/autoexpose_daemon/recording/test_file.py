@@ -24,12 +24,14 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.config.publish import PublishConfig
 from autoexpose_daemon.control.light_ahead import LightAhead
+from autoexpose_daemon.messages.types import CAMERA_INFO, TYPESTORE
 from autoexpose_daemon.recording.file import RESERVE_BYTES, RecordingFile
 from autoexpose_daemon.recording.read import Recording
 from autoexpose_daemon.recording.recorder import ContinuousRecorder, LastSecondsRecorder, new_recorder
 from autoexpose_daemon.recording.replay import Replay
 from autoexpose_daemon.recording.replay_report import report_replay
 from autoexpose_daemon.recording.step import Item, RecordingError, Step
+from calibration.geometry.model import CameraGeometry
 from drivers.frames import Frame, StereoPair
 from drivers.pixel_format import PixelFormat
 from drivers.pixels import SAMPLES
@@ -174,6 +176,22 @@ def test_a_state_that_does_not_fit_its_setup_is_one_sentence(tmp_path: Path) -> 
     file.close(1, 0)
     with pytest.raises(RecordingError, match="its state of control does not fit: Lu2010 needs query, best_level"):
         replayed(path)
+
+
+def test_camera_info_says_what_is_known_of_the_cameras(tmp_path: Path) -> None:
+    run, path = VirtualRun("fixed"), tmp_path / "run.mcap"
+    pair = next(run.pairs())
+    (height, width), k = pair.frames["left"].pixels.shape, (80.0, 0.0, 3.0, 0.0, 80.0, 2.0, 0.0, 0.0, 1.0)
+    left = CameraGeometry(width, height, "plumb_bob", (0.1,) * 5, k, (1.0,) * 9, (2.0,) * 12)
+    step = Step(1, 2, pair, run.loop.step(pair), calibrations={"left": left})
+    file = RecordingFile(path, "rig")
+    file.write(step, run.loop.setup, None)
+    file.close(1, 0)
+    with path.open("rb") as stream:
+        reader = make_reader(stream)
+        for side, expected in (("left", k), ("right", (0.0,) * 9)):
+            ((_, _, message),) = reader.iter_messages(topics=[f"/autoexpose/rig/{side}/camera_info"])
+            assert tuple(TYPESTORE.deserialize_cdr(message.data, CAMERA_INFO).k) == expected
 
 
 @pytest.mark.parametrize("rate", [math.nan, -1e300, 101.0])

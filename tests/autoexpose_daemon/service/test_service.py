@@ -30,9 +30,10 @@ from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureSetting
 from drivers.frames import Side
 from drivers.pixel_format import PixelFormat
-from tests.autoexpose_daemon.scripted import LONG_S, ScriptedRig, Session, TriggeredCamera, config
+from tests.autoexpose_daemon.scripted import LONG_S, SHAPE, ScriptedRig, Session, TriggeredCamera, config
 from tests.autoexpose_daemon.service.service_process import PATIENCE_S, Notifications, running_service, service_manager
 from tests.autoexpose_daemon.stereo import stereo_cameras
+from tests.calibration.geometry.pairs import ros, small_ros
 
 IMPOSSIBLE: list[tuple[dict[str, Any], str]] = [
     (
@@ -170,6 +171,22 @@ def test_a_response_file_of_another_pixel_format_is_not_taken(
     ResponseFile(ResponseFunction.linear(), origin).save(file)
     running.reload(config(cameras=cameras))
     wait_for_words(running, caplog, "pixel_format is Mono12")
+
+
+def test_a_calibration_of_another_size_is_not_taken(
+    running: RunningService, caplog: pytest.LogCaptureFixture, tmp_path: Path
+) -> None:
+    file = tmp_path / "left.yaml"
+    cameras = {"left": {"serial": "L", "calibration": file}, "right": {"serial": "R"}}
+    height, width = SHAPE
+    file.write_text(yaml.safe_dump(small_ros("left", width, height)))
+    running.reload(config(cameras=cameras))
+    running.manager.wait_for("RELOADING=1")
+    running.manager.wait_for("READY=1")
+    assert running.service.daemon.tuning.calibrations["left"].width == width
+    file.write_text(yaml.safe_dump(ros("left")))
+    running.reload(config(cameras=cameras))
+    wait_for_words(running, caplog, f"frames of 720x540 pixels, but camera L sends {width}x{height}")
 
 
 def test_a_reload_of_control_leaves_the_cameras_open(running: RunningService) -> None:

@@ -8,7 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.errors import ConfigurationError, UnsupportedCameraError
-from drivers.genicam.image_format import choose_pixel_format, decode_pixels, set_binning, switch_white_balance_off
+from drivers.genicam.image_format import (
+    choose_pixel_format,
+    decode_pixels,
+    frame_size,
+    set_binning,
+    switch_white_balance_off,
+)
 from drivers.pixel_format import PixelFormat
 from tests.drivers.genicam.node_map import EnumerationNode, IntegerNode, MemoryNodes
 
@@ -58,6 +64,12 @@ def test_automatic_white_balance_is_switched_off_and_said_so_where_there_are_col
     assert nodes.writes == [("BalanceWhiteAuto", "Off")]
     assert caplog.messages == ["camera M1: BalanceWhiteAuto was Continuous, now Off: ratios of colours stay"]
     switch_white_balance_off(MemoryNodes({}), PixelFormat.RGB8)
+
+
+def test_the_size_of_frames_is_what_the_camera_says_if_it_does() -> None:
+    nodes = {"Width": IntegerNode(720), "Height": IntegerNode(540)}
+    assert frame_size(MemoryNodes(nodes)) == (720, 540)
+    assert frame_size(MemoryNodes({"Width": IntegerNode(720)})) is None
 
 
 def test_binning_resets_the_region_to_the_whole_sensor() -> None:

@@ -1,0 +1,47 @@
+"""The geometry of one camera of a rig, with the meaning of ROS's `sensor_msgs/msg/CameraInfo`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, Literal, get_args
+
+DistortionModel = Literal["plumb_bob", "rational_polynomial", "equidistant"]
+COEFFICIENTS: Final[dict[DistortionModel, int]] = {"plumb_bob": 5, "rational_polynomial": 8, "equidistant": 4}
+"""How many numbers describe each model, by ROS's names; OpenCV calls the last one fisheye, Kalibr the first radtan."""
+
+assert set(COEFFICIENTS) == set(get_args(DistortionModel))
+
+
+@dataclass(frozen=True, slots=True)
+class CameraGeometry:
+    """Lens and rectification of one camera.
+
+    Attributes
+    ----------
+    width, height
+        Size in pixels of the frames it holds for.
+    distortion_model, distortion
+        How the lens distorts, with as many coefficients as `COEFFICIENTS` says.
+    camera_matrix
+        K: focal lengths and principal point in pixels, 3x3, row by row; (0, 0) is the middle of the first pixel.
+    rectification
+        R: from this camera's axes to those of the rectified pair, 3x3, row by row.
+    projection
+        P: from the left camera's rectified axes (m) to pixels of the rectified frame, 3x4, row by row.
+    serial
+        The camera's serial number, if the file says it.
+    """
+
+    width: int
+    height: int
+    distortion_model: DistortionModel
+    distortion: tuple[float, ...]
+    camera_matrix: tuple[float, ...]
+    rectification: tuple[float, ...]
+    projection: tuple[float, ...]
+    serial: str | None = None
+
+    @property
+    def baseline_m(self) -> float:
+        """How far this camera is to the right of the left one."""
+        return -self.projection[3] / self.projection[0]
