@@ -65,7 +65,7 @@ def _parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     add("--line0-rate-hz", type=_rate, default=60.0, metavar="HZ|ask", help=f"pulses per second of the wire ({_ASK})")
     add("--line1", type=Path, metavar="SOCKET", help="wire from the exposure output to another camera's Line3")
     add("--line3", type=Path, metavar="SOCKET", help="wire from another camera's Line1")
-    add("--scene", default="room", metavar="room|FILE.hdr", help="what the camera sees (%(default)s)")
+    add("--scene", default="room", metavar="room|board|FILE.hdr", help="what the camera sees (%(default)s)")
     add("--pixel-format", choices=PIXEL_FORMATS, default="Mono8", metavar="NAME", help="at power-on (%(default)s)")
     add("--size", type=_size, default=SIZES[0], metavar="WxH", help=f"of its sensor: {_SIZES} (720x540)")
     add("--still", action="store_true", help="do not move, as on a tripod")

@@ -11,9 +11,11 @@ from typing import Annotated, Literal
 import typer
 from rich.console import Console
 
+from calibration.commands.board import board
 from calibration.commands.check import REACH_STOPS, Check, check_camera
 from calibration.commands.measure import measure_camera, measure_images
 from calibration.commands.measure_gain import gain
+from calibration.commands.measure_geometry import geometry
 from calibration.commands.measure_latency import latency
 from calibration.commands.measure_noise import noise
 from calibration.commands.rig import CameraMode, places_of, rig_of_config
@@ -28,7 +30,7 @@ from drivers.errors import ConfigurationError
 from drivers.frames import SIDES
 
 calibrate_app = typer.Typer(
-    help="Measure what a camera does to light: its response, noise, latency and gain.", no_args_is_help=True
+    help="Measure cameras: what they do to light, and the geometry of a pair.", no_args_is_help=True
 )
 
 
@@ -112,6 +114,8 @@ def export(
 calibrate_app.command()(noise)
 calibrate_app.command()(latency)
 calibrate_app.command()(gain)
+calibrate_app.command()(geometry)
+calibrate_app.command()(board)
 
 
 def _previous(path: Path) -> ResponseFile | None:

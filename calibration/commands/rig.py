@@ -25,9 +25,9 @@ class CameraMode:
     binning: int | None = None
     features: tuple[FeatureSetting, ...] = ()
 
-    def setup(self) -> CameraSetup:
+    def setup(self, rate_hz: float | None = None) -> CameraSetup:
         """How to open it for a `calibration.sources.session.Session`."""
-        return replace(session_setup(self.pixel_format), binning=self.binning, features=self.features)
+        return replace(session_setup(self.pixel_format, rate_hz), binning=self.binning, features=self.features)
 
 
 def rig_of_config(path: Path) -> list[CameraMode]:

@@ -36,10 +36,10 @@ def rectified(
         When the right camera is not to the right of the left one.
     """
     if not -translation_m[0] > np.abs(translation_m[1:]).max():
-        x, y, z = (1e3 * float(part) for part in -rotation.T @ translation_m)
+        x, y, z = (round(1e3 * float(part)) for part in -rotation.T @ translation_m)
         raise ConfigurationError(
-            f"the right camera is {x:.0f} mm to the right of the left one, {y:.0f} mm below it and {z:.0f} mm ahead: "
-            "it must be mostly to its right, so check which camera is which"
+            f"the right camera is {x} mm to the right of the left one, {y} mm below and {z} mm ahead of it: it must be "
+            "mostly to its right: check which camera is which"
         )
     (k1, d1), (k2, d2), size = _lens(left), _lens(right), (left.width, left.height)
     r, t, flags = np.ascontiguousarray(rotation), translation_m.reshape(3, 1).copy(), cv2.CALIB_ZERO_DISPARITY

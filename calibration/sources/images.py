@@ -36,7 +36,7 @@ def read_images(source: Path) -> Sweep:
         One sentence that names the file, and the line where there is one.
     """
     files = timed_files(source)
-    images = [_grey(file.path) for file in files]
+    images = [read_grey(file.path) for file in files]
     for file, image in zip(files[1:], images[1:], strict=True):
         if image.shape != images[0].shape or image.dtype != images[0].dtype:
             raise ConfigurationError(
@@ -56,7 +56,22 @@ def _described(image: NDArray[Any]) -> str:
     return f"{image.shape[1]}x{image.shape[0]} pixels of {8 * image.dtype.itemsize} bits"
 
 
-def _grey(path: Path) -> Pixels:
+def read_grey8(path: Path) -> NDArray[np.uint8]:
+    """An image in 8 bits, of colour images the green channel; the depth of others as in `read_images`.
+
+    Raises
+    ------
+    ConfigurationError
+        One sentence that names the file.
+    """
+    image = read_grey(path)
+    if image.dtype == np.uint8:
+        return image.astype(np.uint8, copy=False)
+    return (image >> (4 if image.max() < 4096 else 8)).astype(np.uint8)
+
+
+def read_grey(path: Path) -> Pixels:
+    """An image of 8 or 16 bits, of colour images the green channel; raises ConfigurationError."""
     try:
         content = read_regular(path, MOST_IMAGE_BYTES)
         damaged = content.startswith(SIGNATURE) and not is_whole_png(content)

@@ -14,6 +14,7 @@ from fake_camera.imaging import PIXEL_FORMATS, ImageSettings, ImageSource, Pixel
 from fake_camera.world.colour import Tints
 from fake_camera.world.lighting import LightScript
 from fake_camera.world.render.renderer import Pinhole, Renderer, Surface
+from fake_camera.world.scene.board import BoardPath, board_on_a_wall
 from fake_camera.world.scene.panorama import Panorama, load_radiance
 from fake_camera.world.scene.path import CameraPath, right_of
 from fake_camera.world.scene.room import furnished_room
@@ -172,7 +173,7 @@ def build_image_source(
     Parameters
     ----------
     scene
-        "room", or the path of a Radiance .hdr file to pan across.
+        "room"; "board", a wall with a ChArUco board; or the path of a Radiance .hdr file to pan across.
     side
         Which camera of the stereo pair this is; both must be built with the same scene, light and seed.
     light
@@ -200,11 +201,12 @@ def build_image_source(
     model = SensorModel(*size, lens_f_number=lens_f_number)
     sensor = Sensor(model, 2 * seed + (side == "right"), response)
     view: Scene
-    if scene == "room":
+    if scene in ("room", "board"):
         lens = Pinhole()
         camera = Pinhole(model.width, model.height, lens.focal_px * model.width / lens.width)
-        renderer = Renderer(paint(seed), camera)
-        view = RoomView(renderer, steered or CameraPath(), side)
+        board = scene == "board"
+        renderer = Renderer(board_on_a_wall(seed) if board else paint(seed), camera)
+        view = RoomView(renderer, BoardPath(seed) if board else steered or CameraPath(), side)
     else:
         view = Panorama(load_radiance(Path(scene)), side, model.width, model.height)
     return SimulatedCamera(view, steered or light, sensor, still=still)

@@ -1,0 +1,208 @@
+"""The command `autoexpose calibrate geometry`."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.live import Live
+from rich.progress import track
+
+from calibration.commands.rig import CameraMode, rig_of_config
+from calibration.geometry.board import DEFAULT_DICTIONARY, MARKER_SHARE, Board, BoardFinder
+from calibration.geometry.capture import ENOUGH_VIEWS, Capture
+from calibration.geometry.file import load_geometry
+from calibration.geometry.kalibr import camchain_yaml
+from calibration.geometry.result import GeometryResult, calibrate_geometry
+from calibration.geometry.ros import ros_yaml
+from calibration.geometry.views import View
+from calibration.report import check_extra
+from calibration.report.geometry import geometry_facts, write_geometry_report
+from calibration.sources.exposure_times import image_paths
+from calibration.sources.images import read_grey8
+from calibration.sources.pair import RATE_HZ, PairOfCameras
+from calibration.sources.session import Session
+from drivers.aravis import open_camera
+from drivers.errors import AutoexposeError, ConfigurationError
+from drivers.frames import SIDES, Side
+
+CAMCHAIN, REPORT = "camchain.yaml", "geometry.html"
+FILES: Mapping[Side, str] = {"left": "left.yaml", "right": "right.yaml"}
+
+Squares = Annotated[str, typer.Option(help="Columns x rows of the board's squares.")]
+SquareMm = Annotated[float, typer.Option(help="Side of a square, measured on the paper (mm).")]
+MarkerMm = Annotated[float | None, typer.Option(help="Side of a marker (mm); 0.7 of a square unless given.")]
+Dictionary = Annotated[str, typer.Option(help="Dictionary of the markers, by OpenCV's name.")]
+
+
+def geometry(
+    *,
+    output: Annotated[Path, typer.Option("-o", "--output", help="A folder for the calibration files and the report.")],
+    camera: Annotated[list[str] | None, typer.Option("--camera", help="Serial number; twice: left, right.")] = None,
+    config: Annotated[Path | None, typer.Option("-c", "--config", help="Both cameras of this configuration.")] = None,
+    left: Annotated[Path | None, typer.Option(help="No camera: a folder of the left camera's pictures.")] = None,
+    right: Annotated[Path | None, typer.Option(help="And the right camera's, with the same names.")] = None,
+    squares: Squares = "9x6",
+    square_mm: SquareMm = 30.0,
+    marker_mm: MarkerMm = None,
+    dictionary: Dictionary = DEFAULT_DICTIONARY,
+) -> None:
+    """Measure the lenses and the baseline of a stereo pair with a ChArUco board, for ROS and Kalibr."""
+    check_extra()
+    console = Console(highlight=False)
+    board = board_of(squares, square_mm, marker_mm, dictionary)
+    from_files = left is not None or right is not None
+    if [not camera, config is None, not from_files].count(False) != 1:
+        raise ConfigurationError("say what to calibrate: one of --config, --camera (twice), and --left with --right")
+    _check_output(output)
+    if from_files:
+        if left is None or right is None:
+            raise ConfigurationError("--left and --right belong together: give a folder of pictures for each camera")
+        result = from_folders(board, left, right, console)
+    else:
+        rig = [CameraMode(serial) for serial in camera or []] if config is None else rig_of_config(config)
+        result = from_cameras(board, rig, console)
+    _keep(result, output, console)
+    if result.verdict == "refused":
+        raise typer.Exit(1)
+
+
+def board_of(squares: str, square_mm: float, marker_mm: float | None, dictionary: str) -> Board:
+    """The board that the options describe; raises ConfigurationError."""
+    if (parts := re.fullmatch(r"(\d{1,3})x(\d{1,3})", squares)) is None:
+        raise ConfigurationError(f"--squares {squares!r}: give columns x rows, such as 9x6")
+    marker_mm = MARKER_SHARE * square_mm if marker_mm is None else marker_mm
+    return Board(int(parts[1]), int(parts[2]), square_mm * 1e-3, marker_mm * 1e-3, dictionary)
+
+
+def from_folders(board: Board, left: Path, right: Path, console: Console) -> GeometryResult:
+    """Calibrate from pictures in two folders, paired by name."""
+    folders: dict[Side, Path] = {"left": left, "right": right}
+    paths: dict[Side, list[Path]] = {}
+    for side, folder in folders.items():
+        if not folder.is_dir():
+            raise ConfigurationError(f"--{side} {folder}: is not a folder: give one of pictures")
+        paths[side] = image_paths(folder)
+    names = {side: [path.stem for path in found] for side, found in paths.items()}
+    if names["left"] != names["right"] or not names["left"]:
+        only = sorted(set(names["left"]) ^ set(names["right"]))
+        odd = f"only one has {only[0]}" if only else "there are none, or some names appear twice"
+        raise ConfigurationError(
+            f"{left} and {right}: hold {len(names['left'])} and {len(names['right'])} pictures, and {odd}: give the "
+            "two pictures of each moment the same name"
+        )
+    finders: dict[Side, BoardFinder] = {side: BoardFinder(board) for side in SIDES}
+    views, size, first = [], (0, 0), paths["left"][0]
+    pairs = list(zip(paths["left"], paths["right"], strict=True))
+    for pair in track(pairs, "looking for the board", console=console, transient=True):
+        corners = {}
+        for side, path in zip(SIDES, pair, strict=True):
+            grey = read_grey8(path)
+            here = (grey.shape[1], grey.shape[0])
+            size = size if any(size) else here
+            if here != size:
+                raise ConfigurationError(
+                    f"{path}: is {here[0]}x{here[1]} pixels, {first} is {size[0]}x{size[1]}: take all with one size"
+                )
+            if (found := finders[side].find(grey)) is not None:
+                corners[side] = found
+        if corners:
+            views.append(View(pair[0].stem, corners))
+    return calibrate_geometry(board, views, size, instead=_instead(finders))
+
+
+def from_cameras(board: Board, rig: Sequence[CameraMode], console: Console) -> GeometryResult:
+    """Calibrate two cameras live, showing what is covered."""
+    if len(rig) != len(SIDES):
+        raise ConfigurationError(f"a pair has two cameras, left and right: {len(rig)} given")
+    if rig[0].serial == rig[1].serial:
+        raise ConfigurationError(f"left and right are the same camera, {rig[0].serial}")
+    with ExitStack() as opened:
+        sessions: dict[Side, Session] = {}
+        for side, mode in zip(SIDES, rig, strict=True):
+            sessions[side] = opened.enter_context(Session(open_camera(mode.serial, mode.setup(RATE_HZ))))
+        pair = PairOfCameras(sessions)
+        first = pair.next_pair()
+        shapes = {side: frame.pixels.shape for side, frame in first.items()}
+        if shapes["left"] != shapes["right"]:
+            (h, w), (height, width) = shapes["left"], shapes["right"]
+            raise ConfigurationError(f"left sends {w}x{h} pixels, right {width}x{height}: set both to one size")
+        size = (shapes["left"][1], shapes["left"][0])
+        capture = Capture(board, size)
+        serials = {side: session.description.serial for side, session in sessions.items()}
+        try:
+            with Live(console=console, auto_refresh=False, transient=True) as live:
+                while not capture.complete:
+                    capture.look({side: frame.grey8() for side, frame in pair.next_pair().items()})
+                    live.update(progress_text(capture), refresh=True)
+        except KeyboardInterrupt:
+            raise AutoexposeError(f"stopped after {len(capture.views)} views: nothing was written") from None
+    console.print(progress_text(capture))
+    return calibrate_geometry(board, capture.views, size, serials, _instead(capture.finders))
+
+
+def progress_text(capture: Capture) -> str:
+    """What is covered: a sign for each part of either picture, the views by tilt, and what to do next."""
+    grids = [capture.covered(side) for side in SIDES]
+    rows = [
+        "   ".join(" ".join("#" if seen else "." for seen in row) for row in both) for both in zip(*grids, strict=True)
+    ]
+    width = len(rows[0]) // 2 + 2
+    tilted = (", ".join(f"{name} {count}" for name, count in capture.tilted(side).items()) for side in SIDES)
+    return "\n".join(
+        (
+            f"{'left':{width}}right",
+            *rows,
+            *(f"{side} saw the board turned to the {text}" for side, text in zip(SIDES, tilted, strict=True)),
+            f"{capture.by_both} views by both cameras, of about {ENOUGH_VIEWS}",
+            capture.advice,
+        )
+    )
+
+
+def _instead(finders: Mapping[Side, BoardFinder]) -> dict[Side, str]:
+    return {side: finder.what_else() for side, finder in finders.items()}
+
+
+def _check_output(folder: Path) -> None:
+    """Make the folder, and refuse to replace what is no calibration file, before anything is measured."""
+    try:
+        folder.mkdir(exist_ok=True)
+    except OSError as error:
+        raise ConfigurationError(f"{folder}: cannot be made ({error.strerror}): choose another folder") from error
+    for side, name in (*FILES.items(), ("left", CAMCHAIN)):
+        if (folder / name).exists():
+            try:
+                load_geometry(folder / name, side)
+            except ConfigurationError as error:
+                raise ConfigurationError(
+                    f"{error}; it is no calibration file to replace: choose another folder"
+                ) from None
+
+
+def _keep(result: GeometryResult, folder: Path, console: Console) -> None:
+    """Write files and report, and print the result."""
+    texts: dict[str, str] = {}
+    if result.fit is not None and result.geometries is not None and result.verdict != "refused":
+        texts = {name: ros_yaml(result.geometries[side], side) for side, name in FILES.items()}
+        left, right = (result.geometries[side] for side in SIDES)
+        texts[CAMCHAIN] = camchain_yaml(left, right, result.fit.rotation, result.fit.translation_m)
+    for name, text in texts.items():
+        try:
+            (folder / name).write_text(text, encoding="utf-8")
+        except OSError as error:
+            raise ConfigurationError(
+                f"{folder / name}: cannot be written ({error.strerror}): choose another"
+            ) from error
+    report = write_geometry_report(folder / REPORT, result)
+    for fact, value in geometry_facts(result):
+        console.print(f"{fact}: {value}", soft_wrap=True)
+    for finding in result.findings:
+        console.print(f"{finding.severity}: {finding.text}", soft_wrap=True)
+    console.print(f"verdict: {result.verdict}")
+    console.print(f"written: {', '.join(str(folder / name) for name in (*texts, report.name))}", soft_wrap=True)

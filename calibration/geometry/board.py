@@ -1,0 +1,141 @@
+"""The ChArUco board: a chessboard with a marker in each white square, so that a part of it is enough."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.errors import ConfigurationError
+
+DICTIONARIES: Final[tuple[str, ...]] = tuple(
+    f"DICT_{bits}X{bits}_{count}" for bits in (4, 5, 6, 7) for count in (50, 100, 250, 1000)
+)
+MARKER_SHARE = 0.7
+"""Side of a marker in sides of a square: what is left around it is where the corners are measured."""
+LEAST_MARKERS = 4
+LEAST_CORNERS = 8
+"""Fewer corners hold no pose against noise."""
+
+_BLUR_PX = 1.0
+"""Before corners are measured: as much as the lens of a real camera, against noise and aliasing."""
+_WINDOW_PX = (2, 11)
+_REFINED: Final = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 50, 1e-3)
+
+
+DEFAULT_DICTIONARY: Final = "DICT_5X5_100"
+
+
+@dataclass(frozen=True, slots=True)
+class Board:
+    """A board by its squares, sizes in metres; the default is 270 x 180 mm, and prints on A4.
+
+    Raises
+    ------
+    ConfigurationError
+        When there is no such board.
+    """
+
+    columns: int = 9
+    rows: int = 6
+    square_m: float = 0.030
+    marker_m: float = MARKER_SHARE * 0.030
+    dictionary: str = DEFAULT_DICTIONARY
+
+    def __post_init__(self) -> None:
+        if self.dictionary not in DICTIONARIES:
+            raise ConfigurationError(
+                f"there is no dictionary {self.dictionary!r}: give one of {', '.join(DICTIONARIES)}"
+            )
+        if min(self.columns, self.rows) < 3 or self.columns * self.rows // 2 > self.markers:
+            raise ConfigurationError(
+                f"a board of {self.columns}x{self.rows} squares: give at least 3x3, and at most twice as many squares "
+                f"as {self.dictionary} has markers"
+            )
+        if not 0.001 <= self.square_m <= 1.0 or not 0.3 <= self.marker_m / self.square_m <= 0.9:
+            raise ConfigurationError(
+                f"squares of {1e3 * self.square_m:g} mm with markers of {1e3 * self.marker_m:g} mm: give squares of 1 "
+                "to 1000 mm, and markers of 0.3 to 0.9 of that"
+            )
+
+    @property
+    def markers(self) -> int:
+        """How many markers its dictionary has."""
+        return int(self.dictionary.rpartition("_")[2])
+
+    @property
+    def charuco(self) -> cv2.aruco.CharucoBoard:
+        """The board as OpenCV knows it."""
+        dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, self.dictionary))
+        return cv2.aruco.CharucoBoard((self.columns, self.rows), self.square_m, self.marker_m, dictionary)
+
+    @property
+    def points_m(self) -> NDArray[np.float32]:
+        """Where the inner corners are on the board, by their numbers: shape (corners, 3), the last 0."""
+        return np.asarray(self.charuco.getChessboardCorners(), np.float32)
+
+    def __str__(self) -> str:
+        sizes = f"squares of {1e3 * self.square_m:g} mm, markers of {1e3 * self.marker_m:g} mm"
+        return f"{self.columns}x{self.rows} {sizes}, {self.dictionary}"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Corners:
+    """The corners of a board seen in a picture: their numbers, shape (n,), and pixels, shape (n, 2)."""
+
+    numbers: NDArray[np.int64]
+    pixels: NDArray[np.float64]
+
+
+class BoardFinder:
+    """Finds the corners of a board in pictures.
+
+    Attributes
+    ----------
+    without
+        The last picture in which it found no board.
+    """
+
+    def __init__(self, board: Board) -> None:
+        self.board = board
+        self.without: NDArray[np.uint8] | None = None
+        self._detector = cv2.aruco.CharucoDetector(board.charuco)
+        self._points_m = board.points_m[:, :2]
+
+    def find(self, grey: NDArray[np.uint8]) -> Corners | None:
+        """The corners in a picture of shape (height, width); None if hardly anything of the board is seen."""
+        found, numbers, _, _ = self._detector.detectBoard(grey)
+        if numbers is None or len(numbers) < LEAST_CORNERS:
+            self.without = grey
+            return None
+        order, pixels = np.asarray(numbers).ravel().astype(np.int64), np.array(found, np.float32).reshape(-1, 1, 2)
+        window = self._window_px(order, pixels.reshape(-1, 2))
+        blurred = cv2.GaussianBlur(grey, (0, 0), _BLUR_PX)
+        refined = cv2.cornerSubPix(blurred, pixels, (window, window), (-1, -1), _REFINED)
+        return Corners(order, np.asarray(refined).reshape(-1, 2).astype(np.float64))
+
+    def what_else(self) -> str:
+        """What was there where no board was found, if that was markers: of another dictionary, or another board."""
+        if self.without is None:
+            return ""
+        for name in (self.board.dictionary, *DICTIONARIES):
+            dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
+            _, found, _ = cv2.aruco.ArucoDetector(dictionary).detectMarkers(self.without)
+            if found is not None and len(found) >= LEAST_MARKERS:
+                other = "another board's" if name == self.board.dictionary else f"those of {name}"
+                return f"there are {len(found)} markers in its last picture, but they are {other}"
+        return ""
+
+    def _window_px(self, numbers: NDArray[np.int64], pixels: NDArray[Any]) -> int:
+        """Half the side of the largest window around a corner that no marker reaches into, anywhere in the picture."""
+        place = self._points_m[numbers]
+        apart_m = np.linalg.norm(place[:, None] - place[None], axis=2)
+        apart_px = np.linalg.norm(pixels[:, None] - pixels[None], axis=2)
+        neighbours = (apart_m > 0) & (apart_m < 1.1 * self.board.square_m)
+        if not neighbours.any():
+            return _WINDOW_PX[0]
+        margin = (1.0 - self.board.marker_m / self.board.square_m) / 2
+        return int(np.clip(margin * apart_px[neighbours].min(), *_WINDOW_PX))

@@ -1,0 +1,89 @@
+"""Two cameras that run freely side by side: pictures of one moment, well exposed."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from calibration.sources.session import Session
+from drivers.errors import CameraError
+from drivers.exposure import ExposureLimits, ExposureSetting
+from drivers.frames import SIDES, Frame, Side
+
+RATE_HZ = 20.0
+LONGEST_US = 5000.0
+"""Longer exposures blur a board held by hand."""
+BRIGHT_GREY = 190.0
+"""Where the brightest twentieth of the picture is put: paper shows all its detail, and nothing is white."""
+
+_START = ExposureSetting(2000.0, 0.0)
+_WAIT_NS = 100_000_000
+_DRAIN_NS = 20_000_000
+_PATIENCE_S = 5.0
+_KEPT = 4
+_BLACK_GREY, _WHITE_GREY = 8.0, 250.0
+_LEAST_CHANGE = 0.4  # stops: each write delays the next picture
+
+
+class PairOfCameras:
+    """Pictures of both cameras, as near in time as free running allows: within half a period."""
+
+    def __init__(self, sessions: Mapping[Side, Session]) -> None:
+        self._sessions = sessions
+        self._frames: dict[Side, deque[Frame]] = {side: deque(maxlen=_KEPT) for side in SIDES}
+        self._present = {
+            side: session.write(_within(session.limits, _START.level)) for side, session in sessions.items()
+        }
+
+    def next_pair(self) -> dict[Side, Frame]:
+        """The newest pictures of both, each exposed by what the one before it showed.
+
+        Raises
+        ------
+        CameraError
+            When a camera sends none, or fails.
+        """
+        deadline_s = time.monotonic() + _PATIENCE_S
+        until_ns = time.monotonic_ns() + _WAIT_NS
+        while True:
+            for side, session in self._sessions.items():  # what the second one sent meanwhile is waiting
+                self._frames[side].extend(session.frames_until(max(until_ns, time.monotonic_ns() + _DRAIN_NS)))
+            if all(self._frames.values()):
+                break
+            if time.monotonic() > deadline_s:
+                silent = next(side for side, frames in self._frames.items() if not frames)
+                serial = self._sessions[silent].description.serial
+                raise CameraError(f"camera {serial}: no whole frame arrived within {_PATIENCE_S:g} s: check its cable")
+            until_ns = time.monotonic_ns() + _WAIT_NS
+        left, right = min(
+            ((left, right) for left in self._frames["left"] for right in self._frames["right"]),
+            key=lambda pair: abs(pair[0].host_time_ns - pair[1].host_time_ns),
+        )
+        for frames in self._frames.values():
+            frames.clear()
+        pair: dict[Side, Frame] = {"left": left, "right": right}
+        for side, frame in pair.items():
+            self._expose(side, frame)
+        return pair
+
+    def _expose(self, side: Side, frame: Frame) -> None:
+        """Write another exposure if a picture that was taken with the present one is dark or white."""
+        if not frame.setting.agrees_with(self._present[side]):
+            return
+        bright = float(np.percentile(frame.grey8()[::4, ::4], 95))
+        change = -1.0 if bright > _WHITE_GREY else math.log2(BRIGHT_GREY / max(bright, _BLACK_GREY))
+        session = self._sessions[side]
+        wanted = _within(session.limits, self._present[side].level + change)
+        if abs(change) > _LEAST_CHANGE and not wanted.agrees_with(self._present[side]):
+            self._present[side] = session.write(wanted)
+
+
+def _within(limits: ExposureLimits, level: float) -> ExposureSetting:
+    """The setting for a level: as long as a board in a hand allows, then with gain."""
+    longest_us = max(min(LONGEST_US, limits.max_time_us), limits.min_time_us)
+    return replace(limits, max_time_us=longest_us).realise(level, longest_us)
