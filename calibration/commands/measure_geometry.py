@@ -99,7 +99,7 @@ def from_folders(board: Board, left: Path, right: Path, console: Console) -> Geo
     finders: dict[Side, BoardFinder] = {side: BoardFinder(board) for side in SIDES}
     views, size, first = [], (0, 0), paths["left"][0]
     pairs = list(zip(paths["left"], paths["right"], strict=True))
-    for pair in track(pairs, "looking for the board", console=console, transient=True):
+    for pair in track(pairs, "looking for the board", console=console, disable=not console.is_terminal):
         corners = {}
         for side, path in zip(SIDES, pair, strict=True):
             grey = read_grey8(path)

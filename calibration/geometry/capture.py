@@ -58,7 +58,7 @@ class Capture:
         if not corners:
             self.advice = "show the board to both cameras"
         elif not self._new(view):
-            self.advice = f"taken: move on, {self._missing()}"
+            self.advice = f"taken: move on {self._missing()}".rstrip()
         elif not still:
             self.advice = "hold it still"
         else:
@@ -88,7 +88,7 @@ class Capture:
         lens = guessed_lens(self._size)
         for side, corners in view.corners.items():
             self._tilted[side].update(tilts(pose(self._board, corners, lens, np.zeros(5))[0][:, 2]))
-        self.advice = f"taken: move on, {self._missing()}"
+        self.advice = f"taken: move on {self._missing()}".rstrip()
 
     def _new(self, view: View) -> bool:
         """Whether the board is elsewhere than in all views kept by the same cameras."""

@@ -66,6 +66,6 @@ def _draw_errors(axes: Axes, result: GeometryResult) -> None:
         axes.plot(*zip(*points, strict=True), MARKERS[side], color=COLOURS[side], ms=5, label=side)
     axes.axhline(GOOD_ERROR_PX, color=INK, lw=0.8, ls="--")
     axes.set_ylim(0, None)
-    axes.legend(loc="upper left", frameon=False)
+    axes.legend(loc="center right", frameon=False)
     axes.set_xlabel("view")
     axes.set_ylabel("error (pixels rms)")

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import pytest
 import yaml
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from calibration.geometry.file import check_camera, check_pair, load_geometry
@@ -66,6 +66,7 @@ def test_a_point_lies_in_one_row_of_both_rectified_pictures_by_its_depth(
     assert right.baseline_m == pytest.approx(math.dist((0, 0, 0), (0.08, 0.001, -0.002)), rel=1e-6)
 
 
+@settings(max_examples=30)
 @given(st.lists(st.floats(-1e3, 1e3), min_size=5, max_size=5), st.floats(300, 3000), st.text("0123456789", min_size=1))
 def test_what_is_written_is_read_back(distortion: list[float], focal_px: float, serial: str) -> None:
     geometry = replace(
@@ -164,7 +165,12 @@ def test_a_ros_file_that_cannot_be_is_refused_by_key(tmp_path: Path, key: str, v
         ("cam1", "T_cn_cnm1", [[1, 2], [3]], "cam1.T_cn_cnm1 is .*: give four rows of four numbers"),
         ("cam1", "T_cn_cnm1", np.ones((4, 4)).tolist(), "cam1.T_cn_cnm1 is no rotation and translation"),
         ("cam1", "T_cn_cnm1", (np.eye(4) + 0.08 * np.eye(4)[[0]].T @ np.eye(4)[[3]]).tolist(), "check which camera is"),
-        ("cam1", "T_cn_cnm1", (np.eye(4) - 0.08 * np.eye(4)[[1]].T @ np.eye(4)[[3]]).tolist(), "80 mm below it"),
+        (
+            "cam1",
+            "T_cn_cnm1",
+            (np.eye(4) - 0.08 * np.eye(4)[[1]].T @ np.eye(4)[[3]]).tolist(),
+            "80 mm below and 0 mm ahead of it",
+        ),
         ("cam1", "T_cn_cnm1", np.eye(4).tolist(), "mostly to its right"),
     ],
 )
@@ -192,6 +198,7 @@ def test_another_file_is_refused(tmp_path: Path, text: str, words: str) -> None:
         load(tmp_path, text)
 
 
+@settings(max_examples=30)
 @given(st.recursive(st.none() | st.booleans() | st.floats() | st.integers() | st.text(), st.lists, max_leaves=5))
 def test_nothing_under_a_key_is_worse_than_a_sentence(value: object) -> None:
     ros_file, chain = ros("left"), camchain()

@@ -1,0 +1,203 @@
+"""The geometry of a pair from views of a board: against the truth of the fakes, and what is refused."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calibration.geometry.board import Board, BoardFinder, Corners
+from calibration.geometry.fit import common
+from calibration.geometry.result import GeometryResult, calibrate_geometry
+from calibration.geometry.score import overall, score
+from calibration.geometry.views import View, tilts
+from drivers.frames import SIDES
+from fake_camera.world.scene.board import BoardPath
+from tests.calibration.geometry.shown import BASELINE_M, CENTRE_PX, FOCAL_PX, SIZE, shown, views
+
+BOARD = Board()
+
+
+@pytest.fixture(scope="module")
+def good() -> list[View]:
+    return views(BoardPath(1), 40)
+
+
+@pytest.fixture(scope="module")
+def result(good: list[View]) -> GeometryResult:
+    return calibrate_geometry(BOARD, good, SIZE, {"left": "A", "right": "B"})
+
+
+def test_lens_and_baseline_of_the_fakes_are_recovered_to_a_thousandth(result: GeometryResult) -> None:
+    assert (result.verdict, result.findings) == ("believe it", ())
+    assert result.geometries is not None
+    for side, serial in zip(SIDES, "AB", strict=True):
+        geometry = result.geometries[side]
+        fx, _, cx, _, fy, cy, *_ = geometry.camera_matrix
+        assert (fx, fy) == pytest.approx((FOCAL_PX, FOCAL_PX), rel=1e-3)
+        assert (cx, cy) == pytest.approx(CENTRE_PX, abs=1e-3 * SIZE[0])
+        assert np.abs(geometry.distortion).max() < 0.03
+        assert geometry.serial == serial
+    assert result.geometries["right"].baseline_m == pytest.approx(BASELINE_M, rel=1e-3)
+
+
+def test_stated_errors_of_the_focal_length_are_as_large_as_true_ones(result: GeometryResult) -> None:
+    assert result.fit is not None
+    for lens in result.fit.lenses.values():
+        true_error = abs(lens.geometry.camera_matrix[0] / FOCAL_PX - 1)
+        assert true_error < 4 * lens.focal_error < 2e-3
+
+
+def test_a_fifth_of_the_views_is_held_out_and_agrees(result: GeometryResult) -> None:
+    assert (len(result.used), len(result.held_out)) == (32, 8)
+    assert {each.name for each in result.used}.isdisjoint(each.name for each in result.held_out)
+    for scores in (result.used, result.held_out):
+        error_px, rows_px, scale = overall(scores)
+        assert error_px < 0.15
+        assert rows_px < 0.1
+        assert abs(scale) < 1e-3
+
+
+def test_another_set_of_views_agrees_and_shows_a_wrong_calibration(result: GeometryResult) -> None:
+    others = views(BoardPath(9), 8)
+    assert result.geometries is not None
+    error_px, rows_px, scale = overall(score(BOARD, result.geometries, others))
+    assert error_px < 0.15
+    assert rows_px < 0.1
+    assert abs(scale) < 1e-3
+    p = result.geometries["right"].projection
+    longer = replace(result.geometries["right"], projection=(*p[:3], 1.01 * p[3], *p[4:]))
+    _, _, scale = overall(score(BOARD, {**result.geometries, "right": longer}, others))
+    assert scale == pytest.approx(0.01, abs=1e-3)
+
+
+def test_corners_are_where_the_fake_has_them() -> None:
+    path = BoardPath(3)
+    for number in range(3):
+        time_s = number * (path.hold_s + path.move_s)
+        found = BoardFinder(BOARD).find(shown(path)(time_s, number)["left"])
+        assert found is not None
+        pose = path.pose(time_s)
+        middle = np.array([BOARD.columns, BOARD.rows, 0]) * BOARD.square_m / 2
+        seen = (BOARD.points_m[found.numbers] - middle - pose[:3, 3]) @ pose[:3, :3]
+        true_px = seen[:, :2] / seen[:, 2:] * FOCAL_PX + CENTRE_PX
+        off_px = np.linalg.norm(found.pixels - true_px, axis=1)
+        assert np.sqrt((off_px**2).mean()) < 0.15
+
+
+Spoil = Callable[[list[View]], list[View]]
+
+
+def swap(good: list[View]) -> list[View]:
+    return [View(one.name, {"left": one.corners["right"], "right": one.corners["left"]}) for one in both(good)]
+
+
+def shift(good: list[View]) -> list[View]:
+    """The right camera a moment later."""
+    pairs = zip(both(good), both(good)[1:], strict=False)
+    return [View(one.name, {**one.corners, "right": other.corners["right"]}) for one, other in pairs]
+
+
+def both(good: list[View]) -> list[View]:
+    return [view for view in good if view.by_both]
+
+
+def in_the_middle(good: list[View]) -> list[View]:
+    def cut(corners: Corners) -> Corners:
+        kept = (np.abs(corners.pixels - CENTRE_PX) < (150, 120)).all(axis=1)
+        return Corners(corners.numbers[kept], corners.pixels[kept])
+
+    kept = [View(view.name, {side: cut(corners) for side, corners in view.corners.items()}) for view in good]
+    return [view for view in kept if min(len(corners.numbers) for corners in view.corners.values()) >= 8]
+
+
+def bent(good: list[View]) -> list[View]:
+    """A board that is not flat."""
+
+    def bend(corners: Corners) -> Corners:
+        off = 8.0 * np.sin(BOARD.points_m[corners.numbers, 0] / 0.03)
+        return Corners(corners.numbers, corners.pixels + np.column_stack([off, np.zeros(len(off))]))
+
+    return [View(view.name, {side: bend(corners) for side, corners in view.corners.items()}) for view in good]
+
+
+@pytest.mark.parametrize(
+    ("spoil", "reason", "words"),
+    [
+        (lambda good: [], "never_seen", "the left camera never saw the board: it must be in the picture"),
+        (
+            lambda good: [View(one.name, {"left": one.corners["left"]}) for one in good],
+            "never_seen",
+            "the right camera never saw the board",
+        ),
+        (lambda good: good[:12], "few_views", "both cameras see the board in 12 views: show it in at least 15"),
+        (in_the_middle, "poor_coverage", "of the left picture: show the board in all of its parts"),
+        (swap, "no_geometry", "the right camera is -80 mm to the right of the left one.*which camera is which"),
+        (shift, "not_together", "the cameras fit alone .* but not together"),
+        (bent, "reprojection", "corners are off by .* pixels rms: check the board's squares"),
+    ],
+)
+def test_bad_sets_are_refused(good: list[View], spoil: Spoil, reason: str, words: str) -> None:
+    result = calibrate_geometry(BOARD, spoil(good), SIZE)
+    assert result.verdict == "refused"
+    (finding, *_) = [each for each in result.findings if each.reason == reason]
+    assert finding.severity == "refused"
+    assert re.search(words, finding.text)
+    assert "\n" not in finding.text
+
+
+def test_a_board_that_was_never_turned_is_refused() -> None:
+    result = calibrate_geometry(BOARD, views(BoardPath(1, tilt_deg=4.0), 24), SIZE)
+    assert [each.reason for each in result.findings if each.severity == "refused"] == ["no_tilt", "no_tilt"]
+    assert "hardly saw the board turned by 15 degrees to the left, right, up, down" in result.findings[-1].text
+
+
+def test_a_blurred_view_is_named(good: list[View]) -> None:
+    left = good[7].corners["left"]
+    noise = np.random.default_rng(1).normal(0, 2, left.pixels.shape)
+    blurred = View("007", {**good[7].corners, "left": Corners(left.numbers, left.pixels + noise)})
+    result = calibrate_geometry(BOARD, [*good[:7], blurred, *good[8:]], SIZE)
+    assert result.verdict == "with care"
+    assert any(each.reason == "outliers" and "007" in each.text for each in result.findings)
+
+
+@pytest.mark.parametrize(
+    ("board", "words"),
+    [
+        (Board(11, 8), "but they are another board's"),
+        (Board(dictionary="DICT_4X4_50"), "but they are those of DICT_5X5_50"),
+    ],
+)
+def test_another_board_is_named(board: Board, words: str) -> None:
+    finder = BoardFinder(board)
+    assert finder.what_else() == ""
+    assert finder.find(shown(BoardPath(1))(0.0, 0)["left"]) is None
+    assert words in finder.what_else()
+    result = calibrate_geometry(board, [], SIZE, instead={"left": finder.what_else()})
+    assert words in result.findings[0].text
+
+
+def test_a_wall_without_markers_is_nothing_else() -> None:
+    finder = BoardFinder(BOARD)
+    assert finder.find(np.full((540, 720), 90, np.uint8)) is None
+    assert finder.what_else() == ""
+
+
+def test_turns_are_named_as_a_camera_sees_them() -> None:
+    tilted = {
+        name: tilts(np.array([x, y, 1.0]))
+        for name, x, y in (("left", -0.5, 0), ("right", 0.5, 0), ("up", 0, -0.5), ("down", 0, 0.5), ("", 0.2, 0.2))
+    }
+    assert tilted == {"left": ["left"], "right": ["right"], "up": ["up"], "down": ["down"], "": []}
+
+
+def test_common_corners_are_in_one_order() -> None:
+    pixels = np.arange(10.0).reshape(5, 2)
+    left, right = Corners(np.array([4, 2, 9, 1, 7]), pixels), Corners(np.array([1, 9, 3]), pixels[:3])
+    of_left, of_right = common(View("", {"left": left, "right": right}))
+    assert of_left.numbers.tolist() == of_right.numbers.tolist() == [1, 9]
+    assert of_left.pixels.tolist() == [[6, 7], [4, 5]]
+    assert of_right.pixels.tolist() == [[0, 1], [2, 3]]
