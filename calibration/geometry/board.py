@@ -77,6 +77,13 @@ class Board:
         """Where the inner corners are on the board, by their numbers: shape (corners, 3), the last 0."""
         return np.asarray(self.charuco.getChessboardCorners(), np.float32)
 
+    def holds_pose(self, numbers: NDArray[np.int64]) -> bool:
+        """Whether these corners tell how the board is turned: enough of them, and not all in a line."""
+        if len(numbers) < LEAST_CORNERS:
+            return False
+        places = self.points_m[numbers, :2]
+        return bool(np.linalg.svd(places - places.mean(axis=0), compute_uv=False)[1] > self.square_m)
+
     def __str__(self) -> str:
         sizes = f"squares of {1e3 * self.square_m:g} mm, markers of {1e3 * self.marker_m:g} mm"
         return f"{self.columns}x{self.rows} {sizes}, {self.dictionary}"
@@ -108,10 +115,11 @@ class BoardFinder:
     def find(self, grey: NDArray[np.uint8]) -> Corners | None:
         """The corners in a picture of shape (height, width); None if hardly anything of the board is seen."""
         found, numbers, _, _ = self._detector.detectBoard(grey)
-        if numbers is None or len(numbers) < LEAST_CORNERS:
+        order = np.array([], np.int64) if numbers is None else np.asarray(numbers).ravel().astype(np.int64)
+        if not self.board.holds_pose(order):
             self.without = grey
             return None
-        order, pixels = np.asarray(numbers).ravel().astype(np.int64), np.array(found, np.float32).reshape(-1, 1, 2)
+        pixels = np.array(found, np.float32).reshape(-1, 1, 2)
         window = self._window_px(order, pixels.reshape(-1, 2))
         blurred = cv2.GaussianBlur(grey, (0, 0), _BLUR_PX)
         refined = cv2.cornerSubPix(blurred, pixels, (window, window), (-1, -1), _REFINED)

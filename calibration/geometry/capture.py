@@ -17,6 +17,9 @@ ENOUGH_COVERED = 0.85
 ENOUGH_TILTED = 4
 STILL_PX = 0.5
 """By how much corners may move from one look to the next: the cameras do not expose at exactly the same time."""
+SHOW = "show the board to both cameras"
+BLANK_LOOKS = 20
+"""Without any corners, a search for other markers, which takes a second, is worth while."""
 NEW_SHARE = 0.06
 """By how much of the width corners must have moved since any view that was taken."""
 
@@ -41,9 +44,10 @@ class Capture:
 
     def __init__(self, board: Board, size: tuple[int, int]) -> None:
         self.views: list[View] = []
-        self.advice = "show the board to both cameras"
+        self.advice = SHOW
         self.finders: dict[Side, BoardFinder] = {side: BoardFinder(board) for side in SIDES}
         self._board, self._size = board, size
+        self._blank = 0
         self._before: Mapping[Side, Corners] = {}
         self._tilted: dict[Side, Counter[str]] = {side: Counter() for side in SIDES}
 
@@ -54,9 +58,13 @@ class Capture:
             side in self._before and _moved_px(found, self._before[side]) < STILL_PX for side, found in corners.items()
         )
         self._before = corners
+        self._blank = 0 if corners else self._blank + 1
         view = View(f"{len(self.views) + 1:03}", corners)
         if not corners:
-            self.advice = "show the board to both cameras"
+            if self._blank == 1:
+                self.advice = SHOW
+            elif self._blank % BLANK_LOOKS == 0:
+                self.advice = next(filter(None, (each.what_else() for each in self.finders.values())), SHOW)
         elif not self._new(view):
             self.advice = f"taken: move on {self._missing()}".rstrip()
         elif not still:

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.geometry.board import LEAST_CORNERS, Board, Corners
+from calibration.geometry.board import Board, Corners
 from calibration.geometry.model import CameraGeometry
 from calibration.geometry.rectify import alone
 from calibration.geometry.views import View, pose
@@ -55,7 +55,7 @@ def fit_pair(board: Board, views: Sequence[View], size: tuple[int, int], serials
     """Each camera by all of its own views, then the right one's place by those that both see."""
     lenses = {side: _fit_lens(board, views, size, side, serials.get(side)) for side in SIDES}
     shared = [common(view) for view in views if view.by_both]
-    shared = [pair for pair in shared if len(pair[0].numbers) >= LEAST_CORNERS]
+    shared = [(left, right) for left, right in shared if board.holds_pose(left.numbers)]
     (k1, d1), (k2, d2) = (lens_matrices(lenses[side].geometry) for side in SIDES)
     error_px, *_, rotation, translation_m, _, _ = cv2.stereoCalibrate(
         [board.points_m[left.numbers] for left, _ in shared],

@@ -66,6 +66,7 @@ def calibrate_geometry(
 
     `instead` says what a camera saw where it saw no board.
     """
+    views = [view for view in views if view.corners]
     result = GeometryResult(board, views, size, tuple(judge_views(views, size, instead or {})))
     if result.verdict == "refused":
         return result

@@ -24,7 +24,7 @@ DICTIONARY = cv2.aruco.DICT_5X5_100
 
 _INK, _PAPER, _WALL = 0.04, 0.88, 0.45
 _TEXELS = 60
-"""Of a square: three for each pixel where the board fills the picture."""
+"""Of a square: about one for each pixel where the board fills the picture."""
 _WALL_SQUARES = (48, 36)
 
 

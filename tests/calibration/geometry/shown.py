@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,10 +30,9 @@ Show = Callable[[float, int], dict[Side, NDArray[np.uint8]]]
 
 def shown(path: BoardPath) -> Show:
     """Cameras that are moved along a path."""
-    renderer = Renderer(board_on_a_wall(0), Pinhole(*SIZE))
     light = LightScript((Change(0.0, 150.0),))
     cameras = {
-        side: SimulatedCamera(RoomView(renderer, path, side), light, Sensor(SensorModel(), 2 * path.seed + place))
+        side: SimulatedCamera(RoomView(_renderer(), path, side), light, Sensor(SensorModel(), 2 * path.seed + place))
         for place, side in enumerate(SIDES)
     }
 
@@ -40,6 +40,11 @@ def shown(path: BoardPath) -> Show:
         return {side: camera.take(time_s, _FRAME, number).astype(np.uint8) for side, camera in cameras.items()}
 
     return show
+
+
+@cache
+def _renderer() -> Renderer:
+    return Renderer(board_on_a_wall(0), Pinhole(*SIZE))
 
 
 def views(path: BoardPath, count: int, board: Board | None = None) -> list[View]:

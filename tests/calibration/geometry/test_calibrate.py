@@ -5,16 +5,19 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
+import cv2
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from calibration.geometry.board import Board, BoardFinder, Corners
 from calibration.geometry.fit import common
 from calibration.geometry.result import GeometryResult, calibrate_geometry
 from calibration.geometry.score import overall, score
 from calibration.geometry.views import View, tilts
-from drivers.frames import SIDES
+from drivers.frames import SIDES, Side
 from fake_camera.world.scene.board import BoardPath
 from tests.calibration.geometry.shown import BASELINE_M, CENTRE_PX, FOCAL_PX, SIZE, shown, views
 
@@ -62,7 +65,7 @@ def test_a_fifth_of_the_views_is_held_out_and_agrees(result: GeometryResult) -> 
 
 
 def test_another_set_of_views_agrees_and_shows_a_wrong_calibration(result: GeometryResult) -> None:
-    others = views(BoardPath(9), 8)
+    others = views(BoardPath(9), 6)
     assert result.geometries is not None
     error_px, rows_px, scale = overall(score(BOARD, result.geometries, others))
     assert error_px < 0.15
@@ -72,6 +75,55 @@ def test_another_set_of_views_agrees_and_shows_a_wrong_calibration(result: Geome
     longer = replace(result.geometries["right"], projection=(*p[:3], 1.01 * p[3], *p[4:]))
     _, _, scale = overall(score(BOARD, {**result.geometries, "right": longer}, others))
     assert scale == pytest.approx(0.01, abs=1e-3)
+
+
+def synthetic(left: tuple[float, ...], right: tuple[float, ...], turn: tuple[float, ...]) -> list[View]:
+    """Views by lenses with distortion, the right one 120 mm away and turned (rad); 0.05 pixels of noise."""
+    rng, path = np.random.default_rng(5), BoardPath(5, distance_m=(0.4, 0.7))
+    k = np.array([[FOCAL_PX, 0.0, 350.0], [0.0, FOCAL_PX, 280.0], [0.0, 0.0, 1.0]])
+    rotation = cv2.Rodrigues(np.array(turn))[0]
+    places: dict[Side, tuple[NDArray[Any], NDArray[Any], tuple[float, ...]]] = {
+        "left": (np.eye(3), np.zeros(3), left),
+        "right": (rotation, -rotation @ [0.12, 0.002, -0.003], right),
+    }
+    middle = np.array([BOARD.columns, BOARD.rows, 0]) * BOARD.square_m / 2
+    made = []
+    for number in range(40):
+        pose = path.pose(number * (path.hold_s + path.move_s))
+        seen_m = (BOARD.points_m - middle - pose[:3, 3]) @ pose[:3, :3]
+        corners: dict[Side, Corners] = {}
+        for side, (turned, moved_m, distortion) in places.items():
+            pixels, _ = cv2.projectPoints(seen_m, turned, moved_m, k, np.array(distortion))
+            noisy = np.asarray(pixels).reshape(-1, 2) + rng.normal(0, 0.05, (len(seen_m), 2))
+            inside = np.flatnonzero(((noisy >= 0) & (noisy < SIZE)).all(axis=1))
+            if BOARD.holds_pose(inside):
+                corners[side] = Corners(inside, noisy[inside])
+        made.append(View(f"{number:03}", corners))
+    return made
+
+
+def test_distorting_and_turned_cameras_are_recovered() -> None:
+    distortions = (-0.25, 0.08, 0.001, -0.0005), (-0.2, 0.05, 0.0, 0.001)
+    turn = (0.01, -0.03, 0.02)
+    found = calibrate_geometry(BOARD, synthetic(*distortions, turn), SIZE)
+    assert (found.verdict, found.findings) == ("believe it", ())
+    assert found.fit is not None
+    assert found.geometries is not None
+    for side, distortion in zip(SIDES, distortions, strict=True):
+        geometry = found.geometries[side]
+        assert geometry.distortion[:4] == pytest.approx(distortion, abs=0.01)
+        assert geometry.camera_matrix[0] == pytest.approx(FOCAL_PX, rel=1e-3)
+    assert found.fit.rotation == pytest.approx(cv2.Rodrigues(np.array(turn))[0], abs=1e-3)
+    assert found.geometries["right"].baseline_m == pytest.approx(np.linalg.norm([0.12, 0.002, 0.003]), rel=1e-3)
+    _, rows_px, _ = overall(found.held_out)
+    assert rows_px < 0.15
+
+
+def test_corners_in_a_line_hold_no_pose() -> None:
+    row = np.arange(BOARD.columns - 1)
+    assert not BOARD.holds_pose(row)
+    assert not BOARD.holds_pose(row[:7])
+    assert BOARD.holds_pose(np.concatenate([row, row + BOARD.columns - 1, row + 2 * BOARD.columns - 2]))
 
 
 def test_corners_are_where_the_fake_has_them() -> None:
@@ -150,7 +202,7 @@ def test_bad_sets_are_refused(good: list[View], spoil: Spoil, reason: str, words
 
 
 def test_a_board_that_was_never_turned_is_refused() -> None:
-    result = calibrate_geometry(BOARD, views(BoardPath(1, tilt_deg=4.0), 24), SIZE)
+    result = calibrate_geometry(BOARD, views(BoardPath(1, tilt_deg=4.0), 18), SIZE)
     assert [each.reason for each in result.findings if each.severity == "refused"] == ["no_tilt", "no_tilt"]
     assert "hardly saw the board turned by 15 degrees to the left, right, up, down" in result.findings[-1].text
 
