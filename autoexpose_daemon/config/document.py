@@ -12,6 +12,7 @@ from pydantic import BeforeValidator, PlainSerializer, model_validator
 from autoexpose_daemon.config.motion import MotionConfig
 from autoexpose_daemon.config.publish import PublishConfig
 from autoexpose_daemon.config.roi import RoiConfig
+from autoexpose_daemon.config.said_of import said_of
 from autoexpose_daemon.config.section import (
     BalanceOffset,
     BalanceWeight,
@@ -40,7 +41,6 @@ from calibration.response import ResponseFunction
 from calibration.response.file import ResponseFile
 from drivers.camera import CameraDescription
 from drivers.config.feature import FeatureSetting, as_list, parse_features
-from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Side
 from drivers.gain_scale import GainScale
@@ -282,12 +282,10 @@ class Config(Section):
         """
         files: dict[Side, ResponseFile] = {}
         for side, camera in self.sides.items():
-            try:
+            with said_of(f"cameras.{side}.response"):
                 path = camera.response
                 file = ResponseFile(ResponseFunction.linear()) if path is None else ResponseFile.load(path)
                 file.check_belongs(camera.serial, self.image.pixel_format, self.image.binning)
-            except ConfigurationError as error:
-                raise ConfigurationError(f"cameras.{side}.response: {error}") from error
             files[side] = file
         return files
 
@@ -304,11 +302,9 @@ class Config(Section):
         for side, camera in self.sides.items():
             if camera.gain_calibration is None:
                 continue
-            try:
+            with said_of(f"cameras.{side}.gain_calibration"):
                 file = GainFile.load(camera.gain_calibration)
                 file.check_belongs(camera.serial)
-            except ConfigurationError as error:
-                raise ConfigurationError(f"cameras.{side}.gain_calibration: {error}") from error
             scales[side] = file.scale
         return scales
 
@@ -324,11 +320,10 @@ class Config(Section):
         geometries: dict[Side, CameraGeometry] = {}
         for side, camera in self.sides.items():
             if camera.calibration is not None:
-                try:
+                with said_of(f"cameras.{side}.calibration"):
                     geometries[side] = load_geometry(camera.calibration, side)
-                    check_camera(geometries[side], camera.serial, path=camera.calibration)
-                except ConfigurationError as error:
-                    raise ConfigurationError(f"cameras.{side}.calibration: {error}") from error
+                with said_of(f"cameras.{side}.calibration: {camera.calibration}"):
+                    check_camera(geometries[side], camera.serial)
         check_pair(geometries)
         return geometries
 
@@ -343,7 +338,5 @@ class Config(Section):
         camera = self.sides[side]
         self.responses[side].check_belongs(camera.serial, description.pixel_format)
         if side in self.calibrations:
-            try:
-                check_camera(self.calibrations[side], camera.serial, description.size, camera.calibration)
-            except ConfigurationError as error:
-                raise ConfigurationError(f"cameras.{side}.calibration: {error}") from error
+            with said_of(f"cameras.{side}.calibration: {camera.calibration}"):
+                check_camera(self.calibrations[side], camera.serial, description.size)

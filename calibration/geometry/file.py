@@ -36,24 +36,21 @@ def load_geometry(path: Path, side: Side) -> CameraGeometry:
     raise ConfigurationError(f"{path}: has neither camera_matrix nor {LEFT}: {hint}")
 
 
-def check_camera(
-    geometry: CameraGeometry, serial: str, size: tuple[int, int] | None = None, path: Path | None = None
-) -> None:
+def check_camera(geometry: CameraGeometry, serial: str, size: tuple[int, int] | None = None) -> None:
     """Refuse the geometry of another camera, or of frames of another size; what is not known is not compared.
 
     Raises
     ------
     ConfigurationError
-        Naming file, camera and what to do.
+        Naming the camera and what to do.
     """
-    where = "" if path is None else f"{path}: "
     if geometry.serial is not None and geometry.serial != serial:
         raise ConfigurationError(
-            f"{where}serial is {geometry.serial}, but this is camera {serial}: name its own file, or calibrate this one"
+            f"serial is {geometry.serial}, but this is camera {serial}: name its own file, or calibrate this one"
         )
     if size is not None and size != (geometry.width, geometry.height):
         raise ConfigurationError(
-            f"{where}is for frames of {geometry.width}x{geometry.height} pixels, but camera {serial} sends "
+            f"is for frames of {geometry.width}x{geometry.height} pixels, but camera {serial} sends "
             f"{size[0]}x{size[1]}: calibrate with this region, binning and decimation, or set those of the file"
         )
 
