@@ -25,7 +25,7 @@ from calibration.report import check_extra
 from calibration.report.geometry import geometry_facts, write_geometry_report
 from calibration.sources.exposure_times import image_paths
 from calibration.sources.images import read_grey8
-from calibration.sources.pair import RATE_HZ, PairOfCameras
+from calibration.sources.pair import RATE_HZ, PairOfCameras, whole_grey8
 from calibration.sources.session import Session
 from drivers.aravis import open_camera
 from drivers.errors import AutoexposeError, ConfigurationError
@@ -128,7 +128,7 @@ def from_cameras(board: Board, rig: Sequence[CameraMode], console: Console) -> G
             sessions[side] = opened.enter_context(Session(open_camera(mode.serial, mode.setup(RATE_HZ))))
         pair = PairOfCameras(sessions)
         first = pair.next_pair()
-        shapes = {side: frame.pixels.shape for side, frame in first.items()}
+        shapes = {side: frame.pixels.shape[:2] for side, frame in first.items()}
         if shapes["left"] != shapes["right"]:
             (h, w), (height, width) = shapes["left"], shapes["right"]
             raise ConfigurationError(f"left sends {w}x{h} pixels, right {width}x{height}: set both to one size")
@@ -138,7 +138,7 @@ def from_cameras(board: Board, rig: Sequence[CameraMode], console: Console) -> G
         try:
             with Live(console=console, auto_refresh=False, transient=True) as live:
                 while not capture.complete:
-                    capture.look({side: frame.grey8() for side, frame in pair.next_pair().items()})
+                    capture.look({side: whole_grey8(frame) for side, frame in pair.next_pair().items()})
                     live.update(progress_text(capture), refresh=True)
         except KeyboardInterrupt:
             raise AutoexposeError(f"stopped after {len(capture.views)} views: nothing was written") from None

@@ -8,7 +8,9 @@ from collections import deque
 from collections.abc import Mapping
 from dataclasses import replace
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from calibration.sources.session import Session
 from drivers.errors import CameraError
@@ -81,6 +83,17 @@ class PairOfCameras:
         wanted = _within(session.limits, self._present[side].level + change)
         if abs(change) > _LEAST_CHANGE and not wanted.agrees_with(self._present[side]):
             self._present[side] = session.write(wanted)
+
+
+def whole_grey8(frame: Frame) -> NDArray[np.uint8]:
+    """A frame in 8 bits and full size; what is between the greens of a mosaic is interpolated, in place."""
+    grey = frame.grey8()
+    height, width = frame.pixels.shape[:2]
+    if (height, width) == grey.shape:
+        return grey
+    return np.asarray(
+        cv2.resize(grey, (2 * grey.shape[1], 2 * grey.shape[0]), interpolation=cv2.INTER_LINEAR), np.uint8
+    )
 
 
 def _within(limits: ExposureLimits, level: float) -> ExposureSetting:

@@ -9,6 +9,9 @@ from calibration.commands.measure_geometry import progress_text
 from calibration.geometry import capture as module
 from calibration.geometry.board import Board
 from calibration.geometry.capture import Capture
+from calibration.sources.pair import whole_grey8
+from drivers.exposure import ExposureSetting
+from drivers.frames import Frame
 from fake_camera.world.scene.board import BoardPath
 from tests.calibration.geometry.shown import SIZE, shown
 
@@ -86,3 +89,12 @@ def test_it_ends_when_all_is_covered_or_much_is_taken(monkeypatch: pytest.Monkey
     assert not capture.complete, "it lacks tilts"
     monkeypatch.setattr(module, "ENOUGH_TILTED", 0)
     assert capture.complete
+
+
+def test_a_mosaic_is_seen_in_full_size_with_everything_in_its_place() -> None:
+    ramp = np.add.outer(np.arange(40), 3 * np.arange(60)).astype(np.uint8)
+    for layout in ("grey", "RGGB", "GBRG"):
+        frame = Frame(ramp, 8, 0, 0, 0, 0, ExposureSetting(1000.0, 0.0), layout=layout)  # type: ignore[arg-type]
+        whole = whole_grey8(frame)
+        assert whole.shape == ramp.shape
+        assert np.abs(whole[2:-2, 2:-2].astype(int) - ramp[2:-2, 2:-2]).max() <= 1
