@@ -13,7 +13,7 @@ from calibration.response import ResponseFunction
 from calibration.response.normalised import Bits, normalised
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame
-from drivers.pixels import Pixels
+from drivers.pixels.layout import Pixels
 
 TURNS = 300
 RESPONSE = ResponseFunction.linear()

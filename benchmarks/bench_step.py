@@ -18,7 +18,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from autoexpose_daemon.control.image import ImagePreparation
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.metrics import gradient
 from autoexpose_daemon.control.metrics.extension import extension
@@ -26,6 +25,7 @@ from autoexpose_daemon.control.metrics.gradient import ExtremeShares, GradientMe
 from autoexpose_daemon.control.metrics.information import GreyBins, contrast
 from autoexpose_daemon.control.motion import DisMotion, FarnebackMotion
 from autoexpose_daemon.control.parameters import ControlParameters, MotionId
+from autoexpose_daemon.control.picture.image import ImagePreparation
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from autoexpose_daemon.control.policies.published.begin2022 import DEGREE, DELTA_LEVELS
 from autoexpose_daemon.control.search.optimum import PolynomialFit

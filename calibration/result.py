@@ -14,7 +14,7 @@ from calibration.response.solution import ResponseSolution
 from calibration.solver.agreement import Agreement, agreement
 from calibration.solver.solve import solve_response
 from calibration.solver.tones import Tones, tones_by_exposure, tones_by_shot
-from calibration.sweep import Sweep
+from calibration.sources.sweep import Sweep
 
 Verdict = Literal["believe it", "with care", "refused"]
 

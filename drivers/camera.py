@@ -7,7 +7,7 @@ from typing import Protocol
 
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Frame
-from drivers.pixel_format import PixelFormat
+from drivers.pixels.formats import PixelFormat
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.exposure import ExposureSetting
-from drivers.pixels import Layout, Pixels, grey_plane
+from drivers.pixels.layout import Layout, Pixels, grey_plane
 
 Side = Literal["left", "right"]
 SIDES: Final[tuple[Side, ...]] = get_args(Side)

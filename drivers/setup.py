@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 from drivers.config.feature import FeatureSetting
-from drivers.gain_scale import GainScale
-from drivers.pixel_format import PixelFormat
+from drivers.exposure.gain_scale import GainScale
+from drivers.pixels.formats import PixelFormat
 
 TriggerMode = Literal["external", "free_run"]
 

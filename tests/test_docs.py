@@ -11,7 +11,7 @@ import pytest
 from autoexpose_daemon.cli import app
 from autoexpose_daemon.control.policies.ids import POLICY_IDS
 from autoexpose_daemon.status.losses import losses
-from drivers.pixel_format import PixelFormat
+from drivers.pixels.formats import PixelFormat
 from drivers.triggers.account import LossReason
 from fake_camera.device.faults import GIGE, USB3
 from tests import REPOSITORY

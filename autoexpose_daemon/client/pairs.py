@@ -22,7 +22,7 @@ from calibration.response import ResponseFunction
 from calibration.response.normalised import Bits, normalised
 from drivers.errors import ConfigurationError
 from drivers.frames import SIDES, Frame, Side, StereoPair
-from drivers.pixels import Pixels
+from drivers.pixels.layout import Pixels
 
 _KEPT_STAMPS = 64
 """Triggers whose messages wait for the rest, about a second: the images of each camera queue separately."""

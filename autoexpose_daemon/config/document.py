@@ -42,9 +42,9 @@ from calibration.response.file import ResponseFile
 from drivers.camera import CameraDescription
 from drivers.config.feature import FeatureSetting, as_list, parse_features
 from drivers.exposure import ExposureLimits, ExposureSetting
+from drivers.exposure.gain_scale import GainScale
 from drivers.frames import Side
-from drivers.gain_scale import GainScale
-from drivers.pixel_format import PixelFormat
+from drivers.pixels.formats import PixelFormat
 
 DEFAULT_START = ExposureSetting(2000.0, 0.0)
 """Right for an office, and six stops from either end of the range."""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.config.area import AreaConfig
 from autoexpose_daemon.config.section import Section
-from autoexpose_daemon.control.region import Rectangle, Region
+from autoexpose_daemon.control.picture.region import Rectangle, Region
 from drivers.config.files import read_regular
 from drivers.config.png import is_whole_png
 from drivers.errors import ConfigurationError

@@ -12,16 +12,16 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control.balance import Balance, whole_periods_us
 from autoexpose_daemon.control.decision import Decision
-from autoexpose_daemon.control.image import ImagePreparation
 from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.control.metrics.gradient import ExtremeShares, GradientMetric, mean_signal
 from autoexpose_daemon.control.motion import DisMotion, FarnebackMotion, FlowMotion
 from autoexpose_daemon.control.override import NO_OVERRIDE, Compensation, Override
 from autoexpose_daemon.control.parameters import FASTEST_TURN_RAD_S, REMEMBERED_STEPS, ControlParameters
+from autoexpose_daemon.control.picture.image import ImagePreparation
+from autoexpose_daemon.control.picture.region import Region
 from autoexpose_daemon.control.policies.flicker import FlickerWatch
 from autoexpose_daemon.control.policies.table import build_policy
 from autoexpose_daemon.control.policy import Look, Objective, Observation, PastStep, PolicySetup, Target
-from autoexpose_daemon.control.region import Region
 from autoexpose_daemon.control.snapshot import Plain, restore, take
 from calibration.response import ResponseFunction
 from drivers.errors import ConfigurationError

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from autoexpose_daemon.control.image import FLOW_SIZE, fit
+from autoexpose_daemon.control.picture.image import FLOW_SIZE, fit
 from calibration.response import ResponseFunction
 from calibration.response.prediction import prediction_table
 from drivers.errors import ConfigurationError

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Literal
 
 from drivers.errors import ConfigurationError
-from drivers.pixel_format import PIXEL_FORMATS
+from drivers.pixels.formats import PIXEL_FORMATS
 
 SECONDS = (2.0, 3600.0)
 NAVIGATE_SECONDS = (60.0, 3600.0)

@@ -29,7 +29,7 @@ from autoexpose_daemon.service.service import Service
 from autoexpose_daemon.status.display import display
 from drivers.aravis import find_cameras
 from drivers.errors import AutoexposeError
-from drivers.pixel_format import PIXEL_FORMATS
+from drivers.pixels.formats import PIXEL_FORMATS
 
 if TYPE_CHECKING:
     from autoexpose_daemon.recording.recorder import Recorder

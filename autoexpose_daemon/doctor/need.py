@@ -8,7 +8,7 @@ from typing import Self
 
 from autoexpose_daemon.config.document import Config, TriggerConfig
 from drivers.frames import Side
-from drivers.pixel_format import PixelFormat
+from drivers.pixels.formats import PixelFormat
 
 ASSUMED_WIDTH, ASSUMED_HEIGHT = 720, 540
 """A frame's size is known only once a camera is open; this is the size of the sensors this project is made for."""

@@ -13,8 +13,8 @@ from autoexpose_daemon.control.parameters import FASTEST_TURN_RAD_S
 from autoexpose_daemon.messages.types import ENCODINGS, EXPOSURE_INFO, IMAGE, IMU, TYPESTORE, to_full_scale
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame
-from drivers.pixel_format import PixelFormat
-from drivers.pixels import SAMPLES, Layout, Pixels
+from drivers.pixels.formats import PixelFormat
+from drivers.pixels.layout import SAMPLES, Layout, Pixels
 
 _KNOWN = {(row.bit_depth, row.layout, row.dtype) for row in PixelFormat}
 

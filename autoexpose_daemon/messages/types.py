@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from drivers.pixel_format import PixelFormat
-from drivers.pixels import Layout
+from drivers.pixels.formats import PixelFormat
+from drivers.pixels.layout import Layout
 
 IMAGE = "sensor_msgs/msg/Image"
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"

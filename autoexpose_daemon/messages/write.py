@@ -15,7 +15,7 @@ from autoexpose_daemon.messages.stamp import Stamp, moment_ns
 from autoexpose_daemon.messages.types import CAMERA_INFO, EXPOSURE_INFO, IMAGE, TYPESTORE, encoding, to_full_scale
 from calibration.geometry.model import CameraGeometry
 from drivers.frames import SIDES, Frame, Side, StereoPair
-from drivers.pixels import SAMPLES
+from drivers.pixels.layout import SAMPLES
 
 TOPICS = {"image": IMAGE, "camera_info": CAMERA_INFO, "exposure": EXPOSURE_INFO}
 """The messages for each frame: the last part of the key, and the message type."""

@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from autoexpose_daemon.control.image import ImagePreparation, fit
 from autoexpose_daemon.control.metrics.gradient import ExtremeShares, GradientMetric, PackedTables
+from autoexpose_daemon.control.picture.image import ImagePreparation, fit
 from calibration.response import ResponseFunction
 from calibration.response.prediction import prediction_tables
 from drivers.frames import Frame

@@ -30,7 +30,7 @@ from autoexpose_daemon.publish.control import WAITING_REQUESTS, Ask, ControlDoor
 from autoexpose_daemon.publish.refusal import reading
 from autoexpose_daemon.publish.ros2_keys import Attachments, Ros2Node
 from autoexpose_daemon.publish.session import Endpoints, SessionHolder
-from autoexpose_daemon.runtime.foretold_light import ForetoldLight
+from autoexpose_daemon.runtime.inputs.foretold_light import ForetoldLight
 from autoexpose_daemon.status.publishing import LARGEST_REPORT_BYTES, ConsumerTally, DropReason, PublishTally
 from calibration.geometry.model import CameraGeometry
 from drivers.frames import Side, StereoPair

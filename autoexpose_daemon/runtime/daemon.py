@@ -19,7 +19,7 @@ import numpy as np
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.config.request import Request
 from autoexpose_daemon.control.loop import ControlLoop
-from autoexpose_daemon.runtime.foretold_light import ForetoldLight
+from autoexpose_daemon.runtime.inputs.foretold_light import ForetoldLight
 from autoexpose_daemon.runtime.outlet import Outlet
 from autoexpose_daemon.runtime.rig_control import RigControl
 from autoexpose_daemon.runtime.tuning import Tuning

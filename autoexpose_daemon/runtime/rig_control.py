@@ -16,7 +16,7 @@ from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.runtime.active_loop import ActiveLoop
 from autoexpose_daemon.runtime.outlet import Outlet
-from autoexpose_daemon.runtime.requests import Requests
+from autoexpose_daemon.runtime.requests.in_force import Requests
 from autoexpose_daemon.runtime.rig_health import RigHealth
 from autoexpose_daemon.runtime.tuning import Tuning
 from autoexpose_daemon.status.requests import Answer

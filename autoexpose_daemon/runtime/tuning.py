@@ -14,7 +14,7 @@ from autoexpose_daemon.config.mistakes import mistakes
 from autoexpose_daemon.config.request import RegionRequest, Request
 from autoexpose_daemon.config.roi import region_of
 from autoexpose_daemon.control.loop import ControlLoop
-from autoexpose_daemon.control.region import Region
+from autoexpose_daemon.control.picture.region import Region
 from drivers.camera import CameraDescription
 from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureLimits

@@ -17,8 +17,8 @@ from calibration.response.file import ResponseFile
 from calibration.solver.agreement import Agreement, agreement
 from calibration.solver.tones import grey8, tones_by_exposure
 from calibration.sources.session import Session
+from calibration.sources.sweep import Sweep
 from calibration.sources.sweep_plan import FIRST_TIME_US, StaticCamera, SweepPlan, time_bounds_us
-from calibration.sweep import Sweep
 from drivers.aravis import open_camera
 from drivers.exposure import ExposureSetting
 

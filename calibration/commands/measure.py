@@ -13,8 +13,8 @@ from calibration.commands.rig import CameraMode
 from calibration.response.file import CameraIdentity, Origin
 from calibration.result import Result, calibrate
 from calibration.sources.session import Session
+from calibration.sources.sweep import Shot, Sweep
 from calibration.sources.sweep_plan import SweepPlan, plan_sweep
-from calibration.sweep import Shot, Sweep
 from drivers.aravis import open_camera
 from drivers.errors import AutoexposeError, ConfigurationError
 

@@ -23,7 +23,7 @@ from calibration.sources.session import Session
 from drivers.aravis import open_camera
 from drivers.errors import AutoexposeError, ConfigurationError
 from drivers.exposure import ExposureLimits
-from drivers.gain_scale import GainScale
+from drivers.exposure.gain_scale import GainScale
 
 MOST_NUMBERS = 1e6
 """More than any gain has; a node without bounds has all that fit into its register."""

@@ -19,10 +19,10 @@ from calibration.noise.model import Estimate, NoiseModel
 from calibration.noise.photon_transfer import PhotonTransfer, photon_transfer
 from calibration.noise.plan import default_gains_db, plan_noise
 from calibration.sources.session import Session, session_setup
-from calibration.sweep import Sweep
+from calibration.sources.sweep import Sweep
 from drivers.aravis import AravisCamera, open_camera
 from drivers.errors import AutoexposeError, ConfigurationError
-from drivers.pixel_format import PixelFormat
+from drivers.pixels.formats import PixelFormat
 
 log = logging.getLogger(__name__)
 

@@ -12,7 +12,7 @@ from drivers.config.feature import FeatureSetting, parse_features
 from drivers.config.strict_yaml import load_mapping
 from drivers.errors import ConfigurationError
 from drivers.frames import SIDES, Side
-from drivers.pixel_format import PIXEL_FORMATS, PixelFormat
+from drivers.pixels.formats import PIXEL_FORMATS, PixelFormat
 from drivers.setup import CameraSetup
 
 

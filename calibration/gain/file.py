@@ -15,7 +15,7 @@ from calibration.findings import Finding
 from calibration.response.file import CameraIdentity
 from drivers.config.strict_yaml import load_mapping
 from drivers.errors import ConfigurationError
-from drivers.gain_scale import GainScale
+from drivers.exposure.gain_scale import GainScale
 
 FORMAT = "autoexpose-gain/1"
 _Number = Annotated[float, Strict()]

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.noise.plan import half_exposure_us
+from calibration.sources.sweep import Shot
 from calibration.sources.sweep_plan import StaticCamera
-from calibration.sweep import Shot
 from drivers.exposure import DB_PER_STOP, ExposureSetting
 
 Array = NDArray[np.float64]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from calibration.findings import Finding
 from calibration.solver.tones import Curve, Tones, exposure_index, grey8, of_exposures
-from calibration.sweep import Sweep
+from calibration.sources.sweep import Sweep
 
 MID_GREY = 24
 """Groups so far from the ends of what was seen must brighten with exposure, ..."""

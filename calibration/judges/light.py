@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from calibration.findings import Finding
 from calibration.solver.tones import Curve, Tones, exposure_index, of_exposures
-from calibration.sweep import Sweep
+from calibration.sources.sweep import Sweep
 
 STEADY_STOPS = 0.015
 """Light that varies by less than 1 % (the standard deviation over shots) does no harm."""

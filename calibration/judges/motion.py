@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from calibration.response import GREY_LEVELS, ResponseFunction
 from calibration.response.prediction import prediction_table
 from calibration.solver.tones import exposure_index, grey8
-from calibration.sweep import Sweep
+from calibration.sources.sweep import Sweep
 
 BLOCK_PX = 16
 

@@ -10,7 +10,7 @@ from calibration.response import ResponseFunction
 from calibration.response.solution import ResponseSolution
 from calibration.solver.inverse_curve import Ends, usable
 from calibration.solver.tones import Tones, tones_by_exposure
-from calibration.sweep import Sweep
+from calibration.sources.sweep import Sweep
 
 UNSEEN_GREY = 32
 """Grey levels missing in a row, at an end or in between, from which on a warning is given."""

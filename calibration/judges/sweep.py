@@ -11,7 +11,7 @@ from calibration.judges.light import judge_light
 from calibration.judges.motion import moved_share
 from calibration.solver.inverse_curve import Ends, usable
 from calibration.solver.tones import Curve, Tones, exposure_index, of_exposures, tones_by_shot
-from calibration.sweep import Sweep
+from calibration.sources.sweep import Sweep
 
 FEWEST_EXPOSURES = 3
 

@@ -17,7 +17,7 @@ from calibration.sources.session import Session
 from drivers.exposure import DB_PER_STOP, ExposureLimits, ExposureSetting
 from drivers.frames import Frame
 from drivers.genicam.write_latency import FRAMES_AFTER
-from drivers.pixels import Pixels, light_samples
+from drivers.pixels.layout import Pixels, light_samples
 
 TRIALS = 100
 """Of each quantity: enough to distinguish 95 % from less, in a dozen seconds at 60 Hz."""

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.noise.model import Estimate
-from calibration.sweep import Shot
+from calibration.sources.sweep import Shot
 
 PATCH_PX = 16
 """Small enough to be clipped as a whole or not at all, large enough to average noise away."""

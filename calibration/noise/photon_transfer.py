@@ -14,7 +14,7 @@ from calibration.noise.light_lines import LightLines, fit_light_lines
 from calibration.noise.model import Estimate, NoiseModel
 from calibration.noise.steadiness import BRIGHT, Steadiness, judge_steadiness
 from calibration.noise.variance_curve import VarianceCurve, pairs_of, variance_curve
-from calibration.sweep import Shot, Sweep
+from calibration.sources.sweep import Shot, Sweep
 
 Array = NDArray[np.float64]
 

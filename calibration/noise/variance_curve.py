@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.sweep import Shot
+from calibration.sources.sweep import Shot
 
 MOST_BINS = 1024
 """Bins of mean grey over the range of the format: one for each grey level of 8 bits, one for four of 12 bits."""

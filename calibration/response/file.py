@@ -17,7 +17,7 @@ from calibration.response import GREY_LEVELS, CurveDocument, ResponseFunction
 from calibration.response.solution import ResponseModel, ResponseSolution
 from drivers.config.strict_yaml import load_mapping
 from drivers.errors import ConfigurationError
-from drivers.pixel_format import PixelFormat
+from drivers.pixels.formats import PixelFormat
 
 FORMAT = "autoexpose-response/1"
 _DECIMALS = 6

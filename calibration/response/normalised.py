@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from calibration.response import ResponseFunction
 from drivers.errors import ConfigurationError
 from drivers.frames import Frame
-from drivers.pixels import Pixels
+from drivers.pixels.layout import Pixels
 
 Bits = Literal[8, 16]
 

@@ -22,7 +22,7 @@ from calibration.solver.inverse_curve import (
     usable,
 )
 from calibration.solver.tones import Curve, Tones, tones_by_exposure
-from calibration.sweep import Sweep
+from calibration.sources.sweep import Sweep
 from drivers.errors import ConfigurationError
 
 LINEAR_WITHIN_GREY = 0.4

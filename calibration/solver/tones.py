@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.response import GREY_LEVELS
-from calibration.sweep import Shot, Sweep
+from calibration.sources.sweep import Shot, Sweep
 
 MAX_GROUPS = 400
 MIN_PIXELS = 12

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.sources.exposure_times import timed_files
-from calibration.sweep import Shot, Sweep
+from calibration.sources.sweep import Shot, Sweep
 from drivers.config.files import read_regular
 from drivers.config.png import SIGNATURE, is_whole_png
 from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureSetting
-from drivers.pixels import Pixels
+from drivers.pixels.layout import Pixels
 
 GREEN = 1
 """Of OpenCV's blue, green, red."""

@@ -5,14 +5,14 @@ from __future__ import annotations
 import time
 from types import TracebackType
 
-from calibration.sweep import Shot
+from calibration.sources.sweep import Shot
 from drivers.camera import Camera, CameraDescription
 from drivers.errors import CameraError
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Frame, SettingSource
 from drivers.genicam.write_latency import FRAMES_AFTER
-from drivers.pixel_format import PixelFormat
-from drivers.pixels import light_samples
+from drivers.pixels.formats import PixelFormat
+from drivers.pixels.layout import light_samples
 from drivers.setup import CameraSetup, TriggerSetup
 
 PATIENCE_S = 3.0

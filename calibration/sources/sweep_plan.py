@@ -9,7 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
-from calibration.sweep import Shot
+from calibration.sources.sweep import Shot
 from drivers.exposure import ExposureLimits, ExposureSetting
 
 FIRST_TIME_US = 2000.0

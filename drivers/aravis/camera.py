@@ -31,7 +31,7 @@ from drivers.genicam.image_format import (
 from drivers.genicam.metadata import FrameIdUnwrapper, SettingLedger, enable_chunks
 from drivers.genicam.timing import timing_limitations
 from drivers.genicam.trigger import arm_trigger
-from drivers.pixels import Pixels, light_samples
+from drivers.pixels.layout import Pixels, light_samples
 from drivers.setup import CameraSetup
 
 SPARSE = 8

@@ -7,7 +7,7 @@ from typing import Literal
 
 from drivers.errors import ConfigurationError, NodeError, UnsupportedCameraError
 from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.gain_scale import GainScale
+from drivers.exposure.gain_scale import GainScale
 from drivers.genicam.nodes import NodeMap
 from drivers.genicam.quantity import DECIBELS, MICROSECONDS, Quantity, find_quantity, is_number
 

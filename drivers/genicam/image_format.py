@@ -6,8 +6,8 @@ import logging
 
 from drivers.errors import ConfigurationError, UnsupportedCameraError
 from drivers.genicam.nodes import NodeMap
-from drivers.pixel_format import PIXEL_FORMATS, PixelFormat
-from drivers.pixels import Pixels
+from drivers.pixels.formats import PIXEL_FORMATS, PixelFormat
+from drivers.pixels.layout import Pixels
 
 _log = logging.getLogger(__name__)
 

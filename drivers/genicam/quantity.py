@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from operator import sub
 
 from drivers.errors import NodeError
-from drivers.gain_scale import GainScale
+from drivers.exposure.gain_scale import GainScale
 from drivers.genicam.nodes import NodeMap
 
 MICROSECONDS = {None: 1.0, "us": 1.0, "µs": 1.0, "μs": 1.0, "usec": 1.0, "s": 1e6, "ms": 1e3, "ns": 1e-3}

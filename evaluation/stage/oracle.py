@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.balance import Balance, ExposurePriority
-from autoexpose_daemon.control.image import ImagePreparation
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
 from autoexpose_daemon.control.metrics.information import InformationPrediction, contrast
 from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
 from autoexpose_daemon.control.parameters import ControlParameters
+from autoexpose_daemon.control.picture.image import ImagePreparation
 from autoexpose_daemon.control.policy import Objective
 from calibration.response import ResponseFunction
 from drivers.exposure import ExposureSetting, linear_gain

@@ -8,7 +8,7 @@ import pytest
 
 from calibration.response import ResponseFunction
 from calibration.response.file import CameraIdentity, Origin, ResponseFile
-from drivers.pixel_format import PixelFormat
+from drivers.pixels.formats import PixelFormat
 from tests.calibration.test_commands import calibrate
 from tests.fakes import fake_camera
 

@@ -15,7 +15,7 @@ import yaml
 
 from calibration.response import ResponseFunction
 from calibration.response.file import CameraIdentity, Origin, ResponseFile
-from drivers.pixel_format import PixelFormat
+from drivers.pixels.formats import PixelFormat
 from fake_camera.device.faults import Fault
 from tests.autoexpose_daemon.service.service_process import PATIENCE_S, ServiceProcess, running_service
 from tests.autoexpose_daemon.stereo import stereo_cameras

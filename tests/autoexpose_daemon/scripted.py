@@ -20,7 +20,7 @@ from drivers.camera import Camera
 from drivers.errors import CameraLostError
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame, Side, StereoPair
-from drivers.pixel_format import PixelFormat
+from drivers.pixels.formats import PixelFormat
 from tests.autoexpose_daemon.control.scene import expose, radiance
 from tests.drivers.rig.test_rig import ScriptedCamera
 

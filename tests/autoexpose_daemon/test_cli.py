@@ -19,7 +19,7 @@ from autoexpose_daemon.cli import main
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
 from calibration.response import ResponseFunction
 from calibration.response.file import CameraIdentity, Origin, ResponseFile
-from drivers.pixel_format import PixelFormat
+from drivers.pixels.formats import PixelFormat
 from tests.autoexpose_daemon.stereo import stereo_cameras
 from tests.calibration.geometry.pairs import small_ros
 from tests.fake_camera.gige.gige_client import CCP, GvcpClient

@@ -9,9 +9,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.sweep import Shot, Sweep
+from calibration.sources.sweep import Shot, Sweep
 from drivers.exposure import ExposureSetting, linear_gain
-from drivers.pixel_format import PIXEL_FORMATS
+from drivers.pixels.formats import PIXEL_FORMATS
 from fake_camera.imaging import ImageSettings
 from fake_camera.world.sensor import Sensor, SensorModel
 

@@ -18,7 +18,7 @@ from calibration.response.prediction import prediction_tables
 from calibration.sources.sweep_plan import SweepPlan
 from drivers.errors import AutoexposeError
 from drivers.exposure import ExposureSetting
-from drivers.pixel_format import PixelFormat
+from drivers.pixels.formats import PixelFormat
 from tests.calibration.made_up_camera import MadeUpCamera
 from tests.calibration.true_response import true_response
 from tests.fakes import FakeCamera, fake_camera

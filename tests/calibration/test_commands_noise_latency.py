@@ -25,7 +25,7 @@ from calibration.sources.session import session_setup
 from drivers.aravis import open_camera
 from drivers.errors import CameraError, ConfigurationError
 from drivers.exposure import ExposureLimits
-from drivers.pixel_format import PixelFormat
+from drivers.pixels.formats import PixelFormat
 from drivers.setup import CameraSetup
 from fake_camera.world.sensor import SensorModel
 from tests.calibration.made_up_camera import LIMITS, MadeUpCamera, linear

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from calibration.gain.file import GainFile
-from drivers.gain_scale import GainScale
+from drivers.exposure.gain_scale import GainScale
 from fake_camera.genapi.raw_gain import RawGain
 from tests.autoexpose_daemon.stereo import running_daemon
 from tests.calibration.test_commands import calibrate

@@ -12,7 +12,7 @@ from calibration.response.normalised import WHITE_16, Bits, normalised
 from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame
-from drivers.pixels import Pixels
+from drivers.pixels.layout import Pixels
 from evaluation.scenes.responses import FAKE_CAMERAS, CameraResponse
 from evaluation.scenes.scenarios import Course, no_turn, steady
 from evaluation.scenes.views import build_views

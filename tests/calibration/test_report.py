@@ -17,7 +17,7 @@ from calibration.report.plots import DASHES
 from calibration.response.file import CameraIdentity, Origin
 from calibration.result import Result, calibrate
 from calibration.solver.comparison import compare
-from drivers.pixel_format import PixelFormat
+from drivers.pixels.formats import PixelFormat
 from tests.calibration.made_up_camera import MadeUpCamera, gamma, linear, sweep
 
 ORIGIN = Origin(

@@ -13,7 +13,7 @@ from calibration.response import ResponseFunction
 from calibration.response.file import CameraIdentity, Origin, ResponseFile
 from calibration.response.solution import ResponseSolution
 from drivers.errors import ConfigurationError
-from drivers.pixel_format import PixelFormat
+from drivers.pixels.formats import PixelFormat
 
 SOLUTION = ResponseSolution(
     ResponseFunction.linear(4), "gamma", {"gamma": 0.4545}, np.full(256, 0.0125), (6, 250), 0.312

@@ -21,7 +21,7 @@ from drivers.errors import CameraError, ConfigurationError
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Frame, SettingSource
 from drivers.genicam.write_latency import FRAMES_AFTER
-from drivers.pixel_format import PixelFormat
+from drivers.pixels.formats import PixelFormat
 from tests.fakes import fake_camera
 
 BEFORE = ExposureSetting(1000.0, 0.0)

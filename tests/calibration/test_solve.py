@@ -20,7 +20,7 @@ from calibration.response.prediction import prediction_tables
 from calibration.response.solution import ResponseSolution
 from calibration.solver.solve import solve_response
 from calibration.sources.images import read_images
-from calibration.sweep import Shot, Sweep
+from calibration.sources.sweep import Shot, Sweep
 from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureSetting
 from tests.calibration.sweeps import TIMES_US, Bench

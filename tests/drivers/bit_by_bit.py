@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from drivers.pixel_format import PixelFormat
+from drivers.pixels.formats import PixelFormat
 
 
 def wire_bytes(samples: Sequence[int], pixel_format: PixelFormat) -> bytes:

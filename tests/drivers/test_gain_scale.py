@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.gain_scale import GainScale
+from drivers.exposure.gain_scale import GainScale
 from drivers.genicam.dialect import find_dialect
 from tests.drivers.genicam.node_map import FloatNode, IntegerNode, MemoryNodes
 

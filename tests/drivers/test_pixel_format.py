@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.aravis.introspection import Aravis
-from drivers.pixel_format import PixelFormat
-from drivers.pixels import SAMPLES
+from drivers.pixels.formats import PixelFormat
+from drivers.pixels.layout import SAMPLES
 from fake_camera.imaging import PIXEL_FORMATS
 from tests.drivers.bit_by_bit import bits_apart, wire_bytes
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.pixels import SAMPLES, Layout, Pixels, grey_plane, light_samples
+from drivers.pixels.layout import SAMPLES, Layout, Pixels, grey_plane, light_samples
 
 MOSAICS: tuple[Layout, ...] = ("RGGB", "GRBG", "GBRG", "BGGR")
 

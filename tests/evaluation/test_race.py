@@ -3,9 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from autoexpose_daemon.control.image import ImagePreparation
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
+from autoexpose_daemon.control.picture.image import ImagePreparation
 from evaluation.arena.race import Series, course_of, run_course
 from evaluation.scenes.scenarios import SCENARIOS, WARM_UP_FRAMES
 from evaluation.scenes.stills import PAINTERS

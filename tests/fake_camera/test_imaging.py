@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.pixel_format import PixelFormat
+from drivers.pixels.formats import PixelFormat
 from fake_camera.imaging import PIXEL_FORMATS
 from tests.drivers.bit_by_bit import wire_bytes
 

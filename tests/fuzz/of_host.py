@@ -55,12 +55,12 @@ from calibration.response.file import CameraIdentity, Origin, ResponseFile
 from calibration.sources.exposure_times import timed_files
 from calibration.sources.images import read_images
 from drivers.exposure import ExposureSetting
+from drivers.exposure.gain_scale import GainScale
 from drivers.frames import Frame
-from drivers.gain_scale import GainScale
 from drivers.genicam.image_format import decode_pixels
 from drivers.host import gvcp
 from drivers.host.network import NetworkInterface, largest_socket_buffer_bytes
-from drivers.pixel_format import PixelFormat
+from drivers.pixels.formats import PixelFormat
 from fake_camera.device.line0 import Line0
 from fake_camera.device.truth import TruthFile
 from tests.autoexpose_daemon.imu import imu_message

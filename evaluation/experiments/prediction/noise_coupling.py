@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from autoexpose_daemon.control.image import CONTROL_SIZE, ImagePreparation
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
+from autoexpose_daemon.control.picture.image import CONTROL_SIZE, ImagePreparation
 from autoexpose_daemon.control.policies.published.shim2018 import gamma_table
 from drivers.exposure import DB_PER_STOP, ExposureSetting
 from evaluation.experiments.experiment import Plain

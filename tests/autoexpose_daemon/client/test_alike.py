@@ -12,7 +12,7 @@ from calibration.response import ResponseFunction
 from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame, Side
-from drivers.pixels import Pixels
+from drivers.pixels.layout import Pixels
 from evaluation.scenes.scenarios import RATE_HZ, Course, steady
 from evaluation.scenes.views import CAMERA, build_views
 from evaluation.stage.rendering import Stage

@@ -19,15 +19,15 @@ from pydantic.fields import FieldInfo
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.config.load import load_config
 from autoexpose_daemon.control.parameters import ControlParameters
-from autoexpose_daemon.control.region import Rectangle
+from autoexpose_daemon.control.picture.region import Rectangle
 from calibration.gain.file import GainFile
 from calibration.response import ResponseFunction
 from calibration.response.file import CameraIdentity, Origin, ResponseFile
 from drivers.config import bounds
 from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureSetting
-from drivers.gain_scale import GainScale
-from drivers.pixel_format import PixelFormat
+from drivers.exposure.gain_scale import GainScale
+from drivers.pixels.formats import PixelFormat
 from tests import REPOSITORY
 
 LEFT = "cameras: {left: {serial: A}}\n"

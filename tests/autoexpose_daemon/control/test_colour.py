@@ -8,15 +8,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from autoexpose_daemon.control.image import ImagePreparation
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
-from autoexpose_daemon.control.region import Rectangle, Region
+from autoexpose_daemon.control.picture.image import ImagePreparation
+from autoexpose_daemon.control.picture.region import Rectangle, Region
 from calibration.response import ResponseFunction
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame, StereoPair
-from drivers.pixel_format import PixelFormat
-from drivers.pixels import Layout, Pixels
+from drivers.pixels.formats import PixelFormat
+from drivers.pixels.layout import Layout, Pixels
 from fake_camera.imaging import ImageSettings
 from fake_camera.world.lighting import Change, LightScript
 from fake_camera.world.simulation import build_image_source

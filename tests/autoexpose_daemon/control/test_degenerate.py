@@ -9,8 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.loop import ControlLoop
+from autoexpose_daemon.control.picture.region import Region
 from autoexpose_daemon.control.policies.ids import POLICY_IDS
-from autoexpose_daemon.control.region import Region
 from calibration.response import ResponseFunction
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame, StereoPair

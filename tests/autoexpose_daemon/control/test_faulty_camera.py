@@ -10,9 +10,9 @@ import pytest
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.decision import Decision
-from autoexpose_daemon.control.image import ImagePreparation
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
+from autoexpose_daemon.control.picture.image import ImagePreparation
 from autoexpose_daemon.control.policies.metric_map.votes import RETURN_FRAMES
 from calibration.response import ResponseFunction
 from drivers.exposure import ExposureSetting

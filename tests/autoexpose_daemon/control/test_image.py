@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from autoexpose_daemon.control.image import CONTROL_SIZE, FLOW_SIZE, ImagePreparation, fit
+from autoexpose_daemon.control.picture.image import CONTROL_SIZE, FLOW_SIZE, ImagePreparation, fit
 from drivers.errors import ConfigurationError
 
 

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control.balance import BlurNoiseBalance
 from autoexpose_daemon.control.decision import Decision
-from autoexpose_daemon.control.image import ImagePreparation
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
 from autoexpose_daemon.control.parameters import ControlParameters
+from autoexpose_daemon.control.picture.image import ImagePreparation
 from autoexpose_daemon.control.policies.metric_map.memory import Sighting
 from autoexpose_daemon.control.policies.metric_map.policy import MetricMap
 from autoexpose_daemon.control.policies.metric_map.view import DELTAS, MetricView, Viewer

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from autoexpose_daemon.control.image import ImagePreparation
+from autoexpose_daemon.control.picture.image import ImagePreparation
 from drivers.exposure import ExposureSetting
 
 from .scene import LIMITS, expose, radiance, run

@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from autoexpose_daemon.control.image import ImagePreparation
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
+from autoexpose_daemon.control.picture.image import ImagePreparation
 from autoexpose_daemon.demo.reference_step import ReferenceStep, reference_step_ms, synthetic_frames
 
 

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control.loop import STATE_FORMAT, ControlLoop, ControlSetup
 from autoexpose_daemon.control.parameters import ControlParameters, MotionId
+from autoexpose_daemon.control.picture.region import Rectangle, Region
 from autoexpose_daemon.control.policies.ids import POLICY_IDS
-from autoexpose_daemon.control.region import Rectangle, Region
 from autoexpose_daemon.control.snapshot import Plain, parse, plain
 from autoexpose_daemon.recording.plain_json import from_json, to_json
 from calibration.response import ResponseFunction

@@ -28,8 +28,8 @@ from autoexpose_daemon.messages.write import LAST_STAMP_NS, TOPICS, Message, Mes
 from calibration.geometry.model import CameraGeometry
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame, Side, StereoPair
-from drivers.pixel_format import PixelFormat
-from drivers.pixels import SAMPLES
+from drivers.pixels.formats import PixelFormat
+from drivers.pixels.layout import SAMPLES
 
 DECISION = Decision(ExposureSetting(1500.0, 3.0), 11.05, "held", 0.01, 0.02, 0.03, 1.5)
 REALS = st.floats(allow_nan=False)

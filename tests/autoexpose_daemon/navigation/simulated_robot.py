@@ -18,7 +18,7 @@ from autoexpose_daemon.messages.robot import odometry, read_velocity, twist
 from autoexpose_daemon.navigation.drive.motion import STANDSTILL, Pose, Velocity
 from autoexpose_daemon.publish.publisher import Publisher
 from autoexpose_daemon.publish.session import Endpoints, open_session
-from autoexpose_daemon.runtime.foretold_light import ForetoldLight
+from autoexpose_daemon.runtime.inputs.foretold_light import ForetoldLight
 from drivers.frames import Frame, StereoPair
 from tests.autoexpose_daemon.navigation.texture import HEIGHT, WIDTH, texture
 from tests.autoexpose_daemon.publish.steps import DECISION, SETTING

@@ -11,7 +11,7 @@ from autoexpose_daemon.page.picture import DELTA_LEVELS, DISPLAY_SIZE, Picture, 
 from calibration.response import ResponseFunction
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Frame, StereoPair
-from drivers.pixels import Layout, Pixels
+from drivers.pixels.layout import Layout, Pixels
 from tests.autoexpose_daemon.control.scene import expose, radiance
 
 LINEAR = ResponseFunction.linear()

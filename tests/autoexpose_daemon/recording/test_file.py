@@ -33,8 +33,8 @@ from autoexpose_daemon.recording.replay_report import report_replay
 from autoexpose_daemon.recording.step import Item, RecordingError, Step
 from calibration.geometry.model import CameraGeometry
 from drivers.frames import Frame, StereoPair
-from drivers.pixel_format import PixelFormat
-from drivers.pixels import SAMPLES
+from drivers.pixels.formats import PixelFormat
+from drivers.pixels.layout import SAMPLES
 from tests.autoexpose_daemon.recording.runs import VirtualRun, record, replayed
 
 TOPICS = {

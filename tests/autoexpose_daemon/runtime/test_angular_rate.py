@@ -7,7 +7,7 @@ import logging
 import pytest
 
 from autoexpose_daemon.config.motion import ImuConfig
-from autoexpose_daemon.runtime.angular_rate import AngularRate
+from autoexpose_daemon.runtime.inputs.angular_rate import AngularRate
 from autoexpose_daemon.status.counters import Counts
 
 STEP_NS = 16_666_666

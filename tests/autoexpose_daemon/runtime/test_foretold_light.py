@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from autoexpose_daemon.control.light_ahead import WIDEST_SPREAD_FRAMES, WINDOW_FRAMES, LightSeries
-from autoexpose_daemon.runtime.foretold_light import MOST_AGE_S, ForetoldLight
+from autoexpose_daemon.runtime.inputs.foretold_light import MOST_AGE_S, ForetoldLight
 
 RATE_HZ = 50.0
 CAME_NS = 7_000_000_000

@@ -14,7 +14,7 @@ from calibration.response import ResponseFunction
 from calibration.response.file import CameraIdentity, Origin, ResponseFile
 from drivers.exposure import ExposureSetting
 from drivers.frames import SIDES, Frame, SettingSource, StereoPair
-from drivers.pixel_format import PixelFormat
+from drivers.pixels.formats import PixelFormat
 from tests.calibration.true_response import true_response
 
 LEFT = Origin(CameraIdentity("Maker", "Model", "L"), PixelFormat.MONO8)

@@ -29,7 +29,7 @@ from drivers.camera import Camera
 from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureSetting
 from drivers.frames import Side
-from drivers.pixel_format import PixelFormat
+from drivers.pixels.formats import PixelFormat
 from tests.autoexpose_daemon.scripted import LONG_S, SHAPE, ScriptedRig, Session, TriggeredCamera, config
 from tests.autoexpose_daemon.service.service_process import PATIENCE_S, Notifications, running_service, service_manager
 from tests.autoexpose_daemon.stereo import stereo_cameras

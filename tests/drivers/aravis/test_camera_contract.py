@@ -27,7 +27,7 @@ from drivers.exposure import ExposureSetting
 from drivers.frames import Frame
 from drivers.genicam.driven import advice
 from drivers.genicam.inventory import differing, read_inventory
-from drivers.pixel_format import PixelFormat
+from drivers.pixels.formats import PixelFormat
 from drivers.setup import CameraSetup, TriggerSetup
 from fake_camera.device.faults import Fault
 from fake_camera.usb3.run import CAMERAS_VARIABLE

@@ -24,7 +24,7 @@ from drivers.exposure import ExposureSetting
 from drivers.frames import Frame
 from drivers.genicam.driven import advice
 from drivers.genicam.features import set_features
-from drivers.pixel_format import PixelFormat
+from drivers.pixels.formats import PixelFormat
 from drivers.setup import CameraSetup, TriggerSetup
 from fake_camera.device.device import Device
 from fake_camera.device.line0 import Line0

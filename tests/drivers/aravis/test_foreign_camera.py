@@ -14,7 +14,7 @@ from drivers.camera import IncompleteFrame
 from drivers.errors import NodeError
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame
-from drivers.pixel_format import PixelFormat
+from drivers.pixels.formats import PixelFormat
 from drivers.setup import CameraSetup, TriggerSetup
 from tests.fakes import foreign_camera
 

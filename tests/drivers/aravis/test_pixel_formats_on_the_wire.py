@@ -23,7 +23,7 @@ from drivers.aravis.introspection import Aravis
 from drivers.camera import IncompleteFrame
 from drivers.frames import Frame
 from drivers.genicam.image_format import decode_pixels
-from drivers.pixel_format import PixelFormat
+from drivers.pixels.formats import PixelFormat
 from drivers.setup import CameraSetup, TriggerSetup
 from fake_camera.device.device import Device
 from fake_camera.gige.server import GigeServer

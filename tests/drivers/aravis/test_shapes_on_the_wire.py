@@ -15,7 +15,7 @@ from drivers.aravis.introspection import Aravis
 from drivers.errors import ConfigurationError, UnsupportedCameraError
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame
-from drivers.pixel_format import PixelFormat
+from drivers.pixels.formats import PixelFormat
 from drivers.setup import CameraSetup, TriggerSetup
 from fake_camera.device.device import Device
 from fake_camera.device.line0 import Line0

@@ -15,7 +15,7 @@ from drivers.genicam.image_format import (
     set_binning,
     switch_white_balance_off,
 )
-from drivers.pixel_format import PixelFormat
+from drivers.pixels.formats import PixelFormat
 from tests.drivers.genicam.node_map import EnumerationNode, IntegerNode, MemoryNodes
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame, Side, StereoPair
-from drivers.pixels import Pixels
+from drivers.pixels.layout import Pixels
 from evaluation.experiments.worth.matches.pairs import Truth
 from evaluation.experiments.worth.matches.scenes import (
     CANVAS,

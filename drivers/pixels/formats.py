@@ -10,7 +10,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.pixels import SAMPLES, Layout, Pixels
+from drivers.pixels.layout import SAMPLES, Layout, Pixels
 
 
 def _bytes(data: memoryview) -> Pixels:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from drivers.exposure import ExposureSetting
-from drivers.pixels import Pixels
+from drivers.pixels.layout import Pixels
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from autoexpose_daemon.control.image import CONTROL_SIZE, fit
+from autoexpose_daemon.control.picture.image import CONTROL_SIZE, fit
 from drivers.errors import ConfigurationError
 
 _REACH = np.ones((5, 5), np.uint8)

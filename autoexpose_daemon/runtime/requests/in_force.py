@@ -11,7 +11,7 @@ from autoexpose_daemon.config.request import Request, ShotRequest
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.override import Override
 from autoexpose_daemon.runtime.active_loop import ActiveLoop
-from autoexpose_daemon.runtime.shot import PATIENCE_NS, PATIENCE_PERIODS, PendingShot
+from autoexpose_daemon.runtime.requests.shot import PATIENCE_NS, PATIENCE_PERIODS, PendingShot
 from autoexpose_daemon.status.requests import Answer, Bounds, RequestTally, Shot
 from drivers.errors import AutoexposeError, ConfigurationError
 from drivers.exposure import ExposureLimits, ExposureSetting
