@@ -74,7 +74,7 @@ def test_in_dim_light_a_calibrated_gain_is_used(tmp_path: Path, description: Pat
     with ExitStack() as stack:
         left, right = (camera(stack, side, 0.5, description, wire) for side in LAWS)
         truths = [truth(description, side) for side in LAWS]
-        run = stack.enter_context(running_daemon((left, right, truths), settings))
+        run = stack.enter_context(running_daemon((left, right, truths), settings, latched=False))
 
         def lit() -> bool:
             frames = list(run.seen[-1][0].frames.values()) if run.seen else []
