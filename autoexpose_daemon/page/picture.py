@@ -22,6 +22,7 @@ DELTA_LEVELS = np.linspace(-2.0, 2.0, 17)
 """Changes of level (stops) at which the metric is predicted: the range of algorithm 1."""
 
 _SATURATED_BGR, _BLACK_BGR = (45, 35, 240), (255, 110, 20)
+_MOST_BALANCE = 4.0
 _JPEG = (
     cv2.IMWRITE_JPEG_QUALITY, 80,
     cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444,  # else marks bleed into their neighbours
@@ -86,7 +87,10 @@ class PictureMaker:
 
 
 def in_colours(frame: Frame) -> NDArray[np.uint8]:
-    """A frame's colours as its camera sent them, without white balance: BGR, shape (height, width, 3), uint8."""
+    """A frame's colours as its camera sent them: BGR, shape (height, width, 3), uint8.
+
+    A mosaic, which sensors send without white balance, is balanced so that its mean is grey.
+    """
     pixels: Any = frame.pixels if frame.bit_depth == 8 else (frame.pixels >> frame.bit_depth - 8).astype(np.uint8)
     match frame.layout:
         case "grey":
@@ -99,5 +103,12 @@ def in_colours(frame: Frame) -> NDArray[np.uint8]:
             u, v = (np.repeat(pixels[:, place::2, 1], 2, axis=1) for place in (0, 1))
             colours = cv2.cvtColor(np.dstack([pixels[..., 0], v, u]), cv2.COLOR_YCrCb2BGR)
         case mosaic:
-            colours = cv2.cvtColor(pixels, getattr(cv2, f"COLOR_Bayer{mosaic}2BGR"))
+            colours = _balanced(cv2.cvtColor(pixels, getattr(cv2, f"COLOR_Bayer{mosaic}2BGR")))
     return np.asarray(colours, np.uint8)
+
+
+def _balanced(colours: Any) -> Any:
+    blue, green, red, _ = cv2.mean(colours)
+    gains = [min(green / max(mean, 1.0), _MOST_BALANCE) for mean in (blue, green, red)]
+    tables = [np.clip(gain * np.arange(256), 0, 255).astype(np.uint8) for gain in gains]
+    return cv2.LUT(colours, cv2.merge([table.reshape(256, 1) for table in tables]))
