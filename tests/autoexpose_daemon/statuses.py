@@ -67,7 +67,7 @@ EXPOSING = Status(
     imu=ImuTally(1_440_000, 17, 0.75),
     flicker_hz=100.0,
     requests=RequestTally(
-        SETTING, -0.5, ("policy",), Bounds(20.0, 7500.0, 0.0, 30.0), 18, 19, "lock, asked by ana@robot"
+        SETTING, -0.5, ("policy",), Bounds(20.0, 7500.0, 0.0, 30.0), 18, 19, "lock, asked by user@robot"
     ),
 )
 """All is well, and every number is different."""

@@ -329,7 +329,7 @@ def control_request(data: bytes) -> None:
 
 
 def control_request_seeds() -> Iterator[bytes]:
-    yield b'{"by": "ana@robot", "locked": true, "shot": {"exposure_time_us": 500, "gain_db": 3}}'
+    yield b'{"by": "user@robot", "locked": true, "shot": {"exposure_time_us": 500, "gain_db": 3}}'
     region = b'{"left": {"rectangles": [{"box": [0, 0, 720, 270], "weight": 0.5}], "background_weight": 0.1}}'
     limits = b'{"min_time_us": 20, "max_time_us": 5000, "min_gain_db": 0, "max_gain_db": 20}'
     yield (

@@ -15,7 +15,7 @@ from drivers.errors import ConfigurationError
 def test_a_request_is_read_as_it_was_sent() -> None:
     request = new_request(
         {
-            "by": "ana@robot",
+            "by": "user@robot",
             "locked": False,
             "ev_stops": -0.5,
             "limits": {"max_gain_db": 12},

@@ -67,7 +67,7 @@ class Rig(VirtualRun):
 
     def request(self, **changes: Any) -> Future[Answer]:
         answer: Future[Answer] = Future()
-        self.rig.control.ask(new_request({"by": "ana@robot", **changes}), answer)
+        self.rig.control.ask(new_request({"by": "user@robot", **changes}), answer)
         return answer
 
     def settings(self, since: int) -> list[set[ExposureSetting]]:
@@ -196,7 +196,7 @@ def test_reset_does_the_same_and_what_else_is_asked_for_comes_after_it(run: Rig)
     run.request(locked=True, policy="neves2009", region={"left": {"rectangles": [{"box": [0, 0, 9, 9]}]}}).result(0)
     answer = run.request(reset=True, ev_stops=-1).result(0)
     assert str(answer.requests) == "EV -1"
-    assert answer.requests.latest == "reset, EV -1, asked by ana@robot"
+    assert answer.requests.latest == "reset, EV -1, asked by user@robot"
 
 
 @pytest.mark.parametrize(
@@ -226,7 +226,7 @@ def test_every_change_is_logged_with_who_asked(run: Rig, caplog: pytest.LogCaptu
     with caplog.at_level("INFO"):
         run.request(locked=True, ev_stops=0).result(0)
         run.request().result(0)
-    assert "lock, EV 0, asked by ana@robot" in caplog.messages
+    assert "lock, EV 0, asked by user@robot" in caplog.messages
     assert len(caplog.messages) == 1
 
 
