@@ -27,6 +27,7 @@ from calibration.response import ResponseFunction
 from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import SIDES, Frame, Side, StereoPair
+from drivers.pixels.layout import MOSAIC_SHARE, is_mosaic
 
 REFERENCE_RATE_HZ = 60.0
 """Image speeds are in pixels per 1/60 s, the unit of the paper's tuning."""
@@ -34,7 +35,7 @@ REFERENCE_RATE_HZ = 60.0
 _DEFAULT_PARAMETERS = ControlParameters()
 
 
-STATE_FORMAT = "autoexpose-control/4"
+STATE_FORMAT = "autoexpose-control/5"
 """Format of `ControlSetup` and `ControlLoop.state` as plain data: a new number when names, types or meaning change."""
 
 
@@ -341,7 +342,9 @@ class View:
             self._weights = self._region.weights(frame.pixels.shape, grey.shape)
             self._shape = frame.pixels.shape
         scale = frame.pixels.shape[1] / image.shape[1]
-        return Look(side, image, self._response, self._weights, self._preparation.unfiltered, scale)
+        counted = MOSAIC_SHARE if is_mosaic(frame.layout) else 1.0
+        averaged = counted * scale**2
+        return Look(side, image, self._response, self._weights, self._preparation.unfiltered, scale, averaged)
 
 
 def _in_words(target: Target, ev_stops: float, level: float) -> str:

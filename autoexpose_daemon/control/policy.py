@@ -64,6 +64,8 @@ class Look:
         See `unfiltered`; None: `image` has had no median.
     scale
         Width of the frame over that of `image`.
+    averaged
+        How many samples of the sensor were averaged into a pixel of `image`.
     """
 
     side: Side
@@ -72,6 +74,7 @@ class Look:
     weights: NDArray[np.uint8] | None = None
     before_median: NDArray[np.uint8] | None = None
     scale: float = 1.0
+    averaged: float = 1.0
 
     @property
     def unfiltered(self) -> NDArray[np.uint8]:

@@ -8,10 +8,12 @@ from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.override import NO_OVERRIDE, Override
+from autoexpose_daemon.control.picture.region import Region
 from autoexpose_daemon.runtime.tuning import Tuning
 from drivers.camera import CameraDescription
 from drivers.exposure import ExposureLimits
 from drivers.frames import Side, StereoPair
+from drivers.pixels.layout import is_mosaic
 from drivers.rig.events import CameraReady
 
 log = logging.getLogger(__name__)
@@ -48,6 +50,10 @@ class ActiveLoop:
         """Whether every camera has been ready."""
         return self._limits.keys() >= self.tuning.config.sides.keys()
 
+    def has_been_open(self, side: Side) -> bool:
+        """Whether a camera has been ready."""
+        return side in self._cameras
+
     def tune(self, tuning: Tuning) -> None:
         """Switch to another tuning; ConfigurationError, with nothing changed, if it does not fit cameras or frames."""
         self.use(tuning, self.prepared(tuning))
@@ -56,6 +62,9 @@ class ActiveLoop:
         """The loop of another tuning, for `use`; ConfigurationError if it does not fit cameras or frames."""
         tuning.check_belongs(self._cameras)
         loop = tuning.loop(tuning.limits(self._limits.values()))
+        for side, region in tuning.regions.items():
+            if side in self._cameras:
+                _check_fits(region, self._cameras[side])
         if self._newest is not None:
             loop.step(self._newest)
         return loop
@@ -92,6 +101,15 @@ class ActiveLoop:
         if loop.shortfall:
             log.warning("policy %s: %s", self.tuning.config.control.policy, loop.shortfall)
         self.loop = loop
+
+
+def _check_fits(region: Region, camera: CameraDescription) -> None:
+    """Raise ConfigurationError for a region that does not fit what a camera sends."""
+    if camera.size is None:
+        return
+    width, height = camera.size
+    mosaic = camera.pixel_format is not None and is_mosaic(camera.pixel_format.layout)
+    region.weights((height, width), (height // 2, width // 2) if mosaic else None)
 
 
 def _flicker_in_words(flicker_hz: float | None) -> str:

@@ -122,6 +122,7 @@ class RigControl:
             for pair in pairs:
                 if pair.trigger != newest.trigger and self._complete(pair):
                     self.telemetry.counts.pairs_without_decision += 1
+                    self.requests.passed_over(pair)
                     self._deliver(pair, None)
             if newest.trigger > self._last_trigger:  # a pair may come after one of its frames was used alone
                 self._last_trigger = newest.trigger

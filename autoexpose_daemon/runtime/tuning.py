@@ -51,9 +51,11 @@ class Tuning:
             return self
         exposure.limits()
         sections = {"control": control, "exposure": exposure}
+        # Where the cameras started no longer counts, but for the policy that stays there.
+        checked = control if control.policy == "fixed" else control.model_copy(update={"start": None})
         try:
             others = {name: getattr(config, name) for name in Config.model_fields}
-            Config.model_validate(others | sections)  # whether the sections fit each other
+            Config.model_validate(others | sections | {"control": checked})  # whether the sections fit each other
         except ValidationError as error:
             raise ConfigurationError(mistakes(error, Config)[0]) from error
         tuning = copy(self)

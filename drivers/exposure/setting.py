@@ -96,7 +96,9 @@ class ExposureLimits:
         """The time and the gain nearest to those of `setting`, each by itself, within bounds and increments."""
         return ExposureSetting(
             _quantise(setting.exposure_time_us, self.min_time_us, self.max_time_us, self.time_step_us),
-            _quantise(setting.gain_db, self.min_gain_db, self.max_gain_db, self.gain_step_db),
+            min(self.gains_db, key=lambda gain_db: abs(gain_db - setting.gain_db))
+            if self.gains_db
+            else _quantise(setting.gain_db, self.min_gain_db, self.max_gain_db, self.gain_step_db),
         )
 
     def clamp_level(self, level: float) -> float:
@@ -113,12 +115,16 @@ class ExposureLimits:
         """
         time_grid = max(self, other, key=lambda limits: limits.time_step_us)
         gain_grid = max(self, other, key=lambda limits: limits.gain_step_db)
-        min_gain_db = _next_on_grid(
-            max(self.min_gain_db, other.min_gain_db), gain_grid.min_gain_db, gain_grid.gain_step_db
-        )
-        max_gain_db = min(self.max_gain_db, other.max_gain_db)
+        min_gain_db, max_gain_db = max(self.min_gain_db, other.min_gain_db), min(self.max_gain_db, other.max_gain_db)
         coarser = min((gains_db for gains_db in (self.gains_db, other.gains_db) if gains_db), key=len, default=())
         gains_db = tuple(gain_db for gain_db in coarser if min_gain_db <= gain_db <= max_gain_db)
+        if coarser and not gains_db:
+            raise ConfigurationError(
+                f"gain limits {min_gain_db:g} to {max_gain_db:g} dB leave none of the gains that the camera has: "
+                f"{', '.join(f'{gain_db:g}' for gain_db in coarser)}"
+            )
+        if not coarser:
+            min_gain_db = _next_on_grid(min_gain_db, gain_grid.min_gain_db, gain_grid.gain_step_db)
         return ExposureLimits(
             _next_on_grid(max(self.min_time_us, other.min_time_us), time_grid.min_time_us, time_grid.time_step_us),
             min(self.max_time_us, other.max_time_us),

@@ -16,12 +16,20 @@ luminance and chroma, U in even columns and V in odd ones."""
 SAMPLES: Final[dict[Layout, int]] = {"RGB": 3, "BGR": 3, "YUYV": 2}
 """Samples of a pixel, in the layouts where it has more than one."""
 
+MOSAIC_SHARE: Final = 0.5
+"""Of a mosaic's samples: the green ones, of which `grey_plane` is made."""
+
 _CHROMA = np.arange(256) - 128.0
 _RED_EXCESS = np.rint(np.maximum(1.402 * _CHROMA, 0.0)).astype(np.uint8)
 _BLUE_EXCESS = np.rint(np.maximum(1.772 * _CHROMA, 0.0)).astype(np.uint8)
 """What red is above luminance for each V, and blue for each U (ITU-R BT.601, full range)."""
 _YUV_ROUNDING = 2
 """Grey levels that a colour may lose where luminance and chroma are rounded."""
+
+
+def is_mosaic(layout: Layout) -> bool:
+    """Whether neighbouring samples are of different colours."""
+    return layout != "grey" and layout not in SAMPLES
 
 
 def grey_plane(pixels: Pixels, bit_depth: int, layout: Layout, saturation: int = 255) -> NDArray[np.uint8]:

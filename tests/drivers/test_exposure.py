@@ -103,3 +103,13 @@ def test_settings_agree_within_the_rounding_of_cameras() -> None:
     assert setting.agrees_with(ExposureSetting(1005.0, 10.05))
     assert not setting.agrees_with(ExposureSetting(1020.0, 10.0))
     assert not setting.agrees_with(ExposureSetting(1000.0, 10.2))
+
+
+def test_a_table_of_gains_is_cut_by_what_is_allowed_and_nothing_else() -> None:
+    table = (0.0, 0.5, 1.3, 2.0, 6.0)
+    camera = ExposureLimits(20.0, 7500.0, 0.0, 6.0, gain_step_db=4.0, gains_db=table)
+    allowed = ExposureLimits(20.0, 7500.0, 1.0, 30.0).within(camera)
+    assert (allowed.gains_db, allowed.min_gain_db, allowed.max_gain_db) == (table[2:], 1.3, 6.0)
+    assert camera.rounded(ExposureSetting(100.0, 5.0)).gain_db == 6.0
+    with pytest.raises(ConfigurationError, match=r"2\.5 to 5 dB leave none of the gains that the camera has: 0, 0\.5"):
+        ExposureLimits(20.0, 7500.0, 2.5, 5.0).within(camera)

@@ -11,11 +11,11 @@ from autoexpose_daemon.config.request import Request, ShotRequest
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.override import Override
 from autoexpose_daemon.runtime.active_loop import ActiveLoop
-from autoexpose_daemon.runtime.requests.shot import PATIENCE_NS, PATIENCE_PERIODS, PendingShot
+from autoexpose_daemon.runtime.requests.shot import LONGEST_PATIENCE_NS, PATIENCE_NS, PATIENCE_PERIODS, PendingShot
 from autoexpose_daemon.status.requests import Answer, Bounds, RequestTally, Shot
 from drivers.errors import AutoexposeError, ConfigurationError
 from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.frames import Side, StereoPair
+from drivers.frames import SIDES, Side, StereoPair
 from drivers.log_throttle import LogThrottle
 from drivers.rig.events import RigEvent
 
@@ -112,6 +112,11 @@ class Requests:
             self.shot.answer.set_result(self._answer(found))
             self.shot = None
 
+    def passed_over(self, pair: StereoPair) -> None:
+        """Control had no time for a pair, in which a shot may be."""
+        if self.shot is not None:
+            self.shot.is_in(pair)
+
     def see(self, event: RigEvent) -> None:
         """An event of the rig."""
         if self.shot is not None:
@@ -136,7 +141,7 @@ class Requests:
         locked = None if request.reset else self._tally.locked
         if request.locked is not None:
             locked = (locked or self._decided) if request.locked else None
-        if loop is None or (request.limits is not None and not self._active.knows_all_limits):
+        if loop is None or not self._knows_enough(request):
             raise ConfigurationError("not every camera has been open yet: ask again when it has")
         loop.check_ev(ev_stops)
         shot = None if request.shot is None else self._shot_within(loop.setup.limits, request.shot)
@@ -148,8 +153,16 @@ class Requests:
         self._tally.bounds = Bounds.of(loop.setup.limits)
         return shot
 
+    def _knows_enough(self, request: Request) -> bool:
+        """Whether the cameras that a request concerns have been open, so that it can be checked."""
+        areas = {} if request.region is None else {"left": request.region.left, "right": request.region.right}
+        unknown = [side for side in SIDES if areas.get(side) is not None and not self._active.has_been_open(side)]
+        return not unknown and (request.limits is None or self._active.knows_all_limits)
+
     def _shot_within(self, limits: ExposureLimits, request: ShotRequest) -> ExposureSetting:
         setting = ExposureSetting(request.exposure_time_us, request.gain_db)
+        if self._patience_ns > LONGEST_PATIENCE_NS:
+            raise ConfigurationError("triggers come too seldom for a shot: give trigger.rate_hz at least 1.2")
         if self.shot is not None:
             raise ConfigurationError("another shot is under way: ask again")
         if not limits.contain(setting):

@@ -14,6 +14,9 @@ PATIENCE_NS = 1_000_000_000
 PATIENCE_PERIODS = 8
 """A shot that no frame shows after these together is given up: the slowest camera reported takes 0.4 s."""
 
+LONGEST_PATIENCE_NS = 8_000_000_000
+"""Whoever asks waits for 10 s."""
+
 
 class PendingShot:
     """A shot that was asked for, and not yet seen.

@@ -17,14 +17,21 @@ from drivers.frames import SIDES
 from tests.autoexpose_daemon.recording.runs import LIMITS, START, VirtualRun
 
 
+def of_fourth(setup: Any, state: Any) -> tuple[Any, Any]:
+    """A setup and a state of the present format as the fourth format had them."""
+    limits = {key: value for key, value in setup["limits"].items() if key != "gains_db"}
+    return {**setup, "limits": limits}, state
+
+
 def of_third(setup: Any, state: Any) -> tuple[Any, Any]:
-    """A setup and a state of the present format as the third format had them."""
+    """As the third format had them."""
+    setup, state = of_fourth(setup, state)
     return setup, {**state, "policy": {key: value for key, value in state["policy"].items() if key != "foresight"}}
 
 
 def of_second(setup: Any, state: Any) -> tuple[Any, Any]:
     """As the second format had them."""
-    _, state = of_third(setup, state)
+    setup, state = of_third(setup, state)
     policy = {**state["policy"], "registration": {**state["policy"]["registration"]}}
     del policy["registration"]["side"]
     del policy["votes"], policy["sides"]
@@ -36,7 +43,7 @@ def of_second(setup: Any, state: Any) -> tuple[Any, Any]:
     )
 
 
-@pytest.mark.parametrize("as_it_was", [of_second, of_third])
+@pytest.mark.parametrize("as_it_was", [of_second, of_third, of_fourth])
 def test_a_loop_goes_on_from_a_former_setup_and_state(as_it_was: Callable[[Any, Any], tuple[Any, Any]]) -> None:
     pairs = list(itertools.islice(VirtualRun("metric-map").pairs(), 12))
     loop = ControlLoop("metric-map", ResponseFunction.linear(), LIMITS, START)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from concurrent.futures import Future
 from typing import Any
 
+import numpy as np
 import pytest
 
 from autoexpose_daemon.config.document import Config
@@ -12,10 +13,17 @@ from autoexpose_daemon.config.request import new_request
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.control.override import NO_OVERRIDE, Override
-from autoexpose_daemon.status.requests import Answer
+from autoexpose_daemon.runtime.active_loop import ActiveLoop
+from autoexpose_daemon.runtime.requests.in_force import Requests
+from autoexpose_daemon.runtime.requests.shot import PendingShot
+from autoexpose_daemon.runtime.tuning import Tuning
+from autoexpose_daemon.status.requests import Answer, RequestTally
+from drivers.camera import CameraDescription
 from drivers.errors import AutoexposeError, ConfigurationError
 from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.frames import StereoPair
+from drivers.frames import Frame, StereoPair
+from drivers.pixels.formats import PixelFormat
+from drivers.rig.events import CameraReady
 from tests.autoexpose_daemon import virtual
 from tests.autoexpose_daemon.virtual import START_US, SteadyLoop, SteadyTuning, VirtualRun, tuning
 
@@ -204,7 +212,10 @@ def test_reset_does_the_same_and_what_else_is_asked_for_comes_after_it(run: Rig)
     [
         ({"limits": {"max_time_us": 20_000}}, "exposure.max_time_us 20000 us does not fit into the 16667 us"),
         ({"limits": {"min_time_us": 7_000, "max_time_us": 6_000}}, "7000 to 6000 us leave no exposure time to choose"),
-        ({"limits": {"max_time_us": 100}}, r"control.start 2000 us, 0.0 dB is outside the bounds of exposure"),
+        (
+            {"limits": {"max_time_us": 100}, "policy": "fixed"},
+            r"control.start 2000 us, 0.0 dB is outside the bounds of exposure",
+        ),
         ({"shot": {"exposure_time_us": 9_000}}, r"shot 9000 us, 0 dB is out of bounds: give 20 to 7500 us, 0 to "),
         ({"region": {"left": {"rectangles": [{"box": [0, 0, 9, 9], "weight": 0}]}}}, "region.left: no pixel counts"),
     ],
@@ -236,6 +247,32 @@ def test_nothing_is_asked_of_cameras_that_were_never_open() -> None:
     control.ask(new_request({"by": "ana", "locked": True}), answer)
     with pytest.raises(ConfigurationError, match="not every camera has been open yet"):
         answer.result(0)
+
+
+def test_a_region_is_not_taken_for_a_camera_that_was_never_open() -> None:
+    active = ActiveLoop(Tuning(tuning(START_US).config))
+    description = CameraDescription("Maker", "Model", "L", pixel_format=PixelFormat.MONO8, size=(720, 540))
+    active.ready(CameraReady("left", description, ExposureLimits(20.0, 7500.0, 0.0, 30.0)))
+    requests = Requests(active, RequestTally(), ExposureSetting(START_US, 0.0), 1e9 / 60)
+    for side, why in (("left", r"reaches to pixel \(1000, 1000\)"), ("right", "not every camera has been open yet")):
+        answer: Future[Answer] = Future()
+        region = {side: {"rectangles": [{"box": [0, 0, 1000, 1000]}]}}
+        requests.ask(new_request({"by": "user", "region": region}), answer, 0)
+        with pytest.raises(ConfigurationError, match=why):
+            answer.result(0)
+
+
+def test_a_shot_in_a_pair_that_control_had_no_time_for_is_found() -> None:
+    answer: Future[Answer] = Future()
+    pending = PendingShot(SHOT, 10**9, answer)
+    pending.decided([])
+    shown, next_one = (
+        StereoPair(trigger, {"left": Frame(np.zeros((1, 1), np.uint8), 8, trigger, 0, 0, 0, setting)})
+        for trigger, setting in ((6, SHOT), (7, ExposureSetting(START_US, 0.0)))
+    )
+    assert pending.is_in(shown) and not pending.is_in(next_one)
+    found = pending.found(next_one)
+    assert found is not None and (found.trigger, found.frame_ids) == (6, {"left": 6})
 
 
 def test_a_rig_of_one_camera_has_no_right_region() -> None:

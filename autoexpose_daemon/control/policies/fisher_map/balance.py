@@ -35,10 +35,13 @@ class BlurPhotonBalance:
         Of the cameras' sensors.
     scale
         Pixels of a frame for each pixel of the image that control sees, along one side.
+    averaged
+        Samples of the sensor averaged into each pixel of that image.
     """
 
     noise: SensorNoise
     scale: float = 2.0
+    averaged: float = 4.0
 
     def exposure_time_us(self, level: float, motion_px: float, limits: ExposureLimits) -> float:
         """The best time (us); the longest of equals."""
@@ -53,7 +56,7 @@ class BlurPhotonBalance:
         times_us = np.exp2(longest + _STEPS * (np.minimum(shortest, longest) - longest))
         gains = np.exp2(levels) / times_us
         shot, read = _middle_variance(self.noise)
-        variance = variance_of(shot * gains + read * gains**2, self.scale**2)
+        variance = variance_of(shot * gains + read * gains**2, self.averaged)
         sharp = sharpness(blur_length_px(motion_px, times_us, self.scale))
         best = np.argmax(sharp / (variance + FRONT_END_DN**2), axis=0)
         return np.asarray(times_us[best, np.arange(levels.size)])

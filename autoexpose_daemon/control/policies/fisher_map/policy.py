@@ -53,9 +53,9 @@ class FisherMap(ExposureMap):
 
     def decide(self, observation: Observation) -> Target:
         """The level that promises most, for the frame that will show this decision."""
-        scale = observation.looks[0].scale
-        if isinstance(self.balance, BlurPhotonBalance) and self.balance.scale != scale:
-            self.balance = replace(self.balance, scale=scale)
+        look = observation.looks[0]
+        if isinstance(self.balance, BlurPhotonBalance):
+            self.balance = replace(self.balance, scale=look.scale, averaged=look.averaged)
         return super().decide(observation)
 
     def _views(self, observation: Observation) -> tuple[MetricView, ...]:
@@ -95,5 +95,5 @@ class FisherMap(ExposureMap):
     def _view(self, look: Look, gain: float, gains: NDArray[np.float64], sharper: NDArray[np.float64]) -> MetricView:
         prediction = self._predictions[look.side]
         seen = contrast(look.unfiltered, prediction.bins, look.weights, self._native)
-        curve = prediction.curve(seen, look.scale**2, gain, gains, sharper)
+        curve = prediction.curve(seen, look.averaged, gain, gains, sharper)
         return MetricView(curve, *self._tones[look.side].measure(look))
