@@ -9,7 +9,7 @@ import zipfile
 from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from autoexpose_daemon.doctor.need import Need
 from drivers.aravis import AravisCamera, FoundCamera, find_cameras, open_camera
 from drivers.errors import AutoexposeError, ConfigurationError
 from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.frames import Frame
+from drivers.frames import Frame, SettingSource
 from drivers.setup import CameraSetup, TriggerSetup
 
 FORMAT = "autoexpose-camera-report/1"
@@ -28,6 +28,14 @@ _PATIENCE_S: Final = 0.5
 _WRITE_EVERY_S: Final = 0.2
 _TIMES_US: Final = (2000.0, 1000.0)
 """Written in turn; both leave room for the frame rate."""
+
+
+class Seen(NamedTuple):
+    """What is kept of a frame: its start by the camera's clock, how long after its exposure it was in memory."""
+
+    start_ms: float
+    late_ms: float
+    setting_source: SettingSource
 
 
 def write_report(
@@ -87,7 +95,7 @@ def _examined(found: FoundCamera, watched_s: float) -> tuple[dict[str, Any], str
     try:
         limits, pixel_format = camera.limits, camera.description.pixel_format
         about |= {
-            "limitations": camera.description.limitations,
+            "limitations": [text.replace(found.serial, "S") for text in camera.description.limitations],
             "pixel_format": None if pixel_format is None else pixel_format.value,
             "exposure_time_us": [limits.min_time_us, limits.max_time_us, limits.time_step_us],
             "gain_db": [limits.min_gain_db, limits.max_gain_db, limits.gain_step_db],
@@ -102,9 +110,10 @@ def _examined(found: FoundCamera, watched_s: float) -> tuple[dict[str, Any], str
 
 def _watched(camera: AravisCamera, watched_s: float) -> dict[str, Any]:
     """What the camera sends while its exposure time is written five times a second."""
-    frames: list[Frame] = []
+    frames: list[Seen] = []
     write_ms: list[float] = []
-    incomplete = 0
+    incomplete, shape = 0, ()
+    ids: list[int] = []
     camera.start()
     end_s = written_s = time.monotonic() + watched_s
     written_s -= watched_s
@@ -114,25 +123,27 @@ def _watched(camera: AravisCamera, watched_s: float) -> dict[str, Any]:
             camera.write(_setting(camera.limits, _TIMES_US[len(write_ms) % 2]))
             write_ms.append(1e3 * (time.monotonic() - now_s))
         frame = camera.next_frame(_PATIENCE_S)
+        if frame is None:
+            continue
+        ids.append(frame.frame_id)
         if isinstance(frame, Frame):
-            frames.append(frame)
+            shape = frame.pixels.shape
+            taken_us = frame.setting.exposure_time_us
+            late_ms = (frame.arrival_time_ns - frame.host_time_ns) * 1e-6 - 1e-3 * taken_us
+            frames.append(Seen(frame.device_time_ns * 1e-6, late_ms, frame.setting_source))
         else:
-            incomplete += frame is not None
+            incomplete += 1
     if not frames:
         return {"frames": 0, "incomplete": incomplete}
-    after_exposure_ms = [
-        (frame.arrival_time_ns - frame.host_time_ns) * 1e-6 - 1e-3 * frame.setting.exposure_time_us for frame in frames
-    ]
-    starts_ms = np.array([frame.device_time_ns for frame in frames]) * 1e-6
     return {
         "frames": len(frames),
         "incomplete": incomplete,
-        "missing_ids": frames[-1].frame_id - frames[0].frame_id + 1 - len(frames) - incomplete,
-        "frame_shape": list(frames[-1].pixels.shape),
+        "missing_ids": max(ids) - min(ids) + 1 - len(ids),
+        "frame_shape": list(shape),
         "setting_source": frames[-1].setting_source,
         "asked_hz": _RATE_HZ,
-        "between_starts_ms": _percentiles(np.diff(starts_ms)),
-        "exposure_end_to_arrival_ms": _percentiles(np.array(after_exposure_ms)),
+        "between_starts_ms": _percentiles(np.diff([frame.start_ms for frame in frames])),
+        "exposure_end_to_arrival_ms": _percentiles(np.array([frame.late_ms for frame in frames])),
         "write_ms": _percentiles(np.array(write_ms)),
     }
 

@@ -7,10 +7,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, get_args
 
+from calibration.gain.file import GainFile
 from calibration.sources.session import session_setup
 from drivers.config.feature import FeatureSetting, parse_features
 from drivers.config.strict_yaml import load_mapping
 from drivers.errors import ConfigurationError
+from drivers.exposure.gain_scale import GainScale
 from drivers.frames import SIDES, Side
 from drivers.pixels.formats import PIXEL_FORMATS, PixelFormat
 from drivers.setup import CameraSetup
@@ -18,16 +20,25 @@ from drivers.setup import CameraSetup
 
 @dataclass(frozen=True, slots=True)
 class CameraMode:
-    """A camera by its serial, the image format to run it with (None keeps what it has), and features to set first."""
+    """A camera by its serial, the image format to run it with (None keeps what it has), and features to set first.
+
+    `gain_scale` drives a gain that is not in dB.
+    """
 
     serial: str
     pixel_format: PixelFormat | None = None
     binning: int | None = None
     features: tuple[FeatureSetting, ...] = ()
+    gain_scale: GainScale | None = None
 
     def setup(self, rate_hz: float | None = None) -> CameraSetup:
         """How to open it for a `calibration.sources.session.Session`."""
-        return replace(session_setup(self.pixel_format, rate_hz), binning=self.binning, features=self.features)
+        return replace(
+            session_setup(self.pixel_format, rate_hz),
+            binning=self.binning,
+            features=self.features,
+            gain_scale=self.gain_scale,
+        )
 
 
 def rig_of_config(path: Path) -> list[CameraMode]:
@@ -58,8 +69,23 @@ def rig_of_config(path: Path) -> list[CameraMode]:
                 features = parse_features(camera.get("features", []))
             except ValueError as error:
                 raise ConfigurationError(f"{path}: cameras.{side}.features: {error}") from error
-            rig.append(CameraMode(serial, pixel_format and PIXEL_FORMATS[pixel_format], binning, features))
+            scale = _gain_scale(path, side, camera.get("gain_calibration"), serial)
+            rig.append(CameraMode(serial, pixel_format and PIXEL_FORMATS[pixel_format], binning, features, scale))
     return rig
+
+
+def _gain_scale(path: Path, side: Side, file: object, serial: str) -> GainScale | None:
+    if file is None:
+        return None
+    key = f"{path}: cameras.{side}.gain_calibration"
+    if not isinstance(file, str):
+        raise ConfigurationError(f"{key} is {file!r}: name a file")
+    try:
+        gain_file = GainFile.load(path.parent / file)
+        gain_file.check_belongs(serial)
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{key}: {error}") from error
+    return gain_file.scale
 
 
 def places_of(rig: Sequence[CameraMode], output: Path, kind: str) -> dict[Path, CameraMode]:

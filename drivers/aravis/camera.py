@@ -55,6 +55,7 @@ class AravisCamera:
         self._closed = threading.Event()
         if nodes.exists("AcquisitionStop"):
             nodes.call("stop acquisition", camera.stop_acquisition)
+        switch_auto_off(nodes)  # so that nothing locks, or overwrites, what is set
         apply_features(nodes, setup)
         switch_auto_off(nodes)
         self._dialect = find_dialect(nodes, setup.gain_scale)  # first: what cannot expose is refused for just that
@@ -220,7 +221,7 @@ class AravisCamera:
             return None
         try:
             exposure_time_us = self._chunks.get_float_value(buffer, chunks.exposure_time) * chunks.us_per_unit
-            gain_db = 0.0 if chunks.gain is None else self._read_gain_chunk(buffer, chunks.gain, chunks.gain_is_raw)
+            gain_db = 0.0 if chunks.gain is None else self._read_gain_chunk(buffer, chunks.gain, chunks.gain_is_integer)
         except GLib.Error:
             return None
         if not (math.isfinite(exposure_time_us) and exposure_time_us > 0 and math.isfinite(gain_db)):

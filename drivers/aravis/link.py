@@ -41,13 +41,19 @@ def keep_to_share(camera: Any, nodes: AravisNodes, share: LinkShare, payload_byt
         raise ConfigurationError(
             f"transport.plan: camera {nodes.serial} sends {needed / 1e6:.1f} MB/s at {rate_hz:g} Hz, and its share of "
             f"a link of {mbps:g} Mb/s is {allowed / 1e6:.1f} MB/s: lower trigger.rate_hz, choose binning or a smaller "
-            "pixel format, or give each camera its own interface"
+            "pixel format; where each camera has a link of its own, leave out transport.plan"
         )
     if nodes.available(_LIMIT):
         if nodes.exists(_LIMIT_MODE):
             nodes.write_entry(_LIMIT_MODE, "On")
         least, most = nodes.integer_bounds(_LIMIT)
-        nodes.write_integer(_LIMIT, min(max(int(allowed), least), most))
+        if least > allowed:
+            raise ConfigurationError(
+                f"transport.plan: camera {nodes.serial} sends at least {least / 1e6:.1f} MB/s, and its share of a link "
+                f"of {mbps:g} Mb/s is {allowed / 1e6:.1f} MB/s: give each camera a link of its own"
+            )
+        step = max(nodes.integer_increment(_LIMIT), 1)
+        nodes.write_integer(_LIMIT, min(least + (int(allowed) - least) // step * step, most))
         how = f"{_LIMIT} {nodes.read_integer(_LIMIT)} B/s"
     else:
         delay_ns = packet_delay_ns(packet_bytes, allowed, _own_bytes_per_s(nodes))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect
 from dataclasses import dataclass
 
 from drivers.errors import ConfigurationError
@@ -13,6 +14,9 @@ DB_PER_STOP = 20.0 * math.log10(2.0)
 
 _LONGEST_TIME_US = 3.6e9
 _HIGHEST_GAIN_DB = 200.0
+
+SAME_GAIN_DB = 0.1
+"""Gains that differ by less are taken for the same one, rounded."""
 
 
 def linear_gain(gain_db: float) -> float:
@@ -40,7 +44,7 @@ class ExposureSetting:
     def agrees_with(self, other: ExposureSetting) -> bool:
         """Whether the two are equal within the rounding of cameras (1 % of time, 0.1 dB)."""
         ratio = self.exposure_time_us / other.exposure_time_us
-        return abs(ratio - 1.0) < 0.01 and abs(self.gain_db - other.gain_db) < 0.1
+        return abs(ratio - 1.0) < 0.01 and abs(self.gain_db - other.gain_db) < SAME_GAIN_DB
 
     def __str__(self) -> str:
         return f"{self.exposure_time_us:.0f} us, {self.gain_db:.1f} dB"
@@ -116,14 +120,14 @@ class ExposureLimits:
         time_grid = max(self, other, key=lambda limits: limits.time_step_us)
         gain_grid = max(self, other, key=lambda limits: limits.gain_step_db)
         min_gain_db, max_gain_db = max(self.min_gain_db, other.min_gain_db), min(self.max_gain_db, other.max_gain_db)
-        coarser = min((gains_db for gains_db in (self.gains_db, other.gains_db) if gains_db), key=len, default=())
-        gains_db = tuple(gain_db for gain_db in coarser if min_gain_db <= gain_db <= max_gain_db)
-        if coarser and not gains_db:
+        tables = [table for table in (self.gains_db, other.gains_db) if table]
+        gains_db = min((_within(table, min_gain_db, max_gain_db) for table in tables), key=len, default=())
+        if tables and not gains_db:
             raise ConfigurationError(
                 f"gain limits {min_gain_db:g} to {max_gain_db:g} dB leave none of the gains that the camera has: "
-                f"{', '.join(f'{gain_db:g}' for gain_db in coarser)}"
+                f"{', '.join(f'{gain_db:g}' for gain_db in tables[0])}"
             )
-        if not coarser:
+        if not tables:
             min_gain_db = _next_on_grid(min_gain_db, gain_grid.min_gain_db, gain_grid.gain_step_db)
         return ExposureLimits(
             _next_on_grid(max(self.min_time_us, other.min_time_us), time_grid.min_time_us, time_grid.time_step_us),
@@ -174,7 +178,14 @@ class ExposureLimits:
             missing_db = gain_db - taken_db
             return round(max(missing_db - longest_db, shortest_db - missing_db, 0.0), 6), abs(missing_db)
 
-        return min(self.gains_db, key=key)
+        above = bisect(self.gains_db, gain_db)
+        return min(self.gains_db[max(above - 1, 0) : above + 1], key=key)
+
+
+def _within(gains_db: tuple[float, ...], low_db: float, high_db: float) -> tuple[float, ...]:
+    """Those of some gains within bounds, or so little beyond that a setting at the bound agrees with them."""
+    near = (gain_db for gain_db in gains_db if low_db - SAME_GAIN_DB < gain_db < high_db + SAME_GAIN_DB)
+    return tuple(min(max(gain_db, low_db), high_db) for gain_db in near)
 
 
 def _quantise(value: float, low: float, high: float, step: float) -> float:

@@ -22,6 +22,7 @@ _REMOVE = f"{_DRIVEN}remove it"
 _ALWAYS = {
     **dict.fromkeys((*TIME_NODES, RAW_TIME, "ExposureMode", "ExposureAuto"), _TIME),
     "GainAuto": _GAIN,
+    "BalanceWhiteAuto": "it stays Off, so that the colours keep their proportions: remove it",
     **dict.fromkeys((*SWITCHES, "Gamma"), "gamma is off, so that grey levels are proportional to light: remove it"),
     "TriggerMode": f"{_DRIVEN}set trigger.mode instead",
     "TriggerSource": f"{_DRIVEN}set trigger.line instead",

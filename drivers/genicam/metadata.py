@@ -76,13 +76,13 @@ class SettingLedger:
 class ChunkNodes:
     """The chunk nodes that hold a frame's setting: exposure time in units of `us_per_unit`; `gain`, if it is driven.
 
-    `gain` is in the numbers of the node that drives it, whole numbers if that is raw.
+    `gain` is in the numbers of the node that drives it; `gain_is_integer`: the chunk is read as an integer.
     """
 
     exposure_time: str
     us_per_unit: float
     gain: str | None
-    gain_is_raw: bool = False
+    gain_is_integer: bool = False
 
 
 def enable_chunks(nodes: NodeMap, gain_node: str | None) -> tuple[ChunkNodes | None, tuple[str, ...]]:
@@ -101,7 +101,8 @@ def enable_chunks(nodes: NodeMap, gain_node: str | None) -> tuple[ChunkNodes | N
                     nodes.write_boolean("ChunkEnable", True)
                 us_per_unit = MICROSECONDS.get(nodes.unit("ChunkExposureTime"), 1.0)
                 gain = None if gain_node is None else f"Chunk{wanted[1]}"
-                return ChunkNodes("ChunkExposureTime", us_per_unit, gain, raw), ()
+                is_integer = gain is not None and nodes.is_integer(gain)
+                return ChunkNodes("ChunkExposureTime", us_per_unit, gain, is_integer), ()
             nodes.write_boolean("ChunkModeActive", False)
     except NodeError as error:
         return None, (f"{_INFERRED} (chunk data cannot be switched on: {error})",)

@@ -57,7 +57,8 @@ class Switch:
             before_ns: int
             held: float
             before_ns, held = _STATE.unpack(state) if len(state) == _STATE.size else (now_ns, 0.0)
-            held = max(held - (now_ns - before_ns) * self._bytes_per_ns, 0.0)
+            passed_ns = now_ns - before_ns  # below 0: the machine was restarted meanwhile
+            held = 0.0 if passed_ns < 0 else max(held - passed_ns * self._bytes_per_ns, 0.0)
             fits = held + packet_bytes + _FRAMING_BYTES <= self._buffer_bytes
             if fits:
                 held += packet_bytes + _FRAMING_BYTES

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -113,3 +114,20 @@ def test_a_table_of_gains_is_cut_by_what_is_allowed_and_nothing_else() -> None:
     assert camera.rounded(ExposureSetting(100.0, 5.0)).gain_db == 6.0
     with pytest.raises(ConfigurationError, match=r"2\.5 to 5 dB leave none of the gains that the camera has: 0, 0\.5"):
         ExposureLimits(20.0, 7500.0, 2.5, 5.0).within(camera)
+
+
+def test_cameras_of_nearly_the_same_gains_keep_their_highest() -> None:
+    left, right = ((0.0, 6.02, 12.01, 18.05, 24.10), (0.0, 5.98, 12.0, 18.0, 24.05))
+    limits = [ExposureLimits(20.0, 7500.0, 0.0, table[-1], gain_step_db=6.1, gains_db=table) for table in (left, right)]
+    both = limits[0].within(limits[1])
+    assert both.max_gain_db == 24.05 and len(both.gains_db) == 5
+    assert ExposureLimits(20.0, 7500.0, 0.0, 24.0).within(limits[1]).max_gain_db == 24.0
+
+
+@given(st.floats(4.5, 17.8), st.floats(20, 7500))
+def test_a_long_table_of_gains_is_searched_as_thoroughly_as_a_short_one(level: float, time_us: float) -> None:
+    table = tuple(float(gain) for gain in 24.0 * np.linspace(0.0, 1.0, 400) ** 2)
+    limits = ExposureLimits(20.0, 7500.0, 0.0, 24.0, gain_step_db=0.2, gains_db=table)
+    realised = limits.realise(level, time_us)
+    assert realised.gain_db in table and limits.contain(realised)
+    assert realised.level == pytest.approx(limits.clamp_level(level), abs=0.06)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from drivers.errors import NodeError
 from drivers.exposure import ExposureSetting
 from drivers.genicam.metadata import ChunkNodes, FrameIdUnwrapper, SettingLedger, enable_chunks
-from tests.drivers.genicam.node_map import BooleanNode, EnumerationNode, FloatNode, MemoryNodes
+from tests.drivers.genicam.node_map import BooleanNode, EnumerationNode, FloatNode, IntegerNode, MemoryNodes
 
 
 def on_the_wire(frame: int) -> int:
@@ -85,6 +85,7 @@ def test_chunks_are_switched_on(gain_node: str | None, chunk: str | None) -> Non
             "ChunkModeActive": BooleanNode(),
             "ChunkSelector": EnumerationNode("Image", ("Image", "ExposureTime", "Gain", "GainAll")),
             "ChunkEnable": BooleanNode(),
+            "ChunkGainAll": IntegerNode(0),
         }
     )
     wanted = ChunkNodes("ChunkExposureTime", 1.0, chunk and f"Chunk{chunk}", gain_node == "GainRaw")
