@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import typer
 
@@ -45,25 +45,25 @@ def connection(
 @ctl_app.command()
 def show(context: typer.Context) -> None:
     """Show what applies."""
-    _ask(context, {})
+    _show(context, ControlClient.show)
 
 
 @ctl_app.command()
 def lock(context: typer.Context) -> None:
     """Stay at the exposure decided on last."""
-    _ask(context, {"locked": True})
+    _show(context, ControlClient.lock)
 
 
 @ctl_app.command()
 def unlock(context: typer.Context) -> None:
     """Let the policy decide again."""
-    _ask(context, {"locked": False})
+    _show(context, ControlClient.unlock)
 
 
 @ctl_app.command(context_settings={"ignore_unknown_options": True})  # a number below 0 is no option
 def ev(context: typer.Context, stops: Annotated[float, typer.Argument(help="-3 to 3; 0: none.")]) -> None:
     """Add stops to what the policy decides."""
-    _ask(context, {"ev_stops": stops})
+    _show(context, lambda client: client.ev(stops))
 
 
 @ctl_app.command()
@@ -71,7 +71,7 @@ def policy(
     context: typer.Context, policy_id: Annotated[str, typer.Argument(help=f"One of {', '.join(POLICY_IDS)}.")]
 ) -> None:
     """Have another policy decide."""
-    _ask(context, {"policy": policy_id})
+    _show(context, lambda client: client.policy(policy_id))
 
 
 @ctl_app.command()
@@ -83,10 +83,7 @@ def limits(
     max_gain_db: Annotated[float | None, typer.Option(help="Highest gain, dB.")] = None,
 ) -> None:
     """Change the bounds of the exposure; those that are not given stay."""
-    given = {
-        "min_time_us": min_time_us, "max_time_us": max_time_us, "min_gain_db": min_gain_db, "max_gain_db": max_gain_db,
-    }  # fmt: skip
-    _ask(context, {"limits": given})
+    _show(context, lambda client: client.limits(min_time_us, max_time_us, min_gain_db, max_gain_db))
 
 
 @ctl_app.command()
@@ -100,8 +97,8 @@ def region(
     background: Annotated[float, typer.Option(help="Weight of what no rectangle covers, 0 to 1.")] = 0.0,
 ) -> None:
     """Change what counts in the picture of a camera."""
-    boxes = [{"box": _box(text)} for text in rectangle or []]
-    _ask(context, {"region": {side: {"rectangles": boxes, "background_weight": background}}})
+    boxes = [_box(text) for text in rectangle or []]
+    _show(context, lambda client: client.region(side, boxes, background))
 
 
 @ctl_app.command()
@@ -120,7 +117,7 @@ def shot(
 @ctl_app.command()
 def reset(context: typer.Context) -> None:
     """Go back to the configuration."""
-    _ask(context, {"reset": True})
+    _show(context, ControlClient.reset)
 
 
 def _client(context: typer.Context) -> ControlClient:
@@ -128,9 +125,10 @@ def _client(context: typer.Context) -> ControlClient:
     return client
 
 
-def _ask(context: typer.Context, changes: Mapping[str, Any]) -> None:
+def _show(context: typer.Context, ask: Callable[[ControlClient], Answer]) -> None:
+    """Ask, and print what applies then."""
     with _client(context) as client:
-        for name, text in rows_of(client.ask(changes)):
+        for name, text in rows_of(ask(client)):
             typer.echo(f"{name:9} {plain(text)}")
 
 

@@ -82,7 +82,7 @@ class StatusClient:
 
     @property
     def registered(self) -> RegisteredView | None:
-        """The frame that `autoexpose repeat` registered last; None if there is none within the last second."""
+        """The newest frame that `autoexpose repeat` registered; None after a second without one."""
         newest = self._registered
         fresh = newest is not None and time.monotonic() - newest[1] < _LONGEST_SINCE_REGISTRATION_S
         return newest[0] if newest is not None and fresh else None

@@ -278,7 +278,7 @@ class Config(Section):
         Raises
         ------
         ConfigurationError
-            Naming key and file of one that cannot be used, or is for another camera or image format.
+            Naming key and file if a file cannot be used, or is for another camera or image format.
         """
         files: dict[Side, ResponseFile] = {}
         for side, camera in self.sides.items():
@@ -296,7 +296,7 @@ class Config(Section):
         Raises
         ------
         ConfigurationError
-            Naming key and file of one that cannot be used, or is for another camera.
+            Naming key and file if a file cannot be used, or is for another camera.
         """
         scales: dict[Side, GainScale | None] = dict.fromkeys(self.sides)
         for side, camera in self.sides.items():
@@ -315,7 +315,7 @@ class Config(Section):
         Raises
         ------
         ConfigurationError
-            Naming key and file of one that cannot be used, is for another camera, or does not fit the other one.
+            Naming key and file if a file cannot be used, is for another camera, or does not fit the other camera's.
         """
         geometries: dict[Side, CameraGeometry] = {}
         for side, camera in self.sides.items():

@@ -132,10 +132,15 @@ def new_request(content: Mapping[str, Any]) -> Request:
         raise ConfigurationError(_sentence(error)) from error
 
 
+def check_size(size_bytes: int) -> None:
+    """Raise ConfigurationError for a message that is too large for a request."""
+    if size_bytes > LARGEST_REQUEST_BYTES:
+        raise ConfigurationError(f"a request of {size_bytes} bytes: give at most {LARGEST_REQUEST_BYTES}")
+
+
 def read_request(data: bytes) -> Request:
     """The request in a message; ConfigurationError, a sentence, if it is damaged or not valid."""
-    if len(data) > LARGEST_REQUEST_BYTES:
-        raise ConfigurationError(f"a request of {len(data)} bytes: give at most {LARGEST_REQUEST_BYTES}")
+    check_size(len(data))
     try:
         return Request.model_validate_json(data)
     except ValidationError as error:

@@ -78,8 +78,9 @@ class Compensation:
     def __init__(self, stops: float, responses: Mapping[Side, ResponseFunction], limits: ExposureLimits) -> None:
         self.stops = stops
         gain_db = stops * DB_PER_STOP
-        self.limits = replace(
-            limits, min_gain_db=limits.min_gain_db - gain_db, max_gain_db=limits.max_gain_db - gain_db
+        # Levels only: no policy that is shown these frames splits one into time and gain by increments.
+        self.limits = ExposureLimits(
+            limits.min_time_us, limits.max_time_us, limits.min_gain_db - gain_db, limits.max_gain_db - gain_db
         )
         self._tables = {side: prediction_table(response, -stops) for side, response in responses.items()}
         self._shares = {side: ExtremeShares(response) for side, response in responses.items()}

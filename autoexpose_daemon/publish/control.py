@@ -10,7 +10,7 @@ from concurrent.futures import Future
 import zenoh
 from zenoh.handlers import Handler
 
-from autoexpose_daemon.config.request import LARGEST_REQUEST_BYTES, Request, read_request
+from autoexpose_daemon.config.request import Request, check_size, read_request
 from autoexpose_daemon.status.requests import Answer
 from drivers.config.readable import readable
 from drivers.errors import AutoexposeError, ConfigurationError
@@ -76,6 +76,5 @@ def _payload(query: zenoh.Query) -> bytes:
     payload = query.payload
     if payload is None:
         raise ConfigurationError("the query has no payload: send a request in JSON")
-    if len(payload) > LARGEST_REQUEST_BYTES:
-        raise ConfigurationError(f"a request of {len(payload)} bytes: give at most {LARGEST_REQUEST_BYTES}")
+    check_size(len(payload))  # before its bytes are copied
     return payload.to_bytes()

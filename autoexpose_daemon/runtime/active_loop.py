@@ -13,7 +13,7 @@ from autoexpose_daemon.runtime.tuning import Tuning
 from drivers.camera import CameraDescription
 from drivers.exposure import ExposureLimits
 from drivers.frames import Side, StereoPair
-from drivers.pixels.layout import is_mosaic
+from drivers.pixels.layout import plane_shape
 from drivers.rig.events import CameraReady
 
 log = logging.getLogger(__name__)
@@ -105,11 +105,9 @@ class ActiveLoop:
 
 def _check_fits(region: Region, camera: CameraDescription) -> None:
     """Raise ConfigurationError for a region that does not fit what a camera sends."""
-    if camera.size is None:
-        return
-    width, height = camera.size
-    mosaic = camera.pixel_format is not None and is_mosaic(camera.pixel_format.layout)
-    region.weights((height, width), (height // 2, width // 2) if mosaic else None)
+    if camera.size is not None and camera.pixel_format is not None:
+        width, height = camera.size
+        region.weights((height, width), plane_shape((height, width), camera.pixel_format.layout))
 
 
 def _flicker_in_words(flicker_hz: float | None) -> str:

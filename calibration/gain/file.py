@@ -8,12 +8,11 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, Strict, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, Strict, model_validator
 
-from calibration.complaint import complaint
+from calibration.document import read_document
 from calibration.findings import Finding
 from calibration.response.file import CameraIdentity
-from drivers.config.strict_yaml import load_mapping
 from drivers.errors import ConfigurationError
 from drivers.exposure.gain_scale import GainScale
 
@@ -59,13 +58,7 @@ class GainFile:
         ConfigurationError
             Naming the file, the key and what to do.
         """
-        content = load_mapping(path, f"begin with 'format: {FORMAT}'")
-        try:
-            document = _Document.model_validate(content)
-        except ValidationError as error:
-            first = error.errors()[0]
-            text = complaint(_Document, first, content) if first["loc"] else first["msg"].removeprefix("Value error, ")
-            raise ConfigurationError(f"{path}: {text}") from None
+        document = read_document(_Document, path, FORMAT)
         scale = GainScale(document.node, document.settings, document.gains_db)
         return cls(
             scale, document.camera, document.error_db, document.date, document.tool, document.findings or (), path

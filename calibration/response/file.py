@@ -9,13 +9,12 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
 import yaml
-from pydantic import ConfigDict, Field, Strict, ValidationError, field_validator, with_config
+from pydantic import ConfigDict, Field, Strict, field_validator, with_config
 
-from calibration.complaint import complaint
+from calibration.document import read_document
 from calibration.findings import Finding
 from calibration.response import GREY_LEVELS, CurveDocument, ResponseFunction
 from calibration.response.solution import ResponseModel, ResponseSolution
-from drivers.config.strict_yaml import load_mapping
 from drivers.errors import ConfigurationError
 from drivers.pixels.formats import PixelFormat
 
@@ -115,12 +114,9 @@ class ResponseFile:
         ConfigurationError
             Naming the file, the key and what to do.
         """
-        content = load_mapping(path, f"begin with 'format: {FORMAT}'")
+        document = read_document(_Document, path, FORMAT)
         try:
-            document = _Document.model_validate(content)
             response = document.response()
-        except ValidationError as error:
-            raise ConfigurationError(f"{path}: {complaint(_Document, error.errors()[0], content)}") from None
         except ConfigurationError as error:
             raise ConfigurationError(f"{path}: {error}") from None
         known = {key: value for key, value in document if value is not None}

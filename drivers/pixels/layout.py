@@ -32,6 +32,11 @@ def is_mosaic(layout: Layout) -> bool:
     return layout != "grey" and layout not in SAMPLES
 
 
+def plane_shape(shape: tuple[int, int], layout: Layout) -> tuple[int, int]:
+    """Height and width of the `grey_plane` of frames of a height and width."""
+    return (shape[0] // 2, shape[1] // 2) if is_mosaic(layout) else shape
+
+
 def grey_plane(pixels: Pixels, bit_depth: int, layout: Layout, saturation: int = 255) -> NDArray[np.uint8]:
     """The pixels as 8-bit grey levels; deeper ones are shifted, not rounded.
 
@@ -48,7 +53,7 @@ def grey_plane(pixels: Pixels, bit_depth: int, layout: Layout, saturation: int =
 
     Returns
     -------
-    Shape (height, width); of a mosaic (height // 2, width // 2).
+    Of `plane_shape`.
     """
     if layout == "grey":
         return _shifted(pixels, bit_depth)
@@ -65,7 +70,7 @@ def grey_plane(pixels: Pixels, bit_depth: int, layout: Layout, saturation: int =
         samples = cv2.split(mono)
         plane = cv2.cvtColor(mono, cv2.COLOR_RGB2GRAY if layout == "RGB" else cv2.COLOR_BGR2GRAY)
     else:
-        height, width = height // 2, width // 2
+        height, width = plane_shape((height, width), layout)
         if not height * width:
             return np.zeros((height, width), np.uint8)
         upper, lower = (mono[row : 2 * height : 2, : 2 * width].reshape(height, width, 2) for row in (0, 1))

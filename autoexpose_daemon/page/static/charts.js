@@ -26,9 +26,13 @@ export function begin(canvas) {
   const pen = canvas.getContext("2d");
   pen.scale(scale, scale);
   pen.font = FONT;
+  return { pen, width, height, colour: palette() };
+}
+
+// From the names of the page's colours to what they are now, in the light or in the dark.
+export function palette() {
   const style = getComputedStyle(document.documentElement);
-  const colour = (name) => style.getPropertyValue(`--${name}`).trim();
-  return { pen, width, height, colour };
+  return (name) => style.getPropertyValue(`--${name}`).trim();
 }
 
 // Round numbers within [low, high], about four of them.

@@ -1,6 +1,6 @@
 // What `autoexpose repeat` sees: its way along the path, the vote of its matches, and the matches on the picture.
 
-import { begin, line } from "./charts.js";
+import { begin, line, palette } from "./charts.js";
 import * as format from "./format.js";
 
 const BIN_PX = 10; // as `repeat` votes
@@ -78,8 +78,7 @@ function drawVote(canvas, view) {
 // Dots where matches lie in the picture, with a line to where the map has them.
 export function drawMatches(canvas, view, perPixel) {
   const pen = canvas.getContext("2d");
-  const style = getComputedStyle(document.documentElement);
-  const colour = (name) => style.getPropertyValue(`--${name}`).trim();
+  const colour = palette();
   const [xs, ys, shifts, agreed] = view.matches;
   xs.forEach((x, n) => {
     const at = [x * perPixel, ys[n] * perPixel];

@@ -12,8 +12,8 @@ from autoexpose_daemon.runtime.cameras import openers
 from autoexpose_daemon.runtime.daemon import Daemon
 from autoexpose_daemon.runtime.rig_control import RigControl
 from autoexpose_daemon.runtime.tuning import Tuning
+from calibration import document
 from calibration.response import ResponseFunction
-from calibration.response import file as response_file
 from calibration.response.file import ResponseFile
 from drivers.errors import CameraLostError
 from drivers.rig.events import CameraGone, CameraReady
@@ -34,13 +34,13 @@ def config_file(tmp_path: Path) -> Path:
 def reads(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Records the response files that are read."""
     read: list[str] = []
-    load = response_file.load_mapping
+    load = document.load_mapping
 
     def counted(path: Path, hint: str) -> object:
         read.append(path.name)
         return load(path, hint)
 
-    monkeypatch.setattr(response_file, "load_mapping", counted)
+    monkeypatch.setattr(document, "load_mapping", counted)
     monkeypatch.setattr(cameras, "open_camera", lambda serial, _: TriggeredCamera(serial))
     return read
 

@@ -1,0 +1,46 @@
+"""Reading a file of calibration: one sentence about what is wrong with it."""
+
+from __future__ import annotations
+
+import reprlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
+
+from drivers.config.strict_yaml import load_mapping
+from drivers.errors import ConfigurationError
+
+D = TypeVar("D", bound=BaseModel)
+
+
+def read_document(model: type[D], path: Path, file_format: str) -> D:
+    """The content of a file of calibration.
+
+    Raises
+    ------
+    ConfigurationError
+        Naming the file, the key and what to do.
+    """
+    content = load_mapping(path, f"begin with 'format: {file_format}'")
+    try:
+        return model.model_validate(content)
+    except ValidationError as error:
+        raise ConfigurationError(f"{path}: {_complaint(model, error.errors()[0], content)}") from None
+
+
+def _complaint(model: type[BaseModel], error: ErrorDetails, content: Mapping[Any, Any]) -> str:
+    """What is wrong with a file's `content`, and what to do: the description of the field of `model` says that."""
+    if not error["loc"]:  # keys that do not fit each other
+        return error["msg"].removeprefix("Value error, ")
+    key, *places = error["loc"]
+    if error["type"] in ("extra_forbidden", "invalid_key") and not places:
+        return f"unknown key {key!r}: remove it, or update this program"
+    if error["type"] == "missing" and not places:
+        return f"the key {key!r} is missing: add it"
+    value = content[key]
+    if places and isinstance(places[0], int) and isinstance(value, list):
+        key, value = f"{key}[{places[0]}]", value[places[0]]
+    return f"{key} is {reprlib.repr(value)}: {model.model_fields[str(error['loc'][0])].description}"
