@@ -27,6 +27,10 @@ def make(parameters: ControlParameters | None = None) -> ControlLoop:
     return ControlLoop("fisher-map", LINEAR, LIMITS, START, parameters or ControlParameters())
 
 
+def at(level: float) -> ExposureSetting:
+    return LIMITS.realise(level, 2.0**level)
+
+
 def clipped(level: float, half_scale_level: float) -> float:
     """Share of saturated pixels of a frame of the scene."""
     return float((expose(SCENE, ExposureSetting(2.0**level, 0.0), half_scale_level).pixels == 255).mean())
@@ -49,6 +53,32 @@ def test_a_step_of_light_is_followed(change: float) -> None:
     assert abs(settled - after) < 1.5
     arrived = next(frame for frame in range(30, 70) if np.abs(np.array(levels[frame:]) - settled).max() < 0.5)
     assert arrived <= 30 + 10
+
+
+DARK_ROOM = np.where(np.arange(180) < 50, radiance(1, 1.0), 2.0**-7 * radiance(2, 1.0))
+"""A window, and beside it a room 7 stops darker."""
+
+
+def test_a_still_camera_looks_into_the_black_part_of_a_picture() -> None:
+    """Exposed for the window two thirds are black: that this is the best of what is seen does not make it the best."""
+    levels = run(make(), [9.0] * 40, at(9.0), scene=DARK_ROOM)
+    assert np.ptp(levels[20:]) <= 0.1
+    assert levels[-1] > 14.0
+
+
+def test_it_comes_back_where_the_black_part_holds_nothing() -> None:
+    """After one look, which is not repeated."""
+    empty = np.where(np.arange(180) < 50, radiance(1, 1.0), 0.0)
+    levels = run(make(), [9.0] * 60, at(9.0), scene=empty)
+    assert max(levels) > 12.0
+    assert np.ptp(levels[30:]) <= 0.1
+    assert abs(levels[-1] - 9.0) < 1.5
+
+
+def test_a_few_shadows_are_not_looked_into() -> None:
+    shadows = np.where(np.arange(180) < 14, 0.0, radiance(1, 1.0))
+    levels = run(make(), [9.0] * 40, at(9.0), scene=shadows)
+    assert max(levels) < 10.5
 
 
 def test_what_was_seen_before_white_is_forgotten() -> None:

@@ -31,7 +31,18 @@ def frame(level: float, half_scale_level: float, noise: float = 0.0, seed: int =
 
 def view(peak: float = 0.0, saturated_share: float = 0.0, height: float = 1.0) -> MetricView:
     """A curve with its peak at a delta."""
-    return MetricView(height * np.exp(-((DELTAS - peak) ** 2)), saturated_share, 0.5)
+    return MetricView(height * np.exp(-((DELTAS - peak) ** 2)), saturated_share, 0.0, 0.5)
+
+
+def test_the_edge_between_white_and_black_says_nothing_of_the_light() -> None:
+    """It is grey at any exposure, and where all else is clipped nothing outvotes it."""
+    registration = Registration({"left": LINEAR})
+    picture = np.zeros((270, 360), np.uint8)
+    picture[:, 180:] = 255
+    picture[:, 179:181] = 127
+    registration.change(Look("left", picture, LINEAR), 10.0)
+    change = registration.change(Look("left", picture, LINEAR), 13.0)
+    assert change is None or not change.measured
 
 
 @pytest.mark.parametrize(("change", "level_change"), [(0.0, 1.5), (0.7, 0.0), (-1.0, 1.0), (2.0, -1.0)])
@@ -96,13 +107,13 @@ def test_what_saturation_hides_is_taken_from_a_darker_frame() -> None:
     levels = np.array([11.5])
     for share, expected in ((0.0, 0.1), (0.9, 1.0)):
         memory = MetricMemory()
-        memory.add(Sighting(9.5, (MetricView(np.full(DELTAS.shape, 1.0), 0.0, 0.5),)))
-        memory.sightings.append(Sighting(12.0, (MetricView(np.full(DELTAS.shape, 0.1), share, 1.0),)))
+        memory.add(Sighting(9.5, (MetricView(np.full(DELTAS.shape, 1.0), 0.0, 0.0, 0.5),)))
+        memory.sightings.append(Sighting(12.0, (MetricView(np.full(DELTAS.shape, 0.1), share, 0.0, 1.0),)))
         assert memory.fuse(levels, moving=True)[0, 0] == pytest.approx(expected, abs=0.3)
 
 
 def test_a_still_camera_doubts_far_brighter_levels_and_a_moving_one_goes_there() -> None:
-    promise = MetricView(np.interp(DELTAS, [2.0, 6.0], [0.8, 1.0]), 0.0, 0.5)
+    promise = MetricView(np.interp(DELTAS, [2.0, 6.0], [0.8, 1.0]), 0.0, 0.0, 0.5)
     memory = MetricMemory([Sighting(8.0, (promise,))])
     levels = np.array([10.0, 14.0])
     assert np.diff(memory.fuse(levels, moving=True)[0]) > 0
@@ -217,15 +228,15 @@ def test_the_centre_of_the_plateau() -> None:
     assert plateau_centre(levels, np.array([0.2, 0.5, 0.9, 0.995, 1.0, 0.991, 0.4, 0.3, 0.999, 0.1])) == 4.0
 
 
-def test_probes_go_deeper_the_more_is_saturated() -> None:
-    levels = np.arange(4.0, 18.0, 0.25)
-    little = probe_bonus(levels, 15.0, 0.1, 0.2, moving=False)
-    much = probe_bonus(levels, 15.0, 1.0, 0.2, moving=False)
-    assert levels[little.argmax()] == 13.0
-    assert levels[much.argmax()] == 8.5
+def test_probes_go_farther_the_more_is_clipped() -> None:
+    stops = np.arange(-3.0, 11.0, 0.25)
+    little = probe_bonus(stops, 0.1, 0.2, moving=False)
+    much = probe_bonus(stops, 1.0, 0.2, moving=False)
+    assert stops[little.argmax()] == 2.0
+    assert stops[much.argmax()] == 6.5
     assert much.max() > 5 * little.max()
-    assert (much[levels >= 15] == 0).all()
-    assert (probe_bonus(levels, 15.0, 0.0, 0.2, moving=True) == 0).all()
+    assert (much[stops <= 0] == 0).all()
+    assert (probe_bonus(stops, 0.0, 0.2, moving=True) == 0).all()
 
 
 def test_dark_frames_jump_to_half_scale_and_no_farther_than_7_stops() -> None:
@@ -266,7 +277,7 @@ def test_a_still_camera_prefers_a_sure_peak_to_a_prediction_a_stop_beyond_trust(
     """Beyond 3 stops up prediction takes noise for gradient: each further stop is worth 0.6 of what is predicted."""
     sure, beyond = (
         np.array([10.0, 12.0]),
-        Sighting(8.0, (MetricView(np.interp(DELTAS, [2.0, 4.0], [0.65, 1.0]), 0.0, 0.5),)),
+        Sighting(8.0, (MetricView(np.interp(DELTAS, [2.0, 4.0], [0.65, 1.0]), 0.0, 0.0, 0.5),)),
     )
     now, later = MetricMemory([beyond]).fuse(sure, moving=False)[0]
     assert now == pytest.approx(0.65)

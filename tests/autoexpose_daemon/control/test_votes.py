@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from autoexpose_daemon.control.policies.metric_map.search import DEEPEST_PROBE
+from autoexpose_daemon.control.policies.metric_map.search import LONGEST_PROBE
 from autoexpose_daemon.control.policies.metric_map.votes import (
     GLARE_FRAMES,
     REPEATS,
@@ -213,7 +213,7 @@ def test_after_glare_the_brighter_camera_wins(side: Side, darker_stops: float) -
     (other,) = set(SIDES) - {side}
     assert votes.glaring is None
     assert votes_after([BEST + darker_stops], pair(dim, side), votes).glaring == other
-    votes_after([BEST + darker_stops - DEEPEST_PROBE], pair(dim, side), votes)
+    votes_after([BEST + darker_stops - LONGEST_PROBE], pair(dim, side), votes)
     assert votes.glaring is None
     assert votes.faults == {side: "black"}
 

@@ -18,7 +18,7 @@ from autoexpose_daemon.control.policies.metric_map.foresight import Foresight
 from autoexpose_daemon.control.policies.metric_map.loop_delay import LoopDelay
 from autoexpose_daemon.control.policies.metric_map.memory import TRUSTED_RISE, MetricMemory, Sighting
 from autoexpose_daemon.control.policies.metric_map.registration import Registration
-from autoexpose_daemon.control.policies.metric_map.search import DEEPEST_PROBE, dark_jump, plateau_centre, probe_bonus
+from autoexpose_daemon.control.policies.metric_map.search import LONGEST_PROBE, dark_jump, plateau_centre, probe_bonus
 from autoexpose_daemon.control.policies.metric_map.view import DELTAS, MetricView
 from autoexpose_daemon.control.policies.metric_map.votes import REMARKS, Votes
 from autoexpose_daemon.control.policy import ExposurePolicy, Observation, Target
@@ -52,6 +52,9 @@ DENSITY_DECAY = 0.98
 
 BLIND_SHARE = 0.8
 """Saturated share above which a darker sighting, however far, knows more of what lies between."""
+
+LEAST_BLACK = 0.1
+"""Black share from which a still camera looks at more exposure for what may be there: less is shadows."""
 
 SAME_JUMP_STOPS = 0.5
 """Jumps out of the dark are rough: one in progress is not corrected by less."""
@@ -182,7 +185,7 @@ class ExposureMap(ExposurePolicy):
             self.memory.sightings.clear()  # white now: by how much the light has risen is not known
         self.memory.add(Sighting(level, views))
         for camera, view in enumerate(views):
-            density = float(np.interp(0.0, DELTAS, view.curve)) / max(1.0 - view.saturated_share, 0.1)
+            density = float(np.interp(0.0, DELTAS, view.curve)) / _showing(view, still=self.motion_px < MOVING_PX)
             self.densities[camera] = max(DENSITY_DECAY * self.densities[camera], density, LEAST_DENSITY)
         return change
 
@@ -191,7 +194,7 @@ class ExposureMap(ExposurePolicy):
         side = self.votes.glaring
         if side is None:
             return None
-        return Target(observation.setting.level - DEEPEST_PROBE, f"{side} camera is white: looks at less exposure")
+        return Target(observation.setting.level - LONGEST_PROBE, f"{side} camera is white: looks at less exposure")
 
     def _jump(self, observation: Observation, views: tuple[MetricView, ...]) -> Target | None:
         """Out of the dark, where nothing brighter has been seen yet; None while any camera sees something."""
@@ -265,20 +268,32 @@ class ExposureMap(ExposurePolicy):
         blind = _blind(self.memory.sightings[-1].views)
         frontier, known_again = self.memory.frontier(math.inf if moving or blind else TRUSTED_RISE)
         unknown = levels > known_again
-        # What a camera may yet see is part of its best, until a darker frame has shown whether it exists.
-        hidden = np.array([view.saturated_share for view in frontier.views]) * np.array(self.densities)
+        highest = self.memory.highest()
+        saturated = [view.saturated_share for view in frontier.views]
+        black = [0.0 if moving or view.black_share < LEAST_BLACK else view.black_share for view in highest.views]
+        # What a camera may yet see is part of its best, until a frame that shows it has told whether it exists.
+        hidden = np.maximum(saturated, black) * np.array(self.densities)
         best = np.maximum(metrics.max(axis=1), hidden)
         best = np.maximum(best, max(LEAST_CAMERA * float(best.max()), NOTHING))
         worth = np.zeros(len(levels))
-        for metric, norm, view, density in zip(metrics, best, frontier.views, self.densities, strict=True):
-            bonus = probe_bonus(levels, frontier.level, view.saturated_share, density, moving)
-            worth += (metric + unknown * bonus) / norm
+        for metric, norm, white, dark, density in zip(metrics, best, saturated, black, self.densities, strict=True):
+            below = unknown * probe_bonus(frontier.level - levels, white, density, moving)
+            above = probe_bonus(levels - highest.level, dark, density, moving)
+            worth += (metric + below + above) / norm
         return worth / len(metrics), metrics[0]
 
 
 def _blind(views: tuple[MetricView, ...]) -> bool:
     """Whether a camera is nearly white."""
     return max(view.saturated_share for view in views) > BLIND_SHARE
+
+
+def _showing(view: MetricView, *, still: bool) -> float:
+    """Share of the picture that shows something, for what a pixel of good exposure carries; at least 0.1, still 0.3.
+
+    In motion black pixels count as showing: what was black is then never looked for.
+    """
+    return max(1.0 - view.saturated_share - view.black_share, 0.3) if still else max(1.0 - view.saturated_share, 0.1)
 
 
 def _step_towards(target: float, held: float, risen: float) -> float:

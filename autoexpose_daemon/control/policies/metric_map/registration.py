@@ -20,6 +20,8 @@ STRIDE = 5
 LEAST_SHARE = 0.01
 """Of the compared pixels, which must be unclipped in both frames: a handful of them is noise, or one small thing."""
 
+_AROUND = np.ones((3, 3), np.uint8)
+
 MARGIN = 0.03
 """Of the range from black level to saturation: closer to the ends noise is clipped, and the median would be biased."""
 
@@ -65,6 +67,9 @@ class Registration:
 
     def __init__(self, responses: Mapping[Side, ResponseFunction]) -> None:
         self._tables = {side: _tables(response) for side, response in responses.items()}
+        self._saturated = {
+            side: np.where(clipped > 0, np.uint8(255), np.uint8(0)) for side, (_, clipped) in self._tables.items()
+        }
         self.side = None
         self.previous = None
         self.previous_level = 0.0
@@ -75,7 +80,7 @@ class Registration:
         None after a frame of another camera, and when no pixel shows any change. `level` is the exposure level of this
         frame, stops; pixels that weigh nothing do not count.
         """
-        now = np.ascontiguousarray(look.image[::STRIDE, ::STRIDE])
+        now = self._sampled(look)
         side, before, level_change = self.side, self.previous, level - self.previous_level
         self.side, self.previous, self.previous_level = look.side, now, level
         if before is None or side != look.side or before.shape != now.shape:
@@ -98,6 +103,15 @@ class Registration:
             return None
         median = _middle(values, min(known.size + at_least.size, values.size - 1))
         return LightChange(median - level_change, known.size >= LEAST_SHARE * changes.size)
+
+    def _sampled(self, look: Look) -> NDArray[np.uint8]:
+        """Every fifth pixel; one beside a saturated pixel was averaged from saturated ones in part, and counts as one.
+
+        The edge of a white window before a black room stays grey at any exposure.
+        """
+        here = np.ascontiguousarray(look.image[::STRIDE, ::STRIDE])
+        brightest = np.ascontiguousarray(cv2.dilate(look.image, _AROUND)[::STRIDE, ::STRIDE])
+        return cv2.max(here, cv2.LUT(brightest, self._saturated[look.side]))
 
 
 def _middle(values: NDArray[np.float32], rank: int) -> float:

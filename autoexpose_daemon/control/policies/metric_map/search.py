@@ -17,15 +17,16 @@ DARK_SIGNAL = 1 / 16
 LONGEST_JUMP = 7.0
 """Longest jump up out of the dark, stops."""
 
-SHALLOWEST_PROBE = 1.5
+SHORTEST_PROBE = 1.5
 PROBE_PER_SHARE = 5.0
-DEEPEST_PROBE = SHALLOWEST_PROBE + PROBE_PER_SHARE
-"""A probe goes 1.5 stops deeper than the lowest exposure seen, and up to 6.5 when all is saturated."""
+LONGEST_PROBE = SHORTEST_PROBE + PROBE_PER_SHARE
+"""A probe goes 1.5 stops beyond the exposures seen, and up to 6.5 when all is clipped."""
 
 PROBE_WORTH, PROBE_POWER = 1.5, 0.5
 PROBE_WORTH_MOVING, PROBE_POWER_MOVING = 1.0, 1.0
-"""What a saturated pixel may be worth, as a multiple of what a well exposed one carries, and how soon the bonus rises
-with depth. A still camera pays for a probe once and may look half a stop deeper; a moving one would probe for ever."""
+"""What a clipped pixel may be worth, as a multiple of what a well exposed one carries, and how soon the bonus rises
+with distance. A still camera pays for a probe once and may look half a stop farther; a moving one would probe for ever.
+"""
 
 
 def plateau_centre(levels: NDArray[np.float64], values: NDArray[np.float64]) -> float:
@@ -40,19 +41,17 @@ def plateau_centre(levels: NDArray[np.float64], values: NDArray[np.float64]) -> 
     return float((levels[low] + levels[high]) / 2.0)
 
 
-def probe_bonus(
-    levels: NDArray[np.float64], lowest_level: float, saturated_share: float, density: float, moving: bool
-) -> NDArray[np.float64]:
-    """What the saturated part of the lowest exposure seen may be worth at lower levels, in the metric's unit.
+def probe_bonus(stops: NDArray[np.float64], clipped_share: float, density: float, moving: bool) -> NDArray[np.float64]:
+    """What the clipped part of a picture may be worth so many stops below it, if saturated, or above it, if black.
 
-    With s the saturated share and x the depth in units of ``1.5 + 5 s`` stops it is ``a s density min(x, 2 - x)^p``
-    between x = 0 and 2; a and p depend on whether the camera moves. `density` is the metric that a pixel of good
-    exposure carries in this scene.
+    In the metric's unit. With s the clipped share and x the distance in units of ``1.5 + 5 s`` stops it is
+    ``a s density min(x, 2 - x)^p`` between x = 0 and 2; a and p depend on whether the camera moves. `density` is the
+    metric that a pixel of good exposure carries in this scene.
     """
     worth, power = (PROBE_WORTH_MOVING, PROBE_POWER_MOVING) if moving else (PROBE_WORTH, PROBE_POWER)
-    depth = (lowest_level - levels) / (SHALLOWEST_PROBE + PROBE_PER_SHARE * saturated_share)
-    shape = np.clip(np.minimum(depth, 2.0 - depth), 0.0, 1.0) ** power
-    return np.asarray(worth * saturated_share * density * shape)
+    distance = stops / (SHORTEST_PROBE + PROBE_PER_SHARE * clipped_share)
+    shape = np.clip(np.minimum(distance, 2.0 - distance), 0.0, 1.0) ** power
+    return np.asarray(worth * clipped_share * density * shape)
 
 
 def dark_jump(signal: float, response: ResponseFunction) -> float:

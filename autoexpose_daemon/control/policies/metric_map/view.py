@@ -39,7 +39,7 @@ class MetricView:
     ----------
     curve
         M_g predicted at `DELTAS`, float64, shape (29,); at 0 it is measured, not predicted.
-    saturated_share
+    saturated_share, black_share
         0..1.
     signal
         99th percentile: 0 at the black level, 1 at saturation, at least half a grey level.
@@ -47,6 +47,7 @@ class MetricView:
 
     curve: NDArray[np.float64]
     saturated_share: float
+    black_share: float
     signal: float
 
 
@@ -57,13 +58,13 @@ class Tones:
         self._response = response
         self._shares = ExtremeShares(response)
 
-    def measure(self, look: Look) -> tuple[float, float]:
-        """`saturated_share` and `signal` of a `MetricView`."""
-        saturated, _ = self._shares.measure(look.image, look.weights, look.counts)
+    def measure(self, look: Look) -> tuple[float, float, float]:
+        """`saturated_share`, `black_share` and `signal` of a `MetricView`."""
+        saturated_share, black_share = self._shares.measure(look.image, look.weights, look.counts)
         counts = look.counts.cumsum()
         grey = int(np.searchsorted(counts, BRIGHT_QUANTILE * counts[-1]))
         black, saturation = self._response.black_level, self._response.saturation
-        return saturated, max(grey - black, 0.5) / (saturation - black)
+        return saturated_share, black_share, max(grey - black, 0.5) / (saturation - black)
 
 
 class Viewer:
