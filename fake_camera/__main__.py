@@ -65,13 +65,14 @@ def _parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     add("--line0-rate-hz", type=_rate, default=60.0, metavar="HZ|ask", help=f"pulses per second of the wire ({_ASK})")
     add("--line1", type=Path, metavar="SOCKET", help="wire from the exposure output to another camera's Line3")
     add("--line3", type=Path, metavar="SOCKET", help="wire from another camera's Line1")
-    add("--scene", default="room", metavar="room|board|FILE.hdr", help="what the camera sees (%(default)s)")
+    add("--scene", default="room", metavar="room|board|wall|FILE.hdr", help="what the camera sees (%(default)s)")
     add("--pixel-format", choices=PIXEL_FORMATS, default="Mono8", metavar="NAME", help="at power-on (%(default)s)")
     add("--size", type=_size, default=SIZES[0], metavar="WxH", help=f"of its sensor: {_SIZES} (720x540)")
     add("--still", action="store_true", help="do not move, as on a tripod")
     add("--steered", action="store_true", help="move, and be lit, as orders on the control socket say")
     add("--light", type=Path, metavar="FILE", help="light script (150 and 1 lux in turn)")
     add("--lens-f-number", type=_f_number, default=DEFAULT_F_NUMBER, metavar="F", help="of its lens (%(default)s)")
+    add("--corner-light", type=_corner_light, default=1.0, metavar="SHARE", help="light in its corners (%(default)s)")
     add("--response", choices=["linear", "gamma", "s_shaped"], default="linear", help="of the sensor (%(default)s)")
     add("--seed", type=_seed, default=0, help="determines room, noise and clock (%(default)s)")
     add("--nice", type=_niceness, default=0, metavar="N", help="niceness of the rendering, as of nice(1) (%(default)s)")
@@ -173,12 +174,20 @@ def _switch(text: str) -> tuple[Path, float, int]:
 
 
 def _f_number(text: str) -> float:
+    return _number(text, 0.5, 32)
+
+
+def _corner_light(text: str) -> float:
+    return _number(text, 0.05, 1)
+
+
+def _number(text: str, low: float, high: float) -> float:
     try:
         number = float(text)
     except ValueError:
-        number = 0.0
-    if not 0.5 <= number <= 32:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number from 0.5 to 32")
+        number = low - 1
+    if not low <= number <= high:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number from {low:g} to {high:g}")
     return number
 
 
@@ -209,6 +218,7 @@ def _run(options: argparse.Namespace, resources: contextlib.ExitStack) -> tuple[
             still=options.still,
             paint=paint,
             lens_f_number=options.lens_f_number,
+            corner_light=options.corner_light,
             steered=steered,
             size=options.size,
         )

@@ -124,7 +124,8 @@ class ImageSettings:
 
     The region (`offset_x`, `offset_y`, `width`, `height`) is in pixels after binning, and after `reverse_x` and
     `reverse_y` have mirrored the whole image. `pixel_format` is a name in `PIXEL_FORMATS`; its mosaic begins at the
-    region. `gamma` is 1 when the camera applies none. With `balances_white` the camera amplifies red and blue.
+    region. `gamma` is 1 when the camera applies none. `balance_ratios` amplify red, green and blue; with
+    `balances_white` the camera itself chooses them.
     """
 
     exposure_time_us: float
@@ -141,6 +142,7 @@ class ImageSettings:
     reverse_x: bool = False
     reverse_y: bool = False
     balances_white: bool = False
+    balance_ratios: tuple[float, float, float] = (1.0, 1.0, 1.0)
 
 
 class ImageSource(Protocol):

@@ -26,6 +26,7 @@ ENUM_ENTRIES: dict[str, dict[str, int]] = {
     "GainSelector": {"All": 0},
     "GainAuto": {"Off": 0, "Once": 1, "Continuous": 2},
     "BalanceWhiteAuto": {"Off": 0, "Continuous": 2},
+    "BalanceRatioSelector": {"Red": 0, "Green": 1, "Blue": 2},
     "TriggerSelector": {"FrameStart": 0},
     "TriggerMode": {"Off": 0, "On": 1},
     "TriggerSource": {"Software": 0, "Line0": 1, "Line3": 4},
@@ -156,6 +157,8 @@ def _specs(model: str, serial: str, sensor_width: int, sensor_height: int, pixel
         Spec("ReverseY", "boolean", False, locked_while=_ACQUIRING),
         Spec("LineInverter", "boolean", False),
         choice("UserSetSelector", "Default"),
+        choice("BalanceRatioSelector", "Red"),
+        Spec("BalanceRatio", "float", 1.0, 0.0, 4.0, locked_while=("BalanceWhiteAuto", "Continuous")),
     ]
 
 
@@ -193,6 +196,7 @@ class Features:
             "SensorReadoutTime": lambda: readout_ns(self._snapshot(), sensor_height) * 1e-3,
             "ChunkEnable": lambda: self._chunks[str(self._values["ChunkSelector"])],
             "LineInverter": lambda: self._inverted[str(self._values["LineSelector"])],
+            "BalanceRatio": lambda: self._ratios[str(self._values["BalanceRatioSelector"])],
             "LineMode": lambda: "Output" if self._values["LineSelector"] == "Line1" else "Input",
             "LineSource": lambda: self._values["LineSource"] if self._values["LineSelector"] == "Line1" else "Off",
         }
@@ -207,6 +211,7 @@ class Features:
             self._values = {spec.name: spec.initial for spec in self._specs.values()}
             self._chunks = dict.fromkeys(CHUNK_BYTES, False)
             self._inverted = dict.fromkeys(ENUM_ENTRIES["LineSelector"], False)
+            self._ratios = dict.fromkeys(ENUM_ENTRIES["BalanceRatioSelector"], 1.0)
             self._history = deque([(self._host_clock_ns(), self._snapshot())], maxlen=_HISTORY)
 
     @property
@@ -248,6 +253,8 @@ class Features:
                 self._chunks[str(self._values["ChunkSelector"])] = bool(value)
             elif name == "LineInverter":
                 self._inverted[str(self._values["LineSelector"])] = bool(value)
+            elif name == "BalanceRatio":
+                self._ratios[str(self._values["BalanceRatioSelector"])] = float(value)
             elif name in ("ExposureAuto", "GainAuto") and value == "Once":
                 self._values[name] = "Off"  # auto functions keep the present value: finished at once
             else:
@@ -261,9 +268,9 @@ class Features:
         with self._lock:
             if self._values["TLParamsLocked"]:
                 raise FeatureError("locked", "no user set can be loaded while acquiring")
-            values, chunks, inverted = self._user_sets[str(self._values["UserSetSelector"])]
+            values, chunks, inverted, ratios = self._user_sets[str(self._values["UserSetSelector"])]
             self._values |= values
-            self._chunks, self._inverted = dict(chunks), dict(inverted)
+            self._chunks, self._inverted, self._ratios = dict(chunks), dict(inverted), dict(ratios)
             self._history.append((self._host_clock_ns(), self._snapshot()))
 
     def save_user_set(self) -> None:
@@ -274,9 +281,9 @@ class Features:
                 raise FeatureError("read_only", "the default user set cannot be changed")
             self._user_sets[selected] = self._user_set()
 
-    def _user_set(self) -> tuple[dict[str, Value], dict[str, bool], dict[str, bool]]:
+    def _user_set(self) -> tuple[dict[str, Value], dict[str, bool], dict[str, bool], dict[str, float]]:
         values = {name: value for name, value in self._values.items() if name not in _NOT_IN_USER_SETS}
-        return values, dict(self._chunks), dict(self._inverted)
+        return values, dict(self._chunks), dict(self._inverted), dict(self._ratios)
 
     @property
     def shows_exposure(self) -> bool:
@@ -383,4 +390,5 @@ class Features:
             reverse_x=bool(values["ReverseX"]),
             reverse_y=bool(values["ReverseY"]),
             balances_white=values["BalanceWhiteAuto"] != "Off",
+            balance_ratios=(self._ratios["Red"], self._ratios["Green"], self._ratios["Blue"]),
         )

@@ -34,7 +34,7 @@ _CATEGORIES = {
     "ImageFormatControl": ("Sensor", "Width", "Height", "Offset", "Binning", "Reverse", "PixelFormat"),
     "AcquisitionControl": ("Acquisition", "Exposure", "Trigger"),
     "DigitalIOControl": ("Line",),
-    "AnalogControl": ("Gain", "BalanceWhite", "BlackLevel", "Gamma"),
+    "AnalogControl": ("Gain", "Balance", "BlackLevel", "Gamma"),
     "ChunkDataControl": ("Chunk",),
     "UserSetControl": ("UserSet",),
     "TransportLayerControl": ("PayloadSize", "TLParamsLocked", "Gev", "U3V"),
@@ -43,6 +43,7 @@ _CATEGORIES = {
 
 _SELECTED = {
     "GainSelector": ("Gain", "GainAuto"),
+    "BalanceRatioSelector": ("BalanceRatio",),
     "LineSelector": ("LineMode", "LineSource", "LineInverter"),
     "TriggerSelector": ("TriggerMode", "TriggerSource", "TriggerActivation", "TriggerOverlap", "TriggerSoftware"),
     "ChunkSelector": ("ChunkEnable",),

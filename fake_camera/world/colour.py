@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, cast
 
@@ -14,6 +15,9 @@ from fake_camera.imaging import PixelFormat, Pixels
 
 FILTERS = {"R": 0.35, "G": 0.5, "B": 0.3}
 """What reaches a pixel behind each filter, as a share of what reaches a grey one, in white light."""
+
+WHITE = {colour: FILTERS["G"] / share for colour, share in FILTERS.items()}
+"""By how much each colour must be amplified so that white is grey."""
 
 _IN_CAMERA = "RGGB"
 """The mosaic from which the camera itself computes colours."""
@@ -61,11 +65,12 @@ def _filter(radiance, numbers, shares, passed):  # type: ignore[no-untyped-def]
             passed[y, x] = radiance[y, x] * share
 
 
-def balanced(pixels: Pixels, mosaic: str, max_grey: int) -> Pixels:
-    """Red and blue amplified so that white is grey."""
+def balanced(pixels: Pixels, mosaic: str, max_grey: int, ratios: Mapping[str, float]) -> Pixels:
+    """The colours amplified, by `ratios` of R, G and B, after the converter: what becomes too bright is clipped."""
     for place, colour in enumerate(mosaic):
-        at = slice(place // 2, None, 2), slice(place % 2, None, 2)
-        pixels[at] = np.minimum(np.rint(pixels[at] * (FILTERS["G"] / FILTERS[colour])), max_grey)
+        if ratios[colour] != 1.0:
+            at = slice(place // 2, None, 2), slice(place % 2, None, 2)
+            pixels[at] = np.minimum(np.rint(pixels[at] * ratios[colour]), max_grey)
     return pixels
 
 

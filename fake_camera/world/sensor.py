@@ -14,7 +14,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from fake_camera.imaging import PIXEL_FORMATS, ImageSettings, Pixels
-from fake_camera.world.colour import Tints, balanced, filtered, grey_light, mosaic_of, with_colours
+from fake_camera.world.colour import WHITE, Tints, balanced, filtered, grey_light, mosaic_of, with_colours
 from fake_camera.world.response import response_table
 
 _STEPS = 1 << 16
@@ -42,7 +42,8 @@ class SensorModel:
     """Parameters of a sensor behind its lens, by default like a Sony IMX287 (6.9 um pixels, global shutter).
 
     At 0 dB the full well is the full scale of the output. Quantum efficiency, pixel area and the lens are folded into
-    the sensitivity. With the default lens a white surface (0.9) under 150 lux fills 90 % of the well in 2 ms, and a
+    the sensitivity. `corner_light` is what the lens lets through to the corners, as a share of the centre: see
+    `falloff`. With the default lens a white surface (0.9) under 150 lux fills 90 % of the well in 2 ms, and a
     grey one (0.4) under 1 lux gives 80 of 255 grey levels in 7.5 ms at 30 dB.
     """
 
@@ -52,6 +53,7 @@ class SensorModel:
     read_noise_e: float = 3.0
     dark_current_e_per_s: float = 10.0
     lens_f_number: float = DEFAULT_F_NUMBER
+    corner_light: float = 1.0
 
     @property
     def sensitivity_e_per_lux_s(self) -> float:
@@ -61,6 +63,17 @@ class SensorModel:
     def system_gain(self, pixel_format: str, gain_db: float) -> float:
         """EMVA 1288's overall system gain K, in grey levels per electron."""
         return PIXEL_FORMATS[pixel_format].max_grey / self.full_well_e * math.pow(10.0, gain_db / 20.0)
+
+
+def falloff(model: SensorModel) -> NDArray[np.float32]:
+    """The light that reaches each pixel as a share of that in the centre, shape (height, width): cos^4 of an angle.
+
+    The angle is that of a pinhole, with the focal length at which corners get `SensorModel.corner_light`.
+    """
+    y, x = np.ogrid[: model.height, : model.width]
+    across, down = x - (model.width - 1) / 2, y - (model.height - 1) / 2
+    tangent2 = (across**2 + down**2) / ((model.width**2 + model.height**2) / 4) * (model.corner_light**-0.5 - 1.0)
+    return np.asarray((1.0 + tangent2) ** -2, np.float32)
 
 
 class Sensor:
@@ -80,6 +93,7 @@ class Sensor:
         self.model = model
         pool = np.random.default_rng(seed).standard_normal(_POOL)
         self._normals = ((pool - pool.mean()) / pool.std()).astype(np.float32)
+        self._falloff = None if model.corner_light == 1.0 else falloff(model)
         self._response = response_table(response, _STEPS)
         self._table_of = ("", 0.0)
         self._table: NDArray[np.uint8] | NDArray[np.uint16] = np.empty(0, np.uint8)
@@ -113,6 +127,8 @@ class Sensor:
         ValueError
             When the region is not within the sensor.
         """
+        if self._falloff is not None:
+            radiance = radiance * self._falloff
         exposure_s = settings.exposure_time_us * 1e-6
         pixels = settings.binning_horizontal * settings.binning_vertical
         table = self._greys(settings.pixel_format, settings.gamma)
@@ -135,8 +151,9 @@ class Sensor:
             table,
             image,
         )
-        if mosaic and settings.balances_white:
-            image = balanced(image, mosaic, pixel_format.max_grey)
+        if mosaic:
+            ratios = WHITE if settings.balances_white else dict(zip("RGB", settings.balance_ratios, strict=True))
+            image = balanced(image, mosaic, pixel_format.max_grey, ratios)
         return image if mosaic == pixel_format.colours else with_colours(image, pixel_format.colours)
 
     def _charged(self, radiance: NDArray[np.float32], settings: ImageSettings) -> NDArray[np.float32]:

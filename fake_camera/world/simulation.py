@@ -18,6 +18,7 @@ from fake_camera.world.scene.board import BoardPath, board_on_a_wall
 from fake_camera.world.scene.panorama import Panorama, load_radiance
 from fake_camera.world.scene.path import CameraPath, right_of
 from fake_camera.world.scene.room import furnished_room
+from fake_camera.world.scene.wall import Wall
 from fake_camera.world.sensor import DEFAULT_F_NUMBER, SIZES, Sensor, SensorModel
 from fake_camera.world.steered import Steered
 
@@ -165,6 +166,7 @@ def build_image_source(
     still: bool = False,
     paint: Callable[[int], Sequence[Surface]] = furnished_room,
     lens_f_number: float = DEFAULT_F_NUMBER,
+    corner_light: float = 1.0,
     steered: Steered | None = None,
     size: tuple[int, int] = SIZES[0],
 ) -> ImageSource:
@@ -173,7 +175,8 @@ def build_image_source(
     Parameters
     ----------
     scene
-        "room"; "board", a wall with a ChArUco board; or the path of a Radiance .hdr file to pan across.
+        "room"; "board", a wall with a ChArUco board; "wall", an evenly lit grey one; or the path of a Radiance .hdr
+        file to pan across.
     side
         Which camera of the stereo pair this is; both must be built with the same scene, light and seed.
     light
@@ -188,6 +191,8 @@ def build_image_source(
         Makes the room for a seed.
     lens_f_number
         Of the lens.
+    corner_light
+        What its vignetting leaves in the corners, as a share of the centre.
     steered
         Decides path and light in the room, instead of the time.
     size
@@ -198,7 +203,7 @@ def build_image_source(
     ValueError
         One sentence: what is wrong with the file, or that the response function is unknown.
     """
-    model = SensorModel(*size, lens_f_number=lens_f_number)
+    model = SensorModel(*size, lens_f_number=lens_f_number, corner_light=corner_light)
     sensor = Sensor(model, 2 * seed + (side == "right"), response)
     view: Scene
     if scene in ("room", "board"):
@@ -207,6 +212,8 @@ def build_image_source(
         board = scene == "board"
         renderer = Renderer(board_on_a_wall(seed) if board else paint(seed), camera)
         view = RoomView(renderer, BoardPath(seed) if board else steered or CameraPath(), side)
+    elif scene == "wall":
+        view = Wall(model.width, model.height)
     else:
         view = Panorama(load_radiance(Path(scene)), side, model.width, model.height)
     return SimulatedCamera(view, steered or light, sensor, still=still)

@@ -217,3 +217,16 @@ def refused_to(command: Callable[[], None]) -> str:
     with pytest.raises(FeatureError) as error:
         command()
     return error.value.kind
+
+
+def test_balance_ratios_are_kept_by_colour_and_locked_by_the_automatic_balance(features: Features) -> None:
+    assert refused_to(lambda: features.set("BalanceRatio", 2.0)) == "locked"
+    features.set("BalanceWhiteAuto", "Off")
+    features.set("BalanceRatio", 1.5)
+    features.set("BalanceRatioSelector", "Blue")
+    assert features.get("BalanceRatio") == 1.0
+    features.set("BalanceRatio", 1.75)
+    assert features.image_settings(1 << 62).balance_ratios == (1.5, 1.0, 1.75)
+    assert refused_to(lambda: features.set("BalanceRatio", 4.5)) == "out_of_range"
+    features.reset()
+    assert features.image_settings(1 << 62).balance_ratios == (1.0, 1.0, 1.0)

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from fake_camera.imaging import PIXEL_FORMATS, ImageSettings, Pixels
-from fake_camera.world.colour import FILTERS, Tints
+from fake_camera.world.colour import FILTERS, WHITE, Tints
 from fake_camera.world.lighting import Change, LightScript
 from fake_camera.world.render.renderer import Pinhole, Renderer, Surface
 from fake_camera.world.scene.path import CameraPath
 from fake_camera.world.sensor import Sensor, SensorModel
-from fake_camera.world.simulation import RoomView, SimulatedCamera, paints
+from fake_camera.world.simulation import RoomView, SimulatedCamera, build_image_source, paints
 
 MODEL = SensorModel(width=320, height=240)
 SETTINGS = ImageSettings(2000.0, 0.0, 0.0, 1.0, "BayerRG16", 0, 0, 320, 240, 1, 1)
@@ -119,3 +119,23 @@ def test_opencv_demosaics_what_the_camera_sends() -> None:
     assert image[10:-10, 170:-10].mean(axis=(0, 1)) == pytest.approx(
         [255 * 0.3 * FILTERS[each] * share for each, share in zip("RGB", RED, strict=True)], abs=0.6
     )
+
+
+def test_ratios_scale_colours_on_the_digital_values_and_clip_them() -> None:
+    plain = taken("BayerRG16", share=1.2)
+    assert np.array_equal(taken("BayerRG16", share=1.2, balance_ratios=(1.0, 1.0, 1.0)), plain)
+    balanced = taken("BayerRG16", share=1.2, balance_ratios=(3.0, 1.0, 2.0))
+    red, blue = plain[::2, ::2].astype(float), plain[1::2, 1::2].astype(float)
+    assert np.array_equal(balanced[::2, ::2], np.minimum(np.rint(3.0 * red), 65535))
+    assert np.array_equal(balanced[1::2, 1::2], np.minimum(np.rint(2.0 * blue), 65535))
+    assert np.array_equal(balanced[::2, 1::2], plain[::2, 1::2])
+    assert balanced[::2, ::2].max() == 65535 > plain.max()  # digital: clipped before the sensor is
+
+
+def test_the_wall_is_grey_and_even() -> None:
+    source = build_image_source("wall", "left", LightScript((Change(0.0, 150.0),)), 0)
+    settings = replace(SETTINGS, pixel_format="BayerRG16", width=720, height=540, balance_ratios=tuple(WHITE.values()))
+    mosaic = source.take(0.0, settings, 1)
+    cells = [mosaic[y : y + 180, x : x + 180].mean() for y in (0, 180, 360) for x in (0, 180, 360, 540)]
+    assert np.ptp(cells) < 0.002 * np.mean(cells)
+    assert len({round(mean / np.mean(cells), 2) for mean in means(mosaic, "RGGB").values()}) == 1

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from fake_camera.imaging import PIXEL_FORMATS, ImageSettings
-from fake_camera.world.sensor import Sensor, SensorModel
+from fake_camera.world.sensor import Sensor, SensorModel, falloff
 
 MODEL = SensorModel(width=320, height=240)
 BASE = ImageSettings(2000.0, 0.0, 0.0, 1.0, "Mono12", 0, 0, 320, 240, 1, 1)
@@ -140,3 +140,20 @@ def test_the_lens_scales_light_with_the_square_of_its_f_number() -> None:
         Sensor(MODEL, 1).expose(flat(HALF_WELL), BASE, 1)
     )
     assert SensorModel(lens_f_number=2.8).sensitivity_e_per_lux_s == pytest.approx(7542, abs=1)
+
+
+def test_vignetting_is_the_fourth_power_of_a_cosine_and_belongs_to_the_whole_sensor() -> None:
+    model = replace(MODEL, corner_light=0.5)
+    expected = falloff(model)
+    y, x = 30, 40
+    radius2 = ((x - 159.5) ** 2 + (y - 119.5) ** 2) / (160**2 + 120**2)
+    assert expected[y, x] == pytest.approx(np.cos(np.arctan(np.sqrt(radius2 * (0.5**-0.5 - 1)))) ** 4)
+    assert expected[0, 0] == pytest.approx(0.5, abs=0.01)
+    settings = replace(BASE, pixel_format="Mono16", width=80, height=60, offset_x=240, offset_y=180)
+    region = Sensor(model, seed=1).expose(flat(HALF_WELL), settings, 3) / 32768
+    np.testing.assert_allclose(region.mean(), expected[180:, 240:].mean(), rtol=1e-3)
+
+
+def test_a_lens_without_vignetting_leaves_every_byte_as_it_was(sensor: Sensor) -> None:
+    explicit = Sensor(replace(MODEL, corner_light=1.0), seed=1)
+    assert np.array_equal(explicit.expose(flat(HALF_WELL), BASE, 4), sensor.expose(flat(HALF_WELL), BASE, 4))
