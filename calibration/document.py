@@ -41,6 +41,6 @@ def _complaint(model: type[BaseModel], error: ErrorDetails, content: Mapping[Any
     if error["type"] == "missing" and not places:
         return f"the key {key!r} is missing: add it"
     value = content[key]
-    if places and isinstance(places[0], int) and isinstance(value, list):
+    if places and isinstance(places[0], int) and isinstance(value, list) and places[0] < len(value):
         key, value = f"{key}[{places[0]}]", value[places[0]]
     return f"{key} is {reprlib.repr(value)}: {model.model_fields[str(error['loc'][0])].description}"

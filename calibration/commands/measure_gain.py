@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -13,6 +12,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from calibration.commands.measure import tool
+from calibration.commands.place import check_place
 from calibration.commands.rig import CameraMode, places_of, rig_of_config
 from calibration.gain.capture import GainLooks, capture_gain
 from calibration.gain.file import GainFile
@@ -44,21 +44,10 @@ def gain(
     rig = [CameraMode(serial) for serial in camera or []] if config is None else rig_of_config(config)
     refused = False
     for path, mode in places_of(rig, output, "gain").items():
-        _check_place(path)
+        check_place(path, GainFile.load, "gain file")
         refused |= not _calibrate(path, mode, console)
     if refused:
         raise typer.Exit(1)
-
-
-def _check_place(path: Path) -> None:
-    """Refuse impossible names, and files of another kind, before a camera is measured."""
-    if path.is_dir() or not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
-        raise ConfigurationError(f"{path}: cannot be written: name a file in an existing folder that you may write to")
-    if path.exists():
-        try:
-            GainFile.load(path)
-        except ConfigurationError as error:
-            raise ConfigurationError(f"{error}; it is not a gain file to replace: choose another name") from None
 
 
 def _calibrate(path: Path, mode: CameraMode, console: Console) -> bool:

@@ -23,6 +23,7 @@ from calibration.sources.sweep import Sweep
 from drivers.aravis import AravisCamera, open_camera
 from drivers.errors import AutoexposeError, ConfigurationError
 from drivers.pixels.formats import PixelFormat
+from drivers.pixels.layout import SAMPLES, green_samples
 
 log = logging.getLogger(__name__)
 
@@ -46,6 +47,7 @@ def noise(
     """Measure system gain, read noise, black level and full well at each gain, by photon transfer (EMVA 1288)."""
     console = Console(highlight=False)
     file = None if output is None else response_file_of(output, camera)
+    _check_raw(camera, pixel_format)
     with _session(camera, pixel_format) as session:
         used_format = str(session.description.pixel_format)
         results = _measure(session, gain_db, console)
@@ -106,13 +108,23 @@ def _session(serial: str, pixel_format: PixelFormat | None) -> Iterator[Session]
     with closing(open_camera(serial, session_setup())) as camera:
         former = camera.description.pixel_format
     try:
-        with Session(_open(serial, pixel_format)) as session:
+        with Session(_open(serial, pixel_format), green_samples) as session:
+            _check_raw(serial, session.description.pixel_format)
             yield session
     finally:
         try:
             open_camera(serial, session_setup(former)).close()
         except AutoexposeError as error:  # it must not hide why the measurement ended
             log.warning("camera %s: its pixel format could not be set back to %s: %s", serial, former, error)
+
+
+def _check_raw(serial: str, pixel_format: PixelFormat | None) -> None:
+    """Refuse formats that the camera computes from its pixels: what it mixes has lost the noise of a single one."""
+    if pixel_format is not None and pixel_format.layout in SAMPLES:
+        raise ConfigurationError(
+            f"camera {serial}: {pixel_format} is computed from several pixels, so that its noise is not theirs: give "
+            "--pixel-format one of its Mono formats, or of its Bayer formats, whose green is measured"
+        )
 
 
 def _open(serial: str, pixel_format: PixelFormat | None) -> AravisCamera:

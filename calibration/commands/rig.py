@@ -22,7 +22,7 @@ from drivers.setup import CameraSetup
 class CameraMode:
     """A camera by its serial, the image format to run it with (None keeps what it has), and features to set first.
 
-    `gain_scale` drives a gain that is not in dB.
+    `gain_scale` drives a gain that is not in dB; `response` is its response file, which need not exist yet.
     """
 
     serial: str
@@ -30,6 +30,7 @@ class CameraMode:
     binning: int | None = None
     features: tuple[FeatureSetting, ...] = ()
     gain_scale: GainScale | None = None
+    response: Path | None = None
 
     def setup(self, rate_hz: float | None = None) -> CameraSetup:
         """How to open it for a `calibration.sources.session.Session`."""
@@ -69,22 +70,29 @@ def rig_of_config(path: Path) -> list[CameraMode]:
                 features = parse_features(camera.get("features", []))
             except ValueError as error:
                 raise ConfigurationError(f"{path}: cameras.{side}.features: {error}") from error
-            scale = _gain_scale(path, side, camera.get("gain_calibration"), serial)
-            rig.append(CameraMode(serial, pixel_format and PIXEL_FORMATS[pixel_format], binning, features, scale))
+            scale = _gain_scale(path, _file(path, camera, side, "gain_calibration"), side, serial)
+            response = _file(path, camera, side, "response")
+            row = pixel_format and PIXEL_FORMATS[pixel_format]
+            rig.append(CameraMode(serial, row, binning, features, scale, response))
     return rig
 
 
-def _gain_scale(path: Path, side: Side, file: object, serial: str) -> GainScale | None:
+def _file(path: Path, camera: dict[Any, Any], side: Side, key: str) -> Path | None:
+    """The file that a camera's section names under a key; None if it names none."""
+    file = camera.get(key)
+    if file is not None and not isinstance(file, str):
+        raise ConfigurationError(f"{path}: cameras.{side}.{key} is {file!r}: name a file")
+    return None if file is None else path.parent / file
+
+
+def _gain_scale(path: Path, file: Path | None, side: Side, serial: str) -> GainScale | None:
     if file is None:
         return None
-    key = f"{path}: cameras.{side}.gain_calibration"
-    if not isinstance(file, str):
-        raise ConfigurationError(f"{key} is {file!r}: name a file")
     try:
-        gain_file = GainFile.load(path.parent / file)
+        gain_file = GainFile.load(file)
         gain_file.check_belongs(serial)
     except ConfigurationError as error:
-        raise ConfigurationError(f"{key}: {error}") from error
+        raise ConfigurationError(f"{path}: cameras.{side}.gain_calibration: {error}") from error
     return gain_file.scale
 
 

@@ -2,34 +2,22 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Iterator
 from pathlib import Path
 
 from calibration.geometry.result import GeometryResult
 from calibration.geometry.score import overall
 from calibration.response.facts import Fact
-from drivers.errors import ConfigurationError
 from drivers.frames import SIDES
 
 
 def write_geometry_report(path: Path, result: GeometryResult) -> Path:
     """Write the page, and return its path; raises ConfigurationError when it cannot be written."""
-    import jinja2  # noqa: PLC0415  an extra, which only reports need
+    from calibration.report.geometry_plots import geometry_pictures  # noqa: PLC0415  needs an extra
+    from calibration.report.pictures_page import write_page  # noqa: PLC0415
 
-    from calibration.report.geometry_plots import geometry_pictures  # noqa: PLC0415
-    from calibration.report.plots import one_png  # noqa: PLC0415
-
-    environment = jinja2.Environment(loader=jinja2.PackageLoader("calibration.report", ""), autoescape=True)
-    shown = [(picture, base64.b64encode(one_png(picture)).decode()) for picture in geometry_pictures(result)]
-    page = environment.get_template("geometry.html").render(
-        result=result, facts=list(geometry_facts(result)), rows=list(_rows(result)), pictures=shown
-    )
-    try:
-        path.write_text(page, encoding="utf-8")
-    except OSError as error:
-        raise ConfigurationError(f"{path}: cannot be written ({error.strerror}): choose another place") from error
-    return path
+    facts, rows = list(geometry_facts(result)), list(_rows(result))
+    return write_page(path, "geometry.html", geometry_pictures(result), result=result, facts=facts, rows=rows)
 
 
 def geometry_facts(result: GeometryResult) -> Iterator[Fact]:

@@ -84,6 +84,14 @@ class ResponseFunction:
         levels = np.arange(GREY_LEVELS)
         return np.asarray(np.interp(grey, levels, self.inverse(levels)))
 
+    def light(self, grey: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The light behind grey levels that need not be whole: 0 at black level, 1 at saturation, not beyond."""
+        black, saturation = self.black_level, self.saturation
+        greys = np.arange(black, saturation + 1, dtype=np.float64)
+        light = np.exp2(self.log2_exposure[black : saturation + 1] - self.log2_exposure[saturation])
+        light[0] = 0.0  # the curve says about half a grey level, since log2 of none is not finite
+        return np.asarray(np.interp(grey, greys, light))
+
 
 class CurveDocument(BaseModel):
     """A response function as files and messages hold it; the description of a field is the advice after a bad value."""

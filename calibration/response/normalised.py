@@ -88,11 +88,10 @@ def _table(response: ResponseFunction, shift: int, stops: float, bits: Bits, dit
     """
     black, saturation = response.black_level, response.saturation
     greys = np.arange(black, saturation + 1, dtype=np.float64)
-    light = np.exp2(response.log2_exposure[black : saturation + 1] - response.log2_exposure[saturation])
-    light[0] = 0.0  # the response says about half a grey level, since log2 of none is not finite
+    light = response.light(greys)
     # Control and calibration shift deeper codes to grey levels: a grey level is the middle of the codes that become it.
     codes = np.arange(256 << shift)
-    own = np.interp((codes - ((1 << shift) - 1) / 2) / (1 << shift), greys, light) * math.exp2(-stops)
+    own = response.light((codes - ((1 << shift) - 1) / 2) / (1 << shift)) * math.exp2(-stops)
     if bits == 16:
         table = WHITE_16 * own
         unknown = table > _LAST_16

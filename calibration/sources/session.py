@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from types import TracebackType
 
 from calibration.sources.sweep import Shot
@@ -12,7 +13,7 @@ from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Frame, SettingSource
 from drivers.genicam.write_latency import FRAMES_AFTER
 from drivers.pixels.formats import PixelFormat
-from drivers.pixels.layout import light_samples
+from drivers.pixels.layout import Layout, Pixels, light_samples
 from drivers.setup import CameraSetup, TriggerSetup
 
 PATIENCE_S = 3.0
@@ -37,9 +38,17 @@ class Session:
 
     Opening has switched off the camera's own auto exposure, auto gain and gamma, or says in `description.limitations`
     what stands in the way. Every method may raise `CameraError`, in one sentence.
+
+    Parameters
+    ----------
+    camera
+        Opened, not yet started.
+    samples
+        Which samples of a frame its shots hold.
     """
 
-    def __init__(self, camera: Camera) -> None:
+    def __init__(self, camera: Camera, samples: Callable[[Pixels, Layout], Pixels] = light_samples) -> None:
+        self._samples = samples
         self._camera = camera
         self._present: ExposureSetting | None = None
         self._source: SettingSource | None = None
@@ -94,7 +103,7 @@ class Session:
             else:
                 obeyed = frame.setting.agrees_with(taken)
             if obeyed:
-                samples = light_samples(frame.pixels, frame.layout)
+                samples = self._samples(frame.pixels, frame.layout)
                 shots.append(Shot(samples, frame.bit_depth, frame.setting, frame.host_time_ns * 1e-9))
             elif since_write > FRAMES_TO_OBEY:
                 raise CameraError(

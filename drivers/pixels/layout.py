@@ -90,5 +90,34 @@ def light_samples(pixels: Pixels, layout: Layout) -> Pixels:
     return pixels.reshape(len(pixels), -1)
 
 
+def green_samples(pixels: Pixels, layout: Layout) -> Pixels:
+    """What passes one kind of filter, 2-D, in full depth: the first green of each 2x2 of a mosaic, at half its size.
+
+    Of other colours the green, or else the luminance.
+    """
+    if is_mosaic(layout):
+        row, column = divmod(layout.index("G"), 2)
+        return pixels[row::2, column::2]
+    return pixels if layout == "grey" else pixels[..., 0 if layout == "YUYV" else 1]
+
+
+def rgb_samples(pixels: Pixels, layout: Layout) -> Pixels:
+    """Red, green and blue, shape (height, width, 3), in full depth; a mosaic at half its size, with its first green.
+
+    Raises
+    ------
+    ValueError
+        For grey, and for luminance and chroma.
+    """
+    if layout in ("RGB", "BGR"):
+        return pixels if layout == "RGB" else pixels[..., ::-1]
+    if not is_mosaic(layout):
+        raise ValueError(f"{layout} has no samples of red, green and blue")
+    height, width = plane_shape((pixels.shape[0], pixels.shape[1]), layout)
+    places = (divmod(layout.index(colour), 2) for colour in "RGB")
+    planes = [pixels[row : 2 * height : 2, column : 2 * width : 2] for row, column in places]
+    return cast("Pixels", np.stack(planes, axis=-1))
+
+
 def _shifted(pixels: Pixels, bit_depth: int) -> NDArray[np.uint8]:
     return (pixels if bit_depth == 8 else pixels >> bit_depth - 8).astype(np.uint8, copy=False)

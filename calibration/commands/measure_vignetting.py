@@ -1,0 +1,145 @@
+"""The command `autoexpose calibrate vignette`."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+from calibration.commands.measure import tool
+from calibration.commands.place import check_place
+from calibration.commands.rig import CameraMode, places_of, rig_of_config
+from calibration.report import check_extra
+from calibration.report.vignetting import vignetting_facts, write_vignetting_report
+from calibration.response import ResponseFunction
+from calibration.response.file import CameraIdentity, ResponseFile
+from calibration.sources.exposure_times import image_paths
+from calibration.sources.images import read_grey
+from calibration.sources.session import Session
+from calibration.sources.sweep import Shot
+from calibration.vignetting.capture import LOOKS, capture_looks
+from calibration.vignetting.field import field_of
+from calibration.vignetting.file import VignettingFile
+from calibration.vignetting.look import Look
+from calibration.vignetting.result import VignettingResult, calibrate_vignetting
+from drivers.aravis import open_camera
+from drivers.errors import AutoexposeError, ConfigurationError
+from drivers.exposure import ExposureSetting
+from drivers.pixels.layout import green_samples
+
+_UNKNOWN = ExposureSetting(1.0, 0.0)
+"""Of pictures, whose exposure does not matter."""
+
+
+def vignette(
+    *,
+    output: Annotated[Path, typer.Option("-o", "--output", help="The vignetting file; of two cameras, a folder.")],
+    camera: Annotated[
+        list[str] | None, typer.Option("--camera", help="Serial number; twice: left and right of a rig.")
+    ] = None,
+    config: Annotated[Path | None, typer.Option("-c", "--config", help="Both cameras of this configuration.")] = None,
+    images: Annotated[Path | None, typer.Option(help="No camera: a folder of pictures of a flat field.")] = None,
+    response: Annotated[Path | None, typer.Option(help="Response file, if grey levels do not follow light.")] = None,
+) -> None:
+    """Measure how much light a lens lets through to each part of the picture, on an evenly lit uniform surface."""
+    check_extra()
+    console = Console(highlight=False)
+    if [not camera, config is None, images is None].count(False) != 1:
+        raise ConfigurationError("say what to calibrate: one of --camera, --config and --images")
+    if response is not None and (config is not None or len(camera or []) > 1):
+        raise ConfigurationError("--response is for one camera: name each camera's response file in a configuration")
+    if images is not None:
+        _check_place(output)
+        refused = _keep(output, _of_images(images, response), None, console)
+    else:
+        rig = [CameraMode(serial) for serial in camera or []] if config is None else rig_of_config(config)
+        places = places_of(rig, output, "vignetting")
+        for path in places:
+            _check_place(path)
+        refused = False
+        for path, mode in places.items():
+            result, who = _of_camera(mode, _response(response or mode.response, mode.serial), console)
+            refused |= _keep(path, result, who, console)
+    if refused:
+        raise typer.Exit(1)
+
+
+def _check_place(path: Path) -> None:
+    if path.suffix == ".html":
+        raise ConfigurationError(f"{path}: the report needs this name: name the vignetting file .yaml")
+    check_place(path, VignettingFile.load, "vignetting file")
+
+
+def _response(path: Path | None, serial: str | None) -> ResponseFunction:
+    """Of a camera, from its file; linear without one."""
+    if path is None:
+        return ResponseFunction.linear()
+    file = ResponseFile.load(path)
+    if serial is not None:
+        file.check_belongs(serial)
+    return file.response
+
+
+def _of_images(folder: Path, response: Path | None) -> VignettingResult:
+    if not folder.is_dir():
+        raise ConfigurationError(f"{folder}: is not a folder: give one of pictures")
+    curve = _response(response, None)
+    looks: list[Look] = []
+    size, first, deep = (0, 0), folder, False
+    pictures = image_paths(folder)
+    for path in pictures:
+        pixels = read_grey(path)
+        here = (pixels.shape[1], pixels.shape[0])
+        if not looks:
+            size, first = here, path
+        if here != size:
+            raise ConfigurationError(
+                f"{path}: is {here[0]}x{here[1]} pixels, {first.name} is {size[0]}x{size[1]}: take all with one size"
+            )
+        deep = deep or int(pixels.max()) > 4095
+        depth = 8 if pixels.dtype.itemsize == 1 else 16 if deep else 12
+        looks.append(Look(field_of([Shot(pixels, depth, _UNKNOWN)], curve)))
+    return calibrate_vignetting(f"the pictures of {folder}", size, looks)
+
+
+def _of_camera(
+    mode: CameraMode, response: ResponseFunction, console: Console
+) -> tuple[VignettingResult, CameraIdentity]:
+    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("left"), TimeRemainingColumn())
+    looks: list[Look] = []
+    try:
+        with Session(open_camera(mode.serial, mode.setup()), green_samples) as session:
+            who = session.description
+            with Progress(*columns, console=console, speed_estimate_period=60.0) as progress:
+                bar = progress.add_task(f"camera {who.serial}: turn the camera, or move the surface", total=LOOKS)
+                for look in capture_looks(session, response):
+                    looks.append(look)
+                    progress.update(bar, advance=1)
+    except KeyboardInterrupt:
+        raise AutoexposeError(f"camera {mode.serial}: stopped after {len(looks)} looks: nothing was written") from None
+    if who.size is None:
+        raise ConfigurationError(f"camera {who.serial}: does not say how large its frames are")
+    identity = CameraIdentity(who.vendor, who.model, who.serial)
+    return calibrate_vignetting(f"camera {who.serial}", who.size, looks), identity
+
+
+def _keep(path: Path, result: VignettingResult, camera: CameraIdentity | None, console: Console) -> bool:
+    """Write file and report, and print the result; whether it is refused."""
+    report = write_vignetting_report(path.with_suffix(".html"), result)
+    for name, value in vignetting_facts(result):
+        console.print(f"{name}: {value}", soft_wrap=True)
+    for finding in result.findings:
+        console.print(f"{finding.severity}: {finding.text}", soft_wrap=True)
+    console.print(f"verdict: {result.verdict}")
+    if result.solution is None or result.error is None or result.verdict == "refused":
+        console.print(f"written: {report}", soft_wrap=True)
+        return True
+    now = datetime.now(UTC).replace(microsecond=0)
+    error = round(result.error, 4)
+    VignettingFile(result.solution.vignetting, camera, error, now, tool(), result.findings).save(path)
+    console.print(f"written: {path}, {report}", soft_wrap=True)
+    return False

@@ -1,0 +1,158 @@
+"""A vignetting file: what the lens of one camera lets through, and how well that is known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, Strict, model_validator
+
+from calibration.document import read_document
+from calibration.findings import Finding
+from calibration.response.file import CameraIdentity
+from calibration.vignetting.model import Vignetting
+from drivers.errors import ConfigurationError
+
+FORMAT = "autoexpose-vignetting/1"
+_Number = Annotated[float, Strict()]
+_Pixels = Annotated[int, Strict()]
+
+
+@dataclass(frozen=True, slots=True)
+class VignettingFile:
+    """A vignetting, of which camera it is, and how well it is known.
+
+    Attributes
+    ----------
+    vignetting
+        The vignetting itself.
+    camera
+        Which camera it was measured with; None: it does not say.
+    error
+        How far relative light may be from the truth, as a share; None: it does not say.
+    date, tool
+        When, and by which version.
+    findings
+        What made the verdict `with care`.
+    path
+        Where it was read from; None: nowhere.
+    """
+
+    vignetting: Vignetting
+    camera: CameraIdentity | None = None
+    error: float | None = None
+    date: datetime | None = None
+    tool: str | None = None
+    findings: tuple[Finding, ...] = ()
+    path: Path | None = None
+
+    @classmethod
+    def load(cls, path: Path) -> VignettingFile:
+        """Read a vignetting file.
+
+        Raises
+        ------
+        ConfigurationError
+            Naming the file, the key and what to do.
+        """
+        document = read_document(_Document, path, FORMAT)
+        try:
+            vignetting = document.vignetting()
+        except ConfigurationError as error:
+            raise ConfigurationError(f"{path}: {error}") from None
+        return cls(
+            vignetting, document.camera, document.error, document.date, document.tool, document.findings or (), path
+        )
+
+    def save(self, path: Path) -> None:
+        """Write the file; ConfigurationError when it cannot be written."""
+        camera = self.camera
+        document: dict[str, Any] = {
+            "format": FORMAT,
+            "camera": camera and {"vendor": camera.vendor, "model": camera.model, "serial": camera.serial},
+            "date": self.date,
+            "tool": self.tool,
+            "error": self.error,
+            "findings": [{"severity": f.severity, "reason": f.reason, "text": f.text} for f in self.findings],
+            **as_plain(self.vignetting),
+        }
+        said = {key: value for key, value in document.items() if value not in (None, [])}
+        text = yaml.safe_dump(said, sort_keys=False, default_flow_style=None, width=110, allow_unicode=True)
+        try:
+            path.write_text(text, encoding="utf-8")
+        except OSError as error:
+            raise ConfigurationError(f"{path}: cannot be written ({error.strerror}): choose another place") from error
+
+    def check_belongs(self, serial: str, size: tuple[int, int] | None = None) -> None:
+        """Refuse a file of another camera, or of frames of another size; an unknown size (None) is not compared.
+
+        Raises
+        ------
+        ConfigurationError
+            Naming file, camera and what to do.
+        """
+        if self.camera is not None and self.camera.serial != serial:
+            raise ConfigurationError(
+                f"{self.path}: camera.serial is {self.camera.serial}, but this is camera {serial}: name its own file, "
+                f"or calibrate this one: autoexpose calibrate vignette --camera {serial}"
+            )
+        if size is not None:
+            try:
+                self.vignetting.check_size(size, f"camera {serial}")
+            except ConfigurationError as error:
+                raise ConfigurationError(f"{self.path}: {error}") from None
+
+
+class VignettingDocument(BaseModel):
+    """A vignetting as files and messages hold it; the description of a field is the advice after a bad value."""
+
+    width: _Pixels = Field(description="give the width of the frames in pixels")
+    height: _Pixels = Field(description="give the height of the frames in pixels")
+    centre_px: tuple[_Number, _Number] | None = Field(None, description="give column and row, or remove it")
+    coefficients: Annotated[tuple[_Number, ...], Field(min_length=1, max_length=8)] | None = Field(
+        None, description="give a2, a4, ... of the polynomial, at most 8 numbers, or a grid instead"
+    )
+    grid: tuple[tuple[_Number, ...], ...] | None = Field(
+        None, description="give rows of relative light, or coefficients instead"
+    )
+
+    @model_validator(mode="after")
+    def _is_one_kind(self) -> Self:
+        if (self.coefficients is None) == (self.grid is None):
+            raise ValueError("give one of coefficients and grid")
+        if self.centre_px is not None and self.grid is not None:
+            raise ValueError("centre_px belongs to coefficients: remove it")
+        return self
+
+    def vignetting(self) -> Vignetting:
+        """The vignetting; raises ConfigurationError, as that does."""
+        centre_px = self.centre_px or ((self.width - 1) / 2.0, (self.height - 1) / 2.0)
+        return Vignetting(self.width, self.height, centre_px, self.coefficients or (), self.grid or ())
+
+
+class _Document(VignettingDocument):
+    """All keys of a vignetting file; one that this version does not know is refused."""
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+    format: Literal["autoexpose-vignetting/1"] = Field(description=f"only {FORMAT!r} can be read")
+    camera: CameraIdentity | None = Field(
+        None, description='give {vendor: ..., model: ..., serial: "..."}, each in quotes, or remove it'
+    )
+    date: Annotated[datetime, Strict()] | None = Field(None, description="give date and time, or remove it")
+    tool: Annotated[str, Strict()] | None = Field(None, description="give name and version in quotes, or remove it")
+    error: Annotated[float, Strict(), Field(ge=0)] | None = Field(
+        None, description="give a share of the light, or remove it"
+    )
+    findings: tuple[Finding, ...] | None = Field(None, description="keep it as it was written, or remove it")
+
+
+def as_plain(vignetting: Vignetting) -> dict[str, Any]:
+    """The keys of `VignettingDocument`."""
+    size: dict[str, Any] = {"width": vignetting.width, "height": vignetting.height}
+    if vignetting.grid:
+        return {**size, "grid": [list(row) for row in vignetting.grid]}
+    return {**size, "centre_px": list(vignetting.centre_px), "coefficients": list(vignetting.coefficients)}
