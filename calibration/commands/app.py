@@ -19,6 +19,7 @@ from calibration.commands.measure_geometry import geometry
 from calibration.commands.measure_latency import latency
 from calibration.commands.measure_noise import noise
 from calibration.commands.measure_vignetting import vignette
+from calibration.commands.measure_white import white
 from calibration.commands.rig import CameraMode, places_of, rig_of_config
 from calibration.commands.tum import tum_table
 from calibration.findings import Finding
@@ -118,6 +119,7 @@ calibrate_app.command()(gain)
 calibrate_app.command()(geometry)
 calibrate_app.command()(board)
 calibrate_app.command()(vignette)
+calibrate_app.command()(white)
 
 
 def _previous(path: Path) -> ResponseFile | None:

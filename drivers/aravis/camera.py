@@ -56,6 +56,7 @@ class AravisCamera:
         if nodes.exists("AcquisitionStop"):
             nodes.call("stop acquisition", camera.stop_acquisition)
         switch_auto_off(nodes)  # so that nothing locks, or overwrites, what is set
+        switch_white_balance_off(nodes, setup.pixel_format)
         apply_features(nodes, setup)
         switch_auto_off(nodes)
         self._dialect = find_dialect(nodes, setup.gain_scale)  # first: what cannot expose is refused for just that

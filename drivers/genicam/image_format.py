@@ -52,9 +52,14 @@ def choose_pixel_format(nodes: NodeMap, wanted: PixelFormat | None) -> PixelForm
     return wanted
 
 
-def switch_white_balance_off(nodes: NodeMap, pixel_format: PixelFormat) -> None:
-    """Keep the camera from changing its ratios of colours behind the response; grey has none."""
-    if pixel_format.layout == "grey" or "Off" not in nodes.entries("BalanceWhiteAuto"):
+def switch_white_balance_off(nodes: NodeMap, pixel_format: PixelFormat | None) -> None:
+    """Keep the camera from changing its ratios of colours behind the response; grey has none.
+
+    A `pixel_format` of None is the present one.
+    """
+    if pixel_format is None and nodes.entries("PixelFormat"):
+        pixel_format = _BY_NAME.get(nodes.read_entry("PixelFormat"))
+    if pixel_format is None or pixel_format.layout == "grey" or "Off" not in nodes.entries("BalanceWhiteAuto"):
         return
     present = nodes.read_entry("BalanceWhiteAuto")
     if present != "Off":

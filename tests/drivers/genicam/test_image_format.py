@@ -66,6 +66,15 @@ def test_automatic_white_balance_is_switched_off_and_said_so_where_there_are_col
     switch_white_balance_off(MemoryNodes({}), PixelFormat.RGB8)
 
 
+def test_before_a_format_is_chosen_the_present_one_says_whether_there_are_colours() -> None:
+    for present, written in (("BayerRG8", ["BalanceWhiteAuto"]), ("Mono8", []), ("YUV411Packed", [])):
+        nodes = colour_camera(present)
+        nodes.nodes["BalanceWhiteAuto"] = EnumerationNode("Continuous", ("Off", "Continuous"))
+        switch_white_balance_off(nodes, None)
+        assert [name for name, _ in nodes.writes] == written
+    switch_white_balance_off(MemoryNodes({}), None)
+
+
 def test_the_size_of_frames_is_what_the_camera_says_if_it_does() -> None:
     nodes = {"Width": IntegerNode(720), "Height": IntegerNode(540)}
     assert frame_size(MemoryNodes(nodes)) == (720, 540)
