@@ -6,7 +6,11 @@ import bisect
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.messages.read import (
@@ -20,6 +24,7 @@ from autoexpose_daemon.messages.read import (
 from autoexpose_daemon.status.publishing import ConsumerTally
 from calibration.response import ResponseFunction
 from calibration.response.normalised import Bits, normalised
+from calibration.vignetting.model import Vignetting
 from drivers.errors import ConfigurationError
 from drivers.frames import SIDES, Frame, Side, StereoPair
 from drivers.pixels.layout import Pixels
@@ -55,6 +60,8 @@ class ReceivedPair:
         When the pair was complete here, CLOCK_MONOTONIC.
     responses
         The response function of each camera, if the client was opened with `normalised`.
+    vignettings
+        Along with them, what the lens of each camera lets through, of those where it was measured.
     """
 
     left: Frame
@@ -65,6 +72,7 @@ class ReceivedPair:
     decision: Decision | None
     received_ns: int
     responses: Mapping[Side, ResponseFunction] = field(default_factory=dict)
+    vignettings: Mapping[Side, Vignetting] = field(default_factory=dict)
 
     @property
     def stereo(self) -> StereoPair:
@@ -79,15 +87,18 @@ class ReceivedPair:
         """Exposure level of the brighter exposed frame, stops."""
         return max(frame.setting.level for frame in self.stereo.frames.values())
 
-    def normalised(self, reference: float | None = None, bits: Bits = 8, *, dither: bool = False) -> NormalisedPair:
+    def normalised(
+        self, reference: float | None = None, bits: Bits = 8, *, dither: bool = False, flat: bool = False
+    ) -> NormalisedPair:
         """The frames as if taken with the exposure level `reference` (stops); None: that of the brighter exposed one.
 
-        Scales, marks and `dither` are those of `calibration.response.normalised.normalised`.
+        Scales, marks and `dither` are those of `calibration.response.normalised.normalised`. With `flat` vignetting is
+        divided out: the light is as it is at the brightest place of the lens.
 
         Raises
         ------
         ConfigurationError
-            If the responses are not known.
+            If the responses are not known, or with `flat` the vignetting.
         """
         reference = self.level if reference is None else reference
         images: dict[Side, Pixels] = {}
@@ -96,8 +107,24 @@ class ReceivedPair:
                 raise ConfigurationError(
                     f"the response of the {side} camera is not known: open StereoClient with normalised=True"
                 )
-            images[side] = normalised(frame, self.responses[side], reference, bits, dither=dither)
+            light = self._relative_light(side, frame) if flat else None
+            images[side] = normalised(frame, self.responses[side], reference, bits, dither=dither, relative_light=light)
         return NormalisedPair(images["left"], images.get("right"), reference)
+
+    def _relative_light(self, side: Side, frame: Frame) -> NDArray[np.float32]:
+        if side not in self.vignettings:
+            raise ConfigurationError(
+                f"the vignetting of the {side} camera is not known: name its file as cameras.{side}.vignetting in the "
+                "daemon's configuration"
+            )
+        height, width = frame.pixels.shape[:2]
+        self.vignettings[side].check_size((width, height), f"the {side} camera")
+        return _full_light(self.vignettings[side])
+
+
+@lru_cache(maxsize=4)
+def _full_light(vignetting: Vignetting) -> NDArray[np.float32]:
+    return vignetting.relative_light(vignetting.height, vignetting.width)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -109,18 +136,19 @@ class NormalisedPair:
     reference: float
 
 
-def alike(*pairs: ReceivedPair, bits: Bits = 8, dither: bool = False) -> list[NormalisedPair]:
+def alike(*pairs: ReceivedPair, bits: Bits = 8, dither: bool = False, flat: bool = False) -> list[NormalisedPair]:
     """Pairs in one photometric scale: each as if taken with the brightest of their exposures.
 
     That is the level at which all are saturated alike: what the brightest saturated, no other frame shows either.
+    `flat` is that of `ReceivedPair.normalised`.
 
     Raises
     ------
     ConfigurationError
-        If the responses are not known.
+        If the responses are not known, or with `flat` the vignetting.
     """
     reference = max(pair.level for pair in pairs)
-    return [pair.normalised(reference, bits, dither=dither) for pair in pairs]
+    return [pair.normalised(reference, bits, dither=dither, flat=flat) for pair in pairs]
 
 
 @dataclass(slots=True)

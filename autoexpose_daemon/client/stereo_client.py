@@ -35,9 +35,10 @@ from autoexpose_daemon.messages.light import light_ahead
 from autoexpose_daemon.messages.read import DamagedMessageError
 from autoexpose_daemon.messages.registration import RegisteredView, registration
 from autoexpose_daemon.publish.session import Endpoints, SessionHolder
-from autoexpose_daemon.status.document import response_from_json
+from autoexpose_daemon.status.document import response_from_json, vignetting_from_json
 from autoexpose_daemon.status.publishing import ConsumerTally
 from calibration.response import ResponseFunction
+from calibration.vignetting.model import Vignetting
 from drivers.errors import ConfigurationError
 from drivers.frames import Side
 
@@ -69,7 +70,7 @@ class StereoClient:
         How the daemon shows this consumer; None: by program and process.
     normalised
         Hand out pairs only once the cameras' response functions are known, up to a second later, so that
-        `ReceivedPair.normalised` and `alike` work.
+        `ReceivedPair.normalised` and `alike` work; vignetting comes with them.
 
     Raises
     ------
@@ -190,11 +191,12 @@ class StereoClient:
 
 
 class _Responses:
-    """The latest response function of each camera; the same object for as long as it stays the same."""
+    """The latest response function and vignetting of each camera; the same objects as long as they stay the same."""
 
     def __init__(self) -> None:
         self._texts: dict[Side, bytes] = {}
         self._of: dict[Side, ResponseFunction] = {}
+        self._vignettings: dict[Side, Vignetting] = {}
 
     def take(self, side: Side, data: bytes, _now_ns: int) -> None:
         """Take a message; a damaged one changes nothing."""
@@ -203,7 +205,12 @@ class _Responses:
         response = response_from_json(data)
         if response is not None:
             self._texts[side], self._of = data, self._of | {side: response}
+            others = {each: vignetting for each, vignetting in self._vignettings.items() if each != side}
+            vignetting = vignetting_from_json(data)
+            self._vignettings = others if vignetting is None else {**others, side: vignetting}
 
     def joined_to(self, pair: ReceivedPair) -> ReceivedPair | None:
         """The pair with the responses of its cameras; None while one is missing."""
-        return replace(pair, responses=self._of) if self._of.keys() >= pair.stereo.frames.keys() else None
+        if not self._of.keys() >= pair.stereo.frames.keys():
+            return None
+        return replace(pair, responses=self._of, vignettings=self._vignettings)

@@ -39,6 +39,7 @@ from calibration.geometry.file import check_camera, check_pair, load_geometry
 from calibration.geometry.model import CameraGeometry
 from calibration.response import ResponseFunction
 from calibration.response.file import ResponseFile
+from calibration.vignetting.file import VignettingFile
 from drivers.camera import CameraDescription
 from drivers.config.feature import FeatureSetting, as_list, parse_features
 from drivers.exposure import ExposureLimits, ExposureSetting
@@ -60,17 +61,18 @@ Features = Annotated[tuple[FeatureSetting, ...], BeforeValidator(parse_features)
 
 
 class CameraConfig(Section):
-    """One camera: its serial, the files with its response (none: linear), gain and geometry, and features to set."""
+    """One camera: its serial, its calibration files (without a response file it is linear), and features to set."""
 
     serial: Annotated[Name, BeforeValidator(_refuse_number)]
     response: Path | None = None
     gain_calibration: Path | None = None
     calibration: Path | None = None
+    vignetting: Path | None = None
     features: Features = ()
 
     def relative_to(self, folder: Path) -> Self:
         """The same with the paths of its files relative to `folder`."""
-        files = {key: getattr(self, key) for key in ("response", "gain_calibration", "calibration")}
+        files = {key: getattr(self, key) for key in ("response", "gain_calibration", "calibration", "vignetting")}
         return self.model_copy(update={key: path and folder / path for key, path in files.items()})
 
 
@@ -327,6 +329,23 @@ class Config(Section):
         check_pair(geometries)
         return geometries
 
+    @cached_property
+    def vignettings(self) -> dict[Side, VignettingFile]:
+        """The vignetting file of each camera that has one, read once.
+
+        Raises
+        ------
+        ConfigurationError
+            Naming key and file if a file cannot be used, or is for another camera.
+        """
+        files: dict[Side, VignettingFile] = {}
+        for side, camera in self.sides.items():
+            if camera.vignetting is not None:
+                with said_of(f"cameras.{side}.vignetting"):
+                    files[side] = VignettingFile.load(camera.vignetting)
+                    files[side].check_belongs(camera.serial)
+        return files
+
     def check_frames(self, side: Side, description: CameraDescription) -> None:
         """Refuse files that were made for another pixel format or size than a camera sends.
 
@@ -340,3 +359,6 @@ class Config(Section):
         if side in self.calibrations:
             with said_of(f"cameras.{side}.calibration: {camera.calibration}"):
                 check_camera(self.calibrations[side], camera.serial, description.size)
+        if side in self.vignettings:
+            with said_of(f"cameras.{side}.vignetting"):
+                self.vignettings[side].check_belongs(camera.serial, description.size)

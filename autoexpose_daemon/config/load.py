@@ -15,7 +15,7 @@ from drivers.errors import ConfigurationError
 
 
 def load_config(path: Path) -> Config:
-    """Read and check a configuration file, with the response, gain, calibration and mask files it names.
+    """Read and check a configuration file, with the calibration and mask files it names.
 
     Raises
     ------
@@ -31,7 +31,7 @@ def load_config(path: Path) -> Config:
     try:
         config = _with_absolute_paths(config, path.resolve().parent)
         # Read now, so that errors in them are reported now.
-        _ = config.responses, config.gain_scales, config.calibrations, config.control.roi.regions
+        _ = config.responses, config.gain_scales, config.calibrations, config.vignettings, config.control.roi.regions
     except ConfigurationError as error:
         raise ConfigurationError(f"{path}: {error}") from error
     refuse_driven_features(path, config)

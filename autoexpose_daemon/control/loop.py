@@ -14,6 +14,7 @@ from autoexpose_daemon.control.balance import Balance, whole_periods_us
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.control.metrics.gradient import ExtremeShares, GradientMetric, mean_signal
+from autoexpose_daemon.control.metrics.information import CELLS
 from autoexpose_daemon.control.motion import DisMotion, FarnebackMotion, FlowMotion
 from autoexpose_daemon.control.override import NO_OVERRIDE, Compensation, Override
 from autoexpose_daemon.control.parameters import FASTEST_TURN_RAD_S, REMEMBERED_STEPS, ControlParameters
@@ -24,6 +25,7 @@ from autoexpose_daemon.control.policies.table import build_policy
 from autoexpose_daemon.control.policy import Look, Objective, Observation, PastStep, PolicySetup, Target
 from autoexpose_daemon.control.snapshot import Plain, restore, take
 from calibration.response import ResponseFunction
+from calibration.vignetting.model import Vignetting
 from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import SIDES, Frame, Side, StereoPair
@@ -49,11 +51,18 @@ class ControlSetup:
     start: ExposureSetting
     parameters: ControlParameters
     regions: dict[Side, Region]
+    vignettings: dict[Side, Vignetting]
 
     def loop(self) -> ControlLoop:
         """A new loop."""
         return ControlLoop(
-            self.policy_id, self.responses, self.limits, self.start, self.parameters, regions=self.regions
+            self.policy_id,
+            self.responses,
+            self.limits,
+            self.start,
+            self.parameters,
+            regions=self.regions,
+            vignettings=self.vignettings,
         )
 
 
@@ -77,6 +86,8 @@ class ControlLoop:
         Tuning and choices.
     regions
         What counts in a camera's picture; without one, everything.
+    vignettings
+        What a camera's lens lets through; without one, contrast counts as frames show it.
 
     Attributes
     ----------
@@ -104,9 +115,12 @@ class ControlLoop:
         parameters: ControlParameters = _DEFAULT_PARAMETERS,
         *,
         regions: Mapping[Side, Region] | None = None,
+        vignettings: Mapping[Side, Vignetting] | None = None,
     ) -> None:
         by_side = dict.fromkeys(SIDES, responses) if isinstance(responses, ResponseFunction) else dict(responses)
-        self.setup = ControlSetup(policy_id, by_side, limits, start, parameters, dict(regions or {}))
+        self.setup = ControlSetup(
+            policy_id, by_side, limits, start, parameters, dict(regions or {}), dict(vignettings or {})
+        )
         self.angular_rate_rad_s: float | None = None
         self.light_ahead: LightAhead | None = None
         self.override = NO_OVERRIDE
@@ -116,7 +130,10 @@ class ControlLoop:
         self._metric = GradientMetric(parameters.metric_delta, parameters.metric_lambda)
         self._policy = build_policy(PolicySetup(policy_id, by_side, self._metric, start, parameters))
         self._flicker = FlickerWatch(by_side) if parameters.flicker_hz is None else None
-        self._views = {side: View(response, self.setup.regions.get(side)) for side, response in by_side.items()}
+        self._views = {
+            side: View(response, self.setup.regions.get(side), self.setup.vignettings.get(side))
+            for side, response in by_side.items()
+        }
         flow = self._policy.FLOW if parameters.motion == "policy" else parameters.motion
         motion = FarnebackMotion if flow == "farneback" else DisMotion
         self._motions: dict[Side, FlowMotion] = {side: motion(response) for side, response in by_side.items()}
@@ -199,8 +216,8 @@ class ControlLoop:
         Raises
         ------
         ConfigurationError
-            For a frame that is too small, a region that does not fit the frames, or an angular rate beyond
-            `FASTEST_TURN_RAD_S` or without a focal length.
+            For a frame that is too small, a region or a vignetting that does not fit the frames, or an angular rate
+            beyond `FASTEST_TURN_RAD_S` or without a focal length.
         """
         self.angular_rate_rad_s, self.light_ahead, self.override = angular_rate_rad_s, light_ahead, override
         self._compensate(override.ev_stops)
@@ -324,13 +341,19 @@ class ControlLoop:
 
 
 class View:
-    """How control sees one camera: the prepared image, its response function, and the weights of its region."""
+    """How control sees one camera: the prepared image, its response function, and the weights of its region.
 
-    def __init__(self, response: ResponseFunction, region: Region | None = None) -> None:
+    And what its lens lets through.
+    """
+
+    def __init__(
+        self, response: ResponseFunction, region: Region | None = None, vignetting: Vignetting | None = None
+    ) -> None:
         self.shares = ExtremeShares(response)
         self._response = response
         self._preparation = ImagePreparation()
-        self._region = region
+        self._region, self._vignetting = region, vignetting
+        self._relative_light = None if vignetting is None else _in_steps(vignetting.relative_light(CELLS, CELLS))
         self._weights: NDArray[np.uint8] | None = None
         self._shape: tuple[int, ...] = ()
 
@@ -338,13 +361,26 @@ class View:
         """What a policy sees of a frame, valid until the next call."""
         grey = frame.grey8(self._response.saturation)
         image = self._preparation.prepare(grey)
-        if self._region is not None and frame.pixels.shape != self._shape:
-            self._weights = self._region.weights(frame.pixels.shape, grey.shape)
-            self._shape = frame.pixels.shape
+        if frame.pixels.shape != self._shape:
+            self._fit(side, frame.pixels.shape, grey.shape)
         scale = frame.pixels.shape[1] / image.shape[1]
         counted = MOSAIC_SHARE if is_mosaic(frame.layout) else 1.0
         averaged = counted * scale**2
-        return Look(side, image, self._response, self._weights, self._preparation.unfiltered, scale, averaged)
+        unfiltered, light = self._preparation.unfiltered, self._relative_light
+        return Look(side, image, self._response, self._weights, unfiltered, scale, averaged, light)
+
+    def _fit(self, side: Side, shape: tuple[int, ...], seen: tuple[int, ...]) -> None:
+        """Fit region and vignetting to frames of a shape, of which control sees a plane of another one."""
+        if self._region is not None:
+            self._weights = self._region.weights(shape, seen)
+        if self._vignetting is not None:
+            self._vignetting.check_size((shape[1], shape[0]), f"the {side} camera")
+        self._shape = shape
+
+
+def _in_steps(light: NDArray[np.float32]) -> NDArray[np.float64]:
+    """The relative light of cells to a quarter of a stop, shape (cells,): few levels, and none of them costs much."""
+    return np.exp2(np.round(4.0 * np.log2(light.astype(np.float64).ravel())) / 4.0)
 
 
 def _in_words(target: Target, ev_stops: float, level: float) -> str:

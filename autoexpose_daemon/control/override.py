@@ -98,4 +98,4 @@ class Compensation:
             brighter = prediction_table(look.response, -left)
             table = np.concatenate([table[: shares.saturated_from], brighter[shares.saturated_from :]])
         before_median = None if look.before_median is None else table[look.before_median]
-        return Look(look.side, table[look.image], look.response, look.weights, before_median, look.scale, look.averaged)
+        return replace(look, image=table[look.image], before_median=before_median)

@@ -66,6 +66,9 @@ class Look:
         Width of the frame over that of `image`.
     averaged
         How many samples of the sensor were averaged into a pixel of `image`.
+    relative_light
+        What the lens lets through to each of the 8x8 cells of the picture, row by row, float64, shape (64,), to a
+        quarter of a stop; None: not known.
     """
 
     side: Side
@@ -75,6 +78,7 @@ class Look:
     before_median: NDArray[np.uint8] | None = None
     scale: float = 1.0
     averaged: float = 1.0
+    relative_light: NDArray[np.float64] | None = None
 
     @property
     def unfiltered(self) -> NDArray[np.uint8]:

@@ -10,15 +10,17 @@ from autoexpose_daemon.control.light_ahead import UNPROVEN
 from drivers.frames import SIDES
 
 FORMER_FORMATS = ("autoexpose-control/2", "autoexpose-control/3", "autoexpose-control/4")
-"""In the fourth, gains had even steps, and nothing stood above the policy. In the third, no policy knew of light ahead.
-In the second, control had one response, the left camera's, and one history of motion, whichever camera the frames were
-from, and every camera had a vote."""
+"""The fifth began without vignettings. In the fourth, gains had even steps, and nothing stood above the policy. In the
+third, no policy knew of light ahead. In the second, control had one response, the left camera's, and one history of
+motion, whichever camera the frames were from, and every camera had a vote."""
 
 
 def upgraded_setup(setup: Any) -> Any:
     """A setup of one of `FORMER_FORMATS` as one of the present format; anything else is returned unchanged."""
     if not isinstance(setup, dict):
         return setup
+    if "regions" in setup:
+        setup = {"vignettings": {}, **setup}
     if isinstance(setup.get("limits"), dict):
         setup = {**setup, "limits": {"gains_db": [], **setup["limits"]}}
     if "response" not in setup:

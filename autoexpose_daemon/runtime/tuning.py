@@ -22,7 +22,7 @@ from drivers.frames import SIDES, Side
 
 
 class Tuning:
-    """Bounds, policy, parameters, response, geometry and regions; reads their files unless the configuration has.
+    """Bounds, policy, parameters, calibrations of the cameras and regions; reads files unless the configuration has.
 
     Raises
     ------
@@ -34,6 +34,7 @@ class Tuning:
         self.config = config
         self.responses = {side: file.response for side, file in config.responses.items()}
         self.calibrations = config.calibrations
+        self.vignettings = {side: file.vignetting for side, file in config.vignettings.items()}
         self.regions = config.control.roi.regions
 
     def changed(self, request: Request) -> Self:
@@ -101,4 +102,5 @@ class Tuning:
             self.config.start,
             parameters=control.parameters(),
             regions=self.regions,
+            vignettings=self.vignettings,
         )

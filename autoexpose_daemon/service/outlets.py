@@ -96,5 +96,8 @@ def _texts(daemon: Daemon, last: bool) -> dict[str, str]:
     """The status and the response of each camera, by key; `last`: before the session closes."""
     tuning = daemon.tuning
     status = describe(daemon.telemetry, tuning.config, ending=last)
-    responses = {response_key(status.rig, side): response_to_json(it) for side, it in tuning.responses.items()}
+    responses = {
+        response_key(status.rig, side): response_to_json(it, tuning.vignettings.get(side))
+        for side, it in tuning.responses.items()
+    }
     return {status_key(status.rig): status.to_json()} | responses

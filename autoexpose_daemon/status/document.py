@@ -6,7 +6,7 @@ import json
 from dataclasses import asdict, dataclass
 from typing import Annotated
 
-from pydantic import AfterValidator, Field, TypeAdapter, ValidationError
+from pydantic import AfterValidator, BaseModel, Field, TypeAdapter, ValidationError
 
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.status.counters import Count, Counts
@@ -16,6 +16,8 @@ from autoexpose_daemon.status.publishing import ConsumerTally
 from autoexpose_daemon.status.requests import RequestTally
 from autoexpose_daemon.status.states import Health, State
 from calibration.response import CurveDocument, ResponseFunction
+from calibration.vignetting.file import VignettingDocument, as_plain
+from calibration.vignetting.model import Vignetting
 from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureSetting
 from drivers.frames import Side
@@ -27,7 +29,7 @@ LARGEST_STATUS_BYTES = 1 << 20
 """Three times what the longest faults take."""
 
 LARGEST_RESPONSE_BYTES = 1 << 16
-"""The 256 numbers of a response function take 6 KB."""
+"""The 256 numbers of a response function take 6 KB, the largest grid of a vignetting 40 KB."""
 
 _Few = Field(max_length=100)
 _Counts = Annotated[dict[str, Count], _Few]
@@ -213,10 +215,11 @@ class Status:
 _ADAPTER = TypeAdapter(Status)
 
 
-def response_to_json(response: ResponseFunction) -> str:
-    """The text for a camera's response function, which is sent beside the status."""
+def response_to_json(response: ResponseFunction, vignetting: Vignetting | None = None) -> str:
+    """The text for a camera's response function, which is sent beside the status, and its vignetting if it is known."""
     curve = response.log2_exposure.tolist()
-    return json.dumps({"log2_exposure": curve, "black_level": response.black_level, "saturation": response.saturation})
+    content = {"log2_exposure": curve, "black_level": response.black_level, "saturation": response.saturation}
+    return json.dumps(content if vignetting is None else {**content, "vignetting": as_plain(vignetting)})
 
 
 def response_from_json(text: str | bytes) -> ResponseFunction | None:
@@ -225,5 +228,20 @@ def response_from_json(text: str | bytes) -> ResponseFunction | None:
         return None
     try:
         return CurveDocument.model_validate_json(text).response()
+    except (ValidationError, ConfigurationError):
+        return None
+
+
+class _WithVignetting(BaseModel):
+    vignetting: VignettingDocument | None = None
+
+
+def vignetting_from_json(text: str | bytes) -> Vignetting | None:
+    """The vignetting in a message of `response_to_json`; None if there is none, or the message is damaged."""
+    if len(text) > LARGEST_RESPONSE_BYTES:
+        return None
+    try:
+        document = _WithVignetting.model_validate_json(text).vignetting
+        return None if document is None else document.vignetting()
     except (ValidationError, ConfigurationError):
         return None

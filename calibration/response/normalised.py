@@ -34,7 +34,13 @@ _KEPT_TABLES = 16
 
 
 def normalised(
-    frame: Frame, response: ResponseFunction, reference: float, bits: Bits = 8, *, dither: bool = False
+    frame: Frame,
+    response: ResponseFunction,
+    reference: float,
+    bits: Bits = 8,
+    *,
+    dither: bool = False,
+    relative_light: NDArray[np.float32] | None = None,
 ) -> Pixels:
     """A frame's pixels brought to another exposure; new, writable, of the frame's shape.
 
@@ -53,6 +59,8 @@ def normalised(
     dither
         Round 8 bits by an ordered dither instead of to the nearest. It keeps the mean of areas without noise, but its
         pattern stays in place while the scene moves.
+    relative_light
+        What the lens lets through to each pixel, 0..1, shape (height, width): it is divided out. None: it is not.
 
     Raises
     ------
@@ -68,11 +76,17 @@ def normalised(
 
     if frame.layout == "YUYV":
         raise ConfigurationError("frames of YUV422_8 cannot be brought to another exposure: use a Bayer format or RGB8")
-    table = _table(response, frame.bit_depth - 8, frame.setting.level - reference, bits, dither)
+    flat_bits = bits if relative_light is None else 16
+    table = _table(response, frame.bit_depth - 8, frame.setting.level - reference, flat_bits, dither)
     if frame.pixels.dtype == np.uint8:
         codes: Any = cv2.LUT(frame.pixels, table)
     else:  # OpenCV before 5 looks up bytes only; clip: a code may have more bits than its camera said
         codes = table.take(frame.pixels, mode="clip")
+    if relative_light is not None:
+        light: Any = relative_light if codes.ndim == 2 else cv2.merge([relative_light] * codes.shape[2])
+        codes = cv2.divide(codes, light, dtype=cv2.CV_16U)  # saturates: 65535 stays what it is
+        if bits == 8:
+            codes = _greys(response, dither)[codes]
     if bits == 16 or not dither:
         return cast("Pixels", codes)
     flat: Any = codes.reshape(len(codes), -1)
@@ -102,6 +116,18 @@ def _table(response: ResponseFunction, shift: int, stops: float, bits: Bits, dit
     table[unknown | (codes >> shift >= saturation)] = 65535 if wide else 255
     rounded = np.rint(table)
     return np.asarray(rounded, np.uint16) if wide else np.asarray(rounded, np.uint8)
+
+
+@lru_cache(maxsize=4)
+def _greys(response: ResponseFunction, dither: bool) -> Pixels:
+    """The output in 8 bits for each code of 16 bits; with dither, in 1/256 of a grey level."""
+    greys = np.arange(response.black_level, response.saturation + 1, dtype=np.float64)
+    light = response.light(greys)
+    codes = np.arange(1 << 16)
+    table = np.interp(codes / WHITE_16, light, greys) * ((1 << _FRACTION_BITS) if dither else 1)
+    table[(codes > math.ceil(light[-2] * WHITE_16)) | (codes > _LAST_16)] = 65535 if dither else 255
+    rounded = np.rint(table)
+    return rounded.astype(np.uint16) if dither else rounded.astype(np.uint8)
 
 
 @lru_cache(maxsize=4)

@@ -15,6 +15,7 @@ LEAST_LIGHT = 0.02
 """Darker parts are outside of what a lens covers, and cannot be made up for."""
 LARGEST_PIXELS = 65_536
 MOST_NODES = 64
+LARGEST_NUMBER = 1000.0
 _LOOK = (48, 64)
 
 
@@ -53,9 +54,14 @@ class Vignetting:
             counts = {len(row) for row in self.grid} | {len(self.grid)}
             if len({len(row) for row in self.grid}) > 1 or min(counts) < 2 or max(counts) > MOST_NODES:
                 raise ConfigurationError(f"grid must have 2 to {MOST_NODES} rows, all of 2 to {MOST_NODES} numbers")
+        for at, pixels in zip(self.centre_px, (self.width, self.height), strict=True):
+            if not -pixels <= at <= 2 * pixels:
+                raise ConfigurationError(f"centre_px is {list(self.centre_px)}: give column and row near the picture")
+        key, values = ("grid", sum(self.grid, ())) if self.grid else ("coefficients", self.coefficients)
+        if not all(abs(value) <= LARGEST_NUMBER for value in values):
+            raise ConfigurationError(f"{key} has numbers beyond {LARGEST_NUMBER:g}: give relative light")
         light = self._light(*_LOOK)
-        if not np.isfinite(light).all() or light.min() < LEAST_LIGHT * light.max():
-            key = "grid" if self.grid else "coefficients"
+        if not light.min() > LEAST_LIGHT * light.max():
             raise ConfigurationError(
                 f"{key} leave less than {LEAST_LIGHT:.0%} of the light in a part of the picture: measure again, and "
                 "leave parts that the lens does not cover out of the camera's region"
@@ -67,11 +73,11 @@ class Vignetting:
         return np.asarray(light / light.max(), np.float32)
 
     def check_size(self, size: tuple[int, int], who: str) -> None:
-        """Refuse frames of another width and height; raises ConfigurationError."""
+        """Refuse frames of another width and height, which `who` sends; raises ConfigurationError."""
         if size != (self.width, self.height):
             raise ConfigurationError(
-                f"is for frames of {self.width}x{self.height} pixels, but {who} sends {size[0]}x{size[1]}: measure it "
-                "with this region, binning and decimation, or set those of the file"
+                f"the vignetting is for frames of {self.width}x{self.height} pixels, but {who} sends "
+                f"{size[0]}x{size[1]}: measure it with this region, binning and decimation, or set those of the file"
             )
 
     def _light(self, rows: int, columns: int) -> Array:

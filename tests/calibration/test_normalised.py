@@ -124,3 +124,45 @@ def test_luminance_and_chroma_are_refused() -> None:
     frame = Frame(np.zeros((6, 8, 2), np.uint8), 8, 1, 1, 1, 1, ExposureSetting(TIME_US, 0.0), layout="YUYV")
     with pytest.raises(ConfigurationError, match="YUV422_8 cannot be brought to another exposure"):
         normalised(frame, ResponseFunction.linear(), 10.0)
+
+
+@pytest.mark.parametrize("dither", [False, True])
+@pytest.mark.parametrize("response", RESPONSES)
+def test_without_vignetting_a_flat_frame_is_the_same(response: ResponseFunction, dither: bool) -> None:
+    light = np.ones((16, 16), np.float32)
+    for stops in (-1.0, 0.0, 0.7):
+        one = frame(ALL_GREYS, stops)
+        sizes: tuple[Bits, Bits] = (8, 16)
+        for bits in sizes:
+            plain = normalised(one, response, LEVEL, bits, dither=dither)
+            flat = normalised(one, response, LEVEL, bits, dither=dither, relative_light=light)
+            assert np.array_equal(plain == 2**bits - 1, flat == 2**bits - 1)
+            far = np.abs(plain.astype(int) - flat)
+            assert far.max() <= (0 if bits == 16 else 2)
+            assert far[plain >= 32].max() <= 1
+
+
+@pytest.mark.parametrize("depth", [8, 12])
+def test_a_flat_field_through_a_lens_becomes_flat(depth: int) -> None:
+    y, x = np.mgrid[:60, :80]
+    light = (1.0 - 0.6 * ((x - 40) ** 2 + (y - 30) ** 2) / 2500).astype(np.float32)
+    full = (1 << depth) - 1
+    pixels = np.rint(0.5 * full * light).astype(np.uint8 if depth == 8 else np.uint16)
+    flat = normalised(frame(pixels, 0.0, depth), LINEAR, LEVEL, relative_light=light)
+    assert np.abs(flat.astype(int) - 128).max() <= (3 if depth == 8 else 1)
+    colours = Frame(np.dstack([pixels] * 3), 8, 1, 1, 1, 1, ExposureSetting(TIME_US, 0.0), layout="RGB")
+    if depth == 8:
+        assert np.array_equal(normalised(colours, LINEAR, LEVEL, relative_light=light), np.dstack([flat] * 3))
+    deep = normalised(frame(pixels, 0.0, depth), LINEAR, LEVEL, 16, relative_light=light)
+    assert deep.mean() == pytest.approx(0.5 * WHITE_16, rel=0.01)
+
+
+def test_what_is_brighter_than_white_in_a_corner_is_unknown_in_8_bits_and_known_in_16() -> None:
+    light = np.full((4, 4), 0.5, np.float32)
+    bright = frame(np.full((4, 4), 200, np.uint8))
+    assert (normalised(bright, LINEAR, LEVEL, relative_light=light) == 255).all()
+    known = normalised(bright, LINEAR, LEVEL, 16, relative_light=light)
+    assert known[0, 0] == pytest.approx(2 * 200 / 255 * WHITE_16, rel=1e-3)
+    full = frame(np.full((4, 4), 255, np.uint8))
+    assert (normalised(full, LINEAR, LEVEL - 3, relative_light=light) == 255).all()
+    assert (normalised(full, LINEAR, LEVEL, 16, relative_light=light) == 65535).all()

@@ -42,7 +42,7 @@ from autoexpose_daemon.recording.read import Recording
 from autoexpose_daemon.recording.replay import Replay
 from autoexpose_daemon.runtime.tuning import Tuning
 from autoexpose_daemon.service.last_exposure import FORMAT, LastExposure
-from autoexpose_daemon.status.document import Status, response_from_json, response_to_json
+from autoexpose_daemon.status.document import Status, response_from_json, response_to_json, vignetting_from_json
 from autoexpose_daemon.status.panel import line_of
 from autoexpose_daemon.status.publishing import Consumers, ConsumerTally
 from autoexpose_daemon.status.requests import Answer, Shot
@@ -54,6 +54,8 @@ from calibration.response import ResponseFunction
 from calibration.response.file import CameraIdentity, Origin, ResponseFile
 from calibration.sources.exposure_times import timed_files
 from calibration.sources.images import read_images
+from calibration.vignetting.file import VignettingFile
+from calibration.vignetting.model import Vignetting
 from drivers.exposure import ExposureSetting
 from drivers.exposure.gain_scale import GainScale
 from drivers.frames import Frame
@@ -148,6 +150,23 @@ def gain_seeds() -> Iterator[bytes]:
     GainFile(scale, CameraIdentity("Acme", "M1", "0042"), 0.05, tool="autoexpose 0.1", findings=found).save(path)
     yield path.read_bytes()
     yield b"format: autoexpose-gain/1\nnode: Gain\nsettings: [1.0, 16.0]\ngains_db: [0.0, 24.0]\n"
+
+
+def vignetting_file(data: bytes) -> None:
+    path = in_file(data, "vignetting.yaml")
+    file = VignettingFile.load(path)
+    file.check_belongs(file.camera.serial if file.camera else "X", (file.vignetting.width, file.vignetting.height))
+    assert file.vignetting.relative_light(48, 64).max() == 1.0
+    file.save(path.with_name("again.yaml"))
+
+
+def vignetting_seeds() -> Iterator[bytes]:
+    path = in_file(b"", "made-vignetting.yaml")
+    found = (Finding("warned", "uneven_light", "Opposite parts differ by 12 %."),)
+    lens = Vignetting(720, 540, (350.0, 270.0), (-0.6, 0.2))
+    VignettingFile(lens, CameraIdentity("Acme", "M1", "0042"), 0.01, tool="autoexpose 0.1", findings=found).save(path)
+    yield path.read_bytes()
+    yield b"format: autoexpose-vignetting/1\nwidth: 90\nheight: 68\ngrid: [[0.5, 1.0, 0.5], [0.6, 1.0, 0.4]]\n"
 
 
 def calibration_file(data: bytes) -> None:
@@ -352,8 +371,10 @@ def control_answer_seeds() -> Iterator[bytes]:
 
 
 def published_response(data: bytes) -> None:
-    """A camera's response function, as the page uses it."""
-    response = response_from_json(data)
+    """A camera's response function and vignetting, as the page and clients use them."""
+    response, vignetting = response_from_json(data), vignetting_from_json(data)
+    if vignetting is not None:
+        vignetting.relative_light(72, 96)
     if response is not None:
         grey = np.arange(72 * 96, dtype=np.uint8).reshape(72, 96)
         maker, frame = PictureMaker(response), Frame(grey, 8, 0, 0, 0, 0, ExposureSetting(1.0, 0.0))
@@ -363,6 +384,7 @@ def published_response(data: bytes) -> None:
 
 def published_response_seeds() -> Iterator[bytes]:
     yield response_to_json(ResponseFunction.linear()).encode()
+    yield response_to_json(ResponseFunction.linear(), Vignetting(96, 72, (47.5, 35.5), (-0.5,))).encode()
 
 
 def page_request(data: bytes) -> None:

@@ -30,6 +30,7 @@ TARGETS = (
     Target("sysfs", host.sysfs, (), host.sysfs_seeds),
     Target("response-file", host.response_file, (ConfigurationError,), host.response_seeds),
     Target("gain-file", host.gain_file, (ConfigurationError,), host.gain_seeds),
+    Target("vignetting-file", host.vignetting_file, (ConfigurationError,), host.vignetting_seeds),
     Target("calibration-file", host.calibration_file, (ConfigurationError,), host.calibration_seeds),
     Target("config", host.config, (ConfigurationError,), host.config_seeds),
     Target("mask", host.mask, (ConfigurationError,), host.mask_seeds),

@@ -145,7 +145,8 @@ class InformationPrediction:
     The mean over cells of the root of ``sum |grad I|^2 / (var(I) + q^2)``, the precision with which the cell could be
     aligned, by its mean pixel. var is the variance by shot noise, read noise and quantisation, q is `FRONT_END_DN`.
     What noise adds to the gradients is subtracted first, and saturated pixels count nothing. Motion blur: see
-    `sharpness`.
+    `sharpness`. Where the vignetting is known, images count as they are after it is divided out, which takes contrast
+    and noise to the same multiple: q then is `FRONT_END_DN` times the relative light of the cell.
 
     Parameters
     ----------
@@ -181,7 +182,14 @@ class InformationPrediction:
         self._now, self._then = (mean @ now[0], mean @ now[1]), (mean @ then[0], mean @ then[1])
 
     def curve(
-        self, seen: Contrast, pixels: float, gain: float, gains: NDArray[np.float64], sharper: NDArray[np.float64]
+        self,
+        seen: Contrast,
+        pixels: float,
+        gain: float,
+        gains: NDArray[np.float64],
+        sharper: NDArray[np.float64],
+        *,
+        relative_light: NDArray[np.float64] | None = None,
     ) -> NDArray[np.float64]:
         """Information at each change of level, shape (n,); 0 for an image without gradients.
 
@@ -195,15 +203,26 @@ class InformationPrediction:
             Linear gain of the present image, and at each change of level.
         sharper
             `sharpness` at each change of level, as a multiple of the present one.
+        relative_light
+            What the lens lets through to each cell, shape (64,), of which few should differ; None: to all the same.
         """
         (shot_now, read_now), (shot, read) = self._now, self._then
         energy, noise = seen.energy / 4, variance_of(shot_now * gain + read_now * gain**2, pixels) * seen.count
         by_cell = seen.count.sum(axis=1)
         share = self._share_of_noise(energy, noise, seen.count, by_cell)
         variance = variance_of(shot * gains + read * gains**2, pixels)
-        worth = self._gain / (share * variance + FRONT_END_DN**2)
+        signal = energy - share * noise
+        if relative_light is None:
+            information = signal @ (self._gain / (share * variance + FRONT_END_DN**2))
+        else:
+            information = np.empty((len(signal), len(gains)))
+            for light in np.unique(relative_light):
+                cells_of = relative_light == light
+                information[cells_of] = signal[cells_of] @ (
+                    self._gain / (share * variance + (FRONT_END_DN * light) ** 2)
+                )
         weight, cells = max(float(by_cell.sum()), 1.0), max(int(np.count_nonzero(by_cell)), 1)
-        precision = np.sqrt(np.maximum((energy - share * noise) @ worth, 0.0) * (cells / weight)).sum(axis=0) / cells
+        precision = np.sqrt(np.maximum(information, 0.0) * (cells / weight)).sum(axis=0) / cells
         return np.asarray(precision * np.sqrt(sharper))
 
     def _share_of_noise(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -9,6 +11,7 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.client import ReceivedPair, alike
 from calibration.response import ResponseFunction
+from calibration.vignetting.model import Vignetting
 from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame, Side
@@ -47,6 +50,23 @@ def test_without_responses_the_client_is_told_how_to_get_them() -> None:
     one = frame(ALL_GREYS)
     with pytest.raises(ConfigurationError, match="normalised=True"):
         ReceivedPair(one, None, 0, 1, 1, None, 0).normalised()
+
+
+def test_flat_pairs_have_the_same_light_everywhere() -> None:
+    lens = Vignetting(16, 16, (7.5, 7.5), (-0.5,))
+    light = lens.relative_light(16, 16)
+    image = np.rint(120 * light).astype(np.uint8)
+    known = replace(pair(image, 0.0), vignettings={"left": lens, "right": lens})
+    flat = known.normalised(flat=True)
+    assert flat.right is not None
+    assert np.abs(flat.left.astype(int) - 120).max() <= 2
+    assert np.array_equal(flat.left, flat.right)
+    assert np.array_equal(known.normalised().left, image)
+    assert np.array_equal(alike(known, flat=True)[0].left, flat.left)
+    with pytest.raises(ConfigurationError, match=r"name its file as cameras\.left\.vignetting"):
+        pair(image, 0.0).normalised(flat=True)
+    with pytest.raises(ConfigurationError, match="is for frames of 16x16 pixels, but the left camera sends 8x16"):
+        replace(known, left=frame(image[:, :8])).normalised(flat=True)
 
 
 def test_klt_keeps_its_points_across_a_change_of_one_stop() -> None:

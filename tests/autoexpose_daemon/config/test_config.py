@@ -23,6 +23,9 @@ from autoexpose_daemon.control.picture.region import Rectangle
 from calibration.gain.file import GainFile
 from calibration.response import ResponseFunction
 from calibration.response.file import CameraIdentity, Origin, ResponseFile
+from calibration.vignetting.file import VignettingFile
+from calibration.vignetting.model import Vignetting
+from drivers.camera import CameraDescription
 from drivers.config import bounds
 from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureSetting
@@ -198,6 +201,7 @@ def test_a_text_file_is_no_mask(tmp_path: Path) -> None:
         "",
         "cameras: {left: {serial: A, response: FILE}}",
         "cameras: {left: {serial: A, gain_calibration: FILE}}",
+        "cameras: {left: {serial: A, vignetting: FILE}}",
         LEFT + "control: {roi: {left: {mask: FILE}}}",
         LEFT + "publish: {zenoh: FILE}",
     ],
@@ -326,6 +330,20 @@ def test_a_gain_file_is_read_beside_the_configuration_and_refused_for_another_ca
     assert load_config(tmp_path / "rig.yaml").gain_scales == {"left": scale, "right": None}
     message = complaint(tmp_path, "cameras: {left: {serial: A, gain_calibration: g.yaml}}")
     assert "cameras.left.gain_calibration" in message
+    assert "camera.serial is B, but this is camera A" in message
+
+
+def test_a_vignetting_file_is_read_beside_the_configuration_and_refused_for_another_camera(tmp_path: Path) -> None:
+    lens = Vignetting(720, 540, (359.5, 269.5), (-0.5,))
+    VignettingFile(lens, CameraIdentity("Maker", "Model 7", "B")).save(tmp_path / "v.yaml")
+    (tmp_path / "rig.yaml").write_text("cameras: {left: {serial: B, vignetting: v.yaml}, right: {serial: C}}")
+    config = load_config(tmp_path / "rig.yaml")
+    assert {side: file.vignetting for side, file in config.vignettings.items()} == {"left": lens}
+    config.check_frames("left", CameraDescription("Maker", "Model 7", "B", size=(720, 540)))
+    with pytest.raises(ConfigurationError, match="is for frames of 720x540 pixels, but camera B sends 640x480"):
+        config.check_frames("left", CameraDescription("Maker", "Model 7", "B", size=(640, 480)))
+    message = complaint(tmp_path, "cameras: {left: {serial: A, vignetting: v.yaml}}")
+    assert "cameras.left.vignetting" in message
     assert "camera.serial is B, but this is camera A" in message
 
 

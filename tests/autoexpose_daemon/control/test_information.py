@@ -287,3 +287,43 @@ def test_a_tiny_gradient_is_worth_its_square_over_noise_and_front_end() -> None:
     curve = InformationPrediction(LINEAR, SensorNoise(1e9, 0.1), DELTAS).curve(seen_in(ramp), 1.0, 1.0, SAME, SAME)
     expected = np.sqrt((2 - QUANTISATION) / (QUANTISATION + FRONT_END_DN**2))
     assert curve[NO_CHANGE] == pytest.approx(expected, rel=0.01)
+
+
+def test_an_even_lens_changes_nothing() -> None:
+    prediction, seen = InformationPrediction(LINEAR, NOISE, DELTAS), seen_in(expose(texture(4), 0.0))
+    plain = prediction.curve(seen, 4.0, 1.0, SAME, SAME)
+    even = prediction.curve(seen, 4.0, 1.0, SAME, SAME, relative_light=np.ones(64))
+    assert even == pytest.approx(plain, rel=1e-9)
+
+
+def test_contrast_that_the_lens_took_counts_as_if_it_were_back_and_its_noise_with_it() -> None:
+    """Half the light through a lens that passes half: the same contrast once it is divided out, but more noise."""
+    light = texture(4)
+    prediction = InformationPrediction(LINEAR, NOISE, DELTAS)
+    half = np.full(64, 0.5)
+    bright, dark = seen_in(expose(light, 0.0)), seen_in(expose(light, -1.0))
+    full, seen_darker, divided = (
+        prediction.curve(seen, 1e6, 1.0, SAME, SAME, relative_light=lens)[NO_CHANGE]  # so much averaged, hardly noise
+        for seen, lens in ((bright, None), (dark, None), (dark, half))
+    )
+    assert divided == pytest.approx(full, rel=0.03)
+    assert seen_darker < 0.6 * full
+    bright, dark = (seen_in(expose(light, stops, gain=16.0)) for stops in (0.0, -1.0))
+    full, divided = (
+        prediction.curve(seen, 1.0, 16.0, 16.0 * SAME, SAME, relative_light=lens)[NO_CHANGE]
+        for seen, lens in ((bright, None), (dark, half))
+    )
+    assert divided < 0.95 * full
+
+
+def test_each_cell_has_its_own_light() -> None:
+    prediction, image = InformationPrediction(LINEAR, NOISE, DELTAS), expose(texture(4), 0.0)
+    seen = seen_in(image)
+    lens = np.ones(64)
+    lens[:8] = 0.4
+    mixed = prediction.curve(seen, 1e6, 1.0, SAME, SAME, relative_light=lens)[NO_CHANGE]
+    ends = [
+        prediction.curve(seen, 1e6, 1.0, SAME, SAME, relative_light=part * np.ones(64))[NO_CHANGE]
+        for part in (1.0, 0.4)
+    ]
+    assert ends[0] < mixed < ends[0] + 0.2 * (ends[1] - ends[0])

@@ -25,6 +25,7 @@ from autoexpose_daemon.publish.session import Endpoints, open_session
 from autoexpose_daemon.status.document import response_to_json
 from autoexpose_daemon.status.publishing import ConsumerTally, DropReason, PublishTally
 from calibration.response import ResponseFunction
+from calibration.vignetting.model import Vignetting
 from drivers.errors import ConfigurationError
 from drivers.log_throttle import LogThrottle
 from tests.autoexpose_daemon.publish.consumer import consumer
@@ -79,7 +80,8 @@ def test_a_client_waits_for_its_daemon_and_finds_the_next_one() -> None:
 
 def test_a_client_of_normalised_frames_gets_no_pair_without_the_responses_of_its_cameras() -> None:
     at = endpoint()
-    left, right = (response_to_json(ResponseFunction.linear(black_level)) for black_level in (0, 8))
+    lens = Vignetting(720, 540, (359.5, 269.5), (-0.5,))
+    left, right = response_to_json(ResponseFunction.linear(), lens), response_to_json(ResponseFunction.linear(8))
     key = keys.response_key("rig", "left")
     said = [{key: "damaged"}, {key: left}, {keys.response_key("rig", "right"): right}]
     turns = itertools.cycle(said)
@@ -90,6 +92,7 @@ def test_a_client_of_normalised_frames_gets_no_pair_without_the_responses_of_its
         pair = client.next_pair(PATIENCE_S)
         assert pair is not None
         assert {side: response.black_level for side, response in pair.responses.items()} == {"left": 0, "right": 8}
+        assert pair.vignettings == {"left": lens}
         brighter = pair.normalised(pair.level + 1.0)
         assert np.all(brighter.left == min(2 * (pair.trigger % 256), 255))
         assert np.array_equal(pair.left.pixels, np.full((540, 720), pair.trigger % 256))

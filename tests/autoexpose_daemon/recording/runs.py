@@ -19,8 +19,9 @@ from autoexpose_daemon.recording.read import Recording
 from autoexpose_daemon.recording.recorder import ContinuousRecorder, Recorder
 from autoexpose_daemon.recording.replay import Replay, Replayed
 from calibration.response import ResponseFunction
+from calibration.vignetting.model import Vignetting
 from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.frames import Frame, StereoPair
+from drivers.frames import Frame, Side, StereoPair
 from tests.autoexpose_daemon.control.scene import FRAME_NS, expose, radiance
 
 LIMITS = ExposureLimits(20.0, 7500.0, 0.0, 30.0, 1.0)
@@ -37,13 +38,16 @@ class VirtualRun:
     imu: bool = False
     driven_before: bool = False
     steered: bool = False
+    vignettings: dict[Side, Vignetting] = field(default_factory=dict)
     loop: ControlLoop = field(init=False)
     decisions: dict[int, Decision] = field(default_factory=dict)
     trigger: int = 99
 
     def __post_init__(self) -> None:
         parameters = ControlParameters(focal_length_px=800.0 if self.imu else None)
-        self.loop = ControlLoop(self.policy_id, ResponseFunction.linear(), LIMITS, START, parameters)
+        self.loop = ControlLoop(
+            self.policy_id, ResponseFunction.linear(), LIMITS, START, parameters, vignettings=self.vignettings
+        )
         self._scenes = radiance(1, 1.2, SHAPE), radiance(2, 0.8, SHAPE)
         self._rng = np.random.default_rng(5)
         self._light = 13.0

@@ -16,8 +16,9 @@ from autoexpose_daemon.recording.read import Recording
 from autoexpose_daemon.recording.recorder import ContinuousRecorder, LastSecondsRecorder
 from autoexpose_daemon.recording.replay_report import report_replay
 from autoexpose_daemon.recording.step import Setup, State, Step
-from drivers.frames import StereoPair
-from tests.autoexpose_daemon.recording.runs import VirtualRun, record, replayed
+from calibration.vignetting.model import Vignetting
+from drivers.frames import Side, StereoPair
+from tests.autoexpose_daemon.recording.runs import SHAPE, VirtualRun, record, replayed
 
 
 @pytest.fixture(autouse=True)
@@ -53,6 +54,21 @@ def test_decisions_by_the_light_of_an_earlier_drive_are_replayed_bit_for_bit(tmp
     steps = replayed(record(tmp_path / "run.mcap", VirtualRun("fisher-map", driven_before=True), 60))
     assert [each.step.light_ahead is not None for each in steps] == [each.step.pair.trigger % 8 < 5 for each in steps]
     assert all(each.same for each in steps[1:])
+
+
+def test_decisions_by_vignetting_are_replayed_bit_for_bit_from_what_the_recording_holds(tmp_path: Path) -> None:
+    height, width = SHAPE
+    lenses: dict[Side, Vignetting] = {
+        "left": Vignetting(width, height, (90.0, 60.5), (-0.7, 0.1)),
+        "right": Vignetting(width, height, (89.5, 67.5), (), ((0.4, 0.8, 0.5), (0.7, 1.0, 0.6))),
+    }
+    run, plain = VirtualRun("fisher-map", vignettings=lenses), VirtualRun("fisher-map")
+    path = record(tmp_path / "run.mcap", run)
+    setups = [item for item in Recording(path) if isinstance(item, Setup)]
+    assert setups[0].control.vignettings == lenses
+    assert all(each.same for each in replayed(path)[1:])
+    record(tmp_path / "plain.mcap", plain)
+    assert run.decisions != plain.decisions
 
 
 @pytest.mark.parametrize("policy_id", ["fisher-map", "neves2009", "kim2018"])

@@ -17,8 +17,14 @@ from drivers.frames import SIDES
 from tests.autoexpose_daemon.recording.runs import LIMITS, START, VirtualRun
 
 
+def of_early_fifth(setup: Any, state: Any) -> tuple[Any, Any]:
+    """As the fifth format began."""
+    return {key: value for key, value in setup.items() if key != "vignettings"}, state
+
+
 def of_fourth(setup: Any, state: Any) -> tuple[Any, Any]:
     """A setup and a state of the present format as the fourth format had them."""
+    setup, state = of_early_fifth(setup, state)
     limits = {key: value for key, value in setup["limits"].items() if key != "gains_db"}
     return {**setup, "limits": limits}, state
 
@@ -43,7 +49,7 @@ def of_second(setup: Any, state: Any) -> tuple[Any, Any]:
     )
 
 
-@pytest.mark.parametrize("as_it_was", [of_second, of_third, of_fourth])
+@pytest.mark.parametrize("as_it_was", [of_second, of_third, of_fourth, of_early_fifth])
 def test_a_loop_goes_on_from_a_former_setup_and_state(as_it_was: Callable[[Any, Any], tuple[Any, Any]]) -> None:
     pairs = list(itertools.islice(VirtualRun("metric-map").pairs(), 12))
     loop = ControlLoop("metric-map", ResponseFunction.linear(), LIMITS, START)

@@ -95,5 +95,5 @@ class FisherMap(ExposureMap):
     def _view(self, look: Look, gain: float, gains: NDArray[np.float64], sharper: NDArray[np.float64]) -> MetricView:
         prediction = self._predictions[look.side]
         seen = contrast(look.unfiltered, prediction.bins, look.weights, self._native)
-        curve = prediction.curve(seen, look.averaged, gain, gains, sharper)
+        curve = prediction.curve(seen, look.averaged, gain, gains, sharper, relative_light=look.relative_light)
         return MetricView(curve, *self._tones[look.side].measure(look))
