@@ -34,7 +34,8 @@ from drivers.config.feature import FeatureSetting, as_list
 from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureSetting
 from drivers.frames import SIDES
-from drivers.pixels.formats import PIXEL_FORMATS, PixelFormat
+from drivers.genicam.image_format import present_format
+from drivers.pixels.formats import PixelFormat
 from drivers.pixels.layout import Layout, Pixels, is_mosaic, rgb_samples
 
 RATIO, SELECTOR = "BalanceRatio", "BalanceRatioSelector"
@@ -112,12 +113,11 @@ def _bounds(mode: CameraMode) -> dict[str, tuple[float, float]]:
     """Least and greatest ratio of each colour that the camera can amplify."""
     serial = mode.serial
     with open_nodes(serial) as nodes:
-        name = mode.pixel_format or nodes.read_entry("PixelFormat")
-        row = PIXEL_FORMATS.get(name)
+        row = mode.pixel_format or present_format(nodes)
         if row is None or not (is_mosaic(row.layout) or row.layout in ("RGB", "BGR")):
             raise ConfigurationError(
-                f"camera {serial}: {name} has no red, green and blue to balance: choose one of its Bayer formats, or "
-                "RGB8, with --pixel-format or image.pixel_format"
+                f"camera {serial}: {row or 'its pixel format'} has no red, green and blue to balance: choose one of "
+                "its Bayer formats, or RGB8, with --pixel-format or image.pixel_format"
             )
         offered = [colour for colour in COLOURS if colour in nodes.entries(SELECTOR)]
         if not nodes.is_float(RATIO) or not {"Red", "Blue"} <= set(offered):

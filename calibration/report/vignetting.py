@@ -25,7 +25,7 @@ def vignetting_facts(result: VignettingResult) -> Iterator[Fact]:
     if result.slope is not None:
         yield "response", f"half the exposure time gives {2.0**-result.slope:.3f} of the light"
     elif result.looks:
-        yield "response", "not checked, as pictures do not tell their exposure"
+        yield "response", "not checked, as it takes two exposure times"
     solution = result.solution
     if solution is None or result.error is None:
         return

@@ -21,18 +21,15 @@ def vignetting_pictures(result: VignettingResult) -> list[Picture]:
     """The plots that a result has the data for."""
     if not result.looks:
         return []
-    first = result.looks[0].light if result.mean is None else result.mean
-    shown = [
+    if result.mean is None or result.solution is None:
+        draw = partial(_draw_map, values=_relative(result.looks[0].light), size=result.size)
+        return [Picture("The first look", "Its light, relative to its brightest part.", draw)]
+    return [
         Picture(
             "Light in the picture",
             "Mean of all looks, relative to its brightest part. Lines: one for each twentieth of the light.",
-            partial(_draw_light, light=first, size=result.size),
-        )
-    ]
-    if result.solution is None:
-        return shown
-    return [
-        *shown,
+            partial(_draw_light, light=result.mean, size=result.size),
+        ),
         Picture(
             "Light over radius",
             "Dots: parts of the picture, by their distance from the centre of the model. Line: the model along the "
@@ -55,8 +52,8 @@ def vignetting_pictures(result: VignettingResult) -> list[Picture]:
 
 
 def _draw_light(axes: Axes, light: Array, size: tuple[int, int]) -> None:
-    relative = light / light.max()
-    _draw_map(axes, relative, size, "grey", (0.0, 1.0))
+    relative = _relative(light)
+    _draw_map(axes, relative, size)
     x, y = middles(light.shape[1], size[0]), middles(light.shape[0], size[1])
     levels = _LEVELS[(relative.min() < _LEVELS) & (relative.max() > _LEVELS)]
     if len(levels):
@@ -98,7 +95,17 @@ def _draw_looks(axes: Axes, result: VignettingResult) -> None:
     axes.set_ylabel("difference from the mean (% rms)")
 
 
-def _draw_map(axes: Axes, values: Array, size: tuple[int, int], colours: str, span: tuple[float, float]) -> None:
+def _relative(light: Array) -> Array:
+    return np.asarray(light / max(float(light.max()), 1e-9))
+
+
+def _draw_map(
+    axes: Axes,
+    values: Array,
+    size: tuple[int, int],
+    colours: str = "grey",
+    span: tuple[float, float] = (0.0, 1.0),
+) -> None:
     width, height = size
     extent = (-0.5, width - 0.5, height - 0.5, -0.5)
     shown = axes.imshow(values, cmap=colours, vmin=span[0], vmax=span[1], extent=extent, interpolation="nearest")

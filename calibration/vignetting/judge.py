@@ -9,6 +9,7 @@ import numpy as np
 from calibration.findings import Finding
 from calibration.vignetting.field import Array
 from calibration.vignetting.look import Look
+from calibration.vignetting.model import LEAST_LIGHT
 
 LEAST_LOOKS = 4
 MOST_CLIPPED = 1e-3
@@ -61,7 +62,7 @@ def judge_flatness(unevenness: float) -> Iterator[Finding]:
 
 def judge_result(mean: Array, error: float) -> Iterator[Finding]:
     """What is wrong with the mean of the looks, and with what follows from it."""
-    tilt = float(np.abs(mean / mean[::-1, ::-1] - 1.0).max()) / 2.0
+    tilt = float(np.abs(mean / np.maximum(mean[::-1, ::-1], LEAST_LIGHT) - 1.0).max()) / 2.0
     if tilt > GOOD_TILT:
         text = (
             f"opposite parts of the picture differ by up to {2 * tilt:.0%}: the surface is lit from one side, or the "

@@ -74,7 +74,9 @@ def calibrate_vignetting(name: str, size: tuple[int, int], looks: Sequence[Look]
             return result
         solution = solve(seen, size)
     except ConfigurationError as error:
-        return replace(result, findings=(*result.findings, Finding("refused", "no_lens", f"the looks {error}")))
+        return replace(
+            result, findings=(*result.findings, Finding("refused", "no_lens", f"no lens fits these looks: {error}"))
+        )
     assert result.mean is not None
     error_share = _error(solution, result.mean.shape, result.slope)
     findings = (*result.findings, *judge_result(result.mean, error_share))

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 from calibration.vignetting.field import Array
-from calibration.vignetting.model import Vignetting, hats, middles, radius_squared
+from calibration.vignetting.model import LEAST_LIGHT, Vignetting, hats, middles, radius_squared
 
 Kind = Literal["polynomial", "polynomial about a fitted centre", "grid"]
 
@@ -99,7 +99,8 @@ def fit_polynomial(light: Array, size: tuple[int, int], *, about_middle: bool) -
     """The polynomial by least squares, about the middle of the picture or about the centre that fits best."""
     width, height = size
     x, y = middles(light.shape[1], width), middles(light.shape[0], height)
-    centre, weights = np.array(_middle(size)), 1.0 / light.ravel()  # errors count as shares of the light
+    centre = np.array(_middle(size))
+    weights = 1.0 / np.maximum(light.ravel(), LEAST_LIGHT)  # errors count as shares of the light
     reach_px = _REACH * np.hypot(width, height) / 2.0
     for _ in range(0 if about_middle else _ROUNDS):  # Gauss and Newton, by the slope of the polynomial at its radius
         radius2, powers = _powers(x, y, centre, size)

@@ -52,13 +52,17 @@ def choose_pixel_format(nodes: NodeMap, wanted: PixelFormat | None) -> PixelForm
     return wanted
 
 
+def present_format(nodes: NodeMap) -> PixelFormat | None:
+    """The camera's current pixel format; None if it is not supported, or the camera does not say."""
+    return _BY_NAME.get(nodes.read_entry("PixelFormat")) if nodes.entries("PixelFormat") else None
+
+
 def switch_white_balance_off(nodes: NodeMap, pixel_format: PixelFormat | None) -> None:
     """Keep the camera from changing its ratios of colours behind the response; grey has none.
 
     A `pixel_format` of None is the present one.
     """
-    if pixel_format is None and nodes.entries("PixelFormat"):
-        pixel_format = _BY_NAME.get(nodes.read_entry("PixelFormat"))
+    pixel_format = pixel_format or present_format(nodes)
     if pixel_format is None or pixel_format.layout == "grey" or "Off" not in nodes.entries("BalanceWhiteAuto"):
         return
     present = nodes.read_entry("BalanceWhiteAuto")

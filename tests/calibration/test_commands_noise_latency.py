@@ -120,6 +120,20 @@ def test_files_that_cannot_be_added_to_are_refused_before_the_camera_is_looked_f
     assert "camera.serial is OTHER, but this is camera S" in output
 
 
+@pytest.mark.parametrize("computed", [PixelFormat.RGB8, PixelFormat.BGR8, PixelFormat.YUV422_8])
+def test_noise_of_formats_that_the_camera_computes_is_refused_with_those_that_serve(
+    computed: PixelFormat, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    code, output = calibrate("noise", "--camera", "S", "--pixel-format", computed)
+    assert code == 1
+    assert f"camera S: {computed} is computed from several pixels" in output
+    assert "its Mono formats, or of its Bayer formats, whose green is measured" in output
+    with pytest.raises(ConfigurationError, match="is computed from several pixels"):
+        measure_noise._check_raw("S", computed)  # the camera's own, where it has no grey format
+    for raw in (PixelFormat.MONO12P, PixelFormat.BAYER_RG12, None):
+        measure_noise._check_raw("S", raw)
+
+
 @pytest.mark.parametrize("offered", measure_noise.DEEPEST_FIRST)
 def test_noise_is_measured_in_the_deepest_format(offered: PixelFormat, monkeypatch: pytest.MonkeyPatch) -> None:
     opened: list[CameraSetup] = []

@@ -49,7 +49,7 @@ def test_pictures_become_a_file_and_a_report(pictures: Path, tmp_path: Path) -> 
     path = tmp_path / "v.yaml"
     code, output = calibrate("vignette", "--images", str(pictures), "-o", str(path))
     assert code == 0, output
-    assert "not checked, as pictures do not tell their exposure" in output
+    assert "response: not checked, as it takes two exposure times" in output
     file = VignettingFile.load(path)
     assert file.camera is None
     assert file.error is not None
