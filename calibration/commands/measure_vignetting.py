@@ -17,10 +17,7 @@ from calibration.report import check_extra
 from calibration.report.vignetting import vignetting_facts, write_vignetting_report
 from calibration.response import ResponseFunction
 from calibration.response.file import CameraIdentity, ResponseFile
-from calibration.sources.exposure_times import image_paths
-from calibration.sources.images import read_grey
 from calibration.sources.session import Session
-from calibration.sources.sweep import Shot
 from calibration.vignetting.capture import LOOKS, capture_looks
 from calibration.vignetting.field import field_of
 from calibration.vignetting.file import VignettingFile
@@ -28,11 +25,7 @@ from calibration.vignetting.look import Look
 from calibration.vignetting.result import VignettingResult, calibrate_vignetting
 from drivers.aravis import open_camera
 from drivers.errors import AutoexposeError, ConfigurationError
-from drivers.exposure import ExposureSetting
 from drivers.pixels.layout import green_samples
-
-_UNKNOWN = ExposureSetting(1.0, 0.0)
-"""Of pictures, whose exposure does not matter."""
 
 
 def vignette(
@@ -85,25 +78,12 @@ def _response(path: Path | None, serial: str | None) -> ResponseFunction:
 
 
 def _of_images(folder: Path, response: Path | None) -> VignettingResult:
-    if not folder.is_dir():
-        raise ConfigurationError(f"{folder}: is not a folder: give one of pictures")
-    curve = _response(response, None)
-    looks: list[Look] = []
-    size, first, deep = (0, 0), folder, False
-    pictures = image_paths(folder)
-    for path in pictures:
-        pixels = read_grey(path)
-        here = (pixels.shape[1], pixels.shape[0])
-        if not looks:
-            size, first = here, path
-        if here != size:
-            raise ConfigurationError(
-                f"{path}: is {here[0]}x{here[1]} pixels, {first.name} is {size[0]}x{size[1]}: take all with one size"
-            )
-        deep = deep or int(pixels.max()) > 4095
-        depth = 8 if pixels.dtype.itemsize == 1 else 16 if deep else 12
-        looks.append(Look(field_of([Shot(pixels, depth, _UNKNOWN)], curve)))
-    return calibrate_vignetting(f"the pictures of {folder}", size, looks)
+    from calibration.sources.images import read_pictures  # noqa: PLC0415  it needs pillow, from the extra
+
+    curve, pictures = _response(response, None), read_pictures(folder)
+    looks = [Look(field_of([picture], curve)) for picture in pictures]
+    height, width = pictures[0].pixels.shape if pictures else (0, 0)
+    return calibrate_vignetting(f"the pictures of {folder}", (width, height), looks)
 
 
 def _of_camera(

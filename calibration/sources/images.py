@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.sources.exposure_times import timed_files
+from calibration.sources.exposure_times import TimedFile, image_paths, timed_files
 from calibration.sources.sweep import Shot, Sweep
 from drivers.config.files import read_regular
 from drivers.config.png import SIGNATURE, is_whole_png
@@ -35,7 +36,24 @@ def read_images(source: Path) -> Sweep:
     ConfigurationError
         One sentence that names the file, and the line where there is one.
     """
-    files = timed_files(source)
+    return Sweep(_shots(timed_files(source)))
+
+
+def read_pictures(folder: Path) -> tuple[Shot, ...]:
+    """The images of a folder as `read_images` reads them, whose exposure does not matter, and is given as 1 us.
+
+    Raises
+    ------
+    ConfigurationError
+        One sentence that names the file.
+    """
+    if not folder.is_dir():
+        raise ConfigurationError(f"{folder}: is not a folder: give one of pictures")
+    return _shots([TimedFile(path, 1e-6) for path in image_paths(folder)])
+
+
+def _shots(files: Sequence[TimedFile]) -> tuple[Shot, ...]:
+    """The images in one size and depth."""
     images = [read_grey(file.path) for file in files]
     for file, image in zip(files[1:], images[1:], strict=True):
         if image.shape != images[0].shape or image.dtype != images[0].dtype:
@@ -43,12 +61,11 @@ def read_images(source: Path) -> Sweep:
                 f"{file.path}: is {_described(image)}, {files[0].path.name} is {_described(images[0])}: "
                 "take all images with one size and depth"
             )
-    bit_depth = 8 if images[0].dtype == np.uint8 else 12 if max(image.max() for image in images) < 4096 else 16
-    return Sweep(
-        tuple(
-            Shot(image, bit_depth, ExposureSetting(file.exposure_s * 1e6, 0.0))
-            for file, image in zip(files, images, strict=True)
-        )
+    shallow = all(image.dtype == np.uint8 for image in images)
+    bit_depth = 8 if shallow else 12 if max(image.max() for image in images) < 4096 else 16
+    return tuple(
+        Shot(image, bit_depth, ExposureSetting(file.exposure_s * 1e6, 0.0))
+        for file, image in zip(files, images, strict=True)
     )
 
 

@@ -74,7 +74,10 @@ def test_impossible_input_is_one_sentence(pictures: Path, tmp_path: Path) -> Non
     rig.write_text("cameras: {left: {serial: A, response: missing.yaml}}")
     for arguments, words in (
         (("-o", here), "say what to calibrate: one of --camera, --config and --images"),
-        (("--images", str(pictures), "-o", here), "small.png: is 8x8 pixels, 0.png is 360x270"),
+        (
+            ("--images", str(pictures), "-o", here),
+            "small.png: is 8x8 pixels of 8 bits, 0.png is 360x270 pixels of 8 bits",
+        ),
         (("--images", str(tmp_path / "none"), "-o", here), "is not a folder"),
         (("--images", str(pictures), "-o", str(tmp_path / "v.html")), "the report needs this name"),
         (("--images", str(pictures), "-o", str(tmp_path / "gain.yaml")), "it is not a vignetting file to replace"),
