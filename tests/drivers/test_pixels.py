@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.pixels.layout import SAMPLES, Layout, Pixels, grey_plane, light_samples
+from drivers.pixels.layout import SAMPLES, Layout, Pixels, green_samples, grey_plane, light_samples, rgb_samples
 
 MOSAICS: tuple[Layout, ...] = ("RGGB", "GRBG", "GBRG", "BGGR")
 
@@ -94,3 +94,26 @@ def test_samples_of_light_are_all_but_chroma() -> None:
     assert light_samples(random_pixels("RGB", 8, 4, 6, 1), "RGB").shape == (4, 18)
     yuv = random_pixels("YUYV", 8, 4, 6, 1)
     assert np.array_equal(light_samples(yuv, "YUYV"), yuv[..., 0])
+
+
+@pytest.mark.parametrize("layout", MOSAICS)
+def test_colours_of_a_mosaic_are_told_apart_even_where_a_row_is_left_over(layout: Layout) -> None:
+    level = {"R": 10, "G": 20, "B": 30}
+    mosaic = np.tile(np.array([level[each] for each in layout], np.uint16).reshape(2, 2), (4, 5))[:7, :9]
+    assert np.array_equal(rgb_samples(mosaic, layout), np.broadcast_to([10, 20, 30], (3, 4, 3)))
+    green = green_samples(mosaic, layout)
+    assert green.ndim == 2
+    assert (green == 20).all()
+
+
+def test_other_layouts_have_their_green_or_their_luminance_and_some_no_colours() -> None:
+    colours = np.arange(24, dtype=np.uint8).reshape(2, 4, 3)
+    assert np.array_equal(green_samples(colours, "RGB"), colours[..., 1])
+    assert np.array_equal(rgb_samples(colours, "BGR"), colours[..., ::-1])
+    assert np.array_equal(rgb_samples(colours, "RGB"), colours)
+    assert np.array_equal(green_samples(colours[..., :2], "YUYV"), colours[..., 0])
+    assert np.array_equal(green_samples(colours[..., 0], "grey"), colours[..., 0])
+    layouts: tuple[Layout, ...] = ("grey", "YUYV")
+    for layout in layouts:
+        with pytest.raises(ValueError, match="has no samples of red, green and blue"):
+            rgb_samples(colours[..., :2], layout)
