@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.exposure import ExposureSetting
-from drivers.pixels.layout import Layout, Pixels, grey_plane
+from drivers.pixels.layout import Layout, Pixels, grey_plane, sparse
 
 Side = Literal["left", "right"]
 SIDES: Final[tuple[Side, ...]] = get_args(Side)
@@ -60,6 +60,10 @@ class Frame:
         `saturation` is the 8-bit level from which a colour is clipped.
         """
         return grey_plane(self.pixels, self.bit_depth, self.layout, saturation)
+
+    def sparse_grey8(self) -> NDArray[np.uint8]:
+        """A sixteenth of the pixels as 8-bit grey levels, from all over the frame: for statistics."""
+        return grey_plane(sparse(self.pixels, self.layout), self.bit_depth, self.layout)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

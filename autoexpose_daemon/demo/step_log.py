@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.control.picture.image import Shrinking
 from drivers.exposure import ExposureSetting
 from drivers.frames import StereoPair
 
@@ -70,5 +70,4 @@ class StepLog:
         if not self.pictures or frame.host_time_ns - self.pictures[-1][0] >= self._picture_period_ns:
             grey = frame.grey8()
             size = (_PICTURE_WIDTH, round(grey.shape[0] * _PICTURE_WIDTH / grey.shape[1]))
-            small = np.asarray(cv2.resize(grey, size, interpolation=cv2.INTER_AREA), np.uint8)
-            self.pictures.append((frame.host_time_ns, small))
+            self.pictures.append((frame.host_time_ns, Shrinking(grey.shape, size).shrink(grey)))

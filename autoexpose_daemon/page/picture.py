@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.metrics.gradient import ExtremeShares, GradientMetric, PackedTables
-from autoexpose_daemon.control.picture.image import ImagePreparation, fit
+from autoexpose_daemon.control.picture.image import ImagePreparation, Shrinking, fit
 from calibration.response import ResponseFunction
 from calibration.response.prediction import prediction_tables
 from drivers.frames import Frame
@@ -78,7 +78,7 @@ class PictureMaker:
     def _marked(self, colours: NDArray[np.uint8], image: NDArray[np.uint8]) -> bytes:
         """`colours` (BGR) as JPEG, marked where the shares count pixels of its prepared `image`."""
         size = fit(colours.shape[:2], DISPLAY_SIZE)
-        small = cv2.resize(colours, size, interpolation=cv2.INTER_AREA)
+        small = Shrinking(colours.shape, size).shrink(colours).copy()
         large = cv2.resize(image, size, interpolation=cv2.INTER_NEAREST)
         small[large >= self._shares.saturated_from] = _SATURATED_BGR
         small[large <= self._shares.black_to] = _BLACK_BGR

@@ -70,7 +70,7 @@ class ResponseDrift:
                 camera.watch.interrupt()
                 continue
             counted = camera.watch.counted
-            camera.watch.see(frame.grey8(), frame.setting.level)
+            camera.watch.see(frame.sparse_grey8(), frame.setting.level)
             if camera.watch.counted > counted:
                 self._judge(side, camera)
 

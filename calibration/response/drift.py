@@ -30,8 +30,6 @@ REMEMBERED = 128
 ENOUGH = 12
 """Changes needed for a verdict: single ones may be due to the light."""
 
-_EVERY = 4  # pixels across and down: a sixteenth of them is enough
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Change:
@@ -52,7 +50,7 @@ class Change:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Seen:
-    """A frame: its exposure level, and every fourth pixel across and down."""
+    """A frame: its exposure level, and pixels from all over it."""
 
     level: float
     pixels: NDArray[np.uint8]
@@ -85,11 +83,16 @@ class ResponseWatch:
         return float(np.median(self._misses_grey)) if len(self._misses_grey) >= ENOUGH else None
 
     def see(self, image: NDArray[np.uint8], level: float) -> None:
-        """The next frame of the camera, uint8, (height, width), and the exposure level it was taken with (stops).
+        """The next frame of the camera, and the exposure level it was taken with (stops).
 
-        The image is kept until four more have come: it must not be written to.
+        Parameters
+        ----------
+        image
+            Some thousand pixels from all over the frame, uint8; kept until four more have come.
+        level
+            In stops.
         """
-        self._seen.append(_Seen(level, image[::_EVERY, ::_EVERY]))
+        self._seen.append(_Seen(level, image))
         if len(self._seen) < 4:
             return
         first, before, after, last = self._seen

@@ -19,6 +19,9 @@ SAMPLES: Final[dict[Layout, int]] = {"RGB": 3, "BGR": 3, "YUYV": 2}
 MOSAIC_SHARE: Final = 0.5
 """Of a mosaic's samples: the green ones, of which `grey_plane` is made."""
 
+_APART = 4
+"""Every fourth pixel across and down is enough for the statistics of a whole image."""
+
 _CHROMA = np.arange(256) - 128.0
 _RED_EXCESS = np.rint(np.maximum(1.402 * _CHROMA, 0.0)).astype(np.uint8)
 _BLUE_EXCESS = np.rint(np.maximum(1.772 * _CHROMA, 0.0)).astype(np.uint8)
@@ -63,8 +66,8 @@ def grey_plane(pixels: Pixels, bit_depth: int, layout: Layout, saturation: int =
     if layout == "YUYV":
         y0, u, y1, v = cv2.split(mono.reshape(height, width // 2, 4))
         luma = cv2.max(y0, y1)
-        brightest = cv2.max(cv2.add(luma, _RED_EXCESS[v]), cv2.add(luma, _BLUE_EXCESS[u]))
-        clipped = np.where(brightest >= saturation - _YUV_ROUNDING, np.uint8(255), np.uint8(0))
+        brightest = cv2.max(cv2.add(luma, cv2.LUT(v, _RED_EXCESS)), cv2.add(luma, cv2.LUT(u, _BLUE_EXCESS)))
+        clipped = -(brightest >= saturation - _YUV_ROUNDING).view(np.uint8)  # 255 or 0
         return np.asarray(cv2.merge([cv2.max(y0, clipped), cv2.max(y1, clipped)]).reshape(height, width), np.uint8)
     if layout in ("RGB", "BGR"):
         samples = cv2.split(mono)
@@ -80,7 +83,18 @@ def grey_plane(pixels: Pixels, bit_depth: int, layout: Layout, saturation: int =
     brightest = samples[0]
     for sample in samples[1:]:
         brightest = cv2.max(brightest, sample)
-    return np.where(brightest >= saturation << bit_depth - 8, np.uint8(255), _shifted(plane, bit_depth))
+    clipped = -(brightest >= saturation << bit_depth - 8).view(np.uint8)  # 255 or 0
+    return np.asarray(cv2.max(_shifted(plane, bit_depth), clipped), np.uint8)
+
+
+def sparse(pixels: Pixels, layout: Layout) -> Pixels:
+    """A sixteenth of the pixels, from all over the image, as pixels of the same layout."""
+    if layout == "grey":
+        return pixels[::_APART, ::_APART]
+    apart = 2 * _APART  # cells of 2x2: a mosaic's colours, and a pixel's chroma, belong together
+    rows, columns, samples = pixels.shape[0] // apart, pixels.shape[1] // apart, pixels.shape[2:]
+    cells = pixels[: rows * apart, : columns * apart].reshape(rows, apart, columns, apart, *samples)[:, :2, :, :2]
+    return cast(Pixels, np.ascontiguousarray(cells).reshape(2 * rows, 2 * columns, *samples))
 
 
 def light_samples(pixels: Pixels, layout: Layout) -> Pixels:

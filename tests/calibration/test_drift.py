@@ -11,6 +11,7 @@ from calibration.response import ResponseFunction
 from calibration.response.drift import ENOUGH, ResponseWatch, followed_greys
 from calibration.response.prediction import prediction_table
 from calibration.response.refinement import LEAST_CHANGES, refine
+from drivers.pixels.layout import sparse
 from fake_camera.imaging import ImageSettings
 from fake_camera.world.lighting import Change, LightScript
 from fake_camera.world.simulation import build_image_source
@@ -34,7 +35,7 @@ def watches(camera: str) -> dict[str, ResponseWatch]:
         time_us = float(np.exp(numbers.uniform(np.log(shortest_us), np.log(longest_us))))
         for _ in range(int(numbers.integers(2, 7))):
             settings = ImageSettings(time_us, 0.0, 0.0, 1.0, "Mono8", 0, 0, 720, 540, 1, 1)
-            image = np.asarray(source.take(frame / 60.0, settings, frame), np.uint8)
+            image = np.asarray(sparse(source.take(frame / 60.0, settings, frame), "grey"), np.uint8)
             for watch in watches.values():
                 watch.see(image, float(np.log2(time_us)))
             frame += 1

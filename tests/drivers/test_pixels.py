@@ -8,7 +8,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.pixels.layout import SAMPLES, Layout, Pixels, green_samples, grey_plane, light_samples, rgb_samples
+from drivers.pixels.layout import (
+    SAMPLES,
+    Layout,
+    Pixels,
+    green_samples,
+    grey_plane,
+    light_samples,
+    rgb_samples,
+    sparse,
+)
 
 MOSAICS: tuple[Layout, ...] = ("RGGB", "GRBG", "GBRG", "BGGR")
 
@@ -117,3 +126,18 @@ def test_other_layouts_have_their_green_or_their_luminance_and_some_no_colours()
     for layout in layouts:
         with pytest.raises(ValueError, match="has no samples of red, green and blue"):
             rgb_samples(colours[..., :2], layout)
+
+
+@pytest.mark.parametrize("layout", ["grey", *MOSAICS, "RGB", "BGR", "YUYV"])
+def test_a_sixteenth_of_the_pixels_is_a_smaller_image_of_the_same_layout(layout: Layout) -> None:
+    pixels = random_pixels(layout, 8, 48, 64, 1)
+    few = sparse(pixels, layout)
+    assert few.size * 16 == pixels.size
+    plane = grey_plane(pixels, 8, layout)
+    found = grey_plane(few, 8, layout)
+    if layout == "grey" or layout in MOSAICS:  # pixels or cells
+        assert np.array_equal(found, plane[::4, ::4])
+    else:
+        assert np.array_equal(found[::2, ::2], plane[::8, ::8])
+        assert np.array_equal(found[1::2, 1::2], plane[1::8, 1::8])
+    assert not sparse(pixels[:7, :7], layout).size or layout == "grey"

@@ -1,10 +1,17 @@
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from autoexpose_daemon.control.picture.image import CONTROL_SIZE, FLOW_SIZE, ImagePreparation, fit
+from autoexpose_daemon.control.picture.image import (
+    CONTROL_SIZE,
+    FLOW_SIZE,
+    ImagePreparation,
+    Shrinking,
+    fit,
+)
 from drivers.errors import ConfigurationError
 
 
@@ -38,6 +45,34 @@ def test_the_whole_scene_fits(shape: tuple[int, int], control: tuple[int, int], 
     assert fit(shape, CONTROL_SIZE) == control
     assert fit(shape, FLOW_SIZE) == flow
     assert ImagePreparation().prepare(np.zeros(shape, np.uint8)).shape == control[::-1]
+
+
+@pytest.mark.parametrize("shape", [(480, 640), (1024, 1280), (1080, 1440), (1200, 1920), (1537, 2049), (2048, 2448)])
+def test_any_ratio_is_close_to_an_average_by_area(shape: tuple[int, int]) -> None:
+    texture = cv2.GaussianBlur(np.random.default_rng(1).normal(0, 300, shape), (0, 0), 3.0) * 2 + 120
+    frame, size = np.clip(texture, 0, 255).astype(np.uint8), fit(shape, CONTROL_SIZE)
+    small = Shrinking(shape, size).shrink(frame)
+    averaged = cv2.resize(frame, size, interpolation=cv2.INTER_AREA)
+    assert small.shape == averaged.shape
+    assert small.mean() == pytest.approx(averaged.mean(), abs=0.3)
+    assert small.std() == pytest.approx(averaged.std(), rel=0.07)
+    assert np.corrcoef(small.ravel(), averaged.ravel())[0, 1] > 0.98
+
+
+def test_no_pixel_is_passed_over() -> None:
+    frame = np.zeros((1024, 1280), np.uint8)
+    frame[:, 1::40] = 255  # lines of one pixel, at all places between the pixels of the small image
+    small = Shrinking(frame.shape, fit(frame.shape, CONTROL_SIZE)).shrink(frame)
+    assert small.mean() == pytest.approx(frame.mean(), rel=0.05)
+    for line in range(1, 1280, 40):
+        place = int((line + 0.5) / 1280 * 338)
+        assert small[0, max(place - 1, 0) : place + 2].sum() == pytest.approx(255 * 338 / 1280, rel=0.1)
+
+
+def test_an_image_of_the_size_stays_as_it_is() -> None:
+    frame = np.random.default_rng(1).integers(0, 256, (270, 360, 3)).astype(np.uint8)
+    assert Shrinking(frame.shape, (360, 270)).shrink(frame) is frame
+    assert Shrinking(frame.shape, (90, 68)).shrink(frame).shape == (68, 90, 3)
 
 
 def test_a_frame_too_small_is_refused_with_its_size() -> None:
