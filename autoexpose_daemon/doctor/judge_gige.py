@@ -9,18 +9,17 @@ from itertools import groupby
 from autoexpose_daemon.doctor.facts import GigeFacts
 from autoexpose_daemon.doctor.finding import Finding
 from autoexpose_daemon.doctor.need import Need
-from drivers.genicam.link_share import bytes_per_s
+from drivers.genicam.link_share import bytes_per_s, packets_of
 from drivers.host.gvcp import Control, GigeCamera
 from drivers.host.network import SOCKET_BUFFER_BYTES, NetworkInterface
 
 JUMBO_BYTES = 8000
 """From here on a frame has few enough packets; not all cards and cameras reach 9000."""
-USABLE_SHARE = 0.95
-"""Share of the line rate left by the headers of Ethernet, IP, UDP and GVSP, with packets of 1500 bytes."""
+LARGEST_PACKET_BYTES = 16000
+"""What `transport.packet_size_bytes` allows; the MTU of lo is beyond all cameras."""
 _RAISE_SOCKET_BUFFER = (
     f"echo net.core.rmem_max={SOCKET_BUFFER_BYTES} | sudo tee /etc/sysctl.d/60-autoexpose.conf && sudo sysctl --system"
 )
-_PACKET_OVERHEAD_BYTES = 36  # IP, UDP and GVSP headers, which count as part of the packet
 
 
 def judge_gige(gige: GigeFacts, need: Need) -> Iterator[Finding]:
@@ -41,10 +40,11 @@ def judge_gige(gige: GigeFacts, need: Need) -> Iterator[Finding]:
             wanted.append(camera)
     for interface, group in groupby(sorted(wanted, key=_interface_name), key=lambda camera: camera.interface):
         sharing = list(group)
-        yield _judge_packets(interface, need)
-        yield _judge_bandwidth(interface, sharing, need)
-        if len(sharing) > 1 and interface.speed_mbps is not None:
-            yield _judge_bursts(interface, interface.speed_mbps, sharing, need)
+        mbps = need.link_mbps or interface.speed_mbps
+        yield _judge_packets(interface, sharing, need)
+        yield _judge_bandwidth(interface, mbps, sharing, need)
+        if len(sharing) > 1 and mbps is not None:
+            yield _judge_bursts(interface, mbps, sharing, need)
         if gige.no_filter is not None:
             yield _unfiltered(interface, sharing, gige.no_filter)
     yield _judge_socket_buffer(gige.largest_socket_buffer_bytes, bool(wanted))
@@ -93,7 +93,7 @@ def _judge_control(control: Control, name: str, camera: GigeCamera) -> Finding:
     return Finding("gige-control", "ok", f"{name} answers and is free")
 
 
-def _judge_packets(interface: NetworkInterface, need: Need) -> Finding:
+def _judge_packets(interface: NetworkInterface, cameras: Sequence[GigeCamera], need: Need) -> Finding:
     name, mtu_bytes, packet_bytes = interface.name, interface.mtu_bytes, need.packet_size_bytes
     if packet_bytes is not None and packet_bytes > mtu_bytes:
         return Finding(
@@ -102,7 +102,7 @@ def _judge_packets(interface: NetworkInterface, need: Need) -> Finding:
             f"transport.packet_size_bytes {packet_bytes} exceeds the MTU of {name}, {mtu_bytes} bytes",
             f"sudo ip link set dev {name} mtu {packet_bytes}   # or lower transport.packet_size_bytes",
         )
-    packets = -(-need.frame_bytes // ((packet_bytes or mtu_bytes) - _PACKET_OVERHEAD_BYTES))
+    packets = packets_of(max(need.frame_bytes(camera.serial) for camera in cameras), packet_bytes or mtu_bytes)
     sentence = f"{name} has an MTU of {mtu_bytes} bytes"
     if packet_bytes is not None:
         return Finding("gige-packets", "ok", f"{sentence}; the configuration asks for {packet_bytes}")
@@ -116,16 +116,19 @@ def _judge_packets(interface: NetworkInterface, need: Need) -> Finding:
     )
 
 
-def _judge_bandwidth(interface: NetworkInterface, cameras: Sequence[GigeCamera], need: Need) -> Finding:
-    names = " and ".join(need.name(camera.serial) for camera in cameras)
-    needed = need.bandwidth_mb_per_s(len(cameras))
+def _judge_bandwidth(
+    interface: NetworkInterface, mbps: float | None, cameras: Sequence[GigeCamera], need: Need
+) -> Finding:
+    serials = [camera.serial for camera in cameras]
+    names, frames = " and ".join(map(need.name, serials)), need.in_words(serials)
+    needed = need.bytes_per_s(serials, need.packet_size_bytes or min(interface.mtu_bytes, LARGEST_PACKET_BYTES))
     several = len(cameras) > 1
     sentence = f"{names} {'share' if several else 'is on'} {interface.name} and need{'' if several else 's'} "
-    sentence += f"{needed:.0f} MB/s"
-    if interface.speed_mbps is None:
-        return Finding("gige-bandwidth", "ok", f"{sentence} of an unknown bandwidth ({need.assumption})")
-    available = USABLE_SHARE * interface.speed_mbps / 8
-    sentence += f" of about {available:.0f} MB/s ({need.assumption})"
+    sentence += f"{needed / 1e6:.0f} MB/s"
+    if mbps is None:
+        return Finding("gige-bandwidth", "ok", f"{sentence} of an unknown bandwidth ({frames})")
+    available = bytes_per_s(mbps, 1)
+    sentence += f" of about {available / 1e6:.0f} MB/s ({frames})"
     if needed <= available:
         return Finding("gige-bandwidth", "ok", sentence)
     return Finding(

@@ -7,13 +7,11 @@ from itertools import groupby
 
 from autoexpose_daemon.doctor.finding import Finding
 from autoexpose_daemon.doctor.need import Need
+from drivers.genicam.link_share import USB3_MBPS, usb_bytes_per_s
 from drivers.host.usb import UsbCamera, UsbFacts
 
-SUPERSPEED_MBPS = 5000
 USBFS_MEMORY_MB = 1000
 """Room for the transfers of any two cameras; the kernel's own limit of 16 MB is too small for them."""
-USABLE_SHARE = 0.64
-"""Left by line coding and protocol: about 400 of SuperSpeed's 625 MB/s, 40 of the 60 MB/s of USB 2."""
 
 _INSTALL_RULE = (
     "sudo install -m 644 systemd/60-usb3-vision.rules /etc/udev/rules.d/ && "
@@ -60,7 +58,7 @@ def _judge_link(camera: UsbCamera, need: Need) -> Finding:
     speed = "an unknown speed" if camera.speed_mbps is None else f"{camera.speed_mbps:g} Mbit/s"
     if not need.wants(camera.serial):
         return Finding("usb-link", "ok", f"{name} is present at {speed}; the configuration does not name it")
-    if camera.speed_mbps is None or camera.speed_mbps >= SUPERSPEED_MBPS:
+    if camera.speed_mbps is None or camera.speed_mbps >= USB3_MBPS:
         return Finding("usb-link", "ok", f"{name} is linked at {speed}")
     return Finding(
         "usb-link",
@@ -110,18 +108,19 @@ def _judge_bandwidth(cameras: Sequence[UsbCamera], need: Need) -> Iterator[Findi
     """Devices on one root hub share its bandwidth."""
     for bus, group in groupby(sorted(cameras, key=lambda camera: camera.bus), key=lambda camera: camera.bus):
         sharing = list(group)
-        names = " and ".join(need.name(camera.serial) for camera in sharing)
-        needed = need.bandwidth_mb_per_s(len(sharing))
+        serials = [camera.serial for camera in sharing]
+        names = " and ".join(map(need.name, serials))
+        needed = need.bytes_per_s(serials)
         sentence = (
             f"{names} {'share' if len(sharing) > 1 else 'is on'} bus {bus} of host controller "
-            f"{sharing[0].controller or 'unknown'} and need{'' if len(sharing) > 1 else 's'} {needed:.0f} MB/s"
+            f"{sharing[0].controller or 'unknown'} and need{'' if len(sharing) > 1 else 's'} {needed / 1e6:.0f} MB/s"
         )
         speed_mbps = sharing[0].bus_speed_mbps
         if speed_mbps is None:
-            yield Finding("usb-bandwidth", "ok", f"{sentence} of an unknown bandwidth ({need.assumption})")
+            yield Finding("usb-bandwidth", "ok", f"{sentence} of an unknown bandwidth ({need.in_words(serials)})")
             continue
-        available = USABLE_SHARE * speed_mbps / 8
-        sentence += f" of about {available:.0f} MB/s ({need.assumption})"
+        available = usb_bytes_per_s(speed_mbps, 1)
+        sentence += f" of about {available / 1e6:.0f} MB/s ({need.in_words(serials)})"
         if needed <= available:
             yield Finding("usb-bandwidth", "ok", sentence)
         else:

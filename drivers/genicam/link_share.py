@@ -1,4 +1,4 @@
-"""How fast each of several cameras may send over one link, so that no switch before it overflows.
+"""How fast each of several cameras may send over one link, so that nothing before it overflows.
 
 Hardware triggers make cameras send at the same instant, each as fast as its own cable allows. A switch keeps what the
 common cable to the host cannot take at once, in a buffer that holds less than a frame, and drops the rest.
@@ -9,7 +9,13 @@ from __future__ import annotations
 import math
 
 USABLE_SHARE = 0.9
-"""Of the link: the rest is for packets that are sent again, and for other traffic."""
+"""Of a GigE Vision link: the rest is for packets that are sent again, and for other traffic."""
+
+USB3_MBPS = 5000
+"""Of SuperSpeed."""
+
+USB3_USABLE_SHARE = 0.64
+"""Left by line coding and protocol: about 400 of SuperSpeed's 625 MB/s, 40 of the 60 MB/s of USB 2."""
 
 _HEADERS_BYTES = 36
 """Of IP, UDP and GVSP: they count as part of a packet's size."""
@@ -19,8 +25,13 @@ _FRAMING_BYTES = 38
 
 
 def bytes_per_s(mbps: float, cameras: int) -> float:
-    """What each of so many cameras may send over a link of so many megabits per second."""
+    """What each of so many cameras may send over a GigE Vision link of so many megabits per second."""
     return USABLE_SHARE * mbps * 1e6 / 8 / cameras
+
+
+def usb_bytes_per_s(mbps: float, cameras: int) -> float:
+    """What each of so many cameras can send over a bus of so many megabits per second."""
+    return USB3_USABLE_SHARE * mbps * 1e6 / 8 / cameras
 
 
 def packet_delay_ns(packet_bytes: int, share_bytes_per_s: float, own_bytes_per_s: float | None) -> int:
@@ -40,7 +51,11 @@ def packet_delay_ns(packet_bytes: int, share_bytes_per_s: float, own_bytes_per_s
     return max(math.ceil(1e9 * (on_the_wire / share_bytes_per_s - sending_s)), 0)
 
 
+def packets_of(frame_bytes: int, packet_bytes: int) -> int:
+    """How many stream packets of a size, headers included, carry a frame."""
+    return math.ceil(frame_bytes / (packet_bytes - _HEADERS_BYTES))
+
+
 def needed_bytes_per_s(frame_bytes: int, packet_bytes: int, rate_hz: float) -> float:
     """What a camera sends on average, with the headers of its packets."""
-    packets = math.ceil(frame_bytes / (packet_bytes - _HEADERS_BYTES))
-    return rate_hz * (frame_bytes + packets * (_HEADERS_BYTES + _FRAMING_BYTES))
+    return rate_hz * (frame_bytes + packets_of(frame_bytes, packet_bytes) * (_HEADERS_BYTES + _FRAMING_BYTES))

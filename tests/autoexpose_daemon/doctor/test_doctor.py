@@ -19,6 +19,7 @@ from autoexpose_daemon.doctor.finding import Finding, Severity
 from autoexpose_daemon.doctor.judge import judge
 from autoexpose_daemon.doctor.need import Need
 from autoexpose_daemon.doctor.output import as_json, show
+from drivers.genicam import link_share
 from drivers.host.gvcp import Control, GigeCamera
 from drivers.host.network import SOCKET_BUFFER_BYTES, NetworkInterface
 from drivers.host.usb import DeviceNode, Process, UsbCamera, UsbFacts, find_usb
@@ -135,14 +136,14 @@ GIGE_TROUBLES: list[tuple[GigeFacts, *Trouble]] = [
     ),
     (
         gige_facts(on(GIGE, speed_mbps=100)),
-        need(), "gige-bandwidth", "warning", r"camera G is on eth0 and needs 23 MB/s of about 12 MB/s", "ethtool eth0",
+        need(), "gige-bandwidth", "warning", r"camera G is on eth0 and needs 24 MB/s of about 11 MB/s", "ethtool eth0",
     ),
     (
         gige_facts(GIGE, replace(GIGE, serial="H", address=IPv4Interface("192.168.7.6/24"))),
         need({"left": {"serial": "G"}, "right": {"serial": "H"}}, trigger={"rate_hz": 110},
              image={"pixel_format": "Mono12"}, transport={"plan": True}),
         "gige-bandwidth", "warning",
-        r"left camera G and right camera H share eth0 and need 171 MB/s of about 119 MB/s .* 16 bits at 110 Hz",
+        r"left camera G and right camera H share eth0 and need 172 MB/s of about 112 MB/s .* 16 bits at 110 Hz",
         "ethtool eth0",
     ),
     (
@@ -225,8 +226,45 @@ def test_two_cameras_on_one_bus_share_it_and_on_two_they_do_not() -> None:
         assert troubles(facts, Need(rate_hz=rate_hz)) == expected
 
 
-def test_binning_makes_frames_smaller() -> None:
-    assert need(ONE, image={"binning": 2}).bandwidth_mb_per_s(2) == need(ONE).bandwidth_mb_per_s(2) / 4
+def frames(*features: dict[str, Any], **sections: Any) -> tuple[int, str]:
+    """Bytes of a frame of a camera with these features, and what the doctor says of it."""
+    wanted = need({"left": {"serial": "U", "features": list(features)}}, **sections)
+    return wanted.frame_bytes("U"), wanted.in_words(["U"])
+
+
+def test_a_frame_is_as_large_as_the_configuration_makes_it() -> None:
+    assert frames() == (720 * 540, "assuming 720x540 pixels of 8 bits at 60 Hz")
+    assert frames(image={"binning": 2}) == (360 * 270, "assuming 360x270 pixels of 8 bits at 60 Hz")
+    halved = frames({"BinningHorizontal": 2}, {"BinningVertical": 2}, {"DecimationVertical": 2})
+    assert halved == (360 * 135, "assuming 360x135 pixels of 8 bits at 60 Hz")
+    region = frames({"Width": 640}, {"Width": 2448}, {"Height": 2048}, image={"pixel_format": "Mono12Packed"})
+    assert region == (2448 * 2048 * 3 // 2, "2448x2048 pixels of 12 bits at 60 Hz")
+    assert frames({"Width": 1440}) == (1440 * 540, "assuming 1440x540 pixels of 8 bits at 60 Hz")
+    assert frames({"Width": True}, {"Height": "full"}, {"RegionSelector[1].Width": 8})[0] == 720 * 540
+
+
+def test_each_camera_needs_what_its_own_features_make_of_it() -> None:
+    wanted = need(
+        {"left": {"serial": "G", "features": [{"Width": 1440}, {"Height": 1080}]}, "right": {"serial": "H"}},
+        transport={"plan": True, "link_mbps": 500},
+    )
+    second = replace(GIGE, serial="H", address=IPv4Interface("192.168.7.6/24"))
+    (found,) = [each for each in judge(Facts(UsbFacts(blind="no bus"), gige_facts(GIGE, second)), wanted)
+                if each.check == "gige-bandwidth"]  # fmt: skip
+    assert found.severity == "warning"
+    assert "need 118 MB/s of about 56 MB/s (assuming 1440x1080 and 720x540 pixels" in found.sentence
+
+
+def test_the_doctor_warns_where_the_plan_refuses() -> None:
+    """Two cameras on a link of 1000 Mb/s: the same figures as `transport.plan` uses."""
+    second = replace(GIGE, serial="H", address=IPv4Interface("192.168.7.6/24"))
+    share = link_share.bytes_per_s(1000, 2)
+    fits_hz = share / link_share.needed_bytes_per_s(2 * 720 * 540, 9000, 1.0)
+    for rate_hz, expected in ((0.999 * fits_hz, "ok"), (1.001 * fits_hz, "warning")):
+        cameras = {"left": {"serial": "G"}, "right": {"serial": "H"}}
+        wanted = need(cameras, trigger={"rate_hz": rate_hz}, image={"pixel_format": "Mono16"})
+        found = judge(Facts(UsbFacts(blind="no bus"), gige_facts(GIGE, second)), wanted)
+        assert [each.severity for each in found if each.check == "gige-bandwidth"] == [expected]
 
 
 def test_what_is_read_from_a_host_is_judged(tmp_path: Path) -> None:
