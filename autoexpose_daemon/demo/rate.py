@@ -8,7 +8,8 @@ from pathlib import Path
 RATES_HZ = (60.0, 30.0, 20.0, 10.0, 4.0, 2.0)
 """The demo runs at the highest that this machine can sustain.
 
-Not at 5 Hz: over USB3 Vision Aravis 0.8.26 waits 0.2 s at a time for a frame, and loses one that comes just between.
+Not at 5 Hz: over USB3 Vision Aravis 0.8.26 waits 0.2 s at a time for a frame, and may lose one that comes just between
+(docs/usb3.md).
 """
 
 _USABLE_SHARE = 0.85  # of the cores; the rest is for the terminal and the system

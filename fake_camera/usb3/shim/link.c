@@ -16,15 +16,24 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
-enum { SETUP_BYTES = 8 };
+enum { SETUP_BYTES = 8, ENDPOINTS = 16 };
 
-/* What waits for an answer: an URB of libusb, or (`urb` is NULL) an ioctl that blocks until then. */
+/* What waits for an answer: an URB of libusb, or (`urb` is NULL) an ioctl that blocks until then, or what was an URB
+ * until it was discarded (`discarded`). */
 struct entry {
     struct entry *next;
     uint32_t sequence, unlink_sequence;
     struct usbdevfs_urb *urb;
-    bool answered;
-    int status;
+    bool answered, discarded;
+    int status, endpoint;
+};
+
+/* What a camera sent for an URB that had just been discarded. With a host controller it would still be in the camera:
+ * the next URB gets it. */
+struct unread {
+    int unanswered; /* discarded URBs that the camera may still answer */
+    unsigned char *data;
+    size_t bytes;
 };
 
 struct queue {
@@ -38,6 +47,7 @@ struct link {
     pthread_mutex_t lock; /* guards all below */
     pthread_cond_t answered;
     struct queue pending, done;
+    struct unread unread[ENDPOINTS]; /* of bulk IN endpoints, by their number */
     uint32_t sequence;
     bool gone;
 };
@@ -100,6 +110,25 @@ static bool receive_data(struct link *link, struct entry *entry, uint32_t bytes)
     return bytes + skip <= (size_t)urb->buffer_length && usbip_receive(link->sock, (char *)urb->buffer + skip, bytes);
 }
 
+/* The answer to a discarded URB: it was cancelled in time, or what was sent for it is kept. */
+static bool receive_unread(struct link *link, struct entry *entry, uint32_t bytes)
+{
+    struct unread *unread = &link->unread[entry->endpoint];
+    unsigned char *data = bytes ? malloc(bytes) : NULL;
+    bool complete = !bytes || (data && usbip_receive(link->sock, data, bytes));
+    pthread_mutex_lock(&link->lock);
+    if (complete && bytes) {
+        free(unread->data);
+        *unread = (struct unread){.unanswered = unread->unanswered, .data = data, .bytes = bytes};
+    } else
+        free(data);
+    unread->unanswered--;
+    pthread_cond_broadcast(&link->answered);
+    pthread_mutex_unlock(&link->lock);
+    free(entry);
+    return complete;
+}
+
 static bool receive_answer(struct link *link)
 {
     struct usbip_return answer;
@@ -113,6 +142,8 @@ static bool receive_answer(struct link *link)
     pthread_mutex_unlock(&link->lock);
     if (!entry)
         return false;
+    if (entry->discarded)
+        return receive_unread(link, entry, cancelled ? 0 : answer.actual_length);
     bool complete = cancelled || receive_data(link, entry, answer.actual_length);
     pthread_mutex_lock(&link->lock);
     int status = cancelled ? -ENOENT : complete ? answer.status : -ESHUTDOWN;
@@ -128,8 +159,12 @@ static void *read_answers(void *argument)
         continue;
     pthread_mutex_lock(&link->lock);
     for (struct entry *entry; (entry = take(&link->pending, &link->pending.first));)
-        finish(link, entry, -ESHUTDOWN, 0);
+        if (entry->discarded)
+            free(entry);
+        else
+            finish(link, entry, -ESHUTDOWN, 0);
     link->gone = true;
+    pthread_cond_broadcast(&link->answered);
     real_close(link->drain);
     pthread_mutex_unlock(&link->lock);
     return NULL;
@@ -165,6 +200,38 @@ static struct entry *expect(struct link *link, struct usbdevfs_urb *urb)
     return entry;
 }
 
+static bool is_bulk_in(const struct usbdevfs_urb *urb)
+{
+    return urb->type == USBDEVFS_URB_TYPE_BULK && urb->endpoint & 0x80;
+}
+
+/* Complete an URB with what was sent for a discarded one; false: there is nothing. */
+static bool read_unread(struct link *link, struct usbdevfs_urb *urb)
+{
+    struct unread *unread = &link->unread[urb->endpoint & 0x0F];
+    struct entry *entry = NULL;
+    pthread_mutex_lock(&link->lock);
+    while (unread->unanswered && !link->gone)
+        pthread_cond_wait(&link->answered, &link->lock);
+    if (unread->bytes && !link->gone && (entry = calloc(1, sizeof *entry))) {
+        size_t bytes = (size_t)urb->buffer_length < unread->bytes ? (size_t)urb->buffer_length : unread->bytes;
+        memcpy(urb->buffer, unread->data, bytes);
+        memmove(unread->data, unread->data + bytes, unread->bytes -= bytes);
+        entry->urb = urb;
+        finish(link, entry, 0, (uint32_t)bytes);
+    }
+    pthread_mutex_unlock(&link->lock);
+    return entry;
+}
+
+static void forget_unread(struct link *link)
+{
+    pthread_mutex_lock(&link->lock);
+    for (int i = 0; i < ENDPOINTS; i++)
+        link->unread[i].bytes = 0;
+    pthread_mutex_unlock(&link->lock);
+}
+
 int link_submit(struct link *link, struct usbdevfs_urb *urb)
 {
     if (urb->type == USBDEVFS_URB_TYPE_ISO) {
@@ -175,6 +242,8 @@ int link_submit(struct link *link, struct usbdevfs_urb *urb)
     size_t skip = control ? SETUP_BYTES : 0;
     if ((size_t)urb->buffer_length < skip)
         return fail(EINVAL);
+    if (is_bulk_in(urb) && read_unread(link, urb))
+        return 0;
     struct usbip_submit submit = {
         .endpoint = (urb->endpoint & 0x0F) | (is_in(urb) ? 0x80 : 0),
         .length = (uint32_t)(urb->buffer_length - (int)skip),
@@ -206,17 +275,39 @@ int link_reap(struct link *link, struct usbdevfs_urb **urb)
     return 0;
 }
 
+/* As with a host controller, an URB ends when it is discarded, whatever the camera is about to send for it; but only
+ * if no other is pending on its endpoint, which would get that. The lock is held. */
+static void end_at_once(struct link *link, struct entry **at)
+{
+    struct entry *entry = *at, *rest;
+    if (!is_bulk_in(entry->urb))
+        return;
+    for (struct entry *other = link->pending.first; other; other = other->next)
+        if (other != entry && other->urb && other->urb->endpoint == entry->urb->endpoint)
+            return;
+    if (!(rest = calloc(1, sizeof *rest)))
+        return;
+    rest->sequence = entry->sequence;
+    rest->unlink_sequence = entry->unlink_sequence;
+    rest->endpoint = entry->urb->endpoint & 0x0F;
+    rest->discarded = true;
+    finish(link, take(&link->pending, at), -ENOENT, 0);
+    append(&link->pending, rest);
+    link->unread[rest->endpoint].unanswered++;
+}
+
 int link_discard(struct link *link, struct usbdevfs_urb *urb)
 {
     pthread_mutex_lock(&link->sending);
     pthread_mutex_lock(&link->lock);
-    struct entry *entry = link->pending.first;
-    while (entry && entry->urb != urb)
-        entry = entry->next;
+    struct entry **at = &link->pending.first;
+    while (*at && (*at)->urb != urb)
+        at = &(*at)->next;
     uint32_t sequence = 0, unlinked = 0;
-    if (entry) {
-        unlinked = entry->sequence;
-        sequence = entry->unlink_sequence = ++link->sequence;
+    if (*at) {
+        unlinked = (*at)->sequence;
+        sequence = (*at)->unlink_sequence = ++link->sequence;
+        end_at_once(link, at);
     }
     pthread_mutex_unlock(&link->lock);
     if (unlinked)
@@ -241,6 +332,7 @@ static int wait_for(struct link *link, struct entry *entry)
 
 int link_claim(struct link *link, uint8_t interface, bool claims)
 {
+    forget_unread(link);
     pthread_mutex_lock(&link->sending);
     struct entry *entry = expect(link, NULL);
     if (entry)
@@ -251,6 +343,7 @@ int link_claim(struct link *link, uint8_t interface, bool claims)
 
 int link_request(struct link *link, uint8_t recipient, uint8_t request, uint16_t value, uint16_t index)
 {
+    forget_unread(link); /* it clears a halt, or chooses an alternate setting */
     unsigned char setup[SETUP_BYTES] = {recipient, request, value & 0xFF, value >> 8, index & 0xFF, index >> 8, 0, 0};
     pthread_mutex_lock(&link->sending);
     struct entry *entry = expect(link, NULL);
@@ -297,6 +390,8 @@ void link_close(struct link *link)
     pthread_join(link->reader, NULL); /* now nothing writes into URBs, and our end of the pipe is closed */
     for (struct entry *entry; (entry = take(&link->done, &link->done.first));)
         free(entry);
+    for (int i = 0; i < ENDPOINTS; i++)
+        free(link->unread[i].data);
     real_close(link->sock);
     real_close(link->fd);
     free(link);

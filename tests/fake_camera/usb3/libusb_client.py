@@ -21,6 +21,7 @@ from tests.fake_camera.usb3.usb3_client import READMEM, SBRM_ADDRESS, WRITEMEM
 
 LEADER_BYTES = TRAILER_BYTES = 1024
 TIMEOUT_MS = 5000
+TIMED_OUT = -7
 _BULK = 2
 
 
@@ -110,6 +111,13 @@ class LibusbCamera:
             for slot in slots:
                 for transfer in slot.transfers:
                     self._usb.libusb_free_transfer(transfer)
+
+    def read_stream(self, count: int, timeout_ms: int) -> tuple[int, bytes]:
+        """One synchronous read, given up after some time: libusb's result (0, or TIMED_OUT) and the data."""
+        buffer, moved = c.create_string_buffer(count), c.c_int()
+        bulk = self._usb.libusb_bulk_transfer
+        result = bulk(self._device, c.c_ubyte(STREAM_IN), buffer, count, c.byref(moved), timeout_ms)
+        return result, buffer.raw[: moved.value]
 
     def _arriving(self) -> Iterator[tuple[int, bytes]]:
         while True:

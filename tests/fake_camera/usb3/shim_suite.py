@@ -20,9 +20,10 @@ from fake_camera.device.device import Device
 from fake_camera.device.faults import Fault, FaultOrder
 from fake_camera.device.line0 import Line0
 from fake_camera.usb3.run import CAMERAS_VARIABLE
+from fake_camera.usb3.usb.endpoint import InEndpoint, ReadRequest
 from fake_camera.usb3.usbip.server import Usb3Server
 from tests.fake_camera.gige.gige_client import Ramp, ramp
-from tests.fake_camera.usb3.libusb_client import LibusbCamera
+from tests.fake_camera.usb3.libusb_client import TIMED_OUT, TIMEOUT_MS, LibusbCamera
 from tests.fakes import unique
 
 with warnings.catch_warnings():
@@ -417,3 +418,26 @@ def test_frozen_frames_do_not_come_but_are_counted(fake: Device) -> None:
     ids = [before] + [next_buffer(stream).get_frame_id() for _ in range(8)]
     assert np.diff(ids).max() >= 20
     camera.stop_acquisition()
+
+
+def test_what_a_camera_sends_while_a_read_is_given_up_comes_with_the_next_read(
+    fake: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Else frames of a rate near the host's timeout are lost, as none is behind a host controller."""
+    cancel, sent_late = InEndpoint.cancel, [b"first", bytes(40), b"third"]
+
+    def send_before(endpoint: InEndpoint, request: ReadRequest) -> bool:
+        if sent_late:
+            endpoint.write(sent_late.pop(0))
+        return cancel(endpoint, request)
+
+    monkeypatch.setattr(InEndpoint, "cancel", send_before)
+    with contextlib.closing(LibusbCamera()) as camera:
+        assert camera.read_stream(64, 20) == (TIMED_OUT, b"")
+        assert camera.read_stream(64, TIMEOUT_MS) == (0, b"first")
+        assert camera.read_stream(64, 20) == (TIMED_OUT, b"")
+        assert camera.read_stream(16, TIMEOUT_MS) == (0, bytes(16))  # a transfer goes on in the next read
+        assert camera.read_stream(64, TIMEOUT_MS) == (0, bytes(24))
+        assert camera.read_stream(64, 20) == (TIMED_OUT, b"")
+        assert camera.read_stream(64, TIMEOUT_MS) == (0, b"third")
+        assert camera.read_stream(64, 20) == (TIMED_OUT, b"")
