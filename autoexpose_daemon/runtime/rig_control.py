@@ -168,7 +168,7 @@ class RigControl:
         if decision.setting != self._asked and not self._awaits_shot(decided_ns):
             self._asked, written_to = decision.setting, self.telemetry.present
             self._cameras.write(decision.setting, self.record.command(decision.setting, arrival_ns, decided_ns).due_ns)
-        self.requests.decided(pair, decision, written_to)
+        self.requests.decided(decision, written_to, self.telemetry.present)
         self._deliver(pair, decision)
         self.requests.fresh = ()
 

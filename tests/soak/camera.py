@@ -95,6 +95,11 @@ class Device:
         ]
         self._writes_done = 0
 
+    @property
+    def written(self) -> ExposureSetting:
+        """What was written last."""
+        return self._writes[-1][1] if self._writes else self._setting
+
     def vanish(self) -> None:
         """Lose power: even when it is back at once, nobody controls it any more."""
         self.present = False

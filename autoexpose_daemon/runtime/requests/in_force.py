@@ -96,17 +96,17 @@ class Requests:
         self._override = Override(self._tally.ev_stops, held, shot, unseen)
         return self._override
 
-    def decided(self, pair: StereoPair, decision: Decision, written_to: Iterable[Side]) -> None:
-        """The step was made, and these cameras will be written."""
+    def decided(self, decision: Decision, written_to: Iterable[Side], present: Iterable[Side]) -> None:
+        """The step was made; of the cameras that are present, some will be written."""
         if self._override.shot is None:
             self._decided = decision.setting
             if self._tally.locked is not None:
                 self._tally.locked = decision.setting  # within bounds that may have changed
         elif self.shot is not None:
-            self.shot.decided(written_to)
+            self.shot.decided(written_to, present)
         if self._active.loop is not None:
             self._tally.bounds = Bounds.of(self._active.loop.setup.limits)
-        found = None if self.shot is None else self.shot.found(pair)
+        found = None if self.shot is None else self.shot.found()
         if self.shot is not None and found is not None:
             log.info("the shot is trigger %d, %s", found.trigger, found.setting)
             self.shot.answer.set_result(self._answer(found))
@@ -125,7 +125,7 @@ class Requests:
     def look(self, now_ns: int) -> None:
         """To be called at least ten times a second."""
         if self.shot is not None and now_ns > self.shot.deadline_ns:
-            self._give_up("no frame was taken with it in time: are there pairs, and does the camera take the setting?")
+            self._give_up(self.shot.shortfall)
 
     def _apply(self, request: Request) -> ExposureSetting | None:
         """Make all changes, or raise ConfigurationError; returns the setting of a shot, which is still to be taken."""

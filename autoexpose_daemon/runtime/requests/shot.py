@@ -47,12 +47,13 @@ class PendingShot:
         self.is_decided = False
         self.unwritten: set[Side] = set()
         self.written_ns = 0
+        self._cameras: set[Side] = set()
         self._frames: dict[Side, Frame] = {}
         self._trigger: int | None = None
 
-    def decided(self, written_to: Iterable[Side]) -> None:
-        """The cameras are asked for it; these will be written."""
-        self.is_decided, self.unwritten = True, set(written_to)
+    def decided(self, written_to: Iterable[Side], present: Iterable[Side]) -> None:
+        """The cameras that are present are asked for it; some of them will be written."""
+        self.is_decided, self.unwritten, self._cameras = True, set(written_to), set(present)
 
     def see(self, event: RigEvent) -> None:
         """An event of the rig."""
@@ -60,23 +61,36 @@ class PendingShot:
             case Written(side) if event.asked == self.setting:
                 self.unwritten.discard(side)
                 self.written_ns = event.finished_ns
-            case WriteFailed(side) | CameraGone(side):
+            case WriteFailed(side):
                 self.unwritten.discard(side)
+            case CameraGone(side):
+                self.unwritten.discard(side)
+                self._cameras.discard(side)
 
     def is_in(self, pair: StereoPair) -> bool:
         """Whether a frame of a pair was taken for it; of each camera, only the first such frame was."""
         if not self.is_decided:
             return False
-        showing = {side for side, frame in pair.frames.items() if frame.setting.agrees_with(self.setting)}
-        new = showing - self._frames.keys()
-        self._frames |= {side: pair.frames[side] for side in new}
-        if new and self._trigger is None:
-            self._trigger = pair.trigger
-        return bool(new)
+        showing = {side: frame for side, frame in pair.frames.items() if frame.setting.agrees_with(self.setting)}
+        new = bool(showing.keys() - self._frames.keys())
+        if new and showing.keys() >= self._cameras:  # whatever was seen of it alone before
+            self._frames, self._trigger = showing, pair.trigger
+        elif new:
+            self._frames = showing | self._frames
+            self._trigger = pair.trigger if self._trigger is None else self._trigger
+        return new
 
-    def found(self, pair: StereoPair) -> Shot | None:
-        """The frames taken for it, once every camera of `pair` has shown it."""
-        if self._trigger is None or not self._frames.keys() >= pair.frames.keys():
+    def found(self) -> Shot | None:
+        """The frames taken for it, once every camera has shown it that is still there."""
+        if self._trigger is None or not self._frames.keys() >= self._cameras:
             return None
         ids = {side: frame.frame_id for side, frame in self._frames.items()}
         return Shot(next(iter(self._frames.values())).setting, self._trigger, ids)
+
+    @property
+    def shortfall(self) -> str:
+        """Why it cannot be answered when its time is over."""
+        if not self._frames:
+            return "no frame was taken with it in time: are there pairs, and does the camera take the setting?"
+        missing = " and ".join(sorted(self._cameras - self._frames.keys()))
+        return f"no frame of the {missing} camera was taken with it in time, or it was lost: ask again"

@@ -154,6 +154,40 @@ def test_a_shot_that_no_frame_shows_fails_and_control_goes_on(run: Rig) -> None:
     assert run.rig.control.requests.shot is None
 
 
+@pytest.mark.parametrize("lost", ["left", "right"])
+def test_a_shot_of_which_a_frame_is_lost_is_the_next_pair(run: Rig, lost: str) -> None:
+    answer, device = shot(run), {"left": run.left, "right": run.right}[lost]
+    run.wait_until(lambda: device.written == SHOT, "its setting")
+    device.lose = 1
+    run.wait_until(answer.done, "the shot")
+    taken = answer.result().shot
+    assert taken is not None
+    (pair,) = [pair for pair in run.pairs if pair.trigger == taken.trigger]
+    assert taken.frame_ids == {side: frame.frame_id for side, frame in pair.frames.items()}
+    assert {frame.setting for frame in pair.frames.values()} == {SHOT}
+
+
+@pytest.mark.parametrize("lost", ["left", "right"])
+def test_a_frame_that_is_used_alone_does_not_answer_a_shot(run: Rig, lost: str) -> None:
+    answer, device = shot(run), {"left": run.left, "right": run.right}[lost]
+    run.wait_until(lambda: device.written == SHOT, "its setting")
+    device.lose = 40
+    run.let_pass(45)
+    assert not answer.done()
+    run.wait_until(answer.done, "the end of patience")
+    with pytest.raises(AutoexposeError, match=f"the shot failed: no frame of the {lost} camera was taken with it"):
+        answer.result()
+
+
+def test_a_shot_with_one_camera_gone_is_one_frame(run: Rig) -> None:
+    run.right.present = False
+    run.wait_for_state("right camera gone")
+    answer = shot(run)
+    run.wait_until(answer.done, "the shot")
+    taken = answer.result().shot
+    assert taken is not None and list(taken.frame_ids) == ["left"]
+
+
 def test_one_shot_at_a_time(run: Rig) -> None:
     first, second = shot(run), shot(run)
     with pytest.raises(ConfigurationError, match="another shot is under way"):
@@ -265,13 +299,13 @@ def test_a_region_is_not_taken_for_a_camera_that_was_never_open() -> None:
 def test_a_shot_in_a_pair_that_control_had_no_time_for_is_found() -> None:
     answer: Future[Answer] = Future()
     pending = PendingShot(SHOT, 10**9, answer)
-    pending.decided([])
+    pending.decided([], ["left"])
     shown, next_one = (
         StereoPair(trigger, {"left": Frame(np.zeros((1, 1), np.uint8), 8, trigger, 0, 0, 0, setting)})
         for trigger, setting in ((6, SHOT), (7, ExposureSetting(START_US, 0.0)))
     )
     assert pending.is_in(shown) and not pending.is_in(next_one)
-    found = pending.found(next_one)
+    found = pending.found()
     assert found is not None and (found.trigger, found.frame_ids) == (6, {"left": 6})
 
 
