@@ -186,6 +186,7 @@ class AravisCamera:
                 height,
                 self._pixel_format,
                 has_chunks=buffer.has_chunks(),
+                row_padding_bytes=buffer.get_image_padding()[0],
             )
             setting, source = self._read_setting(buffer, pixels, host_time_ns)
         except ValueError as error:

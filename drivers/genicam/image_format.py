@@ -9,6 +9,9 @@ from drivers.genicam.nodes import NodeMap
 from drivers.pixels.formats import PIXEL_FORMATS, PixelFormat
 from drivers.pixels.layout import Pixels
 
+MOST_PADDING_BYTES = 1 << 16
+"""Some cameras fill the payload up to whole packets or transfers; what is longer is no filling."""
+
 _log = logging.getLogger(__name__)
 
 _FORMER_NAMES = {
@@ -106,7 +109,14 @@ def frame_size(nodes: NodeMap) -> tuple[int, int] | None:
 
 
 def decode_pixels(
-    data: bytes, pfnc_code: int, width: int, height: int, expected: PixelFormat, *, has_chunks: bool = False
+    data: bytes,
+    pfnc_code: int,
+    width: int,
+    height: int,
+    expected: PixelFormat,
+    *,
+    has_chunks: bool = False,
+    row_padding_bytes: int = 0,
 ) -> Pixels:
     """The pixels of an image in the format that the camera was set to, in the shape of `Frame.pixels`.
 
@@ -115,21 +125,24 @@ def decode_pixels(
     Parameters
     ----------
     data
-        What was received: the image and, with `has_chunks`, more after it.
-    pfnc_code, width, height
+        What was received: the image, perhaps at most `MOST_PADDING_BYTES` more, and with `has_chunks` any number more.
+    pfnc_code, width, height, row_padding_bytes
         What the frame says of itself.
 
     Raises
     ------
     ValueError
-        When the frame says that it is in another format, it has no pixels, or the number of bytes is not theirs.
+        When the frame says that it is in another format, it has no pixels, its rows are padded, or the number of bytes
+        is not theirs.
     """
     if pfnc_code != expected.pfnc_code:
         says = _BY_PFNC_CODE.get(pfnc_code, f"the unknown pixel format {pfnc_code:#010x}")
         raise ValueError(f"the frame says that it is {says}, but the camera was set to {expected}")
     if width < 1 or height < 1 or (expected.layout == "YUYV" and width % 2):
         raise ValueError(f"an image of {width}x{height} pixels in {expected}")
+    if row_padding_bytes:
+        raise ValueError(f"rows with {row_padding_bytes} bytes of padding: set a Width that needs none")
     needed = expected.image_bytes(width, height)
-    if len(data) < needed or (len(data) > needed and not has_chunks):
+    if len(data) < needed or (len(data) > needed + MOST_PADDING_BYTES and not has_chunks):
         raise ValueError(f"{len(data)} bytes for an image of {needed}")
     return expected.decode(memoryview(data)[:needed], width, height)

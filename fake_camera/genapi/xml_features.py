@@ -216,10 +216,14 @@ class Animation:
         """Refuse a number outside its limits, and an entry that does not exist."""
         if self._evaluator.node(name).kind == "Enumeration":
             entry = self._entry(name)
-            if name == "PixelFormat" and entry not in PIXEL_FORMATS:
-                raise FeatureError("out_of_range", f"pixel format {entry} is not simulated")
+            if name == "PixelFormat":
+                if entry not in PIXEL_FORMATS:
+                    raise FeatureError("out_of_range", f"pixel format {entry} is not simulated")
+                _check_halves(entry, int(self._features.get("Width")))
             return
         value = self._evaluator.value(name)
+        if name == "Width":
+            _check_halves(str(self._features.get("PixelFormat")), int(value))
         low, high = limits(self._evaluator, name)
         slack = _TOLERANCE * max(abs(value), 1.0)
         if not low - slack <= value <= high + slack:
@@ -241,3 +245,9 @@ class Animation:
             self._features.update(feature, bool(value) if feature.endswith("Enable") else float(value))
 
         return self._watch(name, apply)
+
+
+def _check_halves(pixel_format: str, width: int) -> None:
+    """Refuse half a pair of pixels that share their chroma."""
+    if PIXEL_FORMATS[pixel_format].colours == "YUYV" and width % 2:
+        raise FeatureError("out_of_range", f"{pixel_format} has no images of {width} pixels across: an even number")

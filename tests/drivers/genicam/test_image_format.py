@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from drivers.errors import ConfigurationError, UnsupportedCameraError
 from drivers.genicam.image_format import (
+    MOST_PADDING_BYTES,
     choose_pixel_format,
     decode_pixels,
     frame_size,
@@ -127,14 +128,33 @@ def test_half_a_pair_of_pixels_that_share_chroma_is_refused() -> None:
         decode_pixels(bytes(12), PixelFormat.YUV422_8.pfnc_code, 3, 2, PixelFormat.YUV422_8)
 
 
-@given(st.sampled_from(PixelFormat), st.integers(1, 8), st.integers(1, 8), st.integers(-300, 300))
+@given(
+    st.sampled_from(PixelFormat),
+    st.integers(1, 8),
+    st.integers(1, 8),
+    st.integers(-300, 300) | st.integers(MOST_PADDING_BYTES - 1, MOST_PADDING_BYTES + 2),
+)
 def test_a_wrong_number_of_bytes_is_refused(expected: PixelFormat, half_width: int, height: int, more: int) -> None:
     needed = expected.image_bytes(2 * half_width, height)
     data = bytes(max(needed + more, 0))
     for has_chunks in (False, True):
-        fits = len(data) == needed or (has_chunks and more > 0)
+        fits = more >= 0 and (has_chunks or more <= MOST_PADDING_BYTES)
         with contextlib.nullcontext() if fits else pytest.raises(ValueError, match=f"bytes for an image of {needed}"):
             decode_pixels(data, expected.pfnc_code, 2 * half_width, height, expected, has_chunks=has_chunks)
+
+
+def test_rows_with_padding_are_refused() -> None:
+    with pytest.raises(ValueError, match="rows with 2 bytes of padding"):
+        decode_pixels(bytes(16), PixelFormat.MONO8.pfnc_code, 6, 2, PixelFormat.MONO8, row_padding_bytes=2)
+
+
+@given(st.sampled_from(PixelFormat), st.integers(1, 8), st.integers(1, 8), st.integers(1, 4096))
+def test_padding_after_the_image_is_left_out(expected: PixelFormat, half: int, height: int, padding: int) -> None:
+    image = np.random.default_rng(1).bytes(expected.image_bytes(2 * half, height))
+    alone, padded = (
+        decode_pixels(data, expected.pfnc_code, 2 * half, height, expected) for data in (image, image + bytes(padding))
+    )
+    assert np.array_equal(alone, padded)
 
 
 @pytest.mark.parametrize(("code", "name"), [(0x0108000A, "BayerGB8"), (0x0210001F, "unknown pixel format 0x0210001f")])

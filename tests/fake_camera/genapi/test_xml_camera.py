@@ -91,6 +91,24 @@ def test_values_out_of_limits_are_refused_and_change_nothing() -> None:
             client.set("TriggerMode", 7)
 
 
+def test_half_a_pair_of_pixels_that_share_chroma_is_refused() -> None:
+    device = Device(Ramp(), "X1")
+    description = Description.from_bytes(xml_camera(FLIR).replace(b"Mono10", b"YUV422_8"), "tiny")
+    client, (grey, yuv) = Client(XmlCamera(description, device)), (0x01080001, 0x01100003)  # by their old numbers
+    try:
+        client.set("PixelFormat", yuv)
+        with pytest.raises(FeatureError, match="YUV422_8 has no images of 321 pixels across"):
+            client.set("Width", 321)
+        client.set("Width", 320)
+        client.set("PixelFormat", grey)
+        client.set("Width", 321)
+        with pytest.raises(FeatureError, match="YUV422_8 has no images of 321 pixels across"):
+            client.set("PixelFormat", yuv)
+        assert (device.features.get("Width"), device.features.get("PixelFormat")) == (321, "Mono8")
+    finally:
+        device.close()
+
+
 def test_two_names_of_one_exposure_time_agree() -> None:
     with camera(ABS_AND_PLAIN) as (_, client, _):
         client.set("ExposureTimeAbs", 1234.0)
