@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated
@@ -52,7 +51,7 @@ def gain(
 
 def _calibrate(path: Path, mode: CameraMode, console: Console) -> bool:
     """Measure one camera and write its file; False if that is refused."""
-    with Session(open_camera(mode.serial, replace(mode.setup(), gain_scale="own numbers"))) as session:
+    with Session(open_camera(mode.serial, mode.setup(own_gain=True))) as session:
         who = session.description
         _check_range(who.serial, who.gain_node, session.limits)
         looks = _looks(session, console)

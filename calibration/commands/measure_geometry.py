@@ -25,7 +25,7 @@ from calibration.report import check_extra
 from calibration.report.geometry import geometry_facts, write_geometry_report
 from calibration.sources.exposure_times import image_paths
 from calibration.sources.images import read_grey8
-from calibration.sources.pair import RATE_HZ, PairOfCameras, whole_grey8
+from calibration.sources.pair import RATE_HZ, SLOWEST_HZ, PairOfCameras, whole_grey8
 from calibration.sources.session import Session
 from drivers.aravis import open_camera
 from drivers.errors import AutoexposeError, ConfigurationError
@@ -125,7 +125,7 @@ def from_cameras(board: Board, rig: Sequence[CameraMode], console: Console) -> G
     with ExitStack() as opened:
         sessions: dict[Side, Session] = {}
         for side, mode in zip(SIDES, rig, strict=True):
-            sessions[side] = opened.enter_context(Session(open_camera(mode.serial, mode.setup(RATE_HZ))))
+            sessions[side] = opened.enter_context(Session(open_camera(mode.serial, mode.setup(_rate_hz(mode)))))
         pair = PairOfCameras(sessions)
         first = pair.next_pair()
         shapes = {side: frame.pixels.shape[:2] for side, frame in first.items()}
@@ -206,3 +206,8 @@ def _keep(result: GeometryResult, folder: Path, console: Console) -> None:
         console.print(f"{finding.severity}: {finding.text}", soft_wrap=True)
     console.print(f"verdict: {result.verdict}")
     console.print(f"written: {', '.join(str(folder / name) for name in (*texts, report.name))}", soft_wrap=True)
+
+
+def _rate_hz(mode: CameraMode) -> float:
+    """No more than the rig's, which its link was planned for."""
+    return max(min(RATE_HZ, mode.rate_hz or RATE_HZ), SLOWEST_HZ)

@@ -9,20 +9,24 @@ from typing import Any, get_args
 
 from calibration.gain.file import GainFile
 from calibration.sources.session import session_setup
+from drivers.config import bounds
 from drivers.config.feature import FeatureSetting, parse_features
 from drivers.config.strict_yaml import load_mapping
 from drivers.errors import ConfigurationError
 from drivers.exposure.gain_scale import GainScale
 from drivers.frames import SIDES, Side
+from drivers.genicam.driven import GAINS
+from drivers.genicam.trigger import RATE_NODES
 from drivers.pixels.formats import PIXEL_FORMATS, PixelFormat
-from drivers.setup import CameraSetup
+from drivers.setup import CameraSetup, LinkShare
 
 
 @dataclass(frozen=True, slots=True)
 class CameraMode:
     """A camera by its serial, the image format to run it with (None keeps what it has), and features to set first.
 
-    `gain_scale` drives a gain that is not in dB; `response` is its response file, which need not exist yet.
+    `gain_scale` drives a gain that is not in dB; `response` is its response file, which need not exist yet; `rate_hz` is that
+    of the rig's trigger.
     """
 
     serial: str
@@ -31,14 +35,24 @@ class CameraMode:
     features: tuple[FeatureSetting, ...] = ()
     gain_scale: GainScale | None = None
     response: Path | None = None
+    rate_hz: float | None = None
+    packet_size_bytes: int | None = None
+    link_share: LinkShare | None = None
 
-    def setup(self, rate_hz: float | None = None) -> CameraSetup:
-        """How to open it for a `calibration.sources.session.Session`."""
+    def setup(self, rate_hz: float | None = None, *, own_gain: bool = False) -> CameraSetup:
+        """How to open it for a `calibration.sources.session.Session`.
+
+        With a rate, and with `own_gain` (its gain in the numbers of its node), features that say otherwise are left
+        out: in the rig they hold.
+        """
+        otherwise = {*(RATE_NODES if rate_hz is not None else ()), *(GAINS if own_gain else ())}
         return replace(
             session_setup(self.pixel_format, rate_hz),
             binning=self.binning,
-            features=self.features,
-            gain_scale=self.gain_scale,
+            features=tuple(feature for feature in self.features if feature.name not in otherwise),
+            gain_scale="own numbers" if own_gain else self.gain_scale,
+            packet_size_bytes=self.packet_size_bytes,
+            link_share=self.link_share,
         )
 
 
@@ -57,6 +71,10 @@ def rig_of_config(path: Path) -> list[CameraMode]:
         raise ConfigurationError(f"{path}: image.pixel_format is {pixel_format!r}: see autoexpose config check")
     if binning is not None and type(binning) is not int:
         raise ConfigurationError(f"{path}: image.binning is {binning!r}: give a whole number of pixels")
+    rate_hz = _number(path, "trigger.rate_hz", _section(path, document, "trigger").get("rate_hz"), bounds.RATE_HZ)
+    transport = _section(path, document, "transport")
+    packet_bytes = _number(path, "transport.packet_size_bytes", transport.get("packet_size_bytes"), bounds.PACKET_BYTES)
+    mbps = _number(path, "transport.link_mbps", transport.get("link_mbps"), bounds.LINK_MBPS)
     rig: list[CameraMode] = []
     if cameras.get("left") is None:
         raise ConfigurationError(f"{path}: cameras.left.serial is missing: name the camera")
@@ -74,7 +92,17 @@ def rig_of_config(path: Path) -> list[CameraMode]:
             response = _file(path, camera, side, "response")
             row = pixel_format and PIXEL_FORMATS[pixel_format]
             rig.append(CameraMode(serial, row, binning, features, scale, response))
-    return rig
+    share = LinkShare(len(rig), mbps) if transport.get("plan") is True else None
+    size = None if packet_bytes is None else int(packet_bytes)
+    return [replace(mode, rate_hz=rate_hz, packet_size_bytes=size, link_share=share) for mode in rig]
+
+
+def _number(path: Path, key: str, value: object, within: bounds.Range) -> float | None:
+    if value is None:
+        return None
+    if isinstance(value, bool) or not isinstance(value, int | float) or value not in within:
+        raise ConfigurationError(f"{path}: {key} is {value!r}: give {within}")
+    return value
 
 
 def _file(path: Path, camera: dict[Any, Any], side: Side, key: str) -> Path | None:

@@ -17,7 +17,7 @@ from drivers.errors import CameraError
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import SIDES, Frame, Side
 
-RATE_HZ = 20.0
+RATE_HZ, SLOWEST_HZ = 20.0, 2.0
 LONGEST_US = 5000.0
 """Longer exposures blur a board held by hand."""
 BRIGHT_GREY = 190.0

@@ -20,8 +20,10 @@ from drivers.config.feature import FeatureSetting
 from drivers.errors import CameraError, ConfigurationError
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Frame, SettingSource
+from drivers.genicam.driven import refuse_driven
 from drivers.genicam.write_latency import FRAMES_AFTER
 from drivers.pixels.formats import PixelFormat
+from drivers.setup import LinkShare
 from tests.fakes import fake_camera
 
 BEFORE = ExposureSetting(1000.0, 0.0)
@@ -146,3 +148,34 @@ def test_the_features_of_a_configuration_are_set_for_a_calibration_too(tmp_path:
     file.write_text("cameras: {left: {serial: A, features: {Width: 320}}}")
     with pytest.raises(ConfigurationError, match=r"rig\.yaml: cameras\.left\.features: is not a list"):
         rig_of_config(file)
+
+
+def test_what_a_calibration_sets_itself_is_left_out_of_the_features(tmp_path: Path) -> None:
+    file = tmp_path / "rig.yaml"
+    file.write_text("cameras: {left: {serial: A, features: [GainRaw: 3, AcquisitionFrameRate: 9.5, Width: 320]}}")
+    (mode,) = rig_of_config(file)
+    assert [feature.name for feature in mode.setup().features] == ["GainRaw", "AcquisitionFrameRate", "Width"]
+    assert [feature.name for feature in mode.setup(20.0).features] == ["GainRaw", "Width"]
+    own = mode.setup(own_gain=True)
+    assert [feature.name for feature in own.features] == ["AcquisitionFrameRate", "Width"]
+    assert not list(refuse_driven(own)) and not list(refuse_driven(mode.setup(20.0)))
+
+
+def test_the_transport_and_the_rate_of_a_configuration_hold_for_a_calibration_too(tmp_path: Path) -> None:
+    file = tmp_path / "rig.yaml"
+    cameras = "cameras: {left: {serial: A}, right: {serial: B}}"
+    file.write_text(cameras)
+    assert {(mode.rate_hz, mode.packet_size_bytes, mode.link_share) for mode in rig_of_config(file)} == {(None,) * 3}
+    file.write_text(
+        cameras + "\ntransport: {plan: true, link_mbps: 500, packet_size_bytes: 8000}\ntrigger: {rate_hz: 8}"
+    )
+    for mode in rig_of_config(file):
+        setup = mode.setup(20.0)
+        assert (mode.rate_hz, setup.packet_size_bytes, setup.link_share) == (8, 8000, LinkShare(2, 500))
+    for wrong, why in (
+        ("trigger: {rate_hz: -1}", "trigger.rate_hz is -1: give 0.1 to 1000 Hz"),
+        ("transport: {packet_size_bytes: big}", "transport.packet_size_bytes is 'big': give 576 to 16000 bytes"),
+    ):
+        file.write_text(f"{cameras}\n{wrong}")
+        with pytest.raises(ConfigurationError, match=why):
+            rig_of_config(file)

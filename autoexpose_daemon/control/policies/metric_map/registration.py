@@ -111,7 +111,7 @@ class Registration:
         """
         here = np.ascontiguousarray(look.image[::STRIDE, ::STRIDE])
         brightest = np.ascontiguousarray(cv2.dilate(look.image, _AROUND)[::STRIDE, ::STRIDE])
-        return cv2.max(here, cv2.LUT(brightest, self._saturated[look.side]))
+        return np.asarray(cv2.max(here, cv2.LUT(brightest, self._saturated[look.side])), np.uint8)
 
 
 def _middle(values: NDArray[np.float32], rank: int) -> float:
