@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -35,11 +37,11 @@ def fit_free(tones: Tones, within: NDArray[np.bool_], prior: InverseCurve) -> tu
     prior
         What the curve is where the sweep says nothing: differences from it are kept smooth.
     """
-    rows = _interpolation(octaves(tones.greys, prior.black), prior.octaves)
+    between = _Between.of(octaves(tones.greys, prior.black), prior.octaves)
     roughness = _roughness(prior.octaves)
     fits = []
     for smoothness in SMOOTHNESS:
-        curve, errors = _fit(tones, within, prior, rows, smoothness * roughness)
+        curve, errors = _fit(tones, within, prior, between, smoothness * roughness)
         fits.append((misfit(curve, tones, within), curve, errors))
     best = min(size for size, _, _ in fits)
     _, curve, errors = next(fit for fit in fits if as_well(fit[0], best))
@@ -47,7 +49,7 @@ def fit_free(tones: Tones, within: NDArray[np.bool_], prior: InverseCurve) -> tu
 
 
 def _fit(
-    tones: Tones, within: NDArray[np.bool_], prior: InverseCurve, rows: Curve, rough: Curve
+    tones: Tones, within: NDArray[np.bool_], prior: InverseCurve, between: _Between, rough: Curve
 ) -> tuple[InverseCurve, Curve]:
     curve = prior
     for _ in range(_ROUNDS):
@@ -55,21 +57,49 @@ def _fit(
         scale = max(1.48 * float(np.median(size[within])), 0.3)
         trust = 1.0 / np.maximum(size / (scale * _SQUARE_UP_TO), 1.0)
         weights = np.where(within, trust / (tones.errors * curve.slope(tones.greys)) ** 2, 0.0)
-        normal, right = _without_radiances(rows, weights, tones.levels)
+        normal, right = _without_radiances(between, weights, tones.levels)
         steps = _increasing(normal + rough, right + rough @ prior.stops)
         stops = np.concatenate([[0.0], np.cumsum(steps)])
         curve = InverseCurve(prior.greys, stops - stops[-1], prior.black)
     return curve, max(scale, 1.0) * np.sqrt(np.maximum(_variances(normal + rough), 0.0))
 
 
-def _interpolation(at: Curve, grid: Curve) -> Curve:
-    """Shares of the nodes in the curve's value at each place, shape (*at.shape, nodes)."""
-    index = np.clip(np.searchsorted(grid, at) - 1, 0, len(grid) - 2)
-    share = np.clip((at - grid[index]) / (grid[index + 1] - grid[index]), 0.0, 1.0)
-    rows = np.zeros((*at.shape, len(grid)))
-    np.put_along_axis(rows, index[..., None], (1.0 - share)[..., None], axis=-1)
-    np.put_along_axis(rows, index[..., None] + 1, share[..., None], axis=-1)
-    return rows
+@dataclass(frozen=True, slots=True, eq=False)
+class _Between:
+    """Where values lie between the nodes of a grid: after which node, and how far towards the next one."""
+
+    node: NDArray[np.intp]
+    share: Curve
+    nodes: int
+
+    @classmethod
+    def of(cls, at: Curve, grid: Curve) -> _Between:
+        node = np.clip(np.searchsorted(grid, at) - 1, 0, len(grid) - 2)
+        return cls(node, np.clip((at - grid[node]) / (grid[node + 1] - grid[node]), 0.0, 1.0), len(grid))
+
+    def to_nodes(self, values: Curve) -> Curve:
+        """The sum of values, each shared out to the two nodes beside it, shape (nodes,)."""
+        return self._summed(self.node, values, self.nodes)
+
+    def to_nodes_by_group(self, values: Curve) -> Curve:
+        """The same for each column, shape (columns, nodes)."""
+        columns = self.node.shape[1]
+        cells = self.node + self.nodes * np.arange(columns)
+        return self._summed(cells, values, columns * self.nodes).reshape(columns, self.nodes)
+
+    def squared(self, values: Curve) -> Curve:
+        """The sum of values times the products of their shares in two nodes, shape (nodes, nodes)."""
+        both = np.bincount(self.node.ravel(), (values * self.share * (1.0 - self.share)).ravel(), self.nodes)[:-1]
+        return (
+            np.diag(self.to_nodes(values) - np.append(both, 0.0) - np.append(0.0, both))
+            + np.diag(both, 1)
+            + np.diag(both, -1)
+        )
+
+    def _summed(self, cells: NDArray[np.intp], values: Curve, count: int) -> Curve:
+        above = values * self.share
+        summed = np.bincount(cells.ravel(), (values - above).ravel(), count)
+        return np.asarray(summed + np.bincount(cells.ravel() + 1, above.ravel(), count))
 
 
 def _roughness(grid: Curve) -> Curve:
@@ -84,15 +114,13 @@ def _roughness(grid: Curve) -> Curve:
     return np.asarray(second.T @ (second * length[:, None]))
 
 
-def _without_radiances(rows: Curve, weights: Curve, levels: Curve) -> tuple[Curve, Curve]:
+def _without_radiances(between: _Between, weights: Curve, levels: Curve) -> tuple[Curve, Curve]:
     """Normal equations of the nodes, with the radiance of each group eliminated: curve - radiance = level."""
-    weighted = rows * weights[..., None]
-    by_group = weighted.sum(axis=0)
+    by_group = between.to_nodes_by_group(weights)
     total = np.maximum(weights.sum(axis=0), 1e-12)
     level_of_group = (weights * levels[:, None]).sum(axis=0)
-    width = rows.shape[-1]
-    normal = weighted.reshape(-1, width).T @ rows.reshape(-1, width) - by_group.T @ (by_group / total[:, None])
-    right = weighted.sum(axis=1).T @ levels - by_group.T @ (level_of_group / total)
+    normal = between.squared(weights) - by_group.T @ (by_group / total[:, None])
+    right = between.to_nodes(weights * levels[:, None]) - by_group.T @ (level_of_group / total)
     return normal, right
 
 
