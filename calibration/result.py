@@ -7,13 +7,15 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 from calibration.findings import Finding
+from calibration.judges.noise_witness import NoiseWitness, hear_noise
 from calibration.judges.solution import judge_solution
+from calibration.judges.stated_error import uniform_scene, with_doubts
 from calibration.judges.sweep import judge_sweep
 from calibration.response.file import Origin, ResponseFile
 from calibration.response.solution import ResponseSolution
 from calibration.solver.agreement import Agreement, agreement
-from calibration.solver.solve import solve_response
-from calibration.solver.tones import Tones, tones_by_exposure, tones_by_shot
+from calibration.solver.solve import solve_tones
+from calibration.solver.tones import Tones, exposure_index, of_exposures, tones_by_shot
 from calibration.sources.sweep import Sweep
 
 Verdict = Literal["believe it", "with care", "refused"]
@@ -39,6 +41,8 @@ class Result:
         The camera's limitations, in words.
     solution, agreement
         The response, and how it predicts the sweep's own images from each other; None when the sweep gives none.
+    witness
+        What the noise of the images says of the response; None when it says nothing.
     noise, latency
         What was measured of this camera before, as it stands in its response file.
     """
@@ -52,6 +56,7 @@ class Result:
     notes: tuple[str, ...] = ()
     solution: ResponseSolution | None = None
     agreement: Agreement | None = None
+    witness: NoiseWitness | None = None
     noise: Mapping[str, Any] = field(default_factory=dict)
     latency: Mapping[str, Any] = field(default_factory=dict)
 
@@ -83,14 +88,19 @@ def verdict(findings: tuple[Finding, ...]) -> Verdict:
 
 def calibrate(name: str, origin: Origin, sweep: Sweep, notes: tuple[str, ...] = ()) -> Result:
     """Judge a sweep, solve it unless it is refused, and judge the solution."""
-    by_shot, by_exposure = tones_by_shot(sweep), tones_by_exposure(sweep)
+    by_shot = tones_by_shot(sweep)
+    by_exposure = of_exposures(by_shot, *exposure_index(sweep))
     result = Result(name, origin, sweep, by_shot, by_exposure, tuple(judge_sweep(sweep)), notes)
     if result.verdict == "refused":
         return result
-    solution = solve_response(sweep)
+    solved = solve_tones(by_exposure)
+    witness = hear_noise(sweep, solved.response)
+    solution = with_doubts(solved, by_exposure, witness)
+    doubts = [None if witness is None else witness.finding, uniform_scene(solved, by_exposure, witness)]
     return replace(
         result,
         solution=solution,
+        witness=witness,
         agreement=agreement(solution.response, by_exposure),
-        findings=(*result.findings, *judge_solution(sweep, solution)),
+        findings=(*result.findings, *judge_solution(sweep, solution), *(doubt for doubt in doubts if doubt)),
     )

@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from calibration.judges.noise_witness import NoiseWitness
 from calibration.noise.model import Estimate
 from calibration.response.facts import Fact, curve_facts, origin_facts
 from calibration.response.file import ResponseFile
@@ -85,10 +86,17 @@ def facts(result: Result) -> Iterator[Fact]:
     if result.solution is not None:
         yield from curve_facts(ResponseFile.of_solution(result.solution, result.origin))
         yield "scale", "log2 exposure is 0 at saturation by convention: a sweep does not measure absolute light"
+        yield "noise of the images", _heard(result.witness)
     match = result.agreement
     if match is not None and match.enough:
         within = f"{match.residual_grey:.2f} grey levels rms, 99 % within {match.worst_grey:.1f}"
         yield "predictions", f"from other exposures, off by {within}"
+
+
+def _heard(witness: NoiseWitness | None) -> str:
+    if witness is None:
+        return "too little of it, or too little range, to check exposure times by"
+    return "contradicts the exposure times" if witness.finding else "agrees with the exposure times, as far as it tells"
 
 
 def _flat(values: Mapping[str, Any], parent: str = "") -> Iterator[Fact]:

@@ -82,8 +82,9 @@ def pictures(result: Result) -> list[Picture]:
         ),
         Picture(
             "Uncertainty",
-            "Standard error of the response, as far as noise goes; a tenth of a stop is 7 % of the light. It counts "
-            "from the grey level where it dips, as only differences have a meaning. Hatched: not seen by the sweep.",
+            "Standard error of the response; a tenth of a stop is 7 % of the light. It counts from the grey level "
+            "where it dips, as only differences have a meaning. The error stated is twice the largest value outside "
+            "the hatched parts, which the sweep does not cover.",
             lambda axes: _draw_uncertainty(axes, solution),
         ),
         *sweep,

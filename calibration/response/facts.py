@@ -8,6 +8,9 @@ from calibration.response.file import Origin, ResponseFile
 
 Fact = tuple[str, str]
 
+SIGMAS = 2.0
+"""Standard errors that are stated as the error: it is less in about 95 of 100 sweeps."""
+
 
 def origin_facts(origin: Origin) -> Iterator[Fact]:
     """Which camera it is of, and in which mode it was measured."""
@@ -35,8 +38,7 @@ def curve_facts(file: ResponseFile) -> Iterator[Fact]:
         low, high = file.covered
         yield "covered range", f"grey {low} to {high}"
         if file.uncertainty_stops:
-            worst = max(file.uncertainty_stops[low : high + 1])
-            middle = file.uncertainty_stops[(low + high) // 2]
-            yield "uncertainty", f"{middle:.1g} stops at grey {(low + high) // 2}, {worst:.1g} at most in that range"
+            worst = SIGMAS * max(file.uncertainty_stops[low : high + 1])
+            yield "error", f"at most {worst:.2g} stops in that range, counted from grey {(low + high) // 2}"
     if file.residual_grey is not None:
         yield "residual", f"{file.residual_grey:.2f} grey levels rms"

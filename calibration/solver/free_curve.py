@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,8 +28,8 @@ _SQUARE_UP_TO = 3.0
 """Standard deviations beyond which a residual counts by its size, no longer by its square."""
 
 
-def fit_free(tones: Tones, within: NDArray[np.bool_], prior: InverseCurve) -> tuple[InverseCurve, Curve]:
-    """The curve, and the standard errors (stops) at its nodes relative to the node in the middle.
+def fit_free(tones: Tones, within: NDArray[np.bool_], prior: InverseCurve, anchor: int) -> tuple[InverseCurve, Curve]:
+    """The curve, and the standard errors (stops) at its nodes relative to one of them.
 
     Parameters
     ----------
@@ -36,21 +37,29 @@ def fit_free(tones: Tones, within: NDArray[np.bool_], prior: InverseCurve) -> tu
         Which medians count, see `usable`.
     prior
         What the curve is where the sweep says nothing: differences from it are kept smooth.
+    anchor
+        The node that errors are relative to.
     """
     between = _Between.of(octaves(tones.greys, prior.black), prior.octaves)
     roughness = _roughness(prior.octaves)
     fits = []
     for smoothness in SMOOTHNESS:
-        curve, errors = _fit(tones, within, prior, between, smoothness * roughness)
-        fits.append((misfit(curve, tones, within), curve, errors))
-    best = min(size for size, _, _ in fits)
-    _, curve, errors = next(fit for fit in fits if as_well(fit[0], best))
-    return curve, errors
+        fit = _fit(tones, within, prior, between, smoothness * roughness)
+        fits.append((misfit(fit.curve, tones, within), fit))
+    best = min(size for size, _ in fits)
+    chosen = next(fit for size, fit in fits if as_well(size, best))
+    return chosen.curve, max(chosen.scale, 1.0) * np.sqrt(np.maximum(_variances(chosen.normal, anchor), 0.0))
 
 
-def _fit(
-    tones: Tones, within: NDArray[np.bool_], prior: InverseCurve, between: _Between, rough: Curve
-) -> tuple[InverseCurve, Curve]:
+class _Fit(NamedTuple):
+    """A curve, the matrix of its normal equations, and how many standard errors the residuals are large."""
+
+    curve: InverseCurve
+    normal: Curve
+    scale: float
+
+
+def _fit(tones: Tones, within: NDArray[np.bool_], prior: InverseCurve, between: _Between, rough: Curve) -> _Fit:
     curve = prior
     for _ in range(_ROUNDS):
         size = np.abs(residuals(curve, tones, within)) / tones.errors
@@ -61,7 +70,7 @@ def _fit(
         steps = _increasing(normal + rough, right + rough @ prior.stops)
         stops = np.concatenate([[0.0], np.cumsum(steps)])
         curve = InverseCurve(prior.greys, stops - stops[-1], prior.black)
-    return curve, max(scale, 1.0) * np.sqrt(np.maximum(_variances(normal + rough), 0.0))
+    return _Fit(curve, normal + rough, scale)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -145,11 +154,11 @@ def _increasing(normal: Curve, right: Curve) -> Curve:
     return steps
 
 
-def _variances(normal: Curve) -> Curve:
-    """The variances of the nodes relative to the middle one."""
+def _variances(normal: Curve, anchor: int) -> Curve:
+    """The variances of the nodes relative to one of them."""
     count = len(normal)
     sums = np.tri(count, count - 1, -1)
-    relative = sums - sums[count // 2]
+    relative = sums - sums[anchor]
     return np.asarray(
         np.einsum("ij,ij->i", relative @ np.linalg.pinv(sums.T @ normal @ sums, hermitian=True), relative)
     )

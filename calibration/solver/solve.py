@@ -28,6 +28,12 @@ from drivers.errors import ConfigurationError
 LINEAR_WITHIN_GREY = 0.4
 """Sensors are linear to about a percent: what a straight line explains this well (rms) counts as linear."""
 
+SHARE_OF_FREE = 0.5
+"""Of the errors of the free curve, and its difference from a family, that count where the family explains as much."""
+
+FOLDS = 8
+"""Fits without some exposures."""
+
 
 def solve_response(sweep: Sweep) -> ResponseSolution:
     """Recover the response function: a free curve, or a family's where that explains as much.
@@ -39,7 +45,11 @@ def solve_response(sweep: Sweep) -> ResponseSolution:
     ConfigurationError
         When no group of pixels was seen, neither black nor saturated, at two exposures.
     """
-    tones = tones_by_exposure(sweep)
+    return solve_tones(tones_by_exposure(sweep))
+
+
+def solve_tones(tones: Tones) -> ResponseSolution:
+    """The same from the grey levels of groups of pixels."""
     # The scale is arbitrary: without it, and without the last digits, equal sweeps in other units stay equal.
     tones = replace(tones, levels=np.round(tones.levels - tones.levels.mean(), 9))
     ends = Ends.of(tones)
@@ -52,11 +62,16 @@ def solve_response(sweep: Sweep) -> ResponseSolution:
     fits = [fit_family(family, tones, ends, within) for family in families()]
     best = min(fit.misfit for fit in fits)
     simplest = next(fit for fit in fits if _is_linear(fit, tones, within) or as_well(fit.misfit, best))
-    free, errors = fit_free(tones, within, simplest.curve)
+    anchor = _anchor(tones, within, simplest.curve)
+    free, errors = fit_free(tones, within, simplest.curve, anchor)
     linear = _is_linear(simplest, tones, within)
     explained = linear or as_well(simplest.misfit, misfit(free, tones, within))
     chosen = simplest if explained else None
-    return _solution(tones, within, chosen, simplest.curve if explained else free, _uncertainty(free, simplest, errors))
+    difference = simplest.curve.stops - free.stops
+    left_out = left_out_stops(tones, ends, simplest, anchor)
+    free_parts = np.hypot(errors, difference - difference[anchor]) * (SHARE_OF_FREE if explained else 1.0)
+    uncertainty = np.hypot(free_parts, left_out)
+    return _solution(tones, within, chosen, simplest.curve if explained else free, uncertainty)
 
 
 def _is_linear(fit: FamilyFit, tones: Tones, within: NDArray[np.bool_]) -> bool:
@@ -67,10 +82,27 @@ def _rms(curve: InverseCurve, tones: Tones, within: NDArray[np.bool_]) -> float:
     return float(np.sqrt(np.mean(residuals(curve, tones, within)[within] ** 2)))
 
 
-def _uncertainty(free: InverseCurve, family: FamilyFit, errors: Curve) -> Curve:
-    """Standard errors of the free curve, and what a family differs from it (stops), against the middle node."""
-    difference = family.curve.stops - free.stops
-    return np.asarray(np.hypot(errors, difference - difference[len(difference) // 2]))
+def _anchor(tones: Tones, within: NDArray[np.bool_], curve: InverseCurve) -> int:
+    """The node nearest to the middle of the grey levels seen: errors count from there, as only differences matter."""
+    seen = tones.greys[within]
+    return int(np.argmin(np.abs(curve.greys - (seen.min() + seen.max()) / 2.0)))
+
+
+def left_out_stops(tones: Tones, ends: Ends, fit: FamilyFit, anchor: int) -> Curve:
+    """By how much a family's curve depends on single exposures: standard errors (stops) at its nodes.
+
+    The jackknife (Quenouille, Tukey): fits without every n-th exposure, n at most `FOLDS`.
+    """
+    folds = min(len(tones.levels), FOLDS)
+    curves = []
+    for fold in range(folds):
+        kept = np.arange(len(tones.levels)) % folds != fold
+        part = replace(tones, levels=tones.levels[kept], greys=tones.greys[kept], errors=tones.errors[kept])
+        within = usable(part, ends)
+        if within.any():
+            stops = fit_family(fit.family, part, ends, within).curve.at(fit.curve.greys)
+            curves.append(stops - stops[anchor])
+    return np.asarray(np.sqrt(max(len(curves) - 1, 0) * np.var(curves or [fit.curve.stops], axis=0)))
 
 
 def _solution(

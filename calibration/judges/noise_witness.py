@@ -1,0 +1,245 @@
+"""The noise of a sweep as a second witness of its response, which knows nothing of exposure times.
+
+Light arrives in photons: in the light that the true response finds behind grey levels, variance is read noise plus
+light times a constant (EMVA 1288). If wrong exposure times make the response find ``light ** (1 / p)`` instead, it is
+``a * found ** (2 - 2 p) + b * found ** (2 - p)``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.findings import Finding
+from calibration.noise.variance_curve import grey_step, pairs_of
+from calibration.response import GREY_LEVELS, ResponseFunction
+from calibration.sources.sweep import Shot, Sweep
+
+GROUPS = 100
+"""Of pixels alike in brightness."""
+MOST_PIXELS = 60_000
+"""Of each image; more would tell variances better than a curve of whole grey levels is known."""
+MOST_PAIRS = 40
+LEAST_PIXELS = 60
+LEAST_POINTS = 20
+"""Variances needed for a verdict, ..."""
+LEAST_RANGE_STOPS = 1.5
+"""... and the range of light over which they must lie."""
+LEAST_SIGMA_STEPS = 0.6
+"""Noise that makes rounding to grey levels as good as random; its variance is then 1/12 of a step squared."""
+CLEAR_SIGMAS = 5.0
+SMALL_NOISE = 0.25
+"""Of the light: where noise is larger, the curve bends within it."""
+SYSTEMATIC = 0.02
+"""Relative error of a variance besides chance."""
+ROUNDS = 3
+"""Of choosing variances by a fit, and fitting those chosen."""
+POWERS = np.linspace(0.5, 1.6, 111)
+SURE = 25.0
+"""By how much chi squared must fall for a power to be preferred to 1: five standard errors."""
+SAME_POWER = 0.02
+"""A power this near to 1 is as good."""
+REFUSED_POWER = 0.06
+REFUSED_MISFIT = 8.0
+"""Chi squared for each variance, from which no power saves the response."""
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class NoiseWitness:
+    """What the noise says about a response.
+
+    Attributes
+    ----------
+    power
+        The found light to this power is the light that the noise implies; 1: they agree.
+    doubted
+        Whether the power is surely not 1.
+    misfit
+        Chi squared for each variance, with the power 1.
+    dark_light
+        The light (saturation is 1) whose shot noise would explain all noise that is there without light: exposures that
+        are longer than stated by an offset can hide at most this much.
+    """
+
+    power: float
+    doubted: bool
+    misfit: float
+    dark_light: float
+
+    @property
+    def finding(self) -> Finding | None:
+        """What to tell the user, if the noise contradicts."""
+        if self.misfit > REFUSED_MISFIT or (self.doubted and abs(self.power - 1.0) > REFUSED_POWER):
+            text = (
+                "the noise of the images contradicts the response: it does not grow with the light that the response "
+                "finds, as that of photons must; exposure times are not in proportion to light, or the gain changed"
+            )
+            return Finding("refused", "noise_disagrees", text)
+        if self.doubted:
+            text = (
+                f"by the noise of the images, light grows as the power {self.power:.2f} of what the response finds: "
+                "check that exposure times are in proportion to light"
+            )
+            return Finding("warned", "noise_disagrees", text)
+        return None
+
+
+def hear_noise(sweep: Sweep, response: ResponseFunction) -> NoiseWitness | None:
+    """What the noise says of a response; None where there is too little noise, or range of light, to say anything."""
+    points = _large(_points(sweep, response))
+    if len(points.variance) < LEAST_POINTS or np.ptp(np.log2(points.lights)) < LEAST_RANGE_STOPS:
+        return None
+    expected = points.of_power(1.0, *_fit(points, points.variance, 1.0)[1:])
+    fits = [_fit(points, expected, power) for power in POWERS]
+    sizes = np.array([size for size, _, _ in fits])
+    best, straight = int(np.argmin(sizes)), int(np.argmin(np.abs(POWERS - 1.0)))
+    power = float(POWERS[best])
+    scale = max(float(sizes[best]) / len(expected), 1.0)
+    doubted = sizes[straight] - sizes[best] > SURE * scale and abs(power - 1.0) > SAME_POWER
+    _, dark, slope = fits[straight]
+    return NoiseWitness(power, bool(doubted), float(sizes[straight]) / len(expected), dark / max(slope, 1e-12))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Points:
+    """Variances of the difference in radiance of two shots, within groups of pixels alike in brightness.
+
+    Attributes
+    ----------
+    lights, exposures, steps
+        Of both shots, shape (2, n): the light of the group (saturation is 1), the exposure by which it is divided for
+        the radiance, and the light between two grey levels.
+    variance
+        Shape (n,), that of rounding taken out.
+    degrees
+        Its degrees of freedom.
+    """
+
+    lights: Array
+    exposures: Array
+    steps: Array
+    variance: Array
+    degrees: Array
+
+    def of_power(self, power: float, dark: float, slope: float) -> Array:
+        """The variances under a power, with these amounts of read noise and of photons."""
+        return np.asarray(self.basis(power) @ [dark, slope])
+
+    def basis(self, power: float) -> Array:
+        """The variances of read noise and of photons under a power, for amounts of 1, shape (n, 2)."""
+        exponents = (2.0 - 2.0 * power, 2.0 - power)
+        return np.stack([(self.lights**each / self.exposures**2).sum(axis=0) for each in exponents], axis=1)
+
+    def part(self, kept: NDArray[np.bool_]) -> _Points:
+        """Some of them."""
+        return _Points(
+            self.lights[:, kept], self.exposures[:, kept], self.steps[:, kept], self.variance[kept], self.degrees[kept]
+        )
+
+
+def _large(points: _Points) -> _Points:
+    """Those where noise makes rounding random, as a fit expects: by their own size, chance would choose them."""
+    kept = points.part(points.variance > LEAST_SIGMA_STEPS**2 * ((points.steps / points.exposures) ** 2).sum(axis=0))
+    for _ in range(ROUNDS):
+        if len(kept.variance) < LEAST_POINTS:
+            break
+        _, dark, slope = _fit(kept, kept.variance, 1.0)
+        noise = np.sqrt(dark + slope * points.lights)
+        enough = (noise > LEAST_SIGMA_STEPS * points.steps) & (noise < SMALL_NOISE * points.lights)
+        kept = points.part(np.logical_and(*enough))
+    return kept
+
+
+def _fit(points: _Points, expected: Array, power: float) -> tuple[float, float, float]:
+    """Chi squared, and the amounts of read noise and photons (neither negative), by least squares under a power."""
+    weights = 1.0 / (np.maximum(expected, 1e-30) ** 2 * (2.0 / points.degrees + SYSTEMATIC**2))
+    basis, variance, root = points.basis(power), points.variance, np.sqrt(weights)
+    found = np.linalg.lstsq(basis * root[:, None], variance * root)[0]
+    if (found < 0.0).any():
+        alone = np.maximum((weights * variance) @ basis / (weights @ basis**2), 0.0)
+        misses = [float(weights @ (variance - basis[:, i] * alone[i]) ** 2) for i in range(2)]
+        found = np.where(np.arange(2) == int(np.argmin(misses)), alone, 0.0)
+    return float(weights @ (variance - basis @ found) ** 2), float(found[0]), float(found[1])
+
+
+def _pairs(sweep: Sweep) -> list[tuple[int, int]]:
+    """Shots to compare: neighbours of one setting; where nothing is repeated, neighbouring exposures."""
+    pairs = pairs_of(sweep.shots)
+    if not pairs:
+        order = [int(k) for k in np.argsort([shot.setting.level for shot in sweep.shots], kind="stable")]
+        pairs = list(pairwise(order))
+    return pairs[:: -(-len(pairs) // MOST_PAIRS)]
+
+
+def _points(sweep: Sweep, response: ResponseFunction) -> _Points:
+    """All groups in all pairs of shots whose pixels are clear of black and saturation.
+
+    Pixels are put together by their mean over the sweep, in which the noise of a single shot hardly shows.
+    """
+    stride = -(-sweep.shots[0].pixels.size // MOST_PIXELS)
+    pixels = [shot.pixels.ravel()[::stride] for shot in sweep.shots]
+    longest = max(shot.setting.level for shot in sweep.shots)
+    group = _groups(np.mean(pixels, axis=0, dtype=np.float32))
+    count = np.maximum(np.bincount(group, minlength=GROUPS), 1)
+    scale = _LightScale.of(sweep.shots[0], response, grey_step(sweep.shots))
+
+    def mean(values: NDArray[np.generic]) -> Array:
+        return np.asarray(np.bincount(group, np.asarray(values, np.float64), GROUPS) / count)
+
+    parts = []
+    for pair in _pairs(sweep):
+        lights = [scale.light[pixels[k]] for k in pair]
+        exposures = [float(np.exp2(sweep.shots[k].setting.level - longest)) for k in pair]
+        greys = [mean(pixels[k]) for k in pair]
+        steps = np.array([scale.step * scale.slope(grey) for grey in greys])
+        difference = lights[0] / exposures[0] - lights[1] / exposures[1]
+        variance = mean((difference - mean(difference)[group]) ** 2) * count / np.maximum(count - 1, 1)
+        columns = np.repeat(np.array(exposures)[:, None], GROUPS, axis=1)
+        variance -= ((steps / columns) ** 2).sum(axis=0) / 12.0
+        clear = count >= LEAST_PIXELS
+        for k, grey in zip(pair, greys, strict=True):
+            spread = CLEAR_SIGMAS * np.sqrt(mean((pixels[k] - grey[group]) ** 2))
+            clear &= (grey - spread > scale.black) & (grey + spread < scale.saturation)
+        parts.append(
+            _Points(np.stack([mean(light) for light in lights]), columns, steps, variance, count - 1.0).part(clear)
+        )
+    return _Points(
+        *(np.concatenate([getattr(part, name) for part in parts], axis=1) for name in ("lights", "exposures", "steps")),
+        *(np.concatenate([getattr(part, name) for part in parts]) for name in ("variance", "degrees")),
+    )
+
+
+def _groups(means: NDArray[np.float32]) -> NDArray[np.intp]:
+    """Which group each pixel belongs to, all about equally large."""
+    group = np.empty(len(means), np.intp)
+    group[np.argsort(means, kind="stable")] = np.arange(len(means)) * GROUPS // len(means)
+    return group
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _LightScale:
+    """The light (saturation is 1) of each code of a pixel, as a response finds it, and between which codes it does."""
+
+    light: Array
+    step: int
+    black: float
+    saturation: float
+
+    @classmethod
+    def of(cls, shot: Shot, response: ResponseFunction, step: int) -> _LightScale:
+        per_grey = 2.0 ** (shot.bit_depth - 8)
+        middle = (per_grey - 1.0) / 2.0
+        codes = np.arange(GREY_LEVELS * per_grey, dtype=np.float64)
+        stops = response.inverse_between((codes - middle) / per_grey) - response.log2_exposure[response.saturation]
+        black, saturation = response.black_level * per_grey + middle, response.saturation * per_grey
+        return cls(np.exp2(stops), step, black + per_grey, saturation)
+
+    def slope(self, code: Array) -> Array:
+        """Light per code."""
+        low = np.clip(code.astype(np.intp) - self.step, 0, len(self.light) - 1 - 2 * self.step)
+        return np.asarray((self.light[low + 2 * self.step] - self.light[low]) / (2 * self.step))

@@ -1,0 +1,1 @@
+"""Simulated sweeps of a camera, sound and spoilt, and whether calibration states their error honestly."""

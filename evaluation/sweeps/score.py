@@ -1,0 +1,81 @@
+"""What a calibration states about its error, against the truth."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.response.facts import SIGMAS
+from calibration.response.file import Origin
+from calibration.result import Result, Verdict, calibrate
+from evaluation.sweeps.simulated import SimulatedSweep
+
+
+@dataclass(frozen=True, slots=True)
+class Stated:
+    """One sweep: the verdict, and the error stated and true.
+
+    Attributes
+    ----------
+    seed, kind, curve, scene, repeated, good
+        Of the sweep, see `SimulatedSweep`.
+    verdict, reasons
+        Of the calibration.
+    stated_stops, true_stops
+        See `errors_stops`; None where the sweep was refused, which states nothing.
+    seconds
+        Processor time of the calibration.
+    """
+
+    seed: int
+    kind: str
+    curve: str
+    scene: str
+    repeated: bool
+    good: bool
+    verdict: Verdict
+    reasons: tuple[str, ...]
+    stated_stops: float | None
+    true_stops: float | None
+    seconds: float
+
+    @property
+    def covered(self) -> bool:
+        """Whether the stated error is at least the true one, or nothing is stated."""
+        return self.stated_stops is None or self.true_stops is None or self.true_stops <= self.stated_stops
+
+
+def scored(seed: int, case: SimulatedSweep) -> Stated:
+    """Calibrate with a sweep and compare."""
+    start_s = time.process_time()
+    result = calibrate("simulated", Origin(), case.sweep)
+    seconds = time.process_time() - start_s
+    stated, true = (None, None) if result.file is None else errors_stops(result, case)
+    reasons = tuple(finding.reason for finding in result.findings)
+    return Stated(
+        seed,
+        case.kind,
+        case.curve,
+        case.scene,
+        case.repeated,
+        case.good,
+        result.verdict,
+        reasons,
+        stated,
+        true,
+        seconds,
+    )
+
+
+def errors_stops(result: Result, case: SimulatedSweep) -> tuple[float, float]:
+    """The error as the report states it, and the true one (stops), both the largest over the covered grey levels."""
+    solution = result.solution
+    assert solution is not None
+    low, high = solution.covered
+    covered = np.arange(low, high + 1)
+    difference = solution.response.log2_exposure - case.true.log2_exposure
+    anchor = (low + high) // 2
+    true = float(np.abs(difference[covered] - difference[anchor]).max())
+    return SIGMAS * float(solution.uncertainty_stops[covered].max()), true

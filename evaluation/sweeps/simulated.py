@@ -1,0 +1,225 @@
+"""Sweeps of a simulated camera, sound and spoilt, whose response is known."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.response import ResponseFunction
+from calibration.sources.sweep import Shot, Sweep
+from drivers.exposure import ExposureSetting
+from fake_camera.world.lighting import Change, Flicker, LightScript
+
+HEIGHT, WIDTH = 150, 200
+STEPS = 1 << 20
+"""Of the table of a curve."""
+CYCLE_S = 0.02
+"""Least time from one shot to the next."""
+STEP_STOPS = 0.5
+"""Between exposures of a sound sweep, as `plan_sweep` takes them."""
+
+Kind = Literal["sound", "few", "clipped", "noisy", "offset", "proportion", "one wrong", "drift", "flicker"]
+KINDS: tuple[Kind, ...] = (
+    "sound", "sound", "sound", "sound", "few", "few", "clipped", "noisy",
+    "offset", "offset", "proportion", "proportion", "one wrong", "drift", "flicker",
+)  # fmt: skip
+"""Every seed takes the next: four of 15 are sound."""
+
+Scene = Literal["textured", "uniform"]
+Values = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SimulatedSweep:
+    """A sweep, what was done to it, and the truth.
+
+    Attributes
+    ----------
+    kind
+        How it was spoilt; "sound": not at all. "few", "clipped" and "noisy" are sound but poor.
+    curve
+        Name of the camera's curve.
+    scene
+        Whether the scene had more than one brightness.
+    repeated
+        Whether exposures were repeated: three frames each, up and down again. Otherwise once each, as files.
+    sweep
+        The images.
+    true
+        The response of the camera.
+    """
+
+    kind: Kind
+    curve: str
+    scene: Scene
+    repeated: bool
+    sweep: Sweep
+    true: ResponseFunction
+
+    @property
+    def good(self) -> bool:
+        """Whether a calibration may not refuse it."""
+        return self.kind == "sound"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Camera:
+    """EMVA 1288's linear sensor, then a curve from 0 at 0 to 1 at 1, then quantisation."""
+
+    curve: Values
+    full_well_e: float
+    read_noise_e: float
+    black: float
+    bit_depth: int
+
+    def expose(self, electrons: Values, rng: np.random.Generator) -> NDArray[np.uint8] | NDArray[np.uint16]:
+        noise = rng.standard_normal(electrons.shape) * np.sqrt(electrons + self.read_noise_e**2)
+        share = np.minimum(electrons + noise, self.full_well_e) / self.full_well_e + self.black
+        table = np.rint(self.curve * (2**self.bit_depth - 1)).astype(np.uint8 if self.bit_depth == 8 else np.uint16)
+        return np.asarray(table[np.clip(share * (STEPS - 1) + 0.5, 0, STEPS - 1).astype(np.intp)])
+
+    def response(self) -> ResponseFunction:
+        """As an error-free calibration would find it; black stands for half a grey level of light."""
+        deep = self.bit_depth > 8
+        greys = self.curve * (2**self.bit_depth - 1) / 2 ** (self.bit_depth - 8)
+        # Of the codes that become one grey level, the middle one.
+        own = np.arange(256) + ((0.5 - 0.5 / 2 ** (self.bit_depth - 8)) if deep else 0.0)
+        share = np.linspace(0.0, 1.0, STEPS)
+        black = float(np.interp(self.black, share, greys))
+        light = np.interp(np.maximum(own, black + 0.5), greys, share) - self.black
+        return ResponseFunction(np.log2(light / light[-1]), int(black) if deep else round(black), 255)
+
+
+def simulated(seed: int, kind: Kind | None = None) -> SimulatedSweep:
+    """The sweep of a seed; of the kind that is its turn unless one is given."""
+    rng = np.random.default_rng([seed, 19])
+    kind = kind or KINDS[seed % len(KINDS)]
+    curve = tuple(CURVES)[int(rng.integers(len(CURVES)))]
+    camera = _Camera(
+        curve=CURVES[curve](np.linspace(0.0, 1.0, STEPS), rng),
+        full_well_e=float(rng.uniform(800.0, 3000.0) if kind == "noisy" else rng.uniform(8000.0, 25000.0)),
+        read_noise_e=float(rng.uniform(2.0, 12.0)),
+        black=float(rng.choice([0.0, rng.uniform(0.0, 0.03)])),
+        bit_depth=12 if rng.random() < 0.3 else 8,
+    )
+    scene: Scene = "uniform" if rng.random() < 0.4 else "textured"
+    repeated = bool(rng.random() < 0.75)
+    radiance = _radiance(scene, rng)
+    full_us = float(rng.uniform(3e3, 3e4))
+    times_us = np.round(full_us * np.exp2(_levels(kind, camera, radiance, rng)), 1)
+    really_us = _REALLY.get(kind, _as_stated)(times_us, rng)
+    order = np.repeat([*range(len(times_us)), *reversed(range(len(times_us)))], 3) if repeated else range(len(times_us))
+    starts_s = np.concatenate([[0.0], np.cumsum([max(CYCLE_S, times_us[i] * 1e-6 + 0.002) for i in order])])
+    light = _light(kind, float(starts_s[-1]), rng)
+    shots = []
+    for index, start_s in zip(order, starts_s, strict=False):
+        factor = light.mean_lux(float(start_s), float(really_us[index]) * 1e-6)
+        image = camera.expose(radiance * (camera.full_well_e * factor * really_us[index] / full_us), rng)
+        setting = ExposureSetting(float(times_us[index]), 0.0)
+        shots.append(Shot(image, camera.bit_depth, setting, float(start_s) if repeated else None))
+    return SimulatedSweep(kind, curve, scene, repeated, Sweep(tuple(shots)), camera.response())
+
+
+# Curves, from 0 at 0 to 1 at 1
+
+
+def _srgb(light: Values, _: np.random.Generator) -> Values:
+    return np.where(light < 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
+
+
+def _s_shaped(light: Values, _: np.random.Generator) -> Values:
+    root = np.sqrt(light)
+    return 0.4 * root + 0.6 * root * root * (3.0 - 2.0 * root)
+
+
+def _drawn(light: Values, rng: np.random.Generator) -> Values:
+    """A mix of a power law, a knee and a toe."""
+    power = light ** rng.uniform(0.4, 1.0)
+    knee, toe = rng.uniform(0.2, 2.0), rng.uniform(0.0, 0.5)
+    curve = power * (1.0 + knee) / (power + knee)
+    return np.asarray((1.0 - toe) * curve + toe * curve * curve * (3.0 - 2.0 * curve))
+
+
+CURVES: dict[str, Callable[[Values, np.random.Generator], Values]] = {
+    "linear": lambda light, _: light,
+    "gamma": lambda light, _: light ** (1 / 2.2),
+    "srgb": _srgb,
+    "s_shaped": _s_shaped,
+    "drawn": _drawn,
+}
+
+
+def _radiance(scene: Scene, rng: np.random.Generator) -> Values:
+    """1 at the brightest: a wall that the lens darkens towards the corners by a tenth, or texture over seven stops."""
+    y, x = np.mgrid[-1 : 1 : HEIGHT * 1j, -1 : 1 : WIDTH * 1j]
+    if scene == "uniform":
+        return np.asarray(1.0 - rng.uniform(0.02, 0.05) * (x**2 + y**2))
+    texture = np.zeros((HEIGHT, WIDTH))
+    for period in (3, 9, 30):
+        coarse = rng.standard_normal((HEIGHT // period + 2, WIDTH // period + 2))
+        texture += np.kron(coarse, np.ones((period, period)))[:HEIGHT, :WIDTH]
+    stops = rng.uniform(1.0, 3.0) * y + 0.4 * texture
+    return np.asarray(np.exp2(stops - np.percentile(stops, 99)))
+
+
+# Exposures as stated, and as they are
+
+
+def _levels(kind: Kind, camera: _Camera, radiance: Values, rng: np.random.Generator) -> Values:
+    """Stops from the exposure that fills the brightest pixel: nearly all black to nearly all white."""
+    dark = max(float(np.interp(7.0 / 255.0, camera.curve, np.linspace(0.0, 1.0, STEPS))) - camera.black, 1e-4)
+    low, high = np.log2([dark / np.percentile(radiance, 95), 1.0 / np.percentile(radiance, 5)]) + rng.uniform(
+        -0.5, 0.5, 2
+    )
+    if kind == "few":
+        return np.linspace(rng.uniform(0.3, 0.8) * low, high - rng.uniform(0.3, 1.5), int(rng.integers(3, 7)))
+    if kind == "clipped":
+        part = rng.uniform(0.25, 0.45) * (high - low)
+        low, high = (low, high - part) if rng.random() < 0.5 else (low + part, high)
+    return np.linspace(low, high, max(int(np.ceil((high - low) / STEP_STOPS)) + 1, 3))
+
+
+def _as_stated(times_us: Values, rng: np.random.Generator) -> Values:
+    return times_us
+
+
+def _offset(times_us: Values, rng: np.random.Generator) -> Values:
+    """Every exposure longer or shorter than stated by the same time."""
+    offset_us = times_us[0] * np.exp2(rng.uniform(-2.0, 2.0))
+    longer = rng.random() < 0.6
+    return np.asarray(times_us + offset_us if longer else np.maximum(times_us - offset_us, 0.2 * times_us))
+
+
+def _out_of_proportion(times_us: Values, rng: np.random.Generator) -> Values:
+    """A power law, or a bend in the middle of the range."""
+    octaves = np.log2(times_us / times_us.mean())
+    sign = rng.choice([-1.0, 1.0])
+    if rng.random() < 0.5:
+        return np.asarray(times_us * np.exp2(sign * rng.uniform(0.05, 0.3) * octaves))
+    return np.asarray(times_us * np.exp2(sign * rng.uniform(0.1, 0.8) * np.tanh(octaves)))
+
+
+def _one_wrong(times_us: Values, rng: np.random.Generator) -> Values:
+    wrong = times_us.copy()
+    wrong[rng.integers(len(wrong))] *= np.exp2(rng.choice([-1.0, 1.0]) * rng.uniform(0.1, 1.0))
+    return wrong
+
+
+_REALLY: dict[Kind, Callable[[Values, np.random.Generator], Values]] = {
+    "offset": _offset,
+    "proportion": _out_of_proportion,
+    "one wrong": _one_wrong,
+}
+
+
+def _light(kind: Kind, duration_s: float, rng: np.random.Generator) -> LightScript:
+    """Light over time, as a factor."""
+    if kind == "drift":
+        last = float(np.exp2(rng.choice([-1.0, 1.0]) * rng.uniform(0.02, 0.5)))
+        return LightScript((Change(0.0, 1.0), Change(1e-3, last, duration_s)))
+    depth = float(rng.uniform(0.02, 0.6))
+    return LightScript((Change(0.0, 1.0),), None, Flicker(100.0, depth) if kind == "flicker" else None)
