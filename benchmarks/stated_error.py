@@ -41,7 +41,7 @@ def main() -> None:
         bar = progress.add_task("sweeps", total=len(seeds))
         for _, result in over_processes(of_seed, seeds, arguments.jobs):
             results.append(result)
-            progress.advance(bar)
+            progress.update(bar, advance=1)
     results.sort(key=lambda result: result.seed)
     console.print(table(results))
     if arguments.json:

@@ -31,6 +31,8 @@ LEAST_RANGE_STOPS = 1.5
 LEAST_SIGMA_STEPS = 0.6
 """Noise that makes rounding to grey levels as good as random; its variance is then 1/12 of a step squared."""
 CLEAR_SIGMAS = 5.0
+DARK_GREY = 4.0
+"""Grey levels above black below which a response of whole grey levels is too coarse."""
 SMALL_NOISE = 0.25
 """Of the light: where noise is larger, the curve bends within it."""
 SYSTEMATIC = 0.02
@@ -40,7 +42,7 @@ ROUNDS = 3
 POWERS = np.linspace(0.5, 1.6, 111)
 SURE = 25.0
 """By how much chi squared must fall for a power to be preferred to 1: five standard errors."""
-SAME_POWER = 0.02
+SAME_POWER = 0.03
 """A power this near to 1 is as good."""
 REFUSED_POWER = 0.06
 REFUSED_MISFIT = 8.0
@@ -237,7 +239,7 @@ class _LightScale:
         codes = np.arange(GREY_LEVELS * per_grey, dtype=np.float64)
         stops = response.inverse_between((codes - middle) / per_grey) - response.log2_exposure[response.saturation]
         black, saturation = response.black_level * per_grey + middle, response.saturation * per_grey
-        return cls(np.exp2(stops), step, black + per_grey, saturation)
+        return cls(np.exp2(stops), step, black + DARK_GREY * per_grey, saturation)
 
     def slope(self, code: Array) -> Array:
         """Light per code."""

@@ -1,0 +1,93 @@
+"""The noise of a sweep against its exposure times, and against what `calibrate noise` says of the same images."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calibration.judges.noise_witness import NoiseWitness, hear_noise
+from calibration.judges.stated_error import is_uniform, with_doubts
+from calibration.noise.photon_transfer import photon_transfer
+from calibration.response import ResponseFunction
+from calibration.response.file import Origin
+from calibration.result import Result, calibrate
+from calibration.solver.solve import solve_tones
+from calibration.sources.sweep import Sweep
+from tests.calibration.noisy_shots import Scene, noisy_sweep
+
+
+def misstated(sweep: Sweep, power: float) -> Sweep:
+    """The same images, with exposure times that grow as a power of the real ones."""
+    return Sweep(
+        tuple(
+            replace(shot, setting=replace(shot.setting, exposure_time_us=shot.setting.exposure_time_us**power))
+            for shot in sweep.shots
+        )
+    )
+
+
+def calibrated(sweep: Sweep) -> Result:
+    return calibrate("camera", Origin(), sweep)
+
+
+@pytest.mark.parametrize("scene", ["flat", "textured"])
+def test_times_out_of_proportion_are_refused_as_calibrate_noise_does(scene: Scene) -> None:
+    """Grey levels alone see a camera with a gamma."""
+    sweep = misstated(noisy_sweep(scene=scene), 0.8)
+    result = calibrated(sweep)
+    assert "noise_disagrees" in [finding.reason for finding in result.findings]
+    assert result.verdict == "refused"
+    assert result.file is None
+    assert [finding.reason for finding in photon_transfer(sweep).findings] == ["not_linear"]
+
+
+@pytest.mark.parametrize("scene", ["flat", "textured"])
+def test_a_linear_camera_with_right_times_is_believed_by_both(scene: Scene) -> None:
+    sweep = noisy_sweep(scene=scene, stops=(-7.0, 2.5))
+    result = calibrated(sweep)
+    assert result.witness is not None
+    assert result.witness.finding is None
+    assert result.file is not None
+    assert photon_transfer(sweep).model is not None
+
+
+def test_noise_tells_a_curve_from_wrong_times_in_a_uniform_scene() -> None:
+    witness = calibrated(noisy_sweep(scene="flat", response="gamma", stops=(-8.0, 2.0))).witness
+    assert witness is not None
+    assert witness.finding is None
+    assert witness.power == pytest.approx(1.0, abs=0.03)
+
+
+@pytest.mark.parametrize("power", [0.85, 1.15])
+def test_the_power_is_that_of_the_times(power: float) -> None:
+    sweep = misstated(noisy_sweep(scene="textured", response="gamma"), power)
+    witness = hear_noise(sweep, calibrated_response(sweep))
+    assert witness is not None
+    assert witness.doubted
+    assert witness.power == pytest.approx(1.0 / power, rel=0.03)
+
+
+def calibrated_response(sweep: Sweep) -> ResponseFunction:
+    solution = calibrated(sweep).solution
+    assert solution is not None
+    return solution.response
+
+
+def test_images_without_noise_say_nothing() -> None:
+    sweep = noisy_sweep("Mono8", scene="textured")
+    still = Sweep(tuple(replace(shot, pixels=np.zeros_like(shot.pixels) + 100) for shot in sweep.shots))
+    assert hear_noise(still, ResponseFunction.linear()) is None
+
+
+def test_doubts_only_widen_the_error() -> None:
+    flat = calibrated(noisy_sweep(scene="flat"))
+    solution = solve_tones(flat.by_exposure)
+    assert is_uniform(flat.by_exposure, solution.response)
+    for witness in (None, NoiseWitness(1.0, False, 1.0, 0.01), NoiseWitness(0.9, True, 2.0, 0.0)):
+        wider = with_doubts(solution, flat.by_exposure, witness)
+        assert (wider.uncertainty_stops >= solution.uncertainty_stops).all()
+        assert wider.covered[0] >= solution.covered[0]
+    textured = calibrated(noisy_sweep(scene="textured"))
+    assert not is_uniform(textured.by_exposure, solution.response)
