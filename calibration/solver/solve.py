@@ -28,11 +28,14 @@ from drivers.errors import ConfigurationError
 LINEAR_WITHIN_GREY = 0.4
 """Sensors are linear to about a percent: what a straight line explains this well (rms) counts as linear."""
 
-SHARE_OF_FREE = 0.5
-"""Of the errors of the free curve, and its difference from a family, that count where the family explains as much."""
-
 FOLDS = 8
 """Fits without some exposures."""
+
+OFFSETS = (-0.4, -0.15, 0.15, 0.5, 1.5, 4.0)
+"""Of the shortest exposure time, tried as an error of all of them."""
+
+BETTER = 0.9
+"""By this factor the misfit must fall for an offset to count."""
 
 
 def solve_response(sweep: Sweep) -> ResponseSolution:
@@ -69,8 +72,8 @@ def solve_tones(tones: Tones) -> ResponseSolution:
     chosen = simplest if explained else None
     difference = simplest.curve.stops - free.stops
     left_out = left_out_stops(tones, ends, simplest, anchor)
-    free_parts = np.hypot(errors, difference - difference[anchor]) * (SHARE_OF_FREE if explained else 1.0)
-    uncertainty = np.hypot(free_parts, left_out)
+    doubts = (errors, difference - difference[anchor], left_out, _offset_stops(tones, ends, simplest, anchor))
+    uncertainty = np.sqrt(np.sum(np.square(doubts), axis=0))
     return _solution(tones, within, chosen, simplest.curve if explained else free, uncertainty)
 
 
@@ -103,6 +106,19 @@ def left_out_stops(tones: Tones, ends: Ends, fit: FamilyFit, anchor: int) -> Cur
             stops = fit_family(fit.family, part, ends, within).curve.at(fit.curve.greys)
             curves.append(stops - stops[anchor])
     return np.asarray(np.sqrt(max(len(curves) - 1, 0) * np.var(curves or [fit.curve.stops], axis=0)))
+
+
+def _offset_stops(tones: Tones, ends: Ends, fit: FamilyFit, anchor: int) -> Curve:
+    """What the curve would change by (stops) if all exposures were off by the time that explains the medians best."""
+    best, within = fit, usable(tones, ends)
+    times = np.exp2(tones.levels - tones.levels[0])
+    for offset in OFFSETS:
+        other = fit_family(fit.family, replace(tones, levels=np.log2(times + offset)), ends, within)
+        best = min(best, other, key=lambda each: each.misfit)
+    if best.misfit > BETTER * fit.misfit:
+        return np.zeros(len(fit.curve.greys))
+    change = best.curve.at(fit.curve.greys) - fit.curve.stops
+    return np.asarray(change - change[anchor])
 
 
 def _solution(
