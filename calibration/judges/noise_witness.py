@@ -195,7 +195,9 @@ def _points(sweep: Sweep, response: ResponseFunction) -> _Points:
 
     parts = []
     for pair in _pairs(sweep):
-        lights = [scale.light[pixels[k]] for k in pair]
+        lights = [
+            scale.light.take(pixels[k], mode="clip") for k in pair
+        ]  # a code may have more bits than its camera said
         exposures = [float(np.exp2(sweep.shots[k].setting.level - longest)) for k in pair]
         greys = [mean(pixels[k]) for k in pair]
         steps = np.array([scale.step * scale.slope(grey) for grey in greys])

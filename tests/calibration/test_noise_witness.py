@@ -60,8 +60,8 @@ def test_noise_tells_a_curve_from_wrong_times_in_a_uniform_scene() -> None:
     assert witness.power == pytest.approx(1.0, abs=0.03)
 
 
-@pytest.mark.parametrize("power", [0.85, 1.15])
-def test_the_power_is_that_of_the_times(power: float) -> None:
+def test_the_power_is_that_of_the_times() -> None:
+    power = 0.85
     sweep = misstated(noisy_sweep(scene="textured", response="gamma"), power)
     witness = hear_noise(sweep, calibrated_response(sweep))
     assert witness is not None
