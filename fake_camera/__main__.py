@@ -1,4 +1,4 @@
-"""One fake camera as a process: ``python -m fake_camera --help``."""
+"""One fake camera as a process: ``python -m fake_camera --help``; or a PTP master for fake cameras."""
 
 from __future__ import annotations
 
@@ -26,9 +26,13 @@ from fake_camera.files import read_regular
 from fake_camera.genapi.description import Description
 from fake_camera.genapi.raw_gain import RawGainLaw
 from fake_camera.genapi.xml_camera import XmlCamera
+from fake_camera.gige.bootstrap import mac_address
 from fake_camera.gige.server import AddressTakenError, GigeServer
 from fake_camera.gige.switch import Switch
 from fake_camera.imaging import PIXEL_FORMATS, ImageSource
+from fake_camera.ptp import host_master
+from fake_camera.ptp.messages import clock_identity
+from fake_camera.ptp.port import EVENT_PORT
 from fake_camera.usb3.run import ShimError, run, shim_path
 from fake_camera.usb3.usbip.messages import TCP_PORT
 from fake_camera.usb3.usbip.server import Usb3Server
@@ -44,13 +48,15 @@ _ADDRESS = "127.0.0.1"
 _LONGEST_DESCRIPTION_BYTES = 1 << 24
 _SERIAL_CHARACTERS = {"GigE Vision": 15, "USB3 Vision": 63}  # registers of 16 and 64 bytes, with a final zero
 _SIZES = ", ".join(f"{width}x{height}" for width, height in SIZES)
+_PTP = f"have a PTP clock, on this UDP port and the next ({EVENT_PORT}), and take action commands"
 _ASK = "60; ask: print how long a frame takes, and read the rate from standard input"
 
 
-def _parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
+def _parse_arguments(arguments: list[str]) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog="python -m fake_camera",
         description="A GigE Vision or USB3 Vision camera in software, which stock Aravis opens like a real one.",
+        epilog="python -m fake_camera ptp-master --help: a PTP master for cameras with --ptp.",
     )
     add = parser.add_argument
     add("--address", type=_address, help=f"loopback address of a GigE Vision camera ({_ADDRESS})")
@@ -58,6 +64,7 @@ def _parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     add("--socket", type=Path, metavar="PATH", help="Unix socket to serve USB/IP on")
     add("--tcp", type=_port, nargs="?", const=TCP_PORT, metavar="PORT", help="TCP port for it on 127.0.0.1 (%(const)d)")
     add("--exec", nargs=argparse.REMAINDER, metavar="COMMAND", help="run a command that sees the camera on its USB bus")
+    add("--ptp", type=host_master.event_port, nargs="?", const=EVENT_PORT, metavar="PORT", help=_PTP)
     add("--switch", type=_switch, metavar="FILE,MBPS,KIB", help="send through a switch, shared by all that name FILE")
     add("--serial", default="FAKE-LEFT", help="its serial number (%(default)s)")
     add("--side", choices=["left", "right"], default="left", help="its side of the stereo rig (%(default)s)")
@@ -103,8 +110,9 @@ def _refuse_contradictions(parser: argparse.ArgumentParser, options: argparse.Na
         parser.error("--steered needs --control SOCKET and --line0 NAME, and the scene `room`")
     if options.steered and (options.still or options.light is not None):
         parser.error("--steered: orders say how the camera moves and how bright it is, leave out --still and --light")
-    if options.usb3 and options.switch is not None:
-        parser.error("--switch is for GigE Vision cameras: leave it out")
+    for name in ("switch", "ptp"):
+        if options.usb3 and getattr(options, name) is not None:
+            parser.error(f"--{name} is for GigE Vision cameras: leave it out")
     if not options.usb3 and usb3_options:
         parser.error(f"{usb3_options[0]} is for USB3 Vision cameras: add --usb3")
     if options.exec in ([], [""]):
@@ -266,6 +274,7 @@ def _device(
         model=model,
         pixel_format=options.pixel_format,
         niceness=options.nice,
+        ptp_clock=None if options.ptp is None else clock_identity(mac_address(options.serial)),
     )
 
 
@@ -277,7 +286,7 @@ def _serve(options: argparse.Namespace, device: Device, xml: XmlCamera | None, r
         switch = None
         if options.switch is not None:
             switch = resources.enter_context(Switch(*options.switch))
-        server = GigeServer(device, options.address, xml, switch)
+        server = GigeServer(device, options.address, xml, switch, ptp_event_port=options.ptp or EVENT_PORT)
         server.start()
         resources.callback(server.close)
 
@@ -335,6 +344,9 @@ def main(arguments: list[str] | None = None) -> int:
 
     Returns the exit status: 0 or that of the command, or 2 with one sentence on stderr.
     """
+    arguments = sys.argv[1:] if arguments is None else arguments
+    if arguments[:1] == ["ptp-master"]:
+        return host_master.main(arguments[1:])
     options = _parse_arguments(arguments)
     stop = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):

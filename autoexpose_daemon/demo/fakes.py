@@ -214,6 +214,8 @@ def read_pulses(truths: Sequence[Path]) -> list[Pulse]:
         for number, line in enumerate(truth.read_bytes().splitlines(), 1):
             try:
                 seen = json.loads(line)
+                if seen["trigger"] is None:  # an exposure that no pulse started
+                    continue
                 pulse = Pulse(int(seen["trigger"]), int(seen["host_time_ns"]), float(seen["lux"]))
             except (ValueError, TypeError, LookupError, OverflowError, RecursionError) as error:
                 raise AutoexposeError(f"{truth}: line {number} is not a pulse of the wire ({error})") from error

@@ -98,9 +98,9 @@ class Acquisition:
         """Line0 has risen between two of its pulses: the exposure it starts, if the camera is ready for it."""
         return self._triggered(time_ns, None) if wired and self._waits_for("Line0") else None
 
-    def line3_pulse(self, time_ns: int) -> Exposure | None:
-        """Line3 has risen: the exposure it starts, if the camera waits for it and is ready for it."""
-        if not self._waits_for("Line3") or time_ns < self._started_ns or Fault.VANISH in self._faults:
+    def signal(self, source: str, time_ns: int) -> Exposure | None:
+        """Line3 or Action1 has come: the exposure it starts, if the camera waits for it and is ready for it."""
+        if not self._waits_for(source) or time_ns < self._started_ns or Fault.VANISH in self._faults:
             return None
         if Fault.IGNORE_TRIGGERS in self._faults:
             self.counters.ignored += 1

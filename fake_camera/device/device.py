@@ -13,24 +13,31 @@ from queue import SimpleQueue
 import numpy as np
 
 from fake_camera.device.acquisition import Acquisition, Counters, Exposure
-from fake_camera.device.faults import DELAY_NS, JUMP_NS, Fault, Faults
+from fake_camera.device.actions import ActionOutcome, Actions
+from fake_camera.device.faults import DELAY_NS, JUMP_NS, LATE_NS, Fault, Faults
 from fake_camera.device.features import Features
 from fake_camera.device.line0 import Line0
 from fake_camera.device.truth import TruthFile
 from fake_camera.imaging import PIXEL_FORMATS, ExposedFrame, ImageSource, Pixels
+from fake_camera.ptp.clock import Clock
+from fake_camera.ptp.messages import PortIdentity
+from fake_camera.ptp.slave import Slave
 
 _TOO_LATE_NS = 500_000_000  # a pulse this old (the process was stopped) makes no exposure
 _OVERRUN_NS = 100_000_000  # a frame that would be sent this late is dropped, so that a slow machine keeps up
 _OVERRUN_PX = 720 * 540  # a larger one may be later in proportion
+_DRIFT_PPM = 10.0
+_PTP_DRIFT_PPM = 100.0  # what Ethernet allows a crystal
 _UNWIRED_RATE_HZ = 60.0  # of the pulses by which faults and truth are counted when no wire is plugged in
 
 
 class Device:
-    """One camera: one thread follows Line0 and starts exposures, one renders them, one sends them when they are due.
+    """One camera: one thread follows wire and clock and starts exposures, one renders, one sends when they are due.
 
     `line0` is the wire plugged in; without one the camera can only run free or be triggered by software. `seed` and
     `serial` determine its clock's offset and drift and the noise of its images. Rendering yields to other threads by
     `niceness`, since a real sensor uses no processor time of the host (though a busy host would not slow it either).
+    With `ptp_clock` (EUI-64) it has a PTP clock of this identity and takes action commands.
 
     Attributes
     ----------
@@ -38,6 +45,8 @@ class Device:
         Its features.
     faults
         The faults ordered for it.
+    ptp
+        Its PTP port, for the network to connect; None if it has none.
     """
 
     def __init__(
@@ -51,6 +60,7 @@ class Device:
         model: str = "FakeGV287M",
         pixel_format: str = "Mono8",
         niceness: int = 0,
+        ptp_clock: int | None = None,
     ) -> None:
         self._source = source
         self._niceness = niceness
@@ -60,21 +70,27 @@ class Device:
         self._line0 = line0 or Line0(time.monotonic_ns(), _UNWIRED_RATE_HZ)
         self._truth = truth
         oscillator = random.Random(self._identity)
-        self._clock_offset_ns = oscillator.randrange(1_000_000_000, 10_000_000_000)
-        self._clock_rate = 1 + oscillator.uniform(-10e-6, 10e-6)
-        self._power_on_ns = time.monotonic_ns()
+        self._clock_start_ns = oscillator.randrange(1_000_000_000, 10_000_000_000)
+        drift_ppm = oscillator.uniform(-1.0, 1.0) * (_DRIFT_PPM if ptp_clock is None else _PTP_DRIFT_PPM)
+        self._clock = Clock(time.monotonic_ns(), self._clock_start_ns, drift_ppm)
         size = source.sensor_width, source.sensor_height
         # Half as late, a frame is not even rendered: else all would be rendered, then dropped.
         self._overrun_ns = max(_OVERRUN_NS, size[0] * size[1] * _OVERRUN_NS // _OVERRUN_PX)
-        self.features = Features(serial, *size, self.now_ns, model=model, pixel_format=pixel_format)
+        self.features = Features(
+            serial, *size, self.now_ns, model=model, pixel_format=pixel_format, ptp_clock=ptp_clock
+        )
+        self.ptp: Slave | None = None
+        if ptp_clock is not None:
+            self.ptp = Slave(self._clock, PortIdentity(ptp_clock), lambda: bool(self.features.get("PtpEnable")))
+        self._actions = Actions(self._clock, self.ptp)
         self.faults = Faults(self._power_on, self._power_off)
         self._acquisition = Acquisition(self.features)
-        self._lock = threading.Lock()  # guards the acquisition; never held while other code is called back
+        self._lock = threading.Lock()  # guards acquisition and actions; never held while other code is called back
         self._sink: Callable[[ExposedFrame], None] = lambda frame: None
         self._on_power_on: list[Callable[[], None]] = []
         self._on_power_off: list[Callable[[], None]] = []
         self._show_exposure: Callable[[int], None] = lambda start_ns: None
-        self._exposures: SimpleQueue[Exposure | None] = SimpleQueue()
+        self._exposures: SimpleQueue[tuple[Exposure, int] | None] = SimpleQueue()
         self._frames: SimpleQueue[tuple[int, Exposure, ExposedFrame] | None] = SimpleQueue()
         self._wake = threading.Event()
         self._closed = threading.Event()
@@ -92,8 +108,8 @@ class Device:
         return self._acquisition.counters
 
     def now_ns(self) -> int:
-        """The device's own clock: since power-on, a few ppm off CLOCK_MONOTONIC, as real crystals are."""
-        return self._device_time_ns(time.monotonic_ns())
+        """The device's own clock: since power-on, a few ppm off CLOCK_MONOTONIC, as real crystals are, or PTP's."""
+        return self._clock.time_ns(time.monotonic_ns())
 
     def execute(self, command: str) -> None:
         """Run a command of the description (else KeyError), at any time.
@@ -120,6 +136,8 @@ class Device:
                 self.features.load_user_set()
             case "UserSetSave":
                 self.features.save_user_set()
+            case "PtpDataSetLatch" if self.ptp is not None:
+                self._latch_ptp(self.ptp)
             case _:
                 raise KeyError(command)
 
@@ -137,7 +155,21 @@ class Device:
             if abs(time.monotonic_ns() - time_ns) > _TOO_LATE_NS:
                 self._acquisition.counters.missed += 1
                 return
-            self._start(self._acquisition.line3_pulse(time_ns))
+            self._start(self._acquisition.signal("Line3", time_ns))
+
+    def action(self, time_ns: int | None) -> ActionOutcome:
+        """Take an action command for `time_ns` on the device's clock, or for now: Action1 comes then."""
+        with self._lock:
+            now_ns = time.monotonic_ns()
+            if time_ns is not None and self.faults.spoils_command(Fault.LATE_ACTIONS):
+                self._actions.schedule(time_ns + LATE_NS)
+                outcome = ActionOutcome.LATE
+            else:
+                outcome = self._actions.command(time_ns, now_ns)
+                if outcome in (ActionOutcome.NOW, ActionOutcome.LATE):
+                    self._start(self._acquisition.signal("Action1", now_ns))
+        self._wake.set()
+        return outcome
 
     def on_power_on(self, callback: Callable[[], None]) -> None:
         """Call `callback` when the camera restarts (DeviceReset, or back after vanishing): forget the client."""
@@ -158,8 +190,9 @@ class Device:
     def _power_on(self) -> None:
         with self._lock:
             self._acquisition.stop()
+            self._actions.clear()
             self.features.reset()
-            self._power_on_ns = time.monotonic_ns()
+            self._clock.set(self._clock_start_ns, time.monotonic_ns())
         for callback in self._on_power_on:
             callback()
 
@@ -167,25 +200,35 @@ class Device:
         for callback in self._on_power_off:
             callback()
 
-    def _device_time_ns(self, host_ns: int) -> int:
-        return self._clock_offset_ns + round((host_ns - self._power_on_ns) * self._clock_rate)
+    def _latch_ptp(self, ptp: Slave) -> None:
+        data_set = ptp.data_set()
+        self.features.update("PtpStatus", data_set.state.name)
+        self.features.update("PtpServoStatus", "Locked" if data_set.locked else "Unknown")
+        self.features.update("PtpOffsetFromMaster", data_set.offset_ns)
+        self.features.update("PtpParentClockID", data_set.parent)
+        self.features.update("PtpGrandmasterClockID", data_set.grandmaster)
 
     def _start(self, exposure: Exposure | None) -> None:
         if exposure is None or self.faults.vanished:
             return
         if self.features.shows_exposure:
             self._show_exposure(exposure.start_ns)
-        self._exposures.put(exposure)
+        device_time_ns = max(self._clock.time_ns(exposure.start_ns), 0)
+        if self._truth is not None and exposure.trigger is None:
+            self._truth.record_exposure(exposure, device_time_ns)
+        self._exposures.put((exposure, device_time_ns))
 
     def _latch(self) -> None:
-        """Follow the wire and the free run by their nominal times, so that delays of this thread do not show."""
+        """Follow wire, free run and actions by their nominal times, so that delays of this thread do not show."""
         pulse = self._line0.first_pulse_after(time.monotonic_ns())
         while not self._closed.is_set():
             pulse_ns = self._line0.pulse_time_ns(pulse)
             now_ns = time.monotonic_ns()
             with self._lock:
                 free_run_ns = self._acquisition.free_run_start_ns(now_ns)
-            due_ns = min(time_ns for time_ns in (pulse_ns, free_run_ns, self._echo_ns) if time_ns is not None)
+                action_ns = self._actions.due_ns()
+            times_ns = (pulse_ns, free_run_ns, self._echo_ns, action_ns)
+            due_ns = min(time_ns for time_ns in times_ns if time_ns is not None)
             if now_ns < due_ns:
                 self._wake.wait((due_ns - now_ns) * 1e-9)
                 self._wake.clear()
@@ -196,6 +239,8 @@ class Device:
                 self._echo_ns = None
                 with self._lock:
                     self._start(self._acquisition.echo(due_ns, self._wired))
+            elif due_ns == action_ns:
+                self._on_action(now_ns)
             else:
                 self._on_free_run(now_ns)
 
@@ -206,9 +251,9 @@ class Device:
         if self._truth is not None:
             self._truth.record(pulse)
         if Fault.CLOCK_AHEAD in faults:
-            self._clock_offset_ns += JUMP_NS
+            self._clock.set(self._clock.time_ns(now_ns) + JUMP_NS, now_ns)
         if Fault.CLOCK_BACK in faults:
-            self._clock_offset_ns -= min(JUMP_NS, self.now_ns())
+            self._clock.set(max(self._clock.time_ns(now_ns) - JUMP_NS, 0), now_ns)
         if Fault.DOUBLE_TRIGGERS in faults:
             self._echo_ns = (pulse_ns + self._line0.pulse_time_ns(pulse + 1)) // 2
         with self._lock:
@@ -216,6 +261,16 @@ class Device:
                 self._acquisition.counters.missed += 1
             else:
                 self._start(self._acquisition.pulse(pulse, pulse_ns, faults, self._wired))
+
+    def _on_action(self, now_ns: int) -> None:
+        with self._lock:  # the camera may have been restarted meanwhile
+            due_ns = self._actions.take(now_ns)
+            if due_ns is None:
+                return
+            if now_ns - due_ns > _TOO_LATE_NS:
+                self._acquisition.counters.missed += 1
+            else:
+                self._start(self._acquisition.signal("Action1", due_ns))
 
     def _on_free_run(self, now_ns: int) -> None:
         with self._lock:  # the acquisition may have been stopped or switched to triggers meanwhile
@@ -229,7 +284,8 @@ class Device:
         thread = threading.get_native_id()  # its niceness only, not that of the process
         os.setpriority(os.PRIO_PROCESS, thread, os.getpriority(os.PRIO_PROCESS, thread) + self._niceness)
         due_ns = 0
-        while (exposure := self._exposures.get()) is not None:
+        while (started := self._exposures.get()) is not None:
+            exposure, device_time_ns = started
             # A delayed frame delays those behind it: frames stay in order.
             due_ns = max(due_ns, exposure.ready_ns + (DELAY_NS if Fault.DELAY in exposure.faults else 0))
             if (
@@ -237,7 +293,7 @@ class Device:
                 and self._wanted(exposure)
                 and self._in_time(due_ns, self._overrun_ns // 2)
             ):
-                self._frames.put((due_ns, exposure, self._render(exposure)))
+                self._frames.put((due_ns, exposure, self._render(exposure, device_time_ns)))
         self._frames.put(None)
 
     def _send(self) -> None:
@@ -260,12 +316,11 @@ class Device:
     def _wanted(self, exposure: Exposure) -> bool:
         return exposure.run == self._acquisition.run and not self.faults.vanished
 
-    def _render(self, exposure: Exposure) -> ExposedFrame:
+    def _render(self, exposure: Exposure, device_time_ns: int) -> ExposedFrame:
         number = exposure.frame_id if exposure.trigger is None else exposure.trigger
         noise_seed = zlib.crc32(f"{self._identity} {number}".encode())
         start_s = (exposure.start_ns - self._line0.epoch_ns) * 1e-9
         pixels = self._source.take(start_s, exposure.settings, noise_seed)
-        device_time_ns = max(self._device_time_ns(exposure.start_ns), 0)
         pixels = _spoilt(pixels, exposure)
         return ExposedFrame(exposure.frame_id, exposure.trigger, device_time_ns, pixels, exposure.settings)
 

@@ -35,6 +35,8 @@ class Fault(StrEnum):
 
     GigE Vision only:
 
+    ``late_actions``      `count` scheduled action commands come too late, and act 50 ms after their time
+    ``lose_actions``      `count` action commands do not arrive
     ``lose_packets``      `count` stream packets are not sent, from the next trigger's frame on
     ``lose_half``         the same, but every other packet on average gets through
 
@@ -65,6 +67,8 @@ class Fault(StrEnum):
     TRUNCATE = "truncate"
     NO_CHUNKS = "no_chunks"
     NAN_CHUNKS = "nan_chunks"
+    LATE_ACTIONS = "late_actions"
+    LOSE_ACTIONS = "lose_actions"
     LOSE_PACKETS = "lose_packets"
     LOSE_HALF = "lose_half"
     NAK = "nak"
@@ -87,7 +91,7 @@ _ALL = frozenset(Fault)
 GIGE = _ALL - {Fault.NAK, Fault.PENDING_ACKNOWLEDGE, Fault.STALL, Fault.SHORT_TRAILER}
 """Faults of a GigE Vision camera."""
 
-USB3 = _ALL - {Fault.LOSE_PACKETS, Fault.LOSE_HALF}
+USB3 = _ALL - {Fault.LOSE_PACKETS, Fault.LOSE_HALF, Fault.LATE_ACTIONS, Fault.LOSE_ACTIONS}
 """Faults of a USB3 Vision camera."""
 
 NOT_DESCRIBED = frozenset({Fault.NAN_CHUNKS, Fault.SHRINK})
@@ -101,6 +105,9 @@ DELAY_NS = 200_000_000
 
 JUMP_NS = 10_000_000_000
 """By how much ``clock_ahead`` and ``clock_back`` set the device's clock at each trigger that they meet."""
+
+LATE_NS = 50_000_000
+"""How long after its time an action of the fault ``late_actions`` acts."""
 
 SHRUNK = 0.95
 """What the fault ``shrink`` multiplies written numbers by."""

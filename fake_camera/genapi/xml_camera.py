@@ -7,7 +7,8 @@ import threading
 
 from fake_camera.device.device import Device
 from fake_camera.device.faults import Fault
-from fake_camera.device.features import CHUNK_TRAILER_BYTES, FeatureError
+from fake_camera.device.feature_table import CHUNK_TRAILER_BYTES
+from fake_camera.device.features import FeatureError
 from fake_camera.genapi.description import REGISTERS, Description, NodeError
 from fake_camera.genapi.evaluator import Evaluator
 from fake_camera.genapi.field import Field

@@ -6,16 +6,18 @@ import io
 import zipfile
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
-from fake_camera.device.features import ENUM_ENTRIES, Features, Spec
+from fake_camera.device.feature_table import ENUM_ENTRIES, Spec
+from fake_camera.device.features import Features
 from fake_camera.genicam.chunks import CHUNKS
 from fake_camera.genicam.registers import (
-    COMMANDS,
     INCREMENT,
     LOCK,
     MAXIMUM,
     MINIMUM,
     ByteOrder,
+    commands,
     has_limits,
+    is_signed,
     slots,
     value_bytes,
 )
@@ -37,6 +39,8 @@ _CATEGORIES = {
     "AnalogControl": ("Gain", "Balance", "BlackLevel", "Gamma"),
     "ChunkDataControl": ("Chunk",),
     "UserSetControl": ("UserSet",),
+    "ActionControl": ("Action",),
+    "PtpControl": ("Ptp",),
     "TransportLayerControl": ("PayloadSize", "TLParamsLocked", "Gev", "U3V"),
 }
 """The categories, with the prefixes of the features that belong to them."""
@@ -48,6 +52,7 @@ _SELECTED = {
     "TriggerSelector": ("TriggerMode", "TriggerSource", "TriggerActivation", "TriggerOverlap", "TriggerSoftware"),
     "ChunkSelector": ("ChunkEnable",),
     "UserSetSelector": ("UserSetLoad", "UserSetSave"),
+    "ActionSelector": ("ActionGroupKey", "ActionGroupMask"),
 }
 
 
@@ -73,7 +78,7 @@ def genicam_xml(features: Features, transport: Transport) -> bytes:
     )
     _categories(root, features, transport)
     for name, address in slots(features).items():
-        if name in COMMANDS:
+        if name in commands(features):
             _command(root, name, address)
         else:
             _feature(root, features.spec(name), address)
@@ -101,15 +106,17 @@ def zipped(name: str, description: bytes) -> bytes:
 
 
 def _categories(root: Element, features: Features, transport: Transport) -> None:
-    names = [*features.names, *COMMANDS]
+    names = [*features.names, *commands(features)]
     names += [field.name for field in transport.fields] + [f"Chunk{name}" for name in CHUNKS]
     top = SubElement(root, "Category", Name="Root", NameSpace="Standard")
     for category, beginnings in _CATEGORIES.items():
+        members = [name for name in names if name.startswith(beginnings)]
+        if not members:
+            continue
         SubElement(top, "pFeature").text = category
         element = SubElement(root, "Category", Name=category, NameSpace="Standard")
-        for name in names:
-            if name.startswith(beginnings):
-                SubElement(element, "pFeature").text = name
+        for name in members:
+            SubElement(element, "pFeature").text = name
 
 
 def _feature(root: Element, spec: Spec, address: int) -> None:
@@ -152,7 +159,7 @@ def _number(root: Element, name: str, address: int, spec: Spec, access: str = "R
         _register_body(node, address, value_bytes(spec), access)
         SubElement(node, "Endianess")
     else:
-        _int_reg(root, name, address, value_bytes(spec), access)
+        _int_reg(root, name, address, value_bytes(spec), access, sign="Signed" if is_signed(spec) else "Unsigned")
 
 
 def _command(root: Element, name: str, address: int, value: int = 1) -> None:
@@ -206,10 +213,10 @@ def _chunk_data(root: Element) -> None:
         SubElement(port, "ChunkID").text = f"{chunk.chunk_id:X}"
 
 
-def _int_reg(root: Element, name: str, address: int, length: int, access: str) -> None:
+def _int_reg(root: Element, name: str, address: int, length: int, access: str, *, sign: str = "Unsigned") -> None:
     node = SubElement(root, "IntReg", Name=name)
     _register_body(node, address, length, access)
-    SubElement(node, "Sign").text = "Unsigned"
+    SubElement(node, "Sign").text = sign
     SubElement(node, "Endianess")
 
 

@@ -10,7 +10,8 @@ from typing import Literal
 
 from fake_camera.device.device import Device
 from fake_camera.device.faults import SHRUNK, Fault
-from fake_camera.device.features import ENUM_ENTRIES, FeatureError, Features, Spec, Value
+from fake_camera.device.feature_table import ENUM_ENTRIES, Spec, Value
+from fake_camera.device.features import FeatureError, Features
 from fake_camera.genicam.status import CommandError, Status
 
 ByteOrder = Literal["big", "little"]
@@ -20,6 +21,9 @@ COMMANDS = (
     *("AcquisitionStart", "AcquisitionStop", "TriggerSoftware", "TimestampLatch", "DeviceReset"),
     *("UserSetLoad", "UserSetSave"),
 )
+
+PTP_COMMANDS = ("PtpDataSetLatch",)
+"""Of cameras with a PTP clock."""
 
 STRING_BYTES = 64
 
@@ -126,9 +130,15 @@ class RegisterMap:
             raise CommandError(Status.BAD_ALIGNMENT)
 
 
+def commands(features: Features) -> tuple[str, ...]:
+    """The commands of a camera with these features."""
+    return COMMANDS + PTP_COMMANDS if features.has_ptp else COMMANDS
+
+
 def slots(features: Features) -> dict[str, int]:
     """The address of each feature's and each command's slot."""
-    return {name: _FIRST_SLOT + index * _SLOT_BYTES for index, name in enumerate((*features.names, *COMMANDS))}
+    names = (*features.names, *commands(features))
+    return {name: _FIRST_SLOT + index * _SLOT_BYTES for index, name in enumerate(names)}
 
 
 def has_limits(spec: Spec) -> bool:
@@ -140,7 +150,12 @@ def value_bytes(spec: Spec) -> int:
     """Length of a feature's value in its slot; times in ns need more than 32 bits."""
     if spec.type == "string":
         return STRING_BYTES
-    return 8 if spec.type == "float" or spec.unit == "ns" else 4
+    return 8 if spec.type == "float" or spec.unit == "ns" or is_signed(spec) else 4
+
+
+def is_signed(spec: Spec) -> bool:
+    """Whether an integer may be below 0."""
+    return spec.minimum < 0
 
 
 def encode(spec: Spec, value: Value, byte_order: ByteOrder) -> bytes:
@@ -151,7 +166,10 @@ def encode(spec: Spec, value: Value, byte_order: ByteOrder) -> bytes:
         return struct.pack(_DOUBLE[byte_order], value)
     if spec.type == "enumeration":
         value = ENUM_ENTRIES[spec.name][str(value)]
-    return int(value).to_bytes(value_bytes(spec), byte_order)
+    number = int(value)
+    if is_signed(spec):
+        number &= (1 << 64) - 1
+    return number.to_bytes(value_bytes(spec), byte_order)
 
 
 def decode(spec: Spec, data: bytes, byte_order: ByteOrder) -> Value:
@@ -179,7 +197,7 @@ def feature_registers(device: Device, byte_order: ByteOrder) -> Iterator[Registe
     """The slots of all features and commands of a device."""
     features = device.features
     for name, address in slots(features).items():
-        if name in COMMANDS:
+        if name in commands(features):
             yield _command(device, name, address, byte_order)
             continue
         spec = features.spec(name)

@@ -8,12 +8,15 @@ import struct
 from collections.abc import Iterator
 
 from fake_camera.device.device import Device
+from fake_camera.device.feature_table import ACTION_QUEUE_SIZE
 from fake_camera.device.features import FeatureError
 from fake_camera.genicam.privilege import ControlPrivilege
 from fake_camera.genicam.registers import Register, constant, unsigned
 from fake_camera.genicam.status import CommandError, Status
 from fake_camera.genicam.transport import RegisterField, Transport
+from fake_camera.gige.actions import ActionChannel
 from fake_camera.gige.stream_channel import MAX_PACKET_BYTES, MAX_PACKET_DELAY_NS, MIN_PACKET_BYTES, StreamChannel
+from fake_camera.ptp.slave import Slave
 
 CONTROL_PRIVILEGE = 0x0A00
 """Address of the one register that depends on who writes it; the control channel handles it."""
@@ -31,7 +34,13 @@ _GVCP_CAPABILITY = (
     | 1 << 1  # WRITEMEM
     | 1 << 0  # several registers in one command
 )
-
+_ACTION_CAPABILITY = (
+    1 << 20  # ACTION without a controlling client
+    | 1 << 19  # IEEE 1588
+    | 1 << 18  # status codes of GigE Vision 2.0
+    | 1 << 17  # scheduled ACTION
+    | 1 << 6  # ACTION
+)
 
 GIGE_VISION = Transport(
     "GEV",
@@ -81,8 +90,12 @@ def bootstrap_registers(
     description: bytes,
     *,
     description_address: int = DESCRIPTION_ADDRESS,
+    actions: ActionChannel | None = None,
 ) -> Iterator[Register]:
-    """The bootstrap registers of a camera at an IPv4 address, and the memory of its zipped description."""
+    """The bootstrap registers of a camera at an IPv4 address, and the memory of its zipped description.
+
+    With `actions` also those of action commands and PTP.
+    """
     yield from _identity(device, address)
     url = f"Local:{device.features.get('DeviceModelName')}.zip;{description_address:x};{len(description):x}"
     yield constant(0x0200, url.encode().ljust(512, b"\0"))
@@ -91,13 +104,15 @@ def bootstrap_registers(
     yield constant(0x0600, _u32(1))  # network interfaces
     yield constant(0x0900, _u32(0))  # message channels
     yield constant(0x0904, _u32(1))  # stream channels
-    yield constant(0x0934, _u32(_GVCP_CAPABILITY))
+    yield constant(0x0934, _u32(_GVCP_CAPABILITY | (0 if actions is None else _ACTION_CAPABILITY)))
     yield unsigned(
         0x0938, lambda: privilege.heartbeat_ms, lambda timeout_ms: setattr(privilege, "heartbeat_ms", timeout_ms)
     )
     yield from _clock(device)
     yield unsigned(CONTROL_PRIVILEGE, lambda: privilege.value)
     yield from _stream(stream)
+    if actions is not None and device.ptp is not None:
+        yield from _actions(device, device.ptp, actions)
 
 
 def _identity(device: Device, address: str) -> Iterator[Register]:
@@ -162,6 +177,23 @@ def _stream(stream: StreamChannel) -> Iterator[Register]:
     yield unsigned(0x0D1C, lambda: stream.source_port)
     yield constant(0x0D20, _u32(0))  # no optional capabilities
     yield constant(0x0D24, _u32(0))  # none enabled
+
+
+def _actions(device: Device, ptp: Slave, actions: ActionChannel) -> Iterator[Register]:
+    features = device.features
+
+    def key(address: int, name: str, *, write_only: bool = False) -> Register:
+        return unsigned(
+            address, lambda: 0 if write_only else int(features.get(name)), lambda value: features.set(name, value)
+        )
+
+    yield constant(0x0908, _u32(1))  # action signals
+    yield key(0x090C, "ActionDeviceKey", write_only=True)
+    yield unsigned(0x0954, lambda: actions.configuration, lambda value: setattr(actions, "configuration", value))
+    yield unsigned(0x096C, lambda: ptp.state)
+    yield constant(0x0970, _u32(ACTION_QUEUE_SIZE))
+    yield key(0x9800, "ActionGroupKey")
+    yield key(0x9804, "ActionGroupMask")
 
 
 def _u32(value: int) -> bytes:

@@ -10,15 +10,16 @@ from fake_camera.genicam.registers import RegisterMap
 from fake_camera.genicam.status import CommandError, Status
 from fake_camera.gige import gvcp
 from fake_camera.gige.bootstrap import CONTROL_PRIVILEGE
-from fake_camera.gige.gvcp import Command, Request, Resend
+from fake_camera.gige.gvcp import Action, Command, Request, Resend
 
-_WRITES = (Command.WRITEREG, Command.WRITEMEM)
+_ONCE = (Command.WRITEREG, Command.WRITEMEM, Command.ACTION)
 
 
 class ControlChannel:
     """Executes commands; thread-safe.
 
-    `resend` sends stream packets again; `released` is called when control has been returned or lost.
+    `resend` sends stream packets again; `released` is called when control has been returned or lost. `act` carries out
+    action commands, or returns None for those that are not for this camera; without it the camera does not know them.
     """
 
     def __init__(
@@ -27,13 +28,15 @@ class ControlChannel:
         privilege: ControlPrivilege,
         resend: Callable[[Resend], None],
         released: Callable[[], None],
+        act: Callable[[Action], Status | None] | None = None,
     ) -> None:
         self._registers = registers
         self._privilege = privilege
         self._resend = resend
         self._released = released
+        self._act = act
         self._lock = threading.RLock()
-        self._last_write: tuple[Peer, bytes, bytes] | None = None
+        self._last_write: tuple[Peer, bytes, bytes | None] | None = None
 
     def answer(self, datagram: bytes, peer: Peer, now_s: float) -> bytes | None:
         """Execute the command in a datagram and return the acknowledgement.
@@ -46,17 +49,14 @@ class ControlChannel:
         with self._lock:
             self.expire(now_s)
             self._privilege.hear(peer, now_s)
-            # A client that missed an answer repeats the request with the same id; a write must not happen twice.
+            # A client that missed an answer repeats the request with the same id; a write or an action must not happen
+            # twice.
             if self._last_write is not None and self._last_write[:2] == (peer, datagram):
                 return self._last_write[2]
-            try:
-                answer = request.acknowledge(self._execute(request, peer, now_s))
-            except CommandError as error:
-                answer = request.acknowledge(error.payload, error.status)
-            if request.command in _WRITES:
+            answer = self._answer(request, peer, now_s)
+            if request.command in _ONCE:
                 self._last_write = (peer, datagram, answer)
-        silent = request.command == Command.PACKETRESEND or not request.ack_required
-        return None if silent else answer
+        return answer
 
     def expire(self, now_s: float) -> None:
         """Take control away from a client that has been silent for the heartbeat timeout."""
@@ -70,6 +70,19 @@ class ControlChannel:
             self._last_write = None
             self._privilege.drop()
             self._released()
+
+    def _answer(self, request: Request, peer: Peer, now_s: float) -> bytes | None:
+        """Execute a request; returns its acknowledgement, None where there is none."""
+        try:
+            if request.command == Command.ACTION and self._act is not None:
+                status = self._act(Action.from_request(request))
+                answer = None if status is None else request.acknowledge(b"", status)
+            else:
+                answer = request.acknowledge(self._execute(request, peer, now_s))
+        except CommandError as error:
+            answer = request.acknowledge(error.payload, error.status)
+        silent = request.command == Command.PACKETRESEND or not request.ack_required
+        return None if silent else answer
 
     def _execute(self, request: Request, peer: Peer, now_s: float) -> bytes:
         """Execute a request; returns the payload of its acknowledgement."""

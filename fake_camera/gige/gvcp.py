@@ -20,6 +20,7 @@ DISCOVERY_BYTES = 0xF8
 
 _KEY = 0x42
 _ACK_REQUIRED = 0x01
+_SCHEDULED = 0x80
 _HEADER = struct.Struct(">BBHHH")
 _ACK_HEADER = struct.Struct(">HHHH")
 
@@ -34,19 +35,21 @@ class Command(IntEnum):
     WRITEREG = 0x0082
     READMEM = 0x0084
     WRITEMEM = 0x0086
+    ACTION = 0x0100
 
 
 @dataclass(frozen=True, slots=True)
 class Request:
     """One command datagram.
 
-    `command` is a plain number, since a camera must also answer unknown commands.
+    `command` is a plain number, since a camera must also answer unknown commands. `scheduled` is of action commands.
     """
 
     command: int
     request_id: int
     ack_required: bool
     payload: bytes
+    scheduled: bool = False
 
     @classmethod
     def from_bytes(cls, datagram: bytes) -> Request | None:
@@ -58,7 +61,7 @@ class Request:
         # Longer than announced means padding (Ethernet pads short frames); shorter means truncated.
         if key != _KEY or request_id == 0 or length > len(payload):
             return None
-        return cls(command, request_id, bool(flags & _ACK_REQUIRED), payload[:length])
+        return cls(command, request_id, bool(flags & _ACK_REQUIRED), payload[:length], bool(flags & _SCHEDULED))
 
     def acknowledge(self, payload: bytes, status: Status = Status.SUCCESS) -> bytes:
         """The datagram that answers this request."""
@@ -85,6 +88,21 @@ class Resend:
         """
         channel, block_id, first, last = _unpack(">HHII", payload)
         return cls(channel, block_id, first & 0xFFFFFF, last & 0xFFFFFF)
+
+
+@dataclass(frozen=True, slots=True)
+class Action:
+    """What an ACTION commands to the cameras with these keys: to act, at `time_ns` on their clocks, or at once."""
+
+    device_key: int
+    group_key: int
+    group_mask: int
+    time_ns: int | None = None
+
+    @classmethod
+    def from_request(cls, request: Request) -> Action:
+        """Parse the payload of an ACTION; raises CommandError INVALID_HEADER when it is too short."""
+        return cls(*_unpack(">IIIQ" if request.scheduled else ">III", request.payload))
 
 
 def register_addresses(payload: bytes) -> list[int]:

@@ -18,11 +18,13 @@ from fake_camera.genicam.description import genicam_xml, zipped
 from fake_camera.genicam.privilege import ControlPrivilege
 from fake_camera.genicam.registers import RegisterMap, feature_registers
 from fake_camera.gige import gvcp
+from fake_camera.gige.actions import ActionChannel
 from fake_camera.gige.bootstrap import GIGE_VISION, bootstrap_registers
 from fake_camera.gige.control_channel import ControlChannel
 from fake_camera.gige.stream_channel import StreamChannel
 from fake_camera.gige.switch import Switch
 from fake_camera.imaging import ExposedFrame
+from fake_camera.ptp.port import EVENT_PORT, PtpPort
 
 _BROADCAST_ADDRESSES = ("255.255.255.255", "127.255.255.255")
 _EXPIRY_CHECK_S = 0.1
@@ -36,18 +38,24 @@ class GigeServer:
     """Serves one device at one IPv4 address of this machine (127.0.0.1, 127.0.0.2 ...), always on UDP port 3956."""
 
     def __init__(
-        self, device: Device, address: str, xml: XmlCamera | None = None, switch: Switch | None = None
+        self,
+        device: Device,
+        address: str,
+        xml: XmlCamera | None = None,
+        switch: Switch | None = None,
+        *,
+        ptp_event_port: int = EVENT_PORT,
     ) -> None:
         """Bind the sockets; with `xml` the device shows the description and the memory of that camera.
 
-        Its stream goes through `switch`, if given.
+        Its stream goes through `switch`, if given. A device with a PTP clock uses `ptp_event_port` and the next one.
 
         Raises
         ------
         AddressTakenError
             When another camera listens at `address`.
         OSError
-            When this machine has no such address.
+            When this machine has no such address, or a port of PTP cannot be used.
         """
         self._device = device
         # Without SO_REUSEADDR, since two cameras at one address would each get some of the commands.
@@ -56,8 +64,14 @@ class GigeServer:
         self._stream = StreamChannel(address, device.faults, switch)
         privilege = ControlPrivilege()
         self._xml = xml
+        self._ptp: PtpPort | None = None
+        self._actions: ActionChannel | None = None
+        if device.ptp is not None:
+            self._ptp = PtpPort(device.ptp, address, ptp_event_port, lambda: not device.faults.vanished)
+            self._actions = ActionChannel(device, privilege)
         registers = self._registers(address, privilege)
-        self._control = ControlChannel(registers, privilege, self._stream.resend, self._released)
+        act = None if self._actions is None else self._actions.act
+        self._control = ControlChannel(registers, privilege, self._stream.resend, self._released, act)
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._serve, name=f"gvcp {address}", daemon=True)
         device.faults.restrict(GIGE if xml is None else GIGE - NOT_DESCRIBED)
@@ -67,6 +81,8 @@ class GigeServer:
     def start(self) -> None:
         """Start answering."""
         self._thread.start()
+        if self._ptp is not None:
+            self._ptp.start()
 
     def close(self) -> None:
         """Stop answering and free the address."""
@@ -76,17 +92,29 @@ class GigeServer:
         for udp in (self._socket, *self._broadcast_sockets):
             udp.close()
         self._stream.close()
+        if self._ptp is not None:
+            self._ptp.close()
 
     def _registers(self, address: str, privilege: ControlPrivilege) -> RegisterMap:
         device, xml = self._device, self._xml
         model = str(device.features.get("DeviceModelName"))
         if xml is None:
             description = zipped(model, genicam_xml(device.features, GIGE_VISION))
-            bootstrap = bootstrap_registers(device, address, privilege, self._stream, description)
+            bootstrap = bootstrap_registers(
+                device, address, privilege, self._stream, description, actions=self._actions
+            )
             return RegisterMap((*bootstrap, *feature_registers(device, GIGE_VISION.byte_order)))
         description = zipped(model, xml.description.data)
         at = free_address(xml, len(description))
-        bootstrap = bootstrap_registers(device, address, privilege, self._stream, description, description_address=at)
+        bootstrap = bootstrap_registers(
+            device,
+            address,
+            privilege,
+            self._stream,
+            description,
+            description_address=at,
+            actions=self._actions,
+        )
         return XmlRegisters(bootstrap, xml)
 
     def _serve(self) -> None:
@@ -102,7 +130,7 @@ class GigeServer:
         datagram, peer = udp.recvfrom(0x10000)
         if self._device.faults.vanished:
             return
-        if udp is not self._socket and not _is_discovery(datagram):
+        if udp is not self._socket and not _is_broadcast(datagram):
             return
         answer = self._control.answer(datagram, peer, time.monotonic())
         if answer is not None:
@@ -122,6 +150,8 @@ class GigeServer:
     def _power_on(self) -> None:
         self._control.reset()
         self._stream.reset()
+        if self._actions is not None:
+            self._actions.reset()
 
 
 def _bind(address: str, *, reuse: bool) -> socket.socket:
@@ -138,6 +168,7 @@ def _bind(address: str, *, reuse: bool) -> socket.socket:
     return udp
 
 
-def _is_discovery(datagram: bytes) -> bool:
+def _is_broadcast(datagram: bytes) -> bool:
+    """Whether it is a command that may be sent to all cameras at once."""
     request = gvcp.Request.from_bytes(datagram)
-    return request is not None and request.command == gvcp.Command.DISCOVERY
+    return request is not None and request.command in (gvcp.Command.DISCOVERY, gvcp.Command.ACTION)

@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fake_camera.device.features import ENUM_ENTRIES, FeatureError, Features
+from fake_camera.device.feature_table import ENUM_ENTRIES
+from fake_camera.device.features import FeatureError, Features
 
 
 class HostClock:

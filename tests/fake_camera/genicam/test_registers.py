@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 
 from fake_camera.device.device import Device
 from fake_camera.device.faults import Fault, FaultOrder, Faults
-from fake_camera.device.features import CHUNK_BYTES, ENUM_ENTRIES, Features, Spec
+from fake_camera.device.feature_table import CHUNK_BYTES, ENUM_ENTRIES, Spec
+from fake_camera.device.features import Features
 from fake_camera.genicam.chunks import CHUNKS
 from fake_camera.genicam.description import genicam_xml, zipped
 from fake_camera.genicam.privilege import ControlPrivilege
