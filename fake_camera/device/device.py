@@ -192,7 +192,10 @@ class Device:
             self._acquisition.stop()
             self._actions.clear()
             self.features.reset()
-            self._clock.set(self._clock_start_ns, time.monotonic_ns())
+            now_ns = time.monotonic_ns()
+            self._clock.set(self._clock_start_ns, now_ns)
+            if self.ptp is not None:
+                self.ptp.poll(now_ns)  # disabled, it forgets its master
         for callback in self._on_power_on:
             callback()
 

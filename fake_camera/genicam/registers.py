@@ -182,7 +182,7 @@ def decode(spec: Spec, data: bytes, byte_order: ByteOrder) -> Value:
     if spec.type == "float":
         (number,) = struct.unpack(_DOUBLE[byte_order], data)
         return float(number)
-    integer = int.from_bytes(data, byte_order)
+    integer = int.from_bytes(data, byte_order, signed=is_signed(spec))
     if spec.type == "boolean":
         return integer != 0
     if spec.type == "integer":

@@ -56,6 +56,9 @@ def test_a_mistake_is_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         ("--seed 18446744073709551616", "argument --seed: '18446744073709551616' is not a whole number from 0 to"),
         ("--lens-f-number 0", "argument --lens-f-number: '0' is not a number from 0.5 to 32"),
         ("--lens-f-number wide", "argument --lens-f-number: 'wide' is not a number from 0.5 to 32"),
+        ("--ptp 65535", "argument --ptp: '65535' is not a whole number from 1 to 65534"),
+        ("ptp-master --port none", "argument --port: 'none' is not a whole number from 1 to 65534"),
+        ("--usb3 --tcp --ptp", "--ptp is for GigE Vision cameras: leave it out"),
         ("--seed -1", "argument --seed: '-1' is not a whole number from 0 to 18446744073709551615"),
         ("--seed many", "argument --seed: 'many' is not a whole number"),
     ],
@@ -64,6 +67,27 @@ def test_an_option_out_of_bounds_is_named(options: str, words: str, capsys: pyte
     with pytest.raises(SystemExit):
         main(options.split())
     assert words in capsys.readouterr().err
+
+
+@pytest.mark.wire
+def test_a_ptp_master_says_when_it_is_ready_and_ends_cleanly() -> None:
+    command = [sys.executable, "-m", "fake_camera", "ptp-master", "--port", "30319"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as master:
+        assert master.stdout is not None
+        ready = master.stdout.readline()
+        assert ready == f"PTP master at 127.0.0.1, UDP ports 30319 and 30320, process {master.pid}\n"
+        master.send_signal(signal.SIGUSR1)
+        master.send_signal(signal.SIGTERM)
+        _, errors = master.communicate(timeout=10)
+    assert (master.returncode, errors) == (0, "")
+
+
+def test_a_ptp_master_at_no_interface_is_one_sentence(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["ptp-master", "--address", "192.0.2.1"]) == 2
+    assert capsys.readouterr().err == (
+        "PTP master at 192.0.2.1: PTP: no network interface has the address 192.0.2.1: "
+        "Cannot assign requested address\n"
+    )
 
 
 @pytest.mark.parametrize(

@@ -31,6 +31,10 @@ from fake_camera.gige.bootstrap import CONTROL_PRIVILEGE, GIGE_VISION, bootstrap
 from fake_camera.gige.control_channel import ControlChannel
 from fake_camera.gige.gvcp import Command
 from fake_camera.gige.stream_channel import StreamChannel
+from fake_camera.ptp.clock import Clock
+from fake_camera.ptp.master import Master
+from fake_camera.ptp.messages import Grandmaster, Message, MessageType, PortIdentity
+from fake_camera.ptp.slave import Slave
 from fake_camera.usb3 import u3vcp
 from fake_camera.usb3.usb.descriptors import CONTROL_IN, CONTROL_OUT, STREAM_IN
 from fake_camera.usb3.usb_device import UsbDevice
@@ -44,6 +48,7 @@ from tests.fuzz.target import framed, in_file, unframed
 from tests.xml_cameras import COMBINATIONS, xml_camera
 
 PEERS = ("10.0.0.1", 5000), ("10.0.0.2", 5000)
+PTP_EPOCH_NS = 1_700_000_000_000_000_000
 WIRE = "wire"
 ATTACH = messages.OPERATION.pack(0x0111, messages.REQUEST_IMPORT, 0) + messages.BUS_ID.encode().ljust(32, b"\0")
 
@@ -128,6 +133,37 @@ def gvcp_seeds() -> Iterator[bytes]:
     again = command(Command.PACKETRESEND, struct.pack(">HHII", 0, 1, 1, 0xFFFFFF), 8)
     yield framed(take, time_us, user, start, size, read, memory, again)
     yield framed(command(Command.DISCOVERY, b"", 1), command(Command.FORCEIP, bytes(56), 2), command(0x1234, b"", 3))
+
+
+def ptp_messages(data: bytes) -> None:
+    """Datagrams to a master and a slave, an eighth of a second apart."""
+    clock = Clock(0)
+    stations = (
+        Slave(clock, PortIdentity(1), lambda: True),
+        Master(PortIdentity(2), lambda host_ns: PTP_EPOCH_NS + host_ns),
+    )
+    for number, datagram in enumerate(unframed(data)):
+        now_ns = number * 125_000_000
+        message = Message.from_bytes(datagram)
+        for station in stations:
+            if message is not None:
+                station.receive(message, now_ns)
+            for answer in station.poll(now_ns):
+                assert Message.from_bytes(answer.to_bytes()) == answer
+                station.sent(answer, now_ns)
+    clock.time_ns(clock.host_ns(0))
+
+
+def ptp_seeds() -> Iterator[bytes]:
+    master = PortIdentity(2)
+    announce = Message(MessageType.ANNOUNCE, master, 0, grandmaster=Grandmaster(2)).to_bytes()
+    exchange = [
+        Message(MessageType.SYNC, master, 1, two_step=True).to_bytes(),
+        Message(MessageType.FOLLOW_UP, master, 1, PTP_EPOCH_NS).to_bytes(),
+        Message(MessageType.DELAY_RESP, master, 1, PTP_EPOCH_NS, requester=PortIdentity(1)).to_bytes(),
+    ]
+    yield framed(announce, announce, *exchange)
+    yield framed(Message(MessageType.DELAY_REQ, PortIdentity(3), 7).to_bytes())
 
 
 class Wire:

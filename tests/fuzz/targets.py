@@ -18,6 +18,7 @@ from tests.fuzz.target import Target
 
 TARGETS = (
     Target("gvcp", fake.gvcp_commands, (), fake.gvcp_seeds),
+    Target("ptp", fake.ptp_messages, (), fake.ptp_seeds),
     Target("usb3", fake.usb3_connection, (), fake.usb3_seeds),
     Target("fault-orders", fake.fault_orders, (FaultError,), fake.fault_seeds),
     Target("control-socket", fake.control_socket, (), fake.order_seeds),

@@ -6,11 +6,14 @@ import json
 import os
 import threading
 from pathlib import Path
+from queue import Queue
 
 import pytest
 
 from fake_camera.device.line0 import Line0
 from fake_camera.device.truth import TruthFile
+from fake_camera.imaging import ExposedFrame
+from tests.fake_camera.gige.gige_client import device
 
 EPOCH_NS = 7_000_000_000
 
@@ -26,6 +29,24 @@ def test_writes_a_line_for_each_pulse(tmp_path: Path) -> None:
         {"host_time_ns": EPOCH_NS + 10_000_000, "lux": 100.01, "trigger": 1},
         {"host_time_ns": EPOCH_NS + 500_000_000, "lux": 100.5, "trigger": 50},
     ]
+
+
+def test_writes_a_line_for_an_exposure_that_no_pulse_started(tmp_path: Path) -> None:
+    path = tmp_path / "truth.jsonl"
+    truth = TruthFile(path, lambda time_s: 100 + time_s, Line0(EPOCH_NS, 100.0))
+    with device(truth=truth) as camera:
+        frames: Queue[ExposedFrame] = Queue()
+        camera.connect(frames.put)
+        camera.features.set("TriggerMode", "On")
+        camera.features.set("TriggerSource", "Software")
+        camera.execute("AcquisitionStart")
+        camera.execute("TriggerSoftware")
+        frame = frames.get(timeout=20)
+    truth.close()
+    lines = [json.loads(line) for line in path.read_text().splitlines()]
+    (seen,) = (line for line in lines if line["trigger"] is None)
+    assert (seen["frame_id"], seen["device_time_ns"]) == (1, frame.device_time_ns)
+    assert seen["lux"] == pytest.approx(100 + (seen["host_time_ns"] - EPOCH_NS) * 1e-9, abs=1e-5)
 
 
 def test_a_pulse_is_in_the_file_before_the_next_is_noted(tmp_path: Path) -> None:

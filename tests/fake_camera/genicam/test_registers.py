@@ -23,6 +23,7 @@ from fake_camera.genicam.registers import (
     COMMANDS,
     LOCK,
     MAXIMUM,
+    PTP_COMMANDS,
     ByteOrder,
     Register,
     RegisterMap,
@@ -32,11 +33,13 @@ from fake_camera.genicam.registers import (
     slots,
 )
 from fake_camera.genicam.status import CommandError, Status
+from fake_camera.gige.actions import ActionChannel
 from fake_camera.gige.bootstrap import GIGE_VISION, bootstrap_registers, mac_address
 from fake_camera.gige.stream_channel import StreamChannel
 from tests.fake_camera.gige.gige_client import device
 
-FEATURES = Features("TEST", 720, 540, lambda: 0)
+PTP_CLOCK = 0x0200_00FF_FE00_0001
+FEATURES = Features("TEST", 720, 540, lambda: 0, ptp_clock=PTP_CLOCK)
 SPECS = [FEATURES.spec(name) for name in FEATURES.names]
 SLOTS = slots(FEATURES)
 DESCRIPTION = genicam_xml(FEATURES, GIGE_VISION)
@@ -45,7 +48,7 @@ GENICAM = "{http://www.genicam.org/GenApi/Version_1_1}"
 
 @pytest.fixture
 def camera() -> Iterator[Device]:
-    with device() as camera:
+    with device(ptp_clock=PTP_CLOCK) as camera:
         yield camera
 
 
@@ -53,8 +56,10 @@ def camera() -> Iterator[Device]:
 def registers(camera: Device) -> Iterator[list[Register]]:
     stream = StreamChannel("127.0.0.1", Faults())
     packed = zipped("FakeGV287M", DESCRIPTION)
+    privilege = ControlPrivilege()
+    actions = ActionChannel(camera, privilege)
     yield [
-        *bootstrap_registers(camera, "127.0.0.9", ControlPrivilege(), stream, packed),
+        *bootstrap_registers(camera, "127.0.0.9", privilege, stream, packed, actions=actions),
         *feature_registers(camera, "big"),
     ]
     stream.close()
@@ -68,6 +73,8 @@ def memory(registers: list[Register]) -> RegisterMap:
 def values(spec: Spec) -> st.SearchStrategy[object]:
     match spec.type:
         case "integer":
+            if spec.minimum < 0:
+                return st.integers(-(2**63), 2**63 - 1)
             return st.integers(0, 2**64 - 1 if spec.unit == "ns" else 2**32 - 1)
         case "float":
             return st.floats(allow_nan=False)
@@ -131,7 +138,7 @@ def test_every_feature_is_in_just_one_category_and_every_reference_leads_somewhe
     assert len(names) == len(set(names))
     listed = [item.text for item in root.iter(f"{GENICAM}pFeature")]
     assert len(listed) == len(set(listed))
-    assert set(listed) >= {*FEATURES.names, *COMMANDS, *(f"Chunk{name}" for name in CHUNKS)}
+    assert set(listed) >= {*FEATURES.names, *COMMANDS, *PTP_COMMANDS, *(f"Chunk{name}" for name in CHUNKS)}
     references = {
         item.text for item in root.iter() if item.tag.removeprefix(GENICAM).startswith("p") and item.text is not None
     }
@@ -151,6 +158,36 @@ def test_bootstrap_identity(memory: RegisterMap) -> None:
     assert memory.read(0x00D8, 16) == b"TEST".ljust(16, b"\0")
     assert memory.read(0x0008, 8)[:3] == b"\0\0\x02"
     assert mac_address("LEFT") != mac_address("RIGHT")
+
+
+def test_ptp_and_actions_are_in_their_registers(camera: Device, memory: RegisterMap) -> None:
+    def register(address: int) -> int:
+        return int.from_bytes(memory.read(address, 4), "big")
+
+    assert register(0x0934) & 0x1E0040 == 0x1E0040  # capabilities
+    assert (register(0x0908), register(0x0970)) == (1, 10)
+    assert register(0x0954) == 0x40000
+    assert register(0x096C) == 3  # disabled
+    memory.write(0x0954, (0x80000 | 8).to_bytes(4, "big"))
+    assert camera.features.get("PtpEnable") is True
+    assert camera.features.get("ActionUnconditionalMode") == "On"
+    assert register(0x0954) == 0x80008
+    assert register(0x096C) == 1  # initializing
+    for address, name in ((0x090C, "ActionDeviceKey"), (0x9800, "ActionGroupKey"), (0x9804, "ActionGroupMask")):
+        memory.write(address, b"\xca\xfe\0\1")
+        assert camera.features.get(name) == 0xCAFE0001
+        assert register(address) == (0 if name == "ActionDeviceKey" else 0xCAFE0001)
+
+
+def test_a_foreign_clock_identity_fits_its_register() -> None:
+    spec = FEATURES.spec("PtpGrandmasterClockID")
+    assert encode(spec, 0xFEDC_BA98_7654_3210, "big") == bytes.fromhex("fedcba9876543210")
+
+
+def test_a_camera_without_ptp_has_none_of_it() -> None:
+    plain = Features("TEST", 720, 540, lambda: 0)
+    assert not [name for name in slots(plain) if name.startswith(("Ptp", "ActionD", "ActionG"))]
+    assert b"PtpControl" not in genicam_xml(plain, GIGE_VISION)
 
 
 def test_the_port_register_names_a_port_and_no_interface(memory: RegisterMap) -> None:

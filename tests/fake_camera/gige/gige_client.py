@@ -11,12 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fake_camera.device.device import Device
+from fake_camera.device.truth import TruthFile
 from fake_camera.gige.server import GigeServer
 from fake_camera.imaging import ImageSettings
+from fake_camera.ptp.port import EVENT_PORT
 
 GVCP_PORT = 3956
 CCP = 0x0A00
 HEARTBEAT_TIMEOUT = 0x0938
+ACTION = 0x0100
 DISCOVERY, FORCEIP, PACKETRESEND, READREG, WRITEREG, READMEM, WRITEMEM = 2, 4, 0x40, 0x80, 0x82, 0x84, 0x86
 NOT_IMPLEMENTED, INVALID_PARAMETER, INVALID_ADDRESS, WRITE_PROTECT = 0x8001, 0x8002, 0x8003, 0x8004
 BAD_ALIGNMENT, ACCESS_DENIED, INVALID_HEADER = 0x8005, 0x8006, 0x800E
@@ -41,8 +44,8 @@ def ramp(width: int, height: int, pixel_format: str = "Mono8") -> NDArray[np.uin
 
 
 @contextmanager
-def device(serial: str = "TEST") -> Iterator[Device]:
-    camera = Device(Ramp(), serial)
+def device(serial: str = "TEST", *, ptp_clock: int | None = None, truth: TruthFile | None = None) -> Iterator[Device]:
+    camera = Device(Ramp(), serial, truth=truth, ptp_clock=ptp_clock)
     try:
         yield camera
     finally:
@@ -50,9 +53,16 @@ def device(serial: str = "TEST") -> Iterator[Device]:
 
 
 @contextmanager
-def gige_camera(address: str, serial: str = "TEST") -> Iterator[Device]:
-    with device(serial) as camera:
-        server = GigeServer(camera, address)
+def gige_camera(
+    address: str,
+    serial: str = "TEST",
+    *,
+    ptp_clock: int | None = None,
+    ptp_event_port: int = EVENT_PORT,
+    truth: TruthFile | None = None,
+) -> Iterator[Device]:
+    with device(serial, ptp_clock=ptp_clock, truth=truth) as camera:
+        server = GigeServer(camera, address, ptp_event_port=ptp_event_port)
         server.start()
         try:
             yield camera

@@ -12,7 +12,11 @@ from pathlib import Path
 import pytest
 
 from fake_camera.device.device import Device
+from fake_camera.genicam.status import Status
+from fake_camera.gige.gvcp import Request
+from fake_camera.ptp.messages import GROUP, Grandmaster, Message, MessageType, PortIdentity
 from tests.fake_camera.gige.gige_client import (
+    ACTION,
     CCP,
     DISCOVERY,
     GVCP_PORT,
@@ -35,6 +39,7 @@ pytestmark = [
 ADDRESS, CLIENT = loopback_address(), "127.0.0.1"
 SERIAL = unique("SHARK")
 CONTROL = 2
+MASTER_CLOCK, SLAVE_CLOCK = "0x020000fffe000001", "0x020000fffe000002"
 Datagram = tuple[tuple[str, int], tuple[str, int], bytes]
 
 
@@ -164,6 +169,39 @@ def test_a_packet_broken_on_purpose_is_reported(session: list[Datagram], tmp_pat
     for cut in (20, 30):
         write_pcap(tmp_path / "broken.pcap", [*session[:leader], (source, destination, data[:cut])])
         assert len(Decoder(tmp_path / "broken.pcap").packets("_ws.malformed")) == 1
+
+
+def test_ptp_messages_and_action_commands_are_decoded(tmp_path: Path) -> None:
+    master, slave = PortIdentity(int(MASTER_CLOCK, 16)), PortIdentity(int(SLAVE_CLOCK, 16))
+    messages = [
+        Message(MessageType.ANNOUNCE, master, 1, log_interval=-1, grandmaster=Grandmaster(master.clock)),
+        Message(MessageType.SYNC, master, 2, two_step=True, log_interval=-3),
+        Message(MessageType.FOLLOW_UP, master, 2, 1_700_000_000_123_456_789),
+        Message(MessageType.DELAY_REQ, slave, 3),
+        Message(MessageType.DELAY_RESP, master, 3, 1_700_000_000_123_456_790, requester=slave),
+    ]
+    datagrams: list[Datagram] = [
+        ((CLIENT, 319), (GROUP, 319 if message.type.is_event else 320), message.to_bytes()) for message in messages
+    ]
+    action = command(ACTION, struct.pack(">IIIQ", 0xCAFE, 7, 6, 1_700_000_000_123_456_789), 9, flags=0x81)
+    answer = Request.from_bytes(action)
+    assert answer is not None
+    datagrams.append(((CLIENT, 40_000), (ADDRESS, GVCP_PORT), action))
+    datagrams.append(((ADDRESS, GVCP_PORT), (CLIENT, 40_000), answer.acknowledge(b"", Status.ACTION_LATE)))
+    write_pcap(tmp_path / "ptp.pcap", datagrams)
+    fields = ["ptp.v2.messagetype", "ptp.v2.clockidentity", "ptp.v2.fu.preciseorigintimestamp.nanoseconds"]
+    fields += ["ptp.v2.dr.requestingsourceportidentity", "ptp.v2.an.grandmasterclockidentity", "ptp.v2.flags.twostep"]
+    fields += ["gvcp.cmd.action.devicekey", "gvcp.cmd.action.time", "gvcp.cmd.status", "_ws.malformed"]
+    seen = tshark(tmp_path / "ptp.pcap", "-T", "fields", "-E", "separator=,", *(f"-e{field}" for field in fields))
+    assert seen == [
+        f"0x0b,{MASTER_CLOCK},,,{MASTER_CLOCK},0,,,,",
+        f"0x00,{MASTER_CLOCK},,,,1,,,,",
+        f"0x08,{MASTER_CLOCK},123456789,,,0,,,,",
+        f"0x01,{SLAVE_CLOCK},,,,0,,,,",
+        f"0x09,{MASTER_CLOCK},,{SLAVE_CLOCK},,0,,,,",
+        ",,,,,,0x0000cafe,0x17979cfe3d85cd15,,",
+        ",,,,,,,,0x8016,",
+    ]
 
 
 @pytest.mark.realtime
