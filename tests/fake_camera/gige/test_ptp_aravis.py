@@ -92,6 +92,7 @@ def set_up_for_actions(camera: Any) -> Any:
     camera.set_integer("ActionGroupKey", GROUP_KEY)
     camera.set_integer("ActionGroupMask", GROUP_MASK)
     stream = stream_of(camera)
+    stream.set_property("frame-retention", 2_000_000)  # us: two frames at once take longer on a busy machine
     camera.start_acquisition()
     return stream
 
