@@ -163,8 +163,8 @@ def features(combination: str) -> dict[str, tuple[str, str]]:
     return found
 
 
-def xml_camera(number: int, name_space: str = "GEV") -> bytes:
-    """The description of the camera with the `number`-th combination, and of the standard it names."""
+def xml_camera(number: int, name_space: str = "GEV", *, ptp: bool = False) -> bytes:
+    """The description of the camera with the `number`-th combination, of the standard it names, and with PTP or not."""
     declared = features(COMBINATIONS[number])
     writer = Writer(number % 3)
     for name, (type_, unit) in declared.items():
@@ -173,6 +173,8 @@ def xml_camera(number: int, name_space: str = "GEV") -> bytes:
     if declared.get("Gain", ("", ""))[0] == "Category":
         writer.nodes.append('<Category Name="Gain"><pFeature>GainRaw</pFeature></Category>')
     _everything_else(writer, declared)
+    if ptp:
+        _ptp_and_actions(writer)
     return document(f"Tiny{number}", name_space, writer.nodes)
 
 
@@ -190,13 +192,24 @@ def _everything_else(writer: Writer, declared: dict[str, tuple[str, str]]) -> No
     writer.choice("ExposureAuto", {"Off": 0, "Continuous": 2})
     writer.choice("TriggerSelector", {"AcquisitionStart": 0, "FrameStart": 1}, ("TriggerMode", "TriggerSource"))
     writer.choice("TriggerMode", {"Off": 0, "On": 1})
-    writer.choice("TriggerSource", {"Software": 0, "Line1": 1, "Line2": 2})
+    writer.choice("TriggerSource", {"Software": 0, "Line1": 1, "Line2": 2, "Action0": 7})
     if "TriggerOverlap" in declared:
         writer.choice("TriggerOverlap", {"Off": 0, "ReadOut": 1})
     writer.command("AcquisitionStart")
     writer.command("AcquisitionStop", 0)
     if "ChunkModeActive" in declared:
         chunk_control(writer, declared)
+
+
+def _ptp_and_actions(writer: Writer) -> None:
+    writer.register("IntReg", "PtpEnable_Raw")
+    writer.nodes.append('<Boolean Name="PtpEnable"><pValue>PtpEnable_Raw</pValue></Boolean>')
+    writer.choice("PtpStatus", {"Disabled": 2, "Initializing": 0, "Slave": 8})
+    writer.choice("PtpServoStatus", {"Unknown": 5, "Locked": 6})
+    for name in ("PtpOffsetFromMaster", "PtpClockID", "ActionDeviceKey"):
+        writer.register("IntReg", f"{name}_Raw", length=8)
+        writer.nodes.append(f'<Integer Name="{name}"><pValue>{name}_Raw</pValue></Integer>')
+    writer.command("PtpDataSetLatch", 0)
 
 
 def _lookup_and_period(writer: Writer) -> None:

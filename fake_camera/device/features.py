@@ -59,6 +59,11 @@ class Features:
     UserSetSave) are not features: see ``Device.execute``. LineInverter is kept for each line, and has no effect.
     `device_clock_ns` gives Timestamp; `host_clock_ns` dates the writes; `pixel_format` is the PixelFormat at power-on;
     `ptp_clock` is the identity of the PTP clock, if there is one.
+
+    Attributes
+    ----------
+    has_ptp
+        Whether the features of PTP and action commands are among them.
     """
 
     def __init__(

@@ -17,6 +17,7 @@ from fake_camera.genapi.raw_gain import RawGainLaw
 from fake_camera.genapi.solve import assign
 from fake_camera.genapi.xml_features import Animation, Watch
 from fake_camera.genapi.xml_power_on import CHUNK_CONTENTS, LIVE_COMMANDS, PowerOn, frame_trigger, trigger_lines
+from fake_camera.genapi.xml_ptp import LATCHES, show_data_set
 from fake_camera.imaging import ExposedFrame
 
 _BANKS = {
@@ -70,6 +71,13 @@ class XmlCamera:
         """The address of the register of a node; None when there is none."""
         with self._lock:
             return next((field.address for field in self._evaluator.fields(name).values()), None)
+
+    def entries(self, name: str) -> dict[str, int]:
+        """The entries of an enumeration with their numbers; none if the camera does not have it."""
+        with self._lock:
+            if self._evaluator.kind(name) != "Enumeration":
+                return {}
+            return {entry: node.integer("Value", 0) for entry, node in self._evaluator.node(name).entries.items()}
 
     def place(self, fixed: Fixed) -> None:
         """Put the camera behind a wire whose own registers are read with `fixed` (see `Memory`)."""
@@ -152,6 +160,8 @@ class XmlCamera:
             for watch in self._watches:
                 watch.apply()
             self._show_payload()
+            if features.has_ptp:
+                show_data_set(self._evaluator, features)
 
     def _identify(self) -> None:
         """Write vendor, model and serial number where the description keeps them outside the bootstrap registers."""
@@ -192,7 +202,7 @@ class XmlCamera:
     def _find_commands(self) -> list[tuple[Field, int, str]]:
         """The register of each command, the number that triggers it, and its name."""
         found = []
-        for name in LIVE_COMMANDS:
+        for name in (*LIVE_COMMANDS, *(LATCHES if self._device.features.has_ptp else ())):
             if self._evaluator.kind(name) != "Command":
                 continue
             frame = frame_trigger(self._evaluator)
@@ -213,8 +223,10 @@ class XmlCamera:
             and field.decode(self._evaluator.bytes_of(field)) == number
         ]
         for field, name in written:
-            self._device.execute(name)
+            self._device.execute("PtpDataSetLatch" if name in LATCHES else name)
             self._evaluator.write(field, field.encode(0, self._evaluator.bytes_of(field)))  # reads 0: done
+            if name in LATCHES:
+                show_data_set(self._evaluator, self._device.features)
             if name == "TimestampLatch":
                 self._latched_ns = int(self._device.features.get("TimestampLatchValue"))
 

@@ -19,6 +19,7 @@ from fake_camera.genapi.xml_power_on import (
     GAINS,
     GAMMA_SWITCHES,
     TIME_BASE,
+    action_signals,
     frame_trigger,
     in_db,
     limits,
@@ -65,10 +66,13 @@ class Animation:
         self._banked = {name: selector for selector, names in banked.items() for name in names}
         self._law = law
         self._lines = trigger_lines(evaluator)
+        self._actions = action_signals(evaluator)
         self.chunk_mode = False
         self._chunks: dict[str, bool] = {}
         self.watches = [*self._exposure(), *self._gain(), *self._gamma(), *self._rate()]
         self.watches += [*self._image(), *self._trigger(), *self._chunk_data()]
+        if features.has_ptp:
+            self.watches += [*self._copied("PtpEnable", "PtpEnable"), *self._action_key()]
 
     @property
     def enabled_chunks(self) -> tuple[str, ...]:
@@ -166,7 +170,15 @@ class Animation:
         mode = self._entry("TriggerMode") if self._evaluator.kind("TriggerMode") else "Off"
         free = source in ("Freerun", "FixedRate")  # free run, by another name
         self._features.update("TriggerMode", "Off" if free else mode)
-        self._features.update("TriggerSource", "Line0" if source in self._lines[:1] else source)
+        if source in self._lines[:1]:
+            source = "Line0"
+        elif source in self._actions[:1]:
+            source = "Action1"
+        self._features.update("TriggerSource", source)
+
+    def _action_key(self) -> Iterator[Watch]:
+        name = "ActionDeviceKey"
+        return self._watch(name, lambda: self._features.update(name, int(self._evaluator.value(name))))
 
     def _chunk_data(self) -> Iterator[Watch]:
         def apply_mode() -> None:

@@ -84,6 +84,7 @@ class PowerOn:
             self._command("AcquisitionStart")
             self._command("AcquisitionStop")
         self._command("TimestampLatch")
+        self._switch("PtpEnable", False)
         for name in ("PayloadSize", "TimestampLatchValue"):
             self._open(name, writable=False)
 
@@ -121,7 +122,8 @@ class PowerOn:
     def _trigger(self) -> None:
         self._choice("TriggerMode", ("Off", "On"))
         lines = trigger_lines(self._evaluator)
-        self._choice("TriggerSource", (*lines, "Software", "Freerun", "FixedRate"))
+        actions = action_signals(self._evaluator)
+        self._choice("TriggerSource", (*lines, "Software", "Freerun", "FixedRate", *actions))
         self._choice("TriggerActivation", ("RisingEdge",))
         self._choice("TriggerOverlap", ("Off", "ReadOut"))
 
@@ -283,6 +285,15 @@ def frame_trigger(evaluator: Evaluator) -> str:
 
 def trigger_lines(evaluator: Evaluator) -> tuple[str, ...]:
     """The external lines among the trigger sources; the wire is plugged into the first."""
+    return _sources(evaluator, ("Line", "Input"))
+
+
+def action_signals(evaluator: Evaluator) -> tuple[str, ...]:
+    """The action signals among the trigger sources; action commands raise the first."""
+    return _sources(evaluator, ("Action",))
+
+
+def _sources(evaluator: Evaluator, beginnings: tuple[str, ...]) -> tuple[str, ...]:
     if evaluator.kind("TriggerSource") != "Enumeration":
         return ()
-    return tuple(entry for entry in evaluator.node("TriggerSource").entries if entry.startswith(("Line", "Input")))
+    return tuple(entry for entry in evaluator.node("TriggerSource").entries if entry.startswith(beginnings))

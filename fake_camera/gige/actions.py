@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from fake_camera.device.actions import ActionOutcome
 from fake_camera.device.device import Device
 from fake_camera.device.faults import Fault
@@ -26,9 +28,13 @@ class ActionChannel:
     """Takes action commands for one camera, and holds the register that configures GVCP.
 
     The status codes of GigE Vision 2.0 are on at power-on, so that a client need not know that they can be off.
+    `clock_states` are the numbers of the states of a PTP port, if they are not those of IEEE 1588.
     """
 
-    def __init__(self, device: Device, privilege: ControlPrivilege) -> None:
+    def __init__(
+        self, device: Device, privilege: ControlPrivilege, clock_states: Mapping[str, int] | None = None
+    ) -> None:
+        self._clock_states = clock_states or {}
         self._device = device
         self._privilege = privilege
         self.reset()
@@ -52,6 +58,13 @@ class ActionChannel:
             return None
         status = _STATUS[self._device.action(action.time_ns)]
         return status if status is Status.SUCCESS or self._extended_status else Status.ERROR
+
+    @property
+    def clock_state(self) -> int:
+        """The IEEE 1588 status register."""
+        assert self._device.ptp is not None
+        state = self._device.ptp.state
+        return self._clock_states.get(state.name, state)
 
     @property
     def configuration(self) -> int:

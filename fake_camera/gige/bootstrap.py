@@ -16,7 +16,6 @@ from fake_camera.genicam.status import CommandError, Status
 from fake_camera.genicam.transport import RegisterField, Transport
 from fake_camera.gige.actions import ActionChannel
 from fake_camera.gige.stream_channel import MAX_PACKET_BYTES, MAX_PACKET_DELAY_NS, MIN_PACKET_BYTES, StreamChannel
-from fake_camera.ptp.slave import Slave
 
 CONTROL_PRIVILEGE = 0x0A00
 """Address of the one register that depends on who writes it; the control channel handles it."""
@@ -111,8 +110,8 @@ def bootstrap_registers(
     yield from _clock(device)
     yield unsigned(CONTROL_PRIVILEGE, lambda: privilege.value)
     yield from _stream(stream)
-    if actions is not None and device.ptp is not None:
-        yield from _actions(device, device.ptp, actions)
+    if actions is not None:
+        yield from _actions(device, actions)
 
 
 def _identity(device: Device, address: str) -> Iterator[Register]:
@@ -179,7 +178,7 @@ def _stream(stream: StreamChannel) -> Iterator[Register]:
     yield constant(0x0D24, _u32(0))  # none enabled
 
 
-def _actions(device: Device, ptp: Slave, actions: ActionChannel) -> Iterator[Register]:
+def _actions(device: Device, actions: ActionChannel) -> Iterator[Register]:
     features = device.features
 
     def key(address: int, name: str, *, write_only: bool = False) -> Register:
@@ -190,7 +189,7 @@ def _actions(device: Device, ptp: Slave, actions: ActionChannel) -> Iterator[Reg
     yield constant(0x0908, _u32(1))  # action signals
     yield key(0x090C, "ActionDeviceKey", write_only=True)
     yield unsigned(0x0954, lambda: actions.configuration, lambda value: setattr(actions, "configuration", value))
-    yield unsigned(0x096C, lambda: ptp.state)
+    yield unsigned(0x096C, lambda: actions.clock_state)
     yield constant(0x0970, _u32(ACTION_QUEUE_SIZE))
     yield key(0x9800, "ActionGroupKey")
     yield key(0x9804, "ActionGroupMask")

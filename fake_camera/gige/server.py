@@ -68,7 +68,8 @@ class GigeServer:
         self._actions: ActionChannel | None = None
         if device.ptp is not None:
             self._ptp = PtpPort(device.ptp, address, ptp_event_port, lambda: not device.faults.vanished)
-            self._actions = ActionChannel(device, privilege)
+            clock_states = {} if xml is None else xml.entries("GevIEEE1588Status")
+            self._actions = ActionChannel(device, privilege, clock_states)
         registers = self._registers(address, privilege)
         act = None if self._actions is None else self._actions.act
         self._control = ControlChannel(registers, privilege, self._stream.resend, self._released, act)

@@ -18,6 +18,7 @@ from fake_camera.genapi.memory import Memory
 from fake_camera.genapi.xml_camera import XmlCamera
 from fake_camera.genicam.chunks import tagged
 from fake_camera.imaging import ExposedFrame
+from fake_camera.ptp.slave import DataSet, PortState, Slave
 from tests.fake_camera.gige.gige_client import Ramp
 from tests.xml_cameras import COMBINATIONS, SCALE, features, xml_camera
 from tests.xml_shapes import xml_shape
@@ -54,10 +55,11 @@ class Client:
 
 
 @contextmanager
-def camera(number: int) -> Iterator[tuple[Device, Client, XmlCamera]]:
-    device = Device(Ramp(), "X1")
+def camera(number: int, ptp_clock: int | None = None) -> Iterator[tuple[Device, Client, XmlCamera]]:
+    device = Device(Ramp(), "X1", ptp_clock=ptp_clock)
     try:
-        worn = XmlCamera(Description.from_bytes(xml_camera(number), "tiny"), device)
+        description = xml_camera(number, ptp=ptp_clock is not None)
+        worn = XmlCamera(Description.from_bytes(description, "tiny"), device)
         yield device, Client(worn), worn
     finally:
         device.close()
@@ -225,3 +227,26 @@ def test_exposure_is_counts_times_their_base(name: str) -> None:
         assert (client.get("ExposureTimeRaw"), device.features.get("ExposureTime")) == (300, 6000.0)
     finally:
         device.close()
+
+
+@pytest.mark.parametrize("number", [FLIR, ABS_AND_PLAIN])
+def test_ptp_and_action_commands_by_its_own_registers(number: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = 0x0200_00FF_FE00_0001
+    with camera(number, ptp_clock=clock) as (device, client, worn):
+        assert client.get("PtpStatus") == worn.entries("PtpStatus")["Disabled"] == 2
+        assert client.get("PtpClockID") == clock
+        client.set("PtpEnable", 1)
+        assert device.features.get("PtpEnable") is True
+        assert client.get("PtpStatus") == 2  # latched
+        client.run("PtpDataSetLatch")
+        assert client.get("PtpStatus") == worn.entries("PtpStatus")["Initializing"] == 0
+        assert client.get("PtpServoStatus") == 5
+        monkeypatch.setattr(Slave, "data_set", lambda _: DataSet(PortState.Slave, True, -7, clock, clock))
+        client.run("PtpDataSetLatch")
+        assert (client.get("PtpStatus"), client.get("PtpServoStatus")) == (8, 6)
+        assert client.get("PtpOffsetFromMaster") == 2**64 - 7  # declared without a sign, but of 64 bits
+        client.set("ActionDeviceKey", 0xCAFE)
+        assert device.features.get("ActionDeviceKey") == 0xCAFE
+        client.set("TriggerSource", 7)
+        assert device.features.get("TriggerSource") == "Action1"
+        assert worn.entries("GevIEEE1588Status") == {}

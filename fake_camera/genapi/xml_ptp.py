@@ -1,0 +1,42 @@
+"""PTP in a described camera: the data set that its registers show, by SFNC's names and by FLIR's."""
+
+from __future__ import annotations
+
+import contextlib
+
+from fake_camera.device.features import Features
+from fake_camera.genapi.description import NodeError
+from fake_camera.genapi.evaluator import Evaluator
+from fake_camera.genapi.solve import assign
+
+LATCHES = ("PtpDataSetLatch", "GevIEEE1588DataSetLatch")
+"""What commands that latch the data set are called."""
+
+_SHOWN = {
+    "PtpStatus": ("PtpStatus", "GevIEEE1588StatusLatched"),
+    "PtpServoStatus": ("PtpServoStatus",),
+    "PtpOffsetFromMaster": ("PtpOffsetFromMaster", "GevIEEE1588OffsetFromMasterLatched"),
+    "PtpClockID": ("PtpClockID", "GevIEEE1588ClockId"),
+    "PtpParentClockID": ("PtpParentClockID", "GevIEEE1588ParentClockIdLatched"),
+    "PtpGrandmasterClockID": ("PtpGrandmasterClockID",),
+}
+
+
+def show_data_set(evaluator: Evaluator, features: Features) -> None:
+    """Write the latched data set into the registers of the nodes that show it."""
+    for feature, names in _SHOWN.items():
+        value = features.get(feature)
+        for name in names:
+            if evaluator.kind(name) is None:
+                continue
+            with contextlib.suppress(NodeError):
+                assign(evaluator, name, _number(evaluator, name, value))
+
+
+def _number(evaluator: Evaluator, name: str, value: object) -> int:
+    if isinstance(value, str):
+        return evaluator.node(name).entries[value].integer("Value", 0)
+    assert isinstance(value, int)
+    # Where the register of an offset is declared as unsigned, clients read it as 64 bits with a sign all the same.
+    signed = all(field.signed for field in evaluator.fields(name).values())
+    return value if signed else value & (1 << 64) - 1
