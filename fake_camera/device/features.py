@@ -118,6 +118,13 @@ class Features:
         """The declaration of a feature; KeyError when there is none of that name."""
         return self._specs[name]
 
+    def entries(self, name: str) -> dict[str, int]:
+        """The entries of an enumeration with the integers that its register holds; none if it is something else."""
+        entries = ENUM_ENTRIES.get(name, {})
+        if self.has_ptp:
+            return entries
+        return {entry: value for entry, value in entries.items() if entry != "Action1"}
+
     def get(self, name: str) -> Value:
         """The value now; an enumeration as the name of its entry."""
         with self._lock:
@@ -220,7 +227,7 @@ class Features:
     def _checked(self, spec: Spec, value: Value) -> Value:
         """The value that the camera takes: of the right type, within the limits, a multiple of the increment."""
         if spec.type == "enumeration":
-            if value not in ENUM_ENTRIES[spec.name]:
+            if value not in self.entries(spec.name):
                 raise FeatureError("out_of_range", f"{spec.name} has no entry {value!r}")
             return value
         if spec.type == "string":

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import io
 import zipfile
+from collections.abc import Mapping
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
-from fake_camera.device.feature_table import ENUM_ENTRIES, Spec
+from fake_camera.device.feature_table import Spec
 from fake_camera.device.features import Features
 from fake_camera.genicam.chunks import CHUNKS
 from fake_camera.genicam.registers import (
@@ -81,7 +82,7 @@ def genicam_xml(features: Features, transport: Transport) -> bytes:
         if name in commands(features):
             _command(root, name, address)
         else:
-            _feature(root, features.spec(name), address)
+            _feature(root, features.spec(name), features.entries(name), address)
     for field in transport.fields:
         _bootstrap_field(root, field, transport.byte_order)
     _chunk_data(root)
@@ -119,7 +120,7 @@ def _categories(root: Element, features: Features, transport: Transport) -> None
             SubElement(element, "pFeature").text = name
 
 
-def _feature(root: Element, spec: Spec, address: int) -> None:
+def _feature(root: Element, spec: Spec, entries: Mapping[str, int], address: int) -> None:
     node = SubElement(root, _ELEMENT[spec.type], Name=spec.name, NameSpace="Standard")
     access = "RW" if spec.writable else "RO"
     locked = spec.locked_while is not None
@@ -129,7 +130,7 @@ def _feature(root: Element, spec: Spec, address: int) -> None:
         _register_body(node, address, value_bytes(spec), access)
         return
     SubElement(node, "ImposedAccessMode").text = access
-    for entry, value in ENUM_ENTRIES.get(spec.name, {}).items():
+    for entry, value in entries.items():
         entry_node = SubElement(node, "EnumEntry", Name=entry, NameSpace="Standard")
         SubElement(entry_node, "Value").text = str(value)
     SubElement(node, "pValue").text = f"{spec.name}_Value"

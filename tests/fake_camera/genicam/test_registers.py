@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from fake_camera.device.device import Device
 from fake_camera.device.faults import Fault, FaultOrder, Faults
 from fake_camera.device.feature_table import CHUNK_BYTES, ENUM_ENTRIES, Spec
-from fake_camera.device.features import Features
+from fake_camera.device.features import FeatureError, Features
 from fake_camera.genicam.chunks import CHUNKS
 from fake_camera.genicam.description import genicam_xml, zipped
 from fake_camera.genicam.privilege import ControlPrivilege
@@ -187,7 +187,12 @@ def test_a_foreign_clock_identity_fits_its_register() -> None:
 def test_a_camera_without_ptp_has_none_of_it() -> None:
     plain = Features("TEST", 720, 540, lambda: 0)
     assert not [name for name in slots(plain) if name.startswith(("Ptp", "ActionD", "ActionG"))]
-    assert b"PtpControl" not in genicam_xml(plain, GIGE_VISION)
+    description = genicam_xml(plain, GIGE_VISION)
+    assert b"PtpControl" not in description
+    assert b"Action1" not in description
+    assert b"Action1" in DESCRIPTION
+    with pytest.raises(FeatureError, match="no entry"):
+        plain.set("TriggerSource", "Action1")
 
 
 def test_the_port_register_names_a_port_and_no_interface(memory: RegisterMap) -> None:

@@ -19,7 +19,6 @@ from tests.fake_camera.ptp.test_messages import messages
 from tests.fake_camera.ptp.virtual_network import Network, S
 
 EPOCH = 1_700_000_000 * S
-HALF_PERIOD_NS = S // 60 // 2
 DRIFTS_PPM = (40.0, -60.0)
 MASTER = PortIdentity(0xA)
 
@@ -83,7 +82,7 @@ def test_two_cameras_agree_for_ten_hours_while_their_crystals_warm_and_cool() ->
         left_ns, right_ns = rig.offsets_ns()
         worst_ns = max(worst_ns, abs(left_ns), abs(right_ns), abs(left_ns - right_ns))
         assert rig.states == {PortState.Slave}
-    assert worst_ns < HALF_PERIOD_NS / 20
+    assert worst_ns < 150_000
 
 
 def test_without_master_they_listen_and_part_at_the_rate_of_their_crystals() -> None:
