@@ -9,11 +9,12 @@ STEP_NS = 1_000_000
 """A clock further off than this is set; one that is closer is steered."""
 
 LOCKED_NS = 100_000
-"""A locked clock is closer than this."""
+"""A clock that is locked is closer than this; now and then it may be further off."""
 
 _FAR_SAMPLES = 3
 """A locked clock is set only after so many samples in a row that are too far, since one may be a mistake."""
 _LOCKED_SAMPLES = 4
+_MOST_CREDIT = 8
 _MEASURED_S = 0.4
 """How long the drift is measured before the first steering."""
 _OFFSET_PER_S = 0.7
@@ -47,8 +48,8 @@ class Servo:
 
     @property
     def locked(self) -> bool:
-        """Whether the last samples were all close."""
-        return self._close >= _LOCKED_SAMPLES
+        """Whether the last samples were close: four in a row, and then two of three."""
+        return self._credit >= _LOCKED_SAMPLES
 
     def sample(self, offset_ns: int, delay_ns: int, time_s: float) -> int | None:
         """Take a sample of the offset and the path's delay, at a time on any steady clock.
@@ -73,7 +74,7 @@ class Servo:
         self._set_s: float | None = None
         self._steered_s: float | None = None
         self.ppm = 0.0
-        self._close = self._far = 0
+        self._credit = self._far = 0
 
     def _measure(self, offset_ns: int, time_s: float) -> int:
         """Set the clock; what it is off after a while tells its drift."""
@@ -91,7 +92,8 @@ class Servo:
         seconds = min(time_s - self._steered_s, _LONGEST_INTERVAL_S)
         self._steered_s = time_s
         self._turn(_RATE_PER_S2 * offset_ns * seconds)
-        self._close = self._close + 1 if abs(offset_ns) <= LOCKED_NS else 0
+        credit = self._credit + (1 if abs(offset_ns) <= LOCKED_NS else -2)
+        self._credit = min(max(credit, 0), _MOST_CREDIT)
         return -round(_OFFSET_PER_S * offset_ns * seconds)
 
     def _turn(self, ahead_ns_per_s: float) -> None:

@@ -229,3 +229,8 @@ def test_a_locked_servo_leaves_out_single_outliers() -> None:
     assert servo.sample(3 * STEP_NS, 20_000, 5.1) is None  # far
     assert servo.sample(0, 20_000, 5.2) == 0
     assert servo.locked
+    servo.sample(2 * LOCKED_NS, 20_000, 5.3)
+    assert servo.locked
+    for number in range(3):
+        servo.sample(2 * LOCKED_NS, 20_000, 5.4 + number / 8)
+    assert not servo.locked
