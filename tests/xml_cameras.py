@@ -205,7 +205,7 @@ def _ptp_and_actions(writer: Writer) -> None:
     writer.register("IntReg", "PtpEnable_Raw")
     writer.nodes.append('<Boolean Name="PtpEnable"><pValue>PtpEnable_Raw</pValue></Boolean>')
     writer.choice("PtpStatus", {"Disabled": 2, "Initializing": 0, "Slave": 8})
-    writer.choice("PtpServoStatus", {"Unknown": 5, "Locked": 6})
+    writer.choice("PtpServoStatus", {"Locked": 6, "Idle": 5})
     for name in ("PtpOffsetFromMaster", "PtpClockID", "ActionDeviceKey"):
         writer.register("IntReg", f"{name}_Raw", length=8)
         writer.nodes.append(f'<Integer Name="{name}"><pValue>{name}_Raw</pValue></Integer>')

@@ -27,15 +27,19 @@ def show_data_set(evaluator: Evaluator, features: Features) -> None:
     for feature, names in _SHOWN.items():
         value = features.get(feature)
         for name in names:
-            if evaluator.kind(name) is None:
-                continue
             with contextlib.suppress(NodeError):
-                assign(evaluator, name, _number(evaluator, name, value))
+                number = _number(evaluator, name, value)
+                if number is not None:
+                    assign(evaluator, name, number)
 
 
-def _number(evaluator: Evaluator, name: str, value: object) -> int:
+def _number(evaluator: Evaluator, name: str, value: object) -> int | None:
+    """The number by which a node shows a value; None if it does not."""
+    if evaluator.kind(name) is None:
+        return None
     if isinstance(value, str):
-        return evaluator.node(name).entries[value].integer("Value", 0)
+        entry = evaluator.node(name).entries.get(value)
+        return None if entry is None else entry.integer("Value", 0)
     assert isinstance(value, int)
     # Where the register of an offset is declared as unsigned, clients read it as 64 bits with a sign all the same.
     signed = all(field.signed for field in evaluator.fields(name).values())

@@ -36,7 +36,7 @@ class ControlChannel:
         self._released = released
         self._act = act
         self._lock = threading.RLock()
-        self._last_write: tuple[Peer, bytes, bytes | None] | None = None
+        self._last: dict[bool, tuple[Peer, bytes, bytes | None]] = {}  # the last write (False) and action (True)
 
     def answer(self, datagram: bytes, peer: Peer, now_s: float) -> bytes | None:
         """Execute the command in a datagram and return the acknowledgement.
@@ -50,12 +50,14 @@ class ControlChannel:
             self.expire(now_s)
             self._privilege.hear(peer, now_s)
             # A client that missed an answer repeats the request with the same id; a write or an action must not happen
-            # twice.
-            if self._last_write is not None and self._last_write[:2] == (peer, datagram):
-                return self._last_write[2]
+            # twice. Actions come from others, too, and between a write and its repetition.
+            is_action = request.command == Command.ACTION
+            last = self._last.get(is_action)
+            if last is not None and last[:2] == (peer, datagram):
+                return last[2]
             answer = self._answer(request, peer, now_s)
             if request.command in _ONCE:
-                self._last_write = (peer, datagram, answer)
+                self._last[is_action] = (peer, datagram, answer)
         return answer
 
     def expire(self, now_s: float) -> None:
@@ -67,7 +69,7 @@ class ControlChannel:
     def reset(self) -> None:
         """Forget the client."""
         with self._lock:
-            self._last_write = None
+            self._last.clear()
             self._privilege.drop()
             self._released()
 

@@ -11,10 +11,18 @@ import pytest
 from fake_camera.device.device import Device
 from fake_camera.device.faults import Fault, FaultOrder
 from fake_camera.genicam.privilege import ControlPrivilege
-from fake_camera.genicam.registers import RegisterMap
+from fake_camera.genicam.registers import RegisterMap, unsigned
 from fake_camera.gige.actions import ActionChannel
 from fake_camera.gige.control_channel import ControlChannel
-from tests.fake_camera.gige.gige_client import ACTION, INVALID_HEADER, NOT_IMPLEMENTED, command, device, parse_ack
+from tests.fake_camera.gige.gige_client import (
+    ACTION,
+    INVALID_HEADER,
+    NOT_IMPLEMENTED,
+    WRITEREG,
+    command,
+    device,
+    parse_ack,
+)
 
 ROBOT, OTHER = ("10.0.0.1", 5000), ("10.0.0.2", 5000)
 KEY, GROUP, MASK = 0xCAFE, 7, 0b0110
@@ -101,6 +109,21 @@ def test_a_repeated_command_acts_once_and_is_answered_twice(camera: Camera) -> N
     assert camera.send(keys()) == 0
     assert camera.repeat(keys()) == 0
     assert camera.taken == 1
+
+
+def test_an_action_between_a_write_and_its_repetition_does_not_let_it_happen_twice(camera: Camera) -> None:
+    written: list[int] = []
+    channel = ControlChannel(
+        RegisterMap([unsigned(0, lambda: 0, written.append)]),
+        camera.privilege,
+        lambda _: None,
+        lambda: None,
+        camera.actions.act,
+    )
+    write, action = command(WRITEREG, struct.pack(">II", 0, 5), 1), command(ACTION, keys(), 1)
+    for datagram, peer in ((write, ROBOT), (action, OTHER), (write, ROBOT), (action, OTHER)):
+        assert channel.answer(datagram, peer, 0.0) is not None
+    assert (written, camera.taken) == ([5], 1)
 
 
 def test_a_command_cut_short_is_refused(camera: Camera) -> None:
