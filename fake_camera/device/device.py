@@ -109,7 +109,7 @@ class Device:
 
     def now_ns(self) -> int:
         """The device's own clock: since power-on, a few ppm off CLOCK_MONOTONIC, as real crystals are, or PTP's."""
-        return self._clock.time_ns(time.monotonic_ns())
+        return max(self._clock.time_ns(time.monotonic_ns()), 0)
 
     def execute(self, command: str) -> None:
         """Run a command of the description (else KeyError), at any time.

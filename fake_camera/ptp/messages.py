@@ -17,6 +17,7 @@ _GRANDMASTER = struct.Struct(">hxBBBHBQHB")
 _TWO_STEP = 0x0200
 _CORRECTIONS_PER_NS = 1 << 16
 _NS_PER_S = 1_000_000_000
+_LATEST_NS = (1 << 63) - 1  # in the year 2262; cameras' stamps have 64 bits
 
 
 class MessageType(IntEnum):
@@ -142,14 +143,15 @@ class Message:
         if kind not in _LENGTHS or version & 0xF != _VERSION or not _LENGTHS[kind] <= length <= len(datagram):
             return None
         seconds_high, seconds_low, ns = _TIMESTAMP.unpack_from(datagram, _HEADER.size)
-        if ns >= _NS_PER_S:
+        time_ns = ((seconds_high << 32) + seconds_low) * _NS_PER_S + ns
+        if ns >= _NS_PER_S or time_ns > _LATEST_NS:
             return None
         type_ = MessageType(kind)
         return cls(
             type_,
             PortIdentity(clock, port),
             sequence_id,
-            ((seconds_high << 32) + seconds_low) * _NS_PER_S + ns,
+            time_ns,
             domain,
             bool(flags & _TWO_STEP),
             correction,

@@ -26,10 +26,10 @@ from fake_camera.genapi.xml_registers import XmlRegisters
 from fake_camera.genicam.description import genicam_xml, zipped
 from fake_camera.genicam.privilege import ControlPrivilege
 from fake_camera.genicam.registers import RegisterMap, feature_registers, slots
-from fake_camera.genicam.status import CommandError
+from fake_camera.genicam.status import CommandError, Status
 from fake_camera.gige.bootstrap import CONTROL_PRIVILEGE, GIGE_VISION, bootstrap_registers
 from fake_camera.gige.control_channel import ControlChannel
-from fake_camera.gige.gvcp import Command
+from fake_camera.gige.gvcp import Action, Command
 from fake_camera.gige.stream_channel import StreamChannel
 from fake_camera.ptp.clock import Clock
 from fake_camera.ptp.master import Master
@@ -93,7 +93,10 @@ class GigeCamera:
         privilege = ControlPrivilege()
         bootstrap = bootstrap_registers(device, "127.0.0.1", privilege, self._stream, _gige_description())
         registers = RegisterMap((*bootstrap, *feature_registers(device, "big")))
-        self.channel = ControlChannel(registers, privilege, self._stream.resend, self._stream.stop)
+        self.channel = ControlChannel(registers, privilege, self._stream.resend, self._stream.stop, self._act)
+
+    def _act(self, action: Action) -> Status | None:
+        return Status.SUCCESS if action.time_ns else None
 
     def power_on(self) -> None:
         self._features.reset()
@@ -131,7 +134,8 @@ def gvcp_seeds() -> Iterator[bytes]:
     read = command(Command.READREG, struct.pack(">II", CONTROL_PRIVILEGE, addresses["Width"]), 6)
     memory = command(Command.READMEM, struct.pack(">IHH", 0x200, 0, 512), 7)
     again = command(Command.PACKETRESEND, struct.pack(">HHII", 0, 1, 1, 0xFFFFFF), 8)
-    yield framed(take, time_us, user, start, size, read, memory, again)
+    action = command(Command.ACTION, struct.pack(">IIIQ", 1, 2, 3, 4), 9, flags=0x81)
+    yield framed(take, time_us, user, start, size, read, memory, again, action)
     yield framed(command(Command.DISCOVERY, b"", 1), command(Command.FORCEIP, bytes(56), 2), command(0x1234, b"", 3))
 
 
