@@ -25,8 +25,8 @@ from drivers.setup import CameraSetup, LinkShare
 class CameraMode:
     """A camera by its serial, the image format to run it with (None keeps what it has), and features to set first.
 
-    `gain_scale` drives a gain that is not in dB; `response` is its response file, which need not exist yet; `rate_hz` is that
-    of the rig's trigger.
+    `gain_scale` drives a gain that is not in dB; `response` is its response file, which need not exist yet; `rate_hz`
+    is that of the rig's trigger.
     """
 
     serial: str
