@@ -16,10 +16,13 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+import numpy as np
 import zenoh
+from numpy.typing import NDArray
 
 from autoexpose_daemon.client.pairs import PairAssembler, PairQueue, ReceivedPair
 from autoexpose_daemon.control.light_ahead import LightSeries
+from autoexpose_daemon.control.picture.tracked_cells import TrackedCells
 from autoexpose_daemon.messages.keys import (
     CONSUMER_NAME,
     LOOPBACK,
@@ -30,10 +33,12 @@ from autoexpose_daemon.messages.keys import (
     light_ahead_key,
     registration_key,
     side_of,
+    tracking_key,
 )
 from autoexpose_daemon.messages.light import light_ahead
 from autoexpose_daemon.messages.read import DamagedMessageError
 from autoexpose_daemon.messages.registration import RegisteredView, registration
+from autoexpose_daemon.messages.tracked_cells import tracked_cells
 from autoexpose_daemon.publish.session import Endpoints, SessionHolder
 from autoexpose_daemon.status.document import response_from_json, vignetting_from_json
 from autoexpose_daemon.status.publishing import ConsumerTally
@@ -127,6 +132,28 @@ class StereoClient:
     def send_registration(self, view: RegisteredView) -> None:
         """Show others how a frame lies against a taught path, if the daemon is connected."""
         self._send(registration_key(self._rig), registration(view))
+
+    def send_tracking(
+        self, stamp_ns: int, features: NDArray[np.uint16], inliers: NDArray[np.uint16], side: Side = "left"
+    ) -> None:
+        """Tell the daemon where and how well a frame was tracked, if it is connected: it exposes for that.
+
+        Parameters
+        ----------
+        stamp_ns
+            `ReceivedPair.stamp_ns` of the frame's pair.
+        features, inliers
+            How many features were looked for in each cell of the frame, and how many of them fit the motion that was
+            found: uint16, (6, 8), as `count_by_cell` makes them.
+        side
+            Which camera's frame.
+
+        Raises
+        ------
+        ValueError
+            For counts of another shape, more than 10000 features in a cell, or more inliers than features.
+        """
+        self._send(tracking_key(self._rig), tracked_cells(TrackedCells(self._name, stamp_ns, side, features, inliers)))
 
     def close(self) -> None:
         """Leave the daemon; iterations end."""

@@ -20,6 +20,8 @@ from autoexpose_daemon.control.override import NO_OVERRIDE, Compensation, Overri
 from autoexpose_daemon.control.parameters import FASTEST_TURN_RAD_S, REMEMBERED_STEPS, ControlParameters
 from autoexpose_daemon.control.picture.image import ImagePreparation
 from autoexpose_daemon.control.picture.region import Region
+from autoexpose_daemon.control.picture.steering import Steering
+from autoexpose_daemon.control.picture.tracking_memory import CellExposure
 from autoexpose_daemon.control.policies.flicker import FlickerWatch
 from autoexpose_daemon.control.policies.table import build_policy
 from autoexpose_daemon.control.policy import Look, Objective, Observation, PastStep, PolicySetup, Target
@@ -37,7 +39,7 @@ REFERENCE_RATE_HZ = 60.0
 _DEFAULT_PARAMETERS = ControlParameters()
 
 
-STATE_FORMAT = "autoexpose-control/5"
+STATE_FORMAT = "autoexpose-control/6"
 """Format of `ControlSetup` and `ControlLoop.state` as plain data: a new number when names, types or meaning change."""
 
 
@@ -91,7 +93,7 @@ class ControlLoop:
 
     Attributes
     ----------
-    angular_rate_rad_s, light_ahead, override
+    angular_rate_rad_s, light_ahead, override, steering
         What the latest step was given.
 
     Raises
@@ -124,6 +126,7 @@ class ControlLoop:
         self.angular_rate_rad_s: float | None = None
         self.light_ahead: LightAhead | None = None
         self.override = NO_OVERRIDE
+        self.steering: Steering | None = None
         self._compensation: Compensation | None = None  # follows from the override
         self._limits = limits
         self._focal_length_px = parameters.focal_length_px
@@ -139,6 +142,7 @@ class ControlLoop:
         self._motions: dict[Side, FlowMotion] = {side: motion(response) for side, response in by_side.items()}
         self._motion_side = None
         self._motion_px = 0.0
+        self._seen: list[Look] = []
         self._past = deque(maxlen=REMEMBERED_STEPS)
 
     @property
@@ -167,6 +171,16 @@ class ControlLoop:
         return None if self.light_ahead is None else self._policy.light_belief
 
     @property
+    def steered(self) -> bool:
+        """Whether the policy goes by where consumers track."""
+        return self._policy.STEERED
+
+    @property
+    def cell_exposures(self) -> dict[Side, CellExposure]:
+        """How the frames of the latest step are exposed: for reports on them."""
+        return {look.side: CellExposure.of(look.image, look.response) for look in self._seen}
+
+    @property
     def flicker_hz(self) -> float | None:
         """The flicker of the light that was found, flashes per second; None: none, or it is not looked for."""
         return None if self._flicker is None else self._flicker.flicker_hz
@@ -193,6 +207,7 @@ class ControlLoop:
         angular_rate_rad_s: float | None = None,
         light_ahead: LightAhead | None = None,
         override: Override = NO_OVERRIDE,
+        steering: Steering | None = None,
     ) -> Decision:
         """Look at a pair and decide on the next setting of both cameras.
 
@@ -212,6 +227,8 @@ class ControlLoop:
         override
             What stands above the policy. While a setting is held, the policy goes on looking, so that it knows the
             light when it decides again.
+        steering
+            Where consumers track well, for policies that are `STEERED`; None: nothing is known.
 
         Raises
         ------
@@ -220,8 +237,9 @@ class ControlLoop:
             beyond `FASTEST_TURN_RAD_S` or without a focal length.
         """
         self.angular_rate_rad_s, self.light_ahead, self.override = angular_rate_rad_s, light_ahead, override
+        self.steering = steering
         self._compensate(override.ev_stops)
-        looks = self._looks(pair)
+        looks = self._seen = self._looks(pair)
         observation = self._observe(pair.frames[looks[0].side], looks, angular_rate_rad_s, light_ahead)
         target = None if override.unseen else self._policy.decide(observation)
         asked = override.shot or override.held
@@ -275,6 +293,7 @@ class ControlLoop:
             by_flow=angular_rate_rad_s is None,
             flicker_hz=self.flicker_hz,
             light_ahead=light_ahead,
+            steering=self.steering,
         )
 
     def _split(self, target: Target, level: float, observation: Observation) -> ExposureSetting:

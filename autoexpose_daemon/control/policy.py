@@ -15,6 +15,7 @@ from autoexpose_daemon.control.balance import Balance, BlurNoiseBalance, Exposur
 from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.control.metrics.gradient import GradientMetric, grey_counts
 from autoexpose_daemon.control.parameters import ControlParameters
+from autoexpose_daemon.control.picture.steering import Steering
 from calibration.response import ResponseFunction
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Side
@@ -124,6 +125,8 @@ class Observation:
         Flashes of the light per second whose whole periods the next exposure time will be, where they fit; None: any.
     light_ahead
         What an earlier drive saw; None: nothing is known.
+    steering
+        Where consumers track well; None: nothing is known.
     """
 
     looks: Sequence[Look]
@@ -140,6 +143,7 @@ class Observation:
     by_flow: bool = True
     flicker_hz: float | None = None
     light_ahead: LightAhead | None = None
+    steering: Steering | None = None
 
     @property
     def side(self) -> Side:
@@ -237,6 +241,8 @@ class ExposurePolicy(ABC):
         How it gets an EV compensation: `targets`, its targets are levels that do not depend on the frames they are
         based on, so the compensation is added to them; `frames`, it is shown frames without the compensation;
         `darker`, the same, but none above 0, since it goes by what that would saturate.
+    STEERED
+        Whether it goes by `Observation.steering`.
     balance
         How the level is split into time and gain.
     shortfall
@@ -247,6 +253,7 @@ class ExposurePolicy(ABC):
     FLOW: ClassVar[Literal["dis", "farneback"]] = "dis"
     OBJECTIVE: ClassVar[Objective] = "metric"
     COMPENSATED: ClassVar[Literal["targets", "frames", "darker"]] = "darker"
+    STEERED: ClassVar[bool] = False
     balance: Balance
     shortfall: str | None = None
 

@@ -92,6 +92,11 @@ def light_ahead_key(rig: str) -> str:
     return f"autoexpose/{rig}/light_ahead"
 
 
+def tracking_key(rig: str) -> str:
+    """Where consumers report where and how well they track, for the daemon."""
+    return f"autoexpose/{rig}/tracking"
+
+
 def control_key(rig: str) -> str:
     """Where the daemon takes requests to control."""
     return f"autoexpose/{rig}/control"

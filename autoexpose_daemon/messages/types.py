@@ -20,11 +20,12 @@ TWIST_STAMPED = "geometry_msgs/msg/TwistStamped"
 EXPOSURE_INFO = "autoexpose_msgs/msg/ExposureInfo"
 REGISTRATION = "autoexpose_msgs/msg/Registration"
 LIGHT_AHEAD = "autoexpose_msgs/msg/LightAhead"
+TRACKED_CELLS = "autoexpose_msgs/msg/TrackedCells"
 
 TYPESTORE = get_typestore(Stores.ROS2_HUMBLE)
 """Serialises and deserialises; these messages are the same in every ROS 2 since Foxy."""
 
-for _ours in (EXPOSURE_INFO, REGISTRATION, LIGHT_AHEAD):
+for _ours in (EXPOSURE_INFO, REGISTRATION, LIGHT_AHEAD, TRACKED_CELLS):
     _text = files(__package__).joinpath(f"{_ours}.msg").read_text(encoding="utf-8")
     TYPESTORE.register(get_types_from_msg(_text, _ours))
 

@@ -16,6 +16,7 @@ import zenoh
 
 from autoexpose_daemon.config.publish import PublishConfig
 from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.control.picture.tracked_cells import TrackedCells
 from autoexpose_daemon.messages.keys import (
     CONSUMER_NAME,
     consumer_key,
@@ -23,14 +24,17 @@ from autoexpose_daemon.messages.keys import (
     frame_key,
     last_but,
     light_ahead_key,
+    tracking_key,
 )
 from autoexpose_daemon.messages.light import LARGEST_LIGHT_BYTES, read_light_ahead
+from autoexpose_daemon.messages.tracked_cells import LARGEST_TRACKING_BYTES, read_tracked_cells
 from autoexpose_daemon.messages.write import TOPICS, MessageWriter, realtime_offset_ns
 from autoexpose_daemon.publish.control import WAITING_REQUESTS, Ask, ControlDoor
 from autoexpose_daemon.publish.refusal import reading
 from autoexpose_daemon.publish.ros2_keys import Attachments, Ros2Node
 from autoexpose_daemon.publish.session import Endpoints, SessionHolder
 from autoexpose_daemon.runtime.inputs.foretold_light import ForetoldLight
+from autoexpose_daemon.runtime.inputs.tracking import MOST_WAITING, Tracking
 from autoexpose_daemon.status.publishing import LARGEST_REPORT_BYTES, ConsumerTally, DropReason, PublishTally
 from calibration.geometry.model import CameraGeometry
 from drivers.frames import Side, StereoPair
@@ -67,6 +71,8 @@ class Publisher:
         Takes what `autoexpose repeat` sends of the light ahead.
     ask
         Takes requests to control.
+    tracking
+        Takes what consumers report of their tracking.
     calibrations
         Called for each pair: the geometry of the cameras that are calibrated.
     """
@@ -79,6 +85,7 @@ class Publisher:
         light: ForetoldLight | None = None,
         ask: Ask | None = None,
         *,
+        tracking: Tracking | None = None,
         calibrations: Callable[[], Mapping[Side, CameraGeometry]] = dict,
     ) -> None:
         self.tally = PublishTally()
@@ -86,6 +93,7 @@ class Publisher:
         self._calibrations = calibrations
         self._light = light
         self._ask = ask
+        self._tracking = tracking
         self._config = config
         self._cameras = cameras
         # rmw_zenoh's routers forward nothing from peer to peer: ROS 2 nodes and we learn of each other by gossip.
@@ -140,6 +148,8 @@ class Publisher:
         if self._light is not None:
             take = reading(read_light_ahead, self._light.take, self._light.refuse)
             self._holder.subscribe(session, light_ahead_key(self._config.rig), take, 1, LARGEST_LIGHT_BYTES)
+        if self._tracking is not None:
+            self._follow(session, self._tracking)
         if self._ask is not None:
             door = ControlDoor(self._ask, self._holder.closed)
             self._holder.answer(session, control_key(self._config.rig), door.serve, WAITING_REQUESTS)
@@ -160,6 +170,14 @@ class Publisher:
                     tell_s = time.monotonic() + _TELL_S
                     self._say(session, last=False)
             self._say(session, last=True)
+
+    def _follow(self, session: zenoh.Session, tracking: Tracking) -> None:
+        def take(report: TrackedCells) -> None:
+            tracking.take(report, report.stamp_ns - realtime_offset_ns())
+
+        take_message = reading(read_tracked_cells, take, tracking.refuse)
+        key = tracking_key(self._config.rig)
+        self._holder.subscribe(session, key, take_message, MOST_WAITING, LARGEST_TRACKING_BYTES)
 
     def _next(self, until_s: float) -> tuple[StereoPair, Decision | None] | None:
         with self._news:

@@ -24,7 +24,7 @@ from autoexpose_daemon.recording.plain_json import to_json
 from autoexpose_daemon.recording.step import RecordingError, Step
 
 CONTROL, SETUP, MOTION, LIGHT, STATE = "control", "setup", "motion", "light", "state"
-OVERRIDE, REQUESTS = "override", "requests"
+OVERRIDE, REQUESTS, STEERING = "override", "requests", "steering"
 STRING = "std_msgs/msg/String"
 """What control was built from and given is JSON in a String, so that any ROS 2 tool shows it."""
 
@@ -104,6 +104,8 @@ class RecordingFile:
                 self._say(REQUESTS, {"requests": plain(step.requests)})
             if step.override != NO_OVERRIDE:
                 self._say(OVERRIDE, {"override": plain(step.override)})
+            if step.steering is not None:
+                self._say(STEERING, {"steering": plain(step.steering)})
             messages = MessageWriter(self._rig, step.cameras, self._stamp)
             made = messages.messages(
                 step.pair, step.decision, step.sequence, self._offset_ns, calibrations=step.calibrations

@@ -14,10 +14,11 @@ from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.control.loop import STATE_FORMAT, ControlSetup
 from autoexpose_daemon.control.override import NO_OVERRIDE, Override
 from autoexpose_daemon.control.parameters import FASTEST_TURN_RAD_S
+from autoexpose_daemon.control.picture.steering import Steering
 from autoexpose_daemon.control.snapshot import parse
 from autoexpose_daemon.messages.read import DamagedMessageError, decision_of, frame_of, read_exposure_info, read_image
 from autoexpose_daemon.messages.types import EXPOSURE_INFO, TYPESTORE, definition
-from autoexpose_daemon.recording.file import FULL_SCALE, LIGHT, METADATA, MOTION, OVERRIDE, REQUESTS, STATE, STRING
+from autoexpose_daemon.recording.file import FULL_SCALE, METADATA, STRING
 from autoexpose_daemon.recording.plain_json import from_json
 from autoexpose_daemon.recording.step import Item, RecordingError, Setup, State, Step
 from autoexpose_daemon.recording.upgrade import FORMER_FORMATS, upgraded_setup, upgraded_state
@@ -54,6 +55,7 @@ class Recording:
         self._light_ahead: LightAhead | None = None
         self._override = NO_OVERRIDE
         self._requests: tuple[str, ...] = ()
+        self._steering: Steering | None = None
 
     def __iter__(self) -> Iterator[Item]:
         """Read on from the start of the file."""
@@ -113,7 +115,7 @@ class Recording:
         if channel is None:
             raise ValueError(f"a message of channel {message.channel_id}, which does not exist")
         match channel.topic.split("/")[-2:]:
-            case ["control", "setup" | "motion" | "light" | "override" | "requests" | "state" as what]:
+            case ["control", "setup" | "motion" | "light" | "override" | "requests" | "steering" | "state" as what]:
                 return self._of_control(what, message.data)
             case ["left" | "right" as side, "exposure"]:
                 self._check_version(channel)
@@ -131,22 +133,28 @@ class Recording:
         if not isinstance(content, dict) or content.get("format") not in (STATE_FORMAT, *FORMER_FORMATS):
             found = content.get("format") if isinstance(content, dict) else None
             raise self._error(f"contains a state of control of format {found!r}: only {STATE_FORMAT!r} can be read")
-        if what == MOTION:
-            self._angular_rate_rad_s = _angular_rate(content)
-            return None
-        if what == LIGHT:
-            self._light_ahead = parse(content.get("light_ahead"), LightAhead)
-            return None
-        if what == OVERRIDE:
-            self._override = _override(content)
-            return None
-        if what == REQUESTS:
-            self._requests = parse(content.get("requests"), tuple[str, ...])
-            return None
-        if what == STATE:
-            return State(upgraded_state(content.get("state")))
-        setup = upgraded_setup(content.get("setup"))
-        return Setup(parse(setup, ControlSetup), parse(content.get("made_with"), dict[str, str]))
+        match what:
+            case "setup":
+                setup = upgraded_setup(content.get("setup"))
+                return Setup(parse(setup, ControlSetup), parse(content.get("made_with"), dict[str, str]))
+            case "state":
+                return State(upgraded_state(content.get("state")))
+        self._take_given(what, content)
+        return None
+
+    def _take_given(self, what: str, content: dict[str, Any]) -> None:
+        """What the step that follows was given besides its frames."""
+        match what:
+            case "motion":
+                self._angular_rate_rad_s = _angular_rate(content)
+            case "light":
+                self._light_ahead = parse(content.get("light_ahead"), LightAhead)
+            case "override":
+                self._override = _override(content)
+            case "requests":
+                self._requests = parse(content.get("requests"), tuple[str, ...])
+            case "steering":
+                self._steering = parse(content.get("steering"), Steering)
 
     def _exposure(self, side: Side, data: bytes) -> None:
         info = read_exposure_info(data)
@@ -173,7 +181,9 @@ class Recording:
         light_ahead, self._light_ahead = self._light_ahead, None
         override, self._override = self._override, NO_OVERRIDE
         requests, self._requests = self._requests, ()
-        return Step(info.sequence, info.cameras, pair, decision, angular_rate_rad_s, light_ahead, override, requests)
+        steering, self._steering = self._steering, None
+        given = angular_rate_rad_s, light_ahead, override, requests, steering
+        return Step(info.sequence, info.cameras, pair, decision, *given)
 
     def _check_version(self, channel: Channel) -> None:
         schema = self._schemas.get(channel.schema_id)

@@ -117,7 +117,7 @@ class Recorder(ABC):
         if loop.setup is not self._setup or self.steps - self._snapshot_step >= self._steps_per_snapshot:
             self._setup, self._snapshot_step, state = loop.setup, self.steps, loop.state()
         given = loop.angular_rate_rad_s, loop.light_ahead, loop.override
-        step = Step(self.steps, cameras, pair, decision, *given, requests, calibrations or {})
+        step = Step(self.steps, cameras, pair, decision, *given, requests, loop.steering, calibrations or {})
         self._queue.put(Entry(step, loop.setup, state, now_ns))
 
     @abstractmethod

@@ -101,6 +101,6 @@ class Replay:
         self._former = step
         if dropped and self.faithful:
             self._loop = None
-        given = step.pair, step.angular_rate_rad_s, step.light_ahead, step.override
+        given = step.pair, step.angular_rate_rad_s, step.light_ahead, step.override, step.steering
         decision = None if self._loop is None else self._loop.step(*given)
         return Replayed(step, decision, dropped, undelivered)

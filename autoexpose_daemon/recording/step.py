@@ -9,6 +9,7 @@ from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.control.loop import ControlSetup
 from autoexpose_daemon.control.override import NO_OVERRIDE, Override
+from autoexpose_daemon.control.picture.steering import Steering
 from autoexpose_daemon.control.snapshot import Plain
 from calibration.geometry.model import CameraGeometry
 from drivers.errors import AutoexposeError
@@ -41,6 +42,8 @@ class Step:
         What stood above the policy.
     requests
         What was requested of control since the step before, and who asked.
+    steering
+        Where consumers were known to track; None: nothing was known.
     calibrations
         The geometry of the cameras that are calibrated: for CameraInfo; a replay needs none.
     """
@@ -53,6 +56,7 @@ class Step:
     light_ahead: LightAhead | None = None
     override: Override = NO_OVERRIDE
     requests: tuple[str, ...] = ()
+    steering: Steering | None = None
     calibrations: Mapping[Side, CameraGeometry] = field(default_factory=dict)
 
 

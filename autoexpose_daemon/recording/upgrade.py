@@ -9,10 +9,10 @@ import numpy as np
 from autoexpose_daemon.control.light_ahead import UNPROVEN
 from drivers.frames import SIDES
 
-FORMER_FORMATS = ("autoexpose-control/2", "autoexpose-control/3", "autoexpose-control/4")
-"""The fifth began without vignettings. In the fourth, gains had even steps, and nothing stood above the policy. In the
-third, no policy knew of light ahead. In the second, control had one response, the left camera's, and one history of
-motion, whichever camera the frames were from, and every camera had a vote."""
+FORMER_FORMATS = ("autoexpose-control/2", "autoexpose-control/3", "autoexpose-control/4", "autoexpose-control/5")
+"""In the fifth, consumers steered nothing, and no lens had a vignetting. In the fourth, gains had even steps, and nothing
+stood above the policy. In the third, no policy knew of light ahead. In the second, control had one response, the left
+camera's, and one history of motion, whichever camera the frames were from, and every camera had a vote."""
 
 
 def upgraded_setup(setup: Any) -> Any:
@@ -35,7 +35,7 @@ def upgraded_state(state: Any) -> Any:
     """A state of one of `FORMER_FORMATS` as one of the present format; anything else is returned unchanged."""
     if not isinstance(state, dict):
         return state
-    return _with_foresight(_of_third(state) if "motion" in state else state)
+    return _unsteered(_with_foresight(_of_third(state) if "motion" in state else state))
 
 
 def _with_foresight(state: dict[str, Any]) -> dict[str, Any]:
@@ -43,6 +43,23 @@ def _with_foresight(state: dict[str, Any]) -> dict[str, Any]:
     if not isinstance(policy, dict) or "registration" not in policy or "foresight" in policy:
         return state
     return {**state, "policy": {**policy, "foresight": {"belief": UNPROVEN, "untold_frames": 0}}}
+
+
+def _unsteered(state: dict[str, Any]) -> dict[str, Any]:
+    policy = state.get("policy")
+    memory = policy.get("memory") if isinstance(policy, dict) else None
+    sightings = memory.get("sightings") if isinstance(memory, dict) else None
+    if policy is None or memory is None or not isinstance(sightings, list):
+        return state
+    upgraded = [_of_nobody(sighting) for sighting in sightings]
+    return {**state, "policy": {**policy, "memory": {**memory, "sightings": upgraded}}}
+
+
+def _of_nobody(sighting: Any) -> Any:
+    if not isinstance(sighting, dict) or not isinstance(sighting.get("views"), list):
+        return sighting
+    views = [{"steered": None, **view} if isinstance(view, dict) else view for view in sighting["views"]]
+    return {**sighting, "views": views}
 
 
 def _of_third(state: dict[str, Any]) -> dict[str, Any]:

@@ -9,6 +9,7 @@ from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.override import NO_OVERRIDE, Override
 from autoexpose_daemon.control.picture.region import Region
+from autoexpose_daemon.control.picture.steering import Steering
 from autoexpose_daemon.runtime.tuning import Tuning
 from drivers.camera import CameraDescription
 from drivers.exposure import ExposureLimits
@@ -81,12 +82,13 @@ class ActiveLoop:
         angular_rate_rad_s: float | None,
         light_ahead: LightAhead | None,
         override: Override = NO_OVERRIDE,
+        steering: Steering | None = None,
     ) -> Decision | None:
         """Decide on a pair, given what `ControlLoop.step` is given; None before a camera is ready."""
         if self.loop is None:
             return None
         known_hz = self.loop.flicker_hz
-        decision = self.loop.step(pair, angular_rate_rad_s, light_ahead, override)
+        decision = self.loop.step(pair, angular_rate_rad_s, light_ahead, override, steering)
         if self.loop.flicker_hz != known_hz:
             log.info("%s", _flicker_in_words(self.loop.flicker_hz))
         self._newest = pair

@@ -20,6 +20,7 @@ from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.config.request import Request
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.runtime.inputs.foretold_light import ForetoldLight
+from autoexpose_daemon.runtime.inputs.tracking import Tracking
 from autoexpose_daemon.runtime.outlet import Outlet
 from autoexpose_daemon.runtime.rig_control import RigControl
 from autoexpose_daemon.runtime.tuning import Tuning
@@ -106,6 +107,10 @@ class Daemon:
     def follow_light(self, light: ForetoldLight) -> None:
         """Have control ask for the light ahead before each decision."""
         self.telemetry.light_ahead, self._control.light_ahead = light.tally, light
+
+    def follow_tracking(self, tracking: Tracking) -> None:
+        """Have control ask where consumers track before each decision."""
+        self.telemetry.tracking, self._control.tracking = tracking.tally, tracking
 
     def run(self, stop: threading.Event) -> None:
         """Run until `stop` is set, then stop and release the cameras.

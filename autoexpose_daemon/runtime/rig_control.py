@@ -11,10 +11,13 @@ from concurrent.futures import Future
 from typing import Protocol
 
 from autoexpose_daemon.config.document import Config
+from autoexpose_daemon.config.publish import PublishConfig
 from autoexpose_daemon.config.request import Request
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.light_ahead import LightAhead
+from autoexpose_daemon.messages.stamp import Stamp, moment_ns
 from autoexpose_daemon.runtime.active_loop import ActiveLoop
+from autoexpose_daemon.runtime.inputs.tracking import Tracking
 from autoexpose_daemon.runtime.outlet import Outlet
 from autoexpose_daemon.runtime.requests.in_force import Requests
 from autoexpose_daemon.runtime.rig_health import RigHealth
@@ -62,6 +65,8 @@ class RigControl:
     light_ahead
         Called before each decision with the time of its frame (CLOCK_MONOTONIC, ns): what an earlier drive saw; None:
         unknown.
+    tracking
+        Called before each decision with the time of its frame, and told what the frame was like: where consumers track.
     record
         What became of every trigger and write.
     active
@@ -82,6 +87,8 @@ class RigControl:
         self.outlets: list[Outlet] = []
         self.angular_rate: Callable[[], float | None] = lambda: None
         self.light_ahead: Callable[[int], LightAhead | None] = lambda _: None
+        self.tracking: Tracking | None = None
+        self._stamp: Stamp = (config.publish or PublishConfig()).stamp
         lines = dict.fromkeys(config.triggered_sides, config.trigger.line)
         self.record = RigRecord(tuple(config.sides), lines, config.trigger.rate_hz, now_ns())
         self.active = ActiveLoop(Tuning(config))
@@ -123,6 +130,8 @@ class RigControl:
                 if pair.trigger != newest.trigger and self._complete(pair):
                     self.telemetry.counts.pairs_without_decision += 1
                     self.requests.passed_over(pair)
+                    if self.tracking is not None:
+                        self.tracking.saw(moment_ns(pair.reference, self._stamp), {})
                     self._deliver(pair, None)
             if newest.trigger > self._last_trigger:  # a pair may come after one of its frames was used alone
                 self._last_trigger = newest.trigger
@@ -152,7 +161,8 @@ class RigControl:
         started_ns = self._now_ns()
         taken_ns = min(frame.host_time_ns for frame in pair.frames.values())
         override = self.requests.override(pair)
-        decision = self.active.step(pair, self.angular_rate(), self.light_ahead(taken_ns), override)
+        steering = None if self.tracking is None else self.tracking(taken_ns)
+        decision = self.active.step(pair, self.angular_rate(), self.light_ahead(taken_ns), override, steering)
         if decision is None or self.active.loop is None:
             return
         decided_ns = self._now_ns()
@@ -169,6 +179,9 @@ class RigControl:
             self._asked, written_to = decision.setting, self.telemetry.present
             self._cameras.write(decision.setting, self.record.command(decision.setting, arrival_ns, decided_ns).due_ns)
         self.requests.decided(decision, written_to, self.telemetry.present)
+        if self.tracking is not None:
+            self.tracking.decided(steering if self.active.loop.steered else None)
+            self.tracking.saw(moment_ns(pair.reference, self._stamp), self.active.loop.cell_exposures)
         self._deliver(pair, decision)
         self.requests.fresh = ()
 

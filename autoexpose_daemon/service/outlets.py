@@ -15,6 +15,7 @@ from autoexpose_daemon.messages.keys import response_key, status_key
 from autoexpose_daemon.runtime.daemon import Daemon
 from autoexpose_daemon.runtime.inputs.angular_rate import AngularRate
 from autoexpose_daemon.runtime.inputs.foretold_light import ForetoldLight
+from autoexpose_daemon.runtime.inputs.tracking import Tracking
 from autoexpose_daemon.status.describe import describe
 from autoexpose_daemon.status.document import response_to_json
 from autoexpose_daemon.status.publishing import PublishTally
@@ -62,12 +63,15 @@ def add_outlets(daemon: Daemon, config: Config, recorder: Recorder | None = None
         return daemon
     light = ForetoldLight(config.trigger.rate_hz)
     daemon.follow_light(light)
+    tracking = Tracking(config.sides, config.trigger.rate_hz)
+    daemon.follow_tracking(tracking)
     publisher = Publisher(
         config.publish,
         len(config.sides),
         partial(_texts, daemon),
         light,
         daemon.ask,
+        tracking=tracking,
         calibrations=lambda: daemon.tuning.calibrations,
     )
     daemon.outlets.append(publisher)

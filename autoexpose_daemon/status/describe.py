@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import time
 from dataclasses import replace
 
@@ -59,6 +60,7 @@ def describe(telemetry: Telemetry, config: Config, ending: bool = False) -> Stat
         faults=fault_log().faults,
         imu=None if telemetry.imu is None else replace(telemetry.imu),
         light_ahead=None if telemetry.light_ahead is None else replace(telemetry.light_ahead),
+        tracking=None if telemetry.tracking is None else copy.deepcopy(telemetry.tracking),
         flicker_hz=telemetry.flicker_hz,
         requests=replace(telemetry.requests),
     )

@@ -15,6 +15,7 @@ from autoexpose_daemon.status.light import LightTally
 from autoexpose_daemon.status.publishing import ConsumerTally
 from autoexpose_daemon.status.requests import RequestTally
 from autoexpose_daemon.status.states import Health, State
+from autoexpose_daemon.status.tracking import TrackingTally
 from calibration.response import CurveDocument, ResponseFunction
 from calibration.vignetting.file import VignettingDocument, as_plain
 from calibration.vignetting.model import Vignetting
@@ -157,6 +158,8 @@ class Status:
         None where none is configured.
     light_ahead
         What became of the light that `autoexpose repeat` foretold; None where nothing is published.
+    tracking
+        What became of consumers' reports on their tracking; None where nothing is published.
     flicker_hz
         The flicker of the light that was found; None: none, or `control.flicker_hz` is a number.
     requests
@@ -190,6 +193,7 @@ class Status:
     light_ahead: LightTally | None = None
     flicker_hz: _Hertz | None = None
     requests: RequestTally | None = None
+    tracking: TrackingTally | None = None
 
     @property
     def health(self) -> Health:

@@ -107,6 +107,8 @@ def _outlets(status: Status) -> Iterator[tuple[str, str]]:
         yield "imu", _imu(status.imu)
     if status.light_ahead is not None and (status.light_ahead.messages or status.light_ahead.refused):
         yield "light ahead", _light_ahead(status.light_ahead)
+    if status.tracking is not None and (status.tracking.reports or any(status.tracking.refused.values())):
+        yield "steered", str(status.tracking)
     if status.publishing is not None:
         yield from _publishing(status.publishing)
     if status.recorder is not None:

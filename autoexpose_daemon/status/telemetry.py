@@ -15,6 +15,7 @@ from autoexpose_daemon.status.imu import ImuTally
 from autoexpose_daemon.status.light import LightTally
 from autoexpose_daemon.status.publishing import PublishTally
 from autoexpose_daemon.status.requests import RequestTally
+from autoexpose_daemon.status.tracking import TrackingTally
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Side, StereoPair
 from drivers.rig.events import Written
@@ -95,6 +96,8 @@ class Telemetry:
         What became of the IMU's samples; None without one.
     light_ahead
         What became of the light that `autoexpose repeat` foretold; None where nothing is published.
+    tracking
+        What became of consumers' reports on their tracking; None where nothing is published.
     flicker_hz
         The flicker of the light that was found; None: none, or it is not looked for.
     requests
@@ -124,6 +127,7 @@ class Telemetry:
     recorder: RecorderCounts | None = None
     imu: ImuTally | None = None
     light_ahead: LightTally | None = None
+    tracking: TrackingTally | None = None
     flicker_hz: float | None = None
     requests: RequestTally = field(default_factory=RequestTally)
     _recent_ns: deque[int] = field(default_factory=lambda: deque(maxlen=120))

@@ -414,7 +414,7 @@ def _recording() -> bytes:
 
 
 def _run() -> VirtualRun:
-    return VirtualRun("neves2009", imu=True, steered=True)
+    return VirtualRun("neves2009", imu=True, steered=True, tracked=True)
 
 
 def _bare(recording: bytes) -> bytes:

@@ -7,9 +7,11 @@ from collections.abc import Iterator
 import numpy as np
 
 from autoexpose_daemon.control.light_ahead import LightSeries
+from autoexpose_daemon.control.picture.tracked_cells import TrackedCells
 from autoexpose_daemon.messages.light import light_ahead
 from autoexpose_daemon.messages.registration import registration
 from autoexpose_daemon.messages.robot import odometry, twist, twist_stamped
+from autoexpose_daemon.messages.tracked_cells import tracked_cells
 from autoexpose_daemon.navigation.maps.adaptation import adapt
 from autoexpose_daemon.navigation.store import MapFile, MapInfo, TaughtPlace
 from autoexpose_daemon.navigation.views.features import Features
@@ -32,6 +34,11 @@ def velocity_seeds() -> Iterator[bytes]:
 
 def light_ahead_seeds() -> Iterator[bytes]:
     yield light_ahead(LightSeries(np.linspace(8.0, 14.0, 40), 20, 0.02, 0.05), 1_700_000_000_000_000_000)
+
+
+def tracked_cells_seeds() -> Iterator[bytes]:
+    counts = np.arange(48, dtype=np.uint16).reshape(6, 8)
+    yield tracked_cells(TrackedCells("slam", 1_700_000_000_000_000_000, "left", 2 * counts, counts))
 
 
 def registration_seeds() -> Iterator[bytes]:

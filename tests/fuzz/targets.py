@@ -6,6 +6,7 @@ from autoexpose_daemon.messages.light import read_light_ahead
 from autoexpose_daemon.messages.read import DamagedMessageError, read_angular_rate
 from autoexpose_daemon.messages.registration import read_registration
 from autoexpose_daemon.messages.robot import read_odometry, read_velocity
+from autoexpose_daemon.messages.tracked_cells import read_tracked_cells
 from autoexpose_daemon.navigation.store import MapError
 from autoexpose_daemon.recording.step import RecordingError
 from drivers.errors import AutoexposeError, ConfigurationError
@@ -43,6 +44,7 @@ TARGETS = (
     Target("odometry", read_odometry, (DamagedMessageError,), robot.odometry_seeds),
     Target("velocity", read_velocity, (DamagedMessageError,), robot.velocity_seeds),
     Target("light-ahead", read_light_ahead, (DamagedMessageError,), robot.light_ahead_seeds),
+    Target("tracked-cells", read_tracked_cells, (DamagedMessageError,), robot.tracked_cells_seeds),
     Target("registration", read_registration, (DamagedMessageError,), robot.registration_seeds),
     Target("map", robot.map_file, (MapError,), robot.map_seeds),
     Target("tally", host.tally, (), host.tally_seeds),

@@ -206,6 +206,20 @@ class InformationPrediction:
         relative_light
             What the lens lets through to each cell, shape (64,), of which few should differ; None: to all the same.
         """
+        return self.curves(seen, pixels, gain, gains, sharper, relative_light=relative_light)[0]
+
+    def curves(
+        self,
+        seen: Contrast,
+        pixels: float,
+        gain: float,
+        gains: NDArray[np.float64],
+        sharper: NDArray[np.float64],
+        *,
+        relative_light: NDArray[np.float64] | None = None,
+        cell_weights: NDArray[np.float64] | None = None,
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
+        """The same, and again with cells that count as much as these weights say, shape (64,); None without weights."""
         (shot_now, read_now), (shot, read) = self._now, self._then
         energy, noise = seen.energy / 4, variance_of(shot_now * gain + read_now * gain**2, pixels) * seen.count
         by_cell = seen.count.sum(axis=1)
@@ -222,8 +236,13 @@ class InformationPrediction:
                     self._gain / (share * variance + (FRONT_END_DN * light) ** 2)
                 )
         weight, cells = max(float(by_cell.sum()), 1.0), max(int(np.count_nonzero(by_cell)), 1)
-        precision = np.sqrt(np.maximum(information, 0.0) * (cells / weight)).sum(axis=0) / cells
-        return np.asarray(precision * np.sqrt(sharper))
+        of_cells = np.sqrt(np.maximum(information, 0.0) * (cells / weight))
+        sharpened = np.sqrt(sharper)
+        whole = np.asarray(of_cells.sum(axis=0) / cells * sharpened)
+        if cell_weights is None:
+            return whole, None
+        of_weights = float(cell_weights.sum(where=by_cell > 0)) or 1.0
+        return whole, np.asarray(cell_weights @ of_cells / of_weights * sharpened)
 
     def _share_of_noise(
         self,

@@ -17,6 +17,7 @@ from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.override import NO_OVERRIDE, Override
+from autoexpose_daemon.control.picture.steering import Steering
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from autoexpose_daemon.navigation.maps.light import SPREAD_M, LightMemory, LightTrail
 from calibration.response import ResponseFunction
@@ -78,13 +79,14 @@ class Told(ControlLoop):
         angular_rate_rad_s: float | None = None,
         light_ahead: LightAhead | None = None,
         override: Override = NO_OVERRIDE,
+        steering: Steering | None = None,
     ) -> Decision:
         """The next decision."""
         distance_m = self._frame / RATE_HZ * SPEED_M_S + float(self._error_m[self._frame])
         series = self._memory.series(distance_m, SPEED_M_S)
         self._frame += 1
         told = None if series is None else series.in_frames(0.0, RATE_HZ)
-        return super().step(pair, angular_rate_rad_s, light_ahead or told, override)
+        return super().step(pair, angular_rate_rad_s, light_ahead or told, override, steering)
 
 
 @dataclass(frozen=True, slots=True)

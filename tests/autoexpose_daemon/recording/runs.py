@@ -15,6 +15,8 @@ from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.override import NO_OVERRIDE, Override
 from autoexpose_daemon.control.parameters import ControlParameters
+from autoexpose_daemon.control.picture.steering import Steering
+from autoexpose_daemon.control.picture.tracked_cells import CELLS
 from autoexpose_daemon.recording.read import Recording
 from autoexpose_daemon.recording.recorder import ContinuousRecorder, Recorder
 from autoexpose_daemon.recording.replay import Replay, Replayed
@@ -39,6 +41,7 @@ class VirtualRun:
     driven_before: bool = False
     steered: bool = False
     vignettings: dict[Side, Vignetting] = field(default_factory=dict)
+    tracked: bool = False
     loop: ControlLoop = field(init=False)
     decisions: dict[int, Decision] = field(default_factory=dict)
     trigger: int = 99
@@ -68,7 +71,8 @@ class VirtualRun:
         for _, pair in zip(range(steps), self.pairs(), strict=False):
             shaped = shape(pair)
             override = self._override()
-            decision = self.loop.step(shaped, self._angular_rate_rad_s(), self._light_ahead(), override)
+            given = self._angular_rate_rad_s(), self._light_ahead(), override, self._steering()
+            decision = self.loop.step(shaped, *given)
             self._settings = [self._settings[-1], decision.setting]
             self.decisions[pair.trigger] = decision
             requests = (f"made up in step {self.trigger}",) if self.trigger % 10 == 0 and self.steered else ()
@@ -84,6 +88,13 @@ class VirtualRun:
             return None
         levels = 9.0 + np.cumsum(self._rng.normal(0.0, 0.7, 90))
         return LightAhead(tuple(levels.tolist()), 70, 1.5)
+
+    def _steering(self) -> Steering | None:
+        """Of a consumer of the left picture that is silent for 3 steps in 8."""
+        if not self.tracked or self.trigger % 8 >= 5:
+            return None
+        favours = np.round(self._rng.uniform(-1.0, 1.0, CELLS), 2)
+        return Steering({"left": tuple(favours.tolist())}, ("slam",), 0.1)
 
     def _override(self) -> Override:
         """EV compensation from the third step on, locked now and then, with a shot every ten steps."""

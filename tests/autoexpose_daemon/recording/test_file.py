@@ -24,6 +24,8 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.config.publish import PublishConfig
 from autoexpose_daemon.control.light_ahead import LightAhead
+from autoexpose_daemon.control.picture.steering import Steering
+from autoexpose_daemon.control.picture.tracked_cells import CELLS
 from autoexpose_daemon.messages.types import CAMERA_INFO, TYPESTORE
 from autoexpose_daemon.recording.file import RESERVE_BYTES, RecordingFile
 from autoexpose_daemon.recording.read import Recording
@@ -156,7 +158,7 @@ def test_a_recording_of_something_else_is_refused(tmp_path: Path) -> None:
 def test_another_format_of_states_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("autoexpose_daemon.recording.file.STATE_FORMAT", "autoexpose-control/0")
     path = record(tmp_path / "old.mcap", VirtualRun("fixed"), 5)
-    with pytest.raises(RecordingError, match="of format 'autoexpose-control/0': only 'autoexpose-control/5' can be"):
+    with pytest.raises(RecordingError, match="of format 'autoexpose-control/0': only 'autoexpose-control/6' can be"):
         list(Recording(path))
 
 
@@ -213,6 +215,18 @@ def test_impossible_light_ahead_is_one_sentence(tmp_path: Path) -> None:
     file.write(Step(1, 2, pair, run.loop.step(pair), light_ahead=ahead), run.loop.setup, None)
     file.close(1, 0)
     with pytest.raises(RecordingError, match=r"is damaged: frame 2 of 2 levels"):
+        replayed(path)
+
+
+def test_impossible_steering_is_one_sentence(tmp_path: Path) -> None:
+    run, path = VirtualRun("fixed"), tmp_path / "run.mcap"
+    steering = Steering({"left": (0.5,) * CELLS}, ("slam",), 0.1)
+    steering.favours["right"] = (1.5,) * CELLS
+    file = RecordingFile(path, "rig")
+    pair = next(run.pairs())
+    file.write(Step(1, 2, pair, run.loop.step(pair), steering=steering), run.loop.setup, None)
+    file.close(1, 0)
+    with pytest.raises(RecordingError, match="is damaged: steering of the right camera is not 48 numbers from -1 to 1"):
         replayed(path)
 
 

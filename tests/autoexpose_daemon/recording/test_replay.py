@@ -71,6 +71,13 @@ def test_decisions_by_vignetting_are_replayed_bit_for_bit_from_what_the_recordin
     assert run.decisions != plain.decisions
 
 
+@pytest.mark.parametrize("policy_id", ["fisher-map", "neves2009"])
+def test_decisions_that_consumers_steered_are_replayed_bit_for_bit(tmp_path: Path, policy_id: str) -> None:
+    steps = replayed(record(tmp_path / "run.mcap", VirtualRun(policy_id, tracked=True), 60))
+    assert [each.step.steering is not None for each in steps] == [each.step.pair.trigger % 8 < 5 for each in steps]
+    assert all(each.same for each in steps[1:])
+
+
 @pytest.mark.parametrize("policy_id", ["fisher-map", "neves2009", "kim2018"])
 def test_what_was_requested_is_replayed_bit_for_bit_and_named(tmp_path: Path, policy_id: str) -> None:
     path = record(tmp_path / "run.mcap", VirtualRun(policy_id, steered=True), 60)

@@ -17,14 +17,20 @@ from drivers.frames import SIDES
 from tests.autoexpose_daemon.recording.runs import LIMITS, START, VirtualRun
 
 
-def of_early_fifth(setup: Any, state: Any) -> tuple[Any, Any]:
-    """As the fifth format began."""
-    return {key: value for key, value in setup.items() if key != "vignettings"}, state
+def of_fifth(setup: Any, state: Any) -> tuple[Any, Any]:
+    """A setup and a state of the present format as the fifth format had them."""
+    setup = {key: value for key, value in setup.items() if key != "vignettings"}
+    sightings = [
+        {**sighting, "views": [{name: view[name] for name in view if name != "steered"} for view in sighting["views"]]}
+        for sighting in state["policy"]["memory"]["sightings"]
+    ]
+    assert sightings
+    return setup, {**state, "policy": {**state["policy"], "memory": {"sightings": sightings}}}
 
 
 def of_fourth(setup: Any, state: Any) -> tuple[Any, Any]:
-    """A setup and a state of the present format as the fourth format had them."""
-    setup, state = of_early_fifth(setup, state)
+    """As the fourth format had them."""
+    setup, state = of_fifth(setup, state)
     limits = {key: value for key, value in setup["limits"].items() if key != "gains_db"}
     return {**setup, "limits": limits}, state
 
@@ -49,7 +55,7 @@ def of_second(setup: Any, state: Any) -> tuple[Any, Any]:
     )
 
 
-@pytest.mark.parametrize("as_it_was", [of_second, of_third, of_fourth, of_early_fifth])
+@pytest.mark.parametrize("as_it_was", [of_second, of_third, of_fourth, of_fifth])
 def test_a_loop_goes_on_from_a_former_setup_and_state(as_it_was: Callable[[Any, Any], tuple[Any, Any]]) -> None:
     pairs = list(itertools.islice(VirtualRun("metric-map").pairs(), 12))
     loop = ControlLoop("metric-map", ResponseFunction.linear(), LIMITS, START)
@@ -64,6 +70,6 @@ def test_a_loop_goes_on_from_a_former_setup_and_state(as_it_was: Callable[[Any, 
 
 
 def test_anything_else_is_left_to_whoever_reads_it() -> None:
-    for other in (None, 3, [], {}, {"policy": 1}):
+    for other in (None, 3, [], {}, {"policy": 1}, {"policy": {"memory": {"sightings": [1, {"views": [2]}]}}}):
         assert upgraded_setup(other) == other
         assert upgraded_state(other) == other

@@ -10,8 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.balance import Balance, whole_periods_us
-from autoexpose_daemon.control.metrics.information import InformationPrediction, blur_length_px, contrast, sharpness
+from autoexpose_daemon.control.metrics.information import (
+    CELLS,
+    InformationPrediction,
+    blur_length_px,
+    contrast,
+    sharpness,
+)
 from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
+from autoexpose_daemon.control.picture.steering import Steering
 from autoexpose_daemon.control.policies.fisher_map.balance import BlurPhotonBalance
 from autoexpose_daemon.control.policies.metric_map.exposure_map import ExposureMap
 from autoexpose_daemon.control.policies.metric_map.view import DELTAS, MetricView, Tones
@@ -28,6 +35,7 @@ class FisherMap(ExposureMap):
     """
 
     OBJECTIVE: ClassVar[Objective] = "information"
+    STEERED: ClassVar[bool] = True
     HOLD_GAIN_MOVING: ClassVar[float] = 0.1
     WORTH_KEEPING: ClassVar[float] = 0.5
     """Both hold on longer than with M_g: points are lost by a change of brightness, too. Over the tuning courses the
@@ -65,7 +73,7 @@ class FisherMap(ExposureMap):
             for scale in {look.scale for look in observation.looks}
         }
         return tuple(
-            self._view(look, linear_gain(observation.setting.gain_db), gains, sharper[look.scale])
+            self._view(look, linear_gain(observation.setting.gain_db), gains, sharper[look.scale], observation.steering)
             for look in observation.looks
         )
 
@@ -92,8 +100,23 @@ class FisherMap(ExposureMap):
         now, then = (sharpness(blur_length_px(self.motion_px, each, scale)) for each in (time_us, times_us))
         return np.asarray(then / now)
 
-    def _view(self, look: Look, gain: float, gains: NDArray[np.float64], sharper: NDArray[np.float64]) -> MetricView:
+    def _view(
+        self,
+        look: Look,
+        gain: float,
+        gains: NDArray[np.float64],
+        sharper: NDArray[np.float64],
+        steering: Steering | None,
+    ) -> MetricView:
         prediction = self._predictions[look.side]
         seen = contrast(look.unfiltered, prediction.bins, look.weights, self._native)
-        curve = prediction.curve(seen, look.averaged, gain, gains, sharper, relative_light=look.relative_light)
-        return MetricView(curve, *self._tones[look.side].measure(look))
+        curve, steered = prediction.curves(
+            seen,
+            look.averaged,
+            gain,
+            gains,
+            sharper,
+            relative_light=look.relative_light,
+            cell_weights=None if steering is None else steering.weights(look.side, CELLS, CELLS).ravel(),
+        )
+        return MetricView(curve, *self._tones[look.side].measure(look), steered)

@@ -18,7 +18,13 @@ from autoexpose_daemon.control.policies.metric_map.foresight import Foresight
 from autoexpose_daemon.control.policies.metric_map.loop_delay import LoopDelay
 from autoexpose_daemon.control.policies.metric_map.memory import TRUSTED_RISE, MetricMemory, Sighting
 from autoexpose_daemon.control.policies.metric_map.registration import Registration
-from autoexpose_daemon.control.policies.metric_map.search import LONGEST_PROBE, dark_jump, plateau_centre, probe_bonus
+from autoexpose_daemon.control.policies.metric_map.search import (
+    LONGEST_PROBE,
+    dark_jump,
+    plateau_centre,
+    probe_bonus,
+    within_reason,
+)
 from autoexpose_daemon.control.policies.metric_map.view import DELTAS, MetricView
 from autoexpose_daemon.control.policies.metric_map.votes import REMARKS, Votes
 from autoexpose_daemon.control.policy import ExposurePolicy, Observation, Target
@@ -265,6 +271,16 @@ class ExposureMap(ExposurePolicy):
         camera sees does not outvote the other.
         """
         metrics = self.memory.fuse(levels, moving)
+        worth = self._shares_of_best(levels, metrics, moving)
+        if any(view.steered is not None for view in self.memory.sightings[-1].views):
+            steered = self._shares_of_best(levels, self.memory.fuse(levels, moving, steered=True), moving)
+            worth = within_reason(worth, steered)
+        return worth, metrics[0]
+
+    def _shares_of_best(
+        self, levels: NDArray[np.float64], metrics: NDArray[np.float64], moving: bool
+    ) -> NDArray[np.float64]:
+        """The worth of each level, given what each camera's metric is there, shape (cameras, n)."""
         blind = _blind(self.memory.sightings[-1].views)
         frontier, known_again = self.memory.frontier(math.inf if moving or blind else TRUSTED_RISE)
         unknown = levels > known_again
@@ -280,7 +296,7 @@ class ExposureMap(ExposurePolicy):
             below = unknown * probe_bonus(frontier.level - levels, white, density, moving)
             above = probe_bonus(levels - highest.level, dark, density, moving)
             worth += (metric + below + above) / norm
-        return worth / len(metrics), metrics[0]
+        return np.asarray(worth / len(metrics))
 
 
 def _blind(views: tuple[MetricView, ...]) -> bool:

@@ -106,12 +106,12 @@ class MetricMemory:
         kept = [old for old in self.sightings if abs(old.level - sighting.level) >= CELL]
         self.sightings = [*kept[1 - CAPACITY :], sighting]
 
-    def fuse(self, levels: NDArray[np.float64], moving: bool) -> NDArray[np.float64]:
+    def fuse(self, levels: NDArray[np.float64], moving: bool, *, steered: bool = False) -> NDArray[np.float64]:
         """M_g expected at levels (stops, shape (n,)) under the present light: float64, shape (cameras, n).
 
-        A still camera doubts what is far up, see `DOUBT`.
+        A still camera doubts what is far up, see `DOUBT`. `steered`: of what consumers steer to.
         """
-        values, distances = self._predictions(levels, moving)
+        values, distances = self._predictions(levels, moving, steered)
         weights = np.exp((distances.min(axis=0) - distances) / BLEND)
         return np.asarray((weights * values).sum(axis=0) / weights.sum(axis=0))
 
@@ -152,7 +152,7 @@ class MetricMemory:
         return False
 
     def _predictions(
-        self, levels: NDArray[np.float64], moving: bool
+        self, levels: NDArray[np.float64], moving: bool, steered: bool = False
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """(metric, distance in stops) by sighting, camera and level."""
         sightings = self.sightings
@@ -162,10 +162,15 @@ class MetricMemory:
         up = NEARER_UP * np.minimum(np.maximum(delta, 0.0), TRUSTED_RISE) + FARTHER_BEYOND * beyond + ages
         blind = np.array([[view.saturated_share for view in sighting.views] for sighting in sightings])
         down = np.maximum(-delta, 0.0)[:, None] * (1.0 + BLINDNESS * blind)[..., None]
-        values = _interpolated(np.array([[view.curve for view in sighting.views] for sighting in sightings]), delta)
+        curves = [[_curve(view, steered) for view in sighting.views] for sighting in sightings]
+        values = _interpolated(np.array(curves), delta)
         if not moving:
             values *= np.exp(-DOUBT * beyond)[:, None]
         return values, up[:, None] + down
+
+
+def _curve(view: MetricView, steered: bool) -> NDArray[np.float64]:
+    return view.steered if steered and view.steered is not None else view.curve
 
 
 def _interpolated(curves: NDArray[np.float64], deltas: NDArray[np.float64]) -> NDArray[np.float64]:

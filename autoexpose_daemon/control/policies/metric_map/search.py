@@ -14,6 +14,10 @@ HALF_SCALE = 0.5
 DARK_SIGNAL = 1 / 16
 """A frame whose 99th percentile lies below this is dark: more than 3 stops up, prediction turns noise into gradient."""
 
+STEERING_SHARE, EDGE = 0.2, 0.04
+"""Of what the whole picture is worth at best: as much as steering may cost, and over how much of it that limit comes
+into force, so that noise does not push the target to and fro."""
+
 LONGEST_JUMP = 7.0
 """Longest jump up out of the dark, stops."""
 
@@ -39,6 +43,12 @@ def plateau_centre(levels: NDArray[np.float64], values: NDArray[np.float64]) -> 
     while high < len(levels) - 1 and enough[high + 1]:
         high += 1
     return float((levels[low] + levels[high]) / 2.0)
+
+
+def within_reason(worth: NDArray[np.float64], steered: NDArray[np.float64]) -> NDArray[np.float64]:
+    """What levels are worth to consumers, and nothing where the whole picture would lose too much."""
+    kept = worth / max(float(worth.max()), 1e-9) - (1.0 - STEERING_SHARE)
+    return np.asarray(steered * np.clip(kept / EDGE, 0.0, 1.0))
 
 
 def probe_bonus(stops: NDArray[np.float64], clipped_share: float, density: float, moving: bool) -> NDArray[np.float64]:

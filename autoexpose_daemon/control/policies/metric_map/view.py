@@ -43,12 +43,15 @@ class MetricView:
         0..1.
     signal
         99th percentile: 0 at the black level, 1 at saturation, at least half a grey level.
+    steered
+        `curve` where parts of the picture count more, as consumers steer; None: none do.
     """
 
     curve: NDArray[np.float64]
     saturated_share: float
     black_share: float
     signal: float
+    steered: NDArray[np.float64] | None = None
 
 
 class Tones:
