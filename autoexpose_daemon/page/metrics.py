@@ -15,6 +15,7 @@ from autoexpose_daemon.status.durations import DURATIONS
 from autoexpose_daemon.status.publishing import DropReason
 from autoexpose_daemon.status.requests import RequestTally
 from autoexpose_daemon.status.states import State
+from autoexpose_daemon.status.tracking import TrackingRefusal, TrackingTally
 from drivers.exposure import ExposureSetting
 from drivers.triggers.account import LossReason
 
@@ -52,6 +53,8 @@ class _Collector(Collector):
             yield from self._recorder(status.recorder)
         if status.requests is not None:
             yield from self._requests(status.requests)
+        if status.tracking is not None:
+            yield from self._tracking(status.tracking)
 
     def _condition(self, status: Status) -> Iterator[Metric]:
         states = [((state,), float(state is status.state)) for state in State]
@@ -132,6 +135,13 @@ class _Collector(Collector):
         yield self._gauge("ev_stops", "EV compensation.", [((), requests.ev_stops)])
         yield self._counter("control_requests", "Requests to control that were taken.", [((), requests.taken)])
         yield self._counter("refused_control_requests", "Requests that were refused.", [((), requests.refused)])
+
+    def _tracking(self, tracking: TrackingTally) -> Iterator[Metric]:
+        steered = float(tracking.age_s is not None)
+        yield self._gauge("steered", "Whether consumers steered the newest decision.", [((), steered)])
+        yield self._counter("tracking_reports", "Consumers' reports that were taken.", [((), tracking.reports)])
+        refused = _of_all(TrackingRefusal, tracking.refused)
+        yield self._counter("refused_tracking_reports", "Consumers' reports that were ignored.", refused, "reason")
 
     def _gauge(
         self, name: str, help_text: str, values: Iterable[tuple[tuple[str, ...], float]], *labels: str

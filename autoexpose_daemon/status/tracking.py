@@ -55,6 +55,6 @@ class TrackingTally:
 
     def __str__(self) -> str:
         """Who steers, in words, and what was refused."""
-        used = "nobody" if self.age_s is None else f"by {', '.join(self.by)}, age {self.age_s:.1f} s"
+        used = "by nobody" if self.age_s is None else f"by {', '.join(self.by)}, age {self.age_s:.1f} s"
         refused = ", ".join(f"{count} {reason}" for reason, count in self.refused.items() if count)
         return f"{used}   {self.reports} reports, refused: {refused or 'none'}"

@@ -58,6 +58,11 @@ class OrbOdometry:
         The stereo camera.
     seed
         Of RANSAC's random choices.
+
+    Attributes
+    ----------
+    features_px, inliers_px
+        Where in the latest left image features were found, and where those that tie it to the last key pair: (n, 2).
     """
 
     def __init__(self, camera: StereoCamera, seed: int = 0) -> None:
@@ -67,6 +72,7 @@ class OrbOdometry:
         self._keys: list[_Key] = []
         self._before: _Key | None = None
         self._most_shared = 0
+        self.features_px = self.inliers_px = np.empty((0, 2))
 
     def track(self, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> Tracked:
         """See `StereoOdometry`."""
@@ -74,8 +80,10 @@ class OrbOdometry:
         features = self._finder.find(left, right)
         expected = self._pose @ self._motion
         tied = self._tie(features, expected)
+        self.features_px, self.inliers_px = features.points, np.empty((0, 2))
         if tied is not None:
-            pose, shared = tied
+            pose, self.inliers_px = tied
+            shared = len(self.inliers_px)
             self._motion = np.linalg.inv(self._pose) @ pose
             self._most_shared = max(self._most_shared, shared)
         else:
@@ -96,8 +104,10 @@ class OrbOdometry:
         points = transform(pose, triangulate(self._camera, seen))
         return _Key(features.image, seen[:, :2], points, features.descriptors[deep])
 
-    def _tie(self, features: Features, expected: NDArray[np.float64]) -> tuple[NDArray[np.float64], int] | None:
-        """Pose of a pair from what it shares with earlier ones, and how many points of the last key pair it shares.
+    def _tie(
+        self, features: Features, expected: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+        """Pose of a pair from what it shares with earlier ones, and where it sees the points of the last key pair.
 
         None when it shares too little or the pose is implausible.
         """
@@ -113,7 +123,8 @@ class OrbOdometry:
         pose = np.asarray(np.linalg.inv(to_camera), np.float64)
         if agree.sum() < FEWEST_INLIERS or _jumps(np.linalg.inv(expected) @ pose):
             return None
-        return pose, int(agree[-len(found[-1][0]) :].sum()) if len(found[-1][0]) else 0
+        of_last = len(seen) - len(found[-1][0])
+        return pose, seen[of_last:, :2][agree[of_last:]]
 
     def _shared(
         self, key: _Key, features: Features, expected: NDArray[np.float64]

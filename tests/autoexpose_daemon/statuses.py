@@ -17,6 +17,7 @@ from autoexpose_daemon.status.imu import ImuTally
 from autoexpose_daemon.status.publishing import ConsumerTally
 from autoexpose_daemon.status.requests import Bounds, RequestTally
 from autoexpose_daemon.status.states import State
+from autoexpose_daemon.status.tracking import TrackingTally
 from drivers.exposure import ExposureSetting
 
 SETTING = ExposureSetting(1000.0, 6.0)
@@ -69,5 +70,6 @@ EXPOSING = Status(
     requests=RequestTally(
         SETTING, -0.5, ("policy",), Bounds(20.0, 7500.0, 0.0, 30.0), 18, 19, "lock, asked by user@robot"
     ),
+    tracking=TrackingTally(20, {"damaged": 21, "stale": 22}, ("slam",), 0.4),
 )
 """All is well, and every number is different."""

@@ -46,7 +46,7 @@ export function showStatus(status, tables) {
     ["pairs/s", status.rate_hz.toFixed(1)],
     ["up", format.lasting(status.uptime_s)],
   ]);
-  byId("policy").textContent = [`by ${status.policy}`, ...requested(status.requests)].join(", ");
+  byId("policy").textContent = [`by ${status.policy}`, ...requested(status.requests), ...steered(status.tracking)].join(", ");
   showCounts(byId("triggers"), tables.triggers);
   showCounts(byId("writes"), tables.writes);
   showLatency(tables.latency);
@@ -65,6 +65,12 @@ function requested(requests) {
     ...(stops ? [`EV ${format.signed(stops)}`] : []),
     ...requests.changed.map((name) => `${name} changed`),
   ];
+}
+
+// Which consumers steer, in words.
+function steered(tracking) {
+  if (tracking?.age_s == null) return [];
+  return [`steered by ${tracking.by.join(" and ")}, age ${tracking.age_s.toFixed(1)} s`];
 }
 
 export function showDecision(decision) {

@@ -35,7 +35,9 @@ from autoexpose_daemon.control.picture.tracking_memory import (
     favours,
 )
 from autoexpose_daemon.control.policies.ids import POLICY_IDS
+from autoexpose_daemon.control.policies.metric_map.memory import MetricMemory, Sighting
 from autoexpose_daemon.control.policies.metric_map.search import STEERING_SHARE, within_reason
+from autoexpose_daemon.control.policies.metric_map.view import DELTAS, MetricView
 from calibration.response import ResponseFunction
 from drivers.exposure import ExposureSetting
 from drivers.frames import Side, StereoPair
@@ -238,8 +240,8 @@ def test_only_the_default_policy_is_steered(policy_id: str) -> None:
 
 
 SUN_AND_SHADE = radiance(3, 0.7)
-SUN_AND_SHADE[:, :90] *= 2.0**2.5
-SUN_AND_SHADE[:, 90:] /= 2.0**2.5
+SUN_AND_SHADE[:, :90] *= 2.0**1.5
+SUN_AND_SHADE[:, 90:] /= 2.0**1.5
 HALF_SCALE = 12.0
 
 
@@ -286,6 +288,30 @@ def test_the_side_that_is_tracked_is_exposed_better_and_the_whole_not_much_worse
     assert worth(found["shade"], "shade") > 1.05 * worth(found["nobody"], "shade")
     best = max(worth(found[name]) for name in found)
     assert min(worth(setting) for setting in found.values()) > (1.0 - STEERING_SHARE - 0.1) * best
+
+
+def test_when_consumers_turn_to_the_other_side_control_does_too() -> None:
+    loop = ControlLoop("fisher-map", LINEAR, LIMITS, START)
+    levels = [followed(loop, steer_to(where), 40)[-1].setting.level for where in (RIGHT, LEFT, RIGHT)]
+    assert levels[0] - levels[1] > 0.4 and levels[2] - levels[1] > 0.4
+
+
+def test_a_steered_exposure_does_not_swing() -> None:
+    decisions = followed(ControlLoop("fisher-map", LINEAR, LIMITS, START), steer_to(RIGHT), 60)
+    assert np.ptp([decision.setting.level for decision in decisions[30:]]) <= 0.1
+
+
+def test_what_contradicts_only_what_consumers_were_promised_drops_only_that() -> None:
+    memory, even = MetricMemory(), np.full(DELTAS.shape, 0.5)
+    memory.add(Sighting(9.0, (MetricView(even, 0.0, 0.5, even),)))
+    memory.add(Sighting(10.0, (MetricView(even, 0.0, 0.5, 0.8 * even),)))
+    assert [sighting.is_steered for sighting in memory.sightings] == [True, True]
+    memory.add(Sighting(11.0, (MetricView(even, 0.0, 0.5, 0.3 * even),)))
+    assert [sighting.is_steered for sighting in memory.sightings] == [False, False, True]
+    assert memory.fuse(np.array([9.0]), moving=True, steered=True)[0, 0] == pytest.approx(0.15)
+    assert memory.fuse(np.array([9.0]), moving=True)[0, 0] == pytest.approx(0.5)
+    memory.add(Sighting(12.0, (MetricView(even, 0.0, 0.5),)))
+    assert not any(sighting.is_steered for sighting in memory.sightings)
 
 
 def test_who_claims_to_track_in_the_dark_steers_nothing() -> None:

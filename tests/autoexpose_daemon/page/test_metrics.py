@@ -78,6 +78,10 @@ def test_numbers_arrive_in_base_units() -> None:
         ("autoexpose_unpublished_pairs_total", ("behind",)): 10,
         ("autoexpose_consumer_lost_pairs_total", ("slam", "too_slow")): 4,
         ("autoexpose_recorder_dropped_steps_total", ()): 11,
+        ("autoexpose_steered", ()): 1,
+        ("autoexpose_tracking_reports_total", ()): 20,
+        ("autoexpose_refused_tracking_reports_total", ("stale",)): 22,
+        ("autoexpose_refused_tracking_reports_total", ("future",)): 0,
     }
     assert {key: seen[key[0], frozenset(key[1])] for key in expected} == expected
     assert ("autoexpose_response_drift_grey_levels", frozenset({"right"})) not in seen

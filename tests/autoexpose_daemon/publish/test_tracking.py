@@ -126,4 +126,4 @@ def test_another_policy_takes_reports_and_is_not_steered() -> None:
             return tally.reports > 2
 
         wait_until(is_taken, "reports")
-        assert "steered nobody   " in line_of(describe(daemon.telemetry, daemon.tuning.config))
+        assert "steered by nobody   " in line_of(describe(daemon.telemetry, daemon.tuning.config))

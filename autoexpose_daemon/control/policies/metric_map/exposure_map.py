@@ -272,7 +272,7 @@ class ExposureMap(ExposurePolicy):
         """
         metrics = self.memory.fuse(levels, moving)
         worth = self._shares_of_best(levels, metrics, moving)
-        if any(view.steered is not None for view in self.memory.sightings[-1].views):
+        if self.memory.sightings[-1].is_steered:
             steered = self._shares_of_best(levels, self.memory.fuse(levels, moving, steered=True), moving)
             worth = within_reason(worth, steered)
         return worth, metrics[0]

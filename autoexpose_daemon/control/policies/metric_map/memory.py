@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 import numpy as np
@@ -69,6 +69,11 @@ class Sighting:
     views: tuple[MetricView, ...]
     age: float = 0.0
 
+    @property
+    def is_steered(self) -> bool:
+        """Whether it says what the cameras' pictures are worth to consumers."""
+        return all(view.steered is not None for view in self.views)
+
 
 @dataclass(slots=True)
 class MetricMemory:
@@ -99,17 +104,22 @@ class MetricMemory:
     def add(self, sighting: Sighting) -> None:
         """Remember a sighting in place of older ones taken with about the same exposure.
 
-        Where it contradicts what was expected, or comes from other cameras, nothing older is kept.
+        Where it contradicts what was expected, or comes from other cameras, nothing older is kept. What older ones are
+        worth to consumers is also forgotten where only that is contradicted: they may have turned to other cells.
         """
         if self._contradicted(sighting):
             self.sightings.clear()
+        if not sighting.is_steered or self._contradicted(sighting, steered=True):
+            for old in (each for each in self.sightings if each.is_steered):
+                old.views = tuple(replace(view, steered=None) for view in old.views)
         kept = [old for old in self.sightings if abs(old.level - sighting.level) >= CELL]
         self.sightings = [*kept[1 - CAPACITY :], sighting]
 
     def fuse(self, levels: NDArray[np.float64], moving: bool, *, steered: bool = False) -> NDArray[np.float64]:
         """M_g expected at levels (stops, shape (n,)) under the present light: float64, shape (cameras, n).
 
-        A still camera doubts what is far up, see `DOUBT`. `steered`: of what consumers steer to.
+        A still camera doubts what is far up, see `DOUBT`. `steered`: what it is worth to consumers, of which the newest
+        sighting must know something.
         """
         values, distances = self._predictions(levels, moving, steered)
         weights = np.exp((distances.min(axis=0) - distances) / BLEND)
@@ -137,16 +147,16 @@ class MetricMemory:
         """The sighting of the highest exposure."""
         return max(self.sightings, key=lambda sighting: sighting.level)
 
-    def _contradicted(self, sighting: Sighting) -> bool:
-        if not self.sightings:
+    def _contradicted(self, sighting: Sighting, *, steered: bool = False) -> bool:
+        if not any(old.is_steered or not steered for old in self.sightings):
             return False
         if len(self.sightings[-1].views) != len(sighting.views):
             return True
-        values, distances = self._predictions(np.array([sighting.level]), moving=True)
+        values, distances = self._predictions(np.array([sighting.level]), moving=True, steered=steered)
         for camera, view in enumerate(sighting.views):
             nearest = int(distances[:, camera, 0].argmin())
             if distances[nearest, camera, 0] < CONTRADICTION_RANGE:
-                expected, seen = values[nearest, camera, 0], np.interp(0.0, DELTAS, view.curve)
+                expected, seen = values[nearest, camera, 0], np.interp(0.0, DELTAS, _curve(view, steered))
                 if abs(expected - seen) > CONTRADICTION * max(expected, seen):
                     return True
         return False
@@ -155,7 +165,7 @@ class MetricMemory:
         self, levels: NDArray[np.float64], moving: bool, steered: bool = False
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """(metric, distance in stops) by sighting, camera and level."""
-        sightings = self.sightings
+        sightings = [sighting for sighting in self.sightings if sighting.is_steered or not steered]
         delta = levels - np.array([[sighting.level] for sighting in sightings])
         beyond = np.maximum(delta - TRUSTED_RISE, 0.0)
         ages = np.array([[sighting.age] for sighting in sightings])

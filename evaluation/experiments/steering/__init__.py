@@ -1,0 +1,1 @@
+"""What consumers that steer gain, and what those that lie cost."""
