@@ -12,6 +12,9 @@ from numpy.typing import NDArray
 from autoexpose_daemon.control.picture.tracked_cells import CELLS, COLUMNS, ROWS
 from drivers.frames import Side
 
+STEERING_SHARE: Final = 0.2
+"""Of what the whole picture is worth at best: as much as steering may cost."""
+
 WEIGHT_STOPS: Final = 3.0
 """A cell with the most that speaks for it counts 2^3 times as much as one of which nothing is known, and that one 2^3
 times as much as one with the most against it."""

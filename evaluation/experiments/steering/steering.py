@@ -10,8 +10,8 @@ from typing import Any, Final
 
 import numpy as np
 
+from autoexpose_daemon.control.picture.steering import STEERING_SHARE
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
-from autoexpose_daemon.control.policies.metric_map.search import STEERING_SHARE
 from evaluation.experiments.experiment import (
     Claim,
     Experiment,

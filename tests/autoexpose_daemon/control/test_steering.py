@@ -17,7 +17,7 @@ from autoexpose_daemon.control.metrics.information import InformationPrediction,
 from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
 from autoexpose_daemon.control.parameters import ControlParameters
 from autoexpose_daemon.control.picture.image import ImagePreparation
-from autoexpose_daemon.control.picture.steering import WEIGHT_STOPS, Steering
+from autoexpose_daemon.control.picture.steering import STEERING_SHARE, WEIGHT_STOPS, Steering
 from autoexpose_daemon.control.picture.tracked_cells import (
     CELLS,
     COLUMNS,
@@ -36,7 +36,7 @@ from autoexpose_daemon.control.picture.tracking_memory import (
 )
 from autoexpose_daemon.control.policies.ids import POLICY_IDS
 from autoexpose_daemon.control.policies.metric_map.memory import MetricMemory, Sighting
-from autoexpose_daemon.control.policies.metric_map.search import STEERING_SHARE, within_reason
+from autoexpose_daemon.control.policies.metric_map.search import within_reason
 from autoexpose_daemon.control.policies.metric_map.view import DELTAS, MetricView
 from calibration.response import ResponseFunction
 from drivers.exposure import ExposureSetting

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from autoexpose_daemon.control.picture.steering import STEERING_SHARE
 from calibration.response import ResponseFunction
 
 PLATEAU = 0.01
@@ -14,9 +15,8 @@ HALF_SCALE = 0.5
 DARK_SIGNAL = 1 / 16
 """A frame whose 99th percentile lies below this is dark: more than 3 stops up, prediction turns noise into gradient."""
 
-STEERING_SHARE, EDGE = 0.2, 0.04
-"""Of what the whole picture is worth at best: as much as steering may cost, and over how much of it that limit comes
-into force, so that noise does not push the target to and fro."""
+EDGE = 0.04
+"""Over so much of the best worth `STEERING_SHARE` comes into force: noise is not to push the target to and fro."""
 
 LONGEST_JUMP = 7.0
 """Longest jump up out of the dark, stops."""
