@@ -17,7 +17,9 @@ from starlette.types import ASGIApp
 from starlette.websockets import WebSocket
 
 from autoexpose_daemon.client.status_client import StatusClient
+from autoexpose_daemon.control.policies.ids import POLICY_IDS
 from autoexpose_daemon.page.access import Access, Key
+from autoexpose_daemon.page.buttons import Buttons
 from autoexpose_daemon.page.history import History
 from autoexpose_daemon.page.live import serve_browser
 from autoexpose_daemon.page.metrics import CONTENT_TYPE, exposition
@@ -32,7 +34,7 @@ _STATUS_PERIOD_S = 1.0
 
 
 def page_app(rig: str, connect: Sequence[str], key: Key | None) -> ASGIApp:
-    """The page of a rig as an ASGI application; with a key, only for requests that carry it."""
+    """The page of a rig as an ASGI application; with a key, only for requests that carry it, and with buttons."""
     history = History()
     client = StatusClient(rig, connect)
 
@@ -44,8 +46,10 @@ def page_app(rig: str, connect: Sequence[str], key: Key | None) -> ASGIApp:
             yield
             recording.cancel()
 
+    policies = None if key is None else POLICY_IDS
+
     async def live(socket: WebSocket) -> None:
-        await serve_browser(socket, client, socket.app.state.views, history)
+        await serve_browser(socket, client, socket.app.state.views, history, policies)
 
     async def metrics(_request: Request) -> Response:
         heard = client.status if client.silent_s < SILENT_S else None
@@ -59,6 +63,7 @@ def page_app(rig: str, connect: Sequence[str], key: Key | None) -> ASGIApp:
     ]
     if key is not None:
         routes += [Route("/login", _file("login.html")), Route("/login", key.log_in, methods=["POST"])]
+        routes.append(Route("/control", Buttons(rig, connect).ask, methods=["POST"]))
     return Access(Starlette(routes=routes, lifespan=fed), key)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
+from collections.abc import Sequence
 from typing import Any
 
 from pydantic_core import to_json
@@ -17,11 +18,14 @@ from autoexpose_daemon.page.tables import tables
 NUMBERS_PERIOD_S = 0.5
 
 
-async def serve_browser(socket: WebSocket, client: StatusClient, views: PairViews, history: History) -> None:
+async def serve_browser(
+    socket: WebSocket, client: StatusClient, views: PairViews, history: History, policies: Sequence[str] | None
+) -> None:
     """Serve one web socket until it closes.
 
     Text messages to the browser hold the numbers, binary ones a pair. Each message from the browser asks for the next
-    pair: a slow or distant browser gets fewer pairs, never a queue of old ones.
+    pair: a slow or distant browser gets fewer pairs, never a queue of old ones. `policies` are those that its
+    buttons may choose; None: it has no buttons.
     """
     if views.crowded:
         return await socket.close()
@@ -31,7 +35,7 @@ async def serve_browser(socket: WebSocket, client: StatusClient, views: PairView
         try:
             async with asyncio.TaskGroup() as tasks:
                 senders = [
-                    tasks.create_task(_send_numbers(socket, client, views, history)),
+                    tasks.create_task(_send_numbers(socket, client, views, history, policies)),
                     tasks.create_task(_send_pairs(socket, views, asked)),
                 ]
                 while (await socket.receive())["type"] != "websocket.disconnect":
@@ -42,7 +46,9 @@ async def serve_browser(socket: WebSocket, client: StatusClient, views: PairView
             pass  # a sender noticed it first
 
 
-async def _send_numbers(socket: WebSocket, client: StatusClient, views: PairViews, history: History) -> None:
+async def _send_numbers(
+    socket: WebSocket, client: StatusClient, views: PairViews, history: History, policies: Sequence[str] | None
+) -> None:
     since_s = time.monotonic() - LENGTH_S
     while True:
         rows = history.since(since_s)
@@ -57,6 +63,7 @@ async def _send_numbers(socket: WebSocket, client: StatusClient, views: PairView
             "tables": None if status is None else tables(status),
             "curve": views.curve,
             "history": rows,
+            "policies": policies,
         }
         await socket.send_text(to_json(numbers, inf_nan_mode="null").decode())
         await asyncio.sleep(NUMBERS_PERIOD_S)

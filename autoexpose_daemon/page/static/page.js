@@ -1,5 +1,6 @@
 // One web socket: numbers come twice a second, pictures on request. A hidden tab closes it.
 
+import { showButtons } from "./buttons.js";
 import { LANES, at, drawCurve, drawLane, lengthOf, timeAt } from "./charts.js";
 import * as format from "./format.js";
 import { define, element, showDecision, showStatus } from "./numbers.js";
@@ -68,6 +69,7 @@ function takeNumbers(message) {
   const oldest = message.now_s - HISTORY_S;
   rows = rows.filter((row) => row[0] < first && row[0] >= oldest).concat(message.history);
   if (message.status) showStatus(message.status, message.tables);
+  if (message.status) showButtons(message.policies, message.status);
   showState();
   showHistory();
   if (message.curve) showCurve(message.curve);
