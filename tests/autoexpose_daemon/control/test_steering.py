@@ -326,3 +326,11 @@ def test_steering_that_ends_leaves_nothing_behind() -> None:
     followed(loop, steer_to(RIGHT), 40)
     rest, never = followed(loop, None, 60)[-1], followed(other, None, 60)[-1]
     assert rest.setting.level == pytest.approx(never.setting.level, abs=0.6)
+
+
+def test_the_reason_of_a_decision_says_that_it_was_steered() -> None:
+    reasons = [
+        followed(ControlLoop("fisher-map", LINEAR, LIMITS, START), steer, 3)[-1].reason
+        for steer in (None, steer_to(RIGHT))
+    ]
+    assert [reason.endswith("; steered") for reason in reasons] == [False, True]

@@ -141,7 +141,7 @@ class ExposureMap(ExposurePolicy):
         self.votes.see(level, observation.limits.darkest.level, observation.looks)
         target = self._vote(observation)
         self.target = observation.limits.clamp_level(target.level)
-        remark = self.votes.remark()
+        remark = ("; steered" if self.STEERED and observation.steering is not None else "") + self.votes.remark()
         return replace(target, reason=target.reason + remark) if remark else target
 
     def _vote(self, observation: Observation) -> Target:
