@@ -32,7 +32,7 @@ from evaluation.stage.delayed_loop import Entrant
 from evaluation.stage.oracle import Oracle, best_start
 
 SWAP_FRAME: Final = 120
-FRAMES: Final = 240
+FRAMES: Final = 180
 JUDGED_EVERY: Final = 3
 OBSERVED_EVERY: Final = 6
 
@@ -41,7 +41,7 @@ SCENES: Final = (("shelves", 3000), ("hall", 3000))
 
 STOPS: Final = (4.0, 6.0)
 DRIVES: Final = (("uneven", 300), ("uneven", 301), ("low", 300))
-DRIVE_FRAMES: Final = 480
+DRIVE_FRAMES: Final = 360
 
 NOBODY, ALL, SUN, SHADE, SLOW, LIAR, OLD = (
     "nobody", "tracks everywhere", "cares for the sun", "cares for the shade", "the same, once a second",

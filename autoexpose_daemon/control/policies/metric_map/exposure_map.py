@@ -75,6 +75,8 @@ target is worth `ExposureMap.WORTH_KEEPING`: odometry must find its points again
 LEAST_FORETOLD = 1.0
 """Stops by which light ahead must differ from the forecast to count: lesser changes are followed as well without."""
 
+_Worth = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
+
 LEAST_CAMERA = 0.1
 """A camera that sees less than this share of the other's metric does not get a full vote."""
 
@@ -221,21 +223,21 @@ class ExposureMap(ExposurePolicy):
         moving = self.motion_px >= MOVING_PX
         foretold = self._foretold(observation, ahead)
         if foretold is None:
-            worth, metric = self._worth(levels + ahead, moving)
+            worth, value, metric = self._worth(levels + ahead, moving)
         else:
             rises, shares = foretold
-            worth, metric = self._expected(levels, rises, shares, moving)
+            worth, value, metric = self._expected(levels, rises, shares, moving)
             ahead = float(shares @ rises)
         risen, self.ahead = change + ahead - self.ahead, ahead
-        best = float(worth.max())
+        best = float(value.max())
         if best <= 0:
             return Target(held, "held: no gradient at any exposure")
         gain = HOLD_GAIN_FOLLOWING if ahead != 0 else self.HOLD_GAIN_MOVING if moving else HOLD_GAIN
-        now = float(np.interp(held, levels, worth))
+        now = float(np.interp(held, levels, value))
         if now * (1.0 + gain) >= best:
             return Target(held, "held: metric at its maximum", float(np.interp(held, levels, metric)))
-        target = plateau_centre(levels, worth)
-        if moving and now >= self.WORTH_KEEPING * best:
+        target = plateau_centre(levels, value)
+        if moving and np.interp(held, levels, worth) >= self.WORTH_KEEPING * worth.max():
             target = _step_towards(target, held, risen)
         if target + ahead < self.memory.lowest().level - 0.5:
             reason = "probes what is saturated"
@@ -256,26 +258,26 @@ class ExposureMap(ExposurePolicy):
 
     def _expected(
         self, levels: NDArray[np.float64], rises: NDArray[np.float64], shares: NDArray[np.float64], moving: bool
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    ) -> _Worth:
         """The expectation of `_worth` over rises of the light."""
         lowest, highest = levels[0] + rises.min(), levels[-1] + rises.max()
         known = np.linspace(lowest, highest, math.ceil((highest - lowest) / BIN) + 1)
         shifted = levels + rises[:, None]
-        worth, metric = (shares @ np.interp(shifted, known, values) for values in self._worth(known, moving))
-        return worth, metric
+        worth, value, metric = (shares @ np.interp(shifted, known, values) for values in self._worth(known, moving))
+        return worth, value, metric
 
-    def _worth(self, levels: NDArray[np.float64], moving: bool) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """(worth, metric of the left camera) over levels under the present light.
+    def _worth(self, levels: NDArray[np.float64], moving: bool) -> _Worth:
+        """(worth, value, metric of the left camera) over levels under the present light.
 
         Worth is the metric and what a probe may bring, as a share of each camera's own best, averaged: a lamp that one
-        camera sees does not outvote the other.
+        camera sees does not outvote the other. Value is what is to be made greatest: the same, unless consumers steer.
         """
         metrics = self.memory.fuse(levels, moving)
         worth = self._shares_of_best(levels, metrics, moving)
         if self.memory.sightings[-1].is_steered:
             steered = self._shares_of_best(levels, self.memory.fuse(levels, moving, steered=True), moving)
-            worth = within_reason(worth, steered)
-        return worth, metrics[0]
+            return worth, within_reason(worth, steered), metrics[0]
+        return worth, worth, metrics[0]
 
     def _shares_of_best(
         self, levels: NDArray[np.float64], metrics: NDArray[np.float64], moving: bool

@@ -15,7 +15,7 @@ HALF_SCALE = 0.5
 DARK_SIGNAL = 1 / 16
 """A frame whose 99th percentile lies below this is dark: more than 3 stops up, prediction turns noise into gradient."""
 
-EDGE = 0.04
+EDGE = 0.1
 """Over so much of the best worth `STEERING_SHARE` comes into force: noise is not to push the target to and fro."""
 
 LONGEST_JUMP = 7.0
