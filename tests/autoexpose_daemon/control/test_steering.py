@@ -35,6 +35,7 @@ from autoexpose_daemon.control.picture.tracking_memory import (
     favours,
 )
 from autoexpose_daemon.control.policies.ids import POLICY_IDS
+from autoexpose_daemon.control.policies.metric_map.exposure_map import LONGEST_STEP
 from autoexpose_daemon.control.policies.metric_map.memory import MetricMemory, Sighting
 from autoexpose_daemon.control.policies.metric_map.search import within_reason
 from autoexpose_daemon.control.policies.metric_map.view import DELTAS, MetricView
@@ -334,3 +335,17 @@ def test_the_reason_of_a_decision_says_that_it_was_steered() -> None:
         for steer in (None, steer_to(RIGHT))
     ]
     assert [reason.endswith("; steered") for reason in reasons] == [False, True]
+
+
+def test_a_moving_camera_is_steered_in_steps() -> None:
+    """Odometry must find its points again, whatever consumers turn to."""
+    parameters, milder = ControlParameters(focal_length_px=800.0), np.where(np.arange(180) < 90, 2.0**-0.5, 2.0**0.5)
+    loop, settings = ControlLoop("fisher-map", LINEAR, LIMITS, START, parameters), [START, START]
+    for index in range(100):
+        frame = at_time(expose(SUN_AND_SHADE * milder, settings[index], HALF_SCALE), index)
+        pair = StereoPair(index, {"left": frame, "right": frame})
+        steering = steer_to(LEFT if index // 25 % 2 else RIGHT)
+        settings.append(loop.step(pair, angular_rate_rad_s=0.3, steering=steering).setting)
+    levels = np.array([setting.level for setting in settings[10:]])
+    assert np.abs(np.diff(levels)).max() < LONGEST_STEP + 0.05
+    assert np.ptp(levels) > 0.3
