@@ -10,9 +10,10 @@ from autoexpose_daemon.control.light_ahead import UNPROVEN
 from drivers.frames import SIDES
 
 FORMER_FORMATS = ("autoexpose-control/2", "autoexpose-control/3", "autoexpose-control/4", "autoexpose-control/5")
-"""In the fifth, consumers steered nothing, and no lens had a vignetting. In the fourth, gains had even steps, and nothing
-stood above the policy. In the third, no policy knew of light ahead. In the second, control had one response, the left
-camera's, and one history of motion, whichever camera the frames were from, and every camera had a vote."""
+"""In the fifth, consumers steered nothing, sightings did not know what was black, and no lens had a vignetting. In the
+fourth, gains had even steps, and nothing stood above the policy. In the third, no policy knew of light ahead. In the
+second, control had one response, the left camera's, and one history of motion, whichever camera the frames were from, and
+every camera had a vote."""
 
 
 def upgraded_setup(setup: Any) -> Any:
@@ -58,7 +59,9 @@ def _unsteered(state: dict[str, Any]) -> dict[str, Any]:
 def _of_nobody(sighting: Any) -> Any:
     if not isinstance(sighting, dict) or not isinstance(sighting.get("views"), list):
         return sighting
-    views = [{"steered": None, **view} if isinstance(view, dict) else view for view in sighting["views"]]
+    views = [
+        {"black_share": 0.0, "steered": None, **view} if isinstance(view, dict) else view for view in sighting["views"]
+    ]
     return {**sighting, "views": views}
 
 

@@ -304,14 +304,14 @@ def test_a_steered_exposure_does_not_swing() -> None:
 
 def test_what_contradicts_only_what_consumers_were_promised_drops_only_that() -> None:
     memory, even = MetricMemory(), np.full(DELTAS.shape, 0.5)
-    memory.add(Sighting(9.0, (MetricView(even, 0.0, 0.5, even),)))
-    memory.add(Sighting(10.0, (MetricView(even, 0.0, 0.5, 0.8 * even),)))
+    memory.add(Sighting(9.0, (MetricView(even, 0.0, 0.0, 0.5, even),)))
+    memory.add(Sighting(10.0, (MetricView(even, 0.0, 0.0, 0.5, 0.8 * even),)))
     assert [sighting.is_steered for sighting in memory.sightings] == [True, True]
-    memory.add(Sighting(11.0, (MetricView(even, 0.0, 0.5, 0.3 * even),)))
+    memory.add(Sighting(11.0, (MetricView(even, 0.0, 0.0, 0.5, 0.3 * even),)))
     assert [sighting.is_steered for sighting in memory.sightings] == [False, False, True]
     assert memory.fuse(np.array([9.0]), moving=True, steered=True)[0, 0] == pytest.approx(0.15)
     assert memory.fuse(np.array([9.0]), moving=True)[0, 0] == pytest.approx(0.5)
-    memory.add(Sighting(12.0, (MetricView(even, 0.0, 0.5),)))
+    memory.add(Sighting(12.0, (MetricView(even, 0.0, 0.0, 0.5),)))
     assert not any(sighting.is_steered for sighting in memory.sightings)
 
 

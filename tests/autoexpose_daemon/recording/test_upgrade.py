@@ -16,12 +16,14 @@ from calibration.response import ResponseFunction
 from drivers.frames import SIDES
 from tests.autoexpose_daemon.recording.runs import LIMITS, START, VirtualRun
 
+ADDED = ("black_share", "steered")
+
 
 def of_fifth(setup: Any, state: Any) -> tuple[Any, Any]:
     """A setup and a state of the present format as the fifth format had them."""
     setup = {key: value for key, value in setup.items() if key != "vignettings"}
     sightings = [
-        {**sighting, "views": [{name: view[name] for name in view if name != "steered"} for view in sighting["views"]]}
+        {**sighting, "views": [{name: view[name] for name in view if name not in ADDED} for view in sighting["views"]]}
         for sighting in state["policy"]["memory"]["sightings"]
     ]
     assert sightings
