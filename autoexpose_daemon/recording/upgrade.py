@@ -12,8 +12,8 @@ from drivers.frames import SIDES
 FORMER_FORMATS = ("autoexpose-control/2", "autoexpose-control/3", "autoexpose-control/4", "autoexpose-control/5")
 """In the fifth, consumers steered nothing, sightings did not know what was black, and no lens had a vignetting. In the
 fourth, gains had even steps, and nothing stood above the policy. In the third, no policy knew of light ahead. In the
-second, control had one response, the left camera's, and one history of motion, whichever camera the frames were from, and
-every camera had a vote."""
+second, control had one response, the left camera's, and one history of motion, whichever camera the frames were from,
+and every camera had a vote."""
 
 
 def upgraded_setup(setup: Any) -> Any:
