@@ -7,7 +7,6 @@ import os
 import secrets
 import signal
 import sys
-import threading
 import time
 from types import TracebackType
 from typing import Self
@@ -74,16 +73,17 @@ def main(arguments: list[str]) -> int:
         "--port", type=event_port, default=EVENT_PORT, help="UDP port; it uses the next one, too (%(default)s)"
     )
     options = parser.parse_args(arguments)
-    stop = threading.Event()
+    awaited = {signal.SIGTERM, signal.SIGINT, signal.SIGUSR1}
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, awaited)  # of the master's thread, too
     try:
         with HostMaster(options.port, options.address) as master:
-            for number in (signal.SIGTERM, signal.SIGINT):
-                signal.signal(number, lambda *_: stop.set())
-            signal.signal(signal.SIGUSR1, lambda *_: master.jump(_JUMP_S * 1_000_000_000))
             ports = f"UDP ports {options.port} and {options.port + 1}"
             print(f"PTP master at {options.address}, {ports}, process {os.getpid()}", flush=True)
-            stop.wait()
+            while signal.sigwait(awaited) == signal.SIGUSR1:
+                master.jump(_JUMP_S * 1_000_000_000)
     except OSError as error:
         print(f"PTP master at {options.address}: {error}", file=sys.stderr)
         return 2
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
     return 0
