@@ -131,12 +131,20 @@ class GigeServer:
         datagram, peer = udp.recvfrom(0x10000)
         if self._device.faults.vanished:
             return
-        if udp is not self._socket and not _is_broadcast(datagram):
+        if udp is not self._socket and not self._is_broadcast(datagram):
             return
         answer = self._control.answer(datagram, peer, time.monotonic())
         if answer is not None:
             with contextlib.suppress(OSError):  # a broadcast from a network that this address cannot reach
                 self._socket.sendto(answer, peer)
+
+    def _is_broadcast(self, datagram: bytes) -> bool:
+        """Whether it is a command that may be sent to all cameras at once."""
+        request = gvcp.Request.from_bytes(datagram)
+        if request is None:
+            return False
+        is_action = request.command == gvcp.Command.ACTION and self._actions is not None
+        return is_action or request.command == gvcp.Command.DISCOVERY
 
     def _send(self, frame: ExposedFrame) -> None:
         chunks = sent_chunks(frame, self._device, self._xml, GIGE_VISION.byte_order)
@@ -167,9 +175,3 @@ def _bind(address: str, *, reuse: bool) -> socket.socket:
             raise AddressTakenError(f"another camera already answers at {address}: choose another address") from error
         raise
     return udp
-
-
-def _is_broadcast(datagram: bytes) -> bool:
-    """Whether it is a command that may be sent to all cameras at once."""
-    request = gvcp.Request.from_bytes(datagram)
-    return request is not None and request.command in (gvcp.Command.DISCOVERY, gvcp.Command.ACTION)

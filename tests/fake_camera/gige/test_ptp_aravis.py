@@ -39,7 +39,7 @@ EVENT_PORT = random.SystemRandom().randrange(20_000, 30_000, 2)
 ACTION_LATE = 0x8016
 ROUNDING_NS = 2
 BROADCAST = "127.255.255.255"
-DEVICE_KEY, GROUP_KEY, GROUP_MASK = 0xCAFE, 1, 1
+DEVICE_KEY, GROUP_KEY, GROUP_MASK = random.SystemRandom().getrandbits(32), 1, 1
 ACKNOWLEDGED, SCHEDULED = 0x01, 0x80
 S = 1_000_000_000
 BOUND_NS = S // 60 // 2 // 10
@@ -109,7 +109,12 @@ def expose_at(time_ns: int) -> list[int]:
         udp.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
         udp.settimeout(5)
         udp.sendto(command(ACTION, payload, 1, ACKNOWLEDGED | SCHEDULED), (BROADCAST, GVCP_PORT))
-        return [parse_ack(udp.recv(100))[0] for _ in ADDRESSES]
+        statuses: list[int] = []
+        while len(statuses) < len(ADDRESSES):
+            answer, (address, _port) = udp.recvfrom(100)
+            if address in ADDRESSES:  # other cameras may hear it, too
+                statuses.append(parse_ack(answer)[0])
+        return statuses
 
 
 def set_up_for_actions(camera: Any) -> Any:
