@@ -9,7 +9,7 @@ from calibration.response.file import Origin, ResponseFile
 Fact = tuple[str, str]
 
 SIGMAS = 2.0
-"""Standard errors that are stated as the error: it is less in about 95 of 100 sweeps."""
+"""Standard errors that are stated as the error; how often it holds, docs/calibration-method.md says."""
 
 
 def origin_facts(origin: Origin) -> Iterator[Fact]:
