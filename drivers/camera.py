@@ -58,6 +58,9 @@ class Camera(Protocol):
     def write(self, setting: ExposureSetting) -> ExposureSetting:
         """Write exposure time and gain, and return what the camera's nodes read back."""
 
+    def trigger(self) -> None:
+        """Take a frame now; for a camera that was set up with the trigger mode "software"."""
+
     def latch_clock(self) -> None:
         """Measure again how the camera's clock maps to the host's."""
 

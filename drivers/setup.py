@@ -9,7 +9,7 @@ from drivers.config.feature import FeatureSetting
 from drivers.exposure.gain_scale import GainScale
 from drivers.pixels.formats import PixelFormat
 
-TriggerMode = Literal["external", "free_run"]
+TriggerMode = Literal["external", "free_run", "software"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,12 +19,13 @@ class TriggerSetup:
     Attributes
     ----------
     mode
-        "external": every rising edge on `line`; "free_run": the camera's own clock at `rate_hz`.
+        "external": every rising edge on `line`; "free_run": the camera's own clock at `rate_hz`; "software": each
+        `Camera.trigger`.
     line
         The camera's input line, by the name of its TriggerSource entry.
     rate_hz
-        Frame rate (Hz); with an external trigger the rate of the pulses, not written to the camera. None, in a free
-        run: as fast as exposure and readout allow, so that exposures may have any length.
+        Frame rate (Hz); written to the camera only in a free run, otherwise that of its triggers. None, in a free run:
+        as fast as exposure and readout allow, so that exposures may have any length.
     longest_exposure_us
         The longest exposure time that will be asked for.
     output_line

@@ -8,7 +8,7 @@ from autoexpose_daemon.config.document import Config
 from drivers.errors import ConfigurationError
 from drivers.frames import Side
 from drivers.genicam.driven import refuse_driven
-from drivers.setup import CameraSetup, LinkShare, TriggerSetup
+from drivers.setup import CameraSetup, LinkShare, TriggerMode, TriggerSetup
 
 
 def camera_setup(config: Config, side: Side) -> CameraSetup:
@@ -38,10 +38,12 @@ def refuse_driven_features(path: Path, config: Config) -> None:
 def _trigger(config: Config, side: Side) -> TriggerSetup:
     """In mode primary the left camera runs by its own clock, and its exposures trigger the right one."""
     trigger = config.trigger
-    return TriggerSetup(
-        "external" if side in config.triggered_sides else "free_run",
-        trigger.line,
-        trigger.rate_hz,
-        config.exposure.max_time_us,
-        trigger.output_line if trigger.mode == "primary" and side == "left" else None,
-    )
+    mode: TriggerMode
+    output_line = None
+    if trigger.mode != "primary":
+        mode = trigger.mode
+    elif side == "right":
+        mode = "external"
+    else:
+        mode, output_line = "free_run", trigger.output_line
+    return TriggerSetup(mode, trigger.line, trigger.rate_hz, config.exposure.max_time_us, output_line)

@@ -45,6 +45,7 @@ from drivers.config.feature import FeatureSetting, as_list, parse_features
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.exposure.gain_scale import GainScale
 from drivers.frames import Side
+from drivers.genicam.trigger import SOFTWARE
 from drivers.pixels.formats import PixelFormat
 
 DEFAULT_START = ExposureSetting(2000.0, 0.0)
@@ -95,12 +96,20 @@ class CamerasConfig(Section):
 
 
 class TriggerConfig(Section):
-    """What starts a frame: pulses on an input line, the left camera for both, or a single camera's own clock."""
+    """What starts a frame: pulses on an input line, the left camera for both, a single camera's own clock, or us."""
 
-    mode: Literal["external", "primary", "free_run"] = "external"
+    mode: Literal["external", "primary", "free_run", "software"] = "external"
     line: Name = "Line0"
     output_line: Name = "Line1"
     rate_hz: RateHz = 60.0
+
+    @model_validator(mode="after")
+    def _lines_are_used(self) -> Self:
+        if self.mode == "software":
+            for key in ("line", "output_line"):
+                if key in self.model_fields_set:
+                    raise ValueError(f"{key} has no effect with mode {self.mode}, which needs no wire: remove it")
+        return self
 
 
 class ExposureConfig(Section):
@@ -260,10 +269,17 @@ class Config(Section):
         return cameras
 
     @property
-    def triggered_sides(self) -> tuple[Side, ...]:
-        """The cameras that wait for pulses on a line."""
-        waiting: dict[str, tuple[Side, ...]] = {"external": tuple(self.sides), "primary": ("right",), "free_run": ()}
-        return waiting[self.trigger.mode]
+    def trigger_sources(self) -> dict[Side, str]:
+        """The TriggerSource of each camera that waits for triggers."""
+        match self.trigger.mode:
+            case "external":
+                return dict.fromkeys(self.sides, self.trigger.line)
+            case "primary":
+                return {"right": self.trigger.line}
+            case "software":
+                return dict.fromkeys(self.sides, SOFTWARE)
+            case "free_run":
+                return {}
 
     @property
     def start(self) -> ExposureSetting:

@@ -30,7 +30,7 @@ class FrameWatch:
         self._telemetry = telemetry
         self._complaints = complaints
         self._record = record
-        self._rates = RateWatch(config.trigger.rate_hz, config.triggered_sides)
+        self._rates = RateWatch(config.trigger.rate_hz, config.trigger_sources)
         self._effects = {side: EffectWatch() for side in config.sides}
         self._jumps = JumpWatch()
         self._with_metadata: set[Side] = set()

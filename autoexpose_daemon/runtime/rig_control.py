@@ -89,8 +89,7 @@ class RigControl:
         self.light_ahead: Callable[[int], LightAhead | None] = lambda _: None
         self.tracking: Tracking | None = None
         self._stamp: Stamp = (config.publish or PublishConfig()).stamp
-        lines = dict.fromkeys(config.triggered_sides, config.trigger.line)
-        self.record = RigRecord(tuple(config.sides), lines, config.trigger.rate_hz, now_ns())
+        self.record = RigRecord(tuple(config.sides), config.trigger_sources, config.trigger.rate_hz, now_ns())
         self.active = ActiveLoop(Tuning(config))
         period_ns = 1e9 / config.trigger.rate_hz
         self.requests = Requests(self.active, self.telemetry.requests, start or config.start, period_ns)

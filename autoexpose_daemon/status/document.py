@@ -148,7 +148,7 @@ class Status:
         Triggers that made no pair, by reason (docs/account.md).
     decision
         The newest; its `setting` is the last one requested. None before the first.
-    pairing_ms, decision_ms, held_ms, write_ms, frame_to_node_ms, command_to_effect_ms
+    pairing_ms, decision_ms, held_ms, write_ms, frame_to_node_ms, command_to_effect_ms, skew_ms
         See `DURATIONS`. Writes count once per camera; `command_to_effect_ms` covers the cameras with chunk data.
     publishing, recorder
         None if frames are not published, or not recorded.
@@ -194,6 +194,7 @@ class Status:
     flicker_hz: _Hertz | None = None
     requests: RequestTally | None = None
     tracking: TrackingTally | None = None
+    skew_ms: DurationStatus = DurationStatus(0, 0.0, None, None)
 
     @property
     def health(self) -> Health:

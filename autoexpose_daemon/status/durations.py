@@ -31,5 +31,6 @@ DURATIONS = (
     Duration("write_ms", "write", "Writing exposure time and gain to a camera."),
     Duration("frame_to_node_ms", "frame to node", "From a pair in memory to the end of writing the decision on it."),
     Duration("command_to_effect_ms", "command to effect", "From a decision to the first exposure taken with it."),
+    Duration("skew_ms", "skew", "Between the starts of a pair's two exposures, by the cameras' time stamps."),
 )
-"""In the order of a frame's way. The first four follow each other without a gap, and add up to frame to node."""
+"""In the order of a frame's way, where the first four follow each other without a gap, and add up to frame to node."""

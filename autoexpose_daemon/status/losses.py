@@ -16,6 +16,7 @@ _FAULTS: dict[str, str] = {
     LossReason.RIGHT_MISSING: "without the right frame",
     LossReason.BOTH_MISSING: "without either frame",
     LossReason.INCOMPLETE: "with an incomplete frame",
+    LossReason.NOT_GIVEN: "not triggered in time",
     LossReason.TRIGGER_IGNORED: "ignored by a camera",
     LossReason.CAMERA_GONE: "while a camera was gone",
     LossReason.STALE: "seen too late",

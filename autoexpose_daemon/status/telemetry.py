@@ -88,7 +88,7 @@ class Telemetry:
         Why a camera's calibration does not fit, in words, for each camera where it does not.
     applied, newest
         The setting of the newest frame that control saw, and of the newest frame of each camera.
-    pairing_ms, decision_ms, held_ms, write_ms, frame_to_node_ms, command_to_effect_ms
+    pairing_ms, decision_ms, held_ms, write_ms, frame_to_node_ms, command_to_effect_ms, skew_ms
         See `DURATIONS`.
     publishing, recorder
         Counts of the publisher and of the recorder; None without one.
@@ -123,6 +123,7 @@ class Telemetry:
     write_ms: DurationSamples = field(default_factory=DurationSamples)
     frame_to_node_ms: DurationSamples = field(default_factory=DurationSamples)
     command_to_effect_ms: DurationSamples = field(default_factory=DurationSamples)
+    skew_ms: DurationSamples = field(default_factory=DurationSamples)
     publishing: PublishTally | None = None
     recorder: RecorderCounts | None = None
     imu: ImuTally | None = None
@@ -163,6 +164,9 @@ class Telemetry:
         for side, frame in pair.frames.items():
             if (effect_ns := record.history(side).first_effect_ns(frame)) is not None:
                 self.command_to_effect_ms.add_ns(effect_ns)
+        starts_ns = [frame.host_time_ns for frame in pair.frames.values()]
+        if len(starts_ns) > 1:
+            self.skew_ms.add_ns(max(starts_ns) - min(starts_ns))
         self.applied = pair.reference.setting
         self.newest.update({side: frame.setting for side, frame in pair.frames.items()})
         if complete:

@@ -30,7 +30,7 @@ from drivers.genicam.image_format import (
 )
 from drivers.genicam.metadata import FrameIdUnwrapper, SettingLedger, enable_chunks
 from drivers.genicam.timing import timing_limitations
-from drivers.genicam.trigger import arm_trigger
+from drivers.genicam.trigger import SOFTWARE_TRIGGER, arm_trigger
 from drivers.pixels.layout import Pixels, light_samples
 from drivers.setup import CameraSetup
 
@@ -126,6 +126,12 @@ class AravisCamera:
             self._setting = self._dialect.write(self._nodes, setting, present)
         self._ledger.record(time.monotonic_ns(), self._setting)
         return self._setting
+
+    def trigger(self) -> None:
+        """Take a frame now."""
+        self._check_present()
+        with self._nodes.unchecked():  # a check would be a round trip, and late by that
+            self._nodes.execute(SOFTWARE_TRIGGER)
 
     def latch_clock(self) -> None:
         """Measure again how the camera's clock maps to the host's."""

@@ -8,7 +8,7 @@ from drivers.config.feature import FeatureSetting
 from drivers.errors import ConfigurationError
 from drivers.genicam.dialect import GAIN_NODES, RAW_GAIN, RAW_TIME, TIME_NODES
 from drivers.genicam.gamma import SWITCHES
-from drivers.genicam.trigger import RATE_NODES, RATE_SWITCHES
+from drivers.genicam.trigger import RATE_NODES, RATE_SWITCHES, SOFTWARE_TRIGGER
 from drivers.setup import CameraSetup
 
 GAINS = (*GAIN_NODES, RAW_GAIN)
@@ -25,7 +25,7 @@ _ALWAYS = {
     "BalanceWhiteAuto": "it stays Off, so that the colours keep their proportions: remove it",
     **dict.fromkeys((*SWITCHES, "Gamma"), "gamma is off, so that grey levels are proportional to light: remove it"),
     "TriggerMode": f"{_DRIVEN}set trigger.mode instead",
-    "TriggerSource": f"{_DRIVEN}set trigger.line instead",
+    "TriggerSource": f"{_DRIVEN}set trigger.mode and trigger.line instead",
     "TriggerActivation": f"{_DRIVEN}for falling edges set LineInverter of the trigger's line instead",
     "TriggerOverlap": _REMOVE,
     **dict.fromkeys((*RATE_SWITCHES, "AcquisitionFrameRateAuto"), _RATE),
@@ -65,6 +65,7 @@ def advice(feature: FeatureSetting, setup: CameraSetup, gain_driven: bool) -> st
     driven = [
         (_GAIN, GAINS, gain_driven or setup.gain_scale is not None),
         (_RATE, RATE_NODES, own_rate),
+        (_REMOVE, (SOFTWARE_TRIGGER,), trigger.mode == "software"),
         (f"{_DRIVEN}set trigger.output_line instead", _OUTPUT, own_line),
         ("image.binning sets it: remove that, or this", _BINNED, setup.binning is not None),
         ("transport.plan sets it: remove that, or this", _SHARE, setup.link_share is not None),

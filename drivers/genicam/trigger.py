@@ -1,4 +1,4 @@
-"""Arming the trigger: a line that starts each exposure, or the camera's own clock."""
+"""Arming the trigger: a line or a command that starts each exposure, or the camera's own clock."""
 
 from __future__ import annotations
 
@@ -13,6 +13,9 @@ FRAME_TRIGGERS = ("FrameStart", "ExposureStart")
 """The trigger that starts a frame, by the names of its selector's entry; the second is older."""
 FIXED_RATE = "FixedRate"
 """Allied Vision's GigE cameras run at their frame rate by this trigger source; with triggers off, at full speed."""
+SOFTWARE = "Software"
+"""The trigger source of `SOFTWARE_TRIGGER`."""
+SOFTWARE_TRIGGER = "TriggerSoftware"
 
 
 def arm_trigger(nodes: NodeMap, setup: TriggerSetup) -> tuple[str, ...]:
@@ -23,7 +26,7 @@ def arm_trigger(nodes: NodeMap, setup: TriggerSetup) -> tuple[str, ...]:
     ConfigurationError
         When the camera has no such line, or cannot run at that rate.
     UnsupportedCameraError
-        When it has no hardware trigger, or no frame rate to set.
+        When it has no such trigger, or no frame rate to set.
     """
     if "Continuous" in nodes.entries("AcquisitionMode"):
         nodes.write_entry("AcquisitionMode", "Continuous")
@@ -34,7 +37,8 @@ def arm_trigger(nodes: NodeMap, setup: TriggerSetup) -> tuple[str, ...]:
             _drive_line(nodes, setup.output_line)
             return ()
         return () if _lines(nodes) else ("no hardware trigger line: it can only run freely",)
-    return _arm_line(nodes, setup.line)
+    _check_frame_trigger(nodes)
+    return _arm_software(nodes) if setup.mode == "software" else _arm_line(nodes, setup.line)
 
 
 def _switch_triggers_off(nodes: NodeMap) -> None:
@@ -56,13 +60,16 @@ def _lines(nodes: NodeMap) -> tuple[str, ...]:
     return tuple(entry for entry in nodes.entries("TriggerSource") if entry.startswith(("Line", "Input")))
 
 
-def _arm_line(nodes: NodeMap, line: str) -> tuple[str, ...]:
+def _check_frame_trigger(nodes: NodeMap) -> None:
     selectors = nodes.entries("TriggerSelector")
     if selectors and _frame_trigger(nodes) is None:
         raise UnsupportedCameraError(
             f"camera {nodes.serial}: no {' or '.join(FRAME_TRIGGERS)} trigger; its TriggerSelector offers "
             f"{', '.join(selectors)}"
         )
+
+
+def _arm_line(nodes: NodeMap, line: str) -> tuple[str, ...]:
     if line not in nodes.entries("TriggerSource"):
         if not _lines(nodes):
             free = find_quantity(nodes, RATE_NODES) is not None
@@ -71,10 +78,23 @@ def _arm_line(nodes: NodeMap, line: str) -> tuple[str, ...]:
         raise ConfigurationError(
             f"camera {nodes.serial}: no trigger line {line!r}; it has {', '.join(_lines(nodes))} (trigger line)"
         )
+    return _arm(nodes, line, edge="RisingEdge")
+
+
+def _arm_software(nodes: NodeMap) -> tuple[str, ...]:
+    if SOFTWARE not in nodes.entries("TriggerSource") or not nodes.exists(SOFTWARE_TRIGGER):
+        raise UnsupportedCameraError(
+            f"camera {nodes.serial}: no software trigger (TriggerSource {SOFTWARE}, {SOFTWARE_TRIGGER}): choose "
+            "another trigger.mode"
+        )
+    return _arm(nodes, SOFTWARE)
+
+
+def _arm(nodes: NodeMap, source: str, edge: str | None = None) -> tuple[str, ...]:
     _limit_rate(nodes, False)  # some cameras cap triggered frames by it, too
-    nodes.write_entry("TriggerSource", line)
-    if "RisingEdge" in nodes.entries("TriggerActivation"):
-        nodes.write_entry("TriggerActivation", "RisingEdge")
+    nodes.write_entry("TriggerSource", source)
+    if edge in nodes.entries("TriggerActivation"):
+        nodes.write_entry("TriggerActivation", edge)
     overlaps = "ReadOut" in nodes.entries("TriggerOverlap")
     if overlaps:
         nodes.write_entry("TriggerOverlap", "ReadOut")

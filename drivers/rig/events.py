@@ -65,7 +65,15 @@ class WriteFailed:
     error: CameraError
 
 
-RigEvent = CameraReady | CameraSilent | CameraGone | FrameArrived | Written | WriteFailed
+@dataclass(frozen=True, slots=True)
+class NotTriggered:
+    """The host was too late to give a camera its trigger, so many times in a row."""
+
+    side: Side
+    count: int
+
+
+RigEvent = CameraReady | CameraSilent | CameraGone | FrameArrived | Written | WriteFailed | NotTriggered
 
 
 class EventQueue(Protocol):

@@ -15,6 +15,7 @@ from drivers.camera import Camera
 from drivers.exposure import ExposureSetting
 from drivers.frames import Side
 from drivers.rig.events import RigEvent
+from drivers.rig.pace import Slots
 from drivers.rig.supervision import Supervisor
 
 
@@ -29,12 +30,20 @@ class Rig:
         A camera that sends nothing for this long is reported silent and checked for an answer.
     start
         The setting that each camera starts with.
+    slots
+        When to trigger the cameras; None: they are not triggered by the host.
     """
 
-    def __init__(self, openers: Mapping[Side, Callable[[], Camera]], silence_s: float, start: ExposureSetting) -> None:
+    def __init__(
+        self,
+        openers: Mapping[Side, Callable[[], Camera]],
+        silence_s: float,
+        start: ExposureSetting,
+        slots: Slots | None = None,
+    ) -> None:
         self.events: queue.SimpleQueue[RigEvent] = queue.SimpleQueue()
         self._units = {
-            side: _Unit(side, Supervisor(side, opener, silence_s, start, self.events))
+            side: _Unit(side, Supervisor(side, opener, silence_s, start, self.events, slots=slots))
             for side, opener in openers.items()
         }
 

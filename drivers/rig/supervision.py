@@ -1,4 +1,4 @@
-"""Keeping one camera alive: open it, write to it, check that it answers, close it and open it again.
+"""Keeping one camera alive: open it, trigger it, write to it, check that it answers, close it and open it again.
 
 There are no threads here. The caller calls `Supervisor.serve` on one, which owns the camera's nodes, and
 `Supervisor.take_frame` on another, each when it is due by the given clock.
@@ -32,16 +32,18 @@ from drivers.rig.events import (
     CameraSilent,
     EventQueue,
     FrameArrived,
+    NotTriggered,
     WriteFailed,
     Written,
 )
+from drivers.rig.pace import Pacer, Slots
 
 log = logging.getLogger(__name__)
 
 _CLOCK_PERIOD_NS = 1_000_000_000  # a crystal off by 50 ppm drifts 50 us in it, far below a trigger period
 _SHORTEST_BACK_OFF_NS = 100_000_000
 _LONGEST_BACK_OFF_NS = 2_000_000_000
-_CLOCK_LOG_PAUSE_S = 600.0
+_LOG_PAUSE_S = 600.0
 _FRAME_POLL_S = 0.05
 _BACKLOG = 24  # frames that may wait for the control thread before pixels are dropped
 _NO_PIXELS = np.empty((0, 0), np.uint8)
@@ -62,6 +64,8 @@ class Supervisor:
         The setting that the camera starts with.
     events
         Where to report.
+    slots
+        When to trigger the camera; None: that is not for the host to do.
     now_ns
         The clock: CLOCK_MONOTONIC, except in virtual time.
 
@@ -79,6 +83,7 @@ class Supervisor:
         start: ExposureSetting,
         events: EventQueue,
         *,
+        slots: Slots | None = None,
         now_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         self.news = threading.Condition()
@@ -88,9 +93,11 @@ class Supervisor:
         self._poll_s = min(_FRAME_POLL_S, silence_s)
         self._events = events
         self._now_ns = now_ns
-        self._throttle = LogThrottle(_CLOCK_LOG_PAUSE_S)
+        self._throttle = LogThrottle(_LOG_PAUSE_S)
         self._wanted = start
         self._pending: tuple[ExposureSetting, int] | None = None
+        self._slots = slots
+        self._pacer: Pacer | None = None  # while it is open and triggered by the host
         self._camera: Camera | None = None  # while it is open and streams
         self._ever_opened = False
         self._opened_ns = 0
@@ -124,10 +131,12 @@ class Supervisor:
             return self._open_due_ns
         if self._check_wanted or self._stuck:
             return 0
-        return self._latch_due_ns if self._pending is None else min(self._latch_due_ns, self._pending[1])
+        # The clock of a camera that is triggered here is read after a trigger, not while the next one falls due.
+        due_ns = self._latch_due_ns if self._pacer is None else self._pacer.due_ns
+        return due_ns if self._pending is None else min(due_ns, self._pending[1])
 
     def serve(self) -> None:
-        """Do the next thing that is due at the nodes: open the camera, write, or read its clock."""
+        """Do the next thing that is due at the nodes: open the camera, trigger it, write, or read its clock."""
         camera = self._camera
         if camera is None:
             self._open()
@@ -138,11 +147,14 @@ class Supervisor:
             self._report_gone(CameraLostError(stuck), final=False)
             return
         now_ns, setting = self._now_ns(), None
+        triggers = self._pacer is not None and self._pacer.due_ns <= now_ns
         with self.news:
-            if self._pending is not None and self._pending[1] <= now_ns:
+            if not triggers and self._pending is not None and self._pending[1] <= now_ns:
                 setting, self._pending = self._pending[0], None
             check, self._check_wanted = self._check_wanted, False
         try:
+            if triggers:
+                self._trigger(camera)
             if setting is not None:
                 self._write(camera, setting)
             elif check or now_ns >= self._latch_due_ns:
@@ -206,6 +218,7 @@ class Supervisor:
             self._last_frame_ns = self._take_due_ns = self._now_ns()
             self._latch_due_ns = self._last_frame_ns + _CLOCK_PERIOD_NS
             self._check_wanted = self._stuck = self._silent = False
+            self._pacer = Pacer(self._slots, self._last_frame_ns) if self._slots is not None else None
             self._camera = camera
             self.news.notify_all()
 
@@ -226,9 +239,24 @@ class Supervisor:
 
     def _end_frames(self) -> None:
         """From now on no frame is reported."""
-        self._camera = None
+        self._camera = self._pacer = None
         with self._taking:
             pass
+
+    def _trigger(self, camera: Camera) -> None:
+        assert self._pacer is not None
+        give, missed = self._pacer.take(self._now_ns())
+        try:
+            if give:
+                camera.trigger()
+        except CameraLostError:
+            raise
+        except CameraError as error:
+            missed += 1
+            if self._throttle.due("trigger", self._now_ns()):
+                log.warning("%s camera: it was not triggered: %s", self._side, error)
+        if missed:
+            self._events.put(NotTriggered(self._side, missed))
 
     def _write(self, camera: Camera, setting: ExposureSetting) -> None:
         started_ns = self._now_ns()

@@ -28,6 +28,7 @@ class LossReason(StrEnum):
     RIGHT_MISSING = "right_missing"
     BOTH_MISSING = "both_missing"
     INCOMPLETE = "incomplete"
+    NOT_GIVEN = "not_given"
     TRIGGER_IGNORED = "trigger_ignored"
     CAMERA_GONE = "camera_gone"
     STALE = "stale"
@@ -37,6 +38,7 @@ _BLAME: Final = (
     (Fate.GONE, LossReason.CAMERA_GONE),
     (Fate.STARTUP, LossReason.STARTUP),
     (Fate.INCOMPLETE, LossReason.INCOMPLETE),
+    (Fate.NOT_GIVEN, LossReason.NOT_GIVEN),
     (Fate.IGNORED, LossReason.TRIGGER_IGNORED),
     (Fate.SILENT, LossReason.TRIGGER_IGNORED),
     (Fate.STALE, LossReason.STALE),
@@ -71,6 +73,7 @@ class _Track:
     trigger: int = -1  # of the newest frame in this session
     ready_ns: int | None = None  # since when it has waited for its first frame; None: not open, or it came
     alone: int = -1  # the newest trigger whose frame was handed out alone
+    not_given: int = 0  # triggers that the host did not give since its newest frame
 
 
 @dataclass(slots=True)
@@ -140,9 +143,14 @@ class TriggerAccount:
         """Account for a frame that came when control was too far behind to use it."""
         return self._arrival(side, frame.frame_id, frame.host_time_ns, Fate.STALE)
 
+    def not_given(self, side: Side, count: int) -> None:
+        """The host, which triggers this camera, did not do so `count` times."""
+        self._tracks[side].not_given += count
+
     def ready(self, side: Side, now_ns: int) -> None:
         """The camera is open and takes triggers from now on."""
         self._tracks[side].ready_ns = now_ns
+        self._tracks[side].not_given = 0
 
     def silent(self, side: Side) -> list[StereoPair]:
         """The camera sends nothing, perhaps for good: stop waiting for it."""
@@ -236,6 +244,9 @@ class TriggerAccount:
             return
         missing = max(frame_id - track.frame_id - 1, 0)
         self._outcomes.settle(side, min(self._outcomes.settled[side] + missing, trigger), Fate.MISSING)
+        not_given = min(track.not_given, trigger - self._outcomes.settled[side])
+        track.not_given -= not_given
+        self._outcomes.settle(side, self._outcomes.settled[side] + not_given, Fate.NOT_GIVEN)
         not_taken = trigger - self._outcomes.settled[side]
         self._outcomes.settle(side, trigger, Fate.SILENT if not_taken >= _SILENCE_PERIODS else Fate.IGNORED)
 

@@ -16,6 +16,7 @@ class Fate(StrEnum):
     STARTUP = "startup"
     MISSING = "missing"
     INCOMPLETE = "incomplete"
+    NOT_GIVEN = "not_given"
     IGNORED = "ignored"
     SILENT = "silent"  # nothing for long, and no gap in the frame counter: ignored, or there was no trigger
     GONE = "gone"

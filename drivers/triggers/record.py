@@ -8,7 +8,7 @@ from typing import Literal
 from drivers.camera import IncompleteFrame
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame, Side, StereoPair
-from drivers.rig.events import CameraGone, CameraReady, CameraSilent, FrameArrived, WriteFailed, Written
+from drivers.rig.events import CameraGone, CameraReady, CameraSilent, FrameArrived, NotTriggered, WriteFailed, Written
 from drivers.triggers.account import Tally, TriggerAccount
 from drivers.triggers.history import Command, WriteHistory
 from drivers.triggers.start import StartCheck
@@ -23,8 +23,9 @@ class RigRecord:
     ----------
     sides
         The cameras of the rig, left first.
-    trigger_lines
-        The trigger line of each camera that has one. Without any, cameras run freely, and miss no trigger of their own.
+    trigger_sources
+        The TriggerSource of each camera that waits for triggers. Without any, cameras run freely, and miss no trigger
+        of their own.
     rate_hz
         Rate of the triggers, as configured.
     opened_ns
@@ -34,13 +35,13 @@ class RigRecord:
     def __init__(
         self,
         sides: Sequence[Side],
-        trigger_lines: Mapping[Side, str],
+        trigger_sources: Mapping[Side, str],
         rate_hz: float,
         opened_ns: int,
     ) -> None:
-        numbered_by: Literal["time", "frame_id"] = "time" if trigger_lines else "frame_id"
+        numbered_by: Literal["time", "frame_id"] = "time" if trigger_sources else "frame_id"
         self._account = TriggerAccount(sides, 1e9 / rate_hz, opened_ns, numbered_by)
-        self._start_check = StartCheck(trigger_lines, rate_hz)
+        self._start_check = StartCheck(trigger_sources, rate_hz)
         self._writes = RigWrites(sides)
         self._window = WriteWindow()
 
@@ -59,7 +60,7 @@ class RigRecord:
         return self._writes.histories[side]
 
     def take(
-        self, event: FrameArrived | CameraSilent | CameraGone | CameraReady | WriteFailed, now_ns: int
+        self, event: FrameArrived | CameraSilent | CameraGone | CameraReady | WriteFailed | NotTriggered, now_ns: int
     ) -> list[StereoPair]:
         """Enter any event but a write; returns the pairs that are ready for control, oldest first."""
         match event:
@@ -80,6 +81,8 @@ class RigRecord:
                 self._account.ready(side, now_ns)
             case WriteFailed(side):
                 self.history(side).doubt()
+            case NotTriggered(side, count):
+                self._account.not_given(side, count)
         return []
 
     def written(self, write: Written) -> Command | None:

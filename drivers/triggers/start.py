@@ -1,4 +1,4 @@
-"""What the first frames of a rig reveal about its wiring."""
+"""What the first frames of a rig reveal about its triggers."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping
 from itertools import pairwise
 
 from drivers.frames import Side
+from drivers.genicam.trigger import SOFTWARE
 from drivers.triggers.rate import mean_period_ns, wrong_rate
 
 PATIENCE_NS = 3_000_000_000
@@ -21,29 +22,30 @@ SKEW_TOLERANCE = 0.1
 
 
 class StartCheck:
-    """Checks that pulses arrive, and that left and right start together.
+    """Checks that triggers arrive, and that left and right start together.
 
     Times are CLOCK_MONOTONIC, in ns. Each finding is one sentence, given once.
 
     Parameters
     ----------
-    lines
-        For each side, the trigger line of its camera; a camera that runs freely has none and is not judged.
+    sources
+        For each side, the TriggerSource of its camera; a camera that runs freely has none and is not judged.
     rate_hz
         Rate of the triggers, as configured.
     """
 
-    def __init__(self, lines: Mapping[Side, str], rate_hz: float) -> None:
-        self._lines = lines
+    def __init__(self, sources: Mapping[Side, str], rate_hz: float) -> None:
+        self._sources = sources
+        self._wired = SOFTWARE not in sources.values()
         self._rate_hz = rate_hz
         self._ready_ns: dict[Side, int] = {}
-        self._times_ns: dict[Side, list[int]] = {side: [] for side in lines}
+        self._times_ns: dict[Side, list[int]] = {side: [] for side in sources}
         self._reported: set[str] = set()
         self._done = False
 
     def ready(self, side: Side, now_ns: int) -> None:
         """A camera waits for triggers from now on."""
-        if side in self._lines:
+        if side in self._sources:
             self._ready_ns.setdefault(side, now_ns)
 
     def frame(self, side: Side, time_ns: int) -> None:
@@ -70,18 +72,24 @@ class StartCheck:
     def _without_pulses(self, now_ns: int) -> Iterator[str]:
         waiting = [side for side, ready_ns in self._ready_ns.items() if now_ns - ready_ns > PATIENCE_NS]
         silent = [side for side in waiting if not self._times_ns[side]]
-        if silent and len(silent) == len(self._lines):
-            lines = " and ".join(sorted(set(self._lines.values())))
+        if silent and len(silent) == len(self._sources):
+            sources = " and ".join(sorted(set(self._sources.values())))
             yield (
-                f"no trigger pulse on {lines} for {PATIENCE_NS * 1e-9:g} s: check that the trigger source runs, its "
+                f"no trigger pulse on {sources} for {PATIENCE_NS * 1e-9:g} s: check that the trigger source runs, its "
                 "wires and its voltage"
+                if self._wired
+                else f"no frame for {PATIENCE_NS * 1e-9:g} s although the cameras are triggered: check the network"
             )
             return
         if not any(len(times_ns) == JUDGED_FRAMES for times_ns in self._times_ns.values()):
             return  # the first pulse may just have come, and one camera's frame before the other's
         for side in silent:
-            line = self._lines[side]
-            yield f"the {side} camera gets no trigger pulse, the other one does: check the wire to its {line}"
+            yield (
+                f"the {side} camera gets no trigger pulse, the other one does: check the wire to its "
+                f"{self._sources[side]}"
+                if self._wired
+                else f"no frame from the {side} camera although it is triggered: check its cable"
+            )
 
     def _at_rate(self, times_ns: list[int]) -> bool:
         period_ns = mean_period_ns([later - earlier for earlier, later in pairwise(times_ns)])
@@ -92,7 +100,9 @@ class StartCheck:
         skews_ns = [abs(math.remainder(right - left, period_ns)) for left, right in zip(left_ns, right_ns, strict=True)]
         skew_ns = statistics.median(skews_ns)
         if skew_ns > SKEW_TOLERANCE * period_ns:
+            apart = f"left and right start {skew_ns * 1e-6:.1f} ms apart: check that"
             yield (
-                f"left and right start {skew_ns * 1e-6:.1f} ms apart: check that both share one trigger, and "
-                "that neither has a TriggerDelay or triggers on another edge"
+                f"{apart} both share one trigger, and that neither has a TriggerDelay or triggers on another edge"
+                if self._wired
+                else f"{apart} neither has a TriggerDelay, and that this machine is not too busy to trigger in time"
             )

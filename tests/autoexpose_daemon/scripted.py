@@ -50,7 +50,7 @@ class TriggeredCamera(ScriptedCamera):
         while not self.frames.empty():  # of the time when it was not open
             self.frames.get()
 
-    def trigger(self, time_ns: int) -> None:
+    def pulse(self, time_ns: int) -> None:
         setting = self.written[-1] if self.written else ExposureSetting(1000.0, 0.0)
         pixels = expose(self._scene, setting, MID_LEVEL).pixels.astype(np.uint8)
         pixels ^= self._noise.integers(0, 4, pixels.shape, np.uint8)
@@ -74,6 +74,9 @@ class Session:
 
     def write(self, setting: ExposureSetting) -> ExposureSetting:
         return self._open().write(setting)
+
+    def trigger(self) -> None:
+        raise AssertionError("a camera that the host does not trigger")
 
     def latch_clock(self) -> None:
         self._open().latch_clock()
@@ -115,7 +118,7 @@ class ScriptedRig:
             if self._stop.wait(max(time_ns - time.monotonic_ns(), 0) * 1e-9):
                 return
             for camera in () if self.pauses else (self.left, self.right):
-                camera.trigger(time_ns)
+                camera.pulse(time_ns)
 
 
 def config(**sections: Any) -> Config:

@@ -62,6 +62,7 @@ EXPOSING = Status(
     write_ms=DURATIONS,
     frame_to_node_ms=DURATIONS,
     command_to_effect_ms=DURATIONS,
+    skew_ms=DURATIONS,
     publishing=PublishStatus(432_000, 431_990, {"behind": 10}, "", {"slam": ConsumerTally(400_000, 12, 8, 4, 0)}),
     recorder=RecorderStatus(1000, 11, None),
     faults=(Fault(1.7e9, "WARNING", "right camera: no frames; checking that it answers"),),

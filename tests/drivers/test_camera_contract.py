@@ -34,7 +34,7 @@ class ScriptedBench:
         self.camera: Camera = Session(self.device)
 
     def pulse(self) -> None:
-        self.device.trigger(time.monotonic_ns())
+        self.device.pulse(time.monotonic_ns())
 
     def vanish(self) -> None:
         self.device.lost = True

@@ -14,6 +14,7 @@ from drivers.errors import CameraLostError, CameraNotFoundError, NodeError
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Frame, SettingSource, Side
 from drivers.genicam.clock import LatchedClock
+from drivers.rig.pace import Slots
 from tests.soak.clock import MS, Clock
 
 LIMITS = ExposureLimits(20.0, 7500.0, 0.0, 30.0, 1.0, 0.1)
@@ -66,7 +67,11 @@ class Device:
         (0: as usual), and whether exposures stay as they are whatever the nodes read.
     fates
         What became of pulses that make no frame, until somebody takes note.
+    slots
+        Of the host, if that triggers it.
     """
+
+    slots: Slots | None = None
 
     def __init__(self, side: Side, clock: Clock, seed: int) -> None:
         self.side = side
@@ -147,6 +152,12 @@ class Device:
         device_ns = now_ns + self.clock_offset_ns + jitter_ns // 100
         self.in_flight.append(Exposed(number, arrival_ns, self._frame_id, device_ns, self._setting, whole, told))
 
+    def software_trigger(self) -> None:
+        """A pulse that the host gives, numbered by its slot, which both cameras share."""
+        assert self.slots is not None
+        now_ns = self.clock.now_ns
+        self.pulse(round((now_ns - self.slots.first_ns) / self.slots.period_ns), now_ns)
+
     def write(self, setting: ExposureSetting) -> ExposureSetting:
         """Write both nodes, one after the other; returns what they hold then."""
         self._writes_done += 1
@@ -205,6 +216,13 @@ class VirtualCamera:
     def write(self, setting: ExposureSetting) -> ExposureSetting:
         self._reach()
         return self._device.write(setting)
+
+    def trigger(self) -> None:
+        """The command takes half a round trip there, and half a round trip back."""
+        self._reach()
+        self._device.clock.now_ns += MS // 10
+        self._device.software_trigger()
+        self._device.clock.now_ns += MS // 10
 
     def latch_clock(self) -> None:
         self._clock.latch()

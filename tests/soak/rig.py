@@ -10,7 +10,7 @@ from types import MappingProxyType, SimpleNamespace
 
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.control.decision import Decision
-from autoexpose_daemon.runtime.daemon import silence_s
+from autoexpose_daemon.runtime.daemon import silence_s, slots
 from autoexpose_daemon.runtime.outlet import Outlet
 from autoexpose_daemon.runtime.rig_control import RigControl
 from autoexpose_daemon.runtime.tuning import Tuning
@@ -108,9 +108,11 @@ class Events:
 class Unit:
     """A device, its supervisor, and the two actors that stand for the supervisor's threads."""
 
-    def __init__(self, device: Device, events: Events, clock: Clock) -> None:
+    def __init__(self, device: Device, events: Events, clock: Clock, config: Config) -> None:
         self.device = device
-        self.supervisor = Supervisor(device.side, device.open, silence_s(CONFIG), CONFIG.start, events, now_ns=clock)
+        self.supervisor = Supervisor(
+            device.side, device.open, silence_s(config), config.start, events, slots=device.slots, now_ns=clock
+        )
         self.nodes = Actor(self._serve, clock.now_ns)
         self.frames = Actor(self._take)
         self._clock = clock
@@ -165,16 +167,20 @@ class VirtualRig:
     ) -> None:
         self.clock = Clock()
         self._events = Events(self.clock)
-        self.units = {side: Unit(Device(side, self.clock, seed), self._events, self.clock) for side in SIDES}
-        self.devices = [unit.device for unit in self.units.values()]
         tuning = tuning or ScriptedTuning(CONFIG, self.clock)
+        config = tuning.config
+        self.devices = [Device(side, self.clock, seed) for side in SIDES]
+        for device in self.devices:
+            device.slots = slots(config, self.clock.now_ns)
+        self.units = {device.side: Unit(device, self._events, self.clock, config) for device in self.devices}
         self.control = RigControl(tuning.config, self, now_ns=self.clock)
         self.control.outlets.append(outlet)
         self.control.tune(tuning)
         self._control = self._events.control = Actor(self._take, self.clock.now_ns)
         self._see_health = see_health
         self._health = Health(State.STARTING)
-        self._expectation = Expectation(SIDES, 1 / RATE_HZ, True, self.clock.now_ns)
+        triggered = config.trigger.mode == "external"
+        self._expectation = Expectation(SIDES, 1 / config.trigger.rate_hz, triggered, self.clock.now_ns)
         watch = Actor(self._look, self.clock.now_ns)
         self._watch = watch
         self.threads = [self._control, watch, *(a for unit in self.units.values() for a in (unit.nodes, unit.frames))]

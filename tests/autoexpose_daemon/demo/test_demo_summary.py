@@ -34,6 +34,7 @@ FIGURES: dict[str, Any] = {
     "write_ms": {"p50": 1.2, "p99": 3.0},
     "frame_to_node_ms": {"p50": None, "p99": None},
     "command_to_effect_ms": {"p50": None, "p99": None},
+    "skew_ms": {"p50": None, "p99": None},
     "published": None,
     "daemon_cpu_percent": 31.2,
     "reference_step_ms": 3.256,

@@ -33,6 +33,21 @@ def test_pairs_arrive_are_decided_on_and_written() -> None:
         assert median_skew_periods(run, 60) < 0.1
 
 
+def test_the_daemon_triggers_both_cameras_by_software() -> None:
+    """At a rate that a busy machine holds. What it does not trigger in time is accounted for."""
+    trigger = {"mode": "software", "rate_hz": 20}
+    with (
+        stereo_cameras("--still") as cameras,
+        running_daemon(cameras, {"control": CONTROL, "trigger": trigger}) as run,
+    ):
+        run.wait_for_pairs(40)
+        assert median_skew_periods(run, 20) < 0.1
+        assert run.daemon.telemetry.skew_ms.count > 0
+    tally = run.daemon.tally
+    assert tally.window_start_ns is not None and tally.window_end_ns is not None
+    assert tally.triggers == round((tally.window_end_ns - tally.window_start_ns) * 20e-9)
+
+
 def test_a_shot_is_found_by_what_its_frames_say_while_the_exposure_is_locked() -> None:
     """On a slow machine a write may come late, and split the shot or double it."""
     setting = ExposureSetting(400.0, 6.0)

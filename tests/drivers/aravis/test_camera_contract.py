@@ -25,6 +25,7 @@ from drivers.config.feature import FeatureSetting, parse_features
 from drivers.errors import CameraBusyError, CameraLostError, CameraNotFoundError, ConfigurationError, NodeError
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame
+from drivers.genicam.clock import LATCH_ERROR_NS
 from drivers.genicam.driven import advice
 from drivers.genicam.inventory import differing, read_inventory
 from drivers.pixels.formats import PixelFormat
@@ -40,6 +41,7 @@ pytestmark = pytest.mark.realtime
 RATE_HZ = 60.0
 PERIOD_NS = 1e9 / RATE_HZ
 EXTERNAL = TriggerSetup("external", "Line0", RATE_HZ)
+SOFTWARE = TriggerSetup("software", rate_hz=RATE_HZ)
 PATIENCE_S = 20.0
 ATTEMPTS = 3
 
@@ -280,8 +282,20 @@ def test_a_free_run_keeps_its_rate(idle: FakeCamera) -> None:
         assert np.median(np.diff([frame.device_time_ns for frame in frames])) == pytest.approx(25e6, rel=0.05)
 
 
+def test_a_software_trigger_takes_one_frame_at_once(idle: FakeCamera) -> None:
+    with opened(idle, trigger=SOFTWARE) as camera:
+        camera.start()
+        for frame_id in range(1, 4):
+            before_ns = time.monotonic_ns()
+            camera.trigger()
+            (frame,) = next_frames(camera, 1)
+            assert frame.frame_id == frame_id
+            assert before_ns - LATCH_ERROR_NS < frame.host_time_ns < frame.arrival_time_ns
+
+
 WAYS = [
     {"pixel_format": PixelFormat.MONO8},
+    {"trigger": SOFTWARE},
     {"trigger": TriggerSetup("free_run", rate_hz=40.0), "binning": 1},
     {"trigger": TriggerSetup("free_run", rate_hz=40.0, output_line="Line1"), "packet_size_bytes": 1500},
 ]
@@ -295,6 +309,8 @@ def test_whatever_it_drives_is_refused_among_features(
     with opened(idle, **way) as camera:
         for setting in (ExposureSetting(3000.0, 3.0), ExposureSetting(2000.0, 0.0)):
             camera.write(setting)
+        if way.get("trigger") == SOFTWARE:
+            camera.trigger()
     setup = CameraSetup(**{"trigger": EXTERNAL, **way})
     assert {"ExposureTime", "Gain", "TriggerMode", "ChunkEnable"} <= written
     assert {name for name in written if advice(FeatureSetting(name, 0), setup, True) is None} <= SELECTORS

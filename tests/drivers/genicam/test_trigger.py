@@ -5,10 +5,11 @@ import pytest
 from drivers.errors import ConfigurationError, UnsupportedCameraError
 from drivers.genicam.trigger import arm_trigger
 from drivers.setup import TriggerSetup
-from tests.drivers.genicam.node_map import BooleanNode, EnumerationNode, FloatNode, MemoryNodes, Node
+from tests.drivers.genicam.node_map import BooleanNode, CommandNode, EnumerationNode, FloatNode, MemoryNodes, Node
 
 LINE0 = TriggerSetup("external", "Line0", 60.0)
 FREE_RUN = TriggerSetup("free_run", rate_hz=60.0)
+SOFTWARE = TriggerSetup("software", rate_hz=60.0)
 
 
 def triggered(**others: Node) -> MemoryNodes:
@@ -39,6 +40,15 @@ def test_a_line_is_armed_after_every_trigger_is_off() -> None:
         ("TriggerOverlap", "ReadOut"),
         ("TriggerMode", "On"),
     ]
+
+
+def test_a_software_trigger_needs_its_source_and_its_command() -> None:
+    nodes = triggered(TriggerSoftware=CommandNode())
+    assert arm_trigger(nodes, SOFTWARE) == ()
+    assert nodes.writes[-3:] == [("TriggerSource", "Software"), ("TriggerOverlap", "ReadOut"), ("TriggerMode", "On")]
+    for bare in (triggered(), triggered(TriggerSource=EnumerationNode("Line0", ("Line0",)))):
+        with pytest.raises(UnsupportedCameraError, match="camera M1: no software trigger"):
+            arm_trigger(bare, SOFTWARE)
 
 
 def test_a_missing_overlap_is_reported() -> None:

@@ -54,6 +54,9 @@ class ScriptedCamera:
         self.written.append(setting)
         return setting
 
+    def trigger(self) -> None:
+        raise AssertionError("a camera that the host does not trigger")
+
     def latch_clock(self) -> None:
         self._check()
 

@@ -77,6 +77,20 @@ class FakeRig:
         return {str(reason): count for reason, count in self.account.tally.lost.items() if count}
 
 
+def test_triggers_that_were_not_given_have_their_own_reason() -> None:
+    """Frames of triggers before the pause may arrive after its end."""
+    rig = FakeRig()
+    rig.pulses(3)
+    for count, side in ((4, "left"), (40, "right"), (4, "right")):
+        rig.account.not_given("left" if side == "left" else "right", count)
+        rig.pulse()
+        rig.pulses(count, **{side: "absent"})
+    rig.pulses(3, left="missing")
+    rig.pulses(3, right="ignored")
+    rig.pulse()
+    assert rig.close() == {"not_given": 48, "left_missing": 3, "trigger_ignored": 3}
+
+
 def test_pairs_carry_both_frames_of_a_trigger() -> None:
     rig = FakeRig()
     rig.pulses(5)

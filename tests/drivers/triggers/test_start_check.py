@@ -80,6 +80,20 @@ def test_cameras_on_a_grid_of_milliseconds_are_judged() -> None:
     assert "5.0 ms apart" in finding
 
 
+def test_cameras_that_the_host_triggers_are_sent_to_no_wire() -> None:
+    judge = StartCheck(dict.fromkeys(SIDES, "Software"), 50.0)
+    for side in SIDES:
+        judge.ready(side, 0)
+    (finding,) = judge.findings(PATIENCE_NS + 1)
+    assert finding.startswith("no frame for 3 s although the cameras are triggered")
+    feed(judge, "left")
+    (finding,) = judge.findings(PATIENCE_NS + 2)
+    assert finding.startswith("no frame from the right camera although it is triggered")
+    feed(judge, "right", offset_ns=5 * MS)
+    (finding,) = judge.findings(PATIENCE_NS + 3)
+    assert "5.0 ms apart" in finding and "too busy" in finding
+
+
 def test_free_running_cameras_are_not_judged() -> None:
     judge = StartCheck({}, 50.0)
     judge.ready("left", 0)
