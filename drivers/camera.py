@@ -19,10 +19,26 @@ class IncompleteFrame:
 
 
 @dataclass(frozen=True, slots=True)
+class PtpState:
+    """What a camera says of its PTP clock: its PtpStatus, and its time minus its master's (ns), if it says that."""
+
+    status: str
+    offset_ns: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class ClockReading:
+    """How a camera's clock maps to the host's: CLOCK_MONOTONIC is `host_offset_ns` ahead of it."""
+
+    host_offset_ns: int
+    ptp: PtpState
+
+
+@dataclass(frozen=True, slots=True)
 class CameraDescription:
     """A camera's identity, its limitations as phrases for the user, its pixel format, and what node drives its gain.
 
-    `size` is width and height of its frames in pixels, if known.
+    `size` is width and height of its frames in pixels, if known; `action_queue` how many scheduled triggers it keeps.
     """
 
     vendor: str
@@ -32,6 +48,7 @@ class CameraDescription:
     pixel_format: PixelFormat | None = None
     gain_node: str | None = None
     size: tuple[int, int] | None = None
+    action_queue: int = 1
 
 
 class Camera(Protocol):
@@ -61,8 +78,11 @@ class Camera(Protocol):
     def trigger(self) -> None:
         """Take a frame now; for a camera that was set up with the trigger mode "software"."""
 
-    def latch_clock(self) -> None:
-        """Measure again how the camera's clock maps to the host's."""
+    def schedule(self, device_time_ns: int) -> None:
+        """Take a frame when the camera's clock shows this; for one that was set up with the trigger mode "ptp"."""
+
+    def latch_clock(self) -> ClockReading | None:
+        """Measure again how the camera's clock maps to the host's; returns that in the trigger mode "ptp"."""
 
     def close(self) -> None:
         """Stop acquisition, release control and free everything; safe on a lost camera, and to call twice.

@@ -9,7 +9,7 @@ from drivers.config.feature import FeatureSetting
 from drivers.exposure.gain_scale import GainScale
 from drivers.pixels.formats import PixelFormat
 
-TriggerMode = Literal["external", "free_run", "software"]
+TriggerMode = Literal["external", "free_run", "software", "ptp"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,7 +20,7 @@ class TriggerSetup:
     ----------
     mode
         "external": every rising edge on `line`; "free_run": the camera's own clock at `rate_hz`; "software": each
-        `Camera.trigger`.
+        `Camera.trigger`; "ptp": when its clock, synchronised by PTP, shows the time of a `Camera.schedule`.
     line
         The camera's input line, by the name of its TriggerSource entry.
     rate_hz
@@ -38,6 +38,19 @@ class TriggerSetup:
     rate_hz: float | None = 60.0
     longest_exposure_us: float = 0.0
     output_line: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ActionKeys:
+    """What an action command and a camera must have in common: both keys, and a bit of the mask."""
+
+    device: int
+    group: int
+    mask: int
+
+
+ACTION_KEYS = ActionKeys(0xAE, 1, 1)
+"""Any will do: commands are sent to each camera alone."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -45,7 +45,7 @@ from drivers.config.feature import FeatureSetting, as_list, parse_features
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.exposure.gain_scale import GainScale
 from drivers.frames import Side
-from drivers.genicam.trigger import SOFTWARE
+from drivers.genicam.trigger import ACTION, SOFTWARE
 from drivers.pixels.formats import PixelFormat
 
 DEFAULT_START = ExposureSetting(2000.0, 0.0)
@@ -98,14 +98,14 @@ class CamerasConfig(Section):
 class TriggerConfig(Section):
     """What starts a frame: pulses on an input line, the left camera for both, a single camera's own clock, or us."""
 
-    mode: Literal["external", "primary", "free_run", "software"] = "external"
+    mode: Literal["external", "primary", "free_run", "software", "ptp"] = "external"
     line: Name = "Line0"
     output_line: Name = "Line1"
     rate_hz: RateHz = 60.0
 
     @model_validator(mode="after")
     def _lines_are_used(self) -> Self:
-        if self.mode == "software":
+        if self.mode in ("software", "ptp"):
             for key in ("line", "output_line"):
                 if key in self.model_fields_set:
                     raise ValueError(f"{key} has no effect with mode {self.mode}, which needs no wire: remove it")
@@ -278,6 +278,8 @@ class Config(Section):
                 return {"right": self.trigger.line}
             case "software":
                 return dict.fromkeys(self.sides, SOFTWARE)
+            case "ptp":
+                return dict.fromkeys(self.sides, ACTION)
             case "free_run":
                 return {}
 

@@ -32,7 +32,6 @@ from drivers.exposure import ExposureSetting
 from drivers.frames import Frame, Side, StereoPair
 from drivers.host.frame_memory import share_one_heap
 from drivers.rig.events import RigEvent
-from drivers.rig.pace import Slots
 from drivers.rig.rig import Rig
 from drivers.triggers.account import Tally
 
@@ -50,11 +49,6 @@ _SILENCE_PERIODS = 3.0
 def silence_s(config: Config) -> float:
     """A camera that sends nothing for this long is checked for an answer."""
     return max(_SILENCE_S, _SILENCE_PERIODS / config.trigger.rate_hz)
-
-
-def slots(config: Config, first_ns: int) -> Slots | None:
-    """When the host triggers the cameras, if it does."""
-    return Slots.at_rate(config.trigger.rate_hz, first_ns) if config.trigger.mode == "software" else None
 
 
 class Daemon:
@@ -80,7 +74,7 @@ class Daemon:
         outlets: Sequence[Outlet] = (),
     ) -> None:
         self._config = config
-        self._rig = Rig(openers, silence_s(config), start or config.start, slots(config, time.monotonic_ns()))
+        self._rig = Rig(openers, silence_s(config), start or config.start)
         self._control = RigControl(config, self._rig, start)
         self._orders: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self.telemetry = self._control.telemetry

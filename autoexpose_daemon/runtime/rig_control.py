@@ -27,6 +27,8 @@ from autoexpose_daemon.status.telemetry import Telemetry
 from drivers.exposure import ExposureSetting
 from drivers.frames import Side, StereoPair
 from drivers.rig.events import CameraReady, RigEvent, WriteFailed, Written
+from drivers.rig.pace import Slots
+from drivers.triggers.host import HostTriggers, PtpTriggers, SoftwareTriggers
 from drivers.triggers.record import RigRecord
 
 
@@ -36,8 +38,21 @@ class Cameras(Protocol):
     def write(self, setting: ExposureSetting, not_before_ns: int) -> None:
         """Write `setting` to every camera, no earlier than `not_before_ns`; replaces a pending write."""
 
+    def pace(self, side: Side, slots: Slots) -> None:
+        """Trigger a camera in these slots until it is closed; replaces, or moves, the former ones."""
+
     def reopen(self, side: Side) -> None:
         """Close and reopen a camera that answers but sends nothing."""
+
+
+def _host_triggers(config: Config, now_ns: int) -> HostTriggers:
+    match config.trigger.mode:
+        case "software":
+            return SoftwareTriggers(config.trigger.rate_hz, now_ns)
+        case "ptp":
+            return PtpTriggers(config.trigger.rate_hz)
+        case _:
+            return HostTriggers()
 
 
 class RigControl:
@@ -95,7 +110,8 @@ class RigControl:
         self.requests = Requests(self.active, self.telemetry.requests, start or config.start, period_ns)
         self._cameras = cameras
         self._now_ns = now_ns
-        self._health = RigHealth(config, self.telemetry, self.record)
+        self._triggers = _host_triggers(config, now_ns())
+        self._health = RigHealth(config, self.telemetry, self.record, self._triggers)
         self._asked: ExposureSetting | None = start or config.start  # None: write the next one, even if it is the same
         self._last_trigger = -1
 
@@ -144,6 +160,9 @@ class RigControl:
     def _enter(self, event: RigEvent) -> list[StereoPair]:
         """Enter an event; returns the pairs it completed."""
         pairs: list[StereoPair] = []
+        event = self._triggers.placed(event)
+        for side, slots in self._triggers.see(event, self._now_ns()).items():
+            self._cameras.pace(side, slots)
         if isinstance(event, Written):
             self.telemetry.written(event, self.record.written(event))
         else:
@@ -193,7 +212,7 @@ class RigControl:
 
     def _deliver(self, pair: StereoPair, decision: Decision | None) -> None:
         """Record what a pair shows, and pass it on."""
-        self.telemetry.delivered(pair, self.record, complete=self._complete(pair))
+        self.telemetry.delivered(pair, self.record, self._triggers.skew_ns(pair), complete=self._complete(pair))
         self._health.pair(pair)
         for outlet in self.outlets:
             outlet(pair, decision)

@@ -17,7 +17,17 @@ from drivers.camera import IncompleteFrame
 from drivers.errors import AutoexposeError
 from drivers.frames import Frame, Side, StereoPair
 from drivers.log_throttle import LogThrottle
-from drivers.rig.events import CameraGone, CameraReady, CameraSilent, FrameArrived, RigEvent, WriteFailed, Written
+from drivers.rig.events import (
+    CameraGone,
+    CameraReady,
+    CameraSilent,
+    ClockRead,
+    FrameArrived,
+    RigEvent,
+    WriteFailed,
+    Written,
+)
+from drivers.triggers.host import HostTriggers
 from drivers.triggers.record import RigRecord
 
 log = logging.getLogger(__name__)
@@ -28,13 +38,14 @@ _SILENCE_LOG_PAUSE_S = 60.0  # a trigger much slower than configured makes each 
 class RigHealth:
     """Examines every event after the record has taken it."""
 
-    def __init__(self, config: Config, telemetry: Telemetry, record: RigRecord) -> None:
+    def __init__(self, config: Config, telemetry: Telemetry, record: RigRecord, triggers: HostTriggers) -> None:
         self._telemetry = telemetry
         self._complaints = Complaints(telemetry.complaints)
         self._frame_watch = FrameWatch(telemetry, self._complaints, record, config)
         self._stuck = StuckStreams(1.0 / config.trigger.rate_hz)
         self._drift = ResponseDrift(config)
         self._record = record
+        self._triggers = triggers
         self._ever_ready: set[Side] = set()
         self._throttle = LogThrottle(_SILENCE_LOG_PAUSE_S)
 
@@ -56,6 +67,8 @@ class RigHealth:
                 self._ready(event)
             case Written():
                 self._written(event)
+            case ClockRead(side, reading):
+                self._telemetry.ptp[side] = reading.ptp
             case WriteFailed(side, asked, error):
                 self._telemetry.counts.refused_writes += 1
                 self._frame_watch.refused(side)
@@ -79,6 +92,8 @@ class RigHealth:
         """To be called at least ten times a second; returns the cameras to reopen."""
         for finding in self._record.findings(now_ns):
             log.warning("%s", finding)
+        for side in self._telemetry.present:
+            self._complaints.judge(side, "clock", self._triggers.trouble(side, now_ns))
         return self._stuck.sides(self._telemetry, now_ns)
 
     def _ready(self, event: CameraReady) -> None:
@@ -95,6 +110,7 @@ class RigHealth:
         if self._telemetry.cameras.get(side) != GONE:
             self._complaints.end_all(side)
         self._telemetry.cameras[side] = GONE
+        self._telemetry.ptp.pop(side, None)
         self._frame_watch.gone(side)
         if final:
             raise error

@@ -16,6 +16,7 @@ from autoexpose_daemon.status.light import LightTally
 from autoexpose_daemon.status.publishing import PublishTally
 from autoexpose_daemon.status.requests import RequestTally
 from autoexpose_daemon.status.tracking import TrackingTally
+from drivers.camera import PtpState
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Side, StereoPair
 from drivers.rig.events import Written
@@ -82,6 +83,8 @@ class Telemetry:
         Arrival of each camera's newest whole frame, and of the newest complete pair (CLOCK_MONOTONIC).
     lost
         Triggers that made no pair, by reason.
+    ptp
+        What each open camera says of its PTP clock, in `trigger.mode` ptp.
     complaints
         What is wrong with the cameras now, in words, by camera and kind.
     misfits
@@ -111,6 +114,7 @@ class Telemetry:
     cameras: dict[Side, str] = field(default_factory=dict)
     last_frame_ns: dict[Side, int] = field(default_factory=dict)
     last_pair_ns: int | None = None
+    ptp: dict[Side, PtpState] = field(default_factory=dict)
     complaints: dict[tuple[Side, str], str] = field(default_factory=dict)
     misfits: dict[Side, str] = field(default_factory=dict)
     applied: ExposureSetting | None = None
@@ -156,7 +160,7 @@ class Telemetry:
             self.write_ms.add_ns(write.finished_ns - write.started_ns)
             self.frame_to_node_ms.add_ns(write.finished_ns - command.arrival_ns)
 
-    def delivered(self, pair: StereoPair, record: RigRecord, complete: bool) -> None:
+    def delivered(self, pair: StereoPair, record: RigRecord, skew_ns: int, complete: bool) -> None:
         """Note a pair that control saw; not `complete`: one of two cameras is missing."""
         if record.mismatched(pair):
             self.counts.mismatched_pairs += 1
@@ -164,9 +168,8 @@ class Telemetry:
         for side, frame in pair.frames.items():
             if (effect_ns := record.history(side).first_effect_ns(frame)) is not None:
                 self.command_to_effect_ms.add_ns(effect_ns)
-        starts_ns = [frame.host_time_ns for frame in pair.frames.values()]
-        if len(starts_ns) > 1:
-            self.skew_ms.add_ns(max(starts_ns) - min(starts_ns))
+        if len(pair.frames) > 1:
+            self.skew_ms.add_ns(skew_ns)
         self.applied = pair.reference.setting
         self.newest.update({side: frame.setting for side, frame in pair.frames.items()})
         if complete:

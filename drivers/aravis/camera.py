@@ -13,8 +13,8 @@ from drivers.aravis.discovery import FoundCamera
 from drivers.aravis.introspection import Aravis, GLib, genicam_xml
 from drivers.aravis.nodes import AravisNodes
 from drivers.aravis.stream import create_stream
-from drivers.camera import CameraDescription, IncompleteFrame
-from drivers.errors import CameraError, CameraLostError
+from drivers.camera import CameraDescription, ClockReading, IncompleteFrame
+from drivers.errors import CameraError, CameraLostError, ConfigurationError, NodeError
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Frame, SettingSource
 from drivers.genicam.clock import find_clock
@@ -30,9 +30,11 @@ from drivers.genicam.image_format import (
 )
 from drivers.genicam.metadata import FrameIdUnwrapper, SettingLedger, enable_chunks
 from drivers.genicam.timing import timing_limitations
-from drivers.genicam.trigger import SOFTWARE_TRIGGER, arm_trigger
+from drivers.genicam.trigger import SOFTWARE_TRIGGER, action_queue, arm_trigger
+from drivers.host.action_commands import ActionSender
 from drivers.pixels.layout import Pixels, light_samples
-from drivers.setup import CameraSetup
+from drivers.ptp.nodes import PtpNodes
+from drivers.setup import ACTION_KEYS, CameraSetup
 
 SPARSE = 8
 """One row and column in this many is enough to see the brightness change."""
@@ -63,15 +65,28 @@ class AravisCamera:
         self._pixel_format = choose_pixel_format(nodes, setup.pixel_format)
         switch_white_balance_off(nodes, self._pixel_format)
         set_binning(nodes, setup.binning)
+        if setup.trigger.mode == "ptp" and found.transport != "gige":
+            raise ConfigurationError(
+                f"camera {found.serial} is on USB3 Vision, where there is no PTP: choose another trigger.mode"
+            )
         of_trigger = arm_trigger(nodes, setup.trigger)
+        self._ptp = PtpNodes(nodes) if setup.trigger.mode == "ptp" else None  # before the clock: it changes its ticks
+        of_ptp = () if self._ptp is None else self._ptp.limitations
         of_gamma = switch_gamma_off(nodes)
         gain_node = None if self._dialect.gain is None else self._dialect.gain.node
         self._chunk_nodes, of_chunks = enable_chunks(nodes, gain_node)
         self._clock, of_clock = find_clock(nodes)
         of_timing = timing_limitations(nodes, setup.trigger)
-        limitations = (*self._dialect.limitations, *of_trigger, *of_timing, *of_gamma, *of_chunks, *of_clock)
+        limitations = (*self._dialect.limitations, *of_trigger, *of_ptp, *of_timing, *of_gamma, *of_chunks, *of_clock)
         self._description = CameraDescription(
-            found.vendor, found.model, found.serial, limitations, self._pixel_format, gain_node, frame_size(nodes)
+            found.vendor,
+            found.model,
+            found.serial,
+            limitations,
+            self._pixel_format,
+            gain_node,
+            frame_size(nodes),
+            action_queue(nodes),
         )
         self._limits = self._dialect.limits(nodes)
         self._setting: ExposureSetting | None = self._dialect.read(nodes)
@@ -80,6 +95,7 @@ class AravisCamera:
         self._unreadable = False
         self._stream = create_stream(camera, nodes, setup)
         self._chunks = camera.create_chunk_parser()
+        self._actions = None if self._ptp is None else ActionSender(found.address)
         # The handler runs on a thread of Aravis and must never hold the last reference to the camera, only the event.
         lost = nodes.silent
         self._control_lost = camera.get_device().connect("control-lost", lambda _device: lost.set())
@@ -133,10 +149,24 @@ class AravisCamera:
         with self._nodes.unchecked():  # a check would be a round trip, and late by that
             self._nodes.execute(SOFTWARE_TRIGGER)
 
-    def latch_clock(self) -> None:
-        """Measure again how the camera's clock maps to the host's."""
+    def schedule(self, device_time_ns: int) -> None:
+        """Take a frame when the camera's clock shows this; NodeError if it cannot be sent, or an earlier one failed."""
         self._check_present()
-        self._clock.latch()
+        assert self._actions is not None
+        serial = self._description.serial
+        try:
+            refusals = self._actions.send(ACTION_KEYS, device_time_ns)
+        except OSError as error:
+            raise NodeError(f"camera {serial}: no action command could be sent: {error.strerror or error}") from None
+        if refusals:
+            raise NodeError(f"camera {serial} refused a scheduled action: {refusals[-1]}")
+
+    def latch_clock(self) -> ClockReading | None:
+        """Measure again how the camera's clock maps to the host's, and whether PTP synchronises it."""
+        self._check_present()
+        state = None if self._ptp is None else self._ptp.read()
+        offset_ns = self._clock.latch()
+        return None if state is None or offset_ns is None else ClockReading(offset_ns, state)
 
     def close(self) -> None:
         """Stop acquisition, release control and free everything; waits for a `next_frame` in progress.
@@ -152,6 +182,8 @@ class AravisCamera:
             self._closing_step("stop acquisition", self._camera.stop_acquisition)
             if self._camera.is_gv_device():
                 self._closing_step("release control", device.leave_control)
+            if self._actions is not None:
+                self._actions.close()
             self._nodes.release()
             # The stream first: its thread must end while the device still exists.
             self._chunks = self._stream = None

@@ -33,8 +33,8 @@ class DeviceClock(Protocol):
     def host_time_ns(self, device_time_ns: int, arrival_time_ns: int) -> int | None:
         """Host time of a frame's time stamp, the frame having arrived at `arrival_time_ns`; None: unknown."""
 
-    def latch(self) -> None:
-        """Measure the mapping again, if the camera allows it."""
+    def latch(self) -> int | None:
+        """Measure the mapping again, if the camera allows it; returns host time minus device time (ns)."""
 
 
 class LatchedClock:
@@ -66,10 +66,11 @@ class LatchedClock:
         self._since_jump: int | None = None  # frames; None: it has not jumped since the last latch
         self.latch()
 
-    def latch(self) -> None:
-        """Measure the offset again; a drift of some ppm moves it by microseconds a second."""
+    def latch(self) -> int:
+        """Measure the offset again, and return it; a drift of some ppm moves it by microseconds a second."""
         _, self._offset_ns = min(self._sample() for _ in range(LATCH_TRIES))
         self._since_jump = None
+        return self._offset_ns
 
     def _sample(self) -> tuple[int, int]:
         """Round trip and offset (both ns) of one latch."""

@@ -8,7 +8,7 @@ from drivers.config.feature import FeatureSetting
 from drivers.errors import ConfigurationError
 from drivers.genicam.dialect import GAIN_NODES, RAW_GAIN, RAW_TIME, TIME_NODES
 from drivers.genicam.gamma import SWITCHES
-from drivers.genicam.trigger import RATE_NODES, RATE_SWITCHES, SOFTWARE_TRIGGER
+from drivers.genicam.trigger import ACTION_NODES, PTP_SWITCHES, RATE_NODES, RATE_SWITCHES, SOFTWARE_TRIGGER
 from drivers.setup import CameraSetup
 
 GAINS = (*GAIN_NODES, RAW_GAIN)
@@ -66,6 +66,7 @@ def advice(feature: FeatureSetting, setup: CameraSetup, gain_driven: bool) -> st
         (_GAIN, GAINS, gain_driven or setup.gain_scale is not None),
         (_RATE, RATE_NODES, own_rate),
         (_REMOVE, (SOFTWARE_TRIGGER,), trigger.mode == "software"),
+        (_REMOVE, (*PTP_SWITCHES, *ACTION_NODES), trigger.mode == "ptp"),
         (f"{_DRIVEN}set trigger.output_line instead", _OUTPUT, own_line),
         ("image.binning sets it: remove that, or this", _BINNED, setup.binning is not None),
         ("transport.plan sets it: remove that, or this", _SHARE, setup.link_share is not None),

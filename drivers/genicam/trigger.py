@@ -5,7 +5,7 @@ from __future__ import annotations
 from drivers.errors import ConfigurationError, UnsupportedCameraError
 from drivers.genicam.nodes import NodeMap
 from drivers.genicam.quantity import find_quantity
-from drivers.setup import TriggerSetup
+from drivers.setup import ACTION_KEYS, TriggerSetup
 
 RATE_NODES = ("AcquisitionFrameRate", "AcquisitionFrameRateAbs")
 RATE_SWITCHES = ("AcquisitionFrameRateEnable", "AcquisitionFrameRateEnabled")
@@ -16,6 +16,12 @@ FIXED_RATE = "FixedRate"
 SOFTWARE = "Software"
 """The trigger source of `SOFTWARE_TRIGGER`."""
 SOFTWARE_TRIGGER = "TriggerSoftware"
+ACTION = "Action"
+"""The trigger sources that action commands drive begin with this; a number follows."""
+PTP_SWITCHES = ("PtpEnable", "GevIEEE1588")
+"""What synchronises the camera's clock, by its SFNC name and that of older descriptions."""
+ACTION_QUEUE = "ActionQueueSize"
+ACTION_NODES = ("ActionDeviceKey", "ActionGroupKey", "ActionGroupMask")
 
 
 def arm_trigger(nodes: NodeMap, setup: TriggerSetup) -> tuple[str, ...]:
@@ -38,7 +44,13 @@ def arm_trigger(nodes: NodeMap, setup: TriggerSetup) -> tuple[str, ...]:
             return ()
         return () if _lines(nodes) else ("no hardware trigger line: it can only run freely",)
     _check_frame_trigger(nodes)
-    return _arm_software(nodes) if setup.mode == "software" else _arm_line(nodes, setup.line)
+    match setup.mode:
+        case "software":
+            return _arm_software(nodes)
+        case "ptp":
+            return _arm_action(nodes)
+        case _:
+            return _arm_line(nodes, setup.line)
 
 
 def _switch_triggers_off(nodes: NodeMap) -> None:
@@ -88,6 +100,29 @@ def _arm_software(nodes: NodeMap) -> tuple[str, ...]:
             "another trigger.mode"
         )
     return _arm(nodes, SOFTWARE)
+
+
+def _arm_action(nodes: NodeMap) -> tuple[str, ...]:
+    source = next((entry for entry in nodes.entries("TriggerSource") if entry.startswith(ACTION)), None)
+    missing = [name for name in ACTION_NODES if not nodes.available(name)]
+    if source is None or missing:
+        lacks = f"no {missing[0]}" if missing else f"no TriggerSource {ACTION}1"
+        raise UnsupportedCameraError(
+            f"camera {nodes.serial}: it has {lacks}, and so takes no action commands: choose another trigger.mode"
+        )
+    if nodes.kind("ActionSelector") == "integer" and nodes.writable("ActionSelector"):
+        nodes.write_integer("ActionSelector", int(source.removeprefix(ACTION)))
+    elif source in nodes.entries("ActionSelector") and nodes.writable("ActionSelector"):
+        nodes.write_entry("ActionSelector", source)
+    keys = ACTION_KEYS
+    for name, value in zip(ACTION_NODES, (keys.device, keys.group, keys.mask), strict=True):
+        nodes.write_integer(name, value)
+    return _arm(nodes, source)
+
+
+def action_queue(nodes: NodeMap) -> int:
+    """How many scheduled action commands the camera keeps; 1 if it does not say."""
+    return max(nodes.read_integer(ACTION_QUEUE), 1) if nodes.is_integer(ACTION_QUEUE) else 1
 
 
 def _arm(nodes: NodeMap, source: str, edge: str | None = None) -> tuple[str, ...]:

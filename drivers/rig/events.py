@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
-from drivers.camera import CameraDescription, IncompleteFrame
+from drivers.camera import CameraDescription, ClockReading, IncompleteFrame
 from drivers.errors import AutoexposeError, CameraError
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Frame, Side
@@ -73,7 +73,15 @@ class NotTriggered:
     count: int
 
 
-RigEvent = CameraReady | CameraSilent | CameraGone | FrameArrived | Written | WriteFailed | NotTriggered
+@dataclass(frozen=True, slots=True)
+class ClockRead:
+    """How a camera's clock is synchronised, in the trigger mode "ptp"."""
+
+    side: Side
+    reading: ClockReading
+
+
+RigEvent = CameraReady | CameraSilent | CameraGone | FrameArrived | Written | WriteFailed | NotTriggered | ClockRead
 
 
 class EventQueue(Protocol):

@@ -30,20 +30,12 @@ class Rig:
         A camera that sends nothing for this long is reported silent and checked for an answer.
     start
         The setting that each camera starts with.
-    slots
-        When to trigger the cameras; None: they are not triggered by the host.
     """
 
-    def __init__(
-        self,
-        openers: Mapping[Side, Callable[[], Camera]],
-        silence_s: float,
-        start: ExposureSetting,
-        slots: Slots | None = None,
-    ) -> None:
+    def __init__(self, openers: Mapping[Side, Callable[[], Camera]], silence_s: float, start: ExposureSetting) -> None:
         self.events: queue.SimpleQueue[RigEvent] = queue.SimpleQueue()
         self._units = {
-            side: _Unit(side, Supervisor(side, opener, silence_s, start, self.events, slots=slots))
+            side: _Unit(side, Supervisor(side, opener, silence_s, start, self.events))
             for side, opener in openers.items()
         }
 
@@ -55,6 +47,10 @@ class Rig:
     def reopen(self, side: Side) -> None:
         """Close and reopen a camera that answers but sends nothing."""
         self._units[side].supervisor.reopen()
+
+    def pace(self, side: Side, slots: Slots) -> None:
+        """Trigger a camera in these slots until it is closed; replaces, or moves, the former ones."""
+        self._units[side].supervisor.pace(slots)
 
     def write(self, setting: ExposureSetting, not_before_ns: int) -> None:
         """Write `setting` to every camera, no earlier than `not_before_ns` (host time); replaces a pending write."""

@@ -30,6 +30,7 @@ from drivers.rig.events import (
     CameraGone,
     CameraReady,
     CameraSilent,
+    ClockRead,
     EventQueue,
     FrameArrived,
     NotTriggered,
@@ -64,8 +65,6 @@ class Supervisor:
         The setting that the camera starts with.
     events
         Where to report.
-    slots
-        When to trigger the camera; None: that is not for the host to do.
     now_ns
         The clock: CLOCK_MONOTONIC, except in virtual time.
 
@@ -83,7 +82,6 @@ class Supervisor:
         start: ExposureSetting,
         events: EventQueue,
         *,
-        slots: Slots | None = None,
         now_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         self.news = threading.Condition()
@@ -96,7 +94,6 @@ class Supervisor:
         self._throttle = LogThrottle(_LOG_PAUSE_S)
         self._wanted = start
         self._pending: tuple[ExposureSetting, int] | None = None
-        self._slots = slots
         self._pacer: Pacer | None = None  # while it is open and triggered by the host
         self._camera: Camera | None = None  # while it is open and streams
         self._ever_opened = False
@@ -116,6 +113,15 @@ class Supervisor:
         with self.news:
             self._wanted = setting
             self._pending = (setting, not_before_ns)
+            self.news.notify_all()
+
+    def pace(self, slots: Slots) -> None:
+        """Trigger the camera in these slots until it is closed; replaces, or moves, the former ones. Any thread."""
+        with self.news:
+            if self._pacer is not None:
+                self._pacer.slots = slots
+            elif self._camera is not None:
+                self._pacer = Pacer(slots, self._now_ns())
             self.news.notify_all()
 
     def reopen(self) -> None:
@@ -213,12 +219,11 @@ class Supervisor:
         except CameraError as error:
             self._lose(camera, error)
             return
-        self._events.put(CameraReady(self._side, camera.description, camera.limits))
-        with self.news:
+        with self.news:  # `pace`, which answers the event, must find the camera
+            self._events.put(CameraReady(self._side, camera.description, camera.limits))
             self._last_frame_ns = self._take_due_ns = self._now_ns()
             self._latch_due_ns = self._last_frame_ns + _CLOCK_PERIOD_NS
             self._check_wanted = self._stuck = self._silent = False
-            self._pacer = Pacer(self._slots, self._last_frame_ns) if self._slots is not None else None
             self._camera = camera
             self.news.notify_all()
 
@@ -244,10 +249,15 @@ class Supervisor:
             pass
 
     def _trigger(self, camera: Camera) -> None:
-        assert self._pacer is not None
-        give, missed = self._pacer.take(self._now_ns())
+        pacer = self._pacer
+        assert pacer is not None
+        with self.news:
+            slot, missed = pacer.take(self._now_ns())
+            device_time_ns = None if slot is None else pacer.slots.device_time_ns(slot)
         try:
-            if give:
+            if device_time_ns is not None:
+                camera.schedule(device_time_ns)
+            elif slot is not None:
                 camera.trigger()
         except CameraLostError:
             raise
@@ -272,7 +282,9 @@ class Supervisor:
     def _latch_clock(self, camera: Camera) -> None:
         """Also shows whether a silent camera still answers."""
         try:
-            camera.latch_clock()
+            reading = camera.latch_clock()
+            if reading is not None:
+                self._events.put(ClockRead(self._side, reading))
         except CameraLostError:
             raise
         except CameraError as error:

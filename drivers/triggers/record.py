@@ -8,7 +8,16 @@ from typing import Literal
 from drivers.camera import IncompleteFrame
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame, Side, StereoPair
-from drivers.rig.events import CameraGone, CameraReady, CameraSilent, FrameArrived, NotTriggered, WriteFailed, Written
+from drivers.rig.events import (
+    CameraGone,
+    CameraReady,
+    CameraSilent,
+    ClockRead,
+    FrameArrived,
+    NotTriggered,
+    WriteFailed,
+    Written,
+)
 from drivers.triggers.account import Tally, TriggerAccount
 from drivers.triggers.history import Command, WriteHistory
 from drivers.triggers.start import StartCheck
@@ -60,7 +69,9 @@ class RigRecord:
         return self._writes.histories[side]
 
     def take(
-        self, event: FrameArrived | CameraSilent | CameraGone | CameraReady | WriteFailed | NotTriggered, now_ns: int
+        self,
+        event: FrameArrived | CameraSilent | CameraGone | CameraReady | WriteFailed | NotTriggered | ClockRead,
+        now_ns: int,
     ) -> list[StereoPair]:
         """Enter any event but a write; returns the pairs that are ready for control, oldest first."""
         match event:

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from itertools import pairwise
 
 from drivers.frames import Side
-from drivers.genicam.trigger import SOFTWARE
+from drivers.genicam.trigger import ACTION, SOFTWARE
 from drivers.triggers.rate import mean_period_ns, wrong_rate
 
 PATIENCE_NS = 3_000_000_000
@@ -36,7 +36,7 @@ class StartCheck:
 
     def __init__(self, sources: Mapping[Side, str], rate_hz: float) -> None:
         self._sources = sources
-        self._wired = SOFTWARE not in sources.values()
+        self._wired = not any(source.startswith((ACTION, SOFTWARE)) for source in sources.values())
         self._rate_hz = rate_hz
         self._ready_ns: dict[Side, int] = {}
         self._times_ns: dict[Side, list[int]] = {side: [] for side in sources}
@@ -45,7 +45,7 @@ class StartCheck:
 
     def ready(self, side: Side, now_ns: int) -> None:
         """A camera waits for triggers from now on."""
-        if side in self._sources:
+        if side in self._sources and not self._sources[side].startswith(ACTION):  # that waits for PTP first
             self._ready_ns.setdefault(side, now_ns)
 
     def frame(self, side: Side, time_ns: int) -> None:

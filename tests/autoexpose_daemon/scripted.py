@@ -78,6 +78,9 @@ class Session:
     def trigger(self) -> None:
         raise AssertionError("a camera that the host does not trigger")
 
+    def schedule(self, device_time_ns: int) -> None:
+        raise AssertionError("a camera that the host does not trigger")
+
     def latch_clock(self) -> None:
         self._open().latch_clock()
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drivers.camera import CameraDescription, IncompleteFrame
+from drivers.camera import CameraDescription, ClockReading, IncompleteFrame, PtpState
 from drivers.errors import CameraLostError, CameraNotFoundError, NodeError
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Frame, SettingSource, Side
@@ -149,8 +149,20 @@ class Device:
             self.fates.append((number, "incomplete"))
         told = not self.untell
         self.untell = max(self.untell - 1, 0)
-        device_ns = now_ns + self.clock_offset_ns + jitter_ns // 100
+        device_ns = self.device_ns(now_ns) + jitter_ns // 100
         self.in_flight.append(Exposed(number, arrival_ns, self._frame_id, device_ns, self._setting, whole, told))
+
+    def device_ns(self, now_ns: int) -> int:
+        """What its own clock shows."""
+        return now_ns + self.clock_offset_ns
+
+    def schedule(self, device_time_ns: int) -> None:
+        """A pulse that the host gives for a time of its clock."""
+        raise NodeError(f"camera {self.side}: it takes no action commands")
+
+    def ptp_state(self) -> PtpState | None:
+        """What it says of its PTP clock, if it has one."""
+        return None
 
     def software_trigger(self) -> None:
         """A pulse that the host gives, numbered by its slot, which both cameras share."""
@@ -224,8 +236,14 @@ class VirtualCamera:
         self._device.software_trigger()
         self._device.clock.now_ns += MS // 10
 
-    def latch_clock(self) -> None:
-        self._clock.latch()
+    def schedule(self, device_time_ns: int) -> None:
+        """The command is sent; nobody waits for an answer."""
+        self._reach()
+        self._device.schedule(device_time_ns)
+
+    def latch_clock(self) -> ClockReading | None:
+        state, offset_ns = self._device.ptp_state(), self._clock.latch()
+        return None if state is None else ClockReading(offset_ns, state)
 
     def close(self) -> None:
         """Stop the stream; of a lost camera nothing is held."""
@@ -237,7 +255,7 @@ class VirtualCamera:
         """Latch the clock, somewhere within the round trip."""
         self._reach()
         self._device.clock.now_ns += MS // 20
-        self._latched_ns = self._device.clock.now_ns + self._device.clock_offset_ns
+        self._latched_ns = self._device.device_ns(self._device.clock.now_ns)
         self._device.clock.now_ns += MS // 25
 
     def read_integer(self, _node: str) -> int:

@@ -10,7 +10,7 @@ from types import MappingProxyType, SimpleNamespace
 
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.control.decision import Decision
-from autoexpose_daemon.runtime.daemon import silence_s, slots
+from autoexpose_daemon.runtime.daemon import silence_s
 from autoexpose_daemon.runtime.outlet import Outlet
 from autoexpose_daemon.runtime.rig_control import RigControl
 from autoexpose_daemon.runtime.tuning import Tuning
@@ -18,6 +18,7 @@ from autoexpose_daemon.status.states import Expectation, Health, State, judge
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Side, StereoPair
 from drivers.rig.events import RigEvent
+from drivers.rig.pace import Slots
 from drivers.rig.supervision import Supervisor
 from tests.soak.camera import LIMITS, Device
 from tests.soak.clock import MS, SECOND, Actor, Clock, run
@@ -110,9 +111,7 @@ class Unit:
 
     def __init__(self, device: Device, events: Events, clock: Clock, config: Config) -> None:
         self.device = device
-        self.supervisor = Supervisor(
-            device.side, device.open, silence_s(config), config.start, events, slots=device.slots, now_ns=clock
-        )
+        self.supervisor = Supervisor(device.side, device.open, silence_s(config), config.start, events, now_ns=clock)
         self.nodes = Actor(self._serve, clock.now_ns)
         self.frames = Actor(self._take)
         self._clock = clock
@@ -156,6 +155,8 @@ class VirtualRig:
         Told of the state of the daemon at every change.
     tuning
         What control goes by; None: a script that looks at no image.
+    new_device
+        Makes a camera.
     """
 
     def __init__(
@@ -164,14 +165,13 @@ class VirtualRig:
         outlet: Outlet,
         see_health: Callable[[int, Health], None],
         tuning: Tuning | None = None,
+        new_device: Callable[[Side, Clock, int], Device] = Device,
     ) -> None:
         self.clock = Clock()
         self._events = Events(self.clock)
         tuning = tuning or ScriptedTuning(CONFIG, self.clock)
         config = tuning.config
-        self.devices = [Device(side, self.clock, seed) for side in SIDES]
-        for device in self.devices:
-            device.slots = slots(config, self.clock.now_ns)
+        self.devices = [new_device(side, self.clock, seed) for side in SIDES]
         self.units = {device.side: Unit(device, self._events, self.clock, config) for device in self.devices}
         self.control = RigControl(tuning.config, self, now_ns=self.clock)
         self.control.outlets.append(outlet)
@@ -211,6 +211,12 @@ class VirtualRig:
         for unit in self.units.values():
             unit.supervisor.request(setting, not_before_ns)
             unit.plan_nodes()
+
+    def pace(self, side: Side, slots: Slots) -> None:
+        """See `Rig.pace`."""
+        self.units[side].device.slots = slots
+        self.units[side].supervisor.pace(slots)
+        self.units[side].plan_nodes()
 
     def reopen(self, side: Side) -> None:
         """See `Rig.reopen`."""

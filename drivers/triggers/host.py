@@ -1,0 +1,81 @@
+"""Triggers that the host gives: in which slots each camera gets them, and by which clock its frames are placed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from drivers.frames import Frame, Side, StereoPair
+from drivers.ptp.sync import Synchronisation
+from drivers.rig.events import CameraGone, CameraReady, ClockRead, FrameArrived, RigEvent
+from drivers.rig.pace import Slots
+
+
+class HostTriggers:
+    """None: the cameras are triggered by a wire, or run freely. Times are CLOCK_MONOTONIC, in ns."""
+
+    def see(self, _event: RigEvent, _now_ns: int) -> Mapping[Side, Slots]:
+        """Look at an event; returns the slots in which to trigger cameras from now on."""
+        return {}
+
+    def placed(self, event: RigEvent) -> RigEvent:
+        """The event, with the best time that is known for its frame."""
+        return event
+
+    def trouble(self, _side: Side, _now_ns: int) -> str | None:
+        """What keeps a camera from being triggered as it should, in words; None: nothing."""
+        return None
+
+    def skew_ns(self, pair: StereoPair) -> int:
+        """How far apart the exposures of a pair began."""
+        return _apart_ns([frame.host_time_ns for frame in pair.frames.values()])
+
+
+class SoftwareTriggers(HostTriggers):
+    """By a command at the time of each slot."""
+
+    def __init__(self, rate_hz: float, first_ns: int) -> None:
+        self._slots = Slots.at_once(rate_hz, first_ns)
+
+    def see(self, event: RigEvent, _now_ns: int) -> Mapping[Side, Slots]:
+        """A camera that is ready is triggered."""
+        return {event.side: self._slots} if isinstance(event, CameraReady) else {}
+
+
+class PtpTriggers(HostTriggers):
+    """Scheduled on the clock that the cameras share."""
+
+    def __init__(self, rate_hz: float) -> None:
+        self._sync = Synchronisation(rate_hz)
+
+    def see(self, event: RigEvent, now_ns: int) -> Mapping[Side, Slots]:
+        """Cameras are triggered from when they are synchronised."""
+        match event:
+            case CameraReady(side, description):
+                self._sync.ready(side, description.action_queue, now_ns)
+            case CameraGone(side):
+                self._sync.gone(side)
+            case ClockRead(side, reading):
+                return self._sync.read(side, reading, now_ns)
+        return {}
+
+    def placed(self, event: RigEvent) -> RigEvent:
+        """Frames of cameras that are synchronised have their time from the one clock."""
+        match event:
+            case FrameArrived(side, Frame() as frame, stale):
+                return FrameArrived(side, replace(frame, host_time_ns=self._sync.common_ns(side, frame)), stale)
+        return event
+
+    def trouble(self, side: Side, now_ns: int) -> str | None:
+        """Why a camera is not synchronised."""
+        return self._sync.trouble(side, now_ns)
+
+    def skew_ns(self, pair: StereoPair) -> int:
+        """By the cameras' own time stamps where they are of one clock: exact to how well that is kept."""
+        if not self._sync.is_common(pair.frames):
+            return super().skew_ns(pair)
+        return _apart_ns([frame.device_time_ns for frame in pair.frames.values()])
+
+
+def _apart_ns(times_ns: list[int]) -> int:
+    return max(times_ns) - min(times_ns)
