@@ -25,6 +25,9 @@ class PtpState:
     status: str
     offset_ns: int | None
 
+    def __str__(self) -> str:
+        return self.status if self.offset_ns is None else f"{self.status} {self.offset_ns / 1000:+.1f} us"
+
 
 @dataclass(frozen=True, slots=True)
 class ClockReading:

@@ -100,6 +100,22 @@ def fake_camera(
 
 
 @contextlib.contextmanager
+def ptp_master(port: int) -> Iterator[None]:
+    """Run a PTP master on this UDP port and the next, in a process of its own, until the block ends."""
+    reader, writer = NURSERY.Pipe(duplex=False)
+    process = NURSERY.Process(target=_be_a_camera, args=(["ptp-master", "--port", str(port)], writer))
+    process.start()
+    writer.close()
+    with reader, open(reader.fileno(), closefd=False) as output:
+        try:
+            assert "PTP master" in output.readline()
+            yield
+        finally:
+            process.terminate()
+            process.join()
+
+
+@contextlib.contextmanager
 def usb3_camera(
     serial: str | None = None,
     *,

@@ -13,7 +13,19 @@ from autoexpose_daemon.doctor.need import Need
 
 def judge(facts: Facts, need: Need) -> list[Finding]:
     """What the facts mean for a daemon with these needs."""
-    return [*_missing(facts, need), *judge_usb(facts.usb, need, facts.serials), *judge_gige(facts.gige, need)]
+    return [
+        *_missing(facts, need),
+        *_without_ptp(facts, need),
+        *judge_usb(facts.usb, need, facts.serials),
+        *judge_gige(facts.gige, need),
+    ]
+
+
+def _without_ptp(facts: Facts, need: Need) -> Iterator[Finding]:
+    for camera in facts.usb.cameras if need.ptp else ():
+        if need.wants(camera.serial):
+            sentence = f"{need.name(camera.serial)} is on USB3 Vision, where there is no PTP"
+            yield Finding("ptp", "stops", sentence, "trigger.mode: software   # in the configuration, or a wire")
 
 
 def _missing(facts: Facts, need: Need) -> Iterator[Finding]:

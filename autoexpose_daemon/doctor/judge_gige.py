@@ -37,6 +37,8 @@ def judge_gige(gige: GigeFacts, need: Need) -> Iterator[Finding]:
             yield _foreign(camera, name)
         else:
             yield _judge_control(gige.control[camera.address], f"{name} at {where}", camera)
+            if need.ptp:
+                yield _judge_ptp(gige.ptp.get(camera.address), name)
             wanted.append(camera)
     for interface, group in groupby(sorted(wanted, key=_interface_name), key=lambda camera: camera.interface):
         sharing = list(group)
@@ -91,6 +93,27 @@ def _judge_control(control: Control, name: str, camera: GigeCamera) -> Finding:
             "sudo ss -uanp   # lists the programs of this host that use UDP: close the one with the camera",
         )
     return Finding("gige-control", "ok", f"{name} answers and is free")
+
+
+def _judge_ptp(status: str | None, name: str) -> Finding:
+    match status:
+        case "Slave" | "Master":
+            return Finding("ptp", "ok", f"{name} follows a PTP clock (PtpStatus {status})")
+        case "Disabled":
+            return Finding("ptp", "ok", f"{name} has its PTP clock off; the daemon switches it on")
+        case None:
+            return Finding(
+                "ptp",
+                "warning",
+                f"{name} does not show the state of a PTP clock (register 0x096C)",
+                "autoexpose config check --camera rig.yaml   # says whether it can be driven",
+            )
+    return Finding(
+        "ptp",
+        "warning",
+        f"{name} follows no PTP master (PtpStatus {status})",
+        "sudo ptp4l -i eth0 -m -S   # makes this computer one, on the cameras' interface: docs/triggering.md",
+    )
 
 
 def _judge_packets(interface: NetworkInterface, cameras: Sequence[GigeCamera], need: Need) -> Finding:

@@ -53,6 +53,7 @@ class Need:
     packet_size_bytes: int | None = None
     plan: bool = False
     link_mbps: float | None = None
+    ptp: bool = False
 
     @classmethod
     def of(cls, config: Config | None) -> Self:
@@ -68,6 +69,7 @@ class Need:
             packet_size_bytes=config.transport.packet_size_bytes,
             plan=config.transport.plan,
             link_mbps=config.transport.link_mbps,
+            ptp=config.trigger.mode == "ptp",
         )
 
     def frame_bytes(self, serial: str | None) -> int:

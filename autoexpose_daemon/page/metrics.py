@@ -85,6 +85,7 @@ class _Collector(Collector):
             ("requested_gain_decibels", "Gain last decided on.", lambda _: _gain_db(requested)),
             ("applied_gain_decibels", "Gain of the newest frame.", lambda camera: _gain_db(camera.applied)),
             ("response_drift_grey_levels", "Error of the camera's response function.", lambda it: it.drift_grey),
+            ("ptp_offset_seconds", "The camera's clock minus its PTP master's.", _ptp_offset_s),
             (
                 "calibration_misfit",
                 "Whether the camera's calibration does not fit.",
@@ -171,6 +172,10 @@ class _Collector(Collector):
 def _of_all(reasons: Iterable[str], counts: Mapping[str, int]) -> list[tuple[tuple[str, ...], int]]:
     """A count for every possible reason: an alert must not wait for the first."""
     return [((str(reason),), counts.get(str(reason), 0)) for reason in reasons]
+
+
+def _ptp_offset_s(camera: CameraStatus) -> float | None:
+    return None if camera.ptp is None or camera.ptp.offset_ns is None else camera.ptp.offset_ns * 1e-9
 
 
 def _time_s(setting: ExposureSetting | None) -> float | None:

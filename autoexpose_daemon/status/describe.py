@@ -77,6 +77,7 @@ def _camera(telemetry: Telemetry, side: Side) -> CameraStatus:
         applied=telemetry.newest.get(side),
         drift_grey=telemetry.drift_grey.get(side),
         misfit=telemetry.misfits.get(side),
+        ptp=telemetry.ptp.get(side),
     )
 
 

@@ -19,6 +19,7 @@ from autoexpose_daemon.status.tracking import TrackingTally
 from calibration.response import CurveDocument, ResponseFunction
 from calibration.vignetting.file import VignettingDocument, as_plain
 from calibration.vignetting.model import Vignetting
+from drivers.camera import PtpState
 from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureSetting
 from drivers.frames import Side
@@ -43,6 +44,12 @@ def _takes_time(setting: ExposureSetting) -> ExposureSetting:
     if not setting.is_physical:
         raise ValueError(f"{setting} is not an exposure")
     return setting
+
+
+def _fits_a_node(ptp: PtpState) -> PtpState:
+    if ptp.offset_ns is not None and abs(ptp.offset_ns) > 1 << 63:
+        raise ValueError(f"{ptp.offset_ns} ns is not an integer of a camera")
+    return ptp
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,12 +79,15 @@ class CameraStatus:
         Error of its response (grey levels rms); None without a verdict.
     misfit
         Why its calibration does not fit, in words; None if it fits.
+    ptp
+        What it says of its PTP clock; None but in `trigger.mode` ptp.
     """
 
     camera: str | None
     applied: Annotated[ExposureSetting, AfterValidator(_takes_time)] | None
     drift_grey: float | None
     misfit: str | None
+    ptp: Annotated[PtpState, AfterValidator(_fits_a_node)] | None = None
 
 
 @dataclass(frozen=True, slots=True)

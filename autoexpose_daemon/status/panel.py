@@ -88,7 +88,8 @@ def _rows(status: Status) -> Iterator[tuple[str, str]]:
 
 def _camera(camera: CameraStatus, absent: str) -> str:
     applied = "" if camera.applied is None else f"   {camera.applied}"
-    return absent if camera.camera is None else camera.camera + applied
+    ptp = "" if camera.ptp is None else f"   PTP {camera.ptp}"
+    return absent if camera.camera is None else camera.camera + applied + ptp
 
 
 def _applied(status: Status) -> ExposureSetting | None:

@@ -30,6 +30,12 @@ _ACK_REQUIRED, _BROADCAST_ANSWER = 0x01, 0x10
 _SUCCESS, _ACCESS_DENIED = 0x0000, 0x8006
 _HEADER, _ACK_HEADER = struct.Struct(">BBHHH"), struct.Struct(">HHHH")
 _CONTROL_PRIVILEGE = 0x0A00
+_PTP_STATUS = 0x096C
+PTP_STATES = {
+    **{1: "Initializing", 2: "Faulty", 3: "Disabled", 4: "Listening", 5: "PreMaster", 6: "Master", 7: "Passive"},
+    **{8: "Uncalibrated", 9: "Slave"},
+}
+"""States of a port by their numbers in IEEE 1588, in the words of SFNC."""
 _HELD = 0b11  # exclusive access, control access
 _IDENTITY_BYTES = 0xF8
 _IP_PKTINFO = 8  # linux/in.h
@@ -91,22 +97,37 @@ def search(interfaces: Iterable[NetworkInterface], wait_s: float = SEARCH_S) -> 
 
 def control_of(camera_address: str, answer_s: float = ANSWER_S) -> Control:
     """Read the control privilege register of the camera at an IPv4 address."""
+    answer = _read_register(camera_address, _CONTROL_PRIVILEGE, answer_s)
+    if answer is None:
+        return "silent"
+    status, value = answer
+    if status == _ACCESS_DENIED:  # on some cameras exclusive access hides even this register
+        return "held"
+    return "held" if value & _HELD else "free"
+
+
+def ptp_status_of(camera_address: str, answer_s: float = ANSWER_S) -> str | None:
+    """The PtpStatus of the camera at an IPv4 address, by its bootstrap register; None if it does not show one."""
+    answer = _read_register(camera_address, _PTP_STATUS, answer_s)
+    return None if answer is None or answer[0] != _SUCCESS else PTP_STATES.get(answer[1])
+
+
+def _read_register(camera_address: str, register: int, answer_s: float) -> tuple[int, int] | None:
+    """Status code and value of a bootstrap register; None if the camera does not answer."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asker:
         asker.settimeout(answer_s)
         for request_id in range(1, TRIES + 1):
             try:
                 asker.connect((camera_address, PORT))
-                asker.send(_command(_READREG, struct.pack(">I", _CONTROL_PRIVILEGE), request_id))
+                asker.send(_command(_READREG, struct.pack(">I", register), request_id))
                 status, acknowledged, payload = _parse(asker.recv(2048))
             except OSError:  # timed out, or the host itself reports that nothing is there
                 continue
             if acknowledged != _READREG + 1:
                 continue
-            if status == _ACCESS_DENIED:  # on some cameras exclusive access hides even this register
-                return "held"
-            if status == _SUCCESS and len(payload) >= 4:
-                return "held" if int.from_bytes(payload[:4], "big") & _HELD else "free"
-    return "silent"
+            if status != _SUCCESS or len(payload) >= 4:
+                return status, int.from_bytes(payload[:4], "big")
+    return None
 
 
 def _ask_everyone(asker: socket.socket, interface: NetworkInterface) -> None:

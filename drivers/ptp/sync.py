@@ -25,6 +25,7 @@ STEP_NS = 5_000_000
 PATIENCE_NS = 10_000_000_000
 """A camera finds its master within some seconds."""
 FOLLOWING = ("Slave", "Master")
+_MASTER_FOUND = ("Slave", "Uncalibrated")
 _NS_PER_S = 1_000_000_000
 
 
@@ -96,10 +97,7 @@ class Synchronisation:
             return f"its clock is {apart_s:.1f} s off the other camera's: have both follow one PTP master"
         if clock.ever:
             return "its clock is no longer synchronised: check the PTP master, and the way to it"
-        if now_ns - clock.since_ns < PATIENCE_NS:
-            return None
-        waited = f"{PATIENCE_NS / _NS_PER_S:g} s (PtpStatus {clock.reading.ptp.status})"
-        return f"its clock found no PTP master within {waited}: start one, and check that the switch passes PTP on"
+        return _waited(clock.reading.ptp.status) if now_ns - clock.since_ns >= PATIENCE_NS else None
 
     def common_ns(self, side: Side, frame: Frame) -> int:
         """When a frame was taken: by the one clock if its camera is synchronised, else by the camera's own."""
@@ -139,3 +137,12 @@ class Synchronisation:
         host_first_ns = first_ns + self._offset_ns
         device_first_ns = first_ns if self._in_time(clock) else host_first_ns - clock.offset_ns
         return Slots.ahead(self._rate_hz, host_first_ns, device_first_ns, clock.queue)
+
+
+def _waited(status: str) -> str:
+    """What is wrong with a clock that was not synchronised in time."""
+    waited = f"{PATIENCE_NS / _NS_PER_S:g} s (PtpStatus {status})"
+    if status in _MASTER_FOUND:
+        near = f"{SYNCHRONISED_NS / 1000:g} us"
+        return f"its clock is not within {near} of its PTP master's after {waited}: check the way to it"
+    return f"its clock found no PTP master within {waited}: start one, and check that the switch passes PTP on"

@@ -18,6 +18,7 @@ from autoexpose_daemon.status.publishing import ConsumerTally
 from autoexpose_daemon.status.requests import Bounds, RequestTally
 from autoexpose_daemon.status.states import State
 from autoexpose_daemon.status.tracking import TrackingTally
+from drivers.camera import PtpState
 from drivers.exposure import ExposureSetting
 
 SETTING = ExposureSetting(1000.0, 6.0)
@@ -34,7 +35,7 @@ EXPOSING = Status(
     state=State.EXPOSING,
     reasons=(),
     cameras={
-        "left": CameraStatus("FakeCam L1", SETTING, 0.5, None),
+        "left": CameraStatus("FakeCam L1", SETTING, 0.5, None, PtpState("Slave", -1234)),
         "right": CameraStatus("FakeCam R2", SETTING, None, None),
     },
     rate_hz=60.0,

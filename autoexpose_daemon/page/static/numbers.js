@@ -107,8 +107,13 @@ function showCameras(cameras) {
   const rows = Object.entries(cameras).flatMap(([side, camera]) => [
     [[side, camera.camera ?? "gone"], camera.camera === null && "bad"],
     [["  response", responseWords(camera)], camera.misfit === null ? "none" : "bad"],
+    ...(camera.ptp ? [[["  PTP", ptpWords(camera.ptp)], "none"]] : []),
   ]);
   fill(byId("cameras"), rows);
+}
+
+function ptpWords({ status, offset_ns: offset }) {
+  return offset === null ? status : `${status}, ${(offset / 1000).toFixed(1)} us off`;
 }
 
 function responseWords({ drift_grey: drift, misfit }) {

@@ -73,6 +73,7 @@ def test_a_short_file_has_the_documented_defaults(tmp_path: Path) -> None:
         ("cameras: {left: {serial: A}, right: {serial: B}}\ntrigger: {mode: free_run}", ["free_run"]),
         ("cameras: {left: {serial: A}}\ntrigger: {mode: primary}", ["primary needs two cameras"]),
         (LEFT + "trigger: {mode: software, line: Line0}", ["trigger: line has no effect with mode software", "remove"]),
+        (LEFT + "trigger: {mode: ptp, output_line: Line1}", ["trigger: output_line has no effect with mode ptp"]),
         ("cameras: {left: {serial: A, response: missing.yaml}}", ["missing.yaml"]),
         ("cameras: {left: {serial: 22500001}}", ["cameras.left.serial", "quotes"]),
         ("x: 2024-13-45", ["YAML"]),

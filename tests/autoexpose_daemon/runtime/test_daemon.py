@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import random
+
 import numpy as np
 import pytest
 
 from autoexpose_daemon.config.request import new_request
 from drivers.exposure import ExposureSetting
 from tests.autoexpose_daemon.stereo import JOIN_WARNING, Run, running_daemon, stereo_cameras
+from tests.fakes import ptp_master
 
 pytestmark = [pytest.mark.realtime, JOIN_WARNING]
 
@@ -46,6 +49,25 @@ def test_the_daemon_triggers_both_cameras_by_software() -> None:
     tally = run.daemon.tally
     assert tally.window_start_ns is not None and tally.window_end_ns is not None
     assert tally.triggers == round((tally.window_end_ns - tally.window_start_ns) * 20e-9)
+
+
+@pytest.mark.gige_only
+def test_cameras_with_one_ptp_clock_expose_together_and_go_on_without_their_master() -> None:
+    port = random.SystemRandom().randrange(20_000, 30_000, 2)
+    trigger = {"mode": "ptp", "rate_hz": 20}
+    with (
+        stereo_cameras("--still", "--ptp", str(port)) as cameras,
+        running_daemon(cameras, {"control": CONTROL, "trigger": trigger}) as run,
+    ):
+        telemetry = run.daemon.telemetry
+        with ptp_master(port):
+            run.wait_for_pairs(40)
+            assert {state.status for state in telemetry.ptp.values()} <= {"Slave", "Uncalibrated"}
+            assert float(np.median(telemetry.skew_ms.latest_ms)) < 1.0
+        run.wait_until(lambda: ("left", "clock") in telemetry.complaints, "a word on the master's end")
+        assert "no longer synchronised" in telemetry.complaints["left", "clock"]
+        run.wait_for_pairs(20)
+        assert median_skew_periods(run, 20) < 0.1
 
 
 def test_a_shot_is_found_by_what_its_frames_say_while_the_exposure_is_locked() -> None:

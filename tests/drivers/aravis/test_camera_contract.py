@@ -22,7 +22,14 @@ import pytest
 from drivers.aravis import AravisCamera, find_cameras, open_camera, open_nodes
 from drivers.camera import IncompleteFrame
 from drivers.config.feature import FeatureSetting, parse_features
-from drivers.errors import CameraBusyError, CameraLostError, CameraNotFoundError, ConfigurationError, NodeError
+from drivers.errors import (
+    AutoexposeError,
+    CameraBusyError,
+    CameraLostError,
+    CameraNotFoundError,
+    ConfigurationError,
+    NodeError,
+)
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame
 from drivers.genicam.clock import LATCH_ERROR_NS
@@ -280,6 +287,15 @@ def test_a_free_run_keeps_its_rate(idle: FakeCamera) -> None:
         camera.start()
         frames = next_frames(camera, 20)
         assert np.median(np.diff([frame.device_time_ns for frame in frames])) == pytest.approx(25e6, rel=0.05)
+
+
+def test_a_camera_without_ptp_is_refused_in_a_sentence(backend: Backend, idle: FakeCamera) -> None:
+    why = {
+        "gige": "it has no ActionDeviceKey, and so takes no action",
+        "usb3": "is on USB3 Vision, where there is no PTP",
+    }
+    with pytest.raises(AutoexposeError, match=f"camera {idle.serial}:? {why[backend.transport]}"):
+        open_camera(idle.serial, CameraSetup(TriggerSetup("ptp", rate_hz=RATE_HZ)))
 
 
 def test_a_software_trigger_takes_one_frame_at_once(idle: FakeCamera) -> None:

@@ -3,9 +3,17 @@ from __future__ import annotations
 import pytest
 
 from drivers.errors import ConfigurationError, UnsupportedCameraError
-from drivers.genicam.trigger import arm_trigger
+from drivers.genicam.trigger import action_queue, arm_trigger
 from drivers.setup import TriggerSetup
-from tests.drivers.genicam.node_map import BooleanNode, CommandNode, EnumerationNode, FloatNode, MemoryNodes, Node
+from tests.drivers.genicam.node_map import (
+    BooleanNode,
+    CommandNode,
+    EnumerationNode,
+    FloatNode,
+    IntegerNode,
+    MemoryNodes,
+    Node,
+)
 
 LINE0 = TriggerSetup("external", "Line0", 60.0)
 FREE_RUN = TriggerSetup("free_run", rate_hz=60.0)
@@ -49,6 +57,40 @@ def test_a_software_trigger_needs_its_source_and_its_command() -> None:
     for bare in (triggered(), triggered(TriggerSource=EnumerationNode("Line0", ("Line0",)))):
         with pytest.raises(UnsupportedCameraError, match="camera M1: no software trigger"):
             arm_trigger(bare, SOFTWARE)
+
+
+PTP = TriggerSetup("ptp", rate_hz=60.0)
+KEYS = [("ActionDeviceKey", 0xAE), ("ActionGroupKey", 1), ("ActionGroupMask", 1)]
+
+
+def takes_actions(selector: Node, **others: Node) -> MemoryNodes:
+    keys = {name: IntegerNode(0) for name, _ in KEYS}
+    return triggered(
+        TriggerSource=EnumerationNode("Line0", ("Software", "Line0", "Action1")),
+        ActionSelector=selector,
+        **keys,
+        **others,
+    )
+
+
+@pytest.mark.parametrize("selector", [IntegerNode(7), EnumerationNode("Action2", ("Action1", "Action2"))])
+def test_action_commands_are_armed_with_both_keys_and_the_mask(selector: IntegerNode | EnumerationNode) -> None:
+    nodes = takes_actions(selector)
+    assert arm_trigger(nodes, PTP) == ()
+    assert selector.value in (1, "Action1")
+    assert [write for write in nodes.writes if write in KEYS] == KEYS
+    assert nodes.writes[-3:] == [("TriggerSource", "Action1"), ("TriggerOverlap", "ReadOut"), ("TriggerMode", "On")]
+    assert action_queue(nodes) == 1
+    assert action_queue(takes_actions(selector, ActionQueueSize=IntegerNode(4))) == 4
+
+
+def test_a_camera_without_action_commands_is_refused_by_serial_and_node() -> None:
+    with pytest.raises(UnsupportedCameraError, match="camera M1: it has no ActionDeviceKey, and so takes no action"):
+        arm_trigger(triggered(), PTP)
+    bare = takes_actions(IntegerNode(1))
+    bare.nodes["TriggerSource"] = EnumerationNode("Line0", ("Line0",))
+    with pytest.raises(UnsupportedCameraError, match="camera M1: it has no TriggerSource Action1"):
+        arm_trigger(bare, PTP)
 
 
 def test_a_missing_overlap_is_reported() -> None:
