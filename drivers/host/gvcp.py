@@ -113,7 +113,7 @@ def ptp_status_of(camera_address: str, answer_s: float = ANSWER_S) -> str | None
 
 
 def _read_register(camera_address: str, register: int, answer_s: float) -> tuple[int, int] | None:
-    """Status code and value of a bootstrap register; None if the camera does not answer."""
+    """Value of a bootstrap register behind success or a denied access; None if the camera answers neither."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asker:
         asker.settimeout(answer_s)
         for request_id in range(1, TRIES + 1):
@@ -125,7 +125,7 @@ def _read_register(camera_address: str, register: int, answer_s: float) -> tuple
                 continue
             if acknowledged != _READREG + 1:
                 continue
-            if status != _SUCCESS or len(payload) >= 4:
+            if status == _ACCESS_DENIED or (status == _SUCCESS and len(payload) >= 4):
                 return status, int.from_bytes(payload[:4], "big")
     return None
 

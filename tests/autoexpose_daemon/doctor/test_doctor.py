@@ -17,6 +17,7 @@ from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.doctor.facts import Facts, GigeFacts
 from autoexpose_daemon.doctor.finding import Finding, Severity
 from autoexpose_daemon.doctor.judge import judge
+from autoexpose_daemon.doctor.judge_gige import judge_gige
 from autoexpose_daemon.doctor.need import Need
 from autoexpose_daemon.doctor.output import as_json, show
 from drivers.genicam import link_share
@@ -360,3 +361,25 @@ def test_the_command_on_a_camera_on_the_wire(tmp_path: Path) -> None:
         (stop,) = (finding for finding in json.loads(result.stdout)["findings"] if finding["severity"] == "stops")
         assert f"left camera {camera.serial} " in stop["sentence"]
         assert "is controlled by another program" in stop["sentence"]
+
+
+@pytest.mark.parametrize(
+    ("status", "level", "words"),
+    [
+        ("Slave", "ok", "follows a PTP clock (PtpStatus Slave)"),
+        ("Disabled", "ok", "the daemon switches it on"),
+        ("Listening", "warning", "follows no PTP master (PtpStatus Listening)"),
+        (None, "warning", "does not show the state of a PTP clock"),
+    ],
+)
+def test_ptp_is_judged_by_what_the_camera_shows(status: str | None, level: str, words: str) -> None:
+    facts = replace(gige_facts(GIGE), ptp={GIGE.address: status})
+    (finding,) = (finding for finding in judge_gige(facts, Need(ptp=True)) if finding.check == "ptp")
+    assert finding.severity == level
+    assert words in finding.sentence
+    assert not any(finding.check == "ptp" for finding in judge_gige(facts, Need()))
+
+
+def test_ptp_is_not_for_usb() -> None:
+    findings = judge(Facts(SOUND_USB, gige_facts()), Need(ptp=True))
+    assert [finding.severity for finding in findings if finding.check == "ptp"] == ["stops"]

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import random
 import signal
 import subprocess
 import sys
@@ -324,10 +325,23 @@ WAYS = [
 def test_whatever_it_drives_is_refused_among_features(
     idle: FakeCamera, way: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    refuses_what_it_drives(idle, way, names_written(monkeypatch))
+
+
+@pytest.mark.gige_only
+def test_what_ptp_needs_is_refused_among_features(monkeypatch: pytest.MonkeyPatch) -> None:
     written = names_written(monkeypatch)
-    with opened(idle, **way) as camera:
+    port = random.SystemRandom().randrange(20_000, 30_000, 2)
+    with fake_camera(options=["--ptp", str(port)]) as fake:
+        refuses_what_it_drives(fake, {"trigger": TriggerSetup("ptp", rate_hz=RATE_HZ)}, written)
+    assert {"PtpEnable", "ActionDeviceKey", "ActionGroupKey", "ActionGroupMask"} <= written
+
+
+def refuses_what_it_drives(fake: FakeCamera, way: dict[str, Any], written: set[str]) -> None:
+    with opened(fake, **way) as camera:
         for setting in (ExposureSetting(3000.0, 3.0), ExposureSetting(2000.0, 0.0)):
             camera.write(setting)
+        camera.latch_clock()
         if way.get("trigger") == SOFTWARE:
             camera.trigger()
     setup = CameraSetup(**{"trigger": EXTERNAL, **way})

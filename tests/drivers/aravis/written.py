@@ -7,8 +7,8 @@ import pytest
 from drivers.aravis.nodes import AravisNodes
 
 SELECTORS = {
-    *("TriggerSelector", "GainSelector", "ChunkSelector", "LineSelector"),
-    *("TimestampLatch", "GevTimestampControlLatch"),
+    *("TriggerSelector", "GainSelector", "ChunkSelector", "LineSelector", "ActionSelector"),
+    *("TimestampLatch", "GevTimestampControlLatch", "PtpDataSetLatch"),
 }
 """May be features all the same: the driver sets a selector whenever it needs it, and may latch at any time."""
 

@@ -14,7 +14,7 @@ import pytest
 
 from drivers.aravis import find_cameras, open_camera
 from drivers.host import gvcp
-from drivers.host.gvcp import Control, GigeCamera, control_of, search
+from drivers.host.gvcp import Control, GigeCamera, control_of, ptp_status_of, search
 from drivers.host.network import NetworkInterface, find_interfaces
 from drivers.setup import CameraSetup, TriggerSetup
 from tests.fake_camera.gige.gige_client import ACCESS_DENIED, CCP, READREG, GvcpClient, gige_camera, parse_ack
@@ -70,6 +70,15 @@ def test_control_is_seen_from_outside() -> None:
         for privilege, control in ((0, "free"), (2, "held"), (1, "held"), (0, "free")):
             client.write(CCP, privilege)
             assert control_of(address) == control
+
+
+def test_the_state_of_a_ptp_clock_is_read_without_control() -> None:
+    address = loopback_address()
+    with gige_camera(address, unique("T"), ptp_clock=0x0200_00FF_FE00_0001):
+        assert ptp_status_of(address) == "Disabled"
+    with gige_camera(address, unique("T")):
+        assert ptp_status_of(address) is None
+    assert ptp_status_of(address, answer_s=0.01) is None
 
 
 def test_no_camera_is_silence() -> None:
