@@ -103,9 +103,14 @@ class TriggerConfig(Section):
     output_line: Name = "Line1"
     rate_hz: RateHz = 60.0
 
+    @property
+    def by_host(self) -> bool:
+        """Whether the daemon itself triggers the cameras."""
+        return self.mode in ("software", "ptp")
+
     @model_validator(mode="after")
     def _lines_are_used(self) -> Self:
-        if self.mode in ("software", "ptp"):
+        if self.by_host:
             for key in ("line", "output_line"):
                 if key in self.model_fields_set:
                     raise ValueError(f"{key} has no effect with mode {self.mode}, which needs no wire: remove it")

@@ -11,7 +11,7 @@ from autoexpose_daemon.status.telemetry import Telemetry
 from drivers.frames import Frame, Side
 from drivers.genicam.clock import JumpWatch
 from drivers.triggers.effect import EffectWatch
-from drivers.triggers.rate import RateWatch
+from drivers.triggers.rate import HOST_RATE_TOLERANCE, RATE_TOLERANCE, RateWatch
 from drivers.triggers.record import RigRecord
 
 log = logging.getLogger(__name__)
@@ -30,7 +30,8 @@ class FrameWatch:
         self._telemetry = telemetry
         self._complaints = complaints
         self._record = record
-        self._rates = RateWatch(config.trigger.rate_hz, config.trigger_sources)
+        tolerance = HOST_RATE_TOLERANCE if config.trigger.by_host else RATE_TOLERANCE
+        self._rates = RateWatch(config.trigger.rate_hz, config.trigger_sources, tolerance)
         self._effects = {side: EffectWatch() for side in config.sides}
         self._jumps = JumpWatch()
         self._with_metadata: set[Side] = set()

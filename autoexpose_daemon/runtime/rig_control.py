@@ -163,6 +163,7 @@ class RigControl:
         event = self._triggers.placed(event)
         for side, slots in self._triggers.see(event, self._now_ns()).items():
             self._cameras.pace(side, slots)
+            self.record.paced(side, self._now_ns())
         if isinstance(event, Written):
             self.telemetry.written(event, self.record.written(event))
         else:

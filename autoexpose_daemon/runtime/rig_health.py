@@ -58,7 +58,7 @@ class RigHealth:
                 self._telemetry.last_frame_ns[side] = frame.arrival_time_ns
                 self._frame_watch.frame(side, frame)
             case CameraSilent(side):
-                if self._throttle.due(side, now_ns):
+                if side not in self._record.unpaced and self._throttle.due(side, now_ns):
                     log.warning("%s camera: no frames; checking that it answers", side)
                 self._frame_watch.silent(side)
             case CameraGone(side, error, final):
@@ -94,7 +94,7 @@ class RigHealth:
             log.warning("%s", finding)
         for side in self._telemetry.present:
             self._complaints.judge(side, "clock", self._triggers.trouble(side, now_ns))
-        return self._stuck.sides(self._telemetry, now_ns)
+        return self._stuck.sides(self._telemetry, now_ns, self._record.unpaced)
 
     def _ready(self, event: CameraReady) -> None:
         side, camera = event.side, event.description

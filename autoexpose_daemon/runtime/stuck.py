@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 from autoexpose_daemon.status.telemetry import GONE, Telemetry
 from drivers.frames import Side
 
@@ -29,15 +31,15 @@ class StuckStreams:
         self._due_ns: dict[Side, float] = {}
         self._pause_ns: dict[Side, float] = {}
 
-    def sides(self, telemetry: Telemetry, now_ns: int) -> list[Side]:
-        """The cameras to reopen now."""
+    def sides(self, telemetry: Telemetry, now_ns: int, untriggered: Collection[Side] = ()) -> list[Side]:
+        """The cameras to reopen now; those that are not triggered yet cannot be stuck."""
         flowing_ns = max(FLOWING_NS, self._periods_ns)
         flowing = {side for side, last_ns in telemetry.last_frame_ns.items() if now_ns - last_ns < flowing_ns}
         stuck = []
         for side, camera in telemetry.cameras.items():
             if side in flowing:
                 self._pause_ns.pop(side, None)
-            if side in flowing or not flowing or camera == GONE:
+            if side in flowing or not flowing or camera == GONE or side in untriggered:
                 self._due_ns.pop(side, None)
                 continue
             pause_ns = self._pause_ns.setdefault(side, max(FIRST_PAUSE_NS, 2 * self._periods_ns))

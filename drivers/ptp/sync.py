@@ -41,6 +41,9 @@ class _Clock:
     ever: bool = False
 
     def read(self, reading: ClockReading, now_ns: int) -> None:
+        found = reading.ptp.status in _MASTER_FOUND
+        if found and self.reading is not None and self.reading.ptp.status not in _MASTER_FOUND:
+            self.since_ns = now_ns
         self.reading = reading
         off_ns = abs(reading.ptp.offset_ns or 0)
         fine = reading.ptp.status in FOLLOWING and off_ns <= (LOST_NS if self.synchronised else SYNCHRONISED_NS)

@@ -105,7 +105,7 @@ class TriggerAccount:
     period_ns
         Nominal trigger period.
     opened_ns
-        Host time from which triggers are counted.
+        Host time from which triggers are counted; None: from when the first camera is ready.
     numbered_by
         "time" for triggered cameras; "frame_id" for a camera that runs freely and so misses no trigger of its own.
     """
@@ -114,7 +114,7 @@ class TriggerAccount:
         self,
         sides: Sequence[Side],
         period_ns: float,
-        opened_ns: int,
+        opened_ns: int | None,
         numbered_by: Literal["time", "frame_id"] = "time",
     ) -> None:
         self.tally = Tally()
@@ -149,6 +149,8 @@ class TriggerAccount:
 
     def ready(self, side: Side, now_ns: int) -> None:
         """The camera is open and takes triggers from now on."""
+        if self._opened_ns is None:
+            self._opened_ns = now_ns
         self._tracks[side].ready_ns = now_ns
         self._tracks[side].not_given = 0
 
@@ -168,6 +170,8 @@ class TriggerAccount:
 
     def close(self, now_ns: int) -> None:
         """Account for the triggers up to now that will never make a pair."""
+        if self._opened_ns is None:
+            return
         if self.grid is None and all(self._waits_in_vain(track, now_ns) for track in self._tracks.values()):
             return  # there never was a trigger
         if self.grid is None:  # no frame ever showed the phase, but n whole periods hold n triggers whatever it is
@@ -224,7 +228,8 @@ class TriggerAccount:
         if time_ns is None:
             return None
         if self.grid is None:
-            return self._open_grid(time_ns, max(int((time_ns - self._opened_ns) // self._period_ns), 0))
+            opened_ns = time_ns if self._opened_ns is None else self._opened_ns
+            return self._open_grid(time_ns, max(int((time_ns - opened_ns) // self._period_ns), 0))
         if self.grid.off_phase(time_ns):
             if time_ns - self._on_grid_ns < _NEXT_PERIODS * self.grid.period_ns:
                 return _SURPLUS

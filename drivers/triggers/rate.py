@@ -15,6 +15,10 @@ JUDGED_FRAMES = 30
 RATE_TOLERANCE = 0.01
 """How far a rate may be off. A wrong one is right again at half of this, so that verdicts do not flicker."""
 
+HOST_RATE_TOLERANCE = 0.3
+"""How far the rate of triggers that the host gives may be off: it leaves some out, but knows that; a camera that takes
+only every second one is another matter."""
+
 
 def mean_period_ns(periods_ns: Sequence[float]) -> float:
     """The mean period of frames whose times scatter, without pauses, clock jumps and gaps of lost frames."""
@@ -49,7 +53,7 @@ class _Course:
     trouble: str | None = None
     judged_ns: float = 0.0
 
-    def judge(self, rate_hz: float, triggered: bool) -> None:
+    def judge(self, rate_hz: float, triggered: bool, tolerance: float) -> None:
         """Close a window: a verdict rests on two in a row that agree, and stays while the rate hardly changes.
 
         A time stamp that is a little off lengthens one window and shortens the next, and a window in which the rate
@@ -59,7 +63,7 @@ class _Course:
         self.periods_ns.clear()
         if not _same(self.window_ns, former_ns):
             return
-        tolerance = RATE_TOLERANCE / 2 if self.trouble else RATE_TOLERANCE
+        tolerance = tolerance / 2 if self.trouble else tolerance
         period_ns = (former_ns + self.window_ns) / 2
         trouble = wrong_rate(period_ns, rate_hz, triggered, tolerance)
         if self.trouble and trouble and _same(period_ns, self.judged_ns):
@@ -80,11 +84,14 @@ class RateWatch:
         Rate of the triggers, as configured.
     triggered
         The cameras that wait for them; others run by their own clock, at the same rate.
+    tolerance
+        How far the rate may be off, in parts.
     """
 
-    def __init__(self, rate_hz: float, triggered: Collection[Side]) -> None:
+    def __init__(self, rate_hz: float, triggered: Collection[Side], tolerance: float = RATE_TOLERANCE) -> None:
         self._rate_hz = rate_hz
         self._triggered = triggered
+        self._tolerance = tolerance
         self._courses: dict[Side, _Course] = {}
 
     def frame(self, side: Side, frame: Frame) -> str | None:
@@ -98,7 +105,7 @@ class RateWatch:
             course.periods_ns.append((frame.host_time_ns - course.time_ns) / taken)
         course.frame_id, course.time_ns = frame.frame_id, frame.host_time_ns
         if len(course.periods_ns) == JUDGED_FRAMES:
-            course.judge(self._rate_hz, side in self._triggered)
+            course.judge(self._rate_hz, side in self._triggered, self._tolerance)
         return course.trouble
 
     def gone(self, side: Side) -> None:

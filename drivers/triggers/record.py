@@ -8,6 +8,7 @@ from typing import Literal
 from drivers.camera import IncompleteFrame
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame, Side, StereoPair
+from drivers.genicam.trigger import ACTION
 from drivers.rig.events import (
     CameraGone,
     CameraReady,
@@ -38,7 +39,12 @@ class RigRecord:
     rate_hz
         Rate of the triggers, as configured.
     opened_ns
-        The time from which triggers are counted.
+        The time from which triggers are counted; by scheduled actions, those count from when the first one is paced.
+
+    Attributes
+    ----------
+    unpaced
+        Cameras that are open and will get scheduled triggers, but none yet.
     """
 
     def __init__(
@@ -49,7 +55,9 @@ class RigRecord:
         opened_ns: int,
     ) -> None:
         numbered_by: Literal["time", "frame_id"] = "time" if trigger_sources else "frame_id"
-        self._account = TriggerAccount(sides, 1e9 / rate_hz, opened_ns, numbered_by)
+        self._scheduled = any(source.startswith(ACTION) for source in trigger_sources.values())
+        self.unpaced: set[Side] = set()
+        self._account = TriggerAccount(sides, 1e9 / rate_hz, None if self._scheduled else opened_ns, numbered_by)
         self._start_check = StartCheck(trigger_sources, rate_hz)
         self._writes = RigWrites(sides)
         self._window = WriteWindow()
@@ -85,16 +93,28 @@ class RigRecord:
             case CameraSilent(side):
                 return self._account.silent(side)
             case CameraGone(side):
+                self.unpaced.discard(side)
                 self._writes.gone(side)
                 return self._account.gone(side)
+            case CameraReady(side) if self._scheduled:
+                self.unpaced.add(side)
             case CameraReady(side):
-                self._start_check.ready(side, now_ns)
-                self._account.ready(side, now_ns)
+                self._ready(side, now_ns)
             case WriteFailed(side):
                 self.history(side).doubt()
             case NotTriggered(side, count):
                 self._account.not_given(side, count)
         return []
+
+    def paced(self, side: Side, now_ns: int) -> None:
+        """The host triggers a camera from now on."""
+        if side in self.unpaced:
+            self.unpaced.discard(side)
+            self._ready(side, now_ns)
+
+    def _ready(self, side: Side, now_ns: int) -> None:
+        self._start_check.ready(side, now_ns)
+        self._account.ready(side, now_ns)
 
     def written(self, write: Written) -> Command | None:
         """Enter a write; returns the command behind it, None for the write when a camera is opened."""

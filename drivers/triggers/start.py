@@ -45,7 +45,7 @@ class StartCheck:
 
     def ready(self, side: Side, now_ns: int) -> None:
         """A camera waits for triggers from now on."""
-        if side in self._sources and not self._sources[side].startswith(ACTION):  # that waits for PTP first
+        if side in self._sources:
             self._ready_ns.setdefault(side, now_ns)
 
     def frame(self, side: Side, time_ns: int) -> None:

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from drivers.exposure import ExposureSetting
-from drivers.frames import Frame
-from drivers.triggers.rate import JUDGED_FRAMES, RateWatch, mean_period_ns, wrong_rate
+from drivers.frames import Frame, Side
+from drivers.triggers.rate import HOST_RATE_TOLERANCE, JUDGED_FRAMES, RateWatch, mean_period_ns, wrong_rate
 
 MS = 1_000_000
 PERIOD_NS = 20 * MS
@@ -107,3 +107,9 @@ def test_lost_frames_pauses_and_reopened_cameras_are_not_a_wrong_rate() -> None:
 @pytest.mark.parametrize(("rate_hz", "reported"), [(59.0, True), (59.7, False), (60.3, False), (61.0, True)])
 def test_one_frame_a_second_too_few_or_too_many_is_a_wrong_rate(rate_hz: float, reported: bool) -> None:
     assert (wrong_rate(1e9 / rate_hz, 60.0) is not None) == reported
+
+
+def test_triggers_that_the_host_gives_may_be_left_out_but_not_every_second_one() -> None:
+    sides: tuple[Side, ...] = ("left", "right")
+    assert feed(RateWatch(50.0, sides, HOST_RATE_TOLERANCE), PERIOD_NS * 23 // 20) is None
+    assert "fit into one period" in (feed(RateWatch(50.0, sides, HOST_RATE_TOLERANCE), 2 * PERIOD_NS) or "")
