@@ -2,87 +2,15 @@
 
 from __future__ import annotations
 
-from collections import Counter
-
 import pytest
 
-from autoexpose_daemon.control.decision import Decision
-from autoexpose_daemon.status.states import Health
-from drivers.frames import StereoPair
 from drivers.ptp.sync import PATIENCE_NS
 from drivers.triggers.account import LossReason
-from tests.autoexpose_daemon.virtual import START_US, tuning
+from tests.autoexpose_daemon.virtual_ptp import EXACT_NS, HELD_NS, PtpRun
 from tests.soak import ptp as virtual_ptp
 from tests.soak import rig as virtual_rig
-from tests.soak.camera import VirtualFrame
 from tests.soak.clock import MS, SECOND
-from tests.soak.ptp import ERROR_NS, Master, PtpDevice
-from tests.soak.rig import VirtualRig
-
-EXACT_NS = 3 * ERROR_NS + 100
-"""How far apart exposures are while both clocks are synchronised: each by its error, and its drift in half a second."""
-HELD_NS = MS
-"""And otherwise: by the host's readings of the clocks, once a second."""
-
-
-class PtpRun:
-    """A rig of two cameras with a PTP master, if there is one."""
-
-    def __init__(self, rate_hz: float = 20.0, master_from_ns: int = 0) -> None:
-        self.apart_ns: list[int] = []
-        self.alone = 0
-        self.said: list[str] = []
-        self.rate_hz = rate_hz
-        self.master = Master()
-        self.rig = VirtualRig(
-            7,
-            self._see_pair,
-            self._see_health,
-            tuning(START_US, trigger={"mode": "ptp", "rate_hz": rate_hz}),
-            new_device=PtpDevice,
-        )
-        left, right = self.rig.devices
-        assert isinstance(left, PtpDevice) and isinstance(right, PtpDevice)
-        self.left, self.right = left, right
-        for unit in self.rig.units.values():
-            assert isinstance(unit.device, PtpDevice)
-            unit.device.on_frame = unit.plan_frames
-            unit.device.master = self.master
-        self.actors = [actor for device in (left, right) for actor in device.actors]
-
-    def let_pass(self, seconds: float) -> None:
-        self.rig.run(self.actors, self.rig.clock.now_ns + round(seconds * SECOND))
-
-    def begin(self) -> None:
-        """Until pairs have come for a second."""
-        self.let_pass(10.0)
-        assert len(self.apart_ns) >= self.rate_hz
-        assert self.said == ["exposing"]
-        self.apart_ns.clear()
-        self.said.clear()
-
-    def end(self, most_surplus: int = 0) -> Counter[LossReason]:
-        """Why slots made no pair, apart from start and end.
-
-        When a clock is set, actions that wait for their time act at another: these frames are surplus.
-        """
-        self.rig.control.close()
-        tally = self.rig.control.record.tally
-        assert tally.surplus_frames <= most_surplus
-        lost = +tally.lost
-        del lost[LossReason.STARTUP], lost[LossReason.SHUTDOWN]
-        return lost
-
-    def _see_pair(self, pair: StereoPair, _decision: Decision | None) -> None:
-        times_ns = [frame.pulse for frame in pair.frames.values() if isinstance(frame, VirtualFrame)]
-        if len(times_ns) == 1:
-            self.alone += 1
-            return
-        self.apart_ns.append(abs(times_ns[0] - times_ns[1]))
-        assert self.apart_ns[-1] < SECOND / self.rate_hz / 2, "a pair of two instants"
-
-    def _see_health(self, _now_ns: int, health: Health) -> None:
-        self.said.append(str(health))
+from tests.soak.ptp import ERROR_NS, Master
 
 
 def test_exposures_are_as_near_as_the_clocks() -> None:
@@ -109,6 +37,23 @@ def test_without_a_master_nothing_is_triggered_and_one_sentence_says_why() -> No
     assert run.said[-1] == "exposing"
     assert max(run.apart_ns) < EXACT_NS
     assert run.end() == {}
+
+
+def test_what_was_never_triggered_is_not_lost() -> None:
+    run = PtpRun()
+    run.master.on_air = False
+    run.let_pass(30.0)
+    run.end()
+    assert run.rig.control.record.tally.triggers == 0
+
+
+def test_a_camera_without_a_master_is_left_waiting_and_the_other_one_exposes() -> None:
+    run = PtpRun()
+    run.right.hears = False
+    run.let_pass(60.0)
+    assert "right camera: its clock found no PTP master within 10 s" in run.said[-1]
+    assert run.alone > 40 * run.rate_hz
+    assert run.right.session == 1, "it was reopened, which does not help"
 
 
 @pytest.mark.parametrize("side", ["left", "right", "both"])
@@ -162,7 +107,7 @@ def test_two_masters_are_noticed() -> None:
 
 
 def test_a_lost_camera_is_triggered_again_when_it_is_back() -> None:
-    run = PtpRun()
+    run = PtpRun(rate_hz=60.0)
     run.begin()
     run.right.vanish()
     run.let_pass(5.0)
@@ -190,21 +135,12 @@ def test_a_stopped_process_sends_no_actions_and_makes_up_for_none(stopped_s: flo
 
 
 def test_ten_hours_with_a_master_that_comes_and_goes(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each hour both cameras are without it for ten minutes; at a low rate, so that this takes seconds."""
-    monkeypatch.setattr(virtual_ptp, "SERVO_NS", SECOND)
-    monkeypatch.setattr(virtual_rig, "POLL_NS", SECOND)
-    monkeypatch.setattr(virtual_rig, "BEAT_NS", SECOND)
-    monkeypatch.setattr(virtual_rig, "LOOK_NS", SECOND)
+    """At a low rate, so that this takes seconds; tests/accept/test_ptp.py has a higher one."""
+    for module, name in (
+        (virtual_ptp, "SERVO_NS"),
+        *((virtual_rig, name) for name in ("POLL_NS", "BEAT_NS", "LOOK_NS")),
+    ):
+        monkeypatch.setattr(module, name, 2 * SECOND)
     run = PtpRun(rate_hz=0.5)
-    run.let_pass(20.0)
-    for _ in range(10):
-        run.master.on_air = False
-        run.let_pass(600.0)
-        assert "left camera: its clock is no longer synchronised" in run.said[-1]
-        run.master.on_air = True
-        run.let_pass(3000.0)
-        assert run.said[-1] == "exposing"
-    assert len(run.apart_ns) == pytest.approx(18_000, abs=20)
-    further = [apart_ns for apart_ns in run.apart_ns if apart_ns >= HELD_NS]
-    assert len(further) <= 10  # actions that waited while the master came back, and set the clocks
-    assert sum(run.end(most_surplus=20).values()) <= 40
+    run.let_pass(30.0)
+    run.hours_with_outages(10)
