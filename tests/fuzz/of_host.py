@@ -60,7 +60,7 @@ from drivers.exposure import ExposureSetting
 from drivers.exposure.gain_scale import GainScale
 from drivers.frames import Frame
 from drivers.genicam.image_format import decode_pixels
-from drivers.host import gvcp
+from drivers.host import action_commands, gvcp
 from drivers.host.network import NetworkInterface, largest_socket_buffer_bytes
 from drivers.pixels.formats import PixelFormat
 from fake_camera.device.line0 import Line0
@@ -82,6 +82,7 @@ def discovery(data: bytes) -> None:
     if camera is not None:
         str(camera.reachable)
     gvcp._parse(data)
+    action_commands.refusal(data)
 
 
 def discovery_seeds() -> Iterator[bytes]:
