@@ -104,7 +104,8 @@ class RigControl:
         self.light_ahead: Callable[[int], LightAhead | None] = lambda _: None
         self.tracking: Tracking | None = None
         self._stamp: Stamp = (config.publish or PublishConfig()).stamp
-        self.record = RigRecord(tuple(config.sides), config.trigger_sources, config.trigger.rate_hz, now_ns())
+        mode = config.trigger.mode if config.trigger.mode != "primary" else "external"
+        self.record = RigRecord(tuple(config.sides), config.trigger_sources, config.trigger.rate_hz, now_ns(), mode)
         self.active = ActiveLoop(Tuning(config))
         period_ns = 1e9 / config.trigger.rate_hz
         self.requests = Requests(self.active, self.telemetry.requests, start or config.start, period_ns)

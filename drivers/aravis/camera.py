@@ -14,10 +14,10 @@ from drivers.aravis.introspection import Aravis, GLib, genicam_xml
 from drivers.aravis.nodes import AravisNodes
 from drivers.aravis.stream import create_stream
 from drivers.camera import CameraDescription, ClockReading, IncompleteFrame
-from drivers.errors import CameraError, CameraLostError, ConfigurationError, NodeError
+from drivers.errors import CameraError, CameraLostError, ConfigurationError, NodeError, UnsupportedCameraError
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Frame, SettingSource
-from drivers.genicam.clock import find_clock
+from drivers.genicam.clock import LatchedClock, find_clock
 from drivers.genicam.dialect import find_dialect, switch_auto_off
 from drivers.genicam.features import apply_features
 from drivers.genicam.gamma import switch_gamma_off
@@ -76,6 +76,11 @@ class AravisCamera:
         gain_node = None if self._dialect.gain is None else self._dialect.gain.node
         self._chunk_nodes, of_chunks = enable_chunks(nodes, gain_node)
         self._clock, of_clock = find_clock(nodes)
+        if self._ptp is not None and not isinstance(self._clock, LatchedClock):
+            raise UnsupportedCameraError(
+                f"camera {found.serial}: it has no TimestampLatch, and so its PTP time cannot be read: choose another "
+                "trigger.mode"
+            )
         of_timing = timing_limitations(nodes, setup.trigger)
         limitations = (*self._dialect.limitations, *of_trigger, *of_ptp, *of_timing, *of_gamma, *of_chunks, *of_clock)
         self._description = CameraDescription(

@@ -8,7 +8,6 @@ from typing import Literal
 from drivers.camera import IncompleteFrame
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame, Side, StereoPair
-from drivers.genicam.trigger import ACTION
 from drivers.rig.events import (
     CameraGone,
     CameraReady,
@@ -19,6 +18,7 @@ from drivers.rig.events import (
     WriteFailed,
     Written,
 )
+from drivers.setup import TriggerMode
 from drivers.triggers.account import Tally, TriggerAccount
 from drivers.triggers.history import Command, WriteHistory
 from drivers.triggers.start import StartCheck
@@ -39,7 +39,9 @@ class RigRecord:
     rate_hz
         Rate of the triggers, as configured.
     opened_ns
-        The time from which triggers are counted; by scheduled actions, those count from when the first one is paced.
+        The time from which triggers are counted; in mode "ptp", they count from when the first camera is paced.
+    mode
+        Where triggers come from.
 
     Attributes
     ----------
@@ -53,12 +55,13 @@ class RigRecord:
         trigger_sources: Mapping[Side, str],
         rate_hz: float,
         opened_ns: int,
+        mode: TriggerMode = "external",
     ) -> None:
         numbered_by: Literal["time", "frame_id"] = "time" if trigger_sources else "frame_id"
-        self._scheduled = any(source.startswith(ACTION) for source in trigger_sources.values())
+        self._scheduled = mode == "ptp"
         self.unpaced: set[Side] = set()
         self._account = TriggerAccount(sides, 1e9 / rate_hz, None if self._scheduled else opened_ns, numbered_by)
-        self._start_check = StartCheck(trigger_sources, rate_hz)
+        self._start_check = StartCheck(trigger_sources, rate_hz, by_host=mode in ("software", "ptp"))
         self._writes = RigWrites(sides)
         self._window = WriteWindow()
 

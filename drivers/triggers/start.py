@@ -8,7 +8,6 @@ from collections.abc import Iterator, Mapping
 from itertools import pairwise
 
 from drivers.frames import Side
-from drivers.genicam.trigger import ACTION, SOFTWARE
 from drivers.triggers.rate import mean_period_ns, wrong_rate
 
 PATIENCE_NS = 3_000_000_000
@@ -32,11 +31,13 @@ class StartCheck:
         For each side, the TriggerSource of its camera; a camera that runs freely has none and is not judged.
     rate_hz
         Rate of the triggers, as configured.
+    by_host
+        Whether the host gives them: then no wire is to be checked.
     """
 
-    def __init__(self, sources: Mapping[Side, str], rate_hz: float) -> None:
+    def __init__(self, sources: Mapping[Side, str], rate_hz: float, by_host: bool = False) -> None:
         self._sources = sources
-        self._wired = not any(source.startswith((ACTION, SOFTWARE)) for source in sources.values())
+        self._by_host = by_host
         self._rate_hz = rate_hz
         self._ready_ns: dict[Side, int] = {}
         self._times_ns: dict[Side, list[int]] = {side: [] for side in sources}
@@ -77,7 +78,7 @@ class StartCheck:
             yield (
                 f"no trigger pulse on {sources} for {PATIENCE_NS * 1e-9:g} s: check that the trigger source runs, its "
                 "wires and its voltage"
-                if self._wired
+                if not self._by_host
                 else f"no frame for {PATIENCE_NS * 1e-9:g} s although the cameras are triggered: check the network"
             )
             return
@@ -87,7 +88,7 @@ class StartCheck:
             yield (
                 f"the {side} camera gets no trigger pulse, the other one does: check the wire to its "
                 f"{self._sources[side]}"
-                if self._wired
+                if not self._by_host
                 else f"no frame from the {side} camera although it is triggered: check its cable"
             )
 
@@ -103,6 +104,6 @@ class StartCheck:
             apart = f"left and right start {skew_ns * 1e-6:.1f} ms apart: check that"
             yield (
                 f"{apart} both share one trigger, and that neither has a TriggerDelay or triggers on another edge"
-                if self._wired
+                if not self._by_host
                 else f"{apart} neither has a TriggerDelay, and that this machine is not too busy to trigger in time"
             )

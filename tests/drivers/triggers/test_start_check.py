@@ -81,7 +81,7 @@ def test_cameras_on_a_grid_of_milliseconds_are_judged() -> None:
 
 
 def test_cameras_that_the_host_triggers_are_sent_to_no_wire() -> None:
-    judge = StartCheck(dict.fromkeys(SIDES, "Software"), 50.0)
+    judge = StartCheck(dict.fromkeys(SIDES, "Software"), 50.0, by_host=True)
     for side in SIDES:
         judge.ready(side, 0)
     (finding,) = judge.findings(PATIENCE_NS + 1)
