@@ -91,7 +91,7 @@ class AravisCamera:
             self._pixel_format,
             gain_node,
             frame_size(nodes),
-            action_queue(nodes),
+            1 if self._ptp is None else action_queue(nodes),
         )
         self._limits = self._dialect.limits(nodes)
         self._setting: ExposureSetting | None = self._dialect.read(nodes)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 from drivers.errors import ConfigurationError, UnsupportedCameraError
 from drivers.genicam.nodes import NodeMap
 from drivers.genicam.quantity import find_quantity
@@ -16,8 +18,9 @@ FIXED_RATE = "FixedRate"
 SOFTWARE = "Software"
 """The trigger source of `SOFTWARE_TRIGGER`."""
 SOFTWARE_TRIGGER = "TriggerSoftware"
-ACTION = "Action"
-"""The trigger sources that action commands drive begin with this; a number follows."""
+ACTION = "Action1"
+"""The trigger source that action commands drive; on some cameras another number."""
+_ACTION = re.compile(r"Action(\d+)")
 PTP_SWITCHES = ("PtpEnable", "GevIEEE1588")
 """What synchronises the camera's clock, by its SFNC name and that of older descriptions."""
 ACTION_QUEUE = "ActionQueueSize"
@@ -103,21 +106,21 @@ def _arm_software(nodes: NodeMap) -> tuple[str, ...]:
 
 
 def _arm_action(nodes: NodeMap) -> tuple[str, ...]:
-    source = next((entry for entry in nodes.entries("TriggerSource") if entry.startswith(ACTION)), None)
+    source = next(filter(None, map(_ACTION.fullmatch, nodes.entries("TriggerSource"))), None)
     missing = [name for name in ACTION_NODES if not nodes.available(name)]
     if source is None or missing:
-        lacks = f"no {missing[0]}" if missing else f"no TriggerSource {ACTION}1"
+        lacks = f"no {missing[0]}" if missing else f"no TriggerSource {ACTION}"
         raise UnsupportedCameraError(
             f"camera {nodes.serial}: it has {lacks}, and so takes no action commands: choose another trigger.mode"
         )
     if nodes.kind("ActionSelector") == "integer" and nodes.writable("ActionSelector"):
-        nodes.write_integer("ActionSelector", int(source.removeprefix(ACTION)))
-    elif source in nodes.entries("ActionSelector") and nodes.writable("ActionSelector"):
-        nodes.write_entry("ActionSelector", source)
+        nodes.write_integer("ActionSelector", int(source[1]))
+    elif source[0] in nodes.entries("ActionSelector") and nodes.writable("ActionSelector"):
+        nodes.write_entry("ActionSelector", source[0])
     keys = ACTION_KEYS
     for name, value in zip(ACTION_NODES, (keys.device, keys.group, keys.mask), strict=True):
         nodes.write_integer(name, value)
-    return _arm(nodes, source)
+    return _arm(nodes, source[0])
 
 
 def action_queue(nodes: NodeMap) -> int:

@@ -45,7 +45,7 @@ class _Clock:
         if found and self.reading is not None and self.reading.ptp.status not in _MASTER_FOUND:
             self.since_ns = now_ns
         self.reading = reading
-        off_ns = abs(reading.ptp.offset_ns or 0)
+        off_ns = abs(reading.ptp.offset_ns or 0) if reading.ptp.status == "Slave" else 0  # a master's means nothing
         fine = reading.ptp.status in FOLLOWING and off_ns <= (LOST_NS if self.synchronised else SYNCHRONISED_NS)
         self.good = self.good + 1 if fine else 0
         if self.synchronised and not fine:

@@ -88,7 +88,7 @@ def test_a_camera_without_action_commands_is_refused_by_serial_and_node() -> Non
     with pytest.raises(UnsupportedCameraError, match="camera M1: it has no ActionDeviceKey, and so takes no action"):
         arm_trigger(triggered(), PTP)
     bare = takes_actions(IntegerNode(1))
-    bare.nodes["TriggerSource"] = EnumerationNode("Line0", ("Line0",))
+    bare.nodes["TriggerSource"] = EnumerationNode("Line0", ("Line0", "ActionSignal"))
     with pytest.raises(UnsupportedCameraError, match="camera M1: it has no TriggerSource Action1"):
         arm_trigger(bare, PTP)
 

@@ -57,6 +57,14 @@ def test_a_clock_must_be_near_to_begin_and_far_to_be_lost() -> None:
     assert readings.sync.trouble("right", readings.now_ns) is None
 
 
+def test_one_camera_may_be_the_master_of_the_other() -> None:
+    readings = Readings()
+    for _ in range(2):
+        readings.read("left", "Master", off_ns=123_456_789)  # from when it was a slave
+        readings.read("right")
+    assert readings.slots.keys() == {"left", "right"}
+
+
 def test_one_camera_is_not_kept_waiting_for_ever() -> None:
     readings = Readings()
     while readings.now_ns < 100 * S + PATIENCE_NS:
