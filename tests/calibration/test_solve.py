@@ -137,7 +137,7 @@ def drawn_sweep(seed: int, scale: float = 1.0) -> Sweep:
     return Sweep(tuple(shots))
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=8, deadline=None)
 @given(st.integers(0, 2**32 - 1))
 def test_every_solution_is_monotone_and_finite(seed: int) -> None:
     solution = solve_response(drawn_sweep(seed))
@@ -151,7 +151,7 @@ def test_every_solution_is_monotone_and_finite(seed: int) -> None:
     assert np.isfinite(solution.residual_grey)
 
 
-@settings(max_examples=5, deadline=None)
+@settings(max_examples=3, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.floats(0.01, 100))
 def test_the_unit_of_exposure_times_does_not_matter(seed: int, scale: float) -> None:
     one, other = (solve_response(drawn_sweep(seed, factor)) for factor in (1.0, scale))
