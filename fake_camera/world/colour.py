@@ -8,10 +8,10 @@ from typing import Any, cast
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from fake_camera.imaging import PixelFormat, Pixels
+from fake_camera.world.compiled import compiled
 
 FILTERS = {"R": 0.35, "G": 0.5, "B": 0.3}
 """What reaches a pixel behind each filter, as a share of what reaches a grey one, in white light."""
@@ -57,7 +57,7 @@ def filtered(radiance: NDArray[np.float32], tints: Tints, mosaic: str) -> NDArra
     return passed
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def _filter(radiance, numbers, shares, passed):  # type: ignore[no-untyped-def]
     for y in range(radiance.shape[0]):
         for x in range(radiance.shape[1]):

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from fake_camera.imaging import PIXEL_FORMATS, ImageSettings, Pixels
 from fake_camera.world.colour import WHITE, Tints, balanced, filtered, grey_light, mosaic_of, with_colours
+from fake_camera.world.compiled import compiled
 from fake_camera.world.response import response_table
 
 _STEPS = 1 << 16
@@ -194,7 +194,7 @@ def _in_region(tints: Tints, settings: ImageSettings) -> Tints:
     return Tints(binned[rows, columns], tints.colours)
 
 
-@njit(cache=True, fastmath=True, nogil=True)
+@compiled(fastmath=True)
 def _expose(  # type: ignore[no-untyped-def]
     radiance, e_per_radiance, dark_e, read_variance, full_well, steps_per_e, offset, normals, seed, table, image
 ):

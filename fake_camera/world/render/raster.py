@@ -12,8 +12,8 @@ rectangle is one span.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from fake_camera.world.compiled import compiled
 from fake_camera.world.render.smear import BLOCK
 
 TILE_WIDTH, TILE_HEIGHT = 128, 18
@@ -22,14 +22,14 @@ _SEAM_PX = 1e-6
 """Surfaces are extended by this much, so that no gap opens between two that share an edge."""
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def _cross(a, b, out):  # type: ignore[no-untyped-def]
     out[0] = a[1] * b[2] - a[2] * b[1]
     out[1] = a[2] * b[0] - a[0] * b[2]
     out[2] = a[0] * b[1] - a[1] * b[0]
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def pixel_matrices(corners, pose, focal, centre_x, centre_y):  # type: ignore[no-untyped-def]
     """Pixel to (a, b, 1) / z by surface, shape (surfaces, 3, 3); 0 for surfaces seen from behind."""
     matrices = np.zeros((len(corners), 3, 3))
@@ -57,7 +57,7 @@ def pixel_matrices(corners, pose, focal, centre_x, centre_y):  # type: ignore[no
     return matrices
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def _cover(matrix, left, top, right, bottom):  # type: ignore[no-untyped-def]
     """How a surface covers a tile: 0 not, 1 perhaps partly, 2 wholly; and its lowest and highest 1 / z there."""
     before, right_of, left_of, below, above = 0, 0, 0, 0, 0
@@ -78,7 +78,7 @@ def _cover(matrix, left, top, right, bottom):  # type: ignore[no-untyped-def]
     return (2 if before + right_of + left_of + below + above == 20 else 1), least, greatest
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def _level(matrix, x, y, shapes, count):  # type: ignore[no-untyped-def]
     """The mip level whose texels are about one pixel wide at (x, y)."""
     w = matrix[2, 0] * x + matrix[2, 1] * y + matrix[2, 2]
@@ -95,7 +95,7 @@ def _level(matrix, x, y, shapes, count):  # type: ignore[no-untyped-def]
     return max(min(int(0.5 * np.log2(greatest + 1e-12) + 0.5), count - 1), 0)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _span(matrix, y, left, right):  # type: ignore[no-untyped-def]
     """Where a surface begins and ends in a row of a tile, as [begin, end) within [left, right)."""
     begin, end = left, right
@@ -117,7 +117,7 @@ def _span(matrix, y, left, right):  # type: ignore[no-untyped-def]
     return begin, end
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _nearest(matrices, found, spans, x, y, right):  # type: ignore[no-untyped-def]
     """Which of the surfaces `found` is the nearest at (x, y), -1 for none, and up to which x that is certain."""
     best, best_w, best_slope, until = -1, 0.0, 0.0, right
@@ -141,7 +141,7 @@ def _nearest(matrices, found, spans, x, y, right):  # type: ignore[no-untyped-de
     return best, min(until, spans[best, 1])
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@compiled(fastmath=True, error_model="numpy")
 def _fill(matrix, shape, scale, texels, x, y, until, margin, at, fu, fv, radiance, add):  # type: ignore[no-untyped-def]
     """Write or add one surface in a row from x to `until`: first the addresses, in a loop that vectorises."""
     offset, stride = np.uint32(shape[0]), np.uint32(shape[2] + 1)
@@ -172,7 +172,7 @@ def _fill(matrix, shape, scale, texels, x, y, until, margin, at, fu, fv, radianc
         radiance[line_at, left + i] = texel + (radiance[line_at, left + i] if add else zero)
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def _in_tile(matrices, visible, left, top, right, bottom, found, nearer):  # type: ignore[no-untyped-def]
     """Write to `found` which of the visible surfaces may show in a tile.
 
@@ -195,7 +195,7 @@ def _in_tile(matrices, visible, left, top, right, bottom, found, nearer):  # typ
     return kept, kept == 1 and behind > 0.0
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def rasterise(matrices, scales, texels, levels, counts, margin, radiance, add, nearness):  # type: ignore[no-untyped-def]
     """Write or add scale times texel for one pose, tile by tile, and record 1 / z in the middle of each block.
 
@@ -235,7 +235,7 @@ def rasterise(matrices, scales, texels, levels, counts, margin, radiance, add, n
                     x = until
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def _note(matrix, x, y, until, nearness):  # type: ignore[no-untyped-def]
     """Record 1 / z of a surface in those blocks of row y whose middle is within [x, until)."""
     block = max((x + BLOCK // 2 - 1) // BLOCK, 0)

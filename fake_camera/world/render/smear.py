@@ -12,7 +12,8 @@ curvature of the motion. `tests/fake_camera/world/test_smear.py` checks by how m
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from fake_camera.world.compiled import compiled
 
 BLOCK = 32
 """Pixels of a row that share one motion."""
@@ -30,7 +31,7 @@ _LARGEST_SUM = 2.0**30
 """For the brightest pixels over the longest motion: running sums may overflow, their differences must not."""
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def projection(middle, pose, focal, centre_x, centre_y):  # type: ignore[no-untyped-def]
     """Where a camera at `pose` sees what one at `middle` sees at pixel (x, y) and depth z.
 
@@ -52,7 +53,7 @@ def projection(middle, pose, focal, centre_x, centre_y):  # type: ignore[no-unty
     return result
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def smear(rendered, nearness, ends, brightest, share, sums, radiance, add):  # type: ignore[no-untyped-def]
     """Write `share` of an image to `radiance`, or add it when `add`, blurred by a motion.
 
@@ -83,7 +84,7 @@ def smear(rendered, nearness, ends, brightest, share, sums, radiance, add):  # t
                 radiance[y, x + i] = share * total[i] + (radiance[y, x + i] if add else np.float32(0.0))
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@compiled(fastmath=True, error_model="numpy")
 def _running_sums(rendered, step, sums):  # type: ignore[no-untyped-def]
     """Sum of all pixels to the left in the same row, in steps; it may overflow."""
     height, width = rendered.shape
@@ -95,7 +96,7 @@ def _running_sums(rendered, step, sums):  # type: ignore[no-untyped-def]
             total = np.int32(total + np.int32(rendered[y, x] * per_step))
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@compiled(fastmath=True, error_model="numpy")
 def _motion(begin, end, y, nearness, motion_x, motion_y):  # type: ignore[no-untyped-def]
     """How far the image moves in each block of a row, in pixels."""
     limit = np.float32(LONGEST_PX)
@@ -111,7 +112,7 @@ def _motion(begin, end, y, nearness, motion_x, motion_y):  # type: ignore[no-unt
         motion_y[block] = min(max(np.float32(y1 - y0), -limit), limit)
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@compiled(fastmath=True, error_model="numpy")
 def _average(flat, sums, step, at, stride, motion_x, motion_y, total):  # type: ignore[no-untyped-def]
     """Add the mean along a motion to a block of pixels that begins at index `at`.
 

@@ -8,9 +8,9 @@ from functools import lru_cache
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from fake_camera.world.compiled import compiled
 from fake_camera.world.render.renderer import Surface
 from fake_camera.world.scene.shapes import block, from_below, level, upright
 from fake_camera.world.scene.textures import lampshade, planks, plaster, window_view, with_targets
@@ -119,7 +119,7 @@ def _lit(surfaces: list[Surface], ceiling_light: NDArray[np.float64], lamp: NDAr
     return lit
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def _light_map(corner, edge_u, edge_v, lights, occluders):  # type: ignore[no-untyped-def]
     """Irradiance of a rectangle on a grid of about 8 cm, shape (rows, columns), with the shadows of the occluders.
 
@@ -146,12 +146,12 @@ def _light_map(corner, edge_u, edge_v, lights, occluders):  # type: ignore[no-un
     return light_map
 
 
-@njit(cache=True, nogil=True, inline="always")
+@compiled(inline="always")
 def _dot(a, b):  # type: ignore[no-untyped-def]
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def _blocked(point, ray, occluders):  # type: ignore[no-untyped-def]
     """Whether a rectangle lies between `point` and `point + ray`; occluders hold corner, edges and normal."""
     for i in range(len(occluders)):
@@ -168,12 +168,12 @@ def _blocked(point, ray, occluders):  # type: ignore[no-untyped-def]
 
 
 # By index instead of slices: creating those took nine tenths of the time.
-@njit(cache=True, nogil=True, inline="always")
+@compiled(inline="always")
 def _dot_row(a, occluders, i, j):  # type: ignore[no-untyped-def]
     return a[0] * occluders[i, j, 0] + a[1] * occluders[i, j, 1] + a[2] * occluders[i, j, 2]
 
 
-@njit(cache=True, nogil=True, inline="always")
+@compiled(inline="always")
 def _dot_rows(occluders, i, j, k):  # type: ignore[no-untyped-def]
     return (
         occluders[i, j, 0] * occluders[i, k, 0]
