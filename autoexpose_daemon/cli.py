@@ -114,7 +114,7 @@ def run_daemon(file: Path, notifier: Notifier, recorder: Recorder | None = None)
     stop, reload = threading.Event(), threading.Event()
     stop_on_signals(stop)
     by_hand = os.isatty(0)  # then SIGHUP means that the terminal was closed
-    signal.signal(signal.SIGHUP, lambda *_: (stop if by_hand else reload).set())
+    signal.signal(signal.SIGHUP, lambda *_: _set(stop if by_hand else reload))
 
     def new_config() -> Config | None:
         if not reload.is_set():
@@ -129,10 +129,15 @@ def run_daemon(file: Path, notifier: Notifier, recorder: Recorder | None = None)
     run_until_stopped(service, stop, Console(), "autoexpose", new_config)
 
 
+def _set(event: threading.Event) -> None:
+    """Set it from a signal handler: on another thread, as the interrupted one may be holding the event's lock."""
+    threading.Thread(target=event.set).start()
+
+
 def stop_on_signals(stop: threading.Event) -> None:
     """Have SIGTERM and SIGINT stop cleanly."""
     for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: stop.set())
+        signal.signal(number, lambda *_: _set(stop))
 
 
 @app.command()

@@ -339,6 +339,14 @@ def _sentence(error: Exception) -> str:
     return str(error)
 
 
+def stopped_by_signals() -> threading.Event:
+    """Set at SIGTERM and SIGINT; on another thread, as the interrupted one may be holding its lock."""
+    stop = threading.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: threading.Thread(target=stop.set).start())
+    return stop
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Run a camera until SIGTERM or SIGINT, or until the command of --exec ends.
 
@@ -348,9 +356,7 @@ def main(arguments: list[str] | None = None) -> int:
     if arguments[:1] == ["ptp-master"]:
         return host_master.main(arguments[1:])
     options = _parse_arguments(arguments)
-    stop = threading.Event()
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: stop.set())
+    stop = stopped_by_signals()
     where = "on USB" if options.usb3 else f"at {options.address}"
     notes = sys.stderr if options.exec else sys.stdout  # the command's output is its own
     with contextlib.ExitStack() as resources:

@@ -86,7 +86,8 @@ def _source(rig: str, connect: list[str] | None, robot: list[str] | None, keys: 
 
 
 def _stop_on_signals() -> threading.Event:
+    """Set at SIGTERM and SIGINT; on another thread, as the interrupted one may be holding its lock."""
     stop = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: stop.set())
+        signal.signal(number, lambda *_: threading.Thread(target=stop.set).start())
     return stop

@@ -9,13 +9,14 @@ import re
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
 import pytest
 import yaml
 
-from autoexpose_daemon.cli import main
+from autoexpose_daemon.cli import main, stop_on_signals
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
 from calibration.response import ResponseFunction
 from calibration.response.file import CameraIdentity, Origin, ResponseFile
@@ -239,3 +240,16 @@ def test_the_demo_reports_what_happened(tmp_path: Path) -> None:
     assert plot.read_bytes().startswith(b"\x89PNG")
     settled = [step["frames_to_settle"] is not None for step in figures["steps"]]
     assert any(settled)  # that each step settles takes the minute of `make accept`
+
+
+def test_a_signal_may_come_while_its_event_is_locked() -> None:
+    before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)}
+    stop = threading.Event()
+    try:
+        stop_on_signals(stop)
+        with stop._cond:  # as within its wait()
+            signal.raise_signal(signal.SIGTERM)
+        assert stop.wait(10)
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
