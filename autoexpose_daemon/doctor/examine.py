@@ -20,7 +20,8 @@ def examine(config: Path | None, as_document: bool, report: Path | None = None) 
     With `report` write a report of the cameras there instead.
     """
     loaded = None if config is None else load_config(config)
-    facts, need = gather(), Need.of(loaded)
+    need = Need.of(loaded)
+    facts = gather(wanted=need.serials.values())
     if report is not None:
         from autoexpose_daemon.doctor.camera_report import write_report  # noqa: PLC0415  loads Aravis
 

@@ -10,7 +10,7 @@ import select
 import socket
 import struct
 import time
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from ipaddress import IPv4Interface
@@ -68,30 +68,26 @@ class Search:
     failures: dict[str, str]
 
 
-def search(interfaces: Iterable[NetworkInterface], wait_s: float = SEARCH_S) -> Search:
-    """Search every interface for cameras.
+def search(interfaces: Iterable[NetworkInterface], wait_s: float = SEARCH_S, wanted: Collection[str] = ()) -> Search:
+    """Search every interface for cameras; up to `TRIES` times, until the `wanted` serial numbers have answered.
 
     Cameras of a foreign subnet are found as well, since they are asked to answer by broadcast.
     """
     cameras: dict[tuple[str, IPv4Interface], GigeCamera] = {}
-    failures = {}
+    failures: dict[str, str] = {}
     with ExitStack() as stack:
         asking: dict[socket.socket, NetworkInterface] = {}
-        for interface in interfaces:
-            asker = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
-            try:
-                _ask_everyone(asker, interface)
-            except OSError as error:
-                failures[interface.name] = error.strerror or str(error)
-            else:
-                asking[asker] = interface
-        deadline_s = time.monotonic() + wait_s
-        while (left_s := deadline_s - time.monotonic()) > 0:
-            for asker in select.select(list(asking), [], [], left_s)[0]:
-                camera = _read_identity(asker.recv(2048), asking[asker])
+        askers = {
+            stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)): interface for interface in interfaces
+        }
+        for _ in range(TRIES):
+            asking = {asker: own for asker, own in askers.items() if _asked(asker, own, failures)}
+            for camera in _identities(asking, time.monotonic() + wait_s):
                 # A broadcast on a network card also reaches cameras on the host's own loopback.
-                if camera is not None and (camera.reachable or (camera.serial, camera.address) not in cameras):
+                if camera.reachable or (camera.serial, camera.address) not in cameras:
                     cameras[camera.serial, camera.address] = camera
+            if {camera.serial for camera in cameras.values()} >= set(wanted):
+                break
     return Search(tuple(sorted(cameras.values(), key=lambda camera: camera.serial)), failures)
 
 
@@ -128,6 +124,25 @@ def _read_register(camera_address: str, register: int, answer_s: float) -> tuple
             if status == _ACCESS_DENIED or (status == _SUCCESS and len(payload) >= 4):
                 return status, int.from_bytes(payload[:4], "big")
     return None
+
+
+def _asked(asker: socket.socket, interface: NetworkInterface, failures: dict[str, str]) -> bool:
+    """Ask everyone at an interface, or note why that failed."""
+    try:
+        _ask_everyone(asker, interface)
+    except OSError as error:
+        failures[interface.name] = error.strerror or str(error)
+        return False
+    return True
+
+
+def _identities(asking: Mapping[socket.socket, NetworkInterface], deadline_s: float) -> Iterator[GigeCamera]:
+    """Who answers until then, and all answers that are there then, if this process had no time for them before."""
+    while ready := select.select(list(asking), [], [], max(deadline_s - time.monotonic(), 0.0))[0]:
+        for asker in ready:
+            camera = _read_identity(asker.recv(2048), asking[asker])
+            if camera is not None:
+                yield camera
 
 
 def _ask_everyone(asker: socket.socket, interface: NetworkInterface) -> None:

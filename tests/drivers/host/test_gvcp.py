@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
+import select
 import socket
 import struct
 import threading
@@ -52,6 +54,34 @@ def test_any_address_of_the_interface_reaches_a_camera_of_its_subnet() -> None:
     serial = unique("T")
     with gige_camera(loopback_address(), serial):
         assert find(serial, [both]).reachable
+
+
+def test_a_wanted_camera_is_asked_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """On a busy machine a fake camera may not answer at once."""
+    serial, asked, ask = unique("T"), itertools.count(1), gvcp._ask_everyone
+    with contextlib.ExitStack() as cameras:
+
+        def also_begin(asker: socket.socket, interface: NetworkInterface) -> None:
+            if next(asked) == 2:
+                cameras.enter_context(gige_camera(loopback_address(), serial))
+            ask(asker, interface)
+
+        monkeypatch.setattr(gvcp, "_ask_everyone", also_begin)
+        found = search([LO], wanted=[serial])
+    assert serial in [camera.serial for camera in found.cameras]
+    assert next(asked) == 3
+
+
+def test_answers_count_that_a_busy_process_finds_after_the_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    serial, ask = unique("T"), gvcp._ask_everyone
+
+    def and_wait(asker: socket.socket, interface: NetworkInterface) -> None:
+        ask(asker, interface)
+        assert select.select([asker], [], [], 10)[0]
+
+    monkeypatch.setattr(gvcp, "_ask_everyone", and_wait)
+    with gige_camera(loopback_address(), serial):
+        assert search([LO], wait_s=0.0).cameras
 
 
 def test_an_interface_that_cannot_be_searched_is_told_and_does_not_hinder_the_others() -> None:
