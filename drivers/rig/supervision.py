@@ -137,8 +137,11 @@ class Supervisor:
             return self._open_due_ns
         if self._check_wanted or self._stuck:
             return 0
-        # The clock of a camera that is triggered here is read after a trigger, not while the next one falls due.
-        due_ns = self._latch_due_ns if self._pacer is None else self._pacer.due_ns
+        due_ns: float = self._latch_due_ns
+        if (
+            self._pacer is not None
+        ):  # read the clock after a trigger, not while the next one falls due, unless that is far
+            due_ns = min(self._pacer.due_ns, self._latch_due_ns + _CLOCK_PERIOD_NS)
         return due_ns if self._pending is None else min(due_ns, self._pending[1])
 
     def serve(self) -> None:
@@ -244,7 +247,8 @@ class Supervisor:
 
     def _end_frames(self) -> None:
         """From now on no frame is reported."""
-        self._camera = self._pacer = None
+        with self.news:  # not while `pace` sets one
+            self._camera = self._pacer = None
         with self._taking:
             pass
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import queue
+import threading
 
 import pytest
 
@@ -12,7 +13,8 @@ from drivers.camera import Camera
 from drivers.errors import AutoexposeError, CameraNotFoundError, ConfigurationError, NodeError, UnsupportedCameraError
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame
-from drivers.rig.events import CameraGone, CameraReady, CameraSilent, FrameArrived, RigEvent, Written
+from drivers.rig.events import CameraGone, CameraReady, CameraSilent, FrameArrived, NotTriggered, RigEvent, Written
+from drivers.rig.pace import Slots
 from drivers.rig.supervision import Supervisor
 from tests.drivers.rig.test_rig import START, ScriptedCamera
 
@@ -28,6 +30,9 @@ class InstantCamera(ScriptedCamera):
 
     def next_frame(self, timeout_s: float) -> Frame | None:
         return super().next_frame(0.0)
+
+    def trigger(self) -> None:
+        self._check()
 
     def latch_clock(self) -> None:
         super().latch_clock()
@@ -149,6 +154,34 @@ def test_the_camera_clock_is_read_once_a_second_and_at_a_silence() -> None:
     assert camera.latches == 1
     bench.run(4.0)
     assert camera.latches == 5
+
+
+def test_the_clock_of_a_camera_that_is_rarely_triggered_is_read_in_between() -> None:
+    camera = InstantCamera()
+    bench = Bench(camera)
+    bench.run(0.1)
+    bench.supervisor.pace(Slots.at_once(0.1, bench.now_ns + SECOND_NS))
+    bench.run(10.0)
+    assert camera.latches >= 5
+
+
+def test_a_camera_that_is_closed_while_its_pace_is_set_is_reopened_without_one() -> None:
+    bench = Bench(InstantCamera())
+    bench.run(0.1)
+    supervisor = bench.supervisor
+    closing = threading.Thread(target=supervisor.close)
+
+    def meanwhile() -> int:
+        closing.start()
+        closing.join(0.2)  # it must wait for the pace
+        return bench.now_ns
+
+    supervisor._now_ns = meanwhile
+    supervisor.pace(Slots.at_once(10.0, bench.now_ns))
+    supervisor._now_ns = lambda: bench.now_ns
+    closing.join()
+    bench.now_ns += 60 * SECOND_NS
+    assert not any(isinstance(event, NotTriggered) for event in bench.run(1.0))
 
 
 def test_no_frame_of_a_lost_camera_is_reported_after_its_loss() -> None:
