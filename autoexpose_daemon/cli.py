@@ -131,7 +131,8 @@ def run_daemon(file: Path, notifier: Notifier, recorder: Recorder | None = None)
 
 def _set(event: threading.Event) -> None:
     """Set it from a signal handler: on another thread, as the interrupted one may be holding the event's lock."""
-    threading.Thread(target=event.set).start()
+    if not event.is_set():  # else this process may be ending, and begins no thread
+        threading.Thread(target=event.set).start()
 
 
 def stop_on_signals(stop: threading.Event) -> None:

@@ -342,8 +342,13 @@ def _sentence(error: Exception) -> str:
 def stopped_by_signals() -> threading.Event:
     """Set at SIGTERM and SIGINT; on another thread, as the interrupted one may be holding its lock."""
     stop = threading.Event()
+
+    def end(*_: object) -> None:
+        if not stop.is_set():  # else this process may be ending, and begins no thread
+            threading.Thread(target=stop.set).start()
+
     for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: threading.Thread(target=stop.set).start())
+        signal.signal(number, end)
     return stop
 
 

@@ -88,6 +88,11 @@ def _source(rig: str, connect: list[str] | None, robot: list[str] | None, keys: 
 def _stop_on_signals() -> threading.Event:
     """Set at SIGTERM and SIGINT; on another thread, as the interrupted one may be holding its lock."""
     stop = threading.Event()
+
+    def end(*_: object) -> None:
+        if not stop.is_set():  # else this process may be ending, and begins no thread
+            threading.Thread(target=stop.set).start()
+
     for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: threading.Thread(target=stop.set).start())
+        signal.signal(number, end)
     return stop

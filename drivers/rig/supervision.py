@@ -137,10 +137,9 @@ class Supervisor:
             return self._open_due_ns
         if self._check_wanted or self._stuck:
             return 0
-        due_ns: float = self._latch_due_ns
-        if (
-            self._pacer is not None
-        ):  # read the clock after a trigger, not while the next one falls due, unless that is far
+        due_ns: float = self._latch_due_ns  # of the clock
+        if self._pacer is not None:
+            # It is read after a trigger, not while the next one falls due, unless that takes long.
             due_ns = min(self._pacer.due_ns, self._latch_due_ns + _CLOCK_PERIOD_NS)
         return due_ns if self._pending is None else min(due_ns, self._pending[1])
 
