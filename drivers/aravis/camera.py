@@ -160,11 +160,11 @@ class AravisCamera:
         assert self._actions is not None
         serial = self._description.serial
         try:
-            refusals = self._actions.send(ACTION_KEYS, device_time_ns)
+            refused = self._actions.send(ACTION_KEYS, device_time_ns)
         except OSError as error:
             raise NodeError(f"camera {serial}: no action command could be sent: {error.strerror or error}") from None
-        if refusals:
-            raise NodeError(f"camera {serial} refused a scheduled action: {refusals[-1]}")
+        if refused is not None:
+            raise NodeError(f"camera {serial} refused a scheduled action: {refused}")
 
     def latch_clock(self) -> ClockReading | None:
         """Measure again how the camera's clock maps to the host's, and whether PTP synchronises it."""

@@ -55,15 +55,14 @@ class ActionSender:
         self._socket.connect((camera_address, port))
         self._sent = 0
 
-    def send(self, keys: ActionKeys, device_time_ns: int) -> list[str]:
-        """Send one; returns why the camera refused earlier ones. Raises OSError when it cannot be sent."""
+    def send(self, keys: ActionKeys, device_time_ns: int) -> str | None:
+        """Send one; returns why the camera refused an earlier one, each once. Raises OSError when it cannot be sent."""
         self._socket.send(action_command(keys, device_time_ns, self._sent % _REQUEST_IDS + 1))
         self._sent += 1
-        refusals = []
         while (answer := self._received()) is not None:
             if (why := refusal(answer)) is not None:
-                refusals.append(why)
-        return refusals
+                return why  # others are read with the next commands
+        return None
 
     def close(self) -> None:
         """Free the socket."""

@@ -36,12 +36,26 @@ def test_refusals_are_told_in_words_with_the_next_command() -> None:
         camera.settimeout(10)
         sender = ActionSender("127.0.0.1", camera.getsockname()[1])
         for status, words in ((0, None), (0x8016, "too late"), (0x8013, "never set"), (0x8001, "status 0x8001")):
-            refusals = sender.send(ActionKeys(1, 1, 1), 5)
-            assert refusals == []
+            assert sender.send(ActionKeys(1, 1, 1), 5) is None
             _, peer = camera.recvfrom(100)
             camera.sendto(struct.pack(">HHHH", status, 0x0101, 0, 1), peer)
-            refusals = sender.send(ActionKeys(1, 1, 1), 6)
-            assert len(refusals) == (words is not None)
-            assert words is None or words in refusals[0]
+            refused = sender.send(ActionKeys(1, 1, 1), 6)
+            assert (refused is None) == (words is None)
+            assert words is None or words in str(refused)
             camera.recvfrom(100)
         sender.close()
+
+
+def test_each_of_several_refusals_is_told_once() -> None:
+    """The answers to commands that were sent in a burst, after a pause."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as camera:
+        camera.bind(("127.0.0.1", 0))
+        camera.settimeout(10)
+        sender = ActionSender("127.0.0.1", camera.getsockname()[1])
+        sender.send(ActionKeys(1, 1, 1), 5)
+        _, peer = camera.recvfrom(100)
+        for status in (0x8015, 0, 0x8016):
+            camera.sendto(struct.pack(">HHHH", status, 0x0101, 0, 1), peer)
+        told = [sender.send(ActionKeys(1, 1, 1), 6) for _ in range(3)]
+        sender.close()
+    assert told == ["it keeps no more of them", "it came too late", None]
