@@ -1,8 +1,8 @@
 """Whether a policy finds the best exposure of a still scene from wherever it starts.
 
 A local maximum may hold it: exposed for a window, the room around it is black, and for the room, the window is white.
-Furnished rooms, some with the window in view, in five lights, seen by each eye and by both; three starts each. The ratio is
-the information of the exposure that a policy ends at to that of the best one (`Oracle`, with time before gain).
+Furnished rooms, some with the window in view, in five lights, seen by each eye and by both; three starts each. The
+ratio is the information of the exposure that a policy ends at to that of the best one (`Oracle`, time before gain).
 
 Run with `.venv/bin/python benchmarks/compare_starts.py [--policy ID]`: two minutes.
 """
