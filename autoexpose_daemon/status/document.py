@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict, dataclass
-from typing import Annotated
+from typing import Annotated, Any
 
 from pydantic import AfterValidator, BaseModel, Field, TypeAdapter, ValidationError
 
@@ -31,7 +31,7 @@ LARGEST_STATUS_BYTES = 1 << 20
 """Three times what the longest faults take."""
 
 LARGEST_RESPONSE_BYTES = 1 << 16
-"""The 256 numbers of a response function take 6 KB, the largest grid of a vignetting 40 KB."""
+"""The 256 numbers of a response function take 6 KB, the largest grid of a vignetting up to 53 KB."""
 
 _Few = Field(max_length=100)
 _Counts = Annotated[dict[str, Count], _Few]
@@ -234,7 +234,13 @@ def response_to_json(response: ResponseFunction, vignetting: Vignetting | None =
     """The text for a camera's response function, which is sent beside the status, and its vignetting if it is known."""
     curve = response.log2_exposure.tolist()
     content = {"log2_exposure": curve, "black_level": response.black_level, "saturation": response.saturation}
-    return json.dumps(content if vignetting is None else {**content, "vignetting": as_plain(vignetting)})
+    return json.dumps(content if vignetting is None else {**content, "vignetting": _short(as_plain(vignetting))})
+
+
+def _short(vignetting: dict[str, Any]) -> dict[str, Any]:
+    """The same with the light at the nodes of a grid to six digits: all those of a large one would not be read."""
+    grid = vignetting.get("grid")
+    return vignetting if grid is None else {**vignetting, "grid": [[float(f"{at:.6g}") for at in row] for row in grid]}
 
 
 def response_from_json(text: str | bytes) -> ResponseFunction | None:

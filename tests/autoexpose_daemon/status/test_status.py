@@ -28,6 +28,7 @@ from autoexpose_daemon.status.document import (
     Status,
     response_from_json,
     response_to_json,
+    vignetting_from_json,
 )
 from autoexpose_daemon.status.fault_log import KEPT_FAULTS, LONGEST_TEXT, FaultLog
 from autoexpose_daemon.status.panel import duration_text
@@ -35,6 +36,7 @@ from autoexpose_daemon.status.publishing import MOST_LISTED, ConsumerTally
 from autoexpose_daemon.status.states import State
 from autoexpose_daemon.status.telemetry import DurationSamples, Telemetry
 from calibration.response import ResponseFunction
+from calibration.vignetting.model import MOST_NODES, Vignetting
 from drivers.exposure import ExposureLimits, ExposureSetting
 from tests.autoexpose_daemon.statuses import EXPOSING
 
@@ -133,6 +135,15 @@ def test_a_response_arrives_as_it_was_sent() -> None:
     assert received is not None
     assert np.array_equal(received.log2_exposure, response.log2_exposure)
     assert (received.black_level, received.saturation) == (16, 255)
+
+
+def test_a_response_arrives_with_the_largest_grid_of_a_vignetting() -> None:
+    light = np.random.default_rng(1).uniform(3e-5, 9e-5, (MOST_NODES, MOST_NODES))
+    lens = Vignetting(1440, 1080, (719.5, 539.5), (), tuple(tuple(row) for row in light.tolist()))
+    text = response_to_json(ResponseFunction.linear(16), lens)
+    received = vignetting_from_json(text)
+    assert response_from_json(text) is not None and received is not None
+    assert np.allclose(received.grid, light, rtol=1e-5, atol=0)
 
 
 def test_a_daemon_that_died_says_of_what() -> None:
