@@ -172,8 +172,9 @@ class ControlLoop:
 
     @property
     def steered(self) -> bool:
-        """Whether the policy goes by where consumers track."""
-        return self._policy.STEERED
+        """Whether the latest decision went by where consumers track: not where another setting was asked for."""
+        asked = self.override.shot or self.override.held
+        return self._policy.STEERED and self.steering is not None and asked is None
 
     @property
     def cell_exposures(self) -> dict[Side, CellExposure]:

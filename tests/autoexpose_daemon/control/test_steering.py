@@ -15,6 +15,7 @@ from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.metrics.information import InformationPrediction, contrast
 from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
+from autoexpose_daemon.control.override import Override
 from autoexpose_daemon.control.parameters import ControlParameters
 from autoexpose_daemon.control.picture.image import ImagePreparation
 from autoexpose_daemon.control.picture.steering import STEERING_SHARE, WEIGHT_STOPS, Steering
@@ -237,7 +238,19 @@ def test_only_the_default_policy_is_steered(policy_id: str) -> None:
     loops = [ControlLoop(policy_id, LINEAR, LIMITS, START) for _ in range(2)]
     steering = steer_to(RIGHT)
     same = followed(loops[0], None, 12) == followed(loops[1], steering, 12)
-    assert loops[0].steered == (policy_id == "fisher-map") == (not same)
+    assert [loop.steered for loop in loops] == [False, not same]
+    assert same == (policy_id != "fisher-map")
+
+
+@pytest.mark.parametrize("override", [Override(held=START), Override(shot=START), Override(held=START, unseen=True)])
+def test_a_setting_that_was_asked_for_is_not_steered(override: Override) -> None:
+    loop = ControlLoop("fisher-map", LINEAR, LIMITS, START)
+    frame = at_time(expose(SUN_AND_SHADE, START, HALF_SCALE), 0)
+    pair = StereoPair(0, {"left": frame, "right": frame})
+    loop.step(pair, override=override, steering=steer_to(RIGHT))
+    assert not loop.steered
+    loop.step(pair, steering=steer_to(RIGHT))
+    assert loop.steered
 
 
 SUN_AND_SHADE = radiance(3, 0.7)
