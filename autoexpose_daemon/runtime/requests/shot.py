@@ -90,7 +90,7 @@ class PendingShot:
     @property
     def shortfall(self) -> str:
         """Why it cannot be answered when its time is over."""
-        if not self._frames:
-            return "no frame was taken with it in time: are there pairs, and does the camera take the setting?"
         missing = " and ".join(sorted(self._cameras - self._frames.keys()))
+        if not self._frames or not missing:  # nothing is missing once all cameras are gone
+            return "no frame was taken with it in time: are there pairs, and does the camera take the setting?"
         return f"no frame of the {missing} camera was taken with it in time, or it was lost: ask again"

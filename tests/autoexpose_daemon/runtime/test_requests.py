@@ -21,9 +21,9 @@ from autoexpose_daemon.status.requests import Answer, RequestTally
 from drivers.camera import CameraDescription
 from drivers.errors import AutoexposeError, ConfigurationError
 from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.frames import Frame, StereoPair
+from drivers.frames import SIDES, Frame, StereoPair
 from drivers.pixels.formats import PixelFormat
-from drivers.rig.events import CameraReady
+from drivers.rig.events import CameraGone, CameraReady
 from tests.autoexpose_daemon import virtual
 from tests.autoexpose_daemon.virtual import START_US, SteadyLoop, SteadyTuning, VirtualRun, tuning
 
@@ -307,6 +307,16 @@ def test_a_shot_in_a_pair_that_control_had_no_time_for_is_found() -> None:
     assert pending.is_in(shown) and not pending.is_in(next_one)
     found = pending.found()
     assert found is not None and (found.trigger, found.frame_ids) == (6, {"left": 6})
+
+
+def test_a_shot_whose_cameras_are_all_gone_fails_in_a_whole_sentence() -> None:
+    pending = PendingShot(SHOT, 10**9, Future())
+    pending.decided([], ["left", "right"])
+    pending.is_in(StereoPair(6, {"left": Frame(np.zeros((1, 1), np.uint8), 8, 6, 0, 0, 0, SHOT)}))
+    assert pending.shortfall.startswith("no frame of the right camera was taken")
+    for side in SIDES:
+        pending.see(CameraGone(side, AutoexposeError("unplugged"), final=False))
+    assert pending.shortfall.startswith("no frame was taken with it in time")
 
 
 def test_a_rig_of_one_camera_has_no_right_region() -> None:
