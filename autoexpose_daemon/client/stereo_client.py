@@ -151,7 +151,7 @@ class StereoClient:
         Raises
         ------
         ValueError
-            For counts of another shape, more than 10000 features in a cell, or more inliers than features.
+            For counts of another shape or below 0, more than 10000 features in a cell, or more inliers than features.
         """
         self._send(tracking_key(self._rig), tracked_cells(TrackedCells(self._name, stamp_ns, side, features, inliers)))
 

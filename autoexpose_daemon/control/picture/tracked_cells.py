@@ -45,7 +45,9 @@ class TrackedCells:
         for counts in (self.features, self.inliers):
             if counts.shape != (ROWS, COLUMNS):
                 raise ValueError(f"counts of shape {counts.shape}: give {ROWS} rows of {COLUMNS} cells")
-        if (self.inliers > self.features).any():
+        if not (self.inliers >= 0).all():
+            raise ValueError("inliers of a cell that are below 0")
+        if not (self.inliers <= self.features).all():
             raise ValueError("more inliers than features in a cell")
         if self.features.max() > MOST_FEATURES:
             raise ValueError(f"{self.features.max()} features in a cell: at most {MOST_FEATURES} are believed")

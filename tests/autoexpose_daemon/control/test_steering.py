@@ -219,6 +219,8 @@ def test_so_many_consumers_steer_and_no_more_until_one_is_silent() -> None:
         (in_cells(LEFT, 3), in_cells(LEFT, 4), "more inliers than features"),
         (in_cells(LEFT, MOST_FEATURES + 1), NOWHERE, "10001 features in a cell"),
         (NOWHERE.ravel(), NOWHERE.ravel(), r"counts of shape \(48,\)"),
+        (NOWHERE, np.full(SHAPE, -1), "below 0"),
+        (np.full(SHAPE, np.nan), NOWHERE, "more inliers than features"),
     ],
 )
 def test_impossible_counts_are_no_report(features: NDArray[np.uint16], inliers: NDArray[np.uint16], why: str) -> None:
