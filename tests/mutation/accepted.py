@@ -27,8 +27,6 @@ SLACK = {
     "drivers/exposure/setting.py: return origin + math.ceil((value - origin) / step - 1e-9) * step if step > 0 else "
     "value: 1e-09 -> 5e-10":
         "room for rounding, six digits above it",
-    "autoexpose_daemon/control/picture/region.py: small[ignored > 1e-3] = 0: 0.001 -> 0.0005":
-        "a masked pixel is a quarter of a prepared one at 720x540, and a fiftieth at 5 megapixels; less is rounding",
 }  # fmt: skip
 """Room for the rounding of numbers."""
 

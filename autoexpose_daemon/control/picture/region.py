@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from autoexpose_daemon.control.picture.image import CONTROL_SIZE, fit
+from autoexpose_daemon.control.picture.image import CONTROL_SIZE, Shrinking, fit
 from drivers.errors import ConfigurationError
 
 _REACH = np.ones((5, 5), np.uint8)
@@ -61,10 +61,11 @@ class Region:
             When the region does not fit such frames, or leaves nothing that counts.
         """
         full = self._full_weights((shape[0], shape[1]))
-        size = fit(seen or shape, CONTROL_SIZE)
+        height, width = (seen or shape)[:2]
+        size = fit((height, width), CONTROL_SIZE)
         small = cv2.resize(full, size, interpolation=cv2.INTER_AREA)
-        ignored = cv2.resize(np.where(full == 0, np.float32(1), np.float32(0)), size, interpolation=cv2.INTER_AREA)
-        small[ignored > 1e-3] = 0
+        ignored = cv2.resize(_white(full == 0), (width, height), interpolation=cv2.INTER_AREA)
+        small[Shrinking((height, width), size).shrink(_white(ignored > 0)) > 0] = 0  # as the image is shrunk
         weights = np.asarray(cv2.erode(small, _REACH), np.uint8)
         if not weights.any():
             raise ConfigurationError(
@@ -105,3 +106,7 @@ class Region:
                 )
             weights *= self.mask.astype(np.float32) / 255
         return np.rint(255 * weights).astype(np.uint8)
+
+
+def _white(where: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    return np.where(where, np.uint8(255), np.uint8(0))

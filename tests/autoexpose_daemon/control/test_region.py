@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -59,6 +60,17 @@ def test_masked_pixels_are_seen_by_no_measure_of_the_prepared_image() -> None:
         for dx in (-1, 0, 1):
             assert not (np.roll(touched, (dy, dx), (0, 1)) & (weights > 0)).any()
     assert np.count_nonzero(weights == 0) < 1.4 * np.count_nonzero(mask == 0) / 4
+
+
+@pytest.mark.parametrize("shape", [(271, 361), (480, 640), (1079, 1919), (1088, 1456), (2048, 2448)])
+def test_masked_pixels_are_not_seen_however_frames_are_shrunk(shape: tuple[int, int]) -> None:
+    kept = (slice(shape[0] // 3, shape[0] // 2), slice(shape[1] // 3, shape[1] // 2))
+    mask = np.zeros(shape, np.uint8)
+    mask[kept] = 255
+    weights = Region("roi", mask=mask).weights(shape)
+    touched = ImagePreparation().prepare(255 - mask) > 0
+    assert not (cv2.dilate(touched.astype(np.uint8), np.ones((3, 3), np.uint8)) & (weights > 0)).any()
+    assert np.count_nonzero(weights) > 0.7 * weights.size / 36
 
 
 def test_mask_and_rectangles_multiply() -> None:
