@@ -7,7 +7,7 @@ from concurrent.futures import Future
 
 from autoexpose_daemon.status.requests import Answer, Shot
 from drivers.exposure import ExposureSetting
-from drivers.frames import Frame, Side, StereoPair
+from drivers.frames import SIDES, Frame, Side, StereoPair
 from drivers.rig.events import CameraGone, RigEvent, WriteFailed, Written
 
 PATIENCE_NS = 1_000_000_000
@@ -48,8 +48,7 @@ class PendingShot:
         self.unwritten: set[Side] = set()
         self.written_ns = 0
         self._cameras: set[Side] = set()
-        self._frames: dict[Side, Frame] = {}
-        self._trigger: int | None = None
+        self._seen: dict[Side, tuple[int, Frame]] = {}  # with the trigger
 
     def decided(self, written_to: Iterable[Side], present: Iterable[Side]) -> None:
         """The cameras that are present are asked for it; some of them will be written."""
@@ -71,26 +70,32 @@ class PendingShot:
         """Whether a frame of a pair was taken for it; of each camera, only the first such frame was."""
         if not self.is_decided:
             return False
-        showing = {side: frame for side, frame in pair.frames.items() if frame.setting.agrees_with(self.setting)}
-        new = bool(showing.keys() - self._frames.keys())
+        showing = {
+            side: (pair.trigger, frame)
+            for side, frame in pair.frames.items()
+            if frame.setting.agrees_with(self.setting)
+        }
+        new = bool(showing.keys() - self._seen.keys())
         if new and showing.keys() >= self._cameras:  # whatever was seen of it alone before
-            self._frames, self._trigger = showing, pair.trigger
+            self._seen = showing
         elif new:
-            self._frames = showing | self._frames
-            self._trigger = pair.trigger if self._trigger is None else self._trigger
+            self._seen = showing | self._seen
         return new
 
     def found(self) -> Shot | None:
-        """The frames taken for it, once every camera has shown it that is still there."""
-        if self._trigger is None or not self._frames.keys() >= self._cameras:
+        """The frames taken for it, once every camera has shown it that is still there.
+
+        The trigger is the left frame's, if there is one: a camera that was written late shows it a frame later.
+        """
+        if not self._seen or not self._seen.keys() >= self._cameras:
             return None
-        ids = {side: frame.frame_id for side, frame in self._frames.items()}
-        return Shot(next(iter(self._frames.values())).setting, self._trigger, ids)
+        trigger, frame = self._seen[min(self._seen, key=SIDES.index)]
+        return Shot(frame.setting, trigger, {side: frame.frame_id for side, (_, frame) in self._seen.items()})
 
     @property
     def shortfall(self) -> str:
         """Why it cannot be answered when its time is over."""
-        missing = " and ".join(sorted(self._cameras - self._frames.keys()))
-        if not self._frames or not missing:  # nothing is missing once all cameras are gone
+        missing = " and ".join(sorted(self._cameras - self._seen.keys()))
+        if not self._seen or not missing:  # nothing is missing once all cameras are gone
             return "no frame was taken with it in time: are there pairs, and does the camera take the setting?"
         return f"no frame of the {missing} camera was taken with it in time, or it was lost: ask again"

@@ -309,6 +309,21 @@ def test_a_shot_in_a_pair_that_control_had_no_time_for_is_found() -> None:
     assert found is not None and (found.trigger, found.frame_ids) == (6, {"left": 6})
 
 
+@pytest.mark.parametrize("late", SIDES)
+def test_a_shot_that_is_split_over_two_pairs_has_the_trigger_of_its_left_frame(late: Side) -> None:
+    pending = PendingShot(SHOT, 10**9, Future())
+    pending.decided([], SIDES)
+    for trigger in (6, 7):
+        frames = {}
+        for side in SIDES:
+            setting = SHOT if (trigger == 7) == (side == late) else ExposureSetting(START_US, 0.0)
+            frames[side] = Frame(np.zeros((1, 1), np.uint8), 8, trigger, 0, 0, 0, setting)
+        assert pending.is_in(StereoPair(trigger, frames))
+    found = pending.found()
+    assert found is not None
+    assert found.trigger == found.frame_ids["left"] == (7 if late == "left" else 6)
+
+
 def test_a_shot_whose_cameras_are_all_gone_fails_in_a_whole_sentence() -> None:
     pending = PendingShot(SHOT, 10**9, Future())
     pending.decided([], ["left", "right"])
