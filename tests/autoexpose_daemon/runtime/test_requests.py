@@ -21,7 +21,7 @@ from autoexpose_daemon.status.requests import Answer, RequestTally
 from drivers.camera import CameraDescription
 from drivers.errors import AutoexposeError, ConfigurationError
 from drivers.exposure import ExposureLimits, ExposureSetting
-from drivers.frames import SIDES, Frame, StereoPair
+from drivers.frames import SIDES, Frame, Side, StereoPair
 from drivers.pixels.formats import PixelFormat
 from drivers.rig.events import CameraGone, CameraReady
 from tests.autoexpose_daemon import virtual
