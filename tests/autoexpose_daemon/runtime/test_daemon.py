@@ -50,7 +50,8 @@ def test_the_daemon_triggers_both_cameras_by_software() -> None:
         assert run.daemon.telemetry.skew_ms.count > 0
     tally = run.daemon.tally
     assert tally.window_start_ns is not None and tally.window_end_ns is not None
-    assert tally.triggers == round((tally.window_end_ns - tally.window_start_ns) * 20e-9)
+    periods = (tally.window_end_ns - tally.window_start_ns) * 20e-9  # not whole: it ends at any time
+    assert abs(tally.triggers - periods) <= 1
 
 
 @pytest.mark.gige_only
