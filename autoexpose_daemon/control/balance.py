@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from drivers.exposure import ExposureLimits, linear_gain
+from drivers.python310 import exp2
 
 
 class Balance(Protocol):
@@ -43,7 +44,7 @@ class BlurNoiseBalance:
 
     def exposure_time_us(self, level: float, motion_px: float, limits: ExposureLimits) -> float:
         """``t = c / g`` with ``g = sqrt((c d^2 + k_offset) / w)``, where c = t g counts in seconds (eq. 24)."""
-        c = math.exp2(level) * 1e-6
+        c = exp2(level) * 1e-6
         gain = math.sqrt((c * motion_px**2 + self.offset) / self.weight)
         return c / gain * 1e6 if gain > 0 else limits.max_time_us
 
@@ -54,7 +55,7 @@ class ExposurePriority:
 
     def exposure_time_us(self, level: float, motion_px: float, limits: ExposureLimits) -> float:
         """The time that gives the whole level at the lowest gain."""
-        return math.exp2(level) / linear_gain(limits.min_gain_db)
+        return exp2(level) / linear_gain(limits.min_gain_db)
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +69,7 @@ class FixedRatio:
     def exposure_time_us(self, level: float, motion_px: float, limits: ExposureLimits) -> float:
         """``t = sqrt(c / k)`` of ``t g = c``."""
         k = linear_gain(limits.max_gain_db) / limits.max_time_us
-        return math.sqrt(math.exp2(level) / k)
+        return math.sqrt(exp2(level) / k)
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +80,7 @@ class FixedGain:
 
     def exposure_time_us(self, level: float, motion_px: float, limits: ExposureLimits) -> float:
         """The time that gives the level at the fixed gain."""
-        return math.exp2(level) / linear_gain(self.gain_db)
+        return exp2(level) / linear_gain(self.gain_db)
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,6 +122,6 @@ def whole_periods_us(wanted_us: float, level: float, limits: ExposureLimits, fli
         Flashes per second.
     """
     period_us = 1e6 / flicker_hz
-    longest_us = min(math.exp2(level) / linear_gain(limits.min_gain_db), limits.max_time_us)
+    longest_us = min(exp2(level) / linear_gain(limits.min_gain_db), limits.max_time_us)
     fitting, wanted = (math.floor(time_us / period_us * (1 + 1e-9)) for time_us in (longest_us, wanted_us))
     return min(max(wanted, 1), fitting) * period_us if fitting else wanted_us

@@ -98,8 +98,9 @@ def parse(data: Plain, hint: Any) -> Any:
         return _collection(data, hint)
     if get_origin(hint) is Literal:
         fits = any(type(data) is type(choice) and data == choice for choice in get_args(hint))
-    elif get_origin(hint) is np.ndarray:
-        fits = isinstance(data, np.ndarray) and get_args(get_args(hint)[1]) == (data.dtype.type,)
+    elif get_origin(hint) in (np.ndarray, NDArray):  # the second from numpy 2.5 on, where it is an alias of its own
+        kinds = get_args(hint) if get_origin(hint) is NDArray else get_args(get_args(hint)[1])
+        fits = isinstance(data, np.ndarray) and kinds == (data.dtype.type,)
     elif hint is float and type(data) is int:
         return float(data)
     else:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 from types import TracebackType
-from typing import Self
 
 import zenoh
 
@@ -13,6 +12,7 @@ from autoexpose_daemon.messages.read import read_angular_rate
 from autoexpose_daemon.publish.refusal import reading
 from autoexpose_daemon.publish.session import Endpoints, SessionHolder
 from autoexpose_daemon.runtime.inputs.angular_rate import AngularRate
+from drivers.python310 import Self
 
 log = logging.getLogger(__name__)
 

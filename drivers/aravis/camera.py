@@ -12,7 +12,7 @@ from typing import Any
 from drivers.aravis.discovery import FoundCamera
 from drivers.aravis.introspection import Aravis, GLib, genicam_xml
 from drivers.aravis.nodes import AravisNodes
-from drivers.aravis.stream import create_stream
+from drivers.aravis.stream import create_stream, row_padding_bytes
 from drivers.camera import CameraDescription, ClockReading, IncompleteFrame
 from drivers.errors import CameraError, CameraLostError, ConfigurationError, NodeError, UnsupportedCameraError
 from drivers.exposure import ExposureLimits, ExposureSetting
@@ -229,7 +229,7 @@ class AravisCamera:
                 height,
                 self._pixel_format,
                 has_chunks=buffer.has_chunks(),
-                row_padding_bytes=buffer.get_image_padding()[0],
+                row_padding_bytes=row_padding_bytes(buffer),
             )
             setting, source = self._read_setting(buffer, pixels, host_time_ns)
         except ValueError as error:

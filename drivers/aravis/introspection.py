@@ -7,8 +7,16 @@ from typing import Any
 
 import gi
 
-gi.require_version("Aravis", "0.8")
-from gi.repository import Aravis, GLib  # noqa: E402
+from drivers.errors import AutoexposeError
+
+try:
+    gi.require_version("Aravis", "0.8")
+except ValueError:
+    _others = ", ".join(gi.Repository.get_default().enumerate_versions("Aravis"))
+    raise AutoexposeError(
+        f"Aravis 0.8 is not installed{f', only {_others}' if _others else ''}: apt install gir1.2-aravis-0.8"
+    ) from None
+from gi.repository import Aravis, GLib
 
 __all__ = ["Aravis", "GLib", "genicam_xml"]
 

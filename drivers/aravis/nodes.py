@@ -55,9 +55,11 @@ class AravisNodes:
 
     def _check_writes(self, on: bool) -> None:
         """By default Aravis checks nothing: even a write to a read-only node passes silently."""
-        ranges, access = Aravis.RangeCheckPolicy, Aravis.AccessCheckPolicy
+        ranges = Aravis.RangeCheckPolicy
         self._device.set_range_check_policy(ranges.ENABLE if on else ranges.DISABLE)
-        self._device.set_access_check_policy(access.ENABLE if on else access.DISABLE)
+        if hasattr(Aravis, "AccessCheckPolicy"):  # not in 0.8.20, where only the camera refuses what is locked
+            access = Aravis.AccessCheckPolicy
+            self._device.set_access_check_policy(access.ENABLE if on else access.DISABLE)
 
     def release(self) -> None:
         """Drop the device, so that what still refers to these nodes (a traceback) does not keep it open."""

@@ -48,6 +48,11 @@ def create_stream(camera: Any, nodes: AravisNodes, setup: CameraSetup) -> Any:
     return stream
 
 
+def row_padding_bytes(buffer: Any) -> int:
+    """What a frame says that its rows are padded by; 0 with Aravis 0.8.20, which does not hand that over."""
+    return int(buffer.get_image_padding()[0]) if hasattr(buffer, "get_image_padding") else 0
+
+
 def _shut_strangers_out(stream: Any, camera: Any, nodes: AravisNodes, payload_bytes: int) -> None:
     device = camera.get_device()
     sender = _ip(device.get_device_address()), _source_port(nodes)

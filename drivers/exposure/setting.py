@@ -7,6 +7,7 @@ from bisect import bisect
 from dataclasses import dataclass
 
 from drivers.errors import ConfigurationError
+from drivers.python310 import exp2
 
 DB_PER_STOP = 20.0 * math.log10(2.0)
 """A factor of two in linear gain, 6.02 dB: machine-vision gain is an amplitude ratio, hence 20 and not 10."""
@@ -21,7 +22,7 @@ SAME_GAIN_DB = 0.1
 
 def linear_gain(gain_db: float) -> float:
     """Linear gain of a gain in dB, ``10 ** (dB / 20)``."""
-    return math.exp2(gain_db / DB_PER_STOP)
+    return exp2(gain_db / DB_PER_STOP)
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,7 +150,7 @@ class ExposureLimits:
         gain_db = self._gain_for(level, min(max(exposure_time_us, self.min_time_us), self.max_time_us))
         settings = [
             ExposureSetting(time_us, self._gain_for(level, time_us))
-            for time_us in self._neighbours_us(math.exp2(level - gain_db / DB_PER_STOP))
+            for time_us in self._neighbours_us(exp2(level - gain_db / DB_PER_STOP))
         ]
         return min(settings, key=lambda setting: abs(setting.level - level))
 

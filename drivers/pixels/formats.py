@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from enum import StrEnum
-from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.pixels.layout import SAMPLES, Layout, Pixels
+from drivers.python310 import Self, StrEnum
 
 
 def _bytes(data: memoryview) -> Pixels:

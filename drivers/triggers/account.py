@@ -10,11 +10,11 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from enum import StrEnum
 from typing import Final, Literal
 
 from drivers.camera import IncompleteFrame
 from drivers.frames import Frame, Side, StereoPair
+from drivers.python310 import StrEnum
 from drivers.triggers.grid import TriggerGrid
 from drivers.triggers.outcomes import Fate, Outcome, Outcomes
 

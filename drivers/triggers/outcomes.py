@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from enum import StrEnum
 
 from drivers.frames import Frame, Side
+from drivers.python310 import StrEnum
 
 
 class Fate(StrEnum):

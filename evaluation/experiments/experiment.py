@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from enum import StrEnum
 from pathlib import Path
 from typing import Any, TypeAlias
+
+from drivers.python310 import StrEnum
 
 Plain: TypeAlias = "bool | int | float | str | list[Any] | dict[str, Any] | None"
 """What JSON can hold, NaN included."""

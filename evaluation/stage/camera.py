@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -10,6 +9,7 @@ from numpy.typing import NDArray
 
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Frame, StereoPair
+from drivers.python310 import exp2
 from fake_camera.imaging import ImageSettings
 from fake_camera.world.sensor import DEFAULT_F_NUMBER, Sensor, SensorModel
 from fake_camera.world.simulation import Side
@@ -64,4 +64,4 @@ def pair_of(images: Mapping[Side, Image], setting: ExposureSetting, number: int,
 
 def time_first(level: float) -> ExposureSetting:
     """The setting of an exposure level (stops) that takes time before gain."""
-    return LIMITS.realise(level, math.exp2(level))
+    return LIMITS.realise(level, exp2(level))

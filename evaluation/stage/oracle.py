@@ -17,6 +17,7 @@ from autoexpose_daemon.control.picture.image import ImagePreparation
 from autoexpose_daemon.control.policy import Objective
 from calibration.response import ResponseFunction
 from drivers.exposure import ExposureSetting, linear_gain
+from drivers.python310 import exp2
 from evaluation.stage.camera import LIMITS, Image, time_first
 from evaluation.stage.rendering import Stage
 from fake_camera.world.simulation import Side
@@ -130,7 +131,7 @@ class Oracle:
         """The best exposure of the present frame however it is split; None when no exposure shows any gradient."""
         self._forget_other_frames()
         searched = [
-            self._search(tuple(LIMITS.realise(level, min(math.exp2(level), longest_us)) for level in LEVELS.tolist()))
+            self._search(tuple(LIMITS.realise(level, min(exp2(level), longest_us)) for level in LEVELS.tolist()))
             for longest_us in LONGEST_TIMES_US.tolist()
         ]
         levels, curves = (np.concatenate(parts) for parts in zip(*searched, strict=True))

@@ -8,11 +8,10 @@ import reprlib
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
-from enum import StrEnum
-from typing import Self
+from enum import Enum
 
 
-class Fault(StrEnum):
+class Fault(str, Enum):
     """What can go wrong, by the name that an order gives it.
 
     ``delay``             the frames of `count` triggers are sent 0.2 s late, and no frame overtakes them
@@ -47,6 +46,8 @@ class Fault(StrEnum):
     ``stall``                the stream endpoint halts in place of each of `count` frames, until the host clears it
     ``short_trailer``        `count` frames have a trailer of 8 bytes
     """
+
+    __str__ = str.__str__
 
     DELAY = "delay"
     FREEZE = "freeze"
@@ -129,7 +130,7 @@ class FaultOrder:
     count: int | None = 1
 
     @classmethod
-    def from_json(cls, line: str) -> Self:
+    def from_json(cls, line: str) -> FaultOrder:
         """The order in a line ``{"fault": NAME, "after_trigger": n or null, "count": n or null}``.
 
         Without a count it is 1, for ``vanish`` no end.

@@ -14,7 +14,6 @@ import struct
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Self
 
 _GRID = struct.Struct("=8sqd")  # magic, epoch (ns), rate (Hz)
 _MAGIC = b"AELINE0\x01"
@@ -45,7 +44,7 @@ class Line0:
         rate_hz: float,
         directory: Path | None = None,
         clock_ns: Callable[[], int] = time.monotonic_ns,
-    ) -> Self:
+    ) -> Line0:
         """Join the wire `name`, or start it if this is its first process.
 
         Raises

@@ -122,6 +122,8 @@ class StreamChannel:
         if not self._host_port:
             return
         block = Block.from_frame(frame, chunks, self._packet_bytes)
+        if self._kept and block.block_id <= self._kept[-1].block_id:
+            self._kept.clear()  # a new acquisition counts from 1 again: its packets must not come from former frames
         packet_ids = list(range(block.last_packet_id + 1))
         if self._faults.spoils_frame(Fault.TRUNCATE):
             del packet_ids[len(packet_ids) // 2 : -1]  # nor is the rest kept for sending again

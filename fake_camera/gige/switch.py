@@ -8,7 +8,6 @@ import struct
 import time
 from pathlib import Path
 from types import TracebackType
-from typing import Self
 
 _STATE = struct.Struct("<qd")  # CLOCK_MONOTONIC, ns, and the bytes in the buffer then
 _FRAMING_BYTES = 38  # what Ethernet adds to a packet: preamble, header, checksum and gap
@@ -40,7 +39,7 @@ class Switch:
         self._buffer_bytes = buffer_bytes
         self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
 
-    def __enter__(self) -> Self:
+    def __enter__(self) -> Switch:
         return self
 
     def __exit__(

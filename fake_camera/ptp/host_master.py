@@ -9,7 +9,6 @@ import signal
 import sys
 import time
 from types import TracebackType
-from typing import Self
 
 from fake_camera.ptp.master import Master
 from fake_camera.ptp.messages import PortIdentity, clock_identity
@@ -33,7 +32,7 @@ class HostMaster:
         self._port = PtpPort(Master(identity, self.time_ns), address, event_port)
         self._port.start()
 
-    def __enter__(self) -> Self:
+    def __enter__(self) -> HostMaster:
         return self
 
     def __exit__(

@@ -17,6 +17,10 @@ _NEWTON_STEPS = 30
 """Newton needs about five steps where it converges at all."""
 
 
+_FLAT = 1e-9
+"""Samples that differ by less than this share have no maximum between them but what rounding makes."""
+
+
 @dataclass(frozen=True, slots=True)
 class Maximum:
     """The position and value of a maximum."""
@@ -46,6 +50,8 @@ class PolynomialFit:
         maximum, and is no worse than the best sample.
         """
         best = best_sample(self.positions, values)
+        if np.ptp(values) <= _FLAT * abs(best.value):
+            return best
         coefficients = self.coefficients(values)
         terms = [float(term) for term in coefficients[::-1]]
         low, high = self.positions[0], self.positions[-1]

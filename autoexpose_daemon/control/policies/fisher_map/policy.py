@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,7 @@ from autoexpose_daemon.control.policy import Look, Objective, Observation, Polic
 from calibration.response import ResponseFunction
 from drivers.exposure import linear_gain
 from drivers.frames import Side
+from drivers.python310 import Self
 
 
 class FisherMap(ExposureMap):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import ClassVar, Self
+from typing import ClassVar
 
 from autoexpose_daemon.control.balance import Balance
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
@@ -12,6 +12,7 @@ from autoexpose_daemon.control.policies.metric_map.view import DELTAS, FEWER_DEL
 from autoexpose_daemon.control.policy import Observation, PolicySetup
 from calibration.response import ResponseFunction
 from drivers.frames import Side
+from drivers.python310 import Self
 
 
 class MetricMap(ExposureMap):

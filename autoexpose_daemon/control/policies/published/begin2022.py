@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Self
 
 from autoexpose_daemon.control.balance import Balance
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
@@ -13,6 +12,7 @@ from autoexpose_daemon.control.search.predicted_curve import PredictedCurve
 from calibration.response import ResponseFunction
 from calibration.response.prediction import prediction_tables
 from drivers.frames import Side
+from drivers.python310 import Self
 
 DELTA_LEVELS = (-2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0)
 """Changes of level that are predicted, stops: where the seven samples of algorithm 1, step 1, lie."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ from autoexpose_daemon.control.policies.published.vo_autoexpose import (
 from autoexpose_daemon.control.policy import ExposurePolicy, Observation, PolicySetup, Target
 from calibration.response import GREY_LEVELS, ResponseFunction
 from drivers.frames import Side
+from drivers.python310 import Self
 
 FLOOR = 0.5 / 255
 """Half a grey level, 39 after the gamma: no entry of the code's tables is lower."""

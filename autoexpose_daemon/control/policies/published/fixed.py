@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Self
 
 from autoexpose_daemon.control.balance import Balance, ExposurePriority
 from autoexpose_daemon.control.policy import ExposurePolicy, Observation, PolicySetup, Target
 from drivers.exposure import ExposureSetting
+from drivers.python310 import Self
 
 
 @dataclass(slots=True)

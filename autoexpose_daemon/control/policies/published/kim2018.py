@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from autoexpose_daemon.control.policy import ExposurePolicy, Observation, Policy
 from autoexpose_daemon.control.search.gaussian_process import GaussianProcess
 from autoexpose_daemon.control.search.query import Held, way_out
 from drivers.exposure import DB_PER_STOP, ExposureLimits
+from drivers.python310 import Self
 
 GRID_STOPS = 0.125
 PROCESS = GaussianProcess(length=1.25, deviation=1.0, noise=0.05)

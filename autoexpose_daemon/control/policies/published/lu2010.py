@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar, Self
+from typing import ClassVar
 
 from autoexpose_daemon.control.balance import Balance, FixedRatio
 from autoexpose_daemon.control.metrics.entropy import entropy
 from autoexpose_daemon.control.policy import ExposurePolicy, Observation, PolicySetup, Target
 from autoexpose_daemon.control.search.query import Held, way_out
+from drivers.python310 import Self
 
 FIRST_STEP_STOPS = 1.0
 LONGEST_STEP_STOPS = 2.0

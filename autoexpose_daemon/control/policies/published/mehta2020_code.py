@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Self
 
 import numpy as np
 
@@ -21,6 +20,7 @@ from autoexpose_daemon.control.policies.published.vo_autoexpose import (
 from autoexpose_daemon.control.policy import ExposurePolicy, Observation, PolicySetup, Target
 from calibration.response import ResponseFunction
 from drivers.frames import Side
+from drivers.python310 import Self
 
 
 class Mehta2020Code(ExposurePolicy):

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar, Self
+from typing import ClassVar
 
 from autoexpose_daemon.control.balance import Balance, ExposurePriority
 from autoexpose_daemon.control.policy import ExposurePolicy, Observation, PolicySetup, Target
+from drivers.python310 import Self
 
 INTEGRAL_GAIN = 0.6
 PROPORTIONAL_GAIN = 0.15

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar, Self
+from typing import ClassVar
 
 from autoexpose_daemon.control.balance import Balance, ExposurePriority
 from autoexpose_daemon.control.metrics.quality import CombinedQuality
@@ -12,6 +12,7 @@ from autoexpose_daemon.control.policy import ExposurePolicy, Observation, Policy
 from autoexpose_daemon.control.search.nelder_mead import NelderMead, Point
 from autoexpose_daemon.control.search.query import Held, way_out
 from drivers.exposure import DB_PER_STOP
+from drivers.python310 import Self, exp2
 
 FIRST_STEP_STOPS = 2.0
 SMALLEST_SIMPLEX_STOPS = 0.25
@@ -101,4 +102,4 @@ def _simplex(observation: Observation) -> NelderMead:
 
 def _target(point: Point, reason: str) -> Target:
     log2_time, gain_stops = point
-    return Target(log2_time + gain_stops, reason, exposure_time_us=math.exp2(log2_time))
+    return Target(log2_time + gain_stops, reason, exposure_time_us=exp2(log2_time))
