@@ -1,4 +1,4 @@
-"""Reading a file of calibration: one sentence about what is wrong with it."""
+"""Files of calibration, read and written; what is wrong with one is said in a sentence."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
+import yaml
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
@@ -29,6 +30,22 @@ def read_document(model: type[D], path: Path, file_format: str) -> D:
         return model.model_validate(content)
     except ValidationError as error:
         raise ConfigurationError(f"{path}: {_complaint(model, error.errors()[0], content)}") from None
+
+
+def write_document(path: Path, document: Mapping[str, Any]) -> None:
+    """Write a file of calibration without the keys that say nothing (None, empty).
+
+    Raises
+    ------
+    ConfigurationError
+        When the file cannot be written.
+    """
+    said = {key: value for key, value in document.items() if value not in (None, {}, [])}
+    text = yaml.safe_dump(said, sort_keys=False, default_flow_style=None, width=110, allow_unicode=True)
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise ConfigurationError(f"{path}: cannot be written ({error.strerror}): choose another place") from error
 
 
 def _complaint(model: type[BaseModel], error: ErrorDetails, content: Mapping[Any, Any]) -> str:

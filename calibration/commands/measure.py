@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from datetime import UTC, datetime
+from datetime import datetime
 from importlib.metadata import version
 from pathlib import Path
 
@@ -17,6 +17,7 @@ from calibration.sources.sweep import Shot, Sweep
 from calibration.sources.sweep_plan import SweepPlan, plan_sweep
 from drivers.aravis import open_camera
 from drivers.errors import AutoexposeError, ConfigurationError
+from drivers.python310 import UTC
 
 
 def measure_camera(mode: CameraMode, gain_db: float, console: Console) -> Result:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from datetime import UTC, datetime
+from datetime import datetime
 from pathlib import Path
 from typing import Annotated
 
@@ -23,6 +23,7 @@ from drivers.aravis import open_camera
 from drivers.errors import AutoexposeError, ConfigurationError
 from drivers.exposure import ExposureLimits
 from drivers.exposure.gain_scale import GainScale
+from drivers.python310 import UTC
 
 MOST_NUMBERS = 1e6
 """More than any gain has; a node without bounds has all that fit into its register."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from datetime import UTC, datetime
+from datetime import datetime
 from pathlib import Path
 from typing import Annotated
 
@@ -26,6 +26,7 @@ from calibration.vignetting.result import VignettingResult, calibrate_vignetting
 from drivers.aravis import open_camera
 from drivers.errors import AutoexposeError, ConfigurationError
 from drivers.pixels.layout import green_samples
+from drivers.python310 import UTC
 
 
 def vignette(

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.findings import Finding
-from calibration.response import ResponseFunction
-from calibration.sources.sweep import Shot
+from calibration.response import ResponseFunction, greys_of_codes
+from calibration.sources.sweep import Shot, mean_of
 
 Array = NDArray[np.float64]
 Ratios = dict[str, float]
@@ -68,15 +68,9 @@ class GreySurface:
 
 def grey_surface(shots: Sequence[Shot], response: ResponseFunction) -> GreySurface:
     """What shots with pixels of shape (height, width, 3), red, green and blue, show."""
-    shift = shots[0].bit_depth - 8
-    mean = np.zeros(shots[0].pixels.shape, np.float32)
-    clipped = 0.0
-    for shot in shots:
-        mean += shot.pixels
-        clipped += float((shot.pixels >= response.saturation << shift).mean()) / len(shots)
-    mean /= len(shots)
-    greys = np.asarray(cv2.resize(mean, CELLS[::-1], interpolation=cv2.INTER_AREA), np.float64)
-    light = response.light((greys - ((1 << shift) - 1) / 2.0) / (1 << shift))
+    mean, clipped = mean_of(shots, response.saturation)
+    codes = cv2.resize(mean, CELLS[::-1], interpolation=cv2.INTER_AREA)
+    light = response.light(greys_of_codes(codes, shots[0].bit_depth))
     return GreySurface(light.mean(axis=(0, 1)), light, clipped)
 
 

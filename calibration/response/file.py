@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields
 from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
-import yaml
 from pydantic import ConfigDict, Field, Strict, field_validator, with_config
 
-from calibration.document import read_document
+from calibration.document import read_document, write_document
 from calibration.findings import Finding
 from calibration.response import GREY_LEVELS, CurveDocument, ResponseFunction
 from calibration.response.solution import ResponseModel, ResponseSolution
@@ -43,6 +42,14 @@ class CameraIdentity:
     vendor: _Name
     model: _Name
     serial: _Name
+
+    def check_is(self, serial: str, path: Path | None, measured_by: str) -> None:
+        """Refuse the file at `path` for another camera; ConfigurationError names both and the command to measure."""
+        if self.serial != serial:
+            raise ConfigurationError(
+                f"{path}: camera.serial is {self.serial}, but this is camera {serial}: name its own file, "
+                f"or {_calibrate(measured_by, serial)}"
+            )
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,10 +139,10 @@ class ResponseFile:
         ConfigurationError
             When the file cannot be written.
         """
-        origin, camera, curve = self.origin, self.origin.camera, self.response
+        origin, curve = self.origin, self.response
         document = {
             "format": FORMAT,
-            "camera": camera and {"vendor": camera.vendor, "model": camera.model, "serial": camera.serial},
+            "camera": origin.camera and asdict(origin.camera),
             "pixel_format": origin.pixel_format and str(origin.pixel_format),
             "binning": origin.binning,
             "gain_db": origin.gain_db,
@@ -145,7 +152,7 @@ class ResponseFile:
             "parameters": {name: _rounded(value) for name, value in self.parameters.items()},
             "covered": self.covered and list(self.covered),
             "residual_grey": None if self.residual_grey is None else round(float(self.residual_grey), 3),
-            "findings": [{"severity": f.severity, "reason": f.reason, "text": f.text} for f in self.findings],
+            "findings": [asdict(finding) for finding in self.findings],
             "noise": dict(self.noise),
             "latency": dict(self.latency),
             "black_level": curve.black_level,
@@ -153,12 +160,7 @@ class ResponseFile:
             "log2_exposure": [_rounded(stops) for stops in curve.log2_exposure],
             "uncertainty_stops": [round(float(stops), 4) for stops in self.uncertainty_stops],
         }
-        said = {key: value for key, value in document.items() if value not in (None, {}, [])}
-        text = yaml.safe_dump(said, sort_keys=False, default_flow_style=None, width=110, allow_unicode=True)
-        try:
-            path.write_text(text, encoding="utf-8")
-        except OSError as error:
-            raise ConfigurationError(f"{path}: cannot be written ({error.strerror}): choose another place") from error
+        write_document(path, document)
 
     def check_belongs(self, serial: str, pixel_format: str | None = None, binning: int | None = None) -> None:
         """Refuse a file of another camera or mode; what the file or the caller does not know is not compared.
@@ -168,13 +170,8 @@ class ResponseFile:
         ConfigurationError
             Naming file, key, camera and what to do.
         """
-        remedy = f"calibrate this one: autoexpose calibrate response --camera {serial}"
-        camera = self.origin.camera
-        if camera is not None and camera.serial != serial:
-            raise ConfigurationError(
-                f"{self.path}: camera.serial is {camera.serial}, but this is camera {serial}: name its own file, "
-                f"or {remedy}"
-            )
+        if self.origin.camera is not None:
+            self.origin.camera.check_is(serial, self.path, "response")
         for key, measured, present in (
             ("pixel_format", self.origin.pixel_format, pixel_format),
             ("binning", self.origin.binning, binning),
@@ -182,7 +179,7 @@ class ResponseFile:
             if measured is not None and present is not None and measured != present:
                 raise ConfigurationError(
                     f"{self.path}: {key} is {measured}, but camera {serial} runs with {present}: "
-                    f"set image.{key} to {measured}, or {remedy}"
+                    f"set image.{key} to {measured}, or {_calibrate('response', serial)}"
                 )
 
 
@@ -216,6 +213,10 @@ class _Document(CurveDocument):
         if covered is not None and covered[0] > covered[1]:
             raise ValueError("the first grey level is above the last")
         return covered
+
+
+def _calibrate(command: str, serial: str) -> str:
+    return f"calibrate this one: autoexpose calibrate {command} --camera {serial}"
 
 
 def _rounded(value: float) -> float:

@@ -93,6 +93,15 @@ class ResponseFunction:
         return np.asarray(np.interp(grey, greys, light))
 
 
+def greys_of_codes(codes: NDArray[Any], bit_depth: int) -> NDArray[np.float64]:
+    """Grey levels, not whole ones, of the codes of a pixel with `bit_depth` bits (8 to 16).
+
+    Control and calibration shift deeper codes to grey levels: a grey level is the middle of the codes that become it.
+    """
+    shift = bit_depth - 8
+    return np.asarray((np.asarray(codes, np.float64) - ((1 << shift) - 1) / 2.0) / (1 << shift))
+
+
 class CurveDocument(BaseModel):
     """A response function as files and messages hold it; the description of a field is the advice after a bad value."""
 

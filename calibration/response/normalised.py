@@ -9,10 +9,11 @@ from typing import Any, Literal, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.response import ResponseFunction
+from calibration.response import ResponseFunction, greys_of_codes
 from drivers.errors import ConfigurationError
 from drivers.frames import Frame
 from drivers.pixels.layout import Pixels
+from drivers.python310 import exp2
 
 Bits = Literal[8, 16]
 
@@ -103,9 +104,8 @@ def _table(response: ResponseFunction, shift: int, stops: float, bits: Bits, dit
     black, saturation = response.black_level, response.saturation
     greys = np.arange(black, saturation + 1, dtype=np.float64)
     light = response.light(greys)
-    # Control and calibration shift deeper codes to grey levels: a grey level is the middle of the codes that become it.
     codes = np.arange(256 << shift)
-    own = response.light((codes - ((1 << shift) - 1) / 2) / (1 << shift)) * math.exp2(-stops)
+    own = response.light(greys_of_codes(codes, 8 + shift)) * exp2(-stops)
     if bits == 16:
         table = WHITE_16 * own
         unknown = table > _LAST_16

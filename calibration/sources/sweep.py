@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
 
 from drivers.exposure import ExposureSetting
 from drivers.pixels.layout import Pixels
@@ -35,3 +39,13 @@ class Sweep:
     """Shots of a static scene in the order in which they were taken, all of one size, bit depth and gain."""
 
     shots: tuple[Shot, ...]
+
+
+def mean_of(shots: Sequence[Shot], saturation: int) -> tuple[NDArray[np.float32], float]:
+    """The mean of shots of one setting, in codes of their depth, and the share of samples at `saturation` (grey)."""
+    mean = np.zeros(shots[0].pixels.shape, np.float32)
+    clipped = 0.0
+    for shot in shots:
+        mean += shot.pixels
+        clipped += float((shot.pixels >= saturation << (shot.bit_depth - 8)).mean()) / len(shots)
+    return mean / np.float32(len(shots)), clipped

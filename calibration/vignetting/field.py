@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.response import ResponseFunction
-from calibration.sources.sweep import Shot
+from calibration.response import ResponseFunction, greys_of_codes
+from calibration.sources.sweep import Shot, mean_of
 
 Array = NDArray[np.float64]
 
@@ -47,17 +47,10 @@ class Field:
 
 def field_of(shots: Sequence[Shot], response: ResponseFunction) -> Field:
     """The field in shots of one setting, all of one size and depth."""
-    shift = shots[0].bit_depth - 8
-    mean = np.zeros(shots[0].pixels.shape, np.float32)
-    clipped = 0.0
-    for shot in shots:
-        mean += shot.pixels
-        clipped += float((shot.pixels >= response.saturation << shift).mean()) / len(shots)
-    mean /= len(shots)
+    mean, clipped = mean_of(shots, response.saturation)
     rows, columns = cells(mean.shape)
-    parts = np.asarray(cv2.resize(mean, (PARTS * columns, PARTS * rows), interpolation=cv2.INTER_AREA), np.float64)
-    # A grey level is the middle of the codes that become it.
-    greys = (parts - ((1 << shift) - 1) / 2.0) / (1 << shift)
+    codes = cv2.resize(mean, (PARTS * columns, PARTS * rows), interpolation=cv2.INTER_AREA)
+    greys = greys_of_codes(codes, shots[0].bit_depth)
     light = response.light(greys).reshape(rows, PARTS, columns, PARTS)
     by_cell = light.mean(axis=(1, 3))
     lit = np.maximum(by_cell, 1e-9)

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal
 
-import yaml
 from pydantic import BaseModel, ConfigDict, Field, Strict, model_validator
 
-from calibration.document import read_document
+from calibration.document import read_document, write_document
 from calibration.findings import Finding
 from calibration.response.file import CameraIdentity
 from calibration.vignetting.model import Vignetting
 from drivers.errors import ConfigurationError
+from drivers.python310 import Self
 
 FORMAT = "autoexpose-vignetting/1"
 _Number = Annotated[float, Strict()]
@@ -69,22 +69,16 @@ class VignettingFile:
 
     def save(self, path: Path) -> None:
         """Write the file; ConfigurationError when it cannot be written."""
-        camera = self.camera
         document: dict[str, Any] = {
             "format": FORMAT,
-            "camera": camera and {"vendor": camera.vendor, "model": camera.model, "serial": camera.serial},
+            "camera": self.camera and asdict(self.camera),
             "date": self.date,
             "tool": self.tool,
             "error": self.error,
-            "findings": [{"severity": f.severity, "reason": f.reason, "text": f.text} for f in self.findings],
+            "findings": [asdict(finding) for finding in self.findings],
             **as_plain(self.vignetting),
         }
-        said = {key: value for key, value in document.items() if value not in (None, [])}
-        text = yaml.safe_dump(said, sort_keys=False, default_flow_style=None, width=110, allow_unicode=True)
-        try:
-            path.write_text(text, encoding="utf-8")
-        except OSError as error:
-            raise ConfigurationError(f"{path}: cannot be written ({error.strerror}): choose another place") from error
+        write_document(path, document)
 
     def check_belongs(self, serial: str, size: tuple[int, int] | None = None) -> None:
         """Refuse a file of another camera, or of frames of another size; an unknown size (None) is not compared.
@@ -94,11 +88,8 @@ class VignettingFile:
         ConfigurationError
             Naming file, camera and what to do.
         """
-        if self.camera is not None and self.camera.serial != serial:
-            raise ConfigurationError(
-                f"{self.path}: camera.serial is {self.camera.serial}, but this is camera {serial}: name its own file, "
-                f"or calibrate this one: autoexpose calibrate vignette --camera {serial}"
-            )
+        if self.camera is not None:
+            self.camera.check_is(serial, self.path, "vignette")
         if size is not None:
             try:
                 self.vignetting.check_size(size, f"camera {serial}")

@@ -168,7 +168,7 @@ def test_a_camera_is_swept_checked_and_predicted_as_it_really_is(tmp_path: Path)
     assert np.percentile(np.abs(difference), 99) <= 2.0
 
 
-@pytest.mark.realtime
+@pytest.mark.wire
 @pytest.mark.usefixtures("quick")
 def test_both_cameras_of_a_rig_are_calibrated_and_compared(tmp_path: Path) -> None:
     config, folder = tmp_path / "rig.yaml", tmp_path / "responses"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import subprocess
 from dataclasses import replace
-from datetime import UTC, datetime
+from datetime import datetime
 from pathlib import Path
 
 import cv2
@@ -18,6 +18,7 @@ from calibration.response.file import CameraIdentity, Origin
 from calibration.result import Result, calibrate
 from calibration.solver.comparison import compare
 from drivers.pixels.formats import PixelFormat
+from drivers.python310 import UTC
 from tests.calibration.made_up_camera import MadeUpCamera, gamma, linear, sweep
 
 ORIGIN = Origin(

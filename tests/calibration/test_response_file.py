@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import dataclasses
-from datetime import UTC, datetime
+from datetime import datetime
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +14,7 @@ from calibration.response.file import CameraIdentity, Origin, ResponseFile
 from calibration.response.solution import ResponseSolution
 from drivers.errors import ConfigurationError
 from drivers.pixels.formats import PixelFormat
+from drivers.python310 import UTC
 
 SOLUTION = ResponseSolution(
     ResponseFunction.linear(4), "gamma", {"gamma": 0.4545}, np.full(256, 0.0125), (6, 250), 0.312

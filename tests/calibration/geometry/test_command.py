@@ -131,7 +131,7 @@ def test_a_board_is_drawn_to_scale(tmp_path: Path, name: str) -> None:
     assert np.ptp(found.pixels, axis=0) == pytest.approx((5 * 400, 3 * 400), abs=1.0)
 
 
-@pytest.mark.realtime
+@pytest.mark.wire
 def test_two_cameras_are_watched_until_views_suffice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(capture, "MOST_VIEWS", 1)
     light = tmp_path / "light.yaml"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from datetime import UTC, datetime
+from datetime import datetime
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +15,7 @@ from calibration.response.file import CameraIdentity
 from calibration.vignetting.file import VignettingDocument, VignettingFile, as_plain
 from calibration.vignetting.model import Vignetting
 from drivers.errors import ConfigurationError
+from drivers.python310 import UTC
 
 POLYNOMIAL = Vignetting(720, 540, (350.0, 271.5), (-0.5, 0.1))
 FULL = POLYNOMIAL.relative_light(540, 720)
