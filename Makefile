@@ -12,6 +12,7 @@ unexport PYTHONDONTWRITEBYTECODE
 COMPILER := gcc libc6-dev python3-dev
 DEMO_PACKAGES := gir1.2-aravis-0.8 python3-gi python3-venv libusb-1.0-0 $(COMPILER)
 TEST_PACKAGES := $(DEMO_PACKAGES) aravis-tools-cli aravis-tools tshark usbutils chromium systemd openssl
+ACCEPT_PACKAGES := fastddsgen default-jre-headless libfastrtps-dev g++
 KERNEL_PACKAGES := qemu-system-x86 kmod udev usbip
 ROBOT_PACKAGES := $(DEMO_PACKAGES) udev
 
@@ -21,7 +22,7 @@ EXTRAS := sim,calibration,publish,record,page
 NATIVE_SOURCES := setup.py $(wildcard autoexpose_daemon/control/native/* fake_camera/usb3/shim/*)
 UNBUILT := $(if $(and $(wildcard autoexpose_daemon/control/_native.*.so),$(wildcard fake_camera/usb3/_shim.*.so)),,unbuilt)
 
-.PHONY: unbuilt setup demo test suite test-again test-data lint bench accept soak fuzz mutate test-kernel install uninstall deb clean
+.PHONY: unbuilt setup demo test suite test-again test-data test-platforms lint bench accept soak fuzz mutate test-kernel install uninstall deb clean
 .DEFAULT_GOAL := demo
 
 # Stamps let later runs start at once; they are renewed when what is installed changes.
@@ -35,7 +36,7 @@ $(VENV)/demo.stamp: pyproject.toml $(NATIVE_SOURCES) $(UNBUILT)
 $(VENV)/dev.stamp: $(VENV)/demo.stamp pyproject.toml
 	@echo "setting up what the tests need, once"
 	@./tools/install-debian $(TEST_PACKAGES)
-	@./tools/install-python $(PY) $(EXTRAS),experiments,dev
+	@./tools/install-python $(PY) $(EXTRAS),ros2,experiments,dev
 	@touch $@
 
 setup: $(VENV)/dev.stamp ## create .venv with everything
@@ -53,7 +54,7 @@ lint: $(VENV)/dev.stamp
 test: lint suite ## everything that CI runs
 
 suite: $(VENV)/dev.stamp ## only the tests; those in real time run alone
-	$(VENV)/bin/pytest -m "not realtime" -n 3 --dist loadfile --no-loadscope-reorder
+	$(VENV)/bin/pytest -m "not realtime" -n 4 --dist loadfile --no-loadscope-reorder
 	$(VENV)/bin/pytest -m realtime
 
 test-again: $(VENV)/dev.stamp ## the tests N times (default 20), with a summary; BUSY=1 keeps one core busy
@@ -62,12 +63,17 @@ test-again: $(VENV)/dev.stamp ## the tests N times (default 20), with a summary;
 test-data: $(VENV)/dev.stamp ## the tests that need external data, in AUTOEXPOSE_DATA
 	$(VENV)/bin/pytest -m data
 
+test-platforms: ## the quick tests and a demo on Debian 12 and 13 and Ubuntu 22.04 and 24.04, or SUITES="..."; needs root
+	@./tools/install-debian debootstrap
+	@$(SUDO) ./tests/platforms/run $(or $(SUITES),bookworm trixie jammy noble)
+
 bench: $(VENV)/dev.stamp ## where the time goes, as ratios
 	$(PY) benchmarks/bench_step.py
 	$(PY) benchmarks/bench_render.py
 	$(PY) benchmarks/bench_publish.py
 
-accept: $(VENV)/dev.stamp ## the longer checks in real time, about 25 minutes
+accept: $(VENV)/dev.stamp ## the longer checks in real time, about 30 minutes
+	@./tools/install-debian $(ACCEPT_PACKAGES)
 	$(VENV)/bin/pytest tests/accept -p no:cacheprovider --override-ini addopts=-ra --timeout 600 -s
 
 soak: $(VENV)/dev.stamp ## endurance: a day in virtual time, ten minutes of demo, cables pulled 50 times; accounts must balance

@@ -39,6 +39,8 @@ config_app = typer.Typer(help="Work with configuration files.", no_args_is_help=
 app.add_typer(config_app, name="config")
 
 ConfigFile = Annotated[Path, typer.Option("-c", "--config", help="The configuration, a YAML file.")]
+Rig = Annotated[str, typer.Option(help="Name of the rig, `publish.rig` of its configuration.")]
+Connect = Annotated[list[str] | None, typer.Option(help=f"Endpoint of a daemon or router; {LOOPBACK} unless given.")]
 
 
 @app.command()
@@ -197,10 +199,8 @@ def demo(
 
 @app.command()
 def page(
-    rig: Annotated[str, typer.Option(help="Name of the rig, `publish.rig` of its configuration.")] = "rig",
-    connect: Annotated[
-        list[str] | None, typer.Option(help=f"Endpoint of a daemon or router; {LOOPBACK} unless given.")
-    ] = None,
+    rig: Rig = "rig",
+    connect: Connect = None,
     host: Annotated[str, typer.Option(help="Address to serve; beyond loopback it needs a token.")] = "127.0.0.1",
     port: Annotated[int, typer.Option(min=0, max=65535, help="Port to serve on; 0 picks a free one.")] = 8420,
     token_file: Annotated[
@@ -218,10 +218,8 @@ def page(
 
 @app.command()
 def top(
-    rig: Annotated[str, typer.Option(help="Name of the rig, `publish.rig` of its configuration.")] = "rig",
-    connect: Annotated[
-        list[str] | None, typer.Option(help=f"Endpoint of a daemon or router; {LOOPBACK} unless given.")
-    ] = None,
+    rig: Rig = "rig",
+    connect: Connect = None,
     once: Annotated[bool, typer.Option("--once", help="Print the current status and exit.")] = False,
 ) -> None:
     """Watch a running daemon: state, exposure, losses, consumers, faults; Ctrl-C exits."""
@@ -236,6 +234,37 @@ def top(
         show_once(rig, connect or [LOOPBACK], Console())
     else:
         follow(rig, connect or [LOOPBACK], Console(), stop)
+
+
+@app.command()
+def ros2(
+    rig: Rig = "rig",
+    connect: Connect = None,
+    reliable: Annotated[
+        bool, typer.Option("--reliable", help="Offer frames also to subscribers that ask for reliable delivery.")
+    ] = False,
+    control: Annotated[
+        bool, typer.Option("--control", help="Take requests to control from everybody in the ROS domain.")
+    ] = False,
+) -> None:
+    """Offer a running daemon's frames to ROS 2 with its default middleware (DDS), until SIGTERM or Ctrl-C."""
+    try:
+        from autoexpose_daemon.ros2.bridge import serve  # noqa: PLC0415  an extra
+        from autoexpose_daemon.ros2.domain import Domain  # noqa: PLC0415
+    except ImportError as error:
+        raise AutoexposeError(f"{error.name} is missing: pip install 'autoexpose-daemon[publish,ros2]'") from error
+    from autoexpose_daemon.service.logs import complain, set_up_logging  # noqa: PLC0415
+
+    check_endpoints(connect or [])
+    set_up_logging(Console())
+    try:
+        domain = Domain.from_environment(os.environ)
+    except ConfigurationError as error:
+        complain(str(error))
+        raise SystemExit(os.EX_CONFIG) from None  # not worth another start
+    stop = threading.Event()
+    stop_on_signals(stop)
+    serve(rig, connect or [LOOPBACK], domain, stop, reliable=reliable, control=control)
 
 
 @app.command("list")

@@ -22,11 +22,18 @@ from fake_camera.usb3.run import CAMERAS_VARIABLE
 
 cv2.setNumThreads(1)  # likewise: a second thread for each small image waits more than it works
 
-LEFT_OUT = [Path(__file__).with_name(name) for name in ("accept", "kernel")]
+LEFT_OUT = [Path(__file__).with_name(name) for name in ("accept", "kernel", "platforms")]
 LONGEST = (
     "autoexpose_daemon/page/test_page.py",
+    "drivers/aravis/test_on_usb3.py",
     "autoexpose_daemon/control/test_faulty_camera.py",
     "fake_camera/usb3/test_usb3_aravis.py",
+    "drivers/aravis/test_camera_contract.py",
+    "autoexpose_daemon/test_cli.py",
+    "fake_camera/gige/test_gige_aravis.py",
+    "drivers/host/test_gvcp.py",
+    "autoexpose_daemon/service/test_service.py",
+    "autoexpose_daemon/doctor/test_doctor.py",
     "evaluation/test_fig7_fig12.py",
     "evaluation/test_prediction_experiments.py",
     "evaluation/test_teach.py",
@@ -49,7 +56,7 @@ LONGEST = (
     "evaluation/test_navigation_experiment.py",
     "evaluation/test_navigation_lap.py",
 )
-"""More than eight seconds of processor each."""
+"""More than eight seconds each."""
 
 MARKED_OUT = ("data", "orbslam3")
 QUIET_CORES = 0.25
@@ -57,18 +64,22 @@ LOOK_S = 1.0
 OTHER_TRANSPORT = "gige_only" if CAMERAS_VARIABLE in os.environ else "usb3_only"
 
 
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Leave out folders unless they are asked for by name."""
+    asked = [Path(argument.split("::")[0]).resolve() for argument in config.args]
+    left_out = collection_path in LEFT_OUT and not any(path.is_relative_to(collection_path) for path in asked)
+    return True if left_out else None
+
+
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leave out folders unless they are asked for by name, marks unless by -m, and what is of the other transport.
+    """Leave out marks unless they are asked for by -m, and what is of the other transport.
 
     The longest files come first, for each is one worker's, and none should be left over at the end.
     """
-    asked = [Path(argument.split("::")[0]).resolve() for argument in config.args]
-    closed = [folder for folder in LEFT_OUT if not any(path.is_relative_to(folder) for path in asked)]
     marks = {OTHER_TRANSPORT, *(mark for mark in MARKED_OUT if mark not in config.option.markexpr)}
 
     def left_out(item: pytest.Item) -> bool:
-        in_closed = any(item.path.is_relative_to(folder) for folder in closed)
-        return in_closed or any(mark.name in marks for mark in item.iter_markers())
+        return any(mark.name in marks for mark in item.iter_markers())
 
     order = {Path(__file__).parent / file: index for index, file in enumerate(LONGEST)}
     config.hook.pytest_deselected(items=[item for item in items if left_out(item)])

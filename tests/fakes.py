@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import json
 import multiprocessing
 import os
@@ -33,6 +34,7 @@ CONTROL_TIMEOUT_S = 5.0
 FOREIGN_COMMAND = "arv-fake-gv-camera-0.8"
 FOREIGN_ADDRESS = "127.0.0.1"
 """It binds only to the address of an interface, so that a machine can run only one."""
+FOREIGN_LOCK = Path(tempfile.gettempdir(), "autoexpose-foreign-camera.lock")
 
 
 def unique(prefix: str) -> str:
@@ -210,12 +212,21 @@ def _end_as_a_camera(arguments: list[str], outputs: list[Path], environment: dic
 
 @contextlib.contextmanager
 def foreign_camera(*options: str) -> Iterator[str]:
-    """Run Aravis' own fake camera until the block ends; yields its serial."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        try:
-            probe.bind((FOREIGN_ADDRESS, 3956))
-        except OSError as error:
-            raise AssertionError(f"another camera answers at {FOREIGN_ADDRESS}: stop it, and test again") from error
+    """Run Aravis' own fake camera until the block ends; yields its serial.
+
+    Waits while other tests run theirs: it listens at one address only.
+    """
+    with FOREIGN_LOCK.open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            try:
+                probe.bind((FOREIGN_ADDRESS, 3956))
+            except OSError as error:
+                raise AssertionError(f"another camera answers at {FOREIGN_ADDRESS}: stop it, then repeat") from error
+        yield from _foreign_camera(options)
+
+
+def _foreign_camera(options: Sequence[str]) -> Iterator[str]:
     name = unique("ARV")
     with subprocess.Popen([FOREIGN_COMMAND, "-i", FOREIGN_ADDRESS, "-s", name, *options]) as process:
         try:

@@ -8,7 +8,7 @@ import socket
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Final, Self
+from typing import Any, Final
 
 import zenoh
 
@@ -20,6 +20,7 @@ from autoexpose_daemon.status.requests import Answer, Shot
 from drivers.config.readable import readable
 from drivers.errors import AutoexposeError
 from drivers.frames import Side
+from drivers.python310 import Self
 
 _PATIENCE_S: Final = 10.0
 _LONGEST_REASON: Final = 1000

@@ -8,7 +8,6 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Self
 
 import zenoh
 
@@ -26,6 +25,10 @@ from autoexpose_daemon.publish.session import Endpoints, SessionHolder
 from autoexpose_daemon.status.document import LARGEST_RESPONSE_BYTES, LARGEST_STATUS_BYTES, Status, response_from_json
 from calibration.response import ResponseFunction
 from drivers.frames import Side
+from drivers.python310 import Self
+
+SILENT_S = 5.0
+"""A daemon that has been silent this long counts as down; it sends its status once a second."""
 
 _RING_MESSAGES = 4
 

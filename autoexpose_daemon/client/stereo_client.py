@@ -14,7 +14,6 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
-from typing import Self
 
 import numpy as np
 import zenoh
@@ -46,6 +45,7 @@ from calibration.response import ResponseFunction
 from calibration.vignetting.model import Vignetting
 from drivers.errors import ConfigurationError
 from drivers.frames import Side
+from drivers.python310 import Self
 
 log = logging.getLogger(__name__)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Self
 
 from pydantic import field_validator, model_validator
 
@@ -11,6 +10,7 @@ from autoexpose_daemon.config.section import Section
 from autoexpose_daemon.messages.keys import check_endpoints
 from drivers.config.files import read_regular
 from drivers.errors import ConfigurationError
+from drivers.python310 import Self
 
 _MOST_ZENOH_BYTES = 1 << 20
 

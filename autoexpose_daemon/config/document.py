@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import fields
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, PlainSerializer, model_validator
 
@@ -47,6 +47,7 @@ from drivers.exposure.gain_scale import GainScale
 from drivers.frames import Side
 from drivers.genicam.trigger import ACTION, SOFTWARE
 from drivers.pixels.formats import PixelFormat
+from drivers.python310 import Self
 
 DEFAULT_START = ExposureSetting(2000.0, 0.0)
 """Right for an office, and six stops from either end of the range."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Annotated, Any, Final, Self
+from typing import Annotated, Any, Final
 
 from pydantic import Field, ValidationError, field_validator, model_validator
 
@@ -13,6 +13,7 @@ from autoexpose_daemon.config.section import EvStops, ExposureTimeUs, GainDb, Na
 from autoexpose_daemon.control.policies.ids import check_policy_id
 from drivers.config.readable import readable
 from drivers.errors import ConfigurationError
+from drivers.python310 import Self
 
 LARGEST_REQUEST_BYTES: Final = 1 << 15
 """Of a region of 256 rectangles, with room to spare."""

@@ -80,7 +80,7 @@ class FakeCamera:
                 stderr=complaints,
                 text=True,
                 env=without_fake_bus(),
-                process_group=0,  # Ctrl-C is for the demo, which ends the cameras after the daemon
+                start_new_session=True,  # Ctrl-C is for the demo, which ends the cameras after the daemon
             )
         self._lines: deque[str] = deque()
         self._news = threading.Condition()

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Self
 
 from autoexpose_daemon.config.document import Config, TriggerConfig
 from drivers.config.feature import FeatureSetting
 from drivers.frames import Side
 from drivers.genicam.link_share import needed_bytes_per_s
 from drivers.pixels.formats import PixelFormat
+from drivers.python310 import Self
 
 ASSUMED_WIDTH, ASSUMED_HEIGHT = 720, 540
 """A sensor's size is known only once a camera is open; this is the size of those this project is made for."""

@@ -14,6 +14,8 @@ from drivers.pixels.layout import Layout
 IMAGE = "sensor_msgs/msg/Image"
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
 IMU = "sensor_msgs/msg/Imu"
+DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
+BOOL, FLOAT64, STRING, EMPTY = (f"std_msgs/msg/{name}" for name in ("Bool", "Float64", "String", "Empty"))
 ODOMETRY = "nav_msgs/msg/Odometry"
 TWIST = "geometry_msgs/msg/Twist"
 TWIST_STAMPED = "geometry_msgs/msg/TwistStamped"
@@ -34,6 +36,12 @@ def header(stamp_ns: int, frame_id: str) -> Any:
     """A Header; the stamp is CLOCK_REALTIME, ns."""
     stamp = TYPESTORE.types["builtin_interfaces/msg/Time"](*divmod(stamp_ns, 1_000_000_000))
     return TYPESTORE.types["std_msgs/msg/Header"](stamp, frame_id)
+
+
+def dds_name(message_type: str) -> str:
+    """What a DDS of ROS 2 calls a message type."""
+    package, folder, name = message_type.split("/")
+    return f"{package}::{folder}::dds_::{name}_"
 
 
 def serialise(message: object, message_type: str) -> bytes:

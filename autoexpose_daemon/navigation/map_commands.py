@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from datetime import UTC, datetime
+from datetime import datetime
 from pathlib import Path
 from typing import Annotated
 
@@ -15,6 +15,7 @@ from rich.table import Table
 
 from autoexpose_daemon.navigation.report.page import write_report
 from autoexpose_daemon.navigation.store import MapError, MapFile, Place
+from drivers.python310 import UTC
 
 map_app = typer.Typer(help="Look into the map of a taught path.", no_args_is_help=True)
 

@@ -16,7 +16,7 @@ from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp
 from starlette.websockets import WebSocket
 
-from autoexpose_daemon.client.status_client import StatusClient
+from autoexpose_daemon.client.status_client import SILENT_S, StatusClient
 from autoexpose_daemon.control.policies.ids import POLICY_IDS
 from autoexpose_daemon.page.access import Access, Key
 from autoexpose_daemon.page.buttons import Buttons
@@ -26,9 +26,6 @@ from autoexpose_daemon.page.metrics import CONTENT_TYPE, exposition
 from autoexpose_daemon.page.pair_views import PairViews
 
 STATIC = Path(__file__).with_name("static")
-
-SILENT_S = 5.0
-"""A daemon that has been silent this long counts as down; it sends its status once a second."""
 
 _STATUS_PERIOD_S = 1.0
 

@@ -6,6 +6,7 @@ import math
 import threading
 from collections import deque
 from collections.abc import Sequence
+from typing import Any
 
 from autoexpose_daemon.control.decision import Decision
 from drivers.exposure import ExposureSetting
@@ -64,7 +65,7 @@ class History:
                 self._rows.append(_Bucket(start_s))
             self._rows[-1].add(values)
 
-    def since(self, time_s: float) -> list[tuple[float, *tuple[Range, ...]]]:
+    def since(self, time_s: float) -> list[tuple[Any, ...]]:
         """Rows of `time_s` and later: time (s), then the range of each of `SERIES`. The newest may still change."""
         with self._lock:
             return [(row.start_s, *row.ranges) for row in self._rows if row.start_s >= time_s]

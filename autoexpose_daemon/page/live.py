@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Sequence
+from collections.abc import Coroutine, Iterable, Sequence
+from contextlib import suppress
 from typing import Any
 
 from pydantic_core import to_json
@@ -31,19 +32,32 @@ async def serve_browser(
         return await socket.close()
     await socket.accept()
     asked = asyncio.Event()
+    parts = (
+        _send_numbers(socket, client, views, history, policies),
+        _send_pairs(socket, views, asked),
+        _heed(socket, asked),
+    )
     with views.watched():
-        try:
-            async with asyncio.TaskGroup() as tasks:
-                senders = [
-                    tasks.create_task(_send_numbers(socket, client, views, history, policies)),
-                    tasks.create_task(_send_pairs(socket, views, asked)),
-                ]
-                while (await socket.receive())["type"] != "websocket.disconnect":
-                    asked.set()
-                for sender in senders:
-                    sender.cancel()
-        except* WebSocketDisconnect:
-            pass  # a sender noticed it first
+        await _first_of(parts)
+
+
+async def _heed(socket: WebSocket, asked: asyncio.Event) -> None:
+    while (await socket.receive())["type"] != "websocket.disconnect":
+        asked.set()
+
+
+async def _first_of(parts: Iterable[Coroutine[Any, Any, None]]) -> None:
+    """Until one of them ends or fails, or the browser is gone, whichever of them notices."""
+    tasks = [asyncio.create_task(part) for part in parts]
+    try:
+        done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+    for task in done:
+        with suppress(WebSocketDisconnect):
+            task.result()
 
 
 async def _send_numbers(

@@ -10,7 +10,6 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Self
 
 import numpy as np
 
@@ -22,6 +21,7 @@ from autoexpose_daemon.page.picture import DELTA_LEVELS, PictureMaker
 from calibration.response import ResponseFunction
 from drivers.errors import ConfigurationError
 from drivers.frames import Side
+from drivers.python310 import Self
 
 log = logging.getLogger(__name__)
 

@@ -11,7 +11,7 @@ import hashlib
 import struct
 from dataclasses import dataclass
 
-from autoexpose_daemon.messages.types import TYPESTORE
+from autoexpose_daemon.messages.types import TYPESTORE, dds_name
 
 _NODE_NAME = "autoexpose"
 _NODE_ID = 0
@@ -59,7 +59,7 @@ class Ros2Node:
     def topic(self, number: int, name: str, message_type: str) -> Ros2Topic:
         """The topic `/<rig>/<name>`; `number` numbers the publishers of a node, from 1."""
         path = f"{self.rig}/{name}"
-        kind = f"{_dds_name(message_type)}/{TYPESTORE.hash_rihs01(message_type)}"
+        kind = f"{dds_name(message_type)}/{TYPESTORE.hash_rihs01(message_type)}"
         token = f"{self._token('MP', number)}/{_mangled(f'/{path}')}/{kind}/{_QOS}"
         return Ros2Topic(f"{self.domain}/{path}/{kind}", token)
 
@@ -87,8 +87,3 @@ class Attachments:
 
 def _mangled(name: str) -> str:
     return name.replace("/", "%")
-
-
-def _dds_name(message_type: str) -> str:
-    package, folder, name = message_type.split("/")
-    return f"{package}::{folder}::dds_::{name}_"

@@ -14,7 +14,6 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Self
 
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.config.publish import PublishConfig
@@ -26,6 +25,7 @@ from autoexpose_daemon.recording.step import RecordingError, Step
 from calibration.geometry.model import CameraGeometry
 from drivers.frames import Side, StereoPair
 from drivers.log_throttle import LogThrottle
+from drivers.python310 import Self
 
 log = logging.getLogger(__name__)
 

@@ -7,7 +7,7 @@ import os
 import threading
 import time
 from dataclasses import dataclass, field, replace
-from datetime import UTC, datetime
+from datetime import datetime
 from pathlib import Path
 
 from autoexpose_daemon.config.document import Config
@@ -17,6 +17,7 @@ from calibration.response.refinement import refine
 from drivers.errors import ConfigurationError
 from drivers.frames import Side, StereoPair
 from drivers.log_throttle import LogThrottle
+from drivers.python310 import UTC
 
 log = logging.getLogger(__name__)
 

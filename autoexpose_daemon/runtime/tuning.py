@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from copy import copy
-from typing import Self
 
 from pydantic import ValidationError
 
@@ -19,6 +18,7 @@ from drivers.camera import CameraDescription
 from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureLimits
 from drivers.frames import SIDES, Side
+from drivers.python310 import Self
 
 
 class Tuning:

@@ -6,7 +6,8 @@ import logging
 import os
 import socket
 import time
-from typing import Self
+
+from drivers.python310 import Self
 
 log = logging.getLogger(__name__)
 

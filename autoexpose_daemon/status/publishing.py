@@ -7,9 +7,9 @@ import threading
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
-from enum import StrEnum
 
 from autoexpose_daemon.status.counters import LAST_COUNT, Count
+from drivers.python310 import StrEnum
 
 GONE_NS = 5_000_000_000
 """A consumer that has been silent this long has left; consumers report once a second."""

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from enum import StrEnum
 from typing import Annotated
 
 from pydantic import Field
 
 from autoexpose_daemon.status.counters import Count
+from drivers.python310 import StrEnum
 
 
 class TrackingRefusal(StrEnum):

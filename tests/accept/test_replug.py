@@ -8,10 +8,10 @@ import threading
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Self
 
 import pytest
 
+from drivers.python310 import Self
 from fake_camera.device.faults import Fault
 from tests.autoexpose_daemon.stereo import JOIN_WARNING, Run, running_daemon, stereo_cameras
 

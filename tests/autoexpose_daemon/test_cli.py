@@ -172,7 +172,7 @@ def exposure_of_foreign_camera() -> int:
     return int(written[1])
 
 
-@pytest.mark.realtime
+@pytest.mark.wire
 @pytest.mark.needs("arv-fake-gv-camera-0.8", "arv-tool-0.8")
 def test_run_drives_a_camera_that_we_did_not_write(tmp_path: Path) -> None:
     file = tmp_path / "rig.yaml"

@@ -7,7 +7,8 @@ import os
 from collections import deque
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Self
+
+from drivers.python310 import Self
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,13 +11,17 @@ import re
 import shutil
 import subprocess
 import sys
-import tomllib
 from pathlib import Path
 from zipfile import ZipFile
 
 import pytest
 
 from tests import REPOSITORY
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
 
 INSTALL_TREE = REPOSITORY / "tools/install-tree"
 PROJECT = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())
@@ -29,6 +33,7 @@ CONFIG = "etc/autoexpose/config.yaml"
 FILES = {
     "usr/lib/systemd/system/autoexpose.service",
     "usr/lib/systemd/system/autoexpose-page.service",
+    "usr/lib/systemd/system/autoexpose-ros2.service",
     "usr/lib/sysusers.d/autoexpose.conf",
     "usr/lib/tmpfiles.d/autoexpose-usbfs-memory.conf",
     "usr/lib/udev/rules.d/60-usb3-vision.rules",

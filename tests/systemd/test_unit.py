@@ -15,7 +15,8 @@ from tests import REPOSITORY
 FOLDER = REPOSITORY / "systemd"
 UNIT = FOLDER / "autoexpose.service"
 PAGE = FOLDER / "autoexpose-page.service"
-UNITS = pytest.mark.parametrize("unit", [UNIT, PAGE], ids=lambda unit: unit.stem)
+ROS2 = FOLDER / "autoexpose-ros2.service"
+UNITS = pytest.mark.parametrize("unit", [UNIT, PAGE, ROS2], ids=lambda unit: unit.stem)
 WORST_EXPOSURE = 2.0
 
 

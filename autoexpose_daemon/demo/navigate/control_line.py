@@ -8,9 +8,10 @@ import socket
 import threading
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 from drivers.errors import AutoexposeError
+from drivers.python310 import Self
 
 _LAST_ANSWERS_S = 2.0
 

@@ -141,7 +141,7 @@ class Lessons:
     def _command(self, name: str, *arguments: str) -> Iterator[subprocess.Popen[str]]:
         command = [*_AUTOEXPOSE, name, *arguments, "--odometry", ODOMETRY, *self._endpoints]
         process = subprocess.Popen(
-            command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, process_group=0
+            command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
         )  # Ctrl-C is for the demo
         with process:
             try:

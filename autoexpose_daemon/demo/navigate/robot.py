@@ -7,7 +7,6 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Self
 
 import zenoh
 
@@ -17,6 +16,7 @@ from autoexpose_daemon.messages.keys import registration_key
 from autoexpose_daemon.messages.registration import RegisteredView, read_registration
 from autoexpose_daemon.messages.robot import Velocity, odometry, read_velocity, twist
 from autoexpose_daemon.publish.session import Endpoints, SessionHolder, open_session
+from drivers.python310 import Self
 
 ODOMETRY, JOYSTICK, COMMAND = "odom", "joystick", "cmd_vel"
 """Keys."""

@@ -5,11 +5,12 @@ from __future__ import annotations
 import re
 import time
 from types import TracebackType
-from typing import Self
 
 from rich.console import Console
 from rich.live import Live
 from rich.text import Text
+
+from drivers.python310 import Self
 
 _TURN_S = 0.1
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import os
 import sqlite3
+import sys
 from pathlib import Path
 from typing import BinaryIO, Final
 
@@ -92,7 +93,8 @@ def _connected(path: Path, mode: str) -> sqlite3.Connection:
     unwritable = mode == "ro" and not os.access(path.parent, os.W_OK)
     uri = f"{path.absolute().as_uri()}?mode={mode}{'&immutable=1' if unwritable else ''}"
     connection = sqlite3.connect(uri, uri=True, isolation_level=None)
-    connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LARGEST_VALUE_BYTES)
+    if sys.version_info >= (3, 11):  # before, damaged files are not kept from asking for much memory
+        connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LARGEST_VALUE_BYTES)
     connection.execute("PRAGMA trusted_schema = OFF")
     if mode == "rw":
         connection.execute("PRAGMA journal_mode = WAL")

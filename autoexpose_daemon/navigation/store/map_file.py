@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
-from typing import Any, BinaryIO, Self
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,7 @@ from autoexpose_daemon.navigation.store.rows import (
 )
 from drivers.config.readable import readable
 from drivers.exposure import ExposureSetting
+from drivers.python310 import Self
 
 SpeedRow = tuple[float, float, float]
 """Distance (m), forward (m/s) and turn (rad/s, positive to the left)."""

@@ -277,7 +277,7 @@ def keys(model: type[BaseModel], parent: str = "") -> Iterator[tuple[str, FieldI
 
 KEYS = dict(keys(Config))
 NUMBERS = {
-    key: Annotated[field.annotation, field, *field.metadata]
+    key: Annotated[(field.annotation, field, *field.metadata)]
     for key, field in KEYS.items()
     if {float, int} & {*parts(field.annotation)} and not key.endswith(".box")
 }

@@ -14,6 +14,7 @@ from autoexpose_daemon.control.balance import (
     FlickerBalance,
 )
 from drivers.exposure import ExposureLimits, linear_gain
+from drivers.python310 import exp2
 
 from .scene import LIMITS
 
@@ -21,7 +22,7 @@ PAPER = BlurNoiseBalance(weight=0.02, offset=8.0)
 
 
 def gain_of(level: float, motion_px: float) -> float:
-    return math.exp2(level) / PAPER.exposure_time_us(level, motion_px, LIMITS)
+    return exp2(level) / PAPER.exposure_time_us(level, motion_px, LIMITS)
 
 
 def test_at_rest_the_gain_is_20() -> None:
@@ -35,7 +36,7 @@ def test_units_seconds_and_pixels_per_sixtieth() -> None:
 
 @given(st.floats(5, 18), st.floats(0, 60))
 def test_the_split_minimises_the_cost(level: float, motion_px: float) -> None:
-    c = math.exp2(level) * 1e-6
+    c = exp2(level) * 1e-6
 
     def cost(gain: float) -> float:
         # (23), with the linear gain term: t = c / g
@@ -86,9 +87,9 @@ def test_flicker_takes_whole_periods_where_they_fit(flicker_hz: float, level: fl
     limits = ExposureLimits(20.0, 30_000.0, 0.0, 30.0)
     setting = limits.realise(level, FlickerBalance(flicker_hz).exposure_time_us(level, 0, limits))
     periods = setting.exposure_time_us * 1e-6 * flicker_hz
-    if math.exp2(level) >= 1e6 / flicker_hz:
+    if exp2(level) >= 1e6 / flicker_hz:
         assert periods == pytest.approx(round(periods))
-        longest = min(math.exp2(level), 30_000.0)
+        longest = min(exp2(level), 30_000.0)
         assert longest - setting.exposure_time_us < 1e6 / flicker_hz * (1 + 1e-6)
     else:  # too bright for one period
         assert setting.gain_db == pytest.approx(0, abs=1e-9)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -17,6 +16,7 @@ from drivers.exposure import ExposureSetting
 from drivers.frames import Frame, StereoPair
 from drivers.pixels.formats import PixelFormat
 from drivers.pixels.layout import Layout, Pixels
+from drivers.python310 import exp2
 from fake_camera.imaging import ImageSettings
 from fake_camera.world.lighting import Change, LightScript
 from fake_camera.world.simulation import build_image_source
@@ -95,7 +95,7 @@ def metric_ratio(pixel_format: PixelFormat) -> float:
         coming.append(loop.step(StereoPair(number, {"left": taken})).setting)
         if (number + 1) % HOLD_FRAMES == 0:
             levels = taken.setting.level + np.arange(-1.5, 1.6, 0.25)
-            others = [measured(frame(number, LIMITS.realise(level, math.exp2(level)))) for level in levels]
+            others = [measured(frame(number, LIMITS.realise(level, exp2(level)))) for level in levels]
             ratios.append(measured(taken) / max(measured(taken), *others))
     return float(np.mean(ratios))
 

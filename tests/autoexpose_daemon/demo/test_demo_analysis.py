@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import math
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -26,13 +25,14 @@ from autoexpose_daemon.demo.fakes import Pulse
 from autoexpose_daemon.demo.plot import draw
 from autoexpose_daemon.demo.step_log import StepLog, StepRecord
 from drivers.exposure import ExposureSetting
+from drivers.python310 import exp2
 from drivers.triggers.account import Tally
 
 PERIOD_NS = 16_666_667
 
 
 def record(trigger: int, level: float, clipped: float = 0.0) -> StepRecord:
-    setting = ExposureSetting(math.exp2(level), 0.0)
+    setting = ExposureSetting(exp2(level), 0.0)
     return StepRecord(trigger, trigger * PERIOD_NS, setting, level, 0.1, clipped, 0.0, "held")
 
 
@@ -121,7 +121,7 @@ def test_light_on_a_ramp_has_no_settings() -> None:
 
 
 def test_a_ramp_is_not_a_step() -> None:
-    pulses = [Pulse(n, n * PERIOD_NS, 10.0 * math.exp2(n / 60)) for n in range(200)]
+    pulses = [Pulse(n, n * PERIOD_NS, 10.0 * exp2(n / 60)) for n in range(200)]
     assert light_steps(pulses, [record(n, 10.0) for n in range(200)]) == []
 
 

@@ -15,7 +15,7 @@ from drivers.errors import ConfigurationError
 from tests.fakes import fake_camera
 
 
-@pytest.mark.realtime
+@pytest.mark.wire
 def test_it_holds_the_description_and_figures_and_nothing_private(tmp_path: Path) -> None:
     path = tmp_path / "camera.zip"
     said: list[str] = []

@@ -76,7 +76,7 @@ def test_a_sound_host_has_no_troubles_and_each_camera_is_told(wanted: Need) -> N
 
 Trouble = tuple[Need, str, Severity, str, str]
 """For which need, which check says how badly, with which sentence and command (regular expressions)."""
-USB_TROUBLES: list[tuple[UsbFacts, *Trouble]] = [
+USB_TROUBLES: list[tuple[UsbFacts, Need, str, Severity, str, str]] = [
     (usb_facts(speed_mbps=480), need(), "usb-link", "warning", "480 Mbit/s, which is not SuperSpeed", "lsusb -t"),
     (
         usb_facts(node=replace(NODE, exists=False, usable=False)),
@@ -114,7 +114,7 @@ USB_TROUBLES: list[tuple[UsbFacts, *Trouble]] = [
 
 FOREIGN = replace(GIGE, address=IPv4Interface("169.254.0.1/16"))
 SENSELESS = replace(GIGE, address=IPv4Interface("10.9.8.7/0"))
-GIGE_TROUBLES: list[tuple[GigeFacts, *Trouble]] = [
+GIGE_TROUBLES: list[tuple[GigeFacts, Need, str, Severity, str, str]] = [
     (
         gige_facts(GIGE, control="held"),
         need(), "gige-control", "stops", r"camera G \(Maker Model\) at 192.168.7.5 on eth0 is controlled", "ss -uanp",

@@ -7,7 +7,6 @@ import threading
 import time
 from dataclasses import replace
 from types import TracebackType
-from typing import Self
 
 import numpy as np
 import zenoh
@@ -20,6 +19,7 @@ from autoexpose_daemon.publish.publisher import Publisher
 from autoexpose_daemon.publish.session import Endpoints, open_session
 from autoexpose_daemon.runtime.inputs.foretold_light import ForetoldLight
 from drivers.frames import Frame, StereoPair
+from drivers.python310 import Self
 from tests.autoexpose_daemon.navigation.texture import HEIGHT, WIDTH, texture
 from tests.autoexpose_daemon.publish.steps import DECISION, SETTING
 from tests.autoexpose_daemon.statuses import EXPOSING

@@ -26,7 +26,7 @@ from autoexpose_daemon.recording.recorder import ContinuousRecorder
 from autoexpose_daemon.runtime.daemon import Daemon
 from autoexpose_daemon.status.describe import describe
 from autoexpose_daemon.status.panel import line_of
-from autoexpose_daemon.status.requests import LARGEST_ANSWER_BYTES, Answer
+from autoexpose_daemon.status.requests import LARGEST_ANSWER_BYTES, Answer, Shot
 from drivers.errors import AutoexposeError, ConfigurationError
 from drivers.exposure import ExposureSetting
 from tests.autoexpose_daemon.publish.router import router
@@ -47,6 +47,16 @@ def exposing(at: str, recorder: ContinuousRecorder | None = None) -> Iterator[tu
         yield daemon, seen
 
 
+def shot_by(control: ControlClient) -> tuple[Shot, int]:
+    """A shot, and how often it was asked for: a busy machine loses the pair of some."""
+    for times in range(1, 10):
+        try:
+            return control.shot(SHOT.exposure_time_us, SHOT.gain_db), times
+        except AutoexposeError as error:
+            assert str(error).endswith("ask again")
+    raise AssertionError("no shot succeeds")
+
+
 def test_a_client_changes_control_and_the_recording_of_it_replays(tmp_path: Path) -> None:
     at, file = endpoint(), tmp_path / "run.mcap"
     with (
@@ -59,8 +69,8 @@ def test_a_client_changes_control_and_the_recording_of_it_replays(tmp_path: Path
         next(received)
         locked = control.lock().requests.locked
         assert locked is not None
-        taken = control.shot(SHOT.exposure_time_us, SHOT.gain_db)
-        pair = next(pair for pair in received if pair.left.setting == SHOT)
+        taken, shots = shot_by(control)
+        pair = next(pair for pair in received if pair.left.setting == SHOT and pair.trigger >= taken.trigger)
         assert (pair.trigger, pair.left.frame_id) == (taken.trigger, taken.frame_ids["left"])
         assert next(received).decision is not None
         wait_until(lambda: seen[-1][1] and seen[-1][1].setting == locked, "the lock to go on")
@@ -81,11 +91,11 @@ def test_a_client_changes_control_and_the_recording_of_it_replays(tmp_path: Path
     assert [request for each in steps for request in each.step.requests] == [
         f"{words}, asked by ana"
         for words in (
-            "lock", "shot 150 us, 3 dB", "unlock", "EV +1", "policy neves2009", "limits max_time_us 3000",
+            "lock", *["shot 150 us, 3 dB"] * shots, "unlock", "EV +1", "policy neves2009", "limits max_time_us 3000",
             "region left (rectangles: 1)", "reset",
         )
     ]  # fmt: skip
-    assert sum(each.step.override.shot is not None for each in steps) == 1
+    assert sum(each.step.override.shot is not None for each in steps) == shots
     assert {each.step.override.held for each in steps} >= {None, locked}
     unknown = [each for each in steps if each.decision is None]
     assert len(unknown) == 5  # the first of each loop: its snapshot is of the state after it

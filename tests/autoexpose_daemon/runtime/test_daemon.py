@@ -78,6 +78,7 @@ def test_cameras_with_one_ptp_clock_expose_together_and_go_on_without_their_mast
             assert median_skew_periods(run, 20) < 0.1
 
 
+@pytest.mark.gige_only  # shots are independent of the transport
 def test_a_shot_is_found_by_what_its_frames_say_while_the_exposure_is_locked() -> None:
     """On a slow machine a write may come late, and split the shot or double it."""
     setting = ExposureSetting(400.0, 6.0)

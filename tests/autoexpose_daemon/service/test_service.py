@@ -218,7 +218,7 @@ def test_a_start_that_cannot_be_is_told_and_is_not_worth_another(tmp_path: Path)
         assert "Traceback" not in service.log
 
 
-@pytest.mark.realtime
+@pytest.mark.wire
 def test_a_process_is_ready_reloads_and_stops(tmp_path: Path) -> None:
     file = tmp_path / "rig.yaml"
     with stereo_cameras("--still") as (left, right, _), contextlib.ExitStack() as stack:

@@ -44,7 +44,7 @@ from tests.drivers.aravis.written import SELECTORS, names_written
 from tests.drivers.camera_contract import CameraContract
 from tests.fakes import FakeCamera, camera_on_this_bus, fake_camera
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.wire
 
 RATE_HZ = 60.0
 PERIOD_NS = 1e9 / RATE_HZ
@@ -198,6 +198,7 @@ def test_the_camera_describes_itself(fake: FakeCamera, camera: AravisCamera) -> 
     assert limits.time_step_us > 0
 
 
+@pytest.mark.realtime
 def test_triggers_make_frames_without_a_gap(camera: AravisCamera) -> None:
     frames = in_a_row(camera, 10)
     assert {(frame.pixels.shape, frame.pixels.dtype, frame.bit_depth) for frame in frames} == {
@@ -207,6 +208,7 @@ def test_triggers_make_frames_without_a_gap(camera: AravisCamera) -> None:
     assert np.median(periods_ns) == pytest.approx(PERIOD_NS, rel=0.02)
 
 
+@pytest.mark.realtime
 def test_host_times_stay_on_the_trigger_grid_across_latches(camera: AravisCamera) -> None:
     frames = next_frames(camera, 10)
     camera.latch_clock()
@@ -243,6 +245,7 @@ def test_a_refused_write_is_reported_and_the_next_one_writes_everything(fake: Fa
     frames_until(camera, lambda frame: frame.setting == taken)
 
 
+@pytest.mark.realtime
 @pytest.mark.gige_only  # USB resends by itself, invisibly to programs
 def test_lost_packets_are_requested_again(fake: FakeCamera, camera: AravisCamera) -> None:
     def lost_none() -> bool:
@@ -283,6 +286,7 @@ def test_binning_uses_the_whole_sensor_and_can_be_undone(idle: FakeCamera) -> No
             assert next_frames(camera, 1)[0].pixels.shape == shape
 
 
+@pytest.mark.realtime
 def test_a_free_run_keeps_its_rate(idle: FakeCamera) -> None:
     with opened(idle, trigger=TriggerSetup("free_run", rate_hz=40.0)) as camera:
         camera.start()
@@ -299,6 +303,7 @@ def test_a_camera_without_ptp_is_refused_in_a_sentence(backend: Backend, idle: F
         open_camera(idle.serial, CameraSetup(TriggerSetup("ptp", rate_hz=RATE_HZ)))
 
 
+@pytest.mark.realtime
 def test_a_software_trigger_takes_one_frame_at_once(idle: FakeCamera) -> None:
     with opened(idle, trigger=SOFTWARE) as camera:
         camera.start()

@@ -39,7 +39,7 @@ from tests.drivers.aravis.written import SELECTORS, names_written
 from tests.fakes import loopback_address, unique
 from tests.xml_cameras import COMBINATIONS, REAL, features, xml_camera
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.wire
 
 RATE_HZ = 60.0
 PORTS = os.environ.get(CAMERAS_VARIABLE, "").split(":")
@@ -163,6 +163,7 @@ def test_no_exposure_time_is_refused_by_name(worn: Worn) -> None:
         open_camera(worn.serial, set_up(worn))
 
 
+@pytest.mark.realtime
 @pytest.mark.parametrize("worn", WORN[1:], ids=str, indirect=True)
 def test_the_driver_exposes_by_it_and_each_frame_says_how(worn: Worn) -> None:
     with contextlib.closing(open_camera(worn.serial, set_up(worn))) as camera:
@@ -209,6 +210,7 @@ def test_a_write_takes_few_requests(worn: Worn, monkeypatch: pytest.MonkeyPatch)
     assert requests == (4 if worn.gain_in_db else 2) + (0 if plain else 2)
 
 
+@pytest.mark.realtime
 @pytest.mark.parametrize("worn", [10, 11, 12, *REAL_ONES[-2:]], ids=str, indirect=True)
 def test_the_driver_runs_it_freely_at_a_rate(worn: Worn) -> None:
     """Number 10 and Basler's older ones have a period in the register of the rate."""

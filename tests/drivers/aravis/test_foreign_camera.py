@@ -21,7 +21,7 @@ from tests.fakes import foreign_camera
 PATIENCE_S = 20.0
 FREE_RUN = CameraSetup(TriggerSetup("free_run", rate_hz=60.0), pixel_format=PixelFormat.MONO8)
 
-pytestmark = [pytest.mark.realtime, pytest.mark.needs("arv-fake-gv-camera-0.8", "arv-tool-0.8")]
+pytestmark = [pytest.mark.wire, pytest.mark.needs("arv-fake-gv-camera-0.8", "arv-tool-0.8")]
 
 
 def outcomes_until(

@@ -10,7 +10,7 @@ from tests import REPOSITORY
 from tests.fakes import run_under_shim
 from tests.xml_cameras import COMBINATIONS, REAL
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.wire
 
 HERE = Path(__file__).parent
 DIALECTS = HERE / "test_dialects_on_the_wire.py"
@@ -26,8 +26,9 @@ PORTS = len(COMBINATIONS)
 """As many cameras as the dialects need at a time."""
 
 
-def test_usb3_vision_behaves_as_gige_does(tmp_path: Path) -> None:
-    run_under_shim(SUITES, *(tmp_path / str(port) for port in range(PORTS)))
+@pytest.mark.parametrize("marked", ["not realtime", pytest.param("realtime", marks=pytest.mark.realtime)])
+def test_usb3_vision_behaves_as_gige_does(marked: str, tmp_path: Path) -> None:
+    run_under_shim(SUITES, *(tmp_path / str(port) for port in range(PORTS)), marked=marked)
 
 
 @pytest.mark.data

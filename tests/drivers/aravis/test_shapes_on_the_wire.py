@@ -26,7 +26,7 @@ from tests.drivers.aravis.grey_card import GreyCard, frames_until, grey_of
 from tests.fakes import loopback_address, unique
 from tests.xml_shapes import DRIVEN, FREE_ONLY, REFUSED, xml_shape
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.wire
 
 RATE_HZ = 50.0
 FREELY = CameraSetup(TriggerSetup("free_run", rate_hz=RATE_HZ), PixelFormat.MONO8)
@@ -69,6 +69,7 @@ def test_the_image_follows_its_exposure(name: str, setup: CameraSetup, cameras: 
             frames_until(camera, grey_of(taken))
 
 
+@pytest.mark.realtime
 @pytest.mark.parametrize("name", ["integers", "converter", "exposure start"])
 def test_it_runs_freely_at_its_rate(name: str, cameras: dict[str, Shaped]) -> None:
     with contextlib.closing(open_camera(cameras[name].serial, FREELY)) as camera:

@@ -153,7 +153,7 @@ def test_a_strangers_packets_do_nothing_to_a_process_that_streams() -> None:
         assert process.returncode == 0
 
 
-@pytest.mark.realtime
+@pytest.mark.wire
 @pytest.mark.parametrize("packets", [HUGE_ID, OUTSIDE_THE_FRAME])
 def test_without_the_filter_they_end_it(packets: Sequence[bytes]) -> None:
     """Stock Aravis 0.8.26, as in Debian 12; once this fails, Aravis has changed."""
@@ -164,7 +164,7 @@ def test_without_the_filter_they_end_it(packets: Sequence[bytes]) -> None:
         assert process.returncode in (-signal.SIGTRAP, -signal.SIGABRT, -signal.SIGSEGV, -signal.SIGBUS)
 
 
-@pytest.mark.realtime
+@pytest.mark.wire
 def test_a_host_that_takes_no_filter_is_named_and_the_camera_opens(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -46,7 +46,7 @@ def test_reads_an_order(line: str, order: FaultOrder) -> None:
         ('{"fault": "freeze", "count": 1e3}', "count must be"),
         ('{"fault": "freeze", "count": NaN}', "count must be"),
         ('{"fault": "freeze", "count": 1%s}' % ("0" * 4000), r"count must be .*, not 1000.*\.\.\..*000$"),
-        ('{"fault": "freeze", "count": 1%s}' % ("0" * 9000), "not JSON"),
+        ('{"fault": "freeze", "count": 1%s}' % ("0" * 9000), "not JSON|count must be"),  # by the Python
         ('{"fault": "%s"}' % ("x" * 3000), r"unknown fault 'xxx.*\.\.\..*xxx'"),
         ('{"%s": 1}' % ("x" * 3000), r"unknown key 'xxx.*\.\.\..*xxx'"),
         ("[" * 4000, "not JSON"),

@@ -184,6 +184,20 @@ def test_eight_frames_are_kept_and_older_ones_are_not_to_be_had(client: Client) 
     ]
 
 
+def test_frames_of_a_former_acquisition_are_not_to_be_had(client: Client) -> None:
+    for frame_id in (1, 2, 3):
+        client.channel.send(exposed(64, 4, frame_id=frame_id), b"")
+    client.received()
+    newer = exposed(64, 4, "Mono12", frame_id=2)
+    client.channel.send(newer, b"")
+    sent = client.received()
+    for wanted in (1, 2, 3):
+        client.channel.resend(Resend(0, wanted, 1, 1))
+    again = client.received()
+    assert [header(packet)[:2] for packet in again] == [(UNAVAILABLE, 1), (RESENT, 2), (UNAVAILABLE, 3)]
+    assert again[1][8:] == sent[1][8:] == newer.pixels.tobytes()
+
+
 def test_of_a_truncated_frame_the_rest_is_not_to_be_had(client: Client) -> None:
     client.faults.add(FaultOrder(Fault.TRUNCATE))
     for frame_id in (1, 2):

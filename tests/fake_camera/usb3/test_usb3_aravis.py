@@ -41,7 +41,7 @@ def output(environment: Mapping[str, str], *command: str) -> str:
     return process.stdout
 
 
-@pytest.mark.realtime
+@pytest.mark.wire
 def test_aravis_under_the_shim(tmp_path: Path) -> None:
     run_under_shim(SUITE, tmp_path / "left", tmp_path / "right")
 

@@ -1,0 +1,142 @@
+"""From the daemon's messages to topics of ROS 2, until SIGTERM or Ctrl-C."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Sequence
+
+import zenoh
+from cyclonedds.core import DDSException
+
+from autoexpose_daemon.client.status_client import SILENT_S
+from autoexpose_daemon.messages.keys import SIDES, all_of_rig, check_rig_name, last_but, status_key
+from autoexpose_daemon.messages.types import CAMERA_INFO, DIAGNOSTICS, EXPOSURE_INFO, IMAGE
+from autoexpose_daemon.publish.session import Endpoints, SessionHolder
+from autoexpose_daemon.ros2.diagnostics import diagnostics
+from autoexpose_daemon.ros2.domain import Domain
+from autoexpose_daemon.ros2.node import Node, Writer
+from autoexpose_daemon.ros2.requests import Requests
+from autoexpose_daemon.status.document import LARGEST_STATUS_BYTES, Status
+from drivers.errors import AutoexposeError
+from drivers.log_throttle import LogThrottle
+
+log = logging.getLogger(__name__)
+
+TOPICS = {
+    "image": ("image_raw", IMAGE),
+    "camera_info": ("camera_info", CAMERA_INFO),
+    "exposure": ("exposure", EXPOSURE_INFO),
+}
+"""Of each camera: the last part of the daemon's key, and the topic's name and type in ROS 2."""
+
+_WAITING_MESSAGES = 64
+"""Ten pairs of six messages."""
+_WAITING_STATUS = 4
+_JOIN_S = 2.0
+"""A request in progress may wait longer for the daemon's answer."""
+_SELDOM_S = 60.0
+
+
+class Bridge:
+    """Offers the topics of a rig, and hands on what arrives for them.
+
+    Parameters
+    ----------
+    rig
+        Name of the rig, which is the node's namespace.
+    connect
+        Endpoints of daemons or routers.
+    domain
+        Where to offer the topics.
+    reliable
+        Offer frames to subscribers that insist on reliable delivery, too.
+    control
+        Take requests to control.
+
+    Raises
+    ------
+    AutoexposeError
+        If `rig` is not a valid name, or the domain cannot be joined.
+    """
+
+    def __init__(self, rig: str, connect: Sequence[str], domain: Domain, *, reliable: bool, control: bool) -> None:
+        check_rig_name(rig)
+        self._rig = rig
+        self._heard_s = time.monotonic()
+        self._seldom = LogThrottle(_SELDOM_S)
+        try:
+            self._node = Node(domain, rig)
+        except DDSException as error:
+            raise AutoexposeError(
+                f"ROS domain {domain.number} cannot be joined, for the reason that Cyclone DDS gives above: check "
+                "CYCLONEDDS_URI and the network"
+            ) from error
+        self._topics: dict[tuple[str, str], Writer] = {
+            (side, part): self._node.publisher(f"{side}/{name}", kind, frames=True, reliable=reliable)
+            for side in SIDES
+            for part, (name, kind) in TOPICS.items()
+        }
+        self._diagnostics = self._node.publisher("/diagnostics", DIAGNOSTICS)
+        self._requests = Requests(self._node, rig, connect) if control else None
+        self._node.announce()
+        self._holder = SessionHolder("client", Endpoints(connect=connect), self._serve, self._on_trouble)
+
+    @property
+    def sent(self) -> dict[str, int]:
+        """Messages by topic."""
+        return {f"{side}/{TOPICS[part][0]}": writer.sent for (side, part), writer in self._topics.items()}
+
+    @property
+    def refused(self) -> int:
+        """Messages that were dropped, as they were not of their topic's type, or found no room."""
+        return sum(writer.refused for writer in self._topics.values())
+
+    def run(self, stop: threading.Event) -> None:
+        """Hand on until `stop` is set."""
+        self._holder.start()
+        answering = None
+        if self._requests is not None:
+            answering = threading.Thread(target=self._requests.serve, args=(stop,), name="requests", daemon=True)
+            answering.start()
+        while not stop.wait(1.0):
+            if time.monotonic() - self._heard_s > SILENT_S:
+                self._diagnostics.send(diagnostics(self._rig, None, time.time_ns()))
+        if answering is not None:
+            answering.join(_JOIN_S)
+        self._holder.close()
+        self._node.leave()
+
+    def _on_trouble(self, trouble: str) -> None:
+        log.info("frames: %s", trouble or "connected")
+
+    def _serve(self, session: zenoh.Session) -> None:
+        self._holder.subscribe(session, all_of_rig(self._rig), self._hand_on, _WAITING_MESSAGES)
+        status = status_key(self._rig)
+        self._holder.subscribe(session, status, self._take_status, _WAITING_STATUS, LARGEST_STATUS_BYTES)
+        self._holder.closed.wait()
+
+    def _hand_on(self, key: str, cdr: bytes) -> None:
+        writer = self._topics.get((last_but(key, 1), last_but(key, 0)))
+        if writer is not None and not writer.send(cdr) and self._seldom.due(key, time.monotonic_ns()):
+            log.warning(
+                "%s: a message is not of its type or finds no room, and is dropped (%d so far)", key, writer.refused
+            )
+
+    def _take_status(self, _key: str, data: bytes) -> None:
+        status = Status.from_json(data)
+        if status is not None:
+            self._heard_s = time.monotonic()
+            self._diagnostics.send(diagnostics(self._rig, status, time.time_ns()))
+
+
+def serve(
+    rig: str, connect: Sequence[str], domain: Domain, stop: threading.Event, *, reliable: bool, control: bool
+) -> None:
+    """Offer the topics of a rig until `stop` is set; see `Bridge`. Says what for, and at the end what was sent."""
+    bridge = Bridge(rig, connect, domain, reliable=reliable, control=control)
+    print(f"topics /{rig}/left/image_raw and others in ROS domain {domain.number}, for {domain.release}", flush=True)
+    bridge.run(stop)
+    sent = ", ".join(f"{name} {count}" for name, count in bridge.sent.items() if count)
+    print(f"sent: {sent or 'nothing'}; refused: {bridge.refused or 'none'}")
