@@ -10,7 +10,6 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from types import TracebackType
-from typing import Self
 
 import zenoh
 
@@ -38,6 +37,7 @@ from autoexpose_daemon.runtime.inputs.tracking import MOST_WAITING, Tracking
 from autoexpose_daemon.status.publishing import LARGEST_REPORT_BYTES, ConsumerTally, DropReason, PublishTally
 from calibration.geometry.model import CameraGeometry
 from drivers.frames import Side, StereoPair
+from drivers.python310 import Self
 
 log = logging.getLogger(__name__)
 
@@ -216,9 +216,11 @@ class Publisher:
         self._sequence += 1
 
     def _say(self, session: zenoh.Session, last: bool) -> None:
+        # No other follows the last, so it waits for room in the queue.
+        congestion = zenoh.CongestionControl.BLOCK if last else zenoh.CongestionControl.DROP
         for key, text in self._tell(last).items():
             try:
-                session.put(key, text, priority=zenoh.Priority.DATA_HIGH, express=True)
+                session.put(key, text, congestion_control=congestion, priority=zenoh.Priority.DATA_HIGH, express=True)
             except zenoh.ZError as error:
                 log.debug("zenoh refused %s: %s", key, error)
 

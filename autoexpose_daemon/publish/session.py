@@ -29,6 +29,9 @@ _TUNING = {
     # How long pieces of an image wait for room before the image is dropped, us: well below a frame period, because
     # other consumers wait meanwhile. The default is 50 ms.
     f"{_QUEUE}/congestion_control/drop/max_wait_before_drop_fragments": 5_000,
+    # A consumer that takes nothing for so long while something waits for it is disconnected, us. The default is 5 s,
+    # as long as a session has for closing.
+    f"{_QUEUE}/congestion_control/block/wait_before_close": 1_000_000,
     "transport/link/rx/max_message_size": LARGEST_MESSAGE_BYTES,
     # By default zenoh looks for others on all networks.
     "scouting/multicast/enabled": False,
@@ -120,11 +123,15 @@ class SessionHolder:
             thread.join(_JOIN_S)
         return not any(thread.is_alive() for thread in self._threads)
 
-    def send(self, key: str, data: bytes) -> None:
-        """Publish a message, if the session is open; raises what zenoh raises."""
+    def send(self, key: str, data: bytes, *, waits: bool = False) -> None:
+        """Publish a message, if the session is open; raises what zenoh raises.
+
+        One that finds no room in the queue is dropped, or `waits` for it, and for a second at most.
+        """
+        congestion = zenoh.CongestionControl.BLOCK if waits else zenoh.CongestionControl.DROP
         with self._sending:
             if self._open is not None:
-                self._open.put(key, data)
+                self._open.put(key, data, congestion_control=congestion)
 
     def subscribe(
         self, session: zenoh.Session, key: str, take: Take, waiting: int, largest_bytes: int = LARGEST_MESSAGE_BYTES

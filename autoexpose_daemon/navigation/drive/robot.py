@@ -8,7 +8,6 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Self
 
 import zenoh
 
@@ -23,6 +22,7 @@ from autoexpose_daemon.navigation.drive.motion import Pose, Velocity
 from autoexpose_daemon.navigation.drive.odometer import SPEED_NS, Odometer
 from autoexpose_daemon.publish.refusal import reading
 from autoexpose_daemon.publish.session import Endpoints, SessionHolder
+from drivers.python310 import Self
 
 log = logging.getLogger(__name__)
 
@@ -104,13 +104,9 @@ class Robot:
             return 0.0 if silent else self._odometer.speed_m_s
 
     def command(self, velocity: Velocity) -> None:
-        """Have it drive like this."""
+        """Have it drive like this, if there is a connection."""
         data = twist_stamped(velocity, time.time_ns()) if self._keys.stamped else twist(velocity)
-        self.send(self._keys.command, data)
-
-    def send(self, key: str, data: bytes) -> None:
-        """Publish a message, if there is a connection."""
-        self._holder.send(key, data)
+        self._holder.send(self._keys.command, data, waits=True)  # it may be the one that stops the robot
 
     def _on_trouble(self, trouble: str) -> None:
         self.trouble = trouble

@@ -33,9 +33,11 @@ class TaughtPath:
     def at(self, distance_m: float) -> tuple[float, float]:
         """(forward m/s, turn rad/s) at a distance from the start.
 
-        Where the robot stood still while it was taught, it is how it then drove on: nothing would end the standstill.
+        Where the robot stood still while it was taught, it is how it then drove on, or, at the end of the path, where
+        it rolled on after it was told to stop, how it had driven before: nothing would end the standstill.
         """
         row = max(int(np.searchsorted(self.distances_m, distance_m, "right")) - 1, 0)
-        driving = np.flatnonzero(self.forward_m_s[row:])
-        row += int(driving[0]) if len(driving) else 0
+        driving = np.flatnonzero(self.forward_m_s)
+        if len(driving):
+            row = int(driving[min(int(np.searchsorted(driving, row)), len(driving) - 1)])
         return float(self.forward_m_s[row]), float(self.turn_rad_s[row])

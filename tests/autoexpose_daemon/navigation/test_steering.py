@@ -33,9 +33,14 @@ def test_mirrored_views_turn_the_other_way(shift_px: float, taught: float) -> No
 
 
 def test_a_robot_that_stood_still_while_it_was_taught_drives_on_when_it_repeats() -> None:
-    distances_m, forward_m_s = np.array([0.0, 0.003, 1.0, 1.002, 2.0]), np.array([0.0, 0.5, 0.0, 0.3, 0.0])
+    distances_m, forward_m_s = np.array([0.0, 0.003, 1.0, 1.002, 2.0]), np.array([0.0, 0.5, 0.0, 0.3, 0.3])
     path = TaughtPath(distances_m, forward_m_s, np.zeros(5))
-    assert [path.at(distance_m)[0] for distance_m in (0.0, 0.5, 1.001, 1.5, 2.0)] == [0.5, 0.5, 0.3, 0.3, 0.0]
+    assert [path.at(distance_m)[0] for distance_m in (0.0, 0.5, 1.001, 1.5)] == [0.5, 0.5, 0.3, 0.3]
+
+
+def test_where_it_rolled_on_after_it_was_told_to_stop_it_drives_to_the_end() -> None:
+    path = TaughtPath(np.array([0.0, 2.0, 2.1]), np.array([0.3, 0.0, 0.0]), np.array([0.1, 0.0, 0.0]))
+    assert path.length_m == 2.1 and path.at(2.05) == (0.3, 0.1)
 
 
 def test_a_robot_turned_left_sees_the_world_to_the_right_and_turns_right() -> None:

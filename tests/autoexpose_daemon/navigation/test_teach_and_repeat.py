@@ -94,7 +94,7 @@ def test_a_lesson_has_local_maps_and_speeds(lap: Path) -> None:
     assert len(places) > 5 and all(len(place.map) > 100 for place in places)
     assert {level for _, level in light} == {DECISION.level}
     assert light[-1][0] > 1.8 and len(light) > 10
-    assert path.at(1.0) == (FORWARD.forward_m_s, 0.0) and path.at(path.length_m) == (0.0, 0.0)
+    assert path.at(1.0) == (FORWARD.forward_m_s, 0.0) and path.forward_m_s[-1] == 0.0
 
 
 def test_a_robot_that_starts_turned_comes_back_to_the_heading_and_stops_at_the_end(lap: Path) -> None:

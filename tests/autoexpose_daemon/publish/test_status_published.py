@@ -12,6 +12,7 @@ from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.config.publish import PublishConfig
 from autoexpose_daemon.messages.keys import status_key
 from autoexpose_daemon.publish.publisher import Publisher
+from autoexpose_daemon.publish.session import Endpoints, open_session
 from autoexpose_daemon.runtime.daemon import Daemon
 from autoexpose_daemon.service.outlets import add_outlets
 from autoexpose_daemon.service.service import Service
@@ -56,6 +57,22 @@ def test_it_is_told_without_a_single_pair_and_the_next_daemon_is_found() -> None
         for _ in range(2):
             with Publisher(PublishConfig(listen=(at,)), 2, lambda _last: {status_key("rig"): said.to_json()}):
                 assert [client.wait(PATIENCE_S), client.wait(PATIENCE_S)] == [said, said]
+
+
+def test_all_that_is_told_last_arrives() -> None:
+    """Far more than the queue of one consumer holds."""
+    at = endpoint()
+    last = {f"autoexpose/rig/{number}": "x" * 60_000 for number in range(50)}
+    with open_session("peer", Endpoints(listen=[at])) as session:
+        got: set[str] = set()
+        session.declare_subscriber("autoexpose/rig/*", lambda sample: got.add(str(sample.key_expr)))
+
+        def tell(is_last: bool) -> dict[str, str]:
+            return last if is_last else {"autoexpose/rig/first": "x"}
+
+        with Publisher(PublishConfig(connect=(at,)), 2, tell):
+            wait_until(lambda: got, "the first")
+        wait_until(lambda: got >= set(last), "all")
 
 
 def test_what_is_no_status_is_passed_over() -> None:
