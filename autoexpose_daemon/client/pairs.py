@@ -21,7 +21,7 @@ from autoexpose_daemon.messages.read import (
     read_image,
     stamp_ns,
 )
-from autoexpose_daemon.status.publishing import ConsumerTally
+from autoexpose_daemon.messages.report import ConsumerTally
 from calibration.response import ResponseFunction
 from calibration.response.normalised import Bits, normalised
 from calibration.vignetting.model import Vignetting

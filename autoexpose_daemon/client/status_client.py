@@ -21,8 +21,9 @@ from autoexpose_daemon.messages.keys import (
 )
 from autoexpose_daemon.messages.read import DamagedMessageError
 from autoexpose_daemon.messages.registration import LARGEST_REGISTRATION_BYTES, RegisteredView, read_registration
+from autoexpose_daemon.messages.response import LARGEST_RESPONSE_BYTES, response_from_json
 from autoexpose_daemon.publish.session import Endpoints, SessionHolder
-from autoexpose_daemon.status.document import LARGEST_RESPONSE_BYTES, LARGEST_STATUS_BYTES, Status, response_from_json
+from autoexpose_daemon.status.document import LARGEST_STATUS_BYTES, Status
 from calibration.response import ResponseFunction
 from drivers.frames import Side
 from drivers.python310 import Self

@@ -37,10 +37,10 @@ from autoexpose_daemon.messages.keys import (
 from autoexpose_daemon.messages.light import light_ahead
 from autoexpose_daemon.messages.read import DamagedMessageError
 from autoexpose_daemon.messages.registration import RegisteredView, registration
+from autoexpose_daemon.messages.report import ConsumerTally
+from autoexpose_daemon.messages.response import response_from_json, vignetting_from_json
 from autoexpose_daemon.messages.tracked_cells import tracked_cells
 from autoexpose_daemon.publish.session import Endpoints, SessionHolder
-from autoexpose_daemon.status.document import response_from_json, vignetting_from_json
-from autoexpose_daemon.status.publishing import ConsumerTally
 from calibration.response import ResponseFunction
 from calibration.vignetting.model import Vignetting
 from drivers.errors import ConfigurationError

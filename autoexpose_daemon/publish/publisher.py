@@ -26,6 +26,7 @@ from autoexpose_daemon.messages.keys import (
     tracking_key,
 )
 from autoexpose_daemon.messages.light import LARGEST_LIGHT_BYTES, read_light_ahead
+from autoexpose_daemon.messages.report import LARGEST_REPORT_BYTES, ConsumerTally
 from autoexpose_daemon.messages.tracked_cells import LARGEST_TRACKING_BYTES, read_tracked_cells
 from autoexpose_daemon.messages.write import TOPICS, MessageWriter, realtime_offset_ns
 from autoexpose_daemon.publish.control import WAITING_REQUESTS, Ask, ControlDoor
@@ -34,7 +35,7 @@ from autoexpose_daemon.publish.ros2_keys import Attachments, Ros2Node
 from autoexpose_daemon.publish.session import Endpoints, SessionHolder
 from autoexpose_daemon.runtime.inputs.foretold_light import ForetoldLight
 from autoexpose_daemon.runtime.inputs.tracking import MOST_WAITING, Tracking
-from autoexpose_daemon.status.publishing import LARGEST_REPORT_BYTES, ConsumerTally, DropReason, PublishTally
+from autoexpose_daemon.status.publishing import DropReason, PublishTally
 from calibration.geometry.model import CameraGeometry
 from drivers.frames import Side, StereoPair
 from drivers.python310 import Self

@@ -12,12 +12,12 @@ from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.config.motion import ImuConfig
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.messages.keys import response_key, status_key
+from autoexpose_daemon.messages.response import response_to_json
 from autoexpose_daemon.runtime.daemon import Daemon
 from autoexpose_daemon.runtime.inputs.angular_rate import AngularRate
 from autoexpose_daemon.runtime.inputs.foretold_light import ForetoldLight
 from autoexpose_daemon.runtime.inputs.tracking import Tracking
 from autoexpose_daemon.status.describe import describe
-from autoexpose_daemon.status.document import response_to_json
 from autoexpose_daemon.status.publishing import PublishTally
 from drivers.frames import StereoPair
 

@@ -11,8 +11,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-LAST_COUNT = (1 << 63) - 1
-"""The highest count that is believed when it comes from another process."""
+from autoexpose_daemon.messages.report import LAST_COUNT
 
 Count = Annotated[int, Field(ge=0, le=LAST_COUNT)]
 """A count that may come from another process."""

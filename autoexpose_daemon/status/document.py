@@ -4,23 +4,19 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict, dataclass
-from typing import Annotated, Any
+from typing import Annotated
 
-from pydantic import AfterValidator, BaseModel, Field, TypeAdapter, ValidationError
+from pydantic import AfterValidator, Field, TypeAdapter, ValidationError
 
 from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.messages.report import ConsumerTally
 from autoexpose_daemon.status.counters import Count, Counts
 from autoexpose_daemon.status.imu import ImuTally
 from autoexpose_daemon.status.light import LightTally
-from autoexpose_daemon.status.publishing import ConsumerTally
 from autoexpose_daemon.status.requests import RequestTally
 from autoexpose_daemon.status.states import Health, State
 from autoexpose_daemon.status.tracking import TrackingTally
-from calibration.response import CurveDocument, ResponseFunction
-from calibration.vignetting.file import VignettingDocument, as_plain
-from calibration.vignetting.model import Vignetting
 from drivers.camera import PtpState
-from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureSetting
 from drivers.frames import Side
 
@@ -29,9 +25,6 @@ VERSION = 1
 
 LARGEST_STATUS_BYTES = 1 << 20
 """Three times what the longest faults take."""
-
-LARGEST_RESPONSE_BYTES = 1 << 16
-"""The 256 numbers of a response function take 6 KB, the largest grid of a vignetting up to 53 KB."""
 
 _Few = Field(max_length=100)
 _Counts = Annotated[dict[str, Count], _Few]
@@ -228,41 +221,3 @@ class Status:
 
 
 _ADAPTER = TypeAdapter(Status)
-
-
-def response_to_json(response: ResponseFunction, vignetting: Vignetting | None = None) -> str:
-    """The text for a camera's response function, which is sent beside the status, and its vignetting if it is known."""
-    curve = response.log2_exposure.tolist()
-    content = {"log2_exposure": curve, "black_level": response.black_level, "saturation": response.saturation}
-    return json.dumps(content if vignetting is None else {**content, "vignetting": _short(as_plain(vignetting))})
-
-
-def _short(vignetting: dict[str, Any]) -> dict[str, Any]:
-    """The same with the light at the nodes of a grid to six digits: all those of a large one would not be read."""
-    grid = vignetting.get("grid")
-    return vignetting if grid is None else {**vignetting, "grid": [[float(f"{at:.6g}") for at in row] for row in grid]}
-
-
-def response_from_json(text: str | bytes) -> ResponseFunction | None:
-    """The response function in a message; None if the message is damaged."""
-    if len(text) > LARGEST_RESPONSE_BYTES:
-        return None
-    try:
-        return CurveDocument.model_validate_json(text).response()
-    except (ValidationError, ConfigurationError):
-        return None
-
-
-class _WithVignetting(BaseModel):
-    vignetting: VignettingDocument | None = None
-
-
-def vignetting_from_json(text: str | bytes) -> Vignetting | None:
-    """The vignetting in a message of `response_to_json`; None if there is none, or the message is damaged."""
-    if len(text) > LARGEST_RESPONSE_BYTES:
-        return None
-    try:
-        document = _WithVignetting.model_validate_json(text).vignetting
-        return None if document is None else document.vignetting()
-    except (ValidationError, ConfigurationError):
-        return None

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import threading
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 
-from autoexpose_daemon.status.counters import LAST_COUNT, Count
+from autoexpose_daemon.messages.report import ConsumerTally
 from drivers.python310 import StrEnum
 
 GONE_NS = 5_000_000_000
@@ -17,9 +16,6 @@ GONE_NS = 5_000_000_000
 MOST_LISTED = 32
 MOST_KNOWN = 1024
 """How many consumers are listed, and remembered: anyone can send names, and invent some."""
-
-LARGEST_REPORT_BYTES = 1024
-"""The five counts of a report take at most 170."""
 
 
 class DropReason(StrEnum):
@@ -31,52 +27,6 @@ class DropReason(StrEnum):
     """The publisher was still busy with earlier pairs when newer ones came."""
     REFUSED = "refused"
     """zenoh rejected it."""
-
-
-@dataclass(slots=True)
-class ConsumerTally:
-    """A consumer's own count of pairs, since it started.
-
-    Attributes
-    ----------
-    pairs
-        Handed to the consumer.
-    missed
-        Frames of the left camera between these pairs, by gaps in its frame id: lost anywhere, for any reason.
-    lost
-        Pairs that the daemon sent and that never arrived complete.
-    too_slow
-        Pairs that arrived, and were replaced by newer ones before the consumer asked.
-    alone
-        Triggers with a frame of only one camera.
-    """
-
-    pairs: Count = 0
-    missed: Count = 0
-    lost: Count = 0
-    too_slow: Count = 0
-    alone: Count = 0
-
-    def to_json(self) -> str:
-        """The text that is sent to the daemon."""
-        return json.dumps(asdict(self))
-
-    @classmethod
-    def from_json(cls, text: str | bytes) -> ConsumerTally | None:
-        """The counts in a report; None if it is damaged."""
-        if len(text) > LARGEST_REPORT_BYTES:
-            return None
-        try:
-            report = json.loads(text)
-            counts = {name: report[name] for name in cls.__slots__}
-        except (ValueError, TypeError, KeyError, RecursionError):
-            return None
-        believed = all(type(count) is int and 0 <= count <= LAST_COUNT for count in counts.values())
-        return cls(**counts) if believed else None
-
-    def __str__(self) -> str:
-        losses = {"missed": self.missed, "lost": self.lost, "too slow": self.too_slow, "lone frames": self.alone}
-        return ", ".join([f"{self.pairs} pairs", *(f"{count} {name}" for name, count in losses.items() if count)])
 
 
 @dataclass(slots=True)

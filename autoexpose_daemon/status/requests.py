@@ -8,7 +8,8 @@ from typing import Annotated
 
 from pydantic import Field, TypeAdapter, ValidationError
 
-from autoexpose_daemon.status.counters import LAST_COUNT, Count
+from autoexpose_daemon.messages.report import LAST_COUNT
+from autoexpose_daemon.status.counters import Count
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Side
 

@@ -8,11 +8,12 @@ from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
-from pydantic import ConfigDict, Field, Strict, field_validator, with_config
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, Strict, field_validator, with_config
 
 from calibration.document import read_document, write_document
 from calibration.findings import Finding
-from calibration.response import GREY_LEVELS, CurveDocument, ResponseFunction
+from calibration.response import GREY_LEVELS, ResponseFunction
 from calibration.response.solution import ResponseModel, ResponseSolution
 from drivers.errors import ConfigurationError
 from drivers.pixels.formats import PixelFormat
@@ -183,8 +184,8 @@ class ResponseFile:
                 )
 
 
-class _Document(CurveDocument):
-    """All keys of a response file, of which those of the curve must be there.
+class _Document(BaseModel):
+    """All keys of a response file; the description of a field is the advice after a bad value.
 
     A key this version does not know is refused: it may change what the others mean.
     """
@@ -192,6 +193,9 @@ class _Document(CurveDocument):
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
 
     format: Literal["autoexpose-response/1"] = Field(description=f"only {FORMAT!r} can be read")
+    log2_exposure: list[_Number] = Field(description="give 256 numbers of stops, for grey 0 to 255")
+    black_level: Annotated[int, Strict()] = Field(description="give a grey level, 0 to 255")
+    saturation: Annotated[int, Strict()] = Field(description="give a grey level, 0 to 255")
     camera: CameraIdentity | None = _optional('give {vendor: ..., model: ..., serial: "..."}, each in quotes')
     pixel_format: PixelFormat | None = _optional("give a format of docs/configuration.md, such as Mono8")
     binning: Annotated[int, Strict(), Field(gt=0)] | None = _optional("give a whole number of pixels")
@@ -213,6 +217,10 @@ class _Document(CurveDocument):
         if covered is not None and covered[0] > covered[1]:
             raise ValueError("the first grey level is above the last")
         return covered
+
+    def response(self) -> ResponseFunction:
+        """The response function; raises ConfigurationError, as that does."""
+        return ResponseFunction(np.array(self.log2_exposure), self.black_level, self.saturation)
 
 
 def _calibrate(command: str, serial: str) -> str:

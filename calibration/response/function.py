@@ -1,13 +1,12 @@
-"""The photometric response function of a camera, and how it is written down."""
+"""The photometric response function of a camera."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, Field, Strict
 
 from drivers.errors import ConfigurationError
 
@@ -100,15 +99,3 @@ def greys_of_codes(codes: NDArray[Any], bit_depth: int) -> NDArray[np.float64]:
     """
     shift = bit_depth - 8
     return np.asarray((np.asarray(codes, np.float64) - ((1 << shift) - 1) / 2.0) / (1 << shift))
-
-
-class CurveDocument(BaseModel):
-    """A response function as files and messages hold it; the description of a field is the advice after a bad value."""
-
-    log2_exposure: list[Annotated[float, Strict()]] = Field(description="give 256 numbers of stops, for grey 0 to 255")
-    black_level: Annotated[int, Strict()] = Field(description="give a grey level, 0 to 255")
-    saturation: Annotated[int, Strict()] = Field(description="give a grey level, 0 to 255")
-
-    def response(self) -> ResponseFunction:
-        """The response function; raises ConfigurationError, as that does."""
-        return ResponseFunction(np.array(self.log2_exposure), self.black_level, self.saturation)

@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, Strict, model_validator
 from calibration.document import read_document, write_document
 from calibration.findings import Finding
 from calibration.response.file import CameraIdentity
-from calibration.vignetting.model import Vignetting
+from calibration.vignetting.model import MOST_COEFFICIENTS, Vignetting
 from drivers.errors import ConfigurationError
 from drivers.python310 import Self
 
@@ -76,7 +76,7 @@ class VignettingFile:
             "tool": self.tool,
             "error": self.error,
             "findings": [asdict(finding) for finding in self.findings],
-            **as_plain(self.vignetting),
+            **self.vignetting.as_plain(),
         }
         write_document(path, document)
 
@@ -97,18 +97,33 @@ class VignettingFile:
                 raise ConfigurationError(f"{self.path}: {error}") from None
 
 
-class VignettingDocument(BaseModel):
-    """A vignetting as files and messages hold it; the description of a field is the advice after a bad value."""
+class _Document(BaseModel):
+    """All keys of a vignetting file; one that this version does not know is refused.
 
+    The description of a field is the advice after a bad value.
+    """
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+    format: Literal["autoexpose-vignetting/1"] = Field(description=f"only {FORMAT!r} can be read")
     width: _Pixels = Field(description="give the width of the frames in pixels")
     height: _Pixels = Field(description="give the height of the frames in pixels")
     centre_px: tuple[_Number, _Number] | None = Field(None, description="give column and row, or remove it")
-    coefficients: Annotated[tuple[_Number, ...], Field(min_length=1, max_length=8)] | None = Field(
-        None, description="give a2, a4, ... of the polynomial, at most 8 numbers, or a grid instead"
+    coefficients: Annotated[tuple[_Number, ...], Field(min_length=1, max_length=MOST_COEFFICIENTS)] | None = Field(
+        None, description=f"give a2, a4, ... of the polynomial, at most {MOST_COEFFICIENTS} numbers, or a grid instead"
     )
     grid: tuple[tuple[_Number, ...], ...] | None = Field(
         None, description="give rows of relative light, or coefficients instead"
     )
+    camera: CameraIdentity | None = Field(
+        None, description='give {vendor: ..., model: ..., serial: "..."}, each in quotes, or remove it'
+    )
+    date: Annotated[datetime, Strict()] | None = Field(None, description="give date and time, or remove it")
+    tool: Annotated[str, Strict()] | None = Field(None, description="give name and version in quotes, or remove it")
+    error: Annotated[float, Strict(), Field(ge=0)] | None = Field(
+        None, description="give a share of the light, or remove it"
+    )
+    findings: tuple[Finding, ...] | None = Field(None, description="keep it as it was written, or remove it")
 
     @model_validator(mode="after")
     def _is_one_kind(self) -> Self:
@@ -122,28 +137,3 @@ class VignettingDocument(BaseModel):
         """The vignetting; raises ConfigurationError, as that does."""
         centre_px = self.centre_px or ((self.width - 1) / 2.0, (self.height - 1) / 2.0)
         return Vignetting(self.width, self.height, centre_px, self.coefficients or (), self.grid or ())
-
-
-class _Document(VignettingDocument):
-    """All keys of a vignetting file; one that this version does not know is refused."""
-
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
-
-    format: Literal["autoexpose-vignetting/1"] = Field(description=f"only {FORMAT!r} can be read")
-    camera: CameraIdentity | None = Field(
-        None, description='give {vendor: ..., model: ..., serial: "..."}, each in quotes, or remove it'
-    )
-    date: Annotated[datetime, Strict()] | None = Field(None, description="give date and time, or remove it")
-    tool: Annotated[str, Strict()] | None = Field(None, description="give name and version in quotes, or remove it")
-    error: Annotated[float, Strict(), Field(ge=0)] | None = Field(
-        None, description="give a share of the light, or remove it"
-    )
-    findings: tuple[Finding, ...] | None = Field(None, description="keep it as it was written, or remove it")
-
-
-def as_plain(vignetting: Vignetting) -> dict[str, Any]:
-    """The keys of `VignettingDocument`."""
-    size: dict[str, Any] = {"width": vignetting.width, "height": vignetting.height}
-    if vignetting.grid:
-        return {**size, "grid": [list(row) for row in vignetting.grid]}
-    return {**size, "centre_px": list(vignetting.centre_px), "coefficients": list(vignetting.coefficients)}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ LEAST_LIGHT = 0.02
 """Darker parts are outside of what a lens covers, and cannot be made up for."""
 LARGEST_PIXELS = 65_536
 MOST_NODES = 64
+MOST_COEFFICIENTS = 8
 LARGEST_NUMBER = 1000.0
 _LOOK = (48, 64)
 
@@ -54,6 +56,8 @@ class Vignetting:
             counts = {len(row) for row in self.grid} | {len(self.grid)}
             if len({len(row) for row in self.grid}) > 1 or min(counts) < 2 or max(counts) > MOST_NODES:
                 raise ConfigurationError(f"grid must have 2 to {MOST_NODES} rows, all of 2 to {MOST_NODES} numbers")
+        elif not 1 <= len(self.coefficients) <= MOST_COEFFICIENTS:
+            raise ConfigurationError(f"coefficients must be 1 to {MOST_COEFFICIENTS} numbers: give a2, a4, ...")
         for at, pixels in zip(self.centre_px, (self.width, self.height), strict=True):
             if not -pixels <= at <= 2 * pixels:
                 raise ConfigurationError(f"centre_px is {list(self.centre_px)}: give column and row near the picture")
@@ -71,6 +75,13 @@ class Vignetting:
         """The light at the middle of each of rows x columns parts of the frame, 1 at the brightest, float32."""
         light = self._light(rows, columns)
         return np.asarray(light / light.max(), np.float32)
+
+    def as_plain(self) -> dict[str, Any]:
+        """Its keys in files and messages."""
+        size: dict[str, Any] = {"width": self.width, "height": self.height}
+        if self.grid:
+            return {**size, "grid": [list(row) for row in self.grid]}
+        return {**size, "centre_px": list(self.centre_px), "coefficients": list(self.coefficients)}
 
     def check_size(self, size: tuple[int, int], who: str) -> None:
         """Refuse frames of another width and height, which `who` sends; raises ConfigurationError."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.messages.report import ConsumerTally
 from autoexpose_daemon.status.counters import Counts
 from autoexpose_daemon.status.document import (
     VERSION,
@@ -14,7 +15,6 @@ from autoexpose_daemon.status.document import (
     Status,
 )
 from autoexpose_daemon.status.imu import ImuTally
-from autoexpose_daemon.status.publishing import ConsumerTally
 from autoexpose_daemon.status.requests import Bounds, RequestTally
 from autoexpose_daemon.status.states import State
 from autoexpose_daemon.status.tracking import TrackingTally

@@ -32,6 +32,8 @@ from autoexpose_daemon.config.request import read_request
 from autoexpose_daemon.control.loop import ControlSetup
 from autoexpose_daemon.control.snapshot import parse, plain
 from autoexpose_daemon.demo.fakes import read_pulses
+from autoexpose_daemon.messages.report import ConsumerTally
+from autoexpose_daemon.messages.response import response_from_json, response_to_json, vignetting_from_json
 from autoexpose_daemon.messages.write import Message
 from autoexpose_daemon.page.access import Access, Key
 from autoexpose_daemon.page.history import History
@@ -42,9 +44,9 @@ from autoexpose_daemon.recording.read import Recording
 from autoexpose_daemon.recording.replay import Replay
 from autoexpose_daemon.runtime.tuning import Tuning
 from autoexpose_daemon.service.last_exposure import FORMAT, LastExposure
-from autoexpose_daemon.status.document import Status, response_from_json, response_to_json, vignetting_from_json
+from autoexpose_daemon.status.document import Status
 from autoexpose_daemon.status.panel import line_of
-from autoexpose_daemon.status.publishing import Consumers, ConsumerTally
+from autoexpose_daemon.status.publishing import Consumers
 from autoexpose_daemon.status.requests import Answer, Shot
 from calibration.findings import Finding
 from calibration.gain.file import GainFile

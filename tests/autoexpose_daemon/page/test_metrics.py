@@ -12,11 +12,10 @@ from prometheus_client.core import Metric
 from prometheus_client.parser import text_string_to_metric_families
 
 from autoexpose_daemon.config.document import Config
+from autoexpose_daemon.messages.report import LAST_COUNT, ConsumerTally
 from autoexpose_daemon.page.metrics import exposition
-from autoexpose_daemon.status.counters import LAST_COUNT
 from autoexpose_daemon.status.describe import describe
 from autoexpose_daemon.status.document import Status
-from autoexpose_daemon.status.publishing import ConsumerTally
 from autoexpose_daemon.status.states import State
 from autoexpose_daemon.status.telemetry import Telemetry
 from tests import REPOSITORY

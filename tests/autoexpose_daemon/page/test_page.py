@@ -15,18 +15,11 @@ import pytest
 from autoexpose_daemon.client import StereoClient
 from autoexpose_daemon.config.publish import PublishConfig
 from autoexpose_daemon.messages.keys import response_key, status_key
+from autoexpose_daemon.messages.report import ConsumerTally
+from autoexpose_daemon.messages.response import response_to_json
 from autoexpose_daemon.page.metrics import CONTENT_TYPE
 from autoexpose_daemon.publish.publisher import Publisher
-from autoexpose_daemon.status.document import (
-    CameraStatus,
-    DurationStatus,
-    Fault,
-    PublishStatus,
-    RecorderStatus,
-    Status,
-    response_to_json,
-)
-from autoexpose_daemon.status.publishing import ConsumerTally
+from autoexpose_daemon.status.document import CameraStatus, DurationStatus, Fault, PublishStatus, RecorderStatus, Status
 from autoexpose_daemon.status.states import State
 from calibration.response import ResponseFunction
 from tests.autoexpose_daemon.messages.registered_view import registered_view

@@ -8,19 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from autoexpose_daemon.config.document import Config
-from autoexpose_daemon.status.counters import LAST_COUNT
+from autoexpose_daemon.messages.report import LARGEST_REPORT_BYTES, LAST_COUNT, ConsumerTally
 from autoexpose_daemon.status.describe import describe
 from autoexpose_daemon.status.panel import line_of
-from autoexpose_daemon.status.publishing import (
-    GONE_NS,
-    LARGEST_REPORT_BYTES,
-    MOST_KNOWN,
-    MOST_LISTED,
-    Consumers,
-    ConsumerTally,
-    DropReason,
-    PublishTally,
-)
+from autoexpose_daemon.status.publishing import GONE_NS, MOST_KNOWN, MOST_LISTED, Consumers, DropReason, PublishTally
 from autoexpose_daemon.status.states import Expectation, State, judge
 from autoexpose_daemon.status.telemetry import Telemetry
 

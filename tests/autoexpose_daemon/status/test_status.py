@@ -15,10 +15,16 @@ from hypothesis import strategies as st
 
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.control.decision import Decision
-from autoexpose_daemon.status.counters import LAST_COUNT, Counts
+from autoexpose_daemon.messages.report import LAST_COUNT, ConsumerTally
+from autoexpose_daemon.messages.response import (
+    LARGEST_RESPONSE_BYTES,
+    response_from_json,
+    response_to_json,
+    vignetting_from_json,
+)
+from autoexpose_daemon.status.counters import Counts
 from autoexpose_daemon.status.describe import describe
 from autoexpose_daemon.status.document import (
-    LARGEST_RESPONSE_BYTES,
     LARGEST_STATUS_BYTES,
     VERSION,
     DurationStatus,
@@ -26,13 +32,10 @@ from autoexpose_daemon.status.document import (
     PublishStatus,
     RecorderStatus,
     Status,
-    response_from_json,
-    response_to_json,
-    vignetting_from_json,
 )
 from autoexpose_daemon.status.fault_log import KEPT_FAULTS, LONGEST_TEXT, FaultLog
 from autoexpose_daemon.status.panel import duration_text
-from autoexpose_daemon.status.publishing import MOST_LISTED, ConsumerTally
+from autoexpose_daemon.status.publishing import MOST_LISTED
 from autoexpose_daemon.status.states import State
 from autoexpose_daemon.status.telemetry import DurationSamples, Telemetry
 from calibration.response import ResponseFunction
@@ -53,7 +56,7 @@ def test_a_status_arrives_as_it_was_sent() -> None:
 @given(st.one_of(st.binary(), JSON.map(json.dumps), st.dictionaries(st.text(), JSON).map(json.dumps)))
 def test_what_is_no_status_is_nothing(text: str | bytes) -> None:
     assert Status.from_json(text) is None
-    assert response_from_json(text) is None
+    assert response_from_json(text) is None and vignetting_from_json(text) is None
 
 
 @given(st.sampled_from(sorted(json.loads(EXPOSING.to_json()))), JSON)
@@ -144,6 +147,24 @@ def test_a_response_arrives_with_the_largest_grid_of_a_vignetting() -> None:
     received = vignetting_from_json(text)
     assert response_from_json(text) is not None and received is not None
     assert np.allclose(received.grid, light, rtol=1e-5, atol=0)
+
+
+def test_a_vignetting_arrives_as_it_was_sent() -> None:
+    for lens in (
+        Vignetting(96, 72, (47.5, 30.25), (-0.5, 0.125)),
+        Vignetting(96, 72, (47.5, 35.5), (), ((1.0, 0.5), (0.5, 0.25))),
+    ):
+        assert vignetting_from_json(response_to_json(ResponseFunction.linear(), lens)) == lens
+    assert vignetting_from_json(response_to_json(ResponseFunction.linear())) is None
+
+
+@pytest.mark.parametrize(
+    "lens", [{"coefficients": [-0.1] * 9}, {"coefficients": [True]}, {"width": 96.0}, {"grid": [1]}]
+)
+def test_a_vignetting_that_no_lens_has_is_none(lens: dict[str, object]) -> None:
+    said = json.loads(response_to_json(ResponseFunction.linear(), Vignetting(96, 72, (47.5, 35.5), (-0.5,))))
+    said["vignetting"] |= lens
+    assert vignetting_from_json(json.dumps(said)) is None
 
 
 def test_a_daemon_that_died_says_of_what() -> None:

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from calibration.findings import Finding
 from calibration.response.file import CameraIdentity
-from calibration.vignetting.file import VignettingDocument, VignettingFile, as_plain
+from calibration.vignetting.file import VignettingFile
 from calibration.vignetting.model import Vignetting
 from drivers.errors import ConfigurationError
 from drivers.python310 import UTC
@@ -98,8 +98,3 @@ def test_files_of_other_cameras_and_sizes_are_refused(tmp_path: Path) -> None:
         file.check_belongs("L2")
     with pytest.raises(ConfigurationError, match="is for frames of 720x540 pixels, but camera L1 sends 640x480"):
         file.check_belongs("L1", (640, 480))
-
-
-def test_a_message_holds_the_same_as_a_file() -> None:
-    for vignetting in (POLYNOMIAL, GRID):
-        assert VignettingDocument.model_validate(as_plain(vignetting)).vignetting() == vignetting
