@@ -22,7 +22,7 @@ EXTRAS := sim,calibration,publish,record,page
 NATIVE_SOURCES := setup.py $(wildcard autoexpose_daemon/control/native/* fake_camera/usb3/shim/*)
 UNBUILT := $(if $(and $(wildcard autoexpose_daemon/control/_native.*.so),$(wildcard fake_camera/usb3/_shim.*.so)),,unbuilt)
 
-.PHONY: unbuilt setup demo test suite test-again test-data test-platforms lint bench accept soak fuzz mutate test-kernel install uninstall deb clean
+.PHONY: unbuilt setup demo test suite test-again test-data test-platforms lint bench accept soak fuzz mutate test-kernel install uninstall deb wheels clean
 .DEFAULT_GOAL := demo
 
 # Stamps let later runs start at once; they are renewed when what is installed changes.
@@ -132,6 +132,13 @@ deb: ## a Debian package with all its Python packages, in build/deb
 	@./tools/install-tree "$$PWD/build/deb/tree"
 	@./tools/make-deb build/deb/tree build/deb
 
+$(VENV)/packages.stamp: $(VENV)/dev.stamp pyproject.toml
+	@./tools/install-python $(PY) packages
+	@touch $@
+
+wheels: $(VENV)/packages.stamp ## sources and wheels of autoexpose-daemon, autoexpose-client and camera-twin, in dist
+	@./tools/make-wheels $(PY) dist
+
 clean:
-	rm -rf $(VENV) out build *.egg-info autoexpose_daemon/control/_native.*.so fake_camera/usb3/_shim.*.so .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) out build dist *.egg-info autoexpose_daemon/control/_native.*.so fake_camera/usb3/_shim.*.so .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,15 +1,24 @@
 """The part of the build that pyproject.toml cannot say: two optional libraries in C.
 
+From Python 3.11 on, what is built serves all later ones, too (abi3).
+
 Without a C compiler or Python's headers the build goes on without them: numpy and OpenCV do the work of the one, and
 the fake USB3 Vision camera says that it lacks the other.
 """
 
 from __future__ import annotations
 
+import sys
+from typing import Any
+
 from setuptools import Extension, setup
 
 NATIVE = "autoexpose_daemon/control/native"
 SHIM = "fake_camera/usb3/shim"
+
+# Buffers are in the stable interface since Python 3.11.
+STABLE = sys.version_info >= (3, 11)
+OPTIONS: dict[str, Any] = {"bdist_wheel": {"py_limited_api": "cp311"}} if STABLE else {}
 
 setup(
     ext_modules=[
@@ -20,6 +29,8 @@ setup(
             # Square roots that set no errno and convert without traps can be vectorised.
             extra_compile_args=["-O3", "-std=c11", "-fno-math-errno", "-fno-trapping-math"],
             libraries=["m"],
+            define_macros=[("Py_LIMITED_API", "0x030B0000")] if STABLE else [],
+            py_limited_api=STABLE,
             optional=True,
         ),
         # Not a Python module: it is preloaded into programs that use libusb.
@@ -28,7 +39,9 @@ setup(
             sources=[f"{SHIM}/{part}.c" for part in ("bus", "handle", "host", "interpose", "link", "udev", "usbip")],
             depends=[f"{SHIM}/shim.h"],
             extra_compile_args=["-std=gnu11", "-fvisibility=hidden", "-Wall", "-Wextra"],
+            py_limited_api=STABLE,
             optional=True,
         ),
-    ]
+    ],
+    options=OPTIONS,
 )

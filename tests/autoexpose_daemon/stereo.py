@@ -23,7 +23,7 @@ from autoexpose_daemon.runtime.daemon import Daemon
 from autoexpose_daemon.service.outlets import add_outlets
 from autoexpose_daemon.status.describe import describe
 from autoexpose_daemon.status.panel import line_of
-from drivers.frames import StereoPair
+from drivers.frames import SIDES, StereoPair
 from fake_camera.usb3.run import CAMERAS_VARIABLE
 from tests.fakes import FakeCamera, camera_on_this_bus, fake_camera, unique
 
@@ -81,7 +81,7 @@ def stereo_cameras(
         ends = [["--line1", between], ["--line3", between]] if left_triggers_right else [[], []]
         left, right = (
             stack.enter_context(START_CAMERA(side=side, line0=wire, options=["--truth", str(truth), *end, *options]))
-            for side, truth, end in zip(("left", "right"), truths, ends, strict=True)
+            for side, truth, end in zip(SIDES, truths, ends, strict=True)
         )
         yield left, right, truths
 

@@ -82,7 +82,7 @@ static PyObject *sums_of(const Py_buffer *image_view, const Py_buffer *region_vi
                 Py_DECREF(result);
                 return NULL;
             }
-            PyTuple_SET_ITEM(result, group * lanes + lane, number);
+            PyTuple_SetItem(result, group * lanes + lane, number);
         }
     }
     return result;
@@ -225,7 +225,7 @@ static PyObject *set_names(void)
             Py_DECREF(names);
             return NULL;
         }
-        PyTuple_SET_ITEM(names, i, name);
+        PyTuple_SetItem(names, i, name);
     }
     return names;
 }
