@@ -110,7 +110,7 @@ ifeq ($(DESTDIR),)
 	@[ "$$(id -u)" = 0 ] || { echo "this changes the system: sudo make install"; exit 1; }
 	@./tools/install-debian $(ROBOT_PACKAGES)
 endif
-	@./tools/install-tree "$(DESTDIR)"
+	@./tools/install-tree "$(DESTDIR)" usr/local
 ifeq ($(DESTDIR),)
 	@./tools/deb/postinst configure
 	@echo "installed; next: autoexpose list, /etc/autoexpose/config.yaml, systemctl enable --now autoexpose"
@@ -121,7 +121,7 @@ ifeq ($(DESTDIR),)
 	@[ "$$(id -u)" = 0 ] || { echo "this changes the system: sudo make uninstall"; exit 1; }
 	@./tools/deb/prerm remove
 endif
-	@./tools/install-tree --remove "$(DESTDIR)"
+	@./tools/install-tree --remove "$(DESTDIR)" usr/local
 ifeq ($(DESTDIR),)
 	@./tools/deb/postrm remove
 endif
@@ -129,7 +129,7 @@ endif
 deb: ## a Debian package with all its Python packages, in build/deb
 	@./tools/install-debian python3-venv $(COMPILER)
 	@rm -rf build/deb
-	@./tools/install-tree "$$PWD/build/deb/tree"
+	@./tools/install-tree "$$PWD/build/deb/tree" usr
 	@./tools/make-deb build/deb/tree build/deb
 
 $(VENV)/packages.stamp: $(VENV)/dev.stamp pyproject.toml
@@ -137,7 +137,7 @@ $(VENV)/packages.stamp: $(VENV)/dev.stamp pyproject.toml
 	@touch $@
 
 wheels: $(VENV)/packages.stamp ## sources and wheels of autoexpose-daemon, autoexpose-client and camera-twin, in dist
-	@./tools/make-wheels $(PY) dist
+	@./tools/make-wheels $(PY) $(or $(DIST),dist)
 
 clean:
 	rm -rf $(VENV) out build dist *.egg-info autoexpose_daemon/control/_native.*.so fake_camera/usb3/_shim.*.so .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache

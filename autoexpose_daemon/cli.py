@@ -8,7 +8,7 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from importlib.metadata import entry_points
+from importlib.metadata import entry_points, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -30,9 +30,7 @@ if TYPE_CHECKING:
 
 app = typer.Typer(
     name="autoexpose",
-    help="Auto-exposure for stereo machine-vision cameras on robots.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
 )
 config_app = typer.Typer(help="Work with configuration files.", no_args_is_help=True)
@@ -41,6 +39,21 @@ app.add_typer(config_app, name="config")
 ConfigFile = Annotated[Path, typer.Option("-c", "--config", help="The configuration, a YAML file.")]
 Rig = Annotated[str, typer.Option(help="Name of the rig, `publish.rig` of its configuration.")]
 Connect = Annotated[list[str] | None, typer.Option(help=f"Endpoint of a daemon or router; {LOOPBACK} unless given.")]
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"autoexpose {version('autoexpose-daemon')}")
+        raise typer.Exit
+
+
+@app.callback()
+def autoexpose(
+    _version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Show the version and exit.")
+    ] = False,
+) -> None:
+    """Auto-exposure for stereo machine-vision cameras on robots."""
 
 
 @app.command()
@@ -351,7 +364,7 @@ def check_config(
 def main() -> None:
     """Run the command line; our own errors become one sentence on stderr and exit code 1."""
     try:
-        _add_commands(next((word for word in sys.argv[1:] if not word.startswith("-")), None))
+        add_commands(_requested())
         app()
     except AutoexposeError as error:
         from autoexpose_daemon.service.logs import complain  # noqa: PLC0415
@@ -362,7 +375,18 @@ def main() -> None:
         raise SystemExit(128 + signal.SIGINT) from None
 
 
-def _add_commands(requested: str | None) -> None:
+def _requested() -> str | None:
+    """The command that is to run, or whose options a shell completes; None: any."""
+    words = sys.argv[1:]
+    if "_AUTOEXPOSE_COMPLETE" in os.environ:
+        line = os.environ.get("COMP_WORDS", os.environ.get("_TYPER_COMPLETE_ARGS", ""))
+        words = line.split()[1:-1]  # the last one is not complete
+    elif words == ["--version"]:
+        return "--version"
+    return next((word for word in words if not word.startswith("-")), None)
+
+
+def add_commands(requested: str | None = None) -> None:
     """Add the commands of other packages: the requested one, or all for the help; loading them takes a second."""
     if requested in (None, "ctl"):
         _add_ctl(requested)

@@ -68,8 +68,8 @@ def stage(name: str, folder: Path) -> None:
         shutil.copy(own / "__init__.py", top)
         (top / "_version.py").write_text(f'VERSION = "{version()}"\n')
     else:
-        for file in ("pyproject.toml", "setup.py", "README.md"):
-            shutil.copy(file, folder)
+        for source in ("pyproject.toml", "setup.py", "README.md"):
+            shutil.copy(source, folder)
     shutil.copy("LICENSE", folder)
     rewrite = Rewriter(package.homes)
     for file in [*folder.rglob("*.py"), folder / "pyproject.toml"]:

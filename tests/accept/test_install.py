@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from tests import REPOSITORY
-from tests.systemd.test_install import FILES
+from tests.systemd.test_install import FILES, OF_THE_PROGRAM
 
 CONFIG = "cameras: {left: {serial: MINE}}\n"
 
@@ -51,12 +51,13 @@ def test_the_page_is_there_but_not_enabled(robot: Path) -> None:
     (static,) = robot.glob("opt/autoexpose/lib/python3*/site-packages/autoexpose_daemon/page/static")
     ours = REPOSITORY / "autoexpose_daemon/page/static"
     assert {file.name for file in static.iterdir()} == {file.name for file in ours.iterdir()}
-    assert not list(robot.glob("etc/systemd/system/**/*.service"))
+    assert not list(robot.glob("etc/systemd/system/*.wants"))
 
 
 def test_units_rules_and_documentation_are_in_place(robot: Path) -> None:
-    assert [file for file in FILES if not (robot / file).is_file()] == []
-    assert str((robot / "usr/bin/autoexpose").readlink()) == "/opt/autoexpose/bin/autoexpose"
+    link = robot / "usr/local/bin/autoexpose"
+    assert [file for file in FILES | OF_THE_PROGRAM if not (robot / file).is_file() and robot / file != link] == []
+    assert str(link.readlink()) == "/opt/autoexpose/bin/autoexpose"
 
 
 def test_the_tree_does_not_remember_where_it_was_made(robot: Path) -> None:

@@ -8,7 +8,6 @@ from __future__ import annotations
 import configparser
 import os
 import re
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -17,6 +16,7 @@ from zipfile import ZipFile
 import pytest
 
 from tests import REPOSITORY
+from tools.stage_package import stage
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -31,13 +31,23 @@ NOT_SHIPPED = {".c", ".h", ".so"}
 
 CONFIG = "etc/autoexpose/config.yaml"
 FILES = {
-    "usr/lib/systemd/system/autoexpose.service",
-    "usr/lib/systemd/system/autoexpose-page.service",
-    "usr/lib/systemd/system/autoexpose-ros2.service",
-    "usr/lib/sysusers.d/autoexpose.conf",
-    "usr/lib/tmpfiles.d/autoexpose-usbfs-memory.conf",
-    "usr/lib/udev/rules.d/60-usb3-vision.rules",
-    "usr/share/doc/autoexpose-daemon/docs/service.md",
+    "etc/systemd/system/autoexpose.service",
+    "etc/systemd/system/autoexpose-page.service",
+    "etc/systemd/system/autoexpose-ros2.service",
+    "etc/sysusers.d/autoexpose.conf",
+    "etc/tmpfiles.d/autoexpose-usbfs-memory.conf",
+    "etc/udev/rules.d/60-usb3-vision.rules",
+    "usr/local/share/doc/autoexpose-daemon/docs/service.md",
+}
+"""Of `make install`."""
+OF_THE_PROGRAM = {
+    "opt/autoexpose/bin/autoexpose",
+    "usr/local/bin/autoexpose",
+    "usr/local/share/man/man1/autoexpose.1",
+    "usr/local/share/man/man1/autoexpose-run.1",
+    "usr/local/share/bash-completion/completions/autoexpose",
+    "usr/local/share/fish/vendor_completions.d/autoexpose.fish",
+    "usr/local/share/zsh/site-functions/_autoexpose",
 }
 
 
@@ -49,23 +59,18 @@ def output(*command: str | Path, **variables: str) -> str:
     return result.stdout
 
 
-def installed_beside() -> dict[str, str]:
+def installed_beside(prefix: str = "usr/local") -> dict[str, str]:
     """Files in the checkout by where `tools/install-tree` puts them, as bash reads its list."""
-    (listing,) = re.findall(r"^files=\(.*?^done$", INSTALL_TREE.read_text(), re.DOTALL | re.MULTILINE)
-    words = output("bash", "-euc", f'{listing}\nprintf "%s\\n" "${{files[@]}}"').splitlines()
+    (listing,) = re.findall(r"^system=.*?^done$", INSTALL_TREE.read_text(), re.DOTALL | re.MULTILINE)
+    words = output("bash", "-uc", f'prefix={prefix}\n{listing}\nprintf "%s\\n" "${{files[@]}}"').splitlines()
     return dict(zip(words[1::2], words[::2], strict=True))
 
 
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> ZipFile:
-    """Made of what `tools/install-tree` copies; without its C parts, which are optional and take long to compile."""
-    (copied,) = re.findall(r'^cp -r (.*) "\$source"$', INSTALL_TREE.read_text(), re.MULTILINE)
-    source = tmp_path_factory.mktemp("source")
-    for name in copied.split():
-        if (REPOSITORY / name).is_dir():
-            shutil.copytree(REPOSITORY / name, source / name, ignore=shutil.ignore_patterns("__pycache__", "*.so"))
-        else:
-            shutil.copy(REPOSITORY / name, source)
+    """As `tools/install-tree` makes it; without its C parts, which are optional and take long to compile."""
+    source = tmp_path_factory.mktemp("source") / "autoexpose-daemon"
+    stage(source.name, source)
     build = "import os, sys; os.chdir(sys.argv[1]); from setuptools import build_meta; build_meta.build_wheel('.')"
     output(sys.executable, "-c", build, source, CC="false")
     (file,) = source.glob("autoexpose_daemon-*.whl")
@@ -75,8 +80,10 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> ZipFile:
 def test_the_wheel_holds_every_file_of_our_packages_and_nothing_else(wheel: ZipFile) -> None:
     files = [file for package in PACKAGES for file in (REPOSITORY / package).rglob("*") if file.is_file()]
     shipped = (file for file in files if file.suffix not in NOT_SHIPPED and file.parent.name != "__pycache__")
-    ours = {file.relative_to(REPOSITORY).as_posix() for file in shipped}
-    assert {"autoexpose_daemon/page/static/page.js", "calibration/report/report.html", "drivers/py.typed"} < ours
+    places = (file.relative_to(REPOSITORY) for file in shipped)
+    top = Path("autoexpose_daemon")
+    ours = {(place if place.parts[0] == top.name else top / place).as_posix() for place in places}
+    assert {f"{top}/page/static/page.js", f"{top}/calibration/report/report.html", f"{top}/drivers/py.typed"} < ours
     names = (name for name in wheel.namelist() if ".dist-info/" not in name)
     held = {name for name in names if Path(name).suffix not in NOT_SHIPPED}
     assert held == ours
@@ -88,6 +95,7 @@ def test_the_wheel_has_our_commands(wheel: ZipFile) -> None:
     points.read_string(wheel.read(listing).decode())
     assert points["console_scripts"]["autoexpose"] == "autoexpose_daemon.cli:main"
     assert {"arena", "experiments", "calibrate", "map", "repeat", "teach"} == {*points["autoexpose.commands"]}
+    assert points["autoexpose.commands"]["arena"] == "autoexpose_daemon.evaluation.arena.arena_app:arena_app"
 
 
 def test_units_rules_and_documentation_are_there_to_be_installed() -> None:
@@ -95,10 +103,12 @@ def test_units_rules_and_documentation_are_there_to_be_installed() -> None:
     assert {*listed} >= FILES
     assert [file for file in listed.values() if not (REPOSITORY / file).is_file()] == []
     assert (REPOSITORY / "systemd/config.yaml").is_file()
+    of_the_distribution = installed_beside("usr")
+    assert [place for place in of_the_distribution if not place.startswith(("usr/lib/", "usr/share/"))] == []
 
 
 def test_what_is_uninstalled_is_gone_except_the_configuration(tmp_path: Path) -> None:
-    for file in (*installed_beside(), "usr/bin/autoexpose", "opt/autoexpose/bin/autoexpose", CONFIG):
+    for file in (*installed_beside(), *OF_THE_PROGRAM, CONFIG):
         (tmp_path / file).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / file).touch()
     output("make", "uninstall", f"DESTDIR={tmp_path}")

@@ -1,0 +1,112 @@
+"""The wheels of `make wheels`, each in an environment of its own, where no compiler is to be found."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from autoexpose_daemon.config.publish import PublishConfig
+from tests import REPOSITORY
+from tests.autoexpose_daemon.publish.steps import endpoint, publishing
+
+pytestmark = pytest.mark.timeout(600)
+
+TOY_DRIVER = """
+import socket
+
+def test_the_camera_answers(gige_camera):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as driver:
+        driver.settimeout(2)
+        driver.sendto(bytes.fromhex("4201 0002 0000 0001"), (gige_camera.address, 3956))
+        assert gige_camera.serial.encode() in driver.recv(1024)
+"""
+RECEIVER = """
+import sys
+from autoexpose_client import StereoClient
+with StereoClient("rig", connect=[sys.argv[1]]) as client:
+    for pair in client:
+        print(pair.left.pixels.shape, pair.left.setting.exposure_time_us)
+        break
+heavy = {"cv2", "pydantic", "usb", "yaml", "autoexpose_daemon", "drivers", "calibration"}
+print(sorted(heavy & {*sys.modules}))
+"""
+
+
+def run(*command: str | Path, folder: Path, status: int = 0) -> str:
+    environment = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "VIRTUAL_ENV")}
+    environment |= {"CC": "false", "CXX": "false"}
+    result = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+    assert result.returncode == status, result.stdout + result.stderr
+    return result.stdout
+
+
+@pytest.fixture(scope="module")
+def wheels(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("dist")
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    done = subprocess.run(
+        ["make", "wheels", f"DIST={folder}"],
+        cwd=REPOSITORY,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return folder
+
+
+def installed(folder: Path, wheels: Path, package: str, *options: str, extras: str = "") -> Path:
+    """A new environment with a package."""
+    (wheel,) = wheels.glob(f"{package}-*.whl")
+    run("/usr/bin/python3", "-m", "venv", *options, folder / "venv", folder=folder)
+    run(folder / "venv/bin/pip", "install", "-q", f"{wheel}{extras}", "pytest", folder=folder)
+    return folder / "venv"
+
+
+def test_every_package_has_sources_and_a_wheel_for_all_pythons(wheels: Path) -> None:
+    names = sorted(re.sub(r"-\d+\.\d+\.\d+", "", file.name) for file in wheels.iterdir())
+    assert [name for name in names if name.endswith(".tar.gz")] == [
+        "autoexpose_client.tar.gz", "autoexpose_daemon.tar.gz", "camera_twin.tar.gz",
+    ]  # fmt: skip
+    client, daemon, twin = (name for name in names if name.endswith(".whl"))
+    assert client == "autoexpose_client-py3-none-any.whl"
+    assert re.fullmatch(r"autoexpose_daemon-cp3\d+-(abi3|cp3\d+)-manylinux.*\.whl", daemon)
+    assert re.fullmatch(r"camera_twin-cp310-abi3-manylinux.*\.whl", twin)
+
+
+def test_the_demo_runs_with_the_native_step(wheels: Path, tmp_path: Path) -> None:
+    venv = installed(tmp_path, wheels, "autoexpose_daemon", "--system-site-packages", extras="[sim,publish]")
+    said = run(venv / "bin/autoexpose", "demo", "--seconds", "5", "--summary", "out.json", folder=tmp_path)
+    summary = json.loads((tmp_path / "out.json").read_text())
+    assert summary["native"] is True
+    print(said)
+    (packages,) = venv.glob("lib/python3*/site-packages")
+    rooms = {"drivers", "calibration", "fake_camera", "evaluation"}
+    assert not rooms & {path.name for path in packages.iterdir()}
+    for command in (["arena", "--help"], ["calibrate", "--help"], ["fake-camera", "--help"]):
+        run(venv / "bin/autoexpose", *command, folder=tmp_path)
+
+
+def test_the_client_receives_frames_with_little_else(wheels: Path, tmp_path: Path) -> None:
+    venv, at = installed(tmp_path, wheels, "autoexpose_client"), endpoint()
+    with publishing(PublishConfig(listen=(at,))):
+        assert run(venv / "bin/python", "-c", RECEIVER, at, folder=tmp_path) == "(540, 720) 1000.0\n[]\n"
+
+
+def test_the_twin_tests_a_toy_driver(wheels: Path, tmp_path: Path) -> None:
+    venv = installed(tmp_path, wheels, "camera_twin")
+    (tmp_path / "test_toy.py").write_text(TOY_DRIVER)
+    assert "1 passed" in run(venv / "bin/pytest", "-q", "-p", "no:cacheprovider", "test_toy.py", folder=tmp_path)
+    readme = (REPOSITORY / "packages/camera-twin/README.md").read_text()
+    blocks = [block for block in re.findall(r"```python\n(.*?)```", readme, re.DOTALL) if "mycamera.xml" not in block]
+    assert len(blocks) > 4
+    (tmp_path / "test_readme.py").write_text("\n".join(blocks))
+    assert f"{len(re.findall('def test_', ''.join(blocks)))} passed" in run(
+        venv / "bin/pytest", "-q", "-p", "no:cacheprovider", "test_readme.py", folder=tmp_path
+    )
