@@ -95,7 +95,6 @@ class Rewriter:
                 rf"(?<=^from )({rooms})(?=[. ])",
                 rf"(?<=^import )({rooms})(?=[.\s])",
                 rf"(?<= from )({rooms})(?=[.\w]* import )",
-                rf"(?<=    from )({rooms})(?=[.\w]* import )",
                 rf"(?<=[\"'])({rooms})(?=(?:\.\w+)+(?::\w+)?[\"'])",  # a module, an entry point
                 rf"(?<=\"-m\", [\"'])({rooms})(?=[\"'])",
                 rf"(?<=python -m )({rooms})\b",

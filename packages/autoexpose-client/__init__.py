@@ -3,6 +3,5 @@
 The same as `autoexpose_daemon.client`, without the daemon.
 """
 
-from autoexpose_daemon.client import NormalisedPair, ReceivedPair, StereoClient, alike, count_by_cell
-
-__all__ = ["NormalisedPair", "ReceivedPair", "StereoClient", "alike", "count_by_cell"]
+from autoexpose_daemon.client import *  # noqa: F403
+from autoexpose_daemon.client import __all__ as __all__

@@ -3,28 +3,5 @@
 This is the API, versioned as semver.org has it; what else there is may change.
 """
 
-from fake_camera.bench import (
-    Fault,
-    NotStartedError,
-    RunningCamera,
-    ShimError,
-    Side,
-    camera_rig,
-    client_environment,
-    gige_camera,
-    ptp_master,
-    usb3_camera,
-)
-
-__all__ = [
-    "Fault",
-    "NotStartedError",
-    "RunningCamera",
-    "ShimError",
-    "Side",
-    "camera_rig",
-    "client_environment",
-    "gige_camera",
-    "ptp_master",
-    "usb3_camera",
-]
+from fake_camera.bench import *  # noqa: F403
+from fake_camera.bench import __all__ as __all__
