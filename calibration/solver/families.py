@@ -73,8 +73,13 @@ class FamilyFit:
     misfit: float
 
 
-def fit_family(family: Family, tones: Tones, ends: Ends, within: NDArray[np.bool_]) -> FamilyFit:
-    """Robust least squares of the residuals (Levenberg & Marquardt); black is fitted if not seen."""
+def fit_family(
+    family: Family, tones: Tones, ends: Ends, within: NDArray[np.bool_], near: FamilyFit | None = None
+) -> FamilyFit:
+    """Robust least squares of the residuals (Levenberg & Marquardt); black is fitted if not seen.
+
+    A fit to nearly the same tones is found sooner from `near`, the fit of the others.
+    """
     least = np.array([ends.lowest - BLACK_RANGE_GREY if ends.black_seen else LEAST_BLACK_GREY, *family.least])
     most = np.array([ends.lowest + BLACK_RANGE_GREY, *family.most])
 
@@ -87,18 +92,21 @@ def fit_family(family: Family, tones: Tones, ends: Ends, within: NDArray[np.bool
         # Beyond the limit the square of this grows only in proportion to the error.
         return np.asarray(np.sign(size) * np.sqrt(np.where(np.abs(size) < limit, size**2, limit * np.abs(size))))
 
-    best = np.array([ends.lowest, *family.start])
+    start = np.array([ends.lowest, *family.start] if near is None else [near.black, *near.parameters])
+    best = np.clip(start, least, most)
     errors = errors_of(best)
     damping = 1e-2
+    jacobian: Curve | None = None
     for _ in range(_ROUNDS):
-        jacobian = np.stack([_derivative(errors_of, errors, best, i, most) for i in range(len(best))], axis=1)
+        if jacobian is None:
+            jacobian = np.stack([_derivative(errors_of, errors, best, i, most) for i in range(len(best))], axis=1)
         square = jacobian.T @ jacobian
         square += np.diag(damping * np.diag(square) + 1e-9)
         trial = np.clip(best - np.linalg.solve(square, jacobian.T @ errors), least, most)
         tried = errors_of(trial)
         gain = 1.0 - float(tried @ tried) / max(float(errors @ errors), 1e-12)
         if gain > 0:
-            best, errors, damping = trial, tried, damping / 5
+            best, errors, damping, jacobian = trial, tried, damping / 5, None
         else:
             damping *= 10
         if abs(gain) < 1e-5 or damping > 1e6:

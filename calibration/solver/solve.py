@@ -103,7 +103,7 @@ def left_out_stops(tones: Tones, ends: Ends, fit: FamilyFit, anchor: int) -> Cur
         part = replace(tones, levels=tones.levels[kept], greys=tones.greys[kept], errors=tones.errors[kept])
         within = usable(part, ends)
         if within.any():
-            stops = fit_family(fit.family, part, ends, within).curve.at(fit.curve.greys)
+            stops = fit_family(fit.family, part, ends, within, fit).curve.at(fit.curve.greys)
             curves.append(stops - stops[anchor])
     return np.asarray(np.sqrt(max(len(curves) - 1, 0) * np.var(curves or [fit.curve.stops], axis=0)))
 
@@ -113,7 +113,8 @@ def _offset_stops(tones: Tones, ends: Ends, fit: FamilyFit, anchor: int) -> Curv
     best, within = fit, usable(tones, ends)
     times = np.exp2(tones.levels - tones.levels[0])
     for offset in OFFSETS:
-        other = fit_family(fit.family, replace(tones, levels=np.log2(times + offset)), ends, within)
+        shifted = replace(tones, levels=np.log2(times + offset))
+        other = fit_family(fit.family, shifted, ends, within, fit)
         best = min(best, other, key=lambda each: each.misfit)
     if best.misfit > BETTER * fit.misfit:
         return np.zeros(len(fit.curve.greys))

@@ -14,7 +14,7 @@ import pytest
 import zenoh
 
 from autoexpose_daemon import cli
-from autoexpose_daemon.client import StereoClient
+from autoexpose_daemon.client import ReceivedPair, StereoClient
 from autoexpose_daemon.client.control_client import ControlClient
 from autoexpose_daemon.config.publish import PublishConfig
 from autoexpose_daemon.config.request import LARGEST_REQUEST_BYTES, Request
@@ -47,13 +47,17 @@ def exposing(at: str, recorder: ContinuousRecorder | None = None) -> Iterator[tu
         yield daemon, seen
 
 
-def shot_by(control: ControlClient) -> tuple[Shot, int]:
-    """A shot, and how often it was asked for: a busy machine loses the pair of some."""
-    for times in range(1, 10):
+def shot_by(control: ControlClient, received: Iterator[ReceivedPair]) -> tuple[Shot, ReceivedPair, int]:
+    """A shot, its pair, and how often it was asked for: a busy machine loses the pair of some, here or there."""
+    for times in range(1, 20):
         try:
-            return control.shot(SHOT.exposure_time_us, SHOT.gain_db), times
+            taken = control.shot(SHOT.exposure_time_us, SHOT.gain_db)
         except AutoexposeError as error:
-            assert str(error).endswith("ask again")
+            assert str(error).startswith("the shot failed: no frame")
+            continue
+        pair = next(pair for pair in received if pair.trigger >= taken.trigger)
+        if pair.trigger == taken.trigger:
+            return taken, pair, times
     raise AssertionError("no shot succeeds")
 
 
@@ -69,10 +73,9 @@ def test_a_client_changes_control_and_the_recording_of_it_replays(tmp_path: Path
         next(received)
         locked = control.lock().requests.locked
         assert locked is not None
-        taken, shots = shot_by(control)
-        pair = next(pair for pair in received if pair.left.setting == SHOT and pair.trigger >= taken.trigger)
-        assert (pair.trigger, pair.left.frame_id) == (taken.trigger, taken.frame_ids["left"])
-        assert next(received).decision is not None
+        taken, pair, shots = shot_by(control, received)
+        assert (pair.left.setting, pair.left.frame_id) == (SHOT, taken.frame_ids["left"])
+        assert next(pair for pair in received if pair.decision is not None)
         wait_until(lambda: seen[-1][1] and seen[-1][1].setting == locked, "the lock to go on")
         control.unlock()
         assert control.ev(1.0).requests.ev_stops == 1.0
@@ -258,7 +261,10 @@ def test_the_terminal(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.Mo
             text,
         )
         assert "EV        -0.5\n" in ctl(capsys, monkeypatch, *at_daemon, "ev", "-0.5")[1]
-        code, text = ctl(capsys, monkeypatch, *at_daemon, "shot", "--time-us", "500")
+        for shots in range(1, 20):  # noqa: B007  # a busy machine loses the frames of some
+            code, text = ctl(capsys, monkeypatch, *at_daemon, "shot", "--time-us", "500")
+            if "the shot failed: no frame" not in text:
+                break
         assert re.fullmatch(r"trigger \d+: left frame \d+, right frame \d+, taken with 500 us, 0.0 dB\n", text)
         assert "changed   policy\n" in ctl(capsys, monkeypatch, *at_daemon, "policy", "zhang2017")[1]
         limits = ctl(capsys, monkeypatch, *at_daemon, "limits", "--max-time-us", "4000")
@@ -267,7 +273,7 @@ def test_the_terminal(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.Mo
         assert "changed   policy, limits, region right\n" in region[1]
         assert "exposure  decided by the policy\n" in ctl(capsys, monkeypatch, *at_daemon, "unlock")[1]
         assert "changed   nothing\n" in ctl(capsys, monkeypatch, *at_daemon, "reset")[1]
-        assert daemon.telemetry.requests.taken == 8
+        assert daemon.telemetry.requests.taken == 7 + shots
         assert "latest    reset, asked by ana\n" in ctl(capsys, monkeypatch, *at_daemon, "show")[1]
         for arguments, why in (
             (("ev", "9"), "ev_stops: 9.0 is out of bounds: give -3 to 3 stops"),
@@ -277,7 +283,7 @@ def test_the_terminal(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.Mo
         ):
             code, text = ctl(capsys, monkeypatch, *at_daemon, *arguments)
             assert (code, text.startswith(f"autoexpose: {why}"), text.count("\n")) == (1, True, 1), text
-        assert daemon.telemetry.requests.taken == 8
+        assert daemon.telemetry.requests.taken == 7 + shots
     code, text = ctl(capsys, monkeypatch, *at_daemon, "lock")
     assert (code, text.count("\n")) == (1, 1)
     assert text.startswith(f"autoexpose: no answer for rig rig from {at}: is the daemon running")
