@@ -22,7 +22,7 @@ EXTRAS := sim,calibration,publish,record,page
 NATIVE_SOURCES := setup.py $(wildcard autoexpose_daemon/control/native/* fake_camera/usb3/shim/*)
 UNBUILT := $(if $(and $(wildcard autoexpose_daemon/control/_native.*.so),$(wildcard fake_camera/usb3/_shim.*.so)),,unbuilt)
 
-.PHONY: unbuilt setup demo test suite test-again test-data test-platforms lint bench accept soak fuzz mutate test-kernel install uninstall deb wheels clean
+.PHONY: unbuilt setup demo test suite parallel realtime test-again test-data test-platforms lint bench accept soak fuzz mutate test-kernel install uninstall deb wheels clean
 .DEFAULT_GOAL := demo
 
 # Stamps let later runs start at once; they are renewed when what is installed changes.
@@ -51,10 +51,17 @@ lint: $(VENV)/dev.stamp
 	$(VENV)/bin/mypy
 	$(VENV)/bin/lint-imports
 
-test: lint suite ## everything that CI runs
+test: ## everything that CI runs
+	@$(MAKE) --no-print-directory $(VENV)/dev.stamp
+	@$(MAKE) --no-print-directory -j2 lint parallel
+	@$(MAKE) --no-print-directory realtime
 
-suite: $(VENV)/dev.stamp ## only the tests; those in real time run alone
+suite: parallel realtime ## only the tests
+
+parallel: $(VENV)/dev.stamp ## those that may run at the same time
 	$(VENV)/bin/pytest -m "not realtime" -n 4 --dist loadfile --no-loadscope-reorder
+
+realtime: $(VENV)/dev.stamp ## those in real time, which run alone
 	$(VENV)/bin/pytest -m realtime
 
 test-again: $(VENV)/dev.stamp ## the tests N times (default 20), with a summary; BUSY=1 keeps one core busy
@@ -75,6 +82,7 @@ bench: $(VENV)/dev.stamp ## where the time goes, as ratios
 accept: $(VENV)/dev.stamp ## the longer checks in real time, about 30 minutes
 	@./tools/install-debian $(ACCEPT_PACKAGES)
 	$(VENV)/bin/pytest tests/accept -p no:cacheprovider --override-ini addopts=-ra --timeout 600 -s
+	$(VENV)/bin/pytest -m long
 
 soak: $(VENV)/dev.stamp ## endurance: a day in virtual time, ten minutes of demo, cables pulled 50 times; accounts must balance
 	@mkdir -p out

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -101,3 +102,11 @@ def _textured(rng: np.random.Generator, still: Still) -> Still:
 
 
 PAINTERS: dict[str, Painter] = {"leaves": leaves, "street": street, "shelves": shelves, "hall": hall}
+
+
+@lru_cache(maxsize=8)
+def painting(painter: str, seed: int, width: int, height: int) -> Still:
+    """A painting that is kept for the next who wants the same: read-only."""
+    still = PAINTERS[painter](np.random.default_rng([seed, 78]), width, height)
+    still.flags.writeable = False
+    return still

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from evaluation.scenes.stills import PAINTERS, leaves
+from evaluation.scenes.stills import PAINTERS, leaves, painting
 from fake_camera.world.render.renderer import Pinhole, Renderer
 from fake_camera.world.scene.panorama import load_radiance
 from fake_camera.world.scene.path import CameraPath
@@ -149,10 +149,7 @@ def build_views(scene: str, seed: int, gaze: Gaze, at_window: bool) -> dict[Side
 
 def _still(scene: str, seed: int, at_window: bool) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
     """Interior and outdoors of a painting or picture."""
-    if scene in PAINTERS:
-        interior = PAINTERS[scene](np.random.default_rng([seed, 78]), STILL_SIZE[0], STILL_SIZE[1])
-    else:
-        interior = _wide(load_radiance(Path(scene)))
+    interior = painting(scene, seed, *STILL_SIZE) if scene in PAINTERS else _wide(load_radiance(Path(scene)))
     if not at_window:
         return interior, None
     rows, columns = interior.shape
@@ -162,6 +159,7 @@ def _still(scene: str, seed: int, at_window: bool) -> tuple[NDArray[np.float32],
     opening = np.s_[top : top + height, left : left + width]
     outdoors = np.zeros_like(interior)
     outdoors[opening] = trees
+    interior = interior.copy()
     interior[opening] = 0.0
     return interior, outdoors
 

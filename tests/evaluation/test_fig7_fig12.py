@@ -52,6 +52,7 @@ def quick(experiment: Experiment, folder: Path) -> Iterator[tuple[Any, Section]]
     yield results, section
 
 
+@pytest.mark.long
 @pytest.mark.timeout(300)
 def test_longer_exposures_cost_odometry_more(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     extremes = fixed_drives.SETTINGS[:: len(fixed_drives.SETTINGS) - 1]

@@ -81,6 +81,7 @@ def test_the_response_predicts_an_exposure_and_gamma_curves_do_not(tmp_path: Pat
     assert [claim.verdict for claim in section.claims] == [Verdict.REPRODUCED] * 2
 
 
+@pytest.mark.long
 def test_feedback_is_faster_and_gamma_ends_darker(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for unused in ("feedback, delay 1", "no feedback, delay 1", "gamma, shim2018"):
         monkeypatch.delitem(CONTESTANTS, unused)

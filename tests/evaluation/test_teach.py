@@ -176,6 +176,7 @@ def test_the_full_run_has_as_many_views_and_registrations_as_the_paper() -> None
     assert sum(job.cost_s for job in full) <= 2 * 30 * 60
 
 
+@pytest.mark.long
 @pytest.mark.timeout(300)
 def test_the_quick_run_shows_how_the_policies_expose_and_registers(tmp_path: Path) -> None:
     """Effects far beyond noise: the brightness that each policy holds, and that all three register well."""

@@ -7,9 +7,8 @@ import os
 from functools import cache
 from pathlib import Path
 
-import numpy as np
 
-from evaluation.scenes.stills import PAINTERS, Still
+from evaluation.scenes.stills import Still, painting
 from fake_camera.world.scene.panorama import load_radiance
 
 DATA = Path(os.environ.get("AUTOEXPOSE_DATA", Path(__file__).parents[4] / "shared" / "data"))
@@ -36,5 +35,5 @@ def picture(scene: str) -> Still:
     """Its radiance per lux, (rows, columns)."""
     painter, _, seed = scene.partition(":")
     if seed:
-        return PAINTERS[painter](np.random.default_rng([int(seed), 78]), *PAINTED_SIZE)
+        return painting(painter, int(seed), *PAINTED_SIZE)
     return load_radiance(DATA / scene)

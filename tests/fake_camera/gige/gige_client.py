@@ -39,8 +39,8 @@ class Ramp:
 
 
 def ramp(width: int, height: int, pixel_format: str = "Mono8") -> NDArray[np.uint8] | NDArray[np.uint16]:
-    row = np.arange(width) % 256
-    return np.tile(row, (height, 1)).astype(np.uint8 if pixel_format == "Mono8" else np.uint16)
+    rows = np.tile(np.arange(width) % 256, (height, 1))
+    return rows.astype(np.uint8) if pixel_format == "Mono8" else rows.astype(np.uint16)
 
 
 @contextmanager
