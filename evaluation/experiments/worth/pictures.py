@@ -7,7 +7,6 @@ import os
 from functools import cache
 from pathlib import Path
 
-
 from evaluation.scenes.stills import Still, painting
 from fake_camera.world.scene.panorama import load_radiance
 
