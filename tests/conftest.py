@@ -10,6 +10,7 @@ import shutil
 import time
 from pathlib import Path
 
+import hypothesis
 import pytest
 
 # Before anything imports numpy: on a busy machine the threads of BLAS wait for each other, and small matrices take
@@ -21,6 +22,9 @@ import cv2
 from fake_camera.usb3.run import CAMERAS_VARIABLE
 
 cv2.setNumThreads(1)  # likewise: a second thread for each small image waits more than it works
+
+# The same examples each time, as the profile that hypothesis chooses in CI, but half as many: `make fuzz` tries more.
+hypothesis.settings.register_profile("brief", hypothesis.settings.get_profile("ci"), max_examples=50)
 
 LEFT_OUT = [Path(__file__).with_name(name) for name in ("accept", "kernel", "platforms")]
 LONGEST = (

@@ -38,6 +38,7 @@ def test_pairs_arrive_are_decided_on_and_written() -> None:
         assert median_skew_periods(run, 60) < 0.1
 
 
+@pytest.mark.gige_only  # over USB3 the contract of cameras shows it for one
 def test_the_daemon_triggers_both_cameras_by_software() -> None:
     """At a rate that a busy machine holds. What it does not trigger in time is accounted for."""
     trigger = {"mode": "software", "rate_hz": 20}
