@@ -23,9 +23,9 @@ from autoexpose_daemon.control.metrics import gradient
 from autoexpose_daemon.control.metrics.extension import extension
 from autoexpose_daemon.control.metrics.gradient import ExtremeShares, GradientMetric, PackedTables, mean_signal
 from autoexpose_daemon.control.metrics.information import GreyBins, contrast
-from autoexpose_daemon.control.motion import DisMotion, FarnebackMotion
 from autoexpose_daemon.control.parameters import ControlParameters, MotionId
 from autoexpose_daemon.control.picture.image import ImagePreparation
+from autoexpose_daemon.control.picture.motion import DisMotion, FarnebackMotion
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from autoexpose_daemon.control.policies.published.begin2022 import DEGREE, DELTA_LEVELS
 from autoexpose_daemon.control.search.optimum import PolynomialFit

@@ -11,8 +11,8 @@ import typer
 from autoexpose_daemon.client.control_client import ControlClient, Rectangle
 from autoexpose_daemon.control.policies.ids import POLICY_IDS
 from autoexpose_daemon.messages.keys import LOOPBACK, check_endpoints
+from autoexpose_daemon.status.inputs.requests import Answer
 from autoexpose_daemon.status.panel import plain
-from autoexpose_daemon.status.requests import Answer
 from drivers.config.files import read_regular
 from drivers.errors import ConfigurationError
 

@@ -15,10 +15,10 @@ from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.control.metrics.gradient import ExtremeShares, GradientMetric, mean_signal
 from autoexpose_daemon.control.metrics.information import CELLS
-from autoexpose_daemon.control.motion import DisMotion, FarnebackMotion, FlowMotion
 from autoexpose_daemon.control.override import NO_OVERRIDE, Compensation, Override
 from autoexpose_daemon.control.parameters import FASTEST_TURN_RAD_S, REMEMBERED_STEPS, ControlParameters
 from autoexpose_daemon.control.picture.image import ImagePreparation
+from autoexpose_daemon.control.picture.motion import DisMotion, FarnebackMotion, FlowMotion
 from autoexpose_daemon.control.picture.region import Region
 from autoexpose_daemon.control.picture.steering import Steering
 from autoexpose_daemon.control.picture.tracking_memory import CellExposure

@@ -12,10 +12,10 @@ from prometheus_client.registry import Collector
 from autoexpose_daemon.status.counters import counters
 from autoexpose_daemon.status.document import CameraStatus, DurationStatus, PublishStatus, RecorderStatus, Status
 from autoexpose_daemon.status.durations import DURATIONS
+from autoexpose_daemon.status.inputs.requests import RequestTally
+from autoexpose_daemon.status.inputs.tracking import TrackingRefusal, TrackingTally
 from autoexpose_daemon.status.publishing import DropReason
-from autoexpose_daemon.status.requests import RequestTally
 from autoexpose_daemon.status.states import State
-from autoexpose_daemon.status.tracking import TrackingRefusal, TrackingTally
 from drivers.exposure import ExposureSetting
 from drivers.triggers.account import LossReason
 

@@ -11,7 +11,7 @@ import zenoh
 from zenoh.handlers import Handler
 
 from autoexpose_daemon.config.request import Request, check_size, read_request
-from autoexpose_daemon.status.requests import Answer
+from autoexpose_daemon.status.inputs.requests import Answer
 from drivers.config.readable import readable
 from drivers.errors import AutoexposeError, ConfigurationError
 

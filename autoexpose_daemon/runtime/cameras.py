@@ -9,9 +9,9 @@ from autoexpose_daemon.config.camera_setup import camera_setup
 from autoexpose_daemon.config.document import Config
 from drivers.aravis import open_camera
 from drivers.camera import Camera
+from drivers.config.setup import CameraSetup
 from drivers.errors import AutoexposeError, ConfigurationError
 from drivers.frames import Side
-from drivers.setup import CameraSetup
 
 
 def openers(config: Config) -> dict[Side, Callable[[], Camera]]:

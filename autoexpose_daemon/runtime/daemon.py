@@ -24,7 +24,7 @@ from autoexpose_daemon.runtime.inputs.tracking import Tracking
 from autoexpose_daemon.runtime.outlet import Outlet
 from autoexpose_daemon.runtime.rig_control import RigControl
 from autoexpose_daemon.runtime.tuning import Tuning
-from autoexpose_daemon.status.requests import Answer
+from autoexpose_daemon.status.inputs.requests import Answer
 from calibration.response import ResponseFunction
 from drivers.camera import Camera
 from drivers.errors import ConfigurationError

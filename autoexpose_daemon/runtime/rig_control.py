@@ -22,7 +22,7 @@ from autoexpose_daemon.runtime.outlet import Outlet
 from autoexpose_daemon.runtime.requests.in_force import Requests
 from autoexpose_daemon.runtime.rig_health import RigHealth
 from autoexpose_daemon.runtime.tuning import Tuning
-from autoexpose_daemon.status.requests import Answer
+from autoexpose_daemon.status.inputs.requests import Answer
 from autoexpose_daemon.status.telemetry import Telemetry
 from drivers.exposure import ExposureSetting
 from drivers.frames import Side, StereoPair

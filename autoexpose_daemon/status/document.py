@@ -11,11 +11,11 @@ from pydantic import AfterValidator, Field, TypeAdapter, ValidationError
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.messages.report import ConsumerTally
 from autoexpose_daemon.status.counters import Count, Counts
-from autoexpose_daemon.status.imu import ImuTally
-from autoexpose_daemon.status.light import LightTally
-from autoexpose_daemon.status.requests import RequestTally
+from autoexpose_daemon.status.inputs.imu import ImuTally
+from autoexpose_daemon.status.inputs.light import LightTally
+from autoexpose_daemon.status.inputs.requests import RequestTally
+from autoexpose_daemon.status.inputs.tracking import TrackingTally
 from autoexpose_daemon.status.states import Health, State
-from autoexpose_daemon.status.tracking import TrackingTally
 from drivers.camera import PtpState
 from drivers.exposure import ExposureSetting
 from drivers.frames import Side

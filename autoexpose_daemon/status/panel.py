@@ -10,8 +10,8 @@ from rich.text import Text
 from autoexpose_daemon.status.counters import anomalies
 from autoexpose_daemon.status.document import CameraStatus, DurationStatus, PublishStatus, Status
 from autoexpose_daemon.status.durations import DURATIONS
-from autoexpose_daemon.status.imu import ImuTally
-from autoexpose_daemon.status.light import LightTally
+from autoexpose_daemon.status.inputs.imu import ImuTally
+from autoexpose_daemon.status.inputs.light import LightTally
 from autoexpose_daemon.status.losses import lost_in_words
 from autoexpose_daemon.status.states import State
 from drivers.exposure import ExposureSetting

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.status.counters import Counts
-from autoexpose_daemon.status.imu import ImuTally
-from autoexpose_daemon.status.light import LightTally
+from autoexpose_daemon.status.inputs.imu import ImuTally
+from autoexpose_daemon.status.inputs.light import LightTally
+from autoexpose_daemon.status.inputs.requests import RequestTally
+from autoexpose_daemon.status.inputs.tracking import TrackingTally
 from autoexpose_daemon.status.publishing import PublishTally
-from autoexpose_daemon.status.requests import RequestTally
-from autoexpose_daemon.status.tracking import TrackingTally
 from drivers.camera import PtpState
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Side, StereoPair

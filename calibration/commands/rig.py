@@ -11,6 +11,7 @@ from calibration.gain.file import GainFile
 from calibration.sources.session import session_setup
 from drivers.config import bounds
 from drivers.config.feature import FeatureSetting, parse_features
+from drivers.config.setup import CameraSetup, LinkShare
 from drivers.config.strict_yaml import load_mapping
 from drivers.errors import ConfigurationError
 from drivers.exposure.gain_scale import GainScale
@@ -18,7 +19,6 @@ from drivers.frames import SIDES, Side
 from drivers.genicam.driven import GAINS
 from drivers.genicam.trigger import RATE_NODES
 from drivers.pixels.formats import PIXEL_FORMATS, PixelFormat
-from drivers.setup import CameraSetup, LinkShare
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,6 +14,7 @@ from drivers.aravis.introspection import Aravis, GLib, genicam_xml
 from drivers.aravis.nodes import AravisNodes
 from drivers.aravis.stream import create_stream, row_padding_bytes
 from drivers.camera import CameraDescription, ClockReading, IncompleteFrame
+from drivers.config.setup import ACTION_KEYS, CameraSetup
 from drivers.errors import CameraError, CameraLostError, ConfigurationError, NodeError, UnsupportedCameraError
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Frame, SettingSource
@@ -34,7 +35,6 @@ from drivers.genicam.trigger import SOFTWARE_TRIGGER, action_queue, arm_trigger
 from drivers.host.action_commands import ActionSender
 from drivers.pixels.layout import Pixels, light_samples
 from drivers.ptp.nodes import PtpNodes
-from drivers.setup import ACTION_KEYS, CameraSetup
 
 SPARSE = 8
 """One row and column in this many is enough to see the brightness change."""

@@ -7,10 +7,10 @@ from ipaddress import IPv4Address
 from typing import Any
 
 from drivers.aravis.nodes import AravisNodes
+from drivers.config.setup import LinkShare
 from drivers.errors import ConfigurationError
 from drivers.genicam.link_share import bytes_per_s, needed_bytes_per_s, packet_delay_ns
 from drivers.host.network import find_interfaces
-from drivers.setup import LinkShare
 
 log = logging.getLogger(__name__)
 

@@ -10,8 +10,8 @@ from drivers.aravis.camera import AravisCamera
 from drivers.aravis.discovery import OPENING, FoundCamera, find_camera
 from drivers.aravis.introspection import Aravis, GLib
 from drivers.aravis.nodes import AravisNodes, is_silence
+from drivers.config.setup import CameraSetup
 from drivers.errors import AutoexposeError, CameraBusyError, CameraLostError, CameraNotFoundError
-from drivers.setup import CameraSetup
 
 _CLAIM_REFUSED = "Failed to claim USB interface"
 """Aravis' message when another program holds a USB3 Vision camera; the error has no code of its own."""

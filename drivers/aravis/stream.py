@@ -8,10 +8,10 @@ from typing import Any
 from drivers.aravis.introspection import Aravis
 from drivers.aravis.link import keep_to_share
 from drivers.aravis.nodes import AravisNodes
+from drivers.config.setup import CameraSetup
 from drivers.errors import CameraLostError, NodeError
 from drivers.host.network import SOCKET_BUFFER_BYTES
 from drivers.host.stream_filter import admit_only, largest_packet_id
-from drivers.setup import CameraSetup
 
 log = logging.getLogger(__name__)
 

@@ -95,7 +95,7 @@ class ExposureDialect:
 
 
 def find_dialect(nodes: NodeMap, gain_scale: GainScale | Literal["own numbers"] | None = None) -> ExposureDialect:
-    """Find the nodes that drive this camera's exposure; `gain_scale` as in `drivers.setup.CameraSetup`.
+    """Find the nodes that drive this camera's exposure; `gain_scale` as in `drivers.config.setup.CameraSetup`.
 
     Raises
     ------

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from drivers.config.feature import FeatureSetting
+from drivers.config.setup import CameraSetup
 from drivers.errors import ConfigurationError
 from drivers.genicam.dialect import GAIN_NODES, RAW_GAIN, RAW_TIME, TIME_NODES
 from drivers.genicam.gamma import SWITCHES
 from drivers.genicam.trigger import ACTION_NODES, PTP_SWITCHES, RATE_NODES, RATE_SWITCHES, SOFTWARE_TRIGGER
-from drivers.setup import CameraSetup
 
 GAINS = (*GAIN_NODES, RAW_GAIN)
 

@@ -9,11 +9,11 @@ import math
 from collections.abc import Iterator, Sequence
 
 from drivers.config.feature import EXECUTE, FeatureSetting, FeatureValue
+from drivers.config.setup import CameraSetup
 from drivers.errors import AutoexposeError, ConfigurationError, NodeError
 from drivers.genicam.dialect import gain_driven
 from drivers.genicam.driven import GAINS, refuse_driven
 from drivers.genicam.nodes import NodeMap
-from drivers.setup import CameraSetup
 
 ROUNDING = 0.01
 """Cameras round numbers without declaring an increment; more than a hundredth of one is not rounding."""

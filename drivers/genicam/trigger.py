@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import re
 
+from drivers.config.setup import ACTION_KEYS, TriggerSetup
 from drivers.errors import ConfigurationError, UnsupportedCameraError
 from drivers.genicam.nodes import NodeMap
 from drivers.genicam.quantity import find_quantity
-from drivers.setup import ACTION_KEYS, TriggerSetup
 
 RATE_NODES = ("AcquisitionFrameRate", "AcquisitionFrameRateAbs")
 RATE_SWITCHES = ("AcquisitionFrameRateEnable", "AcquisitionFrameRateEnabled")

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Literal
 
 from drivers.camera import IncompleteFrame
+from drivers.config.setup import TriggerMode
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame, Side, StereoPair
 from drivers.rig.events import (
@@ -18,7 +19,6 @@ from drivers.rig.events import (
     WriteFailed,
     Written,
 )
-from drivers.setup import TriggerMode
 from drivers.triggers.account import Tally, TriggerAccount
 from drivers.triggers.history import Command, WriteHistory
 from drivers.triggers.start import StartCheck

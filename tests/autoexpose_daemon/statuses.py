@@ -14,10 +14,10 @@ from autoexpose_daemon.status.document import (
     RecorderStatus,
     Status,
 )
-from autoexpose_daemon.status.imu import ImuTally
-from autoexpose_daemon.status.requests import Bounds, RequestTally
+from autoexpose_daemon.status.inputs.imu import ImuTally
+from autoexpose_daemon.status.inputs.requests import Bounds, RequestTally
+from autoexpose_daemon.status.inputs.tracking import TrackingTally
 from autoexpose_daemon.status.states import State
-from autoexpose_daemon.status.tracking import TrackingTally
 from drivers.camera import PtpState
 from drivers.exposure import ExposureSetting
 

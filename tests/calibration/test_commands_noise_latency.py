@@ -23,10 +23,10 @@ from calibration.response import ResponseFunction
 from calibration.response.file import CameraIdentity, Origin, ResponseFile
 from calibration.sources.session import session_setup
 from drivers.aravis import open_camera
+from drivers.config.setup import CameraSetup
 from drivers.errors import CameraError, ConfigurationError
 from drivers.exposure import ExposureLimits
 from drivers.pixels.formats import PixelFormat
-from drivers.setup import CameraSetup
 from fake_camera.world.sensor import SensorModel
 from tests.calibration.made_up_camera import LIMITS, MadeUpCamera, linear
 from tests.calibration.test_commands import calibrate

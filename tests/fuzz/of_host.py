@@ -45,9 +45,9 @@ from autoexpose_daemon.recording.replay import Replay
 from autoexpose_daemon.runtime.tuning import Tuning
 from autoexpose_daemon.service.last_exposure import FORMAT, LastExposure
 from autoexpose_daemon.status.document import Status
+from autoexpose_daemon.status.inputs.requests import Answer, Shot
 from autoexpose_daemon.status.panel import line_of
 from autoexpose_daemon.status.publishing import Consumers
-from autoexpose_daemon.status.requests import Answer, Shot
 from calibration.findings import Finding
 from calibration.gain.file import GainFile
 from calibration.geometry.file import load_geometry

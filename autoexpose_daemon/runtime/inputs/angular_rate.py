@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 from autoexpose_daemon.config.motion import ImuConfig
 from autoexpose_daemon.status.counters import Counts
-from autoexpose_daemon.status.imu import ImuTally
+from autoexpose_daemon.status.inputs.imu import ImuTally
 
 log = logging.getLogger(__name__)
 

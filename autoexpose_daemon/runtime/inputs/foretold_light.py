@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Final
 
 from autoexpose_daemon.control.light_ahead import LightAhead, LightSeries
-from autoexpose_daemon.status.light import LightTally
+from autoexpose_daemon.status.inputs.light import LightTally
 
 MOST_AGE_S: Final = 0.5
 """Of a message: a robot that has changed its speed since is elsewhere."""

@@ -12,7 +12,7 @@ from typing import Final
 from autoexpose_daemon.control.picture.steering import Steering
 from autoexpose_daemon.control.picture.tracked_cells import TrackedCells
 from autoexpose_daemon.control.picture.tracking_memory import CellExposure, TrackingMemory
-from autoexpose_daemon.status.tracking import TrackingRefusal, TrackingTally
+from autoexpose_daemon.status.inputs.tracking import TrackingRefusal, TrackingTally
 from drivers.frames import Side
 from drivers.log_throttle import LogThrottle
 

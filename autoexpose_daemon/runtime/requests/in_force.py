@@ -12,7 +12,7 @@ from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.override import Override
 from autoexpose_daemon.runtime.active_loop import ActiveLoop
 from autoexpose_daemon.runtime.requests.shot import LONGEST_PATIENCE_NS, PATIENCE_NS, PATIENCE_PERIODS, PendingShot
-from autoexpose_daemon.status.requests import Answer, Bounds, RequestTally, Shot
+from autoexpose_daemon.status.inputs.requests import Answer, Bounds, RequestTally, Shot
 from drivers.errors import AutoexposeError, ConfigurationError
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import SIDES, Side, StereoPair

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from concurrent.futures import Future
 
-from autoexpose_daemon.status.requests import Answer, Shot
+from autoexpose_daemon.status.inputs.requests import Answer, Shot
 from drivers.exposure import ExposureSetting
 from drivers.frames import SIDES, Frame, Side, StereoPair
 from drivers.rig.events import CameraGone, RigEvent, WriteFailed, Written

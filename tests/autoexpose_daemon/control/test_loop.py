@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
-from autoexpose_daemon.control.motion import DisMotion, FarnebackMotion, FlowMotion
 from autoexpose_daemon.control.parameters import BalanceId, ControlParameters, MotionId
 from autoexpose_daemon.control.picture.image import ImagePreparation
+from autoexpose_daemon.control.picture.motion import DisMotion, FarnebackMotion, FlowMotion
 from autoexpose_daemon.control.picture.region import Rectangle, Region
 from autoexpose_daemon.control.policies.ids import POLICY_IDS
 from calibration.response import ResponseFunction

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from autoexpose_daemon.control.motion import DisMotion, FarnebackMotion, FlowMotion
 from autoexpose_daemon.control.picture.image import ImagePreparation
+from autoexpose_daemon.control.picture.motion import DisMotion, FarnebackMotion, FlowMotion
 from calibration.response import ResponseFunction
 from drivers.errors import ConfigurationError
 

@@ -25,8 +25,8 @@ from autoexpose_daemon.publish.session import Endpoints, open_session
 from autoexpose_daemon.recording.recorder import ContinuousRecorder
 from autoexpose_daemon.runtime.daemon import Daemon
 from autoexpose_daemon.status.describe import describe
+from autoexpose_daemon.status.inputs.requests import LARGEST_ANSWER_BYTES, Answer, Shot
 from autoexpose_daemon.status.panel import line_of
-from autoexpose_daemon.status.requests import LARGEST_ANSWER_BYTES, Answer, Shot
 from drivers.errors import AutoexposeError, ConfigurationError
 from drivers.exposure import ExposureSetting
 from tests.autoexpose_daemon.publish.router import router

@@ -17,7 +17,7 @@ from autoexpose_daemon.runtime.active_loop import ActiveLoop
 from autoexpose_daemon.runtime.requests.in_force import Requests
 from autoexpose_daemon.runtime.requests.shot import PendingShot
 from autoexpose_daemon.runtime.tuning import Tuning
-from autoexpose_daemon.status.requests import Answer, RequestTally
+from autoexpose_daemon.status.inputs.requests import Answer, RequestTally
 from drivers.camera import CameraDescription
 from drivers.errors import AutoexposeError, ConfigurationError
 from drivers.exposure import ExposureLimits, ExposureSetting

@@ -23,6 +23,7 @@ import pytest
 from drivers.aravis import AravisCamera, find_cameras, open_camera, open_nodes
 from drivers.camera import IncompleteFrame
 from drivers.config.feature import FeatureSetting, parse_features
+from drivers.config.setup import CameraSetup, TriggerSetup
 from drivers.errors import (
     AutoexposeError,
     CameraBusyError,
@@ -37,7 +38,6 @@ from drivers.genicam.clock import LATCH_ERROR_NS
 from drivers.genicam.driven import advice
 from drivers.genicam.inventory import differing, read_inventory
 from drivers.pixels.formats import PixelFormat
-from drivers.setup import CameraSetup, TriggerSetup
 from fake_camera.device.faults import Fault
 from fake_camera.usb3.run import CAMERAS_VARIABLE
 from tests.drivers.aravis.written import SELECTORS, names_written
@@ -382,7 +382,7 @@ def test_features_are_set_before_everything_else_and_selectors_put_back(idle: Fa
 HOLDER = """
 import sys, time
 from drivers.aravis import open_camera
-from drivers.setup import CameraSetup, TriggerSetup
+from drivers.config.setup import CameraSetup, TriggerSetup
 camera = open_camera(sys.argv[1], CameraSetup(TriggerSetup("external")))
 camera.start()
 print("held", flush=True)

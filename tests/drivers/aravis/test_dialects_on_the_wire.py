@@ -19,13 +19,13 @@ import pytest
 from drivers.aravis import AravisCamera, discovery, find_cameras, open_camera, open_nodes
 from drivers.aravis.introspection import Aravis
 from drivers.config.feature import FeatureSetting, parse_features
+from drivers.config.setup import CameraSetup, TriggerSetup
 from drivers.errors import NodeError, UnsupportedCameraError
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame
 from drivers.genicam.driven import advice
 from drivers.genicam.features import set_features
 from drivers.pixels.formats import PixelFormat
-from drivers.setup import CameraSetup, TriggerSetup
 from fake_camera.device.device import Device
 from fake_camera.device.line0 import Line0
 from fake_camera.genapi.description import Description

@@ -12,11 +12,11 @@ import pytest
 
 from drivers.aravis import discovery, find_cameras, open_camera
 from drivers.aravis.introspection import Aravis
+from drivers.config.setup import CameraSetup, TriggerSetup
 from drivers.errors import ConfigurationError, UnsupportedCameraError
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame
 from drivers.pixels.formats import PixelFormat
-from drivers.setup import CameraSetup, TriggerSetup
 from fake_camera.device.device import Device
 from fake_camera.device.line0 import Line0
 from fake_camera.genapi.description import Description

@@ -6,10 +6,10 @@ import pytest
 import yaml
 
 from drivers.config.feature import FeatureSetting, parse_features
+from drivers.config.setup import CameraSetup, LinkShare, TriggerMode, TriggerSetup
 from drivers.errors import ConfigurationError, NodeError, UnsupportedCameraError
 from drivers.genicam.features import apply_features, same, set_features
 from drivers.genicam.inventory import changed_from_default, differing, read_inventory
-from drivers.setup import CameraSetup, LinkShare, TriggerMode, TriggerSetup
 from tests.drivers.genicam.node_map import (
     BooleanNode,
     CommandNode,

@@ -18,7 +18,7 @@ from pathlib import Path
 
 from drivers.aravis import open_camera
 from drivers.camera import IncompleteFrame
-from drivers.setup import CameraSetup, TriggerSetup
+from drivers.config.setup import CameraSetup, TriggerSetup
 
 RATE_HZ = 30.0
 FRAMES_A_LINE = 10
