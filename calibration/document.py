@@ -1,20 +1,70 @@
-"""Files of calibration, read and written; what is wrong with one is said in a sentence."""
+"""What the files of calibration have in common; they are read and written here, and complaints are one sentence."""
 
 from __future__ import annotations
 
 import reprlib
 from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import yaml
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, Strict, ValidationError, with_config
 from pydantic_core import ErrorDetails
 
+from calibration.findings import Finding
 from drivers.config.strict_yaml import load_mapping
 from drivers.errors import ConfigurationError
 
 D = TypeVar("D", bound=BaseModel)
+
+Text = Annotated[str, Strict()]
+Name = Annotated[str, Strict(), Field(min_length=1)]
+Number = Annotated[float, Strict()]
+NotNegative = Annotated[float, Strict(), Field(ge=0)]
+
+
+def optional(advice: str) -> Any:
+    """A key that may be left out; `advice` is given after a bad value."""
+    return Field(None, description=f"{advice}, or remove it")
+
+
+@with_config(ConfigDict(extra="forbid"))
+@dataclass(frozen=True, slots=True)
+class CameraIdentity:
+    """Which camera a file is of."""
+
+    vendor: Name
+    model: Name
+    serial: Name
+
+    def check_is(self, serial: str, path: Path | None, measured_by: str) -> None:
+        """Refuse the file at `path` for another camera; ConfigurationError names both and the command to measure."""
+        if self.serial != serial:
+            raise ConfigurationError(
+                f"{path}: camera.serial is {self.serial}, but this is camera {serial}: name its own file, "
+                f"or {to_calibrate(measured_by, serial)}"
+            )
+
+
+def to_calibrate(command: str, serial: str) -> str:
+    """The advice to measure a camera."""
+    return f"calibrate this one: autoexpose calibrate {command} --camera {serial}"
+
+
+class CalibrationDocument(BaseModel):
+    """The keys of every file of calibration; the description of a field is the advice after a bad value.
+
+    A key this version does not know is refused: it may change what the others mean.
+    """
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+    camera: CameraIdentity | None = optional('give {vendor: ..., model: ..., serial: "..."}, each in quotes')
+    date: Annotated[datetime, Strict()] | None = optional("give date and time, such as 2026-11-21 12:00:00")
+    tool: Text | None = optional("give name and version in quotes")
+    findings: tuple[Finding, ...] | None = optional("keep it as it was written")
 
 
 def read_document(model: type[D], path: Path, file_format: str) -> D:

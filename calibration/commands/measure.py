@@ -10,7 +10,8 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from calibration.commands.rig import CameraMode
-from calibration.response.file import CameraIdentity, Origin
+from calibration.document import CameraIdentity
+from calibration.response.file import Origin
 from calibration.result import Result, calibrate
 from calibration.sources.session import Session
 from calibration.sources.sweep import Shot, Sweep

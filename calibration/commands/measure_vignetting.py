@@ -13,10 +13,11 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from calibration.commands.measure import tool
 from calibration.commands.place import check_place
 from calibration.commands.rig import CameraMode, places_of, rig_of_config
+from calibration.document import CameraIdentity
 from calibration.report import check_extra
 from calibration.report.vignetting import vignetting_facts, write_vignetting_report
 from calibration.response import ResponseFunction
-from calibration.response.file import CameraIdentity, ResponseFile
+from calibration.response.file import ResponseFile
 from calibration.sources.session import Session
 from calibration.vignetting.capture import LOOKS, capture_looks
 from calibration.vignetting.field import field_of

@@ -7,16 +7,23 @@ from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, Strict, model_validator
+from pydantic import Field, model_validator
 
-from calibration.document import read_document, write_document
+from calibration.document import (
+    CalibrationDocument,
+    CameraIdentity,
+    Name,
+    NotNegative,
+    Number,
+    optional,
+    read_document,
+    write_document,
+)
 from calibration.findings import Finding
-from calibration.response.file import CameraIdentity
 from drivers.exposure.gain_scale import GainScale
 from drivers.python310 import Self
 
 FORMAT = "autoexpose-gain/1"
-_Number = Annotated[float, Strict()]
 _Rising = "give two or more numbers that rise"
 
 
@@ -84,22 +91,14 @@ class GainFile:
             self.camera.check_is(serial, self.path, "gain")
 
 
-class _Document(BaseModel):
-    """All keys of a gain file; one that this version does not know is refused."""
-
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+class _Document(CalibrationDocument):
+    """All keys of a gain file."""
 
     format: Literal["autoexpose-gain/1"] = Field(description=f"only {FORMAT!r} can be read")
-    camera: CameraIdentity | None = Field(
-        None, description='give {vendor: ..., model: ..., serial: "..."}, each in quotes, or remove it'
-    )
-    node: Annotated[str, Strict(), Field(min_length=1)] = Field(description="give the name of the gain's node")
-    date: Annotated[datetime, Strict()] | None = Field(None, description="give date and time, or remove it")
-    tool: Annotated[str, Strict()] | None = Field(None, description="give name and version in quotes, or remove it")
-    error_db: Annotated[float, Strict(), Field(ge=0)] | None = Field(None, description="give dB, or remove it")
-    findings: tuple[Finding, ...] | None = Field(None, description="keep it as it was written, or remove it")
-    settings: Annotated[tuple[_Number, ...], Field(min_length=2)] = Field(description=_Rising)
-    gains_db: Annotated[tuple[_Number, ...], Field(min_length=2)] = Field(description=_Rising)
+    node: Name = Field(description="give the name of the gain's node")
+    error_db: NotNegative | None = optional("give dB")
+    settings: Annotated[tuple[Number, ...], Field(min_length=2)] = Field(description=_Rising)
+    gains_db: Annotated[tuple[Number, ...], Field(min_length=2)] = Field(description=_Rising)
 
     @model_validator(mode="after")
     def _is_a_scale(self) -> Self:

@@ -9,9 +9,19 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, Strict, field_validator, with_config
+from pydantic import Field, Strict, field_validator
 
-from calibration.document import read_document, write_document
+from calibration.document import (
+    CalibrationDocument,
+    CameraIdentity,
+    NotNegative,
+    Number,
+    Text,
+    optional,
+    read_document,
+    to_calibrate,
+    write_document,
+)
 from calibration.findings import Finding
 from calibration.response import GREY_LEVELS, ResponseFunction
 from calibration.response.solution import ResponseModel, ResponseSolution
@@ -23,34 +33,8 @@ _DECIMALS = 6
 """A millionth of a stop is far below what any sweep resolves, and keeps the file readable."""
 
 
-_Text = Annotated[str, Strict()]
-_Name = Annotated[str, Strict(), Field(min_length=1)]
-_Number = Annotated[float, Strict()]
-_NotNegative = Annotated[float, Strict(), Field(ge=0)]
-_Uncertainties = Annotated[tuple[_NotNegative, ...], Field(min_length=GREY_LEVELS, max_length=GREY_LEVELS)]
+_Uncertainties = Annotated[tuple[NotNegative, ...], Field(min_length=GREY_LEVELS, max_length=GREY_LEVELS)]
 _Grey = Annotated[int, Strict(), Field(ge=0, lt=GREY_LEVELS)]
-
-
-def _optional(advice: str) -> Any:
-    return Field(None, description=f"{advice}, or remove it")
-
-
-@with_config(ConfigDict(extra="forbid"))
-@dataclass(frozen=True, slots=True)
-class CameraIdentity:
-    """Which camera a file is of."""
-
-    vendor: _Name
-    model: _Name
-    serial: _Name
-
-    def check_is(self, serial: str, path: Path | None, measured_by: str) -> None:
-        """Refuse the file at `path` for another camera; ConfigurationError names both and the command to measure."""
-        if self.serial != serial:
-            raise ConfigurationError(
-                f"{path}: camera.serial is {self.serial}, but this is camera {serial}: name its own file, "
-                f"or {_calibrate(measured_by, serial)}"
-            )
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,36 +164,27 @@ class ResponseFile:
             if measured is not None and present is not None and measured != present:
                 raise ConfigurationError(
                     f"{self.path}: {key} is {measured}, but camera {serial} runs with {present}: "
-                    f"set image.{key} to {measured}, or {_calibrate('response', serial)}"
+                    f"set image.{key} to {measured}, or {to_calibrate('response', serial)}"
                 )
 
 
-class _Document(BaseModel):
-    """All keys of a response file; the description of a field is the advice after a bad value.
-
-    A key this version does not know is refused: it may change what the others mean.
-    """
-
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+class _Document(CalibrationDocument):
+    """All keys of a response file."""
 
     format: Literal["autoexpose-response/1"] = Field(description=f"only {FORMAT!r} can be read")
-    log2_exposure: list[_Number] = Field(description="give 256 numbers of stops, for grey 0 to 255")
+    log2_exposure: list[Number] = Field(description="give 256 numbers of stops, for grey 0 to 255")
     black_level: Annotated[int, Strict()] = Field(description="give a grey level, 0 to 255")
     saturation: Annotated[int, Strict()] = Field(description="give a grey level, 0 to 255")
-    camera: CameraIdentity | None = _optional('give {vendor: ..., model: ..., serial: "..."}, each in quotes')
-    pixel_format: PixelFormat | None = _optional("give a format of docs/configuration.md, such as Mono8")
-    binning: Annotated[int, Strict(), Field(gt=0)] | None = _optional("give a whole number of pixels")
-    gain_db: _Number | None = _optional("give a number of dB")
-    date: Annotated[datetime, Strict()] | None = _optional("give date and time, such as 2026-11-21 12:00:00")
-    tool: _Text | None = _optional("give name and version in quotes")
-    model: ResponseModel | None = _optional(f"give one of {', '.join(get_args(ResponseModel))}")
-    parameters: dict[_Text, _Number] | None = _optional("give numbers by name")
-    covered: tuple[_Grey, _Grey] | None = _optional("give the first and the last grey level, such as [4, 250]")
-    residual_grey: _Number | None = _optional("give a number of grey levels")
-    findings: tuple[Finding, ...] | None = _optional("keep it as it was written")
-    noise: dict[Any, Any] | None = _optional("keep it as it was written")
-    latency: dict[Any, Any] | None = _optional("keep it as it was written")
-    uncertainty_stops: _Uncertainties | None = _optional("give 256 numbers that are not negative")
+    pixel_format: PixelFormat | None = optional("give a format of docs/configuration.md, such as Mono8")
+    binning: Annotated[int, Strict(), Field(gt=0)] | None = optional("give a whole number of pixels")
+    gain_db: Number | None = optional("give a number of dB")
+    model: ResponseModel | None = optional(f"give one of {', '.join(get_args(ResponseModel))}")
+    parameters: dict[Text, Number] | None = optional("give numbers by name")
+    covered: tuple[_Grey, _Grey] | None = optional("give the first and the last grey level, such as [4, 250]")
+    residual_grey: Number | None = optional("give a number of grey levels")
+    noise: dict[Any, Any] | None = optional("keep it as it was written")
+    latency: dict[Any, Any] | None = optional("keep it as it was written")
+    uncertainty_stops: _Uncertainties | None = optional("give 256 numbers that are not negative")
 
     @field_validator("covered")
     @classmethod
@@ -221,10 +196,6 @@ class _Document(BaseModel):
     def response(self) -> ResponseFunction:
         """The response function; raises ConfigurationError, as that does."""
         return ResponseFunction(np.array(self.log2_exposure), self.black_level, self.saturation)
-
-
-def _calibrate(command: str, serial: str) -> str:
-    return f"calibrate this one: autoexpose calibrate {command} --camera {serial}"
 
 
 def _rounded(value: float) -> float:

@@ -7,17 +7,23 @@ from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, Strict, model_validator
+from pydantic import Field, Strict, model_validator
 
-from calibration.document import read_document, write_document
+from calibration.document import (
+    CalibrationDocument,
+    CameraIdentity,
+    NotNegative,
+    Number,
+    optional,
+    read_document,
+    write_document,
+)
 from calibration.findings import Finding
-from calibration.response.file import CameraIdentity
 from calibration.vignetting.model import MOST_COEFFICIENTS, Vignetting
 from drivers.errors import ConfigurationError
 from drivers.python310 import Self
 
 FORMAT = "autoexpose-vignetting/1"
-_Number = Annotated[float, Strict()]
 _Pixels = Annotated[int, Strict()]
 
 
@@ -97,33 +103,20 @@ class VignettingFile:
                 raise ConfigurationError(f"{self.path}: {error}") from None
 
 
-class _Document(BaseModel):
-    """All keys of a vignetting file; one that this version does not know is refused.
-
-    The description of a field is the advice after a bad value.
-    """
-
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+class _Document(CalibrationDocument):
+    """All keys of a vignetting file."""
 
     format: Literal["autoexpose-vignetting/1"] = Field(description=f"only {FORMAT!r} can be read")
     width: _Pixels = Field(description="give the width of the frames in pixels")
     height: _Pixels = Field(description="give the height of the frames in pixels")
-    centre_px: tuple[_Number, _Number] | None = Field(None, description="give column and row, or remove it")
-    coefficients: Annotated[tuple[_Number, ...], Field(min_length=1, max_length=MOST_COEFFICIENTS)] | None = Field(
+    centre_px: tuple[Number, Number] | None = optional("give column and row")
+    coefficients: Annotated[tuple[Number, ...], Field(min_length=1, max_length=MOST_COEFFICIENTS)] | None = Field(
         None, description=f"give a2, a4, ... of the polynomial, at most {MOST_COEFFICIENTS} numbers, or a grid instead"
     )
-    grid: tuple[tuple[_Number, ...], ...] | None = Field(
+    grid: tuple[tuple[Number, ...], ...] | None = Field(
         None, description="give rows of relative light, or coefficients instead"
     )
-    camera: CameraIdentity | None = Field(
-        None, description='give {vendor: ..., model: ..., serial: "..."}, each in quotes, or remove it'
-    )
-    date: Annotated[datetime, Strict()] | None = Field(None, description="give date and time, or remove it")
-    tool: Annotated[str, Strict()] | None = Field(None, description="give name and version in quotes, or remove it")
-    error: Annotated[float, Strict(), Field(ge=0)] | None = Field(
-        None, description="give a share of the light, or remove it"
-    )
-    findings: tuple[Finding, ...] | None = Field(None, description="keep it as it was written, or remove it")
+    error: NotNegative | None = optional("give a share of the light")
 
     @model_validator(mode="after")
     def _is_one_kind(self) -> Self:

@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from calibration.document import CameraIdentity
 from calibration.response import ResponseFunction
-from calibration.response.file import CameraIdentity, Origin, ResponseFile
+from calibration.response.file import Origin, ResponseFile
 from drivers.pixels.formats import PixelFormat
 from tests.calibration.test_commands import calibrate
 from tests.fakes import fake_camera

@@ -13,8 +13,9 @@ from typing import Any
 import pytest
 import yaml
 
+from calibration.document import CameraIdentity
 from calibration.response import ResponseFunction
-from calibration.response.file import CameraIdentity, Origin, ResponseFile
+from calibration.response.file import Origin, ResponseFile
 from drivers.pixels.formats import PixelFormat
 from fake_camera.device.faults import Fault
 from tests.autoexpose_daemon.service.service_process import PATIENCE_S, ServiceProcess, running_service

@@ -18,8 +18,9 @@ import yaml
 
 from autoexpose_daemon.cli import main, stop_on_signals
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
+from calibration.document import CameraIdentity
 from calibration.response import ResponseFunction
-from calibration.response.file import CameraIdentity, Origin, ResponseFile
+from calibration.response.file import Origin, ResponseFile
 from drivers.pixels.formats import PixelFormat
 from tests.autoexpose_daemon.stereo import stereo_cameras
 from tests.calibration.geometry.pairs import small_ros

@@ -12,8 +12,9 @@ import pytest
 from typer.testing import CliRunner
 
 from calibration.commands.app import calibrate_app
+from calibration.document import CameraIdentity
 from calibration.response import ResponseFunction
-from calibration.response.file import CameraIdentity, Origin, ResponseFile
+from calibration.response.file import Origin, ResponseFile
 from calibration.response.prediction import prediction_tables
 from calibration.sources.sweep_plan import SweepPlan
 from drivers.errors import AutoexposeError

@@ -15,12 +15,13 @@ from rich.table import Table
 from calibration.commands import measure_latency, measure_noise
 from calibration.commands.measure_latency import latency_document, latency_table, when_it_shows
 from calibration.commands.measure_noise import noise_document, noise_table
+from calibration.document import CameraIdentity
 from calibration.findings import Finding
 from calibration.latency.write_effect import WriteEffect
 from calibration.noise.model import Estimate, NoiseModel
 from calibration.noise.plan import default_gains_db, plan_noise
 from calibration.response import ResponseFunction
-from calibration.response.file import CameraIdentity, Origin, ResponseFile
+from calibration.response.file import Origin, ResponseFile
 from calibration.sources.session import session_setup
 from drivers.aravis import open_camera
 from drivers.config.setup import CameraSetup

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
+from calibration.document import CameraIdentity
 from calibration.findings import Finding
 from calibration.gain.file import GainFile
-from calibration.response.file import CameraIdentity
 from drivers.errors import ConfigurationError
 from drivers.exposure.gain_scale import GainScale
 from tests.calibration.test_commands import calibrate

@@ -12,9 +12,10 @@ import cv2
 import numpy as np
 import pytest
 
+from calibration.document import CameraIdentity
 from calibration.report import write_report
 from calibration.report.plots import DASHES
-from calibration.response.file import CameraIdentity, Origin
+from calibration.response.file import Origin
 from calibration.result import Result, calibrate
 from calibration.solver.comparison import compare
 from drivers.pixels.formats import PixelFormat

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 import yaml
 
+from calibration.document import CameraIdentity
 from calibration.findings import Finding
 from calibration.response import ResponseFunction
-from calibration.response.file import CameraIdentity, Origin, ResponseFile
+from calibration.response.file import Origin, ResponseFile
 from calibration.response.solution import ResponseSolution
 from drivers.errors import ConfigurationError
 from drivers.pixels.formats import PixelFormat

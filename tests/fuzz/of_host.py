@@ -48,12 +48,13 @@ from autoexpose_daemon.status.document import Status
 from autoexpose_daemon.status.inputs.requests import Answer, Shot
 from autoexpose_daemon.status.panel import line_of
 from autoexpose_daemon.status.publishing import Consumers
+from calibration.document import CameraIdentity
 from calibration.findings import Finding
 from calibration.gain.file import GainFile
 from calibration.geometry.file import load_geometry
 from calibration.geometry.ros import read_ros, ros_yaml
 from calibration.response import ResponseFunction
-from calibration.response.file import CameraIdentity, Origin, ResponseFile
+from calibration.response.file import Origin, ResponseFile
 from calibration.sources.exposure_times import timed_files
 from calibration.sources.images import read_images
 from calibration.vignetting.file import VignettingFile

@@ -20,9 +20,10 @@ from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.config.load import load_config
 from autoexpose_daemon.control.parameters import ControlParameters
 from autoexpose_daemon.control.picture.region import Rectangle
+from calibration.document import CameraIdentity
 from calibration.gain.file import GainFile
 from calibration.response import ResponseFunction
-from calibration.response.file import CameraIdentity, Origin, ResponseFile
+from calibration.response.file import Origin, ResponseFile
 from calibration.vignetting.file import VignettingFile
 from calibration.vignetting.model import Vignetting
 from drivers.camera import CameraDescription

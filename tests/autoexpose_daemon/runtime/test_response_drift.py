@@ -10,8 +10,9 @@ import pytest
 
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.runtime.response_drift import REFINE_EVERY, ResponseDrift
+from calibration.document import CameraIdentity
 from calibration.response import ResponseFunction
-from calibration.response.file import CameraIdentity, Origin, ResponseFile
+from calibration.response.file import Origin, ResponseFile
 from drivers.exposure import ExposureSetting
 from drivers.frames import SIDES, Frame, SettingSource, StereoPair
 from drivers.pixels.formats import PixelFormat

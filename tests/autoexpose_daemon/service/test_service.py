@@ -23,8 +23,9 @@ from autoexpose_daemon.runtime.daemon import Daemon
 from autoexpose_daemon.service.notify import Notifier
 from autoexpose_daemon.service.service import Service
 from autoexpose_daemon.status.states import State
+from calibration.document import CameraIdentity
 from calibration.response import ResponseFunction
-from calibration.response.file import CameraIdentity, Origin, ResponseFile
+from calibration.response.file import Origin, ResponseFile
 from drivers.camera import Camera
 from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureSetting

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from calibration.document import CameraIdentity
 from calibration.findings import Finding
-from calibration.response.file import CameraIdentity
 from calibration.vignetting.file import VignettingFile
 from calibration.vignetting.model import Vignetting
 from drivers.errors import ConfigurationError
