@@ -22,7 +22,7 @@ EXTRAS := sim,calibration,publish,record,page
 NATIVE_SOURCES := setup.py $(wildcard autoexpose_daemon/control/native/* fake_camera/usb3/shim/*)
 UNBUILT := $(if $(and $(wildcard autoexpose_daemon/control/_native.*.so),$(wildcard fake_camera/usb3/_shim.*.so)),,unbuilt)
 
-.PHONY: unbuilt setup demo test suite parallel realtime test-again test-data test-platforms lint bench accept soak fuzz mutate test-kernel install uninstall deb wheels clean
+.PHONY: unbuilt setup demo test suite parallel realtime test-again test-data test-platforms lint bench accept soak fuzz mutate test-kernel install uninstall deb wheels docs clean
 .DEFAULT_GOAL := demo
 
 # Stamps let later runs start at once; they are renewed when what is installed changes.
@@ -83,6 +83,7 @@ accept: $(VENV)/dev.stamp ## the longer checks in real time, about 30 minutes
 	@./tools/install-debian $(ACCEPT_PACKAGES)
 	$(VENV)/bin/pytest tests/accept -p no:cacheprovider --override-ini addopts=-ra --timeout 600 -s
 	$(VENV)/bin/pytest -m long
+	$(MAKE) --no-print-directory docs
 
 soak: $(VENV)/dev.stamp ## endurance: a day in virtual time, ten minutes of demo, cables pulled 50 times; accounts must balance
 	@mkdir -p out
@@ -139,6 +140,14 @@ deb: ## a Debian package with all its Python packages, in build/deb
 	@rm -rf build/deb
 	@./tools/install-tree "$$PWD/build/deb/tree" usr
 	@./tools/make-deb build/deb/tree build/deb
+
+$(VENV)/docs.stamp: $(VENV)/demo.stamp pyproject.toml
+	@./tools/install-python $(PY) docs
+	@touch $@
+
+docs: $(VENV)/docs.stamp ## the documentation as a site with search, in build/site
+	@$(PY) -m tools.stage_docs build/docs
+	@$(VENV)/bin/zensical build --strict --config-file mkdocs.yml
 
 $(VENV)/packages.stamp: $(VENV)/dev.stamp pyproject.toml
 	@./tools/install-python $(PY) packages
