@@ -10,7 +10,14 @@ from typing import Annotated, Literal
 import typer
 from rich.console import Console
 
-from autoexpose_daemon.messages.keys import LOOPBACK, ROUTER, check_endpoints, check_key_expression, check_rig_name
+from autoexpose_daemon.messages.keys import (
+    LAST_ROS2_DOMAIN,
+    LOOPBACK,
+    ROUTER,
+    check_endpoints,
+    check_key_expression,
+    check_rig_name,
+)
 from autoexpose_daemon.navigation.drive.progress import Progress
 from autoexpose_daemon.navigation.drive.repeat import Repeater, repeat
 from autoexpose_daemon.navigation.drive.robot import RobotKeys
@@ -26,6 +33,12 @@ Rig = Annotated[str, typer.Option(help="Name of the rig, `publish.rig` of its co
 Connect = Annotated[list[str] | None, typer.Option(help=f"Endpoint of the daemon; {LOOPBACK} unless given.")]
 RobotConnect = Annotated[list[str] | None, typer.Option(help=f"Endpoint of the robot; {ROUTER} unless given.")]
 Odometry = Annotated[str, typer.Option(help="zenoh key of the robot's nav_msgs/msg/Odometry.")]
+Ros2Domain = Annotated[
+    int | None,
+    typer.Option(
+        min=0, max=LAST_ROS2_DOMAIN, help="ROS_DOMAIN_ID of a robot whose nodes use rmw_zenoh: give topics, not keys."
+    ),
+]
 Detector = Annotated[
     Literal["fast-orb", "sift"], typer.Option(help="Features: FAST and ORB, or SIFT, ten times slower.")
 ]
@@ -41,9 +54,10 @@ def teach_command(
     rig: Rig = "rig",
     connect: Connect = None,
     robot: RobotConnect = None,
+    ros2_domain: Ros2Domain = None,
 ) -> None:
     """Remember a path while you drive the robot along it, until Ctrl-C."""
-    source = _source(rig, connect, robot, RobotKeys(odometry, velocity=velocity))
+    source = _source(rig, connect, robot, RobotKeys(odometry, velocity=velocity, ros2_domain=ros2_domain))
     typer.echo(teach(Teacher(file, focal_length_px, detector), source, _stop_on_signals(), Progress(Console())))
 
 
@@ -64,6 +78,7 @@ def repeat_command(
     rig: Rig = "rig",
     connect: Connect = None,
     robot: RobotConnect = None,
+    ros2_domain: Ros2Domain = None,
 ) -> None:
     """Repeat a taught path from its start. There is no obstacle detection: somebody has to watch the robot."""
     if drive and not command:
@@ -71,7 +86,8 @@ def repeat_command(
     if "*" in command:
         raise typer.BadParameter(f"--command {command}: commands go to one key, name it without *")
     strategy: Strategy = adapt
-    source = _source(rig, connect, robot, RobotKeys(odometry, command=command if drive else "", stamped=stamped))
+    keys = RobotKeys(odometry, command=command if drive else "", stamped=stamped, ros2_domain=ros2_domain)
+    source = _source(rig, connect, robot, keys)
     with MapFile(file, writable=True) as map_file:
         typer.echo(repeat(Repeater(map_file, strategy, predict), source, _stop_on_signals(), Progress(Console())))
 
@@ -81,7 +97,7 @@ def _source(rig: str, connect: list[str] | None, robot: list[str] | None, keys: 
     check_endpoints([*(connect or []), *(robot or [])])
     for key in (keys.odometry, keys.velocity, keys.command):
         if key:
-            check_key_expression(key)
+            check_key_expression(key.strip("/") if keys.ros2_domain is not None else key)
     return Source(rig, tuple(connect or [LOOPBACK]), keys, tuple(robot or [ROUTER]))
 
 

@@ -191,11 +191,11 @@ class Publisher:
         with contextlib.ExitStack() as tokens:
             if self._config.ros2_domain is not None:
                 declare_token = session.liveliness().declare_token
-                node = Ros2Node(self._config.ros2_domain, self._config.rig, str(session.info.zid()))
+                node = Ros2Node(self._config.ros2_domain, self._config.rig, "autoexpose", str(session.info.zid()))
                 tokens.enter_context(declare_token(node.token))
                 sides = list(_PRIORITIES)[: self._cameras]
                 for number, (side, name) in enumerate(itertools.product(sides, TOPICS), 1):
-                    topic = node.topic(number, f"{side}/{name}", TOPICS[name])
+                    topic = node.topic(number, f"{self._config.rig}/{side}/{name}", TOPICS[name])
                     outlets[side, name].append(_Outlet(session, topic.key, side, Attachments(topic)))
                     tokens.enter_context(declare_token(topic.token))
             yield

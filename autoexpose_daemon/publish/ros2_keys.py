@@ -13,14 +13,16 @@ from dataclasses import dataclass
 
 from autoexpose_daemon.messages.types import TYPESTORE, dds_name
 
-_NODE_NAME = "autoexpose"
 _NODE_ID = 0
 _NO_ENCLAVE = "%"
-_QOS = "2::,5:,:,:,,"
+SENSOR_DATA = "2::,5:,:,:,,"
 """ROS 2's profile for sensor data: best effort (2), volatile, keep last, 5 deep; empty fields are rmw_zenoh's defaults.
 
 Reliability : durability : history, depth : deadline s, ns : lifespan s, ns : liveliness, lease s, ns.
 """
+
+COMMANDS = "::,10:,:,:,,"
+"""ROS 2's usual profile: reliable, volatile, keep last, 10 deep."""
 _ATTACHMENT = struct.Struct("<qqB16s")
 _GID_BYTES = 16
 
@@ -35,20 +37,21 @@ class Ros2Topic:
 
 @dataclass(frozen=True, slots=True)
 class Ros2Node:
-    """The node `/<rig>/autoexpose`, which stands for a rig in ROS 2.
+    """A node of ours in ROS 2.
 
     Attributes
     ----------
     domain
         ROS_DOMAIN_ID.
-    rig
-        Name of the rig: the namespace of node and topics.
+    namespace, name
+        The node is `/<namespace>/<name>`, or `/<name>` if the namespace is empty.
     session
         Id of the zenoh session, in hexadecimal digits.
     """
 
     domain: int
-    rig: str
+    namespace: str
+    name: str
     session: str
 
     @property
@@ -56,16 +59,20 @@ class Ros2Node:
         """The liveliness token of the node."""
         return self._token("NN", _NODE_ID)
 
-    def topic(self, number: int, name: str, message_type: str) -> Ros2Topic:
-        """The topic `/<rig>/<name>`; `number` numbers the publishers of a node, from 1."""
-        path = f"{self.rig}/{name}"
+    def topic(self, number: int, path: str, message_type: str, qos: str = SENSOR_DATA) -> Ros2Topic:
+        """The topic `/<path>`; `number` numbers the publishers of a node, from 1."""
         kind = f"{dds_name(message_type)}/{TYPESTORE.hash_rihs01(message_type)}"
-        token = f"{self._token('MP', number)}/{_mangled(f'/{path}')}/{kind}/{_QOS}"
+        token = f"{self._token('MP', number)}/{_mangled(f'/{path}')}/{kind}/{qos}"
         return Ros2Topic(f"{self.domain}/{path}/{kind}", token)
 
     def _token(self, entity: str, number: int) -> str:
         ids = f"{self.session}/{_NODE_ID}/{number}/{entity}"
-        return f"@ros2_lv/{self.domain}/{ids}/{_NO_ENCLAVE}/{_mangled(f'/{self.rig}')}/{_NODE_NAME}"
+        return f"@ros2_lv/{self.domain}/{ids}/{_NO_ENCLAVE}/{_mangled(f'/{self.namespace}')}/{self.name}"
+
+
+def key_of_topic(domain: int, topic: str, message_type: str = "") -> str:
+    """The key of a topic's messages, whatever the hash of their type; without a type, those of any type."""
+    return f"{domain}/{topic.strip('/')}/{dds_name(message_type) if message_type else '*'}/*"
 
 
 class Attachments:

@@ -123,7 +123,7 @@ class SessionHolder:
             thread.join(_JOIN_S)
         return not any(thread.is_alive() for thread in self._threads)
 
-    def send(self, key: str, data: bytes, *, waits: bool = False) -> None:
+    def send(self, key: str, data: bytes, *, waits: bool = False, attachment: bytes | None = None) -> None:
         """Publish a message, if the session is open; raises what zenoh raises.
 
         One that finds no room in the queue is dropped, or `waits` for it, and for a second at most.
@@ -131,7 +131,7 @@ class SessionHolder:
         congestion = zenoh.CongestionControl.BLOCK if waits else zenoh.CongestionControl.DROP
         with self._sending:
             if self._open is not None:
-                self._open.put(key, data, congestion_control=congestion)
+                self._open.put(key, data, congestion_control=congestion, attachment=attachment)
 
     def subscribe(
         self, session: zenoh.Session, key: str, take: Take, waiting: int, largest_bytes: int = LARGEST_MESSAGE_BYTES

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from types import TracebackType
 
@@ -18,9 +19,11 @@ from autoexpose_daemon.messages.robot import (
     twist,
     twist_stamped,
 )
+from autoexpose_daemon.messages.types import ODOMETRY, TWIST, TWIST_STAMPED
 from autoexpose_daemon.navigation.drive.motion import Pose, Velocity
 from autoexpose_daemon.navigation.drive.odometer import SPEED_NS, Odometer
 from autoexpose_daemon.publish.refusal import reading
+from autoexpose_daemon.publish.ros2_keys import COMMANDS, Attachments, Ros2Node, key_of_topic
 from autoexpose_daemon.publish.session import Endpoints, SessionHolder
 from drivers.python310 import Self
 
@@ -42,12 +45,21 @@ class RobotKeys:
         Where the `Twist` or `TwistStamped` comes from that it is driven with.
     command, stamped
         Where to send a `Twist`, or a `TwistStamped`.
+    ros2_domain
+        ROS_DOMAIN_ID of a robot whose nodes use rmw_zenoh: the others are its topics; None: they are keys.
     """
 
     odometry: str
     velocity: str = ""
     command: str = ""
     stamped: bool = False
+    ros2_domain: int | None = None
+
+    def heard(self, name: str, message_type: str = "") -> str:
+        """The key where messages of a key or topic arrive; empty: nowhere."""
+        if self.ros2_domain is None or not name:
+            return name
+        return key_of_topic(self.ros2_domain, name, message_type)
 
 
 class Robot:
@@ -79,6 +91,7 @@ class Robot:
         self._keys, self._on_velocity = keys, on_velocity
         self._odometer = Odometer()
         self._turn = threading.Lock()
+        self._in_ros2: tuple[str, Attachments] | None = None
         self._holder = SessionHolder("client", endpoints, self._serve, self._on_trouble)
 
     def __enter__(self) -> Self:
@@ -105,21 +118,41 @@ class Robot:
 
     def command(self, velocity: Velocity) -> None:
         """Have it drive like this, if there is a connection."""
-        data = twist_stamped(velocity, time.time_ns()) if self._keys.stamped else twist(velocity)
-        self._holder.send(self._keys.command, data, waits=True)  # it may be the one that stops the robot
+        now_ns = time.time_ns()
+        data = twist_stamped(velocity, now_ns) if self._keys.stamped else twist(velocity)
+        key, attachment = self._keys.command, None
+        if self._keys.ros2_domain is not None:
+            if self._in_ros2 is None:
+                return  # no session has been opened yet
+            key, attachment = self._in_ros2[0], self._in_ros2[1].next(now_ns)
+        self._holder.send(key, data, waits=True, attachment=attachment)  # it may be the one that stops the robot
 
     def _on_trouble(self, trouble: str) -> None:
         self.trouble = trouble
 
     def _serve(self, session: zenoh.Session) -> None:
         takers = {
-            self._keys.odometry: reading(read_odometry, self._take_odometry, self._refuse),
-            self._keys.velocity: reading(read_velocity, self._take_velocity, self._refuse),
+            self._keys.heard(self._keys.odometry, ODOMETRY): reading(read_odometry, self._take_odometry, self._refuse),
+            self._keys.heard(self._keys.velocity): reading(read_velocity, self._take_velocity, self._refuse),
         }
         for key, take in takers.items():
             if key:
                 self._holder.subscribe(session, key, take, _WAITING, LARGEST_ROBOT_MESSAGE_BYTES)
-        self._holder.closed.wait()
+        with self._announced(session):
+            self._holder.closed.wait()
+
+    @contextlib.contextmanager
+    def _announced(self, session: zenoh.Session) -> Iterator[None]:
+        """To nodes of ROS 2, commands come from the node `/autoexpose_repeat` until the context ends."""
+        with contextlib.ExitStack() as tokens:
+            if self._keys.ros2_domain is not None and self._keys.command:
+                kind = TWIST_STAMPED if self._keys.stamped else TWIST
+                node = Ros2Node(self._keys.ros2_domain, "", "autoexpose_repeat", str(session.info.zid()))
+                topic = node.topic(1, self._keys.command.strip("/"), kind, COMMANDS)
+                for token in (node.token, topic.token):
+                    tokens.enter_context(session.liveliness().declare_token(token))
+                self._in_ros2 = topic.key, Attachments(topic)
+            yield
 
     def _take_odometry(self, pose: tuple[float, float, float]) -> None:
         now_ns = time.monotonic_ns()

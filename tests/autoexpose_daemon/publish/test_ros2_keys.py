@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from autoexpose_daemon.messages.types import CAMERA_INFO, EXPOSURE_INFO, IMAGE, TYPESTORE
-from autoexpose_daemon.publish.ros2_keys import Attachments, Ros2Node, Ros2Topic
+from autoexpose_daemon.messages.types import CAMERA_INFO, EXPOSURE_INFO, IMAGE, ODOMETRY, TWIST, TYPESTORE
+from autoexpose_daemon.publish.ros2_keys import COMMANDS, Attachments, Ros2Node, Ros2Topic, key_of_topic
 
 SESSION = "8b20917502ee955ac4476e0266340d5c"
 STRING_HASH = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
@@ -12,7 +12,7 @@ IMAGE_HASH = "RIHS01_d31d41a9a4c4bc8eae9be757b0beed306564f7526c88ea6a4588fb95825
 """As `ros2 topic info --verbose` of Jazzy has been seen to print it."""
 CAMERA_INFO_HASH = "RIHS01_b3dfd68ff46c9d56c80fd3bd4ed22c7a4ddce8c8348f2f59c299e73118e7e275"
 """As in the tests of other programs that speak to ROS 2."""
-NODE = Ros2Node(2, "talker", SESSION)
+NODE = Ros2Node(2, "talker", "autoexpose", SESSION)
 
 
 def test_type_hashes_are_those_of_ros2() -> None:
@@ -22,15 +22,15 @@ def test_type_hashes_are_those_of_ros2() -> None:
 
 
 def test_a_key_is_domain_topic_type_and_hash() -> None:
-    topic = NODE.topic(10, "chatter", "std_msgs/msg/String")
+    topic = NODE.topic(10, "talker/chatter", "std_msgs/msg/String")
     assert topic.key == f"2/talker/chatter/std_msgs::msg::dds_::String_/{STRING_HASH}"
-    image = Ros2Node(0, "scout", SESSION).topic(1, "left/image", IMAGE)
+    image = Ros2Node(0, "scout", "autoexpose", SESSION).topic(1, "scout/left/image", IMAGE)
     assert image.key == f"0/scout/left/image/sensor_msgs::msg::dds_::Image_/{IMAGE_HASH}"
 
 
 def test_a_token_says_who_publishes_what_and_how() -> None:
     assert NODE.token == f"@ros2_lv/2/{SESSION}/0/0/NN/%/%talker/autoexpose"
-    topic = NODE.topic(10, "left/chatter", "std_msgs/msg/String")
+    topic = NODE.topic(10, "talker/left/chatter", "std_msgs/msg/String")
     fields = topic.token.split("/")
     assert fields[:9] == ["@ros2_lv", "2", SESSION, "0", "10", "MP", "%", "%talker", "autoexpose"]
     assert fields[9:12] == ["%talker%left%chatter", "std_msgs::msg::dds_::String_", STRING_HASH]
@@ -40,8 +40,22 @@ def test_a_token_says_who_publishes_what_and_how() -> None:
     assert len(fields) == 13
 
 
+def test_a_node_without_a_namespace_sends_commands_reliably() -> None:
+    node = Ros2Node(0, "", "autoexpose_repeat", SESSION)
+    assert node.token == f"@ros2_lv/0/{SESSION}/0/0/NN/%/%/autoexpose_repeat"
+    topic = node.topic(1, "cmd_vel", TWIST, COMMANDS)
+    assert topic.key.startswith("0/cmd_vel/geometry_msgs::msg::dds_::Twist_/RIHS01_")
+    assert topic.token.split("/")[9] == "%cmd_vel"
+    assert topic.token.split("/")[-1] == "::,10:,:,:,,"
+
+
+def test_messages_of_a_topic_are_heard_whatever_their_hash() -> None:
+    assert key_of_topic(3, "/odom", ODOMETRY) == "3/odom/nav_msgs::msg::dds_::Odometry_/*"
+    assert key_of_topic(3, "base/cmd_vel") == "3/base/cmd_vel/*/*"
+
+
 def test_our_own_type_is_named_and_hashed_alike() -> None:
-    key = NODE.topic(1, "left/exposure", EXPOSURE_INFO).key
+    key = NODE.topic(1, "talker/left/exposure", EXPOSURE_INFO).key
     assert key.startswith("2/talker/left/exposure/autoexpose_msgs::msg::dds_::ExposureInfo_/RIHS01_")
     hashes = {TYPESTORE.hash_rihs01(message_type) for message_type in (IMAGE, CAMERA_INFO, EXPOSURE_INFO)}
     assert len(hashes) == 3

@@ -1,0 +1,51 @@
+"""A robot whose nodes use rmw_zenoh, for which plain zenoh stands here."""
+
+from __future__ import annotations
+
+import queue
+import time
+
+import pytest
+import zenoh
+
+from autoexpose_daemon.messages.robot import odometry, read_velocity, twist
+from autoexpose_daemon.messages.types import ODOMETRY, TWIST
+from autoexpose_daemon.navigation.drive.motion import STANDSTILL, Pose, Velocity
+from autoexpose_daemon.navigation.drive.robot import Robot, RobotKeys
+from autoexpose_daemon.publish.ros2_keys import Ros2Node
+from autoexpose_daemon.publish.session import Endpoints, open_session
+from tests.autoexpose_daemon.publish.steps import PATIENCE_S, endpoint, wait_until
+
+pytestmark = pytest.mark.wire
+
+DOMAIN = 5
+KEYS = RobotKeys("/odom", "/joy/cmd_vel", "/cmd_vel", ros2_domain=DOMAIN)
+
+
+def test_nodes_of_ros2_are_heard_and_commanded() -> None:
+    at = endpoint()
+    commands: queue.Queue[zenoh.Sample] = queue.Queue()
+    driven: list[Velocity] = []
+    base = Ros2Node(DOMAIN, "", "base", "1")
+    with (
+        open_session("peer", Endpoints(listen=[at])) as session,
+        session.declare_subscriber(base.topic(1, "cmd_vel", TWIST).key, commands.put),
+        Robot(KEYS, Endpoints(connect=(at,)), lambda velocity, _distance_m: driven.append(velocity)) as robot,
+    ):
+
+        def moves() -> bool:
+            session.put(base.topic(1, "odom", ODOMETRY).key, odometry(Pose(1.0, 0.0, 0.0), STANDSTILL, time.time_ns()))
+            session.put(base.topic(2, "joy/cmd_vel", TWIST).key, twist(Velocity(0.5, 0.1)))
+            return robot.odometry_ns is not None and bool(driven)
+
+        wait_until(moves, "odometry and velocity")
+        assert driven[0] == Velocity(0.5, 0.1)
+        robot.command(Velocity(0.25, -0.5))
+        robot.command(STANDSTILL)
+        first, second = (commands.get(timeout=PATIENCE_S) for _ in range(2))
+        assert read_velocity(first.payload.to_bytes()) == (0.25, -0.5)
+        numbers = [int.from_bytes(sample.attachment.to_bytes()[:8], "little") for sample in (first, second)]
+        assert numbers == [1, 2]
+        alive = [str(reply.ok.key_expr) for reply in session.liveliness().get("@ros2_lv/**") if reply.ok is not None]
+        assert sorted(key.split("/")[5] for key in alive) == ["MP", "NN"]
+        assert all(key.split("/")[8] == "autoexpose_repeat" for key in alive)
