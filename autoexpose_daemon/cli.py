@@ -233,20 +233,34 @@ def page(
 def top(
     rig: Rig = "rig",
     connect: Connect = None,
+    zenoh: Annotated[
+        Path | None, typer.Option(help="A configuration file of zenoh, for TLS and the like, instead of --connect.")
+    ] = None,
+    every: Annotated[bool, typer.Option("--all", help="Every rig in one line, worst first.")] = False,
     once: Annotated[bool, typer.Option("--once", help="Print the current status and exit.")] = False,
 ) -> None:
-    """Watch a running daemon: state, exposure, losses, consumers, faults; Ctrl-C exits."""
+    """Watch a running daemon, or all of them: state, exposure, losses, consumers, faults; Ctrl-C exits."""
     try:
         from autoexpose_daemon.client.top import follow, show_once  # noqa: PLC0415  an extra
+        from autoexpose_daemon.client.top_all import follow_all, show_all_once  # noqa: PLC0415
+        from autoexpose_daemon.client.zenoh_file import check_zenoh_file  # noqa: PLC0415
     except ImportError as error:
         raise AutoexposeError(f"{error.name} is missing: pip install 'autoexpose-daemon[publish]'") from error
+    if every and rig != "rig":
+        raise ConfigurationError(f"--all shows every rig: leave --all or --rig {readable(rig)} out")
     check_endpoints(connect or [])
-    stop = threading.Event()
+    if zenoh is not None:
+        check_zenoh_file(zenoh)
+    places, stop = connect or [LOOPBACK], threading.Event()
     stop_on_signals(stop)
-    if once:
-        show_once(rig, connect or [LOOPBACK], Console())
+    if every and once:
+        show_all_once(places, zenoh, Console(), stop)
+    elif every:
+        follow_all(places, zenoh, Console(), stop)
+    elif once:
+        show_once(rig, places, Console(), zenoh)
     else:
-        follow(rig, connect or [LOOPBACK], Console(), stop)
+        follow(rig, places, Console(), stop, zenoh)
 
 
 @app.command()

@@ -9,18 +9,16 @@ from typing import Annotated, Literal
 import typer
 
 from autoexpose_daemon.client.control_client import ControlClient, Rectangle
+from autoexpose_daemon.client.zenoh_file import check_zenoh_file
 from autoexpose_daemon.control.policies.ids import POLICY_IDS
 from autoexpose_daemon.messages.keys import LOOPBACK, check_endpoints
 from autoexpose_daemon.status.inputs.requests import Answer
 from autoexpose_daemon.status.panel import plain
-from drivers.config.files import read_regular
 from drivers.errors import ConfigurationError
 
 ctl_app = typer.Typer(
     help="Change the control of a running daemon, until it restarts or reloads.", no_args_is_help=True
 )
-
-_MOST_ZENOH_BYTES = 1 << 20
 
 
 @ctl_app.callback()
@@ -38,7 +36,7 @@ def connection(
     """Say which daemon to ask; these options come before the command."""
     check_endpoints(connect or [])
     if zenoh is not None:
-        _check_file(zenoh)
+        check_zenoh_file(zenoh)
     context.obj = ControlClient(rig, connect or [LOOPBACK], zenoh, by)
 
 
@@ -154,13 +152,3 @@ def _box(text: str) -> Rectangle:
     except ValueError:
         raise ConfigurationError(f"{text} is no rectangle: give X,Y,WIDTH,HEIGHT, such as 0,0,720,270") from None
     return x, y, width, height
-
-
-def _check_file(file: Path) -> None:
-    """Zenoh itself would wait for a pipe to be written."""
-    try:
-        read_regular(file, _MOST_ZENOH_BYTES)
-    except OSError as error:
-        raise ConfigurationError(
-            f"{file} cannot be read ({error.strerror}): name a zenoh configuration file"
-        ) from error

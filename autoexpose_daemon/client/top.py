@@ -6,6 +6,7 @@ import threading
 from collections import deque
 from collections.abc import Sequence
 from datetime import datetime
+from pathlib import Path
 
 from rich.console import Console, Group, RenderableType
 from rich.live import Live
@@ -27,25 +28,27 @@ _LARGEST = 1e15
 _BLOCKS = "\u2581\u2582\u2583\u2584\u2585\u2586\u2587\u2588"
 
 
-def show_once(rig: str, connect: Sequence[str], console: Console) -> None:
+def show_once(rig: str, connect: Sequence[str], console: Console, zenoh_file: Path | None = None) -> None:
     """Print the next status; raises AutoexposeError if none comes for some seconds."""
-    with StatusClient(rig, connect) as client:
+    with StatusClient(rig, connect, zenoh_file) as client:
         status = client.wait(_PATIENCE_S)
         if status is None:
-            raise AutoexposeError(no_status(client, rig, connect))
+            raise AutoexposeError(no_status(client, rig, places(connect, zenoh_file)))
         console.print(panel_of(status, Sparklines(), client.silent_s, _TALL))
 
 
-def follow(rig: str, connect: Sequence[str], console: Console, stop: threading.Event) -> None:
+def follow(
+    rig: str, connect: Sequence[str], console: Console, stop: threading.Event, zenoh_file: Path | None = None
+) -> None:
     """Show the status in the terminal until `stop` is set; raises AutoexposeError without a terminal."""
     if not console.is_terminal:
         raise AutoexposeError("top needs a terminal: add --once to print the current status")
     sparklines = Sparklines()
-    with StatusClient(rig, connect) as client, Live(console=console, auto_refresh=False) as live:
+    with StatusClient(rig, connect, zenoh_file) as client, Live(console=console, auto_refresh=False) as live:
         while not stop.wait(_TURN_S):
             status = client.status
             if status is None:
-                live.update(plain(no_status(client, rig, connect)), refresh=True)
+                live.update(plain(no_status(client, rig, places(connect, zenoh_file))), refresh=True)
             else:
                 sparklines.add(status)
                 live.update(panel_of(status, sparklines, client.silent_s, console.height), refresh=True)
@@ -106,6 +109,11 @@ def _faults(faults: Sequence[Fault]) -> Table:
         when = datetime.fromtimestamp(fault.unix_time_s).strftime("%d %b %H:%M:%S")
         table.add_row(when, plain(fault.message, "" if fault.level == "WARNING" else "red"))
     return table
+
+
+def places(connect: Sequence[str], zenoh_file: Path | None) -> Sequence[str]:
+    """Where daemons are looked for: the endpoints, or the file that has them."""
+    return connect if zenoh_file is None else [str(zenoh_file)]
 
 
 def no_status(client: StatusClient, rig: str, connect: Sequence[str]) -> str:

@@ -48,7 +48,7 @@ def duration_text(seconds: float) -> str:
 def line_of(status: Status) -> str:
     """A status in one line."""
     parts = [f"{status.rate_hz:.1f} pairs/s", f"{status.counts.pairs} pairs", f"lost: {_counts(status.lost)}"]
-    applied = _applied(status)
+    applied = newest_setting(status)
     if applied is not None:
         parts.append(f"{applied} (E {applied.level:.2f})")
     if status.decision is not None:
@@ -69,7 +69,7 @@ def _rows(status: Status) -> Iterator[tuple[str, str]]:
     yield "pairs", f"{status.counts.pairs}   {status.rate_hz:.1f} per second   for {duration_text(status.open_s)}"
     yield "lost", lost_in_words(status.lost)
     yield from ((counter.label, str(count)) for counter, count in anomalies(status.counts))
-    applied = _applied(status)
+    applied = newest_setting(status)
     if applied is not None:
         yield "level E", f"{applied.level:.2f} stops  {_bar(applied.level)}"
     if status.decision is not None:
@@ -92,7 +92,7 @@ def _camera(camera: CameraStatus, absent: str) -> str:
     return absent if camera.camera is None else camera.camera + applied + ptp
 
 
-def _applied(status: Status) -> ExposureSetting | None:
+def newest_setting(status: Status) -> ExposureSetting | None:
     """The setting of the newest frame, of the first camera that has one."""
     return next((camera.applied for camera in status.cameras.values() if camera.applied is not None), None)
 

@@ -97,6 +97,24 @@ def test_top_without_a_daemon_is_one_sentence_that_says_what_is_needed(
     assert told.count("\n") == 1
 
 
+def test_top_of_all_rigs_is_checked_before_it_looks_for_them(
+    within: Within, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr("autoexpose_daemon.client.top_all._PATIENCE_S", 0.1)
+    at, missing = f"tcp/{loopback_address()}:7448", tmp_path / "zenoh.json5"
+    refusals = {
+        ("--rig", "scout"): "--all shows every rig: leave --all or --rig scout out",
+        ("--connect", "nowhere"): "nowhere is not an endpoint",
+        ("--zenoh", str(missing)): f"{missing} cannot be read (No such file or directory): name a zenoh",
+        ("--connect", at): f"no answer from {at}: is a daemon with `publish`, or a router, listening there?",
+    }
+    for options, refusal in refusals.items():
+        code, _, told = within("top", "--all", "--once", *options)
+        assert code == 1
+        assert told.startswith(f"autoexpose: {refusal}")
+        assert told.count("\n") == 1
+
+
 def test_a_summary_that_cannot_be_written_is_refused_before_the_run(within: Within, tmp_path: Path) -> None:
     code, _, told = within("demo", "--summary", str(tmp_path / "missing" / "out.json"))
     assert code == 1

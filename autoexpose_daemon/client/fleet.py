@@ -1,0 +1,176 @@
+"""What is known of all rigs, worst first. It has no clock: the time comes with each call."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from autoexpose_daemon.client.status_client import SILENT_S
+from autoexpose_daemon.messages.keys import RIG_NAME
+from autoexpose_daemon.status.document import Status
+from autoexpose_daemon.status.losses import losses, lost_in_words
+from autoexpose_daemon.status.panel import newest_setting
+from autoexpose_daemon.status.states import State
+from drivers.exposure import ExposureSetting
+from drivers.python310 import StrEnum
+
+MOST_RIGS = 200
+"""How many are listed: those that were heard first. Keys are free to invent, memory is not."""
+
+TOO_MANY_LOST = 0.01
+"""A rig that loses a larger share of its triggers is `LOSING`; docs/examples/alerts.yaml has the same limit."""
+
+_RECENT_S = 60.0
+_SAMPLE_S = 1.0
+_CROWDED_S = 10.0
+_LONGEST_NAME = 100
+_LONGEST_REASON = 300
+
+
+class Condition(StrEnum):
+    """How a rig is, from worst to best."""
+
+    FAILED = "failed"
+    SILENT = "silent"
+    DEGRADED = "degraded"
+    LOSING = "losing triggers"
+    ENDED = "ended"
+    STARTING = "starting"
+    EXPOSING = "exposing"
+
+
+_RANKS = {condition: rank for rank, condition in enumerate(Condition)}
+_OF_STATE = {
+    State.FAILED: Condition.FAILED,
+    State.DEGRADED: Condition.DEGRADED,
+    State.STARTING: Condition.STARTING,
+    State.EXPOSING: Condition.EXPOSING,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class RigLine:
+    """A rig at one moment.
+
+    Attributes
+    ----------
+    rig, condition, why
+        Its name, how it is, and why it is not better, in words.
+    age_s
+        Time since its last status; all below is of that one.
+    rate_hz
+        Complete pairs per second.
+    lost, lost_share
+        Triggers lost to faults since its cameras were opened, and their share of all triggers of the last minute;
+        the share is 0 until a second status tells.
+    setting
+        Of the newest frame; None before the first.
+    """
+
+    rig: str
+    condition: Condition
+    why: str
+    age_s: float
+    rate_hz: float
+    lost: int
+    lost_share: float
+    setting: ExposureSetting | None
+
+
+@dataclass(slots=True)
+class _Rig:
+    """What is kept of a rig: a status may have a megabyte, this has some kilobytes."""
+
+    heard_s: float = 0.0
+    condition: Condition = Condition.STARTING
+    ending: bool = False
+    reasons: str = ""
+    lost_words: str = ""
+    rate_hz: float = 0.0
+    setting: ExposureSetting | None = None
+    counts: deque[tuple[float, int, int]] = field(default_factory=deque)
+    """When, pairs and losses then: at most one a second, of the last minute; the last one is the newest."""
+
+    def take(self, status: Status, now_s: float) -> None:
+        self.heard_s, self.condition, self.ending = now_s, _OF_STATE[status.state], status.ending
+        self.reasons = "; ".join(status.reasons)[:_LONGEST_REASON]
+        self.lost_words = lost_in_words(status.lost)[:_LONGEST_REASON]
+        self.rate_hz, self.setting = status.rate_hz, newest_setting(status)
+        self._count(now_s, status.counts.pairs, _lost_to_faults(status))
+
+    def line(self, rig: str, now_s: float, silent_s: float) -> RigLine:
+        age_s, lost_share = now_s - self.heard_s, self.lost_share
+        condition, why = self.condition, self.reasons
+        if condition is Condition.FAILED:
+            pass  # it stays so, whether it still reports or not
+        elif self.ending:
+            condition = Condition.ENDED
+        elif age_s > silent_s:
+            condition = Condition.SILENT
+            why = f"{self.condition} before" + (f": {why}" if why else "")
+        elif condition is Condition.EXPOSING and lost_share > TOO_MANY_LOST:
+            condition, why = Condition.LOSING, self.lost_words
+        return RigLine(rig, condition, why, age_s, self.rate_hz, self.counts[-1][2], lost_share, self.setting)
+
+    @property
+    def lost_share(self) -> float:
+        (_, pairs_before, lost_before), (_, pairs, lost) = self.counts[0], self.counts[-1]
+        triggers = pairs - pairs_before + lost - lost_before
+        return (lost - lost_before) / triggers if triggers else 0.0
+
+    def _count(self, now_s: float, pairs: int, lost: int) -> None:
+        counts = self.counts
+        if counts and (pairs < counts[-1][1] or lost < counts[-1][2]):
+            counts.clear()  # it has opened its cameras again
+        if len(counts) > 1 and now_s - counts[-2][0] < _SAMPLE_S:
+            counts.pop()
+        counts.append((now_s, pairs, lost))
+        while now_s - counts[0][0] > _RECENT_S:
+            counts.popleft()
+
+
+class Fleet:
+    """All rigs that were heard of; callable on any thread.
+
+    Parameters
+    ----------
+    silent_s
+        A rig that has said nothing for longer is silent.
+    """
+
+    def __init__(self, silent_s: float = SILENT_S) -> None:
+        self._silent_s = silent_s
+        self._rigs: dict[str, _Rig] = {}
+        self._turned_away_s = -math.inf
+        self._lock = threading.Lock()
+
+    def take(self, rig: str, status: Status, now_s: float) -> bool:
+        """Note a status that came under the key of a rig, and return whether the rig is listed.
+
+        A status that names another rig than its key does is no daemon's, and is passed over.
+        """
+        if status.rig != rig or len(rig) > _LONGEST_NAME or not RIG_NAME.fullmatch(rig):
+            return False
+        with self._lock:
+            if rig not in self._rigs and len(self._rigs) >= MOST_RIGS:
+                self._turned_away_s = now_s
+                return False
+            self._rigs.setdefault(rig, _Rig()).take(status, now_s)
+            return True
+
+    def lines(self, now_s: float) -> Sequence[RigLine]:
+        """Every rig, worst first: by `Condition`, then by the share of triggers lost, then by name."""
+        with self._lock:
+            lines = [known.line(rig, now_s, self._silent_s) for rig, known in self._rigs.items()]
+        return sorted(lines, key=lambda line: (_RANKS[line.condition], -line.lost_share, line.rig))
+
+    def crowded(self, now_s: float) -> bool:
+        """Whether rigs report at present that are not listed for lack of room."""
+        return now_s - self._turned_away_s < _CROWDED_S
+
+
+def _lost_to_faults(status: Status) -> int:
+    return sum(count for _, count, is_fault in losses(status.lost) if is_fault)
