@@ -12,7 +12,7 @@ unexport PYTHONDONTWRITEBYTECODE
 COMPILER := gcc libc6-dev python3-dev
 DEMO_PACKAGES := gir1.2-aravis-0.8 python3-gi python3-venv libusb-1.0-0 $(COMPILER)
 TEST_PACKAGES := $(DEMO_PACKAGES) aravis-tools-cli aravis-tools tshark usbutils chromium systemd openssl
-ACCEPT_PACKAGES := fastddsgen default-jre-headless libfastrtps-dev g++
+ACCEPT_PACKAGES := fastddsgen default-jre-headless libfastrtps-dev g++ prometheus
 KERNEL_PACKAGES := qemu-system-x86 kmod udev usbip
 ROBOT_PACKAGES := $(DEMO_PACKAGES) udev
 

@@ -1,4 +1,4 @@
-"""A daemon's status for Prometheus; all names, and alerts to start from: docs/metrics.md."""
+"""A daemon's status for Prometheus; all names, and alerts: docs/metrics.md."""
 
 from __future__ import annotations
 

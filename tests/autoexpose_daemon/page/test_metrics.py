@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
 from dataclasses import replace
 
 import pytest
-import yaml
 from prometheus_client.core import Metric
 from prometheus_client.parser import text_string_to_metric_families
 
@@ -109,15 +107,3 @@ def test_a_daemon_without_a_frame_yet_can_be_read() -> None:
     assert seen["autoexpose_camera_up", frozenset({"left"})] == 0
     assert seen["autoexpose_decision_seconds_count", frozenset()] == 0
     assert "autoexpose_published_pairs_total" not in {name for name, _ in seen}
-
-
-def test_alerts_of_the_docs_rest_on_metrics_that_are_served() -> None:
-    blocks: Iterable[str] = re.findall(r"```yaml\n(.*?)```", DOCS.read_text(), re.DOTALL)
-    (groups,) = [content["groups"] for content in map(yaml.safe_load, blocks) if "groups" in content]
-    rules = groups[0]["rules"]
-    assert len(rules) == 3
-    served = {full_name(family) for family in families(EXPOSING)}
-    for rule in rules:
-        named = set(re.findall(r"autoexpose_\w+", rule["expr"]))
-        assert named
-        assert named <= served
