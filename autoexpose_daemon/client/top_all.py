@@ -91,9 +91,9 @@ def table_of(lines: Sequence[RigLine]) -> Table:
     table.add_column("state", no_wrap=True)
     table.add_column("pairs/s", no_wrap=True, justify="right")
     table.add_column("lost", no_wrap=True, justify="right")
-    table.add_column("in a minute", no_wrap=True, justify="right")
+    table.add_column("last minute", no_wrap=True, justify="right")
     table.add_column("exposure", no_wrap=True)
-    table.add_column("why", no_wrap=True, overflow="ellipsis")
+    table.add_column("why")  # the one that gives way where the terminal is narrow
     for line in lines:
         table.add_row(*_cells(line))
     return table
@@ -115,7 +115,9 @@ def _cells(line: RigLine) -> Iterator[Text]:
     yield plain(str(line.lost), "" if heard else "dim")
     yield plain(f"{line.lost_share:.1%}" if heard else "")
     yield plain("" if line.setting is None else str(line.setting), "" if heard else "dim")
-    yield plain(line.why)
+    why = plain(line.why)
+    why.no_wrap, why.overflow = True, "ellipsis"
+    yield why
 
 
 def _since(condition: Condition, age: str) -> str:

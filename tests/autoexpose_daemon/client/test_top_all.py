@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import re
 import threading
 from collections.abc import Iterator
 from dataclasses import replace
@@ -24,15 +25,17 @@ from autoexpose_daemon.publish.session import Endpoints, open_session
 from autoexpose_daemon.status.document import Status
 from autoexpose_daemon.status.states import State
 from drivers.errors import AutoexposeError
+from tests import REPOSITORY
 from tests.autoexpose_daemon.client.test_top import Screen, daemon, screen_of
 from tests.autoexpose_daemon.publish.router import router
 from tests.autoexpose_daemon.publish.steps import PATIENCE_S, endpoint, wait_until
-from tests.autoexpose_daemon.publish.test_router import router_file
+from tests.autoexpose_daemon.publish.test_router import QUIET, router_file
 from tests.autoexpose_daemon.statuses import EXPOSING
 
 pytestmark = pytest.mark.usefixtures("brisk")
 
 SILENT_S = 1.0
+FLEETS = REPOSITORY / "docs" / "fleets.md"
 
 
 def rig(name: str, state: State = State.EXPOSING, *reasons: str) -> Status:
@@ -71,7 +74,7 @@ def test_a_rig_is_one_line() -> None:
     ]
     rows = [" ".join(row.split()) for row in printed(table_of(lines)).splitlines()]
     assert rows == [
-        "rig state pairs/s lost in a minute exposure why",
+        "rig state pairs/s lost last minute exposure why",
         "broken failed, 12 s ago 3 1000 us, 6.0 dB no such camera",
         "quiet silent for 12 s 3 1000 us, 6.0 dB exposing before",
         "loser losing triggers 60.0 3 0.4% 1000 us, 6.0 dB 3 without the left frame",
@@ -83,10 +86,16 @@ def test_a_rig_is_one_line() -> None:
 
 def test_what_a_stranger_writes_commands_no_terminal_and_breaks_no_line() -> None:
     hostile = line("x" * 100, Condition.DEGRADED, "\x1b]0;gone\x07 [red]away[/red]\n\r" + "\u4e2d" * 400)
-    text = printed(table_of([hostile]), width=100)
+    text = printed(table_of([hostile]), width=160)
     assert "?]0;gone? [red]away[/red]" in text
     assert "\x1b" not in text
     assert len(text.splitlines()) == 2
+
+
+def test_a_narrow_terminal_shortens_the_reasons_first() -> None:
+    rows = printed(table_of([line("dumper_2", Condition.DEGRADED, "no triggers " * 20)]), width=80).splitlines()
+    assert len(rows) == 2
+    assert rows[1].startswith("dumper_2  degraded     60.0     3         0.4%  1000 us, 6.0 dB  no trig")
 
 
 def test_a_low_terminal_shows_the_worst_and_counts_the_rest() -> None:
@@ -153,6 +162,24 @@ def test_messages_that_are_no_statuses_are_passed_over() -> None:
 
         wait_until(spoken, "the one that is valid")
         assert set(conditions(client, 0.0)) == {"scout"}
+
+
+@pytest.mark.wire
+def test_a_router_may_allow_statuses_alone(tmp_path: Path) -> None:
+    """As docs/fleets.md shows."""
+    (rules,) = re.findall(r"```\n(// from the router's file.*?)```", FLEETS.read_text(), re.DOTALL)
+    far, near = endpoint(), endpoint()
+    quiet = json.dumps({"mode": "router", "listen": {"endpoints": [far]}, "scouting": QUIET})
+    file = tmp_path / "router.json5"
+    file.write_text(f"{quiet[:-1]},\n{rules}}}")
+    with (
+        router(file),
+        robot(rig("scout"), near, far),
+        FleetClient([far]) as client,
+        StatusClient("scout", [far]) as one,
+    ):
+        wait_until(client.heard.is_set, "a rig")
+        assert one.wait(PATIENCE_S) is not None
 
 
 @pytest.mark.wire
