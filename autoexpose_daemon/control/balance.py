@@ -43,7 +43,7 @@ class BlurNoiseBalance:
     offset: float
 
     def exposure_time_us(self, level: float, motion_px: float, limits: ExposureLimits) -> float:
-        """``t = c / g`` with ``g = sqrt((c d^2 + k_offset) / w)``, where c = t g counts in seconds (eq. 24)."""
+        """``t = c / g`` with ``g = sqrt((c d^2 + k_offset) / w)``, where c = t g is in seconds (eq. 24)."""
         c = exp2(level) * 1e-6
         gain = math.sqrt((c * motion_px**2 + self.offset) / self.weight)
         return c / gain * 1e6 if gain > 0 else limits.max_time_us
@@ -87,7 +87,7 @@ class FixedGain:
 class FlickerBalance:
     """Exposure times of whole flicker periods, which average over all phases of the light; the gain provides the rest.
 
-    Like `ExposurePriority`, with the time rounded down to whole periods. Where not even one period fits under the
+    Like `ExposurePriority`, with the time rounded down to whole periods. If not even one period fits under the
     upper bound of the time, or the light is too strong for it at the lowest gain, it is just exposure priority.
 
     Attributes
@@ -107,7 +107,7 @@ class FlickerBalance:
 def whole_periods_us(wanted_us: float, level: float, limits: ExposureLimits, flicker_hz: float) -> float:
     """An exposure time (us) rounded down to whole periods of the light, but at least one.
 
-    It is returned as it is where not even one period fits: under the upper bound of the time, or because the light is
+    It is returned unchanged if not even one period fits: under the upper bound of the time, or because the light is
     too strong for it at the lowest gain.
 
     Parameters

@@ -1,4 +1,4 @@
-"""What light to expect on a way that was driven before."""
+"""What light to expect on a route that was driven before."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from autoexpose_daemon.control.parameters import REMEMBERED_STEPS
 
 WINDOW_FRAMES: Final = 60
-"""The light of so many last frames, a second at 60 Hz, says where in a series the rig is, and whether it is right."""
+"""The light of this many frames, a second at 60 Hz, shows where in a series the rig is, and whether it is right."""
 
 SPREADS: Final = 3
 """How many standard deviations along a series the rig may be elsewhere."""
@@ -28,7 +28,7 @@ MOST_STOPS: Final = 100.0
 """No exposure level is beyond that."""
 
 DIGITS: Final = 3
-"""Of a level in stops; recordings hold it in decimal digits."""
+"""Decimal digits of a level in stops, as recordings hold it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +82,7 @@ class LightSeries:
     spread_s: float
 
     def in_frames(self, later_s: float, rate_hz: float) -> LightAhead | None:
-        """For a frame taken `later_s` after the present of the series; None where the place is too uncertain."""
+        """For a frame taken `later_s` after the series' present; None if the place is too uncertain."""
         spread_frames = self.spread_s * rate_hz
         if spread_frames > WIDEST_SPREAD_FRAMES:
             return None

@@ -162,7 +162,7 @@ class ControlLoop:
 
     @property
     def uncounted(self) -> Mapping[Side, str]:
-        """The cameras whose frames the policy does not count at present, and why, in words after "left camera"."""
+        """The cameras whose frames the policy does not count at present, and why, in words to follow "left camera"."""
         return self._policy.uncounted
 
     @property
@@ -172,7 +172,7 @@ class ControlLoop:
 
     @property
     def steered(self) -> bool:
-        """Whether the latest decision went by where consumers track: not where another setting was asked for."""
+        """Whether the latest decision used where consumers track: not if another setting was asked for."""
         asked = self.override.shot or self.override.held
         return self._policy.STEERED and self.steering is not None and asked is None
 
@@ -183,7 +183,7 @@ class ControlLoop:
 
     @property
     def flicker_hz(self) -> float | None:
-        """The flicker of the light that was found, flashes per second; None: none, or it is not looked for."""
+        """The flicker found in the light, flashes per second; None: none, or it is not looked for."""
         return None if self._flicker is None else self._flicker.flicker_hz
 
     def state(self) -> dict[str, Plain]:
@@ -195,7 +195,7 @@ class ControlLoop:
         restore(self, state)
 
     def check_ev(self, ev_stops: float) -> None:
-        """Raise ConfigurationError for an EV compensation that the policy cannot be given; `step` does not ask."""
+        """Raise ConfigurationError for an EV compensation that the policy cannot take; `step` does not check."""
         if ev_stops > 0 and self._policy.COMPENSATED == "darker":
             raise ConfigurationError(
                 f"policy {self.setup.policy_id} takes no EV compensation above 0, since it would go by what that "
@@ -224,9 +224,9 @@ class ControlLoop:
             How fast the camera turns, from an inertial sensor; the speed of image points is then this rate times the
             focal length, and no flow is computed. None: flow.
         light_ahead
-            What an earlier drive along the same way saw, which map policies use; None: nothing is known.
+            What an earlier drive along the same route saw, which map policies use; None: nothing is known.
         override
-            What stands above the policy. While a setting is held, the policy goes on looking, so that it knows the
+            What overrides the policy. While a setting is held, the policy keeps looking, so it knows the
             light when it decides again.
         steering
             Where consumers track well, for policies that are `STEERED`; None: nothing is known.
@@ -311,7 +311,7 @@ class ControlLoop:
     ) -> None:
         """Keep what was asked of the cameras, in the terms of the policy; `target` None: the policy was not asked.
 
-        By it the policy recognises what its own targets led to, and learns the delay of the loop.
+        From this the policy recognises what its own targets led to, and learns the delay of the loop.
         """
         if self._compensation is not None:
             setting, level = self._compensation.setting(setting), level - self._compensation.stops
@@ -343,9 +343,9 @@ class ControlLoop:
         return self._motion_px
 
     def _flow_px(self, look: Look, frame: Frame, setting: ExposureSetting) -> float:
-        """The speed by optical flow; the last one where flow takes over from another camera or from angular rates.
+        """The speed from optical flow; the last one if flow takes over from another camera or from angular rates.
 
-        Flow then has no recent frame. It is not measured across frames with an angular rate either: it saturates where
+        Flow then has no recent frame. It is not measured across frames with an angular rate either: it saturates if
         they are far apart.
         """
         motion = self._motions[look.side]
@@ -361,10 +361,7 @@ class ControlLoop:
 
 
 class View:
-    """How control sees one camera: the prepared image, its response function, and the weights of its region.
-
-    And what its lens lets through.
-    """
+    """How control sees one camera: prepared image, response function, weights of its region, and vignetting."""
 
     def __init__(
         self, response: ResponseFunction, region: Region | None = None, vignetting: Vignetting | None = None
@@ -390,7 +387,7 @@ class View:
         return Look(side, image, self._response, self._weights, unfiltered, scale, averaged, light)
 
     def _fit(self, side: Side, shape: tuple[int, ...], seen: tuple[int, ...]) -> None:
-        """Fit region and vignetting to frames of a shape, of which control sees a plane of another one."""
+        """Fit region and vignetting to frames of a shape; control sees a plane of them, of the shape `seen`."""
         if self._region is not None:
             self._weights = self._region.weights(shape, seen)
         if self._vignetting is not None:
@@ -404,7 +401,7 @@ def _in_steps(light: NDArray[np.float32]) -> NDArray[np.float64]:
 
 
 def _in_words(target: Target, ev_stops: float, level: float) -> str:
-    """The reason of a target, and what became of it."""
+    """The reason for a target, and what became of it."""
     wanted = target.level + ev_stops
     reason = f"{target.reason}; EV {ev_stops:+g}" if ev_stops else target.reason
     return reason if level == wanted else f"{reason}; held: at {'upper' if wanted > level else 'lower'} limit"

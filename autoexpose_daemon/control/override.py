@@ -1,4 +1,4 @@
-"""What a person asks of control while it runs: it stands above what the policy decides."""
+"""What a person asks of control while it runs: it overrides what the policy decides."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from drivers.exposure import DB_PER_STOP, ExposureLimits, ExposureSetting
 from drivers.frames import Side
 
 MOSTLY = 0.5
-"""Share of saturated pixels from which they are taken to be saturated without the compensation, too."""
+"""Share of saturated pixels above which they are taken to be saturated even without the compensation."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,9 +29,9 @@ class Override:
     held
         The setting to stay at, whatever the policy decides; None: as it decides.
     shot
-        The setting of the next pair alone, even where one is held; None: no shot.
+        The setting of the next pair alone, even if one is held; None: no shot.
     unseen
-        This pair was taken for a shot: the policy is not shown it. Only with `held`.
+        This pair was taken for a shot: the policy does not see it. Only with `held`.
     """
 
     ev_stops: float = 0.0
@@ -57,7 +57,7 @@ class Compensation:
     as the response predicts them for so many stops less, and limits and settings with that much less gain. What the
     policy wants there, plus the compensation, is what the cameras get.
 
-    How bright that is which only the compensation saturates, is lost: the larger its share of the frame, the brighter
+    The brightness of what only the compensation saturates is lost: the larger its share of the frame, the brighter
     it is taken to be, from just saturated with the compensation to saturated without it.
 
     Parameters
@@ -67,18 +67,18 @@ class Compensation:
     responses
         Response function of each camera.
     limits
-        Of the cameras.
+        Limits of the cameras.
 
     Attributes
     ----------
     limits
-        For the policy.
+        Limits for the policy.
     """
 
     def __init__(self, stops: float, responses: Mapping[Side, ResponseFunction], limits: ExposureLimits) -> None:
         self.stops = stops
         gain_db = stops * DB_PER_STOP
-        # Levels only: no policy that is shown these frames splits one into time and gain by increments.
+        # Levels only: no policy that sees these frames splits one into time and gain by increments.
         self.limits = ExposureLimits(
             limits.min_time_us, limits.max_time_us, limits.min_gain_db - gain_db, limits.max_gain_db - gain_db
         )

@@ -12,7 +12,7 @@ BalanceId = Literal["policy", "blur_noise", "exposure_priority", "fixed_ratio", 
 MotionId = Literal["policy", "farneback", "dis"]
 
 FASTEST_TURN_RAD_S = 100.0
-"""Beyond it an angular rate is not believed: the fastest gyroscopes measure up to 4000 degrees a second, 70 rad/s."""
+"""A faster angular rate is not believed: the fastest gyroscopes measure up to 4000 degrees a second, 70 rad/s."""
 
 REMEMBERED_STEPS = 32
 """Half a second at 60 Hz: the slowest camera reported takes 0.4 s from write to effect."""
@@ -37,11 +37,11 @@ class ControlParameters:
     Attributes
     ----------
     metric_delta
-        delta of eq. (3), the smallest gradient that counts, of full scale.
+        delta of eq. (3), the smallest gradient that counts, as a share of full scale.
     metric_lambda
         lambda of eq. (3), which raises weak gradients relative to strong ones.
     balance_weight
-        w of eq. (25): how much gain hurts against motion blur.
+        w of eq. (25): how much gain costs compared with motion blur.
     balance_offset
         k_offset of eq. (25).
     mean_target

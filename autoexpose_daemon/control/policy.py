@@ -122,7 +122,7 @@ class Observation:
     by_flow
         Whether `motion_px` is from optical flow, which may mistake a change of light for motion, not from a gyroscope.
     flicker_hz
-        Flashes of the light per second whose whole periods the next exposure time will be, where they fit; None: any.
+        Flashes of the light per second: the next exposure time will be whole periods, if they fit; None: any time.
     light_ahead
         What an earlier drive saw; None: nothing is known.
     steering
@@ -240,9 +240,9 @@ class ExposurePolicy(ABC):
     COMPENSATED
         How it gets an EV compensation: `targets`, its targets are levels that do not depend on the frames they are
         based on, so the compensation is added to them; `frames`, it is shown frames without the compensation;
-        `darker`, the same, but none above 0, since it goes by what that would saturate.
+        `darker`, the same, but none above 0, since it is guided by what that would saturate.
     STEERED
-        Whether it goes by `Observation.steering`.
+        Whether it uses `Observation.steering`.
     balance
         How the level is split into time and gain.
     shortfall
@@ -264,7 +264,7 @@ class ExposurePolicy(ABC):
 
     @property
     def uncounted(self) -> Mapping[Side, str]:
-        """The cameras whose frames do not count at present, and why, in words after "left camera"."""
+        """The cameras whose frames do not count at present, and why, in words to follow "left camera"."""
         return {}
 
     @abstractmethod

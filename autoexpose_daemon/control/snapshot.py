@@ -1,6 +1,6 @@
 """State as plain data and back, so that a replay can start in the middle of a run.
 
-A class that carries state from frame to frame names those attributes in `STATE`. Its others follow from how it was
+A class that carries state from frame to frame names those attributes in `STATE`. The others follow from how it was
 built, or are buffers whose content no later step reads. `take` turns the named ones into plain data;
 `restore` puts them into an object that was built the same way. An attribute's annotation says what it may hold, so
 data from outside cannot bring in anything else.

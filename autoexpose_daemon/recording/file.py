@@ -26,10 +26,10 @@ from autoexpose_daemon.recording.step import RecordingError, Step
 CONTROL, SETUP, MOTION, LIGHT, STATE = "control", "setup", "motion", "light", "state"
 OVERRIDE, REQUESTS, STEERING = "override", "requests", "steering"
 STRING = "std_msgs/msg/String"
-"""What control was built from and given is JSON in a String, so that any ROS 2 tool shows it."""
+"""What control was built from and given is JSON in a String, so any ROS 2 tool shows it."""
 
 FULL_SCALE = {"scale": "full"}
-"""Metadata of the channels of images: samples of more than 8 bits are shifted to full scale. Earlier files lack it, and
+"""Metadata of image channels: samples of more than 8 bits are shifted to full scale. Earlier files lack it, and
 hold them in the low bits."""
 
 METADATA = "autoexpose"
@@ -51,7 +51,7 @@ class RecordingFile:
     path
         Must not exist.
     rig
-        Name of the rig: topics are named as the keys of published frames.
+        Name of the rig: topics are named like the keys of published frames.
     stamp
         The moment of the left frame's exposure that messages carry.
 

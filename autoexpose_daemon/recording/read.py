@@ -1,4 +1,4 @@
-"""Reading a recording from its first item to its last, complete, cut off or damaged."""
+"""Reads a recording from its first item to its last, whether complete, cut off or damaged."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class Recording:
         self._steering: Steering | None = None
 
     def __iter__(self) -> Iterator[Item]:
-        """Read on from the start of the file."""
+        """Read from the start of the file."""
         try:
             with open_regular(self._path) as stream:
                 yield from self._items(stream)
@@ -195,7 +195,7 @@ class Recording:
 
 
 def _angular_rate(content: dict[str, Any]) -> float:
-    """That of the step that follows, rad/s."""
+    """The angular rate of the step that follows, rad/s."""
     rate: float = parse(content.get("angular_rate_rad_s"), float)
     if not abs(rate) <= FASTEST_TURN_RAD_S:
         raise ValueError(f"an angular rate of {rate} rad/s")
@@ -203,7 +203,7 @@ def _angular_rate(content: dict[str, Any]) -> float:
 
 
 def _override(content: dict[str, Any]) -> Override:
-    """That of the step that follows."""
+    """The override of the step that follows."""
     override: Override = parse(content.get("override"), Override)
     if override.ev_stops not in bounds.EV_STOPS:
         raise ValueError(f"an EV compensation of {override.ev_stops}")

@@ -31,10 +31,10 @@ log = logging.getLogger(__name__)
 
 SUFFIX = ".mcap"
 SNAPSHOT_S = 1.0
-"""A snapshot of the loop's state after so many seconds' worth of steps: a replay can begin there."""
+"""Seconds' worth of steps between snapshots of the loop's state: a replay can begin at each."""
 
 QUEUE_S = 2.0
-"""Steps for this long may wait for the disk, 95 MB of 720x540 at 60 Hz: writing its cache stalls a disk for 1 s."""
+"""Seconds of steps that may wait for the disk, 95 MB of 720x540 at 60 Hz: writing its cache stalls it for 1 s."""
 
 _LOOK_S = 0.1
 _SAID_S = 10.0  # a disk that is a little too slow drops a step here and there
@@ -51,7 +51,7 @@ class Entry:
 
 
 class Recorder(ABC):
-    """Takes the steps of daemons, and writes them in the background as long as its context lasts.
+    """Takes the steps of daemons, and writes them in the background while its context is open.
 
     Attributes
     ----------
@@ -101,14 +101,14 @@ class Recorder(ABC):
     ) -> None:
         """Take a step of a rig with this many cameras; on the control thread, right after `loop` has made it.
 
-        `requests` took effect with it; `calibrations` are of the cameras that have one.
+        `requests` took effect with it; `calibrations` are those of the calibrated cameras.
         """
         if self._ended:
             return
         self.steps += 1
         if self._queue.qsize() >= self._room:
             self.dropped += 1
-            self._setup = None  # take a snapshot with the next step, so that a replay can go on from there
+            self._setup = None  # take a snapshot with the next step, so a replay can continue from there
             return
         now_ns, state = time.monotonic_ns(), None
         if self.dropped > self._dropped_said and self._throttle.due("dropped", now_ns):
@@ -162,7 +162,7 @@ class ContinuousRecorder(Recorder):
 
     @property
     def summary(self) -> str:
-        """Steps that can be read back, drops, and what was lost by a failure."""
+        """Steps that can be read back, drops, and what was lost to a failure."""
         lost = self.steps - self.dropped - self._file.steps
         return (
             f"{self._path}: {self._file.steps} steps recorded, {self.dropped} dropped by the recorder"

@@ -17,7 +17,7 @@ class Replayed:
     Attributes
     ----------
     decision
-        None where it is unknown: before the first snapshot, and between recorder drops and the next snapshot.
+        None if it is unknown: before the first snapshot, and between recorder drops and the next snapshot.
     dropped
         Steps that the recorder dropped just before this one.
     undelivered
@@ -31,16 +31,16 @@ class Replayed:
 
     @property
     def same(self) -> bool:
-        """Whether this was decided in the recorded run, to the last bit."""
+        """Whether the recorded run decided the same, to the last bit."""
         return self.decision == self.step.decision
 
 
 class Replay:
     """Feeds the items of a recording to the recorded policy, or to another one.
 
-    The recorded policy begins at a snapshot of its state and goes on until steps are missing that it would have
-    learnt from; the next snapshot lets it continue. Another policy begins without any knowledge and takes what comes:
-    it sees the frames that the recorded policy asked for, not those that it would ask for itself.
+    The recorded policy starts at a snapshot of its state and continues until steps are missing that it would have
+    learnt from; the next snapshot lets it resume. Another policy starts from scratch: it sees the frames that the
+    recorded policy asked for, not those that it would ask for itself.
 
     Parameters
     ----------

@@ -20,7 +20,7 @@ Say = Callable[[str], None]
 
 
 def report_replay(path: Path, policy_id: str | None, say: Say) -> bool:
-    """Play a recording again and print what comes of it.
+    """Replay a recording and print the outcome.
 
     Returns
     -------

@@ -29,7 +29,7 @@ class Step:
     sequence
         Counts the steps of control: a gap is what the recorder dropped.
     cameras
-        Cameras of the rig.
+        How many cameras the rig has.
     pair
         What control looked at. A gap in its `trigger` without one in `sequence` means pairs that never reached control.
     decision
@@ -37,15 +37,15 @@ class Step:
     angular_rate_rad_s
         How fast the camera turned; None: control was not given it, and used optical flow.
     light_ahead
-        What control was told of an earlier drive; None: nothing.
+        What control knew of an earlier drive; None: nothing.
     override
-        What stood above the policy.
+        What overrode the policy.
     requests
         What was requested of control since the step before, and who asked.
     steering
         Where consumers were known to track; None: nothing was known.
     calibrations
-        The geometry of the cameras that are calibrated: for CameraInfo; a replay needs none.
+        Geometry of the calibrated cameras, for CameraInfo; a replay needs none.
     """
 
     sequence: int

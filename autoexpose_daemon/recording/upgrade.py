@@ -11,7 +11,7 @@ from drivers.frames import SIDES
 
 FORMER_FORMATS = ("autoexpose-control/2", "autoexpose-control/3", "autoexpose-control/4", "autoexpose-control/5")
 """In the fifth, consumers steered nothing, sightings did not know what was black, and no lens had a vignetting. In the
-fourth, gains had even steps, and nothing stood above the policy. In the third, no policy knew of light ahead. In the
+fourth, gains had even steps, and nothing could override the policy. In the third, no policy knew of light ahead. In the
 second, control had one response, the left camera's, and one history of motion, whichever camera the frames were from,
 and every camera had a vote."""
 

@@ -26,7 +26,7 @@ class ActiveLoop:
     Attributes
     ----------
     tuning
-        What the loop is built from, besides the cameras' limits.
+        What the loop is built from, apart from the cameras' limits.
     loop
         None until a camera is ready.
     """
@@ -84,7 +84,7 @@ class ActiveLoop:
         override: Override = NO_OVERRIDE,
         steering: Steering | None = None,
     ) -> Decision | None:
-        """Decide on a pair, given what `ControlLoop.step` is given; None before a camera is ready."""
+        """Decide on a pair, with the arguments of `ControlLoop.step`; None before a camera is ready."""
         if self.loop is None:
             return None
         known_hz = self.loop.flicker_hz

@@ -20,7 +20,7 @@ def openers(config: Config) -> dict[Side, Callable[[], Camera]]:
 
 
 def refusals(config: Config) -> Iterator[tuple[Side, AutoexposeError | None]]:
-    """For each side why its camera cannot be opened and set up as configured, None if it can; it is closed again."""
+    """Why each side's camera cannot be opened and set up as configured, or None if it can; it is closed again."""
     for side, opener in openers(config).items():
         try:
             opener().close()
@@ -31,7 +31,7 @@ def refusals(config: Config) -> Iterator[tuple[Side, AutoexposeError | None]]:
 
 
 def _open(config: Config, side: Side, setup: CameraSetup) -> Camera:
-    """Open a camera, and refuse files made for another pixel format or size than it sends."""
+    """Open a camera; refuse files made for a pixel format or size that it does not send."""
     camera = open_camera(config.sides[side].serial, setup)
     try:
         config.check_frames(side, camera.description)

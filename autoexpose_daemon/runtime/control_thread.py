@@ -22,7 +22,7 @@ class ControlThread:
         self._stop.set()
 
     def ended(self, timeout_s: float) -> bool:
-        """Wait up to `timeout_s` for the end; returns whether it has come."""
+        """Wait up to `timeout_s` for it to end; returns whether it has."""
         self._thread.join(timeout_s)
         return not self._thread.is_alive()
 

@@ -47,12 +47,12 @@ _SILENCE_PERIODS = 3.0
 
 
 def silence_s(config: Config) -> float:
-    """A camera that sends nothing for this long is checked for an answer."""
+    """How long a camera may send nothing before it is checked for an answer."""
     return max(_SILENCE_S, _SILENCE_PERIODS / config.trigger.rate_hz)
 
 
 class Daemon:
-    """Exposes the cameras of a rig well until it is stopped.
+    """Keeps the cameras of a rig well exposed until it is stopped.
 
     Parameters
     ----------
@@ -145,7 +145,7 @@ class Daemon:
     def tune(self, tuning: Tuning) -> Future[None]:
         """Have control switch to another tuning; the cameras keep running.
 
-        The future holds a ConfigurationError if it does not fit cameras or frames; then nothing has changed.
+        If it does not fit cameras or frames, the future holds a ConfigurationError, and nothing has changed.
         """
         taken: Future[None] = Future()
         self._orders.put(partial(self._tune, tuning, taken))
@@ -154,7 +154,7 @@ class Daemon:
     def ask(self, request: Request) -> Future[Answer]:
         """Have control change what a request asks for, between two pairs.
 
-        The future holds an AutoexposeError if it is refused; then nothing has changed, nor if it could be cancelled.
+        The future holds an AutoexposeError if it is refused. Nothing changes then, nor if it was cancelled in time.
         """
         answer: Future[Answer] = Future()
         self._orders.put(partial(self._control.ask, request, answer))
@@ -162,7 +162,7 @@ class Daemon:
 
     @property
     def fresh_requests(self) -> tuple[str, ...]:
-        """What was requested, and took effect with the present step: for observers, which are called on its thread."""
+        """The requests that took effect with the present step: for observers, which are called on its thread."""
         return self._control.requests.fresh
 
     def _obey(self) -> None:

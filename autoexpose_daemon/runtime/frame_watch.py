@@ -17,7 +17,7 @@ from drivers.triggers.record import RigRecord
 log = logging.getLogger(__name__)
 
 INCOMPLETE_FRAMES = 20
-"""This many in a row are not chance."""
+"""This many in a row are no coincidence."""
 
 _INCOMPLETE = "all its frames arrive incomplete: check its cable, and network or USB for what they can carry"
 _NO_METADATA = "its frames no longer say how they were taken: their exposure is inferred from when it was written"
@@ -66,7 +66,7 @@ class FrameWatch:
             self._complaints.begin(side, "incomplete", _INCOMPLETE)
 
     def silent(self, side: Side) -> None:
-        """A camera sends no frames: what was wrong with them is over."""
+        """A camera sends no frames: complaints about them end."""
         self._rates.gone(side)
         self._incomplete[side] = 0
         for kind in ("rate", "incomplete"):

@@ -24,10 +24,10 @@ log = logging.getLogger(__name__)
 _THROTTLE = LogThrottle(600.0)  # in changing light an attempt is made every second or so
 
 DOUBTFUL_GREY = 3.0
-"""Misfit (grey levels rms) from which a response is doubted: a good one is off by half a grey level."""
+"""Misfit (grey levels rms) above which a response is doubted: a good one is off by half a grey level."""
 
 TRUSTED_GREY = 2.0
-"""Misfit at which it is trusted again."""
+"""Misfit below which it is trusted again."""
 
 REFINE_EVERY = 64
 """Changes of exposure between two attempts at a better response."""

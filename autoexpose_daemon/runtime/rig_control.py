@@ -56,7 +56,7 @@ def _host_triggers(config: Config, now_ns: int) -> HostTriggers:
 
 
 class RigControl:
-    """Exposes the cameras of a rig well, based on what they report.
+    """Keeps the cameras of a rig well exposed, based on what they report.
 
     Parameters
     ----------
@@ -81,13 +81,13 @@ class RigControl:
         Called before each decision with the time of its frame (CLOCK_MONOTONIC, ns): what an earlier drive saw; None:
         unknown.
     tracking
-        Called before each decision with the time of its frame, and told what the frame was like: where consumers track.
+        Where consumers track: called before each decision with its frame's time, then given what that frame was like.
     record
         What became of every trigger and write.
     active
         The loop that decides: for outlets, which run on its thread.
     requests
-        What is requested of it meanwhile.
+        What is requested of control while it runs.
     """
 
     def __init__(
@@ -132,7 +132,7 @@ class RigControl:
         self.telemetry.account(self.record)
 
     def take(self, events: Sequence[RigEvent]) -> None:
-        """Act on all events since the last call; also called without any, ten times a second.
+        """Act on all events since the last call; also called without events, ten times a second.
 
         Raises
         ------

@@ -85,7 +85,7 @@ class RigHealth:
             self._complaints.judge(side, "uncounted", uncounted.get(side))
 
     def tune(self, tuning: Tuning) -> None:
-        """Go on by the responses of another tuning."""
+        """Continue with the responses of another tuning."""
         self._drift = ResponseDrift(tuning.config)
 
     def look(self, now_ns: int) -> list[Side]:

@@ -9,8 +9,8 @@ from drivers.frames import Side
 
 FIRST_PAUSE_NS = 3_000_000_000
 LONGEST_PAUSE_NS = 600_000_000_000
-"""How long it is silent before the first attempt; the pause doubles with each one, since reopening does not help if its
-trigger wire is cut."""
+"""How long a camera is silent before the first attempt; the pause doubles each time, since reopening does not help if
+its trigger wire is cut."""
 
 FLOWING_NS = 500_000_000
 PERIODS = 10.0
@@ -23,7 +23,7 @@ class StuckStreams:
     Parameters
     ----------
     period_s
-        Of the triggers.
+        Between two triggers.
     """
 
     def __init__(self, period_s: float) -> None:

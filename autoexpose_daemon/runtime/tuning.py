@@ -22,7 +22,7 @@ from drivers.python310 import Self
 
 
 class Tuning:
-    """Bounds, policy, parameters, calibrations of the cameras and regions; reads files unless the configuration has.
+    """Bounds, policy, parameters, regions and the cameras' calibrations; reads files unless the configuration has.
 
     Raises
     ------
@@ -38,7 +38,7 @@ class Tuning:
         self.regions = config.control.roi.regions
 
     def changed(self, request: Request) -> Self:
-        """The same with what a request changes, or itself; ConfigurationError if that is no valid configuration.
+        """This tuning with a request's changes, or itself; ConfigurationError if that is not a valid configuration.
 
         Reads no files.
         """
@@ -52,7 +52,7 @@ class Tuning:
             return self
         exposure.limits()
         sections = {"control": control, "exposure": exposure}
-        # Where the cameras started no longer counts, but for the policy that stays there.
+        # The start setting no longer counts, except for the policy that stays there.
         checked = control if control.policy == "fixed" else control.model_copy(update={"start": None})
         try:
             others = {name: getattr(config, name) for name in Config.model_fields}
@@ -60,12 +60,12 @@ class Tuning:
         except ValidationError as error:
             raise ConfigurationError(mistakes(error, Config)[0]) from error
         tuning = copy(self)
-        # With its responses, which a copy keeps: they are read once.
+        # The copy keeps the responses, which are read once.
         tuning.config, tuning.regions = config.model_copy(update=sections), regions
         return tuning
 
     def differs_from(self, other: Tuning) -> tuple[str, ...]:
-        """What is not the same, in words."""
+        """What differs, in words."""
         ours, theirs = self.config, other.config
         named = {"policy": ours.control.policy != theirs.control.policy, "limits": ours.exposure != theirs.exposure}
         named |= {f"region {side}": self.regions.get(side) is not other.regions.get(side) for side in SIDES}
@@ -81,7 +81,7 @@ class Tuning:
         return self.regions | asked
 
     def check_belongs(self, cameras: Mapping[Side, CameraDescription]) -> None:
-        """Refuse files made for another pixel format or size than a camera sends; raises ConfigurationError."""
+        """Refuse files made for a pixel format or size that a camera does not send; raises ConfigurationError."""
         for side, description in cameras.items():
             self.config.check_frames(side, description)
 

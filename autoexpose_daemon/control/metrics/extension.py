@@ -1,4 +1,4 @@
-"""The C extension, where it is built."""
+"""The C extension, if it is built."""
 
 from __future__ import annotations
 

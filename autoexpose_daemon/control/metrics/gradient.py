@@ -156,7 +156,7 @@ def mean_signal(
 
 
 def grey_counts(image: NDArray[np.uint8], weights: NDArray[np.uint8] | None = None) -> NDArray[np.float32]:
-    """How many pixels of an image have each grey level, of those whose weight is not 0: exact, shape (256,)."""
+    """How many pixels whose weight is not 0 have each grey level: exact, shape (256,)."""
     return np.asarray(cv2.calcHist([image], [0], weights, [GREY_LEVELS], [0, GREY_LEVELS]), np.float32).ravel()
 
 
@@ -188,7 +188,7 @@ class ExtremeShares:
         """(saturated, black): shares 0..1 of the pixels within 1 % of saturation, and of the black level.
 
         `weights` (uint8, same shape, not all 0) says how much each pixel counts; None: all the same. `counts` are the
-        `grey_counts` of the image, where they are known.
+        `grey_counts` of the image, if they are known.
         """
         if weights is None and counts is not None:
             saturated, black = counts[self.saturated_from :].sum(), counts[: self.black_to + 1].sum()

@@ -60,7 +60,7 @@ class SoftPercentile:
 
     Read from the authors' published ROS code (rpg_active_exposure_control; the paper itself was not at hand): the
     squared gradient, Scharr over 32, the shape of the weights, k = 5, p = 0.7, and the treatment of overexposed
-    pixels. Their derivative is by milliseconds; ours by stops, dM/dE, which is t ln 2 times that, so that
+    pixels. Their derivative is per millisecond; ours per stop, dM/dE, which is t ln 2 times that, so
     `OVEREXPOSED_FLOOR` is theirs in number only.
     """
 
@@ -83,7 +83,7 @@ class SoftPercentile:
     def derivative(self, image: NDArray[np.uint8], weights: NDArray[np.uint8] | None = None) -> tuple[float, float]:
         """(M, dM/dE): the soft percentile and its change per stop, for the same order of pixels.
 
-        ``dG/dE = 2 (I_x J_x + I_y J_y)`` with J = dI/dE = f'(f^-1(I)) of the response function. Of an overexposed
+        ``dG/dE = 2 (I_x J_x + I_y J_y)`` with J = dI/dE = f'(f^-1(I)) of the response function. For an overexposed
         pixel it is at most -1.5.
         """
         squared, dx, dy = _scharr_squared(image)

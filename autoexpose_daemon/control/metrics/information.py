@@ -15,7 +15,7 @@ from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
 from calibration.response import GREY_LEVELS, ResponseFunction
 
 CELLS = 8
-"""The picture counts by 8x8 cells, each by the root of its information: one bright patch cannot pay for the rest."""
+"""The picture counts by 8x8 cells, each by the root of its information: one bright patch cannot outweigh the rest."""
 
 FRONT_END_DN = 6.0
 """Grey levels of contrast that feature detectors and matchers lose besides noise: FAST asks for 20 of them over 3
@@ -28,7 +28,7 @@ QUANTISATION = 1 / 12
 """Variance of rounding to whole grey levels."""
 
 STRIDE = 2
-"""Of the pixels that count without the C extension."""
+"""Stride of the pixels that count without the C extension."""
 
 FLATTEST_SHARE = 0.1
 """The flattest tenth of the cells shows how much noise there is at most ..."""
@@ -98,7 +98,7 @@ def contrast(
     Parameters
     ----------
     bins
-        By what to collect them.
+        Bins to collect them by.
     weights
         How much each pixel counts, uint8 of the shape of the image; None: all alike.
     native
@@ -114,7 +114,7 @@ def contrast(
 def sampled_contrast(
     image: NDArray[np.uint8], bins: GreyBins, weights: NDArray[np.uint8] | None, stride: int
 ) -> Contrast:
-    """The same for every `stride`-th pixel across and down, by numpy."""
+    """The same for every `stride`-th pixel across and down, with numpy."""
     here = np.ascontiguousarray(image[1:-1:stride, 1:-1:stride])
     left, right = (np.ascontiguousarray(each[1:-1:stride, ::stride]) for each in (image[:, :-2], image[:, 2:]))
     above, below = (np.ascontiguousarray(each[::stride, 1:-1:stride]) for each in (image[:-2], image[2:]))
@@ -143,10 +143,10 @@ class InformationPrediction:
     """Predicts the information of a camera's images at other exposures.
 
     The mean over cells of the root of ``sum |grad I|^2 / (var(I) + q^2)``, the precision with which the cell could be
-    aligned, by its mean pixel. var is the variance by shot noise, read noise and quantisation, q is `FRONT_END_DN`.
+    aligned, by its mean pixel. var is the variance from shot noise, read noise and quantisation, q is `FRONT_END_DN`.
     What noise adds to the gradients is subtracted first, and saturated pixels count nothing. Motion blur: see
-    `sharpness`. Where the vignetting is known, images count as they are after it is divided out, which takes contrast
-    and noise to the same multiple: q then is `FRONT_END_DN` times the relative light of the cell.
+    `sharpness`. If the vignetting is known, images count as they are after it is divided out, which scales contrast
+    and noise alike: q then is `FRONT_END_DN` times the relative light of the cell.
 
     Parameters
     ----------
@@ -204,7 +204,7 @@ class InformationPrediction:
         sharper
             `sharpness` at each change of level, as a multiple of the present one.
         relative_light
-            What the lens lets through to each cell, shape (64,), of which few should differ; None: to all the same.
+            What the lens lets through to each cell, shape (64,), with few distinct values; None: the same to all.
         """
         return self.curves(seen, pixels, gain, gains, sharper, relative_light=relative_light)[0]
 
@@ -219,7 +219,7 @@ class InformationPrediction:
         relative_light: NDArray[np.float64] | None = None,
         cell_weights: NDArray[np.float64] | None = None,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
-        """The same, and again with cells that count as much as these weights say, shape (64,); None without weights."""
+        """The same, and again with cells weighted by `cell_weights`, shape (64,); None without weights."""
         (shot_now, read_now), (shot, read) = self._now, self._then
         energy, noise = seen.energy / 4, variance_of(shot_now * gain + read_now * gain**2, pixels) * seen.count
         by_cell = seen.count.sum(axis=1)
@@ -251,9 +251,9 @@ class InformationPrediction:
         count: NDArray[np.float64],
         by_cell: NDArray[np.float64],
     ) -> float:
-        """The noise that there is as a share of the noise expected, at most 1: the flattest cells have no more.
+        """The actual noise as a share of the noise expected, at most 1: the flattest cells have no more.
 
-        A sensor better than the one that was configured would otherwise seem to see nothing in the dark.
+        A sensor better than the one configured would otherwise seem to see nothing in the dark.
         """
         shown, expected, weight = energy @ self._readable, noise @ self._readable, count @ self._readable
         telling = (weight > LEAST_READABLE * by_cell) & (expected > LEAST_VARIANCE * weight)
@@ -271,7 +271,7 @@ def sharpness(blur_px: NDArray[np.float64] | float) -> NDArray[np.float64]:
 def blur_length_px(
     motion_px: float, exposure_time_us: NDArray[np.float64] | float, scale: float
 ) -> NDArray[np.float64]:
-    """Length of the motion blur, pixels of the shrunk image, of which one is `scale` pixels of the frame long.
+    """Length of the motion blur, in pixels of the shrunk image, each `scale` pixels of the frame long.
 
     `motion_px` is the speed of image points, pixels of full resolution per 1/60 s.
     """
@@ -279,9 +279,9 @@ def blur_length_px(
 
 
 def variance_of(noise_dn2: NDArray[np.float64], pixels: float) -> NDArray[np.float64]:
-    """Variance of the image that control sees, of whose pixels each is the rounded mean of `pixels` of the sensor's.
+    """Variance of the image that control sees, each pixel of which is the rounded mean of `pixels` of the sensor's.
 
-    `noise_dn2` is the variance by photons and read noise in a frame, before it is rounded; all in squared grey levels.
+    `noise_dn2` is the variance from photons and read noise in a frame before rounding; all in squared grey levels.
     """
     averaged = (noise_dn2 + QUANTISATION) / pixels
     return averaged + QUANTISATION if pixels > 1 else averaged

@@ -35,7 +35,7 @@ _IMMERKAER = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32) / 6
 
 
 def noise_level(image: NDArray[np.uint8], weights: NDArray[np.uint8] | None = None) -> float:
-    """sigma_noise of eq. (13), in grey levels; 20 if hardly a pixel is homogeneous and unsaturated.
+    """sigma_noise of eq. (13), in grey levels; 20 if hardly any pixel is homogeneous and unsaturated.
 
     The kernel M is Immerkaer's with its factor of 1/6, without which sigma is not the noise's. Thresholds are
     those of Shin's published code. A prepared image has been averaged and median-filtered: this is the noise of that

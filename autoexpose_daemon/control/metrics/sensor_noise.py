@@ -28,7 +28,7 @@ class SensorNoise:
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """(shot, read): at linear gain g the variance in squared grey levels is ``shot * g + read * g**2``.
 
-        At that gain full scale is full_well_e / g electrons; their variance is their number and that of read noise.
+        At that gain full scale is full_well_e / g electrons; their variance is their number plus that of read noise.
 
         Parameters
         ----------

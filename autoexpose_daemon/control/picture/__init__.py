@@ -1,1 +1,1 @@
-"""What control sees of a frame: its picture, and the part of that which counts."""
+"""What control sees of a frame: its picture, and which part of it counts."""

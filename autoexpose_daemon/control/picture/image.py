@@ -28,7 +28,7 @@ def fit(shape: tuple[int, ...], size: tuple[int, int]) -> tuple[int, int]:
 
 
 class Shrinking:
-    """Shrinks images of one shape to a size, close to an average by area at any ratio; reuses its buffers.
+    """Shrinks images of one shape to a size, close to an area average at any ratio; reuses its buffers.
 
     OpenCV averages by area slowly unless the ratio is 2: 11 ms for 5 megapixels. So an image is halved until it is less
     than four times too large, interpolated to two or four times the size, whichever is nearer, and halved again. All
@@ -38,7 +38,7 @@ class Shrinking:
     Parameters
     ----------
     shape
-        Of the images: height, width and, with several samples to a pixel, their number.
+        Of the images: height, width and, with several samples per pixel, their number.
     size
         Width and height to shrink to, no larger than the images.
     """
@@ -56,7 +56,7 @@ class Shrinking:
         self._images = [np.empty((height, width, *samples), np.uint8) for width, height in sizes]
 
     def shrink(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """The small image, uint8, valid until the next call; the image itself if that is of this size."""
+        """The small image, uint8, valid until the next call; the image itself if it has this size."""
         for smaller in self._images:
             height, width = smaller.shape[:2]
             halves = (image.shape[0] // 2, image.shape[1] // 2) == (height, width)
@@ -85,7 +85,7 @@ class ImagePreparation:
     def prepare(self, grey: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """The image that control works on, uint8, valid until the next call.
 
-        Every pixel counts, so that thin structures do not flicker.
+        Every pixel counts, so thin structures do not flicker.
 
         Parameters
         ----------

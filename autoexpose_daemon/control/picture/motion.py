@@ -18,7 +18,7 @@ REFERENCE_INTERVAL_NS = 1e9 / 60
 """Speeds are per 1/60 s: the paper's tuning (k_offset, w) belongs to displacements per frame of its 60 Hz camera."""
 
 _DIS_LEAST_SIDE = 16
-"""Twice DIS' patches of 8 pixels; OpenCV 5.0 may crash below."""
+"""Twice DIS' patches of 8 pixels; OpenCV 5.0 may crash on less."""
 
 LONGEST_INTERVAL_NS = 250e6
 """Frames further apart (a quarter of a second, 15 frames of the paper's camera) no longer show the same things."""
@@ -88,7 +88,7 @@ class FlowMotion(ABC):
         return speed
 
     def forget(self) -> None:
-        """Have the next frame be one without a predecessor."""
+        """Treat the next frame as one without a predecessor."""
         self._previous_time_ns = None
 
     def _shrink(self, image: NDArray[np.uint8]) -> None:

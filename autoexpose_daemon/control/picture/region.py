@@ -48,12 +48,12 @@ class Region:
     mask: NDArray[np.uint8] | None = None
 
     def weights(self, shape: tuple[int, ...], seen: tuple[int, ...] | None = None) -> NDArray[np.uint8]:
-        """Weights of the prepared image of frames of `shape` (height, width): uint8, of the prepared size.
+        """Weights for the prepared image of frames of `shape` (height, width): uint8, of the prepared size.
 
-        `seen` is the shape of what control sees of them (`Frame.grey8`), if it is another.
+        `seen` is the shape of what control sees of them (`Frame.grey8`), if it differs.
 
-        A prepared pixel weighs as little as the least of what it and its measures see, so that not even the blurred
-        edge of what is masked counts.
+        A prepared pixel weighs as little as the least that it and its measures see, so not even the blurred
+        edge of a masked part counts.
 
         Raises
         ------

@@ -13,11 +13,11 @@ from autoexpose_daemon.control.picture.tracked_cells import CELLS, COLUMNS, ROWS
 from drivers.frames import Side
 
 STEERING_SHARE: Final = 0.2
-"""Of what the whole picture is worth at best: as much as steering may cost."""
+"""How much steering may cost, as a share of what the whole picture is worth at best."""
 
 WEIGHT_STOPS: Final = 3.0
-"""A cell with the most that speaks for it counts 2^3 times as much as one of which nothing is known, and that one 2^3
-times as much as one with the most against it."""
+"""The most favoured cell counts 2^3 times as much as one of which nothing is known, and that one 2^3 times as much as
+the least favoured."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +32,7 @@ class Steering:
     by
         Names of the consumers.
     age_s
-        From the frame that the newest report is about to the one that is decided on.
+        Time from the frame of the newest report to the one that is decided on.
     """
 
     favours: dict[Side, tuple[float, ...]]

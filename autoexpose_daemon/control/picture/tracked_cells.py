@@ -1,4 +1,4 @@
-"""What a consumer reports of its tracking in one frame: features and inliers by cell."""
+"""What a consumer reports about its tracking in one frame: features and inliers by cell."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ COLUMNS: Final = 8
 CELLS: Final = ROWS * COLUMNS
 
 MOST_FEATURES: Final = 10_000
-"""Of a cell: more are not believed."""
+"""Per cell: more are not believed."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,7 +27,7 @@ class TrackedCells:
     consumer
         Who reports.
     stamp_ns
-        That of the frame, CLOCK_REALTIME, as in `ReceivedPair.stamp_ns`.
+        Stamp of the frame, CLOCK_REALTIME, as in `ReceivedPair.stamp_ns`.
     side
         Which camera's frame.
     features, inliers

@@ -1,4 +1,4 @@
-"""What consumers report of their tracking, kept cell by cell while it is fresh."""
+"""What consumers report about their tracking, kept cell by cell while it is fresh."""
 
 from __future__ import annotations
 
@@ -26,17 +26,17 @@ LEAST_WELL_EXPOSED: Final = 0.5
 saturated for its outliers to count against it: what is badly exposed is to be seen better, not to be written off."""
 
 DARK: Final = 1 / 8
-"""Of full scale: below it features fail because of the exposure."""
+"""Share of full scale below which features fail because of the exposure."""
 
 STRIDE: Final = 3
 """Every third pixel across and down: 200 or so of each cell of 360x270 show how it is exposed."""
 
 FEW: Final = 4.0
-"""A cell with so many inliers, and nothing against it, has half of the full favour."""
+"""A cell with this many inliers, and nothing against it, has half of the full favour."""
 
 MOST_CONSUMERS: Final = 8
 DIGITS: Final = 2
-"""Of a favour; recordings hold it in decimal digits."""
+"""Decimal digits of a favour, as recordings hold it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,7 +56,7 @@ class CellExposure:
 
     @classmethod
     def of(cls, image: NDArray[np.uint8], response: ResponseFunction) -> CellExposure:
-        """That of a prepared image."""
+        """The exposure of a prepared image's cells."""
         shares = ExtremeShares(response)
         dark = response.black_level + DARK * (response.saturation - response.black_level)
         pixels = image[::STRIDE, ::STRIDE]
@@ -78,7 +78,7 @@ def favours(inliers: NDArray[np.uint16], outliers: NDArray[np.uint16]) -> NDArra
 
 @dataclass(slots=True, eq=False)
 class _Known:
-    """What one consumer has said of one camera's cells: favours, and when the frame was taken that shows each, s."""
+    """What one consumer has said of one camera's cells: favours, and when the frame that shows each was taken, s."""
 
     favours: NDArray[np.float64] = field(default_factory=lambda: np.zeros((ROWS, COLUMNS)))
     times_s: NDArray[np.float64] = field(default_factory=lambda: np.full((ROWS, COLUMNS), -np.inf))
@@ -89,25 +89,25 @@ class TrackingMemory:
     """Keeps what is known of each cell; all times are of one clock.
 
     A report without features in a cell says nothing of it, and what was known before still fades: a cell that light has
-    just made unreadable keeps the weight that brings it back. Of several consumers the mean counts.
+    just made unreadable keeps the weight that brings it back. With several consumers, the mean counts.
     """
 
     def __init__(self) -> None:
         self._known: dict[str, dict[Side, _Known]] = {}
 
     def has_room(self, consumer: str, now_s: float) -> bool:
-        """Whether a consumer is known or may become so; those that have been silent for long are forgotten."""
+        """Whether a consumer is known or may become so; those that have long been silent are forgotten."""
         self._forget(now_s)
         return consumer in self._known or len(self._known) < MOST_CONSUMERS
 
     def take(self, report: TrackedCells, exposure: CellExposure, time_s: float) -> None:
-        """Take a report on the frame taken at a time, as far as the exposure of its cells does not contradict it."""
+        """Take in a report on the frame taken at a time, except for cells whose exposure contradicts it."""
         known = self._known.setdefault(report.consumer, {}).setdefault(report.side, _Known())
         known.newest_s = max(known.newest_s, time_s)
         inliers = np.where(exposure.readable >= LEAST_READABLE, report.inliers, 0)
         outliers = np.where(exposure.well >= LEAST_WELL_EXPOSED, report.features - report.inliers, 0)
         if not inliers.any():
-            return  # who is lost cannot say what would help
+            return  # a consumer that is lost cannot say what would help
         said = (inliers + outliers > 0) & (time_s >= known.times_s)
         known.favours[said] = favours(inliers, outliers)[said]
         known.times_s[said] = time_s

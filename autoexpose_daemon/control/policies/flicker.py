@@ -18,23 +18,23 @@ MAINS_FLICKER_HZ = (100.0, 120.0)
 """Lamps flash twice in each period of the mains, 50 or 60 Hz. No other frequency is looked for."""
 
 FRAMES = 32
-"""In a window: half a second at 60 Hz. Mains off by 0.2 % are then out of step by a tenth of a period only."""
+"""Per window: half a second at 60 Hz. Mains off by 0.2 % are then out of step by only a tenth of a period."""
 
 LONGEST_GAP_NS = 250_000_000
 """Between frames: nobody knows what the light did in a longer gap, so a new window starts."""
 
 LEAST_SWING = 0.03
-"""Of the light, from its mean to its peak as frames show it: less of it hides in noise, and does no harm."""
+"""Swing of the light from its mean to its peak, as frames show it: less is hidden by noise, and harmless."""
 
 LEAST_SHARE = 0.7
-"""Of the variance of light that a frequency must explain: noise gives 1/15, sun and shadow twice a second up to 0.6. A
-step may give 0.8, but not in two windows in a row."""
+"""Share of the light's variance that a frequency must explain: noise gives 1/15, sun and shadow twice a second up to
+0.6. A step may give 0.8, but not in two windows in a row."""
 
 LEAST_BEAT = 0.92
 """Share of a wave that must differ from ramps and bends. So beats of flicker and frame rate take at most 12 frames."""
 
 LEAST_LEFT, CLEARLY_LEFT = 0.04, 0.5
-"""Share of a flicker's swing that exposures must leave for it to be seen, and for its absence to be seen. Where they
+"""Share of a flicker's swing that exposures must leave for it to be seen, and for its absence to be seen. If they
 leave less than the first, not even a lamp that goes out between flashes, whose light swings by two thirds, reaches
 `LEAST_SWING`."""
 
@@ -68,9 +68,9 @@ class Fit:
 
 
 class FlickerWatch:
-    """Says at which frequency the light flickers, when two windows of frames in a row agree.
+    """Finds the frequency at which the light flickers, once two windows of frames in a row agree.
 
-    Frames of whole flicker periods do not show it. So what was found stays, until two windows in a row show another
+    Frames of whole flicker periods do not show it. So what was found stands until two windows in a row show another
     frequency, or steady light in exposures short enough to show the flicker if it were there.
 
     Attributes
@@ -127,7 +127,7 @@ class FlickerWatch:
 def _fit(glimpses: list[Glimpse], flicker_hz: float) -> Fit | None:
     """The best sinusoid of a frequency at the true times of the frames, as far as exposures let it through.
 
-    None where it would not show: its beat with the frame rate is too slow, or the exposures are whole periods.
+    None if it would not show: its beat with the frame rate is too slow, or the exposures are whole periods.
     """
     times_s = np.array([each.middle_ns - glimpses[0].middle_ns for each in glimpses]) * 1e-9
     light = np.array([each.light for each in glimpses])

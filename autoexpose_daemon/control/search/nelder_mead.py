@@ -17,7 +17,7 @@ Phase = Literal["start", "reflect", "expand", "contract", "shrink"]
 
 @dataclass(slots=True)
 class NelderMead:
-    """Asks where to measure next, and is told the value there; all state is plain data.
+    """Asks where to measure next, and is given the value there; all state is plain data.
 
     Points are kept within a box by clipping each coordinate.
 

@@ -14,11 +14,11 @@ _NEWTON_TOLERANCE = 1e-3
 """Stops: far below the finest exposure step that changes an image; the paper does not give its threshold."""
 
 _NEWTON_STEPS = 30
-"""Newton needs about five steps where it converges at all."""
+"""Newton needs about five steps if it converges at all."""
 
 
 _FLAT = 1e-9
-"""Samples that differ by less than this share have no maximum between them but what rounding makes."""
+"""Samples that differ by less than this share have no maximum between them except one made by rounding."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +98,7 @@ def newton(
     """Where the slope of the polynomial `terms` (see `taylor`) is 0, by Newton's method, and half the curvature there.
 
     From `x`, until a step is shorter than `tolerance`; None when it leaves [low, high], meets no curvature, or has not
-    converged after so many steps. The curvature is that of the last position but one.
+    converged after `steps` steps. The curvature is that of the last position but one.
     """
     for _ in range(steps):
         _, slope, half_curvature = taylor(terms, x)

@@ -1,4 +1,4 @@
-"""What policies share that search with query images, frames taken only to learn what they measure."""
+"""Shared by policies that search with query images, frames taken only to learn what they measure."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from autoexpose_daemon.control.policy import Observation, Target
 
 BLIND_SHARE = 0.95
-"""A frame with more black, or more saturated pixels shows a search nothing but the direction."""
+"""A frame with a larger share of black or of saturated pixels shows a search only the direction."""
 
 BLIND_STEP_STOPS = 2.0
 

@@ -1,1 +1,1 @@
-"""What control is told besides frames: the newest of each kind, while it is fresh."""
+"""What control is given besides frames: the newest of each kind, while it is fresh."""

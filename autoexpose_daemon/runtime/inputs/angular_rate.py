@@ -13,7 +13,7 @@ from autoexpose_daemon.status.inputs.imu import ImuTally
 log = logging.getLogger(__name__)
 
 _SETTLED_NS = 1_000_000_000
-"""The IMU counts as back after a second without a gap, so that one that comes and goes is logged once."""
+"""The IMU counts as back after a second without a gap, so one that comes and goes is logged once."""
 
 
 class AngularRate:

@@ -10,7 +10,7 @@ from autoexpose_daemon.control.light_ahead import LightAhead, LightSeries
 from autoexpose_daemon.status.inputs.light import LightTally
 
 MOST_AGE_S: Final = 0.5
-"""Of a message: a robot that has changed its speed since is elsewhere."""
+"""Oldest message that counts: a robot that has changed its speed since is elsewhere."""
 
 
 class ForetoldLight:
@@ -19,7 +19,7 @@ class ForetoldLight:
     Parameters
     ----------
     rate_hz
-        Of the frames.
+        Rate of the frames.
     now_ns
         The clock: CLOCK_MONOTONIC, except in virtual time.
 

@@ -19,14 +19,13 @@ from drivers.log_throttle import LogThrottle
 log = logging.getLogger(__name__)
 
 MOST_AGE_S: Final = 1.0
-"""From a frame to the report on it."""
+"""Longest time from a frame to the report on it."""
 
 APART_NS: Final = 2_000_000
-"""By how much the stamp of a report may differ from that of its frame: the clock that both are told by may be slewed
-in between."""
+"""How far the stamp of a report may be from its frame's: the clock behind both may be slewed in between."""
 
 MOST_WAITING: Final = 16
-"""Reports that wait for the next frame: of both cameras by as many consumers as can steer."""
+"""Reports that may wait for the next frame: on both cameras, from as many consumers as can steer."""
 
 _SAID_S = 60.0
 _WORDS = {
@@ -46,7 +45,7 @@ class Tracking:
     sides
         The rig's cameras.
     rate_hz
-        Of the frames.
+        Rate of the frames.
     now_ns
         The clock: CLOCK_MONOTONIC, except in virtual time.
 
@@ -66,7 +65,7 @@ class Tracking:
         self._throttle = LogThrottle(_SAID_S)
 
     def take(self, report: TrackedCells, taken_ns: int) -> None:
-        """A report has arrived; its stamp is `taken_ns` by CLOCK_MONOTONIC."""
+        """A report has arrived; its stamp is `taken_ns` on CLOCK_MONOTONIC."""
         if len(self._waiting) >= MOST_WAITING:
             self._refuse(TrackingRefusal.TOO_OFTEN)
         else:
@@ -77,7 +76,7 @@ class Tracking:
         self._refuse(TrackingRefusal.DAMAGED)
 
     def saw(self, stamped_ns: int, exposures: Mapping[Side, CellExposure]) -> None:
-        """Control has seen frames that are stamped with this moment (CLOCK_MONOTONIC), or passed over others."""
+        """Control has seen the frames with this stamp (CLOCK_MONOTONIC), or passed them over, with no `exposures`."""
         self._seen.append((stamped_ns, exposures))
 
     def __call__(self, frame_ns: int) -> Steering | None:
@@ -87,7 +86,7 @@ class Tracking:
         return self._memory.steering(frame_ns * 1e-9)
 
     def decided(self, steering: Steering | None) -> None:
-        """A decision was made by this; None: without."""
+        """A decision was made with this steering; None: without any."""
         self.tally.by, self.tally.age_s = ((), None) if steering is None else (steering.by, steering.age_s)
 
     def _judge(self, report: TrackedCells, taken_ns: int) -> None:

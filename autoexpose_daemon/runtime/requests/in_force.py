@@ -22,7 +22,7 @@ from drivers.rig.events import RigEvent
 log = logging.getLogger(__name__)
 
 _REFUSALS_S = 10.0
-_MOST_FRESH = 16  # where no pair comes
+_MOST_FRESH = 16  # if no pair arrives
 
 
 class Requests:
@@ -37,14 +37,14 @@ class Requests:
     start
         The setting that the cameras start with.
     period_ns
-        Between two triggers.
+        Time between two triggers.
 
     Attributes
     ----------
     fresh
         Requests that take effect with the next step, or did with the latest, and who asked: for the recording.
     shot
-        The one that is under way.
+        The shot that is under way.
     """
 
     def __init__(self, active: ActiveLoop, tally: RequestTally, start: ExposureSetting, period_ns: float) -> None:
@@ -59,7 +59,7 @@ class Requests:
         self._throttle = LogThrottle(_REFUSALS_S)
 
     def ask(self, request: Request, answer: Future[Answer], now_ns: int) -> None:
-        """Answer a request, at once or when its shot is seen; what is refused, with its error, has changed nothing."""
+        """Answer a request, at once or when its shot is seen; a refusal carries its error and changes nothing."""
         if not answer.set_running_or_notify_cancel():
             return
         try:
@@ -78,7 +78,7 @@ class Requests:
             self.shot = PendingShot(shot, now_ns + self._patience_ns, answer)
 
     def drop(self) -> None:
-        """Back to the configuration, which is now the tuning of the active loop."""
+        """Return to the configuration, which is now the tuning of the active loop."""
         if words := str(self._tally):
             log.info("the configuration replaces what was requested: %s", words)
         self._configured = self._active.tuning
@@ -97,7 +97,7 @@ class Requests:
         return self._override
 
     def decided(self, decision: Decision, written_to: Iterable[Side], present: Iterable[Side]) -> None:
-        """The step was made; of the cameras that are present, some will be written."""
+        """The step was made; some of the cameras present will be written."""
         if self._override.shot is None:
             self._decided = decision.setting
             if self._tally.locked is not None:
@@ -113,7 +113,7 @@ class Requests:
             self.shot = None
 
     def passed_over(self, pair: StereoPair) -> None:
-        """Control had no time for a pair, in which a shot may be."""
+        """Control had no time for a pair, which may contain a shot."""
         if self.shot is not None:
             self.shot.is_in(pair)
 
@@ -162,7 +162,7 @@ class Requests:
     def _shot_within(self, limits: ExposureLimits, request: ShotRequest) -> ExposureSetting:
         setting = ExposureSetting(request.exposure_time_us, request.gain_db)
         if self._patience_ns > LONGEST_PATIENCE_NS:
-            raise ConfigurationError("triggers come too seldom for a shot: give trigger.rate_hz at least 1.2")
+            raise ConfigurationError("triggers are too rare for a shot: set trigger.rate_hz to at least 1.2")
         if self.shot is not None:
             raise ConfigurationError("another shot is under way: ask again")
         if not limits.contain(setting):

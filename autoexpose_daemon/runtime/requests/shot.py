@@ -12,10 +12,10 @@ from drivers.rig.events import CameraGone, RigEvent, WriteFailed, Written
 
 PATIENCE_NS = 1_000_000_000
 PATIENCE_PERIODS = 8
-"""A shot that no frame shows after these together is given up: the slowest camera reported takes 0.4 s."""
+"""A shot is given up if no frame shows it within the sum of these: the slowest camera reported takes 0.4 s."""
 
 LONGEST_PATIENCE_NS = 8_000_000_000
-"""Whoever asks waits for 10 s."""
+"""The caller waits for 10 s."""
 
 
 class PendingShot:
@@ -28,7 +28,7 @@ class PendingShot:
     deadline_ns
         When to give up.
     answer
-        For the one who asked.
+        For the caller.
 
     Attributes
     ----------
@@ -37,7 +37,7 @@ class PendingShot:
     unwritten
         Cameras that are still to be written.
     written_ns
-        When the last of the others was (CLOCK_MONOTONIC).
+        When the last of the other cameras was written (CLOCK_MONOTONIC).
     """
 
     def __init__(self, setting: ExposureSetting, deadline_ns: int, answer: Future[Answer]) -> None:
@@ -67,7 +67,7 @@ class PendingShot:
                 self._cameras.discard(side)
 
     def is_in(self, pair: StereoPair) -> bool:
-        """Whether a frame of a pair was taken for it; of each camera, only the first such frame was."""
+        """Whether a frame of a pair was taken for it: only the first such frame of each camera was."""
         if not self.is_decided:
             return False
         showing = {
@@ -76,14 +76,14 @@ class PendingShot:
             if frame.setting.agrees_with(self.setting)
         }
         new = bool(showing.keys() - self._seen.keys())
-        if new and showing.keys() >= self._cameras:  # whatever was seen of it alone before
+        if new and showing.keys() >= self._cameras:  # regardless of frames of it seen alone before
             self._seen = showing
         elif new:
             self._seen = showing | self._seen
         return new
 
     def found(self) -> Shot | None:
-        """The frames taken for it, once every camera has shown it that is still there.
+        """The frames taken for it, once every camera that is still there has shown it.
 
         The trigger is the left frame's, if there is one: a camera that was written late shows it a frame later.
         """
@@ -94,7 +94,7 @@ class PendingShot:
 
     @property
     def shortfall(self) -> str:
-        """Why it cannot be answered when its time is over."""
+        """Why it was not answered in time."""
         missing = " and ".join(sorted(self._cameras - self._seen.keys()))
         if not self._seen or not missing:  # nothing is missing once all cameras are gone
             return "no frame was taken with it in time: are there pairs, and does the camera take the setting?"

@@ -17,7 +17,7 @@ MIDDLE = 0.25
 """Share of full scale at which noise is judged: well exposed pictures have most of their gradients around it."""
 
 TIMES = 33
-"""Exposure times that are compared, evenly in stops; 20 us to 7.5 ms then lie 0.27 stop apart."""
+"""Exposure times that are compared, evenly spaced in stops; 20 us to 7.5 ms then lie 0.27 stop apart."""
 
 _STEPS = np.linspace(0.0, 1.0, TIMES)[:, None]
 

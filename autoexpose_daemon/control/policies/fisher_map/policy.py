@@ -79,7 +79,7 @@ class FisherMap(ExposureMap):
         )
 
     def _splits(self, observation: Observation) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Exposure time (us) and linear gain at each of `DELTAS`, beyond the limits, too."""
+        """Exposure time (us) and linear gain at each of `DELTAS`, even beyond the limits."""
         limits, flicker_hz = observation.limits, observation.flicker_hz
         levels = observation.setting.level + DELTAS
         within = np.clip(levels, limits.darkest.level, limits.brightest.level)

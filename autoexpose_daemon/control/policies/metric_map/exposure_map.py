@@ -36,8 +36,8 @@ BIN = 0.25
 """Stops between the levels that are compared."""
 
 HOLD_GAIN, HOLD_GAIN_FOLLOWING = 0.015, 0.005
-"""Share by which the objective must promise to rise before the target is moved: the camera still, and while the light
-follows a ramp or a period, when holding only means lagging. In motion: `ExposureMap.HOLD_GAIN_MOVING`."""
+"""Share by which the objective must promise to rise before the target is moved: with the camera still, and while the
+light follows a ramp or a period, when holding only means lagging. In motion: `ExposureMap.HOLD_GAIN_MOVING`."""
 
 MOVING_PX = 2.0
 """Flow (pixels per 1/60 s) from which the camera counts as moving; noise and flicker of a still one stay below."""
@@ -54,10 +54,10 @@ AGE_PER_STOP = 0.1
 
 LEAST_DENSITY = 0.01
 DENSITY_DECAY = 0.98
-"""Of the metric per unsaturated pixel that a good exposure recently had: halved in half a second."""
+"""Metric per unsaturated pixel that a good exposure recently had: at least this, and halved in half a second."""
 
 BLIND_SHARE = 0.8
-"""Saturated share above which a darker sighting, however far, knows more of what lies between."""
+"""Saturated share above which a darker sighting, however far, says more about what lies between."""
 
 LEAST_BLACK = 0.1
 """Black share from which a still camera looks at more exposure for what may be there: less is shadows."""
@@ -73,7 +73,7 @@ LONGEST_STEP = 0.4
 target is worth `ExposureMap.WORTH_KEEPING`: odometry must find its points again."""
 
 LEAST_FORETOLD = 1.0
-"""Stops by which light ahead must differ from the forecast to count: lesser changes are followed as well without."""
+"""Stops by which light ahead must differ from the forecast to count: smaller changes are followed well without it."""
 
 _Worth = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
 
@@ -92,7 +92,7 @@ class ExposureMap(ExposurePolicy):
     HOLD_GAIN_MOVING
         Share by which the objective must promise to rise before the target is moved, while the camera moves.
     WORTH_KEEPING
-        Share of the best objective that the last target must still be worth to be left in steps, while it moves.
+        Share of the best objective that the last target must keep to be left in steps while the camera moves.
     """
 
     STATE: ClassVar[tuple[str, ...]] = (
@@ -165,7 +165,7 @@ class ExposureMap(ExposurePolicy):
         return observation.setting.level if self.target is None else self.target
 
     def _map_for(self, sides: list[Side]) -> None:
-        """Have the map be of these cameras only. What it holds of one that joins them is from before it had a vote."""
+        """Restrict the map to these cameras. What it holds of one that joins them is from before it had a vote."""
         kept = [self.sides.index(side) for side in sides if side in self.sides]
         if len(kept) < len(sides):
             self.memory.sightings.clear()
@@ -190,7 +190,7 @@ class ExposureMap(ExposurePolicy):
         motion = max(self.motion_px - MOVING_PX, 0.0)
         self.memory.pass_frame(measured, AGE_PER_PX * motion + AGE_PER_STOP * abs(measured))
         if change > FLOW_STOPS and _blind(views):
-            self.memory.sightings.clear()  # white now: by how much the light has risen is not known
+            self.memory.sightings.clear()  # white now: how much the light has risen is unknown
         self.memory.add(Sighting(level, views))
         for camera, view in enumerate(views):
             density = float(np.interp(0.0, DELTAS, view.curve)) / _showing(view, still=self.motion_px < MOVING_PX)
@@ -198,14 +198,14 @@ class ExposureMap(ExposurePolicy):
         return change
 
     def _look_down(self, observation: Observation) -> Target | None:
-        """As far as any probe goes, from a camera that is white to where it shows something or loses its vote."""
+        """As far down as any probe goes, until a camera that is white shows something or loses its vote."""
         side = self.votes.glaring
         if side is None:
             return None
         return Target(observation.setting.level - LONGEST_PROBE, f"{side} camera is white: looks at less exposure")
 
     def _jump(self, observation: Observation, views: tuple[MetricView, ...]) -> Target | None:
-        """Out of the dark, where nothing brighter has been seen yet; None while any camera sees something."""
+        """Jump out of the dark if nothing brighter has been seen yet; None while any camera sees something."""
         level = observation.setting.level
         jump = min(dark_jump(view.signal, look.response) for view, look in zip(views, observation.looks, strict=True))
         if jump == 0 or self.memory.highest().level > level + 1.0:
@@ -248,7 +248,7 @@ class ExposureMap(ExposurePolicy):
     def _foretold(
         self, observation: Observation, forecast: float
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-        """`Foresight.rises` until a decision shows; None where no earlier drive foretells more than the forecast."""
+        """`Foresight.rises` until a decision shows; None if no earlier drive foretells more than the forecast."""
         if observation.light_ahead is None:
             self.foresight.rest()
             return None
@@ -270,7 +270,7 @@ class ExposureMap(ExposurePolicy):
         """(worth, value, metric of the left camera) over levels under the present light.
 
         Worth is the metric and what a probe may bring, as a share of each camera's own best, averaged: a lamp that one
-        camera sees does not outvote the other. Value is what is to be made greatest: the same, unless consumers steer.
+        camera sees does not outvote the other. Value is what to maximise: the same, unless consumers steer.
         """
         metrics = self.memory.fuse(levels, moving)
         worth = self._shares_of_best(levels, metrics, moving)
@@ -289,7 +289,7 @@ class ExposureMap(ExposurePolicy):
         highest = self.memory.highest()
         saturated = [view.saturated_share for view in frontier.views]
         black = [0.0 if moving or view.black_share < LEAST_BLACK else view.black_share for view in highest.views]
-        # What a camera may yet see is part of its best, until a frame that shows it has told whether it exists.
+        # What a camera may yet see is part of its best, until a frame that covers it has shown whether it exists.
         hidden = np.maximum(saturated, black) * np.array(self.densities)
         best = np.maximum(metrics.max(axis=1), hidden)
         best = np.maximum(best, max(LEAST_CAMERA * float(best.max()), NOTHING))
@@ -307,7 +307,7 @@ def _blind(views: tuple[MetricView, ...]) -> bool:
 
 
 def _showing(view: MetricView, *, still: bool) -> float:
-    """Share of the picture that shows something, for what a pixel of good exposure carries; at least 0.1, still 0.3.
+    """Share of the picture that shows something, for what a pixel of good exposure carries; at least 0.1, 0.3 if still.
 
     In motion black pixels count as showing: what was black is then never looked for.
     """
@@ -315,7 +315,7 @@ def _showing(view: MetricView, *, still: bool) -> float:
 
 
 def _step_towards(target: float, held: float, risen: float) -> float:
-    """From `held` at most a step towards `target` (stops), besides the rise of the light since."""
+    """At most a step from `held` towards `target` (stops), on top of the rise of the light since."""
     low, high = sorted((held, held - risen))
     return min(max(target, low - LONGEST_STEP), high + LONGEST_STEP)
 

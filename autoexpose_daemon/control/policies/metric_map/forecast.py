@@ -14,7 +14,7 @@ HISTORY = 96
 """Frames: one and a half seconds at 60 Hz, three periods of a shadow that passes twice a second."""
 
 LEAST_FRAMES = 12
-"""Frames that a period must have explained before it is believed, and two periods at least."""
+"""Frames that a period must have explained before it is believed, and at least two periods."""
 
 LEAST_CHANGE = 0.1
 """Standard deviation of the changes (stops per frame) below which following a period gains nothing."""
@@ -55,7 +55,7 @@ class Forecast:
     def ahead(self, frames: int, steady: bool) -> float:
         """Stops by which the light will have risen `frames` from now; 0 when there is no pattern in it.
 
-        A ramp is led only when `steady`, the camera moving slowly: in fast motion the content causes such slopes too.
+        A ramp is led only when `steady`, with the camera moving slowly: in fast motion content causes such slopes too.
         """
         period = self.period()
         if period is not None:
@@ -92,8 +92,8 @@ def _repeats(changes: NDArray[np.float64], lag: int) -> bool:
 def _likely_periods(changes: NDArray[np.float64]) -> list[int]:
     """Every lag for which `_repeats` may hold, ascending, from running sums over all lags at once.
 
-    Asking `_repeats` of each of 47 lags took a seventh of the policy's step. These sums differ from its own in their
-    last bits, which `_SLACK` covers by far, so that the outcome is the same to the last bit.
+    Asking `_repeats` about each of 47 lags took a seventh of the policy's step. These sums differ from its own in their
+    last bits, which `_SLACK` covers by far, so the outcome is the same to the last bit.
     """
     count, newest = len(changes), changes[::-1]
     lags = np.arange(2, count // 2 + 1)

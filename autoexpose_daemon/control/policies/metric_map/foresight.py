@@ -1,4 +1,4 @@
-"""How the light will have changed, by what an earlier drive saw, and how far that is to be believed."""
+"""How the light will have changed according to an earlier drive, and how far to believe that."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from autoexpose_daemon.control.light_ahead import SPREADS, UNPROVEN, WINDOW_FRAMES, LightAhead
 
 SCALE_STOPS = 1.0
-"""Of the difference between foretold and seen changes of light; its distribution has long tails (Laplace)."""
+"""Scale of the difference between foretold and seen changes of light; its distribution has long tails (Laplace)."""
 
 FORGOTTEN_FRAMES = 300
-"""Five seconds at 60 Hz without a series, and what the last one foretold says nothing of the next."""
+"""After five seconds at 60 Hz without a series, what the last one foretold says nothing about the next."""
 
 LEAST_BELIEF, MOST_BELIEF = 0.05, 0.95
 
@@ -34,7 +34,7 @@ RISE_STOPS = 0.25
 class Foresight:
     """Weighs what an earlier drive saw against light that follows its own recent pattern.
 
-    Where exactly the rig is on the way is not known, so each place it may be at is a hypothesis. How well it explains
+    Where exactly the rig is on the route is not known, so each place it may be at is a hypothesis. How well it explains
     the light of the last second gives its probability, and all of them against unchanged light give the belief.
 
     Attributes
@@ -74,7 +74,7 @@ class Foresight:
 
         Returns
         -------
-            Rises in stops, and probabilities that sum up to 1; float64, both of the same length.
+            Rises in stops, and probabilities that sum to 1; float64, both of the same length.
         """
         self.untold_frames = 0
         reach = math.ceil(SPREADS * ahead.spread_frames)
@@ -89,7 +89,7 @@ class Foresight:
         explained = prior / prior.sum() * _likelihood(seen - (before - now))
         right, wrong = float(explained.sum()), float(_likelihood(seen))
         share = self.belief * right / (self.belief * right + (1.0 - self.belief) * wrong)
-        # Every change is within the window for as many frames as that has, and counts once.
+        # Every change stays in the window for as many frames as it has, but counts once.
         self._prove(math.log(right / wrong) / WINDOW_FRAMES)
 
         rises, which = np.unique(np.round((now - then) / RISE_STOPS) * RISE_STOPS, return_inverse=True)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 USUAL_FRAMES = 2
-"""Until a first change has been seen to arrive."""
+"""Used until a first change has been seen to arrive."""
 
 DISTINCT_STOPS = 0.15
 """A change of exposure too large to be rounding."""
@@ -15,7 +15,7 @@ DISTINCT_STOPS = 0.15
 
 @dataclass(slots=True)
 class LoopDelay:
-    """The delay D of the loop, by finding past targets again in what frames were really taken with.
+    """The delay D of the loop, found by matching past targets with what frames were really taken with.
 
     Attributes
     ----------
@@ -31,7 +31,7 @@ class LoopDelay:
     level: float | None = None
 
     def see(self, level: float, past_targets: Iterable[float]) -> None:
-        """A frame taken at `level` (stops) has come: if the level is new, since when was it wanted?
+        """A frame taken at `level` (stops) has arrived: if the level is new, since when was it wanted?
 
         `past_targets` are the levels decided on, one per frame, oldest first; looked at only when the level is new.
         """

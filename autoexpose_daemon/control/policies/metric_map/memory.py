@@ -14,7 +14,7 @@ from autoexpose_daemon.control.policies.metric_map.view import DELTAS, MetricVie
 
 CELL = 0.12
 """Stops: a frame supersedes those taken nearer than this to its own exposure, relative to the light. Less than a tunnel
-darkens in a frame, so that what was seen on the way is kept."""
+darkens in a frame, so what was seen on the way is kept."""
 
 CAPACITY = 16
 """Sightings; the oldest are dropped."""
@@ -23,14 +23,14 @@ BLINDNESS = 3.0
 """A prediction downward counts as (1 + 3 s) times as far, s the saturated share of the frame it is made from."""
 
 TRUSTED_RISE = 3.0
-"""Stops upward that a prediction holds. Beyond that it takes noise for gradient."""
+"""Stops upward over which a prediction holds. Beyond that it takes noise for gradient."""
 
 NEARER_UP = 0.4
 FARTHER_BEYOND = 2.0
-"""Predictions upward count as 0.4 times as far while they hold, and the stops beyond as 2."""
+"""Predictions upward count as 0.4 times as far while they hold, and the stops beyond as 2 times."""
 
 DOUBT = 0.5
-"""A prediction upward loses the factor exp(-0.5) of its promise for each stop beyond `TRUSTED_RISE`, the camera still:
+"""A prediction upward is scaled by exp(-0.5) for each stop beyond `TRUSTED_RISE` while the camera is still:
 what is far up must then be much better than what is sure. In motion the whole content may be new."""
 
 LEAST_GAP = 1.0
@@ -104,8 +104,8 @@ class MetricMemory:
     def add(self, sighting: Sighting) -> None:
         """Remember a sighting in place of older ones taken with about the same exposure.
 
-        Where it contradicts what was expected, or comes from other cameras, nothing older is kept. What older ones are
-        worth to consumers is also forgotten where only that is contradicted: they may have turned to other cells.
+        If it contradicts what was expected, or comes from other cameras, nothing older is kept. What older ones are
+        worth to consumers is also forgotten if only that is contradicted: they may have turned to other cells.
         """
         if self._contradicted(sighting):
             self.sightings.clear()
@@ -118,15 +118,15 @@ class MetricMemory:
     def fuse(self, levels: NDArray[np.float64], moving: bool, *, steered: bool = False) -> NDArray[np.float64]:
         """M_g expected at levels (stops, shape (n,)) under the present light: float64, shape (cameras, n).
 
-        A still camera doubts what is far up, see `DOUBT`. `steered`: what it is worth to consumers, of which the newest
-        sighting must know something.
+        A still camera doubts what is far up, see `DOUBT`. `steered`: what levels are worth to consumers, of which the
+        newest sighting must know something.
         """
         values, distances = self._predictions(levels, moving, steered)
         weights = np.exp((distances.min(axis=0) - distances) / BLEND)
         return np.asarray((weights * values).sum(axis=0) / weights.sum(axis=0))
 
     def frontier(self, longest_gap: float) -> tuple[Sighting, float]:
-        """Where the known ends below the newest sighting: the last sighting before it, and the level it begins again.
+        """Where knowledge ends below the newest sighting: the last sighting before the gap, and where it begins again.
 
         A sighting covers up to `longest_gap` stops above it. Going down from the newest, the next one leaves a gap if
         it is farther away than that plus `LEAST_GAP`. Without a gap the unknown reaches down to minus infinity.

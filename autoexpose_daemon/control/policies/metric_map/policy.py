@@ -40,5 +40,5 @@ class MetricMap(ExposureMap):
         return cls(setup.responses, setup.metric, setup.balance())
 
     def _views(self, observation: Observation) -> tuple[MetricView, ...]:
-        """The reference camera's is predicted at more exposures than the others'."""
+        """The reference camera's view is predicted at more exposures than the other's."""
         return tuple(self._viewers[look.side][place > 0].view(look) for place, look in enumerate(observation.looks))

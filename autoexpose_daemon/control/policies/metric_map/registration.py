@@ -105,9 +105,9 @@ class Registration:
         return LightChange(median - level_change, known.size >= LEAST_SHARE * changes.size)
 
     def _sampled(self, look: Look) -> NDArray[np.uint8]:
-        """Every fifth pixel; one beside a saturated pixel was averaged from saturated ones in part, and counts as one.
+        """Every fifth pixel; one beside a saturated pixel was partly averaged from saturated ones, and counts as one.
 
-        The edge of a white window before a black room stays grey at any exposure.
+        The edge of a white window against a black room stays grey at any exposure.
         """
         here = np.ascontiguousarray(look.image[::STRIDE, ::STRIDE])
         brightest = np.ascontiguousarray(cv2.dilate(look.image, _AROUND)[::STRIDE, ::STRIDE])

@@ -9,14 +9,14 @@ from autoexpose_daemon.control.picture.steering import STEERING_SHARE
 from calibration.response import ResponseFunction
 
 PLATEAU = 0.01
-"""What lies within 1 % of the maximum is as good: its centre is farthest from both edges."""
+"""Anything within 1 % of the maximum is as good: its centre is farthest from both edges."""
 
 HALF_SCALE = 0.5
 DARK_SIGNAL = 1 / 16
 """A frame whose 99th percentile lies below this is dark: more than 3 stops up, prediction turns noise into gradient."""
 
 EDGE = 0.1
-"""Over so much of the best worth `STEERING_SHARE` comes into force: noise is not to push the target to and fro."""
+"""`STEERING_SHARE` sets in over this share of the best worth, so noise does not push the target to and fro."""
 
 LONGEST_JUMP = 7.0
 """Longest jump up out of the dark, stops."""
@@ -46,7 +46,7 @@ def plateau_centre(levels: NDArray[np.float64], values: NDArray[np.float64]) -> 
 
 
 def within_reason(worth: NDArray[np.float64], steered: NDArray[np.float64]) -> NDArray[np.float64]:
-    """What levels are worth to consumers, and nothing where the whole picture would lose too much."""
+    """What levels are worth to consumers, or nothing where the whole picture would lose too much."""
     kept = worth / max(float(worth.max()), 1e-9) - (1.0 - STEERING_SHARE)
     return np.asarray(steered * np.clip(kept / EDGE, 0.0, 1.0))
 

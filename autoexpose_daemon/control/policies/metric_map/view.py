@@ -22,13 +22,13 @@ DELTAS: NDArray[np.float64] = np.array([*(-fall for fall in reversed(_FALLS)), 0
 upward: a peak may be half a stop wide."""
 
 FEWER_DELTAS: NDArray[np.float64] = np.array([-6, -4, -2.5, -1.5, -1, -0.5, 0, 0.5, 1, 1.5, 2.5, 4, 6])
-"""For the second camera, which sees much the same: half the price, the rest interpolated."""
+"""For the second camera, which sees much the same: half the cost, the rest interpolated."""
 
 FEWEST_DELTAS: NDArray[np.float64] = np.array([-6, -3, -1, 0, 1, 3, 6])
 """For the second camera when predictions are expensive."""
 
 BRIGHT_QUANTILE = 0.99
-"""Of the pixels: what is brighter may be a lamp or a reflection."""
+"""Share of the pixels: anything brighter may be a lamp or a reflection."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,7 +44,7 @@ class MetricView:
     signal
         99th percentile: 0 at the black level, 1 at saturation, at least half a grey level.
     steered
-        `curve` where parts of the picture count more, as consumers steer; None: none do.
+        `curve` with parts of the picture counting more, as consumers steer; None: none do.
     """
 
     curve: NDArray[np.float64]

@@ -1,4 +1,4 @@
-"""Which cameras of a rig have a vote on the exposure: not one that shows nothing wherever the others see well."""
+"""Which cameras of a rig have a vote on the exposure: not one that shows nothing while the others see well."""
 
 from __future__ import annotations
 
@@ -22,23 +22,23 @@ FAINT = 1 / 32
 """A 99th percentile below this, 8 grey levels, is nearly black. A capped lens stays below it in the noise of 30 dB."""
 
 FAINTER = 4.0
-"""A camera is black, not only dark, where half of another's pixels are so many times as bright as its brightest. As the
+"""A camera is black, not just dark, if half of another's pixels are this many times as bright as its brightest. As the
 99th percentile lies some 2 stops above the median, the two cameras are then 4 stops apart or more: no exposure suits
 both. Half of the pixels, because a lamp in one camera says nothing of what the other should see."""
 
 VISIBLE = 1 / 8
-"""Of full scale: a 99th percentile from which a camera that was black shows something again. Three stops are a distance
-over which a compromise can be found; nearer to `FAINT` a camera that is 5 stops darker would come and go."""
+"""Share of full scale: the 99th percentile from which a camera that was black shows something again. Three stops are a
+distance over which a compromise can be found; nearer to `FAINT` a camera that is 5 stops darker would come and go."""
 
 WHITE_SHARE, NOT_WHITE_SHARE = 0.9, 0.7
 """Saturated shares above which a camera is white, and below which it is no longer."""
 
 GLARE_FRAMES = 30
-"""Frames that a camera may be white beside another that is not, half a second at 60 Hz, before a look at lower ones
+"""Frames that a camera may be white beside another that is not, half a second at 60 Hz, before a look at less exposure
 has to show which of the two must win: a moving robot's glance into the sun is over by then."""
 
 LOWEST_STOPS = 0.5
-"""The lowest exposure is reached within this of it; quantisation and a forecast may keep the last bit out of reach."""
+"""The lowest exposure counts as reached within this; quantisation and a forecast may keep the last bit out of reach."""
 
 TELLING_GREY = 4.0
 """Mean change in grey levels that a change of exposure must promise before its absence means anything."""
@@ -47,13 +47,13 @@ LONGEST_RISE = 1.0
 """Stops over which frames are compared. A picture in which they promise less than `TELLING_GREY` is all but black."""
 
 FROZEN_PART, RESPONSIVE_PART = 0.125, 0.5
-"""Of the promised change: a frozen camera shows less, pixel by pixel, while another's mean shows more."""
+"""Parts of the promised change: a frozen camera shows less, pixel by pixel, while another's mean shows more."""
 
 THAWED_GREY = 1.0
 """Mean difference in grey levels from the image it was stuck at that shows a camera to be alive."""
 
 REPEATS = 12
-"""Frames that repeat an earlier one to the last pixel, while another camera's differ. Noise does not."""
+"""Frames that repeat an earlier one to the last pixel, while another camera's differ. Noise does not repeat."""
 
 RETURN_FRAMES = 12
 """Frames in a row that must show something before a vote returns: a fifth of a second at 60 Hz."""
@@ -88,8 +88,8 @@ class Eye:
     repeats
         Frames in a row that were exactly `latest`, while another camera's picture changed.
     before
-        Pixels to compare with: of a frozen camera those it is stuck at, else those at the level `Votes` remembers. None
-        before the first pair.
+        Pixels to compare with: for a frozen camera those it is stuck at, else those at the level `Votes` remembers.
+        None before the first pair.
     latest
         Pixels of its last frame.
     """
@@ -158,11 +158,11 @@ class _Glance:
 
     @property
     def responsive(self) -> bool:
-        """Whether the change came: light that changed by the opposite would have cancelled it."""
+        """Whether the change came: an opposite change of light would have cancelled it."""
         return self.telling and self.came / self.promised > RESPONSIVE_PART
 
     def outshines(self, other: _Glance) -> bool:
-        """Whether this camera sees well where the other is black."""
+        """Whether this camera sees well while the other is black."""
         return other.bright < FAINT and self.median > FAINTER * other.bright and not self.white
 
 
@@ -174,11 +174,11 @@ class Votes:
     - black, if it shows nearly nothing while another sees well: a capped lens, or a picture so much darker that one of
       the two must win, which is the brighter, since it needs less gain and a shorter time;
     - white, if it is saturated at the lowest exposure while another is not;
-    - frozen, if its picture stays while exposure and another camera's picture change, or if it repeats its last
-      picture to the pixel while another's changes.
+    - frozen, if its picture stays the same while exposure and another camera's picture change, or if it repeats its
+      last picture to the pixel while another's changes.
 
-    So a pair whose frames agree, however dark or bright, keeps both votes, and a rig with one camera that one. Of the
-    cameras of a pair at least one has a vote.
+    So a pair whose frames agree, however dark or bright, keeps both votes, and a rig with one camera keeps its one. At
+    least one camera of a pair has a vote.
 
     Parameters
     ----------
@@ -232,7 +232,7 @@ class Votes:
         return next((side for side, eye in self._eyes.items() if eye.fault is None and eye.glare >= GLARE_FRAMES), None)
 
     def of(self, looks: Sequence[Look]) -> list[bool]:
-        """Which of the cameras have a vote; of lone frames ignored so far, none."""
+        """Which of the cameras have a vote; none for lone frames that are ignored so far."""
         return [self._eyes[look.side].fault is None for look in looks]
 
     def remark(self) -> str:
@@ -249,7 +249,7 @@ class Votes:
         eye.suspected = fault
 
     def _count_repeats(self, side: Side, glances: Mapping[Side, _Glance]) -> None:
-        """A frozen camera is found even where exposure does not move because of it.
+        """Finds a frozen camera even if exposure does not move because of it.
 
         Another camera that was found black beside its old picture gets its vote back.
         """
@@ -282,7 +282,7 @@ class Votes:
         eye.glare = eye.glare + 1 if glance.white and any(not other.white for other in others) else 0
 
     def _compare_from_here(self, level: float, glances: Mapping[Side, _Glance]) -> None:
-        """Compare the next frames with these, once the last comparison has said what it can.
+        """Compare the next frames with these, once the last comparison has shown what it can.
 
         All cameras at once: over the same time, light that cancels a change of exposure cancels it for all of them.
         """
@@ -297,7 +297,7 @@ class Votes:
                 self._eyes[side].before = glance.pixels
 
     def _hear(self, sides: list[Side]) -> None:
-        """Where nothing but cameras without a vote has come for long, nobody else is left to decide."""
+        """If only cameras without a vote have sent frames for long, nobody else is left to decide."""
         unheard = all(self._eyes[side].fault is not None for side in sides)
         self._unheard = self._unheard + 1 if unheard else 0
         if self._unheard >= UNHEARD_FRAMES:
@@ -307,7 +307,7 @@ class Votes:
 
 
 def _fault(glance: _Glance, others: Sequence[_Glance], *, at_lowest: bool) -> Fault | None:
-    """What is wrong with a camera, judged by others that have a vote."""
+    """What is wrong with a camera, compared with others that have a vote."""
     if any(other.outshines(glance) for other in others):
         return "black"
     if glance.white and at_lowest and any(not other.white for other in others):

@@ -30,13 +30,13 @@ EPSILON = 0.1 * 1e5 / (255 * 360 * 270)
 """epsilon of eq. (21), 4.0e-4. The paper's 0.1 belongs to metrics summed over 360x270 pixels of 0..255, over 1e5."""
 
 HOLD_STOPS = 0.02
-"""Below this the reason given says "held"; the step itself is made all the same, as in the paper."""
+"""Below this the reason given says "held"; the step itself is still made, as in the paper."""
 
 
 class Begin2022(ExposurePolicy):
     """Eq. (20) to (22): predict the metric over +-2 stops, go to its maximum, further if the move beat its promise.
 
-    The paper compares frame k with frame k-1; an exposure shows later than that. So frame k is compared with the frame
+    The paper compares frame k with frame k-1, but an exposure shows later. So frame k is compared with the frame
     whose decision it realises, and with what that decision promised. No state of its own: the loop remembers steps.
     """
 

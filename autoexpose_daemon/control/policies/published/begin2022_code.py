@@ -57,11 +57,11 @@ def lifted_prediction(response: ResponseFunction, delta_level: float) -> NDArray
 
 
 class Begin2022Code(ExposurePolicy):
-    """`begin2022` with what its code does otherwise than the paper.
+    """`begin2022` with its code's departures from the paper.
 
     Frames are measured after a gamma of 0.3, without the median; black and white frames (by their mean) are left by two
-    stops; Newton's result is used wherever it is, and where it is not to be had the best sample, the brightest among
-    equals; a gain is judged against the frame before last, when it was promised at all. Steps and their change are not
+    stops; Newton's result is used wherever it lies, and if there is none, the best sample, the brightest among
+    equals; a gain is judged against the frame before last, if it was promised at all. Steps and their change are not
     limited: both limits are commented out in the code.
 
     Not theirs: flow, bounds and increments are the loop's. See docs/control.md.

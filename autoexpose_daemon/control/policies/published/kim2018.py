@@ -37,8 +37,8 @@ NEAR_STOPS = 0.2
 class Kim2018(ExposurePolicy):
     """Maximises M_ewg of eq. (12) over exposure time at a fixed gain (Kim et al. 2018).
 
-    Ask for the exposure time of which a Gaussian process through all samples knows least, until it knows enough; then
-    for the maximum of its mean, until a sample has confirmed it. (Largest variance is the rule of Kim's published
+    Asks for the exposure time about which a Gaussian process through all samples knows least, until it knows enough;
+    then for the maximum of its mean, until a sample has confirmed it. (Largest variance is the rule of Kim's published
     code; the confirmation is ours.) Times count by their logarithm, the exposure level at the fixed gain. Each query
     waits for the frame really taken with it. The result is held until the picture changes; then all samples are
     forgotten.

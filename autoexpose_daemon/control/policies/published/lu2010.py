@@ -28,7 +28,7 @@ class Lu2010(ExposurePolicy):
 
     Lu's relation makes time and gain one coordinate, the exposure level. How to climb remains open; this is
     a pattern search: go on in a direction while the entropy rises, else try the other, else halve the step. Each
-    step waits for the frame that was really taken with it. When the last step is too short the best level is held
+    step waits for the frame that was really taken with it. When the last step is too short, the best level is held
     until the picture there changes; then the search starts again.
 
     Attributes
@@ -92,7 +92,7 @@ class Lu2010(ExposurePolicy):
         self.turned = not self.turned
 
     def _ask(self, observation: Observation) -> Target:
-        """Ask for the next level; a step that the bounds leave nothing of fails without a frame."""
+        """Ask for the next level; a step of which the bounds leave nothing fails without a frame."""
         while abs(self.step) >= LAST_STEP_STOPS:
             level = observation.limits.clamp_level(self.best_level + self.step)
             if abs(level - self.best_level) >= LAST_STEP_STOPS / 2:

@@ -1,4 +1,4 @@
-"""Policy `mehta2020`: Shim's law in the form of Mehta et al. 2020, tuned as Begin & Hunter 2022 compared with it."""
+"""Policy `mehta2020`: Shim's law in the form of Mehta et al. 2020, tuned as in Begin & Hunter 2022's comparison."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ class Mehta2020(ExposurePolicy):
     """Gamma* from the roots of the fitted polynomial's derivative, and the step of `next_level`. No state.
 
     Read in ishaanmht/aer_auto_exposure_gradient, `src/auto_exp.cpp` (the paper was not at hand): anchors, degree, the
-    law on exposure value. A root counts between the outer anchors and when the polynomial there exceeds the best
-    anchor, else the best anchor is taken, the first among equals: an image without gradient under any gamma darkens, so
+    law on exposure value. A root counts if it lies between the outer anchors and the polynomial there exceeds the best
+    anchor; else the best anchor is taken, the first among equals: an image without gradient under any gamma darkens, so
     white is left, but black is not. Our own: the metric is `GradientMetric` (their gradient loses negative slopes) and
     every frame is used (theirs skips every other one). `mehta2020-code` is the law as Begin & Hunter's code runs it.
     """

@@ -1,4 +1,4 @@
-"""Policy `mehta2020-code`: Mehta's law as the public code of Begin & Hunter 2022 runs it, their rival."""
+"""Policy `mehta2020-code`: Mehta's law, the rival of Begin & Hunter 2022, as their public code runs it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What both laws share in the public code of Begin & Hunter 2022: the frames it sees, and how it takes a maximum.
+"""What both laws share in the public code of Begin & Hunter 2022: the frames it sees, and how it finds a maximum.
 
 Read in MIT-Bilab/vo-autoexpose at d5ef35f: `src/vo_autoexpose.cpp`, `include/vo_autoexpose/vo_autoexpose.h`.
 """
@@ -43,7 +43,7 @@ def lift_table(response: ResponseFunction) -> NDArray[np.uint8]:
 class LiftedFrames:
     """One camera's frames as the code measures them.
 
-    After a gamma of 0.3; and without the median, since the code overwrites the filtered image with the unfiltered one.
+    After a gamma of 0.3, and without the median, since the code overwrites the filtered image with the unfiltered one.
 
     Parameters
     ----------
@@ -73,9 +73,9 @@ class LiftedFrames:
 class CodedMaximum:
     """Where the code finds the maximum of a polynomial of degree 6 through the metrics of seven positions.
 
-    By Newton's method from the position of no change, if the curve bends down there, else, or when ten steps do not
-    converge, the best sample. As in the code, nothing asks whether Newton has found a maximum or where; and of equal
-    samples the first is taken, so that a frame without gradient moves, too.
+    By Newton's method from the position of no change, if the curve bends down there; otherwise, or if ten steps do not
+    converge, the best sample. As in the code, nothing checks whether Newton has found a maximum or where; of equal
+    samples the first is taken, so a frame without gradient moves, too.
     """
 
     def __init__(self, positions: Sequence[float], origin: float) -> None:
