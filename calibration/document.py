@@ -1,4 +1,4 @@
-"""What the files of calibration have in common; they are read and written here, and complaints are one sentence."""
+"""What calibration files have in common: they are read and written here, and each complaint is one sentence."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def optional(advice: str) -> Any:
 @with_config(ConfigDict(extra="forbid"))
 @dataclass(frozen=True, slots=True)
 class CameraIdentity:
-    """Which camera a file is of."""
+    """The camera that a file belongs to."""
 
     vendor: Name
     model: Name
@@ -54,7 +54,7 @@ def to_calibrate(command: str, serial: str) -> str:
 
 
 class CalibrationDocument(BaseModel):
-    """The keys of every file of calibration; the description of a field is the advice after a bad value.
+    """The keys of every calibration file; the description of a field is the advice after a bad value.
 
     A key this version does not know is refused: it may change what the others mean.
     """
@@ -68,7 +68,7 @@ class CalibrationDocument(BaseModel):
 
 
 def read_document(model: type[D], path: Path, file_format: str) -> D:
-    """The content of a file of calibration.
+    """The content of a calibration file.
 
     Raises
     ------
@@ -83,7 +83,7 @@ def read_document(model: type[D], path: Path, file_format: str) -> D:
 
 
 def write_document(path: Path, document: Mapping[str, Any]) -> None:
-    """Write a file of calibration without the keys that say nothing (None, empty).
+    """Write a calibration file without the keys that say nothing (None, empty).
 
     Raises
     ------

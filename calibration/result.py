@@ -28,7 +28,7 @@ class Result:
     Attributes
     ----------
     name
-        What the sweep is of, in a few words.
+        What was swept, in a few words.
     origin
         Camera and mode.
     sweep
@@ -40,11 +40,11 @@ class Result:
     notes
         The camera's limitations, in words.
     solution, agreement
-        The response, and how it predicts the sweep's own images from each other; None when the sweep gives none.
+        The response, and how well it predicts the sweep's own images from each other; None when the sweep gives none.
     witness
-        What the noise of the images says of the response; None when it says nothing.
+        What the noise of the images says about the response; None when it says nothing.
     noise, latency
-        What was measured of this camera before, as it stands in its response file.
+        What was measured of this camera earlier, as its response file has it.
     """
 
     name: str
@@ -74,7 +74,7 @@ class Result:
         return replace(file, noise=self.noise, latency=self.latency)
 
     def keeping(self, previous: ResponseFile | None) -> Result:
-        """This result with noise and latency that were measured of the same camera before."""
+        """This result with the noise and latency that were measured of the same camera before."""
         if previous is None or self.origin.camera is None or previous.origin.camera != self.origin.camera:
             return self
         return replace(self, noise=previous.noise, latency=previous.latency)

@@ -20,7 +20,7 @@ class IncompleteFrame:
 
 @dataclass(frozen=True, slots=True)
 class PtpState:
-    """What a camera says of its PTP clock: its PtpStatus, and its time minus its master's (ns), if it says that."""
+    """What a camera says about its PTP clock: its PtpStatus, and its time minus its master's (ns), if it gives that."""
 
     status: str
     offset_ns: int | None
@@ -39,7 +39,7 @@ class ClockReading:
 
 @dataclass(frozen=True, slots=True)
 class CameraDescription:
-    """A camera's identity, its limitations as phrases for the user, its pixel format, and what node drives its gain.
+    """A camera's identity, its limitations as phrases for the user, its pixel format, and the node behind its gain.
 
     `size` is width and height of its frames in pixels, if known; `action_queue` how many scheduled triggers it keeps.
     """

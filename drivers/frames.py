@@ -55,7 +55,7 @@ class Frame:
     layout: Layout = "grey"
 
     def grey8(self, saturation: int = 255) -> NDArray[np.uint8]:
-        """What control sees of the pixels: 8-bit grey levels (see `grey_plane`), of a colour mosaic at half its size.
+        """What control sees of the pixels: 8-bit grey levels (see `grey_plane`), at half size for a colour mosaic.
 
         `saturation` is the 8-bit level from which a colour is clipped.
         """

@@ -1,4 +1,4 @@
-"""What Python 3.10, that of Ubuntu 22.04, lacks of the standard library of 3.11; it goes when that does."""
+"""Parts of the standard library of 3.11 that Python 3.10, that of Ubuntu 22.04, lacks; to be removed with 3.10."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ else:
     from typing_extensions import Self
 
     class StrEnum(str, Enum):
-        """Members are strings, and are shown as these."""
+        """Members are strings, and are shown as strings."""
 
         __str__ = str.__str__
 

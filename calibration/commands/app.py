@@ -36,10 +36,10 @@ calibrate_app = typer.Typer(
 )
 
 
-Cameras = Annotated[list[str] | None, typer.Option("--camera", help="Serial number; twice: left and right of a rig.")]
+Cameras = Annotated[list[str] | None, typer.Option("--camera", help="Serial number; twice for left and right.")]
 ConfigFile = Annotated[Path | None, typer.Option("-c", "--config", help="Both cameras of this configuration.")]
-Images = Annotated[Path | None, typer.Option(help="No camera: a folder of images, or a list of them with times.")]
-Output = Annotated[Path, typer.Option("-o", "--output", help="The response file; of two cameras, a folder.")]
+Images = Annotated[Path | None, typer.Option(help="Without a camera: a folder of images, or a list with times.")]
+Output = Annotated[Path, typer.Option("-o", "--output", help="The response file; for two cameras, a folder.")]
 
 
 @calibrate_app.command()
@@ -162,7 +162,7 @@ def _print_verdict(judged: Verdict, findings: tuple[Finding, ...], console: Cons
 
 
 def _residual_lines(held: Check) -> Iterator[str]:
-    """The residual by change of level."""
+    """The residual for each change of level."""
     for delta in (-REACH_STOPS, -1.0, -0.5, 0.5, 1.0, REACH_STOPS):
         part = held.agreement.near(delta)
         if part.enough:

@@ -32,7 +32,7 @@ HEADROOM_STOPS = 2.0
 """How far below saturation the median of the scene is put: the brightest exposure then just reaches it."""
 NEAR_STOPS = 0.5
 MOST_STOPS = 20.0
-"""Most by which exposure times change in the search, even if a foreign file implies more than any camera has."""
+"""Largest change of exposure time in a search step, even if a foreign file implies more than any camera has."""
 _TRIES = 6  # a scene all black or all white gives only a direction
 
 
@@ -58,7 +58,7 @@ def check_camera(path: Path, serial: str, console: Console) -> Check:
     Raises
     ------
     ConfigurationError
-        When the file cannot be read, or is of another camera or mode.
+        When the file cannot be read, or belongs to another camera or mode.
     CameraError
         When the camera fails.
     """

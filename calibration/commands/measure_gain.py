@@ -31,13 +31,13 @@ MOST_NUMBERS = 1e6
 
 def gain(
     *,
-    output: Annotated[Path, typer.Option("-o", "--output", help="The gain file; of two cameras, a folder.")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="The gain file; for two cameras, a folder.")],
     camera: Annotated[
-        list[str] | None, typer.Option("--camera", help="Serial number; twice: left and right of a rig.")
+        list[str] | None, typer.Option("--camera", help="Serial number; twice for left and right.")
     ] = None,
     config: Annotated[Path | None, typer.Option("-c", "--config", help="Both cameras of this configuration.")] = None,
 ) -> None:
-    """Measure what the numbers of a gain that is not in dB are in dB, so that the daemon can drive it."""
+    """Measure what the numbers of a gain that is not in dB mean in dB, so that the daemon can drive it."""
     console = Console(highlight=False)
     if (not camera) == (config is None):
         raise ConfigurationError("say which gain to calibrate: one of --camera and --config")

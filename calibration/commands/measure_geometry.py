@@ -45,7 +45,7 @@ def geometry(
     output: Annotated[Path, typer.Option("-o", "--output", help="A folder for the calibration files and the report.")],
     camera: Annotated[list[str] | None, typer.Option("--camera", help="Serial number; twice: left, right.")] = None,
     config: Annotated[Path | None, typer.Option("-c", "--config", help="Both cameras of this configuration.")] = None,
-    left: Annotated[Path | None, typer.Option(help="No camera: a folder of the left camera's pictures.")] = None,
+    left: Annotated[Path | None, typer.Option(help="Without cameras: a folder of the left one's pictures.")] = None,
     right: Annotated[Path | None, typer.Option(help="And the right camera's, with the same names.")] = None,
     squares: Squares = "9x6",
     square_mm: SquareMm = 30.0,
@@ -147,7 +147,7 @@ def from_cameras(board: Board, rig: Sequence[CameraMode], console: Console) -> G
 
 
 def progress_text(capture: Capture) -> str:
-    """What is covered: a sign for each part of either picture, the views by tilt, and what to do next."""
+    """What is covered: a mark for each part of each picture, the views by tilt, and what to do next."""
     grids = [capture.covered(side) for side in SIDES]
     rows = [
         "   ".join(" ".join("#" if seen else "." for seen in row) for row in both) for both in zip(*grids, strict=True)
@@ -170,7 +170,7 @@ def _instead(finders: Mapping[Side, BoardFinder]) -> dict[Side, str]:
 
 
 def _check_output(folder: Path) -> None:
-    """Make the folder, and refuse to replace what is no calibration file, before anything is measured."""
+    """Make the folder, and refuse to replace anything but a calibration file, before anything is measured."""
     try:
         folder.mkdir(exist_ok=True)
     except OSError as error:
@@ -181,7 +181,7 @@ def _check_output(folder: Path) -> None:
                 load_geometry(folder / name, side)
             except ConfigurationError as error:
                 raise ConfigurationError(
-                    f"{error}; it is no calibration file to replace: choose another folder"
+                    f"{error}; it is not a calibration file to replace: choose another folder"
                 ) from None
 
 
@@ -209,5 +209,5 @@ def _keep(result: GeometryResult, folder: Path, console: Console) -> None:
 
 
 def _rate_hz(mode: CameraMode) -> float:
-    """No more than the rig's, which its link was planned for."""
+    """The frame rate: no more than the rig's, which its link was planned for."""
     return max(min(RATE_HZ, mode.rate_hz or RATE_HZ), SLOWEST_HZ)

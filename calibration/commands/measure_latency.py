@@ -23,11 +23,11 @@ from drivers.errors import AutoexposeError
 def latency(
     *,
     camera: Annotated[str, typer.Option(help="Serial number.")],
-    rate_hz: Annotated[float, typer.Option(min=0.1, help="Frame rate to measure at: best that of the rig.")] = 60.0,
+    rate_hz: Annotated[float, typer.Option(min=0.1, help="Frame rate to measure at, ideally the rig's.")] = 60.0,
     writes: Annotated[int, typer.Option(min=5, help="Writes of exposure time, and as many of gain.")] = TRIALS,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="Response file to add the result to.")] = None,
 ) -> None:
-    """Measure how many frames a write of exposure time and one of gain take to show, and how regular that is."""
+    """Measure how many frames it takes for a write of exposure time or of gain to show, and how regular that is."""
     console = Console(highlight=False)
     file = None if output is None else response_file_of(output, camera)
     with Session(open_camera(camera, session_setup(rate_hz=rate_hz))) as session:
@@ -64,7 +64,7 @@ def latency_table(title: str, effects: Sequence[WriteEffect]) -> Table:
 
 
 def when_it_shows(effect: WriteEffect) -> str:
-    """The same in time: when writes were made, and how much later exposures that show them start."""
+    """The same as times: when writes were made, and how much later the exposures that show them start."""
     assert effect.lead_us is not None
     assert effect.delay_us is not None
     early_ms, late_ms = (delay_us * 1e-3 for delay_us in effect.delay_us)
@@ -77,7 +77,7 @@ def when_it_shows(effect: WriteEffect) -> str:
 
 
 def latency_document(rate_hz: float, effects: Sequence[WriteEffect]) -> dict[str, Any]:
-    """What stands under `latency` in a response file."""
+    """The content of `latency` in a response file."""
     document: dict[str, Any] = {"rate_hz": rate_hz}
     for effect in effects:
         document[effect.quantity] = {"mode_frames": effect.mode, "frames": effect.frames, "untold": effect.unclear}

@@ -82,7 +82,7 @@ def noise_table(title: str, models: Sequence[NoiseModel]) -> Table:
 
 
 def noise_document(pixel_format: str, models: Sequence[NoiseModel]) -> dict[str, Any]:
-    """What stands under `noise` in a response file: pairs are a value and its standard error."""
+    """The content of `noise` in a response file: pairs are a value and its standard error."""
     return {"pixel_format": pixel_format, "gains": [_entry(model) for model in models]}
 
 
@@ -119,10 +119,10 @@ def _session(serial: str, pixel_format: PixelFormat | None) -> Iterator[Session]
 
 
 def _check_raw(serial: str, pixel_format: PixelFormat | None) -> None:
-    """Refuse formats that the camera computes from its pixels: what it mixes has lost the noise of a single one."""
+    """Refuse formats that the camera computes from its pixels: mixing loses the noise of a single one."""
     if pixel_format is not None and pixel_format.layout in SAMPLES:
         raise ConfigurationError(
-            f"camera {serial}: {pixel_format} is computed from several pixels, so that its noise is not theirs: give "
+            f"camera {serial}: {pixel_format} is computed from several pixels, so its noise is not theirs: give "
             "--pixel-format one of its Mono formats, or of its Bayer formats, whose green is measured"
         )
 

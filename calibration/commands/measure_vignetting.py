@@ -32,12 +32,12 @@ from drivers.python310 import UTC
 
 def vignette(
     *,
-    output: Annotated[Path, typer.Option("-o", "--output", help="The vignetting file; of two cameras, a folder.")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="The vignetting file; for two cameras, a folder.")],
     camera: Annotated[
-        list[str] | None, typer.Option("--camera", help="Serial number; twice: left and right of a rig.")
+        list[str] | None, typer.Option("--camera", help="Serial number; twice for left and right.")
     ] = None,
     config: Annotated[Path | None, typer.Option("-c", "--config", help="Both cameras of this configuration.")] = None,
-    images: Annotated[Path | None, typer.Option(help="No camera: a folder of pictures of a flat field.")] = None,
+    images: Annotated[Path | None, typer.Option(help="Without a camera: a folder of pictures of a flat field.")] = None,
     response: Annotated[Path | None, typer.Option(help="Response file, if grey levels do not follow light.")] = None,
 ) -> None:
     """Measure how much light a lens lets through to each part of the picture, on an evenly lit uniform surface."""
@@ -70,7 +70,7 @@ def _check_place(path: Path) -> None:
 
 
 def _response(path: Path | None, serial: str | None) -> ResponseFunction:
-    """Of a camera, from its file; linear without one."""
+    """The response of a camera, from its file; linear without one."""
     if path is None:
         return ResponseFunction.linear()
     file = ResponseFile.load(path)
@@ -110,7 +110,7 @@ def _of_camera(
 
 
 def _keep(path: Path, result: VignettingResult, camera: CameraIdentity | None, console: Console) -> bool:
-    """Write file and report, and print the result; whether it is refused."""
+    """Write file and report, and print the result; return whether it is refused."""
     report = write_vignetting_report(path.with_suffix(".html"), result)
     for name, value in vignetting_facts(result):
         console.print(f"{name}: {value}", soft_wrap=True)

@@ -46,11 +46,11 @@ Box = tuple[int, int, int, int]
 def white(
     *,
     camera: Annotated[
-        list[str] | None, typer.Option("--camera", help="Serial number; twice: left and right of a rig.")
+        list[str] | None, typer.Option("--camera", help="Serial number; twice for left and right.")
     ] = None,
     config: Annotated[Path | None, typer.Option("-c", "--config", help="The cameras of this configuration.")] = None,
     pixel_format: Annotated[PixelFormat | None, typer.Option(help="The camera's own, if not given.")] = None,
-    box: Annotated[str | None, typer.Option(help="Where the card is: x,y,width,height in pixels (everywhere).")] = None,
+    box: Annotated[str | None, typer.Option(help="The card's x,y,width,height in pixels (the whole picture).")] = None,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="A new file for the features.")] = None,
 ) -> None:
     """Measure the ratios of colours that make a grey card grey, as features for the configuration."""
@@ -122,14 +122,14 @@ def _bounds(mode: CameraMode) -> dict[str, tuple[float, float]]:
         offered = [colour for colour in COLOURS if colour in nodes.entries(SELECTOR)]
         if not nodes.is_float(RATIO) or not {"Red", "Blue"} <= set(offered):
             raise ConfigurationError(
-                f"camera {serial}: it has no {RATIO} for red and blue, so that it sends its colours as they are: "
+                f"camera {serial}: it has no {RATIO} for red and blue, so it sends its colours as they are: "
                 "balance them where they are used; the daemon does not"
             )
         return dict.fromkeys(offered, nodes.float_bounds(RATIO))
 
 
 def _look(mode: CameraMode, ratios: Mapping[str, float], response: ResponseFunction, box: Box | None) -> GreySurface:
-    """The surface, with the camera's ratios at these."""
+    """The surface, with the camera's ratios set to these."""
     setup = replace(mode, features=(*mode.features, *_settings(ratios))).setup()
     with Session(open_camera(mode.serial, setup), _cropped(mode.serial, box)) as session:
         gain_db = session.limits.min_gain_db
@@ -142,7 +142,7 @@ def _settings(ratios: Mapping[str, float]) -> list[FeatureSetting]:
 
 
 def _cropped(serial: str, box: Box | None) -> Callable[[Pixels, Layout], Pixels]:
-    """Red, green and blue of what is in a box of the frames."""
+    """Red, green and blue within a box of the frames."""
 
     def samples(pixels: Pixels, layout: Layout) -> Pixels:
         colours = rgb_samples(pixels, layout)

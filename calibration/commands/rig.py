@@ -42,8 +42,8 @@ class CameraMode:
     def setup(self, rate_hz: float | None = None, *, own_gain: bool = False) -> CameraSetup:
         """How to open it for a `calibration.sources.session.Session`.
 
-        With a rate, and with `own_gain` (its gain in the numbers of its node), features that say otherwise are left
-        out: in the rig they hold.
+        A rate leaves out features that set another one, and `own_gain` (its gain in the numbers of its node) leaves
+        out those that set a gain; in the rig they apply.
         """
         otherwise = {*(RATE_NODES if rate_hz is not None else ()), *(GAINS if own_gain else ())}
         return replace(
@@ -57,7 +57,7 @@ class CameraMode:
 
 
 def rig_of_config(path: Path) -> list[CameraMode]:
-    """The cameras of the daemon's configuration file, left first; its other keys are `autoexpose config check`'s.
+    """The cameras of the daemon's configuration file, left first; its other keys are left to `autoexpose config check`.
 
     Raises
     ------

@@ -14,7 +14,7 @@ MOST_LOOKS = 33
 FIRST_LOOKS = 9
 """Evenly spaced, whatever they show."""
 BEND_DB = 0.1
-"""Where the middle of an interval lies farther than this from the line between its ends, its halves are looked at."""
+"""If the middle of an interval lies farther than this from the line between its ends, its halves are looked at."""
 FLOAT_STEPS = 1024
 """A gain without increments is looked at in steps of this part of its range."""
 

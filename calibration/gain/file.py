@@ -29,16 +29,16 @@ _Rising = "give two or more numbers that rise"
 
 @dataclass(frozen=True, slots=True)
 class GainFile:
-    """The scale of a gain, of which camera it is, and how well it is known.
+    """The scale of a gain, the camera it belongs to, and how well it is known.
 
     Attributes
     ----------
     scale
         The scale itself.
     camera
-        Which camera it was measured with; None: it does not say.
+        Which camera it was measured with; None: the file does not say.
     error_db
-        How far any gain may be from the truth; None: it does not say.
+        How far any gain may be from the truth; None: the file does not say.
     date, tool
         When, and by which version.
     findings

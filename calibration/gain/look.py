@@ -16,7 +16,7 @@ from drivers.exposure import DB_PER_STOP, ExposureSetting
 Array = NDArray[np.float64]
 
 FRAMES = 4
-"""Of each exposure time: they average flicker and noise."""
+"""Frames of each exposure time: they average flicker and noise."""
 SHORT = 0.4
 """The shorter exposure time as a part of the longer. Their difference is free of the black level, which may move with
 the gain."""

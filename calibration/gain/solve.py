@@ -15,9 +15,9 @@ Array = NDArray[np.float64]
 
 NO_EFFECT_DB = 0.5
 CHANGED_DB, DOUBTED_DB = 0.5, 0.1
-"""Difference between the two looks at one gain from which on the light has changed: refused, warned of."""
+"""Difference between the two looks at one gain from which the light counts as changed: refused, warned of."""
 UNEVEN = 0.1
-"""Where the patches of a scene disagree by more about one gain, the scene moved."""
+"""If the patches of a scene disagree by more about one gain, the scene moved."""
 FALL_DB = 0.1
 SIGMAS = 2.0
 LEAST_ERROR_DB = 0.02
@@ -26,14 +26,14 @@ LEAST_ERROR_DB = 0.02
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GainCurve:
-    """What gains are in dB above the lowest.
+    """Gains in dB above the lowest.
 
     Attributes
     ----------
     settings
         The gains in the camera's own numbers, rising, shape (n,).
     gains_db
-        What they are, not falling, the first 0; empty if the looks give none.
+        Their values in dB, not falling, the first 0; empty if the looks give none.
     error_db
         How far any gain within the range may be from the truth: 0.02 dB, the spread of the two passes (two standard
         errors), and what straight lines between the settings miss.
@@ -48,7 +48,7 @@ class GainCurve:
 
 
 def solve_gain(looks: GainLooks) -> GainCurve:
-    """The gain in dB of each setting that was looked at, and what stands against it."""
+    """The gain in dB of each setting that was looked at, and the reasons against believing it."""
     settings = np.array([seen.number for seen in looks.there])
     reference = looks.there[0]
     there, back = (np.array([seen.gain_db(reference) for seen in way]) for way in (looks.there, looks.back))

@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 Ratios = dict[str, float]
 
 COLOURS = ("Red", "Green", "Blue")
-"""As the entries of BalanceRatioSelector."""
+"""Named as the entries of BalanceRatioSelector."""
 CELLS = (6, 8)
 MOST_CLIPPED = 1e-3
 LEAST_LIGHT = 0.1
@@ -77,7 +77,7 @@ def grey_surface(shots: Sequence[Shot], response: ResponseFunction) -> GreySurfa
 def ratios_for(seen: GreySurface, offered: Sequence[str]) -> Ratios:
     """What to set for each colour that the camera offers, so that the weaker ones become as bright as the strongest.
 
-    Where the camera does not offer green, as bright as green: then a ratio may be below 1.
+    If the camera does not offer green, they become as bright as green: then a ratio may be below 1.
     """
     reference = seen.light.max() if "Green" in offered else seen.light[1]
     wanted = dict(zip(COLOURS, reference / seen.light, strict=True))
@@ -131,5 +131,5 @@ def judge_balanced(seen: GreySurface) -> Iterator[Finding]:
 
 
 def error_of(first: GreySurface, balanced: GreySurface) -> float:
-    """How far the colours may be from grey, as a share: what was left, and what cells differ by."""
+    """How far the colours may be from grey, as a share: what was left, and how much cells differ."""
     return LEAST_ERROR + balanced.off + 2.0 * max(first.uncertainty, balanced.uncertainty)

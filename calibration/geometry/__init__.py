@@ -1,1 +1,1 @@
-"""The geometry of cameras: lens and place in the rig, as files hold it, and how a board in front of them tells it."""
+"""The geometry of cameras: lens and place in the rig, as files hold it, and as a board in front of them shows it."""

@@ -15,13 +15,13 @@ DICTIONARIES: Final[tuple[str, ...]] = tuple(
     f"DICT_{bits}X{bits}_{count}" for bits in (4, 5, 6, 7) for count in (50, 100, 250, 1000)
 )
 MARKER_SHARE = 0.7
-"""Side of a marker in sides of a square: what is left around it is where the corners are measured."""
+"""Side of a marker as a part of a square's: corners are measured in what is left around it."""
 LEAST_MARKERS = 4
 LEAST_CORNERS = 8
-"""Fewer corners hold no pose against noise."""
+"""Fewer corners do not fix a pose against noise."""
 
 _BLUR_PX = 1.0
-"""Before corners are measured: as much as the lens of a real camera, against noise and aliasing."""
+"""Blur before corners are measured: as much as the lens of a real camera, against noise and aliasing."""
 _WINDOW_PX = (2, 11)
 _REFINED: Final = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 50, 1e-3)
 
@@ -78,7 +78,7 @@ class Board:
         return np.asarray(self.charuco.getChessboardCorners(), np.float32)
 
     def holds_pose(self, numbers: NDArray[np.int64]) -> bool:
-        """Whether these corners tell how the board is turned: enough of them, and not all in a line."""
+        """Whether these corners show how the board is turned: enough of them, and not all in a line."""
         if len(numbers) < LEAST_CORNERS:
             return False
         places = self.points_m[numbers, :2]
@@ -126,7 +126,7 @@ class BoardFinder:
         return Corners(order, np.asarray(refined).reshape(-1, 2).astype(np.float64))
 
     def what_else(self) -> str:
-        """What was there where no board was found, if that was markers: of another dictionary, or another board."""
+        """The markers seen where no board was found, in words: of another dictionary, or another board; or nothing."""
         if self.without is None:
             return ""
         for name in (self.board.dictionary, *DICTIONARIES):

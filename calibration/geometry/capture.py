@@ -1,4 +1,4 @@
-"""Choosing views from what two cameras see: a board that rests, somewhere new."""
+"""Choosing views from what two cameras see: a board at rest in a new place."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ STILL_PX = 0.5
 """By how much corners may move from one look to the next: the cameras do not expose at exactly the same time."""
 SHOW = "show the board to both cameras"
 BLANK_LOOKS = 20
-"""Without any corners, a search for other markers, which takes a second, is worth while."""
+"""After this many looks without corners, a search for other markers, which takes a second, is worthwhile."""
 NEW_SHARE = 0.06
-"""By how much of the width corners must have moved since any view that was taken."""
+"""By how much of the width corners must have moved from every view taken."""
 
 
 class Capture:
@@ -37,7 +37,7 @@ class Capture:
     Attributes
     ----------
     views
-        The board by both cameras; or by one alone, which still tells of its lens.
+        The board as both cameras see it, or one alone, which still shows its lens.
     advice
         What to do next, in a few words.
     """
@@ -52,7 +52,7 @@ class Capture:
         self._tilted: dict[Side, Counter[str]] = {side: Counter() for side in SIDES}
 
     def look(self, pictures: Mapping[Side, NDArray[np.uint8]]) -> dict[Side, Corners]:
-        """Look at the pictures of one moment, and keep the view if the board rests, and is somewhere new."""
+        """Look at the pictures of one moment, and keep the view if the board rests in a new place."""
         corners = {side: found for side in SIDES if (found := self.finders[side].find(pictures[side])) is not None}
         still = bool(corners) and all(
             side in self._before and _moved_px(found, self._before[side]) < STILL_PX for side, found in corners.items()
@@ -88,7 +88,7 @@ class Capture:
 
     @property
     def complete(self) -> bool:
-        """Whether there are views enough, of all kinds, or more than enough of some."""
+        """Whether there are enough views of all kinds, or more than enough of some."""
         return (self.by_both >= ENOUGH_VIEWS and not self._missing()) or len(self.views) >= MOST_VIEWS
 
     def _keep(self, view: View) -> None:
@@ -107,7 +107,7 @@ class Capture:
         )
 
     def _missing(self) -> str:
-        """What most lacks; empty if nothing does."""
+        """What is missing most; empty if nothing is."""
         for side in SIDES:
             few = [name for name in TILTS if self._tilted[side][name] < ENOUGH_TILTED]
             if self.covered(side).mean() < ENOUGH_COVERED:

@@ -56,7 +56,7 @@ def check_camera(geometry: CameraGeometry, serial: str, size: tuple[int, int] | 
 
 
 def check_pair(pair: Mapping[Side, CameraGeometry]) -> None:
-    """Refuse files that are not those of one pair, of which either may be missing; for a rig of two cameras.
+    """Refuse files that are not from one pair, either of which may be missing; for a rig of two cameras.
 
     Raises
     ------

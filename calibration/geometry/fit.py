@@ -21,18 +21,18 @@ FLAGS = cv2.CALIB_FIX_K3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Lens:
-    """What the views say of one camera.
+    """What the views say about one camera.
 
     Attributes
     ----------
     geometry
-        Not rectified.
+        The geometry, not rectified.
     error_px
         Reprojection error over all views, rms.
     focal_error
         Standard error of the focal length, as a share of it.
     normals
-        Of the board in each view, in the camera's axes, shape (views, 3).
+        Normals of the board in each view, in the camera's axes, shape (views, 3).
     """
 
     geometry: CameraGeometry
@@ -52,7 +52,7 @@ class Fit:
 
 
 def fit_pair(board: Board, views: Sequence[View], size: tuple[int, int], serials: Mapping[Side, str]) -> Fit:
-    """Each camera by all of its own views, then the right one's place by those that both see."""
+    """Fit each camera to all of its own views, then the right one's place to those that both see."""
     lenses = {side: _fit_lens(board, views, size, side, serials.get(side)) for side in SIDES}
     shared = [common(view) for view in views if view.by_both]
     shared = [(left, right) for left, right in shared if board.holds_pose(left.numbers)]

@@ -1,4 +1,4 @@
-"""Why views of a board, or what follows from them, are not to be believed."""
+"""Reasons not to believe views of a board, or what follows from them."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ LEAST_TILTED = 2
 GOOD_ERROR_PX, USABLE_ERROR_PX = 0.5, 1.0
 GOOD_FOCAL_ERROR, USABLE_FOCAL_ERROR = 0.002, 0.01
 OUTLIER = 3.0
-"""By how many times the median a view's error stands out."""
+"""A view stands out if its error is this many times the median."""
 
 
 def judge_views(views: Sequence[View], size: tuple[int, int], instead: Mapping[Side, str]) -> Iterator[Finding]:

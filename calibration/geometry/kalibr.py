@@ -50,7 +50,7 @@ def read_camchain(content: Mapping[Any, Any], side: Side) -> CameraGeometry:
 def camchain_yaml(
     left: CameraGeometry, right: CameraGeometry, rotation: NDArray[np.float64], translation_m: NDArray[np.float64]
 ) -> str:
-    """The text of a camchain of two `plumb_bob` cameras; of their coefficients Kalibr knows no third radial one."""
+    """The text of a camchain of two `plumb_bob` cameras; Kalibr has no third radial coefficient."""
     document: dict[str, Any] = {}
     for name, one in ((LEFT, left), (RIGHT, right)):
         k = one.camera_matrix
@@ -67,7 +67,7 @@ def camchain_yaml(
 
 
 def _lens(content: Mapping[Any, Any], name: str) -> CameraGeometry:
-    """What is said of one camera, not rectified."""
+    """The geometry of one camera, not rectified."""
     section = mapping(content, name)
     camera_model = section.get("camera_model", "pinhole")
     if camera_model != "pinhole":

@@ -7,7 +7,7 @@ from typing import Final, Literal, get_args
 
 DistortionModel = Literal["plumb_bob", "rational_polynomial", "equidistant"]
 COEFFICIENTS: Final[dict[DistortionModel, int]] = {"plumb_bob": 5, "rational_polynomial": 8, "equidistant": 4}
-"""How many numbers describe each model, by ROS's names; OpenCV calls the last one fisheye, Kalibr the first radtan."""
+"""How many numbers describe each model, named as in ROS; OpenCV calls the last one fisheye, Kalibr the first radtan."""
 
 assert set(COEFFICIENTS) == set(get_args(DistortionModel))
 
@@ -29,7 +29,7 @@ class CameraGeometry:
     projection
         P: from the left camera's rectified axes (m) to pixels of the rectified frame, 3x4, row by row.
     serial
-        The camera's serial number, if the file says it.
+        The camera's serial number, if the file names it.
     """
 
     width: int

@@ -39,7 +39,7 @@ def required(content: Mapping[Any, Any], key: str, named: str = "") -> Any:
 
 
 def numbers(value: Any, key: str, count: int | None = None) -> tuple[float, ...]:
-    """A list of finite numbers; raises ConfigurationError. C++ programs write `1e-05`, which YAML 1.1 calls a text."""
+    """A list of finite numbers; raises ConfigurationError. C++ programs write `1e-05`, which YAML 1.1 reads as text."""
     if not isinstance(value, list) or (count is not None and len(value) != count):
         raise ConfigurationError(f"{key} is {reprlib.repr(value)}: give a list of {count or 'several'} numbers")
     found: list[float] = []
@@ -88,7 +88,7 @@ def check_plausible(geometry: CameraGeometry) -> None:
 
 
 def is_rotation(r: np.ndarray) -> bool:
-    """Whether a matrix of shape (3, 3) is a rotation, but for rounding."""
+    """Whether a matrix of shape (3, 3) is a rotation, apart from rounding."""
     return bool(np.abs(r).max() < 2 and np.abs(r @ r.T - np.eye(3)).max() <= _ROUNDED and np.linalg.det(r) > 0)
 
 

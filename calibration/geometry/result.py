@@ -21,7 +21,7 @@ from drivers.errors import ConfigurationError
 from drivers.frames import SIDES, Side
 
 HELD_OUT = 5
-"""One view in so many is not used in the fit, and tells whether it holds."""
+"""One view in this many is kept out of the fit, and shows whether it holds."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,7 +35,7 @@ class GeometryResult:
     findings
         Reasons not to believe it.
     fit, geometries
-        Both cameras, and the same as their files say it; None, and empty, where the views give none.
+        Both cameras, and their geometry as the files have it; None if the views give none.
     used, held_out
         How well single views agree: those of the fit, and the others.
     """
@@ -64,7 +64,7 @@ def calibrate_geometry(
 ) -> GeometryResult:
     """Judge the views, fit four fifths of them unless they are refused, and judge the fit by the others, too.
 
-    `instead` says what a camera saw where it saw no board.
+    `instead` says what a camera saw if it saw no board.
     """
     views = [view for view in views if view.corners]
     result = GeometryResult(board, views, size, tuple(judge_views(views, size, instead or {})))

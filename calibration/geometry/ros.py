@@ -15,14 +15,14 @@ from drivers.frames import SIDES, Side
 
 
 def read_ros(content: Mapping[Any, Any], side: Side) -> CameraGeometry:
-    """The geometry in the content of a file; keys that ROS does not know either are ignored.
+    """The geometry in the content of a file; keys that ROS does not know are ignored, as ROS does.
 
     Our own files also say the camera's serial.
 
     Raises
     ------
     ConfigurationError
-        Naming the key; also when the file is of the other side.
+        Naming the key; also when the file belongs to the other side.
     """
     _check_name(content.get("camera_name"), side)
     model = required(content, "distortion_model")
@@ -73,7 +73,7 @@ def ros_yaml(geometry: CameraGeometry, side: Side) -> str:
 
 
 def _check_name(name: object, side: Side) -> None:
-    """By ROS's custom the name of a camera of a pair ends in `left` or `right`, as in `narrow_stereo/left`."""
+    """By ROS's custom, the name of a camera of a pair ends in `left` or `right`, as in `narrow_stereo/left`."""
     last = str(name).rpartition("/")[2].rpartition("_")[2]
     if last in SIDES and last != side:
         raise ConfigurationError(

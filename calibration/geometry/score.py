@@ -18,16 +18,16 @@ from drivers.frames import SIDES, Side
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """Of one view.
+    """The score of one view.
 
     Attributes
     ----------
     name
-        Of the view.
+        Name of the view.
     error_px
         Reprojection error in the picture of each camera that sees the board, rms, with the pose that fits best.
     rows_px
-        How far the two ends of a corner are from one row of the rectified pictures, rms; None: not seen by both.
+        How far apart a corner's rows in the two rectified pictures are, rms; None: not seen by both.
     scale_error
         Mean distance of neighbouring corners by triangulation over the true one, minus 1.
     """

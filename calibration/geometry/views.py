@@ -20,7 +20,7 @@ TILTED_DEG = 15.0
 TILTS: Final = ("left", "right", "up", "down")
 
 _GUESSED_WIDTHS = 1.2
-"""A focal length that is good enough to see by which sign a board is tilted, in widths of the picture."""
+"""A focal length that is good enough to see which way a board is tilted, in widths of the picture."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

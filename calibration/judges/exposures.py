@@ -12,7 +12,7 @@ from calibration.solver.tones import Curve, Tones, exposure_index, grey8, of_exp
 from calibration.sources.sweep import Sweep
 
 MID_GREY = 24
-"""Groups so far from the ends of what was seen must brighten with exposure, ..."""
+"""Groups this far from the ends of what was seen must brighten with exposure, ..."""
 
 LEAST_RISE_GREY = 2.5
 """... by more than this many grey levels per stop: a power law of 0.3 gives twice as much."""
@@ -84,7 +84,7 @@ def _not_followed(sweep: Sweep, levels: Curve, stretch: tuple[int, int]) -> Find
 
 
 def _temporal_variance(sweep: Sweep, exposure: int) -> float:
-    """Variance of noise (grey levels squared), the least between shots of one exposure; 0 if there is but one."""
+    """Variance of noise (grey levels squared), the least between shots of one exposure; 0 if there is only one."""
     _, index = exposure_index(sweep)
     shots = [sweep.shots[k] for k in np.flatnonzero(index == exposure)]
     variances = []

@@ -12,7 +12,7 @@ from calibration.solver.tones import Curve, Tones, exposure_index, of_exposures
 from calibration.sources.sweep import Sweep
 
 STEADY_STOPS = 0.015
-"""Light that varies by less than 1 % (the standard deviation over shots) does no harm."""
+"""Light that varies by less than 1 % (the standard deviation over shots) is steady enough."""
 
 REFUSED_STOPS = 0.05
 """3.5 % of the light, nine grey levels near saturation of a linear sensor."""
@@ -23,17 +23,17 @@ EXPLAINED = 0.93
 ALIKE = 0.001
 """A step has one parameter, a drift three: a step that explains nearly as much is preferred.
 
-In a sweep up and down again that ends in long exposures a drift looks like a step in the middle, to half a percent.
+In a sweep up and down again that ends in long exposures, a drift looks like a step in the middle, to half a percent.
 """
 
 LAG_EXPLAINED = 0.2
-"""Share that a lagging control must account for: no linear model knows its limits."""
+"""Share that a lagging control must account for: a linear model does not include its limits."""
 
 LAG_SURPRISE = 0.6
 """Apart from how it started, a control repeats itself when the previous exposures repeat; light does not."""
 
 LONG_EXPOSURE_US = 15_000
-"""Hardly anything is left of the flicker of mains in exposures as long as this or longer."""
+"""Exposures this long or longer show hardly any flicker of mains."""
 
 FLICKER_CHANGE = 0.5
 """Change from shot to shot, relative to that between any two shots; 1 means no memory."""
@@ -51,7 +51,7 @@ MOST_STOPS = 4.0
 """Stops up to which a group measures changes of light; beyond its ends the scale is a guess."""
 
 LEAST_GROUPS = 3
-"""Fewer do not judge a shot, unless there are no more."""
+"""Fewer groups do not judge a shot, unless there are no more."""
 
 _WORDS = {
     "auto_exposure": "after each change of exposure brightness goes back; switch auto exposure and auto gain off",
@@ -135,7 +135,7 @@ class Light:
         return float(np.sqrt(square / max(float(self.weights[among].sum()), 1e-9)))
 
     def surprise(self) -> float:
-        """Share of the variance that is left between shots of the same exposure after the same change; 1 if no two are.
+        """Share of the variance left between shots of the same exposure after the same change; 1 if there are no two.
 
         Shots of an exposure are distinguished by the exposure before it and by their place after the change.
         """
@@ -180,7 +180,7 @@ class Light:
         return change / max(2.0 * self.variation() ** 2, 1e-12)
 
     def _centred(self, values: Curve) -> Curve:
-        """Values (shots, columns) against their mean over the shots of one exposure, times the root of the weights."""
+        """Values (shots, columns) less their mean over the shots of one exposure, times the root of the weights."""
         total = np.maximum(np.bincount(self.index, weights=self.weights), 1e-12)
         sums = np.zeros((len(total), values.shape[1]))
         np.add.at(sums, self.index, values * self.weights[:, None])
@@ -200,7 +200,7 @@ def _powers(times: Curve) -> Curve:
 
 
 def _lags(levels: Curve) -> Curve:
-    """A control that lags: exposure less its running mean over a few or many shots, by one control of each speed."""
+    """A control that lags: exposure less its running mean over a few or many shots, one column for each speed."""
     causes = np.empty((len(levels), len(LAGS_SHOTS)))
     for column, shots in enumerate(LAGS_SHOTS):
         mean = levels[0]

@@ -19,9 +19,9 @@ from calibration.response import GREY_LEVELS, ResponseFunction
 from calibration.sources.sweep import Shot, Sweep
 
 GROUPS = 100
-"""Of pixels alike in brightness."""
+"""Groups of pixels alike in brightness."""
 MOST_PIXELS = 60_000
-"""Of each image; more would tell variances better than a curve of whole grey levels is known."""
+"""Taken from each image; more would give variances better than a curve of whole grey levels is known."""
 MOST_PAIRS = 40
 LEAST_PIXELS = 60
 LEAST_POINTS = 20
@@ -34,11 +34,11 @@ CLEAR_SIGMAS = 5.0
 DARK_GREY = 4.0
 """Grey levels above black below which a response of whole grey levels is too coarse."""
 SMALL_NOISE = 0.25
-"""Of the light: where noise is larger, the curve bends within it."""
+"""Share of the light; where noise is larger, the curve bends within it."""
 SYSTEMATIC = 0.02
-"""Relative error of a variance besides chance."""
+"""Relative error of a variance apart from chance."""
 ROUNDS = 3
-"""Of choosing variances by a fit, and fitting those chosen."""
+"""Rounds of choosing variances by a fit, and fitting those chosen."""
 POWERS = np.linspace(0.5, 1.6, 111)
 SURE = 25.0
 """By how much chi squared must fall for a power to be preferred to 1: five standard errors."""
@@ -75,7 +75,7 @@ class NoiseWitness:
 
     @property
     def finding(self) -> Finding | None:
-        """What to tell the user, if the noise contradicts."""
+        """What to report if the noise contradicts the response."""
         if self.misfit > REFUSED_MISFIT or (self.doubted and abs(self.power - 1.0) > REFUSED_POWER):
             text = (
                 "the noise of the images contradicts the response: it does not grow with the light that the response "
@@ -92,7 +92,7 @@ class NoiseWitness:
 
 
 def hear_noise(sweep: Sweep, response: ResponseFunction) -> NoiseWitness | None:
-    """What the noise says of a response; None where there is too little noise, or range of light, to say anything."""
+    """What the noise says of a response; None if there is too little noise, or range of light, to say anything."""
     points = _large(_points(sweep, response))
     if len(points.variance) < LEAST_POINTS or np.ptp(np.log2(points.lights)) < LEAST_RANGE_STOPS:
         return None
@@ -145,7 +145,7 @@ class _Points:
 
 
 def _large(points: _Points) -> _Points:
-    """Those where noise makes rounding random, as a fit expects: by their own size, chance would choose them."""
+    """Points where a fit expects enough noise to make rounding random; by their own size, chance would choose them."""
     kept = points.part(points.variance > LEAST_SIGMA_STEPS**2 * ((points.steps / points.exposures) ** 2).sum(axis=0))
     for _ in range(ROUNDS):
         if len(kept.variance) < LEAST_POINTS:
@@ -181,7 +181,7 @@ def _pairs(sweep: Sweep) -> list[tuple[int, int]]:
 def _points(sweep: Sweep, response: ResponseFunction) -> _Points:
     """All groups in all pairs of shots whose pixels are clear of black and saturation.
 
-    Pixels are put together by their mean over the sweep, in which the noise of a single shot hardly shows.
+    Pixels are grouped by their mean over the sweep, in which the noise of a single shot hardly shows.
     """
     stride = -(-sweep.shots[0].pixels.size // MOST_PIXELS)
     pixels = [shot.pixels.ravel()[::stride] for shot in sweep.shots]
@@ -227,7 +227,7 @@ def _groups(means: NDArray[np.float32]) -> NDArray[np.intp]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _LightScale:
-    """The light (saturation is 1) of each code of a pixel, as a response finds it, and between which codes it does."""
+    """The light (saturation is 1) of each code of a pixel, as a response finds it, and the range where it does."""
 
     light: Array
     step: int

@@ -13,7 +13,7 @@ from calibration.solver.tones import Tones, tones_by_exposure
 from calibration.sources.sweep import Sweep
 
 UNSEEN_GREY = 32
-"""Grey levels missing in a row, at an end or in between, from which on a warning is given."""
+"""Grey levels missing in a row, at an end or in between, from which a warning is given."""
 
 POOR_FIT_GREY = 1.5
 """From here on, prediction tables are off by more than noise."""
@@ -28,13 +28,13 @@ REFUSED_ODD_STOPS = 0.25
 """As much as a fine step of exposure: the others can hardly be trusted either."""
 
 MOVED_SHARE = 0.1
-"""Of the textured parts; more than in `judge_sweep`, since one image is predicted from another."""
+"""Share of the textured parts; more than in `judge_sweep`, since one image is predicted from another."""
 
 
 def judge_solution(sweep: Sweep, solution: ResponseSolution) -> list[Finding]:
     """Reasons not to believe a solved response function, if any.
 
-    Reasons: few_levels, poor_fit, odd_exposure, and moving_scene where `judge_sweep` had no repeats to see it in.
+    Reasons: few_levels, poor_fit, odd_exposure, and moving_scene if `judge_sweep` had no repeats to see it in.
     """
     tones = tones_by_exposure(sweep)
     repeated = len(tones.levels) < len(sweep.shots)

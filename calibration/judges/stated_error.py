@@ -1,4 +1,4 @@
-"""What a sweep cannot tell, as part of the error that is stated of its response."""
+"""What a sweep cannot show, as part of the error that is stated for its response."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ UNIFORM_STOPS = 1.0
 """Parts of the scene that differ by less see the same light at no two exposures, and so do not link them."""
 
 HIDDEN_STOPS = 0.1
-"""Grey levels of a uniform scene whose light may be off by more, for an offset of the exposure times that only noise
-could show, do not count as covered."""
+"""Grey levels of a uniform scene whose light may be off by more, through an offset of the exposure times that only
+noise could show, do not count as covered."""
 
 
 def is_uniform(tones: Tones, response: ResponseFunction) -> bool:
-    """Whether a scene has one brightness only: then a curve cannot be told from wrong exposure times by grey levels."""
+    """Whether a scene has one brightness only: then grey levels cannot tell a curve from wrong exposure times."""
     greys = tones.greys - tones.middle
     inside = (greys > response.black_level + 1) & (greys < response.saturation - 1)
     row = int(np.argmax(inside.sum(axis=1)))
@@ -45,13 +45,13 @@ def with_doubts(solution: ResponseSolution, tones: Tones, witness: NoiseWitness 
     if witness is None and uniform:
         # As far as grey levels go, the sensor may be linear, and the exposure times wrong.
         bounds.append(stops - ResponseFunction.linear(solution.response.black_level).log2_exposure)
-    # What is a bound counts as two standard errors.
+    # A bound counts as two standard errors.
     parts = [solution.uncertainty_stops, *(_from_the_middle(bound, covered) / 2.0 for bound in bounds)]
     return replace(solution, covered=covered, uncertainty_stops=np.sqrt(np.sum(np.square(parts), axis=0)))
 
 
 def uniform_scene(solution: ResponseSolution, tones: Tones, witness: NoiseWitness | None) -> Finding | None:
-    """A scene that cannot tell, and noise that does not either."""
+    """A scene that cannot show wrong exposure times, and noise that cannot either."""
     if witness is not None or not is_uniform(tones, solution.response):
         return None
     text = (

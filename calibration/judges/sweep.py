@@ -22,7 +22,7 @@ DARK_GREY, BRIGHT_GREY = 64, 224
 """Images without any structure are black below, white above; in between an automatic function holds them."""
 
 MOVED_SHARE = 0.03
-"""Of the textured parts of the image: more is not just a reflection or a passing fly."""
+"""Share of the textured parts of the image; more is not just a reflection or a passing fly."""
 
 MOVED_UNDER_CHANGING_LIGHT = 0.3
 """Light that changes differently in different places moves edges of shadows, too."""

@@ -20,11 +20,11 @@ from drivers.genicam.write_latency import FRAMES_AFTER
 from drivers.pixels.layout import Pixels, light_samples
 
 TRIALS = 100
-"""Of each quantity: enough to distinguish 95 % from less, in a dozen seconds at 60 Hz."""
+"""Writes of each quantity: enough to distinguish 95 % from less, in a dozen seconds at 60 Hz."""
 TRIES = 2
-"""Up to this many times as many writes are made, where a busy computer makes some of them useless."""
+"""Up to this many times as many writes are made, if a busy computer makes some of them useless."""
 LONGEST_PART = 0.6
-"""Of a frame period: the camera must keep its rate with the longer exposure, followed by readout."""
+"""Part of a frame period: the camera must keep its rate with the longer exposure, followed by readout."""
 LEAD = 0.1
 """Part of a frame period after the start of an exposure at which it is written: shortly after, within clock errors."""
 STEP_STOPS = 1.0
@@ -42,7 +42,7 @@ Alternatives = tuple[ExposureSetting, ExposureSetting]
 class _Watch:
     """The camera's frames while it is written to, and when its next exposure starts.
 
-    `settings` are those that it is written with.
+    `settings` are those written to it.
     """
 
     def __init__(self, session: Session, settings: Alternatives) -> None:
@@ -60,7 +60,7 @@ class _Watch:
             self._recent.popleft()
 
     def write_just_after_a_start(self, setting: ExposureSetting) -> tuple[int, int, ExposureSetting]:
-        """Wait until an exposure has just started, and write; returns when that began and ended, and what it took."""
+        """Wait until an exposure has just started, and write; returns start and end of the write, and what it took."""
         starts = [(frame.frame_id, self._start_ns(frame)) for frame in self._recent]
         period_ns = median(
             (late - early) / (later - earlier) for (earlier, early), (later, late) in itertools.pairwise(starts)
@@ -105,11 +105,11 @@ def capture_latency(
     trials
         Clear writes of each quantity to aim for.
     progress
-        Called with the number of clear writes so far, and in the end.
+        Called with the number of clear writes so far, and the number aimed for.
 
     Returns
     -------
-    One for the exposure, and one for the gain where the camera has a gain in dB. A scene that is too dark or too bright
+    One for the exposure, and one for the gain if the camera has a gain in dB. A scene that is too dark or too bright
     at this rate gives no clear write, and the finding that says so.
     """
     session.latch_clock()

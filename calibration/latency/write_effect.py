@@ -95,7 +95,7 @@ class WriteEffect:
 
 @dataclass(frozen=True, slots=True)
 class _Effect:
-    """Of one write: frames to its effect, by light and by metadata; delays of the frames around the change."""
+    """One write: frames to its effect, by light and by metadata; delays of the frames around the change."""
 
     frames: int
     said_frames: int | None

@@ -23,9 +23,9 @@ MARGIN_SIGMAS = 4.0
 DITHER = 0.3
 """Noise (in steps between grey levels) needed to smooth out the steps themselves; EMVA 1288 asks for 0.24."""
 LINEAR_PART = 0.7
-"""Of the way from black to saturation: what EMVA 1288 takes the system gain from."""
+"""Part of the way from black to saturation that EMVA 1288 takes the system gain from."""
 SYSTEMATIC = 0.005
-"""Relative error of a variance besides chance: no sensor is more linear, and no single bin may dominate."""
+"""Relative error of a variance apart from chance: no sensor is more linear, and no single bin may dominate."""
 BENT = 0.05
 """Deviation from the straight line of grey over exposure time that no linear sensor shows."""
 DARK, WHITE = 0.02, 0.98
@@ -34,7 +34,7 @@ UNRESOLVED = 0.1
 """Part of the read noise that its error may be."""
 SATURATED_PIXELS = 1000
 ROUNDS = 6
-"""Of choosing bins by the line and drawing the line through them; three settle it."""
+"""Rounds of choosing bins by the line and drawing the line through them; three settle it."""
 MIN_BINS = 8
 MIN_SPAN = 0.15
 """Part of the way from black to saturation that grey levels must span for a slope to be measured."""

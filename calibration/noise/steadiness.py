@@ -16,13 +16,13 @@ from calibration.noise.light_lines import PATCH_PX, LightLines
 Array = NDArray[np.float64]
 
 FLICKER = 0.01
-"""Change of light between two images of a pair from which on it is reported; it is subtracted from the noise."""
+"""Change of light between two images of a pair from which it is reported; it is subtracted from the noise."""
 DRIFT = 0.02
 """Change of light between pairs of one setting that were taken apart."""
 HOPELESS = 0.2
 """Light that changes by more says nothing about the black level."""
 BRIGHT = 0.1
-"""Part of the way to saturation from which on a patch measures the light despite noise and black level."""
+"""Part of the way to saturation from which a patch measures the light despite noise and black level."""
 CHANGED_PATCHES = 0.1
 """Part of the patches that may change by themselves: a shadow, a leaf."""
 CHANGED_SIGMAS = 6.0
@@ -42,10 +42,10 @@ class Steadiness:
     Attributes
     ----------
     light
-        The largest change of light between shots of one setting, as a part of it; infinite where the scene moved, or
-        not all of its lights changed, so that it is unknown.
+        The largest change of light between shots of one setting, as a part of it; infinite if the scene moved, or
+        not all of its lights changed, which leaves it unknown.
     findings
-        What of it is worth reporting.
+        The changes worth reporting.
     """
 
     light: float
@@ -101,7 +101,7 @@ def _drift(lines: LightLines, shots: list[int], least_dn: float) -> float:
 def _changed(lines: LightLines, pair: tuple[int, int], variance: Callable[[Array], Array]) -> tuple[float, bool]:
     """Part of the patches that changed by more than noise and one light can, and whether nearly all the same way.
 
-    What moves makes some patches brighter and others darker; lights that flicker beside others that do not, only one.
+    Motion makes some patches brighter and others darker; lights that flicker beside steady ones do only one of both.
     """
     one, other = (lines.grey[index] for index in pair)
     seen = np.isfinite(one + other)
@@ -111,7 +111,7 @@ def _changed(lines: LightLines, pair: tuple[int, int], variance: Callable[[Array
     limit = CHANGED_SIGMAS * np.sqrt(np.maximum(variance(mean), 0.0) * 2.0 / PATCH_PX**2 + lines.rounding_dn**2)
     signs = np.sign(change[np.abs(change) > limit])
     together = bool(abs(signs.sum()) > TOGETHER * len(signs))
-    # Another light changes grey in proportion to its distance from black, which flicker leaves not well known.
+    # Another light changes grey in proportion to its distance from black, which is poorly known under flicker.
     light = np.stack([np.ones_like(mean), mean], axis=1)
     change -= light @ np.linalg.lstsq(light, change)[0]
     return float((np.abs(change) > limit).mean()), together

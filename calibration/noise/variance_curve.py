@@ -14,7 +14,7 @@ from calibration.sources.sweep import Shot
 MOST_BINS = 1024
 """Bins of mean grey over the range of the format: one for each grey level of 8 bits, one for four of 12 bits."""
 GROUPS = 512
-"""Of pixels alike in brightness: finer than the bins, so that clipped pixels do not hide among others."""
+"""Groups of pixels alike in brightness: finer than the bins, so that clipped pixels do not hide among others."""
 MIN_DEGREES = 50
 """With fewer pixels, the variance of a bin is known to no better than 20 %."""
 
@@ -37,7 +37,7 @@ class VarianceCurve:
     bin_width
         Width of the bins (DN); the first begins at 0.
     step
-        What neighbouring grey levels differ by: 16 where 12 bits are sent as 16.
+        Difference between neighbouring grey levels: 16 if 12 bits are sent as 16.
     """
 
     mean: Array
@@ -72,10 +72,10 @@ def grey_step(shots: Sequence[Shot]) -> int:
 def variance_curve(shots: Sequence[Shot], pairs: Sequence[tuple[int, int]]) -> VarianceCurve:
     """Half the variance of the difference of two images, by their mean: what stands still in the scene drops out.
 
-    Pixels are put together by how bright they are in the other pairs. By their own grey level they would be sorted by
-    their noise, too, and the darkest would be those that brighter pixels' noise made dark. As variance is linear in the
-    mean, it does not matter how alike the pixels of a group are. The mean difference is taken out group by group, and
-    with it a light that changed between the two images.
+    Pixels are grouped by how bright they are in the other pairs. Grouped by their own grey level, they would be
+    sorted by their noise, too, and the darkest would be brighter pixels that their noise made dark. As variance is
+    linear in the mean, it does not matter how alike the pixels of a group are. The mean difference is taken out group
+    by group, and with it a change of the light between the two images.
     """
     means = [(shots[one].pixels.astype(np.float32) + shots[other].pixels).ravel() / 2.0 for one, other in pairs]
     total = np.sum(means, axis=0)
@@ -113,7 +113,7 @@ def _groups(brightness: Pixels, mean: Pixels, difference: Pixels) -> Array:
 
 
 def quantised(variance: Array) -> Array:
-    """The variance (steps squared) that differences of rounded values show, of values of that `variance`, shape (n,).
+    """The variance (steps squared) that differences of rounded values of that `variance` show, shape (n,).
 
     Large noise gains 1/12. Small noise gains less: none at all in the limit, where both images round alike. For values
     that lie anywhere between the steps, as those of a scene do, the gain is a Fourier series.

@@ -1,4 +1,4 @@
-"""The report of a calibration: one HTML page that needs nothing else, and its plots as a PNG; whether to believe it."""
+"""The report of a calibration: one self-contained HTML page, its plots as a PNG, and whether to believe the result."""
 
 from calibration.report.page import check_extra, facts, write_report
 

@@ -1,4 +1,4 @@
-"""The report of a pair's geometry: one HTML page that needs nothing else."""
+"""The report of a pair's geometry: one self-contained HTML page."""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ def write_report(path: Path, result: Result, other: tuple[Comparison, Result, Re
     path
         The response file, written or not.
     result
-        What the report is of.
+        What the report shows.
     other
         For a rig: how left and right compare, and both results.
 
@@ -79,7 +79,7 @@ def write_report(path: Path, result: Result, other: tuple[Comparison, Result, Re
 
 
 def facts(result: Result) -> Iterator[Fact]:
-    """What stands above the plots."""
+    """The facts listed above the plots."""
     yield from origin_facts(result.origin)
     times_us = [shot.setting.exposure_time_us for shot in result.sweep.shots]
     yield "sweep", f"{len(times_us)} images, {min(times_us):.0f} to {max(times_us):.0f} us"
@@ -95,8 +95,8 @@ def facts(result: Result) -> Iterator[Fact]:
 
 def _heard(witness: NoiseWitness | None) -> str:
     if witness is None:
-        return "too little of it, or too little range, to check exposure times by"
-    return "contradicts the exposure times" if witness.finding else "agrees with the exposure times, as far as it tells"
+        return "too little of it, or too little range, to check the exposure times"
+    return "contradicts the exposure times" if witness.finding else "agrees with the exposure times, as far as it shows"
 
 
 def _flat(values: Mapping[str, Any], parent: str = "") -> Iterator[Fact]:
@@ -110,7 +110,7 @@ def _flat(values: Mapping[str, Any], parent: str = "") -> Iterator[Fact]:
 
 
 def _tables(values: Mapping[str, Any]) -> Iterator[tuple[list[str], list[list[str]]]]:
-    """Lists of entries in what other commands wrote, as the names of columns, and rows."""
+    """Lists of entries in what other commands wrote, as column names and rows."""
     for value in filter(_is_table, values.values()):
         columns = list(value[0])
         yield (

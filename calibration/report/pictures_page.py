@@ -1,4 +1,4 @@
-"""A page of facts and pictures that needs nothing else."""
+"""A self-contained page of facts and pictures."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from drivers.errors import ConfigurationError
 
 
 def write_page(path: Path, template: str, pictures: Sequence[Picture], **content: object) -> Path:
-    """Write the page that a template of this folder makes of its content, and return its path.
+    """Write the page that a template of this folder makes from its content, and return its path.
 
     Raises
     ------

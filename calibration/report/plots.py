@@ -28,7 +28,7 @@ DASHES: Sequence[tuple[float, str, str, str]] = (
 """Changes of exposure level (stops), each with its colour (after Okabe and Ito), dash and marker."""
 INK = "#1b1b1b"
 UNSEEN: dict[str, Any] = {"facecolor": "none", "edgecolor": "#999999", "hatch": "///", "lw": 0, "alpha": 0.5}
-"""How grey levels look that the sweep did not see."""
+"""How grey levels that the sweep did not see are drawn."""
 LEAST_DRAWN_STOPS = 1e-5
 MOST_POINTS = 4000
 MOST_RINGS = 250

@@ -1,4 +1,4 @@
-"""The report of a lens's vignetting: one HTML page that needs nothing else."""
+"""The report of a lens's vignetting: one self-contained HTML page."""
 
 from __future__ import annotations
 

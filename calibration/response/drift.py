@@ -16,7 +16,7 @@ SHARES = np.linspace(0.03, 0.97, 48)
 """Shares of pixels whose grey levels are followed: unlike single pixels they hardly change when the camera moves."""
 
 LEAST_STOPS, MOST_STOPS = 0.2, 2.5
-"""Smaller changes of exposure show little; beyond greater ones little is neither black nor saturated in both frames."""
+"""Smaller changes of exposure show little; after greater ones few pixels are clear of both ends in both frames."""
 
 SAME_STOPS = 0.02
 CALM_GREY = 1.0
@@ -60,12 +60,12 @@ class ResponseWatch:
     """Compares what a response predicts for changes of exposure with what frames then show.
 
     Light that changes at the same time would look like a wrong response. So a change counts only when the two frames
-    before it, taken with one exposure, look alike, and the two frames after it too. Not thread-safe.
+    before it, taken with one exposure, look alike, and so do the two frames after it. Not thread-safe.
 
     Attributes
     ----------
     changes
-        The changes that counted, the latest of them kept.
+        The latest of the changes that counted.
     counted
         How many have counted in all.
     """
@@ -88,7 +88,7 @@ class ResponseWatch:
         Parameters
         ----------
         image
-            Some thousand pixels from all over the frame, uint8; kept until four more have come.
+            Some thousand pixels from all over the frame, uint8; kept until four more have arrived.
         level
             In stops.
         """
@@ -102,11 +102,11 @@ class ResponseWatch:
             self._judge(stops, *(followed_greys(seen.pixels) for seen in self._seen))
 
     def interrupt(self) -> None:
-        """A frame is missing before the next one."""
+        """Note that a frame is missing before the next one."""
         self._seen.clear()
 
     def _judge(self, stops: float, first: Greys, before: Greys, after: Greys, last: Greys) -> None:
-        """Keep the change between the second and the third of four frames, if it is the exposure's alone."""
+        """Keep the change between the second and the third of four frames, if nothing but the exposure changed."""
         if max(_rms(first - before), _rms(after - last)) > CALM_GREY:
             return
         low, high = self._response.black_level + CLIPPED_GREY, self._response.saturation - CLIPPED_GREY

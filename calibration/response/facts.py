@@ -9,11 +9,11 @@ from calibration.response.file import Origin, ResponseFile
 Fact = tuple[str, str]
 
 SIGMAS = 2.0
-"""Standard errors that are stated as the error; how often it holds, docs/calibration-method.md says."""
+"""Standard errors that are stated as the error; docs/calibration-method.md says how often it holds."""
 
 
 def origin_facts(origin: Origin) -> Iterator[Fact]:
-    """Which camera it is of, and in which mode it was measured."""
+    """Which camera it belongs to, and in which mode it was measured."""
     if origin.camera is not None:
         camera = origin.camera
         yield "camera", f"{camera.vendor} {camera.model}, serial {camera.serial}"

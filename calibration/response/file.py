@@ -1,4 +1,4 @@
-"""A response file: the curve, whose it is, how it was made, and how well it is known."""
+"""A response file: the curve, its camera, how it was made, and how well it is known."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class ResponseFile:
     findings
         What was found wrong with the sweep and its solution.
     noise, latency
-        What else was measured of this camera, as it stands in the file.
+        What else was measured of this camera, as in the file.
     path
         Where it was read from; None: nowhere.
     """
@@ -99,7 +99,7 @@ class ResponseFile:
 
     @classmethod
     def load(cls, path: Path) -> ResponseFile:
-        """Read a response file; a file with the curve alone, made by hand, is as good.
+        """Read a response file; a file with the curve alone, made by hand, is valid too.
 
         Raises
         ------

@@ -63,7 +63,7 @@ class ResponseFunction:
     def linear(cls, black_level: int = 0) -> ResponseFunction:
         """The response of a sensor without gamma: grey above `black_level` (0..254) in proportion to exposure.
 
-        The black level itself stands for half a grey level of light, since log2 of none is not finite.
+        The black level itself stands for half a grey level of light, since log2 of 0 is not finite.
         """
         signal = np.maximum(np.arange(GREY_LEVELS) - float(black_level), 0.5)
         return cls(np.log2(signal / signal[-1]), black_level, GREY_LEVELS - 1)
@@ -88,7 +88,7 @@ class ResponseFunction:
         black, saturation = self.black_level, self.saturation
         greys = np.arange(black, saturation + 1, dtype=np.float64)
         light = np.exp2(self.log2_exposure[black : saturation + 1] - self.log2_exposure[saturation])
-        light[0] = 0.0  # the curve says about half a grey level, since log2 of none is not finite
+        light[0] = 0.0  # the curve says about half a grey level, since log2 of 0 is not finite
         return np.asarray(np.interp(grey, greys, light))
 
 

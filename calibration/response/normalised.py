@@ -21,14 +21,14 @@ WHITE_16 = 1 << 14
 """White at the reference exposure in 16 bits: two stops of headroom above it, and 64 codes to a grey level of Mono8."""
 
 _FRACTION_BITS = 8
-"""Of the grey levels that dithering rounds: cv2.LUT has 16 bits at most, and 8 of them are the grey level."""
+"""Fraction bits that dithering rounds away: cv2.LUT has 16 bits at most, and 8 of them are the grey level."""
 
 _BAYER = np.array([[0, 8, 2, 10], [12, 4, 14, 6], [3, 11, 1, 9], [15, 7, 13, 5]], np.uint16)
 """Thresholds of ordered dithering (Bayer 1973), in sixteenths of a grey level."""
 
 _LAST_16 = 65534.0
 _ROUNDING = 1.0 + 1e-6
-"""So that a frame at the reference exposure stays as it is, whatever rounding did to its level."""
+"""Keeps a frame at the reference exposure as it is, whatever rounding did to its level."""
 
 _KEPT_TABLES = 16
 """Both frames of four pairs; a table of Mono16 has 128 KiB."""
@@ -48,9 +48,9 @@ def normalised(
     Parameters
     ----------
     frame
-        Of any bit depth.
+        The frame, of any bit depth.
     response
-        Of its camera.
+        The response of its camera.
     reference
         Exposure level to bring it to, stops (`ExposureSetting.level`).
     bits
@@ -66,11 +66,11 @@ def normalised(
     Raises
     ------
     ConfigurationError
-        For luminance and chroma.
+        For frames of luminance and chroma.
 
     Notes
     -----
-    Each sample of a colour frame is brought there by itself. Light is unknown where the frame is saturated, and where
+    Each sample of a colour frame is converted by itself. Light is unknown where the frame is saturated, and where
     it is beyond the scale. Pixels at or below the black level stay black.
     """
     import cv2  # noqa: PLC0415  a client loads OpenCV only if it wants this

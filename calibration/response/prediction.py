@@ -13,8 +13,8 @@ from calibration.response import GREY_LEVELS, ResponseFunction
 def prediction_table(response: ResponseFunction, delta_level: float) -> NDArray[np.uint8]:
     """``g_exp(I) = f(f^-1(I) + dE)`` for every grey level, uint8, shape (256,), non-decreasing.
 
-    No change is exactly the identity. Upwards saturation is predicted exactly. Downwards all saturated grey levels
-    map to one: what the light was above saturation is not known, so that what it hides stays a flat patch.
+    No change gives exactly the identity. Upwards, saturation is predicted exactly. Downwards, all saturated grey levels
+    map to one: how much light there was above saturation is unknown, so whatever it hides stays a flat patch.
 
     Parameters
     ----------

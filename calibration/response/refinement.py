@@ -42,7 +42,7 @@ def _fit(response: ResponseFunction, changes: list[Change]) -> Values:
     stops = np.concatenate([np.full(len(change.before), change.stops) for change in changes])
     missing = stops - (response.inverse_between(after) - response.inverse_between(before))
     design = (_hats(response, after) - _hats(response, before))[:, :-1]
-    # Dark grey levels are rounded coarsely: what half a grey level is in stops is the noise of an equation.
+    # Dark grey levels are rounded coarsely: half a grey level, in stops, is the noise of an equation.
     noise = _half_grey_stops(response, before) + _half_grey_stops(response, after) + _HUBER_STOPS / 10.0
     bends = np.diff(np.eye(_KNOTS), 2, axis=0)[:, :-1] / _STIFFNESS * np.sqrt(len(missing)) / 10.0
     weights = 1.0 / noise

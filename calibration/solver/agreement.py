@@ -15,7 +15,7 @@ MAX_DELTA_STOPS = 2.1
 CLIPPED_GREY = 3.0
 """This close to black or saturation, noise is cut off on one side, which no curve can predict."""
 LEAST_PAIRS = 20
-"""Of tones, for a verdict."""
+"""Pairs of tones needed for a verdict."""
 
 Values = NDArray[np.float64]
 

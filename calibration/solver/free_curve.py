@@ -12,7 +12,7 @@ from calibration.solver.inverse_curve import InverseCurve, as_well, misfit, octa
 from calibration.solver.tones import Curve, Tones
 
 SMOOTHNESS = (1e4, 1e3, 1e2, 10.0, 1.0, 0.1)
-"""Weights tried of the squared second derivative against squared errors of medians, the smoothest first.
+"""Weights tried for the squared second derivative against squared errors of medians, the smoothest first.
 
 Where exposures are evenly spaced, ripples of the same spacing in the curve explain a sweep as well as no ripples. So
 the smoothest curve that explains it as well as the roughest is taken.
@@ -52,7 +52,7 @@ def fit_free(tones: Tones, within: NDArray[np.bool_], prior: InverseCurve, ancho
 
 
 class _Fit(NamedTuple):
-    """A curve, the matrix of its normal equations, and how many standard errors the residuals are large."""
+    """A curve, the matrix of its normal equations, and the size of the residuals in standard errors."""
 
     curve: InverseCurve
     normal: Curve

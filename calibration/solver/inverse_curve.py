@@ -25,7 +25,7 @@ SAME_STOPS = 0.15
 class Ends:
     """Where grey levels end, as seen: the lowest one, and saturation (that of the format if none was saturated).
 
-    Where `black_seen`, the lowest one did not change with exposure, and so is black.
+    If `black_seen`, the lowest one did not change with exposure, and so is black.
     """
 
     lowest: float
@@ -46,7 +46,7 @@ class Ends:
 class InverseCurve:
     """log2 exposure over grey, given at some grey levels (nodes) and straight between them.
 
-    Straight over the logarithm of grey above black, that is: over it responses hardly bend, and power laws not at all.
+    Straight, that is, over the logarithm of grey above black: over it responses hardly bend, and power laws not at all.
 
     Attributes
     ----------
@@ -106,7 +106,7 @@ def nodes(black: float, saturation: float) -> Curve:
 
 
 def usable(tones: Tones, ends: Ends) -> NDArray[np.bool_]:
-    """Which medians say something about the curve: within black and saturation, in groups with at least two such."""
+    """Which medians say something about the curve: within black and saturation, in groups with at least two of them."""
     inside = (tones.greys > ends.lowest + CLEAR_OF_ENDS_GREY) & (tones.greys < ends.saturation - CLEAR_OF_ENDS_GREY)
     return np.asarray(inside & (inside.sum(axis=0) >= 2))
 

@@ -32,16 +32,16 @@ FOLDS = 8
 """Fits without some exposures."""
 
 OFFSETS = (-0.4, -0.15, 0.15, 0.5, 1.5, 4.0)
-"""Of the shortest exposure time, tried as an error of all of them."""
+"""Parts of the shortest exposure time, tried as an error of all exposure times."""
 
 BETTER = 0.9
 """By this factor the misfit must fall for an offset to count."""
 
 
 def solve_response(sweep: Sweep) -> ResponseSolution:
-    """Recover the response function: a free curve, or a family's where that explains as much.
+    """Recover the response function: a free curve, or a family's if that explains as much.
 
-    Takes what `judge_sweep` does not refuse; about a second for 80 shots of 390000 pixels.
+    Takes sweeps that `judge_sweep` does not refuse; about a second for 80 shots of 390000 pixels.
 
     Raises
     ------
@@ -109,7 +109,7 @@ def left_out_stops(tones: Tones, ends: Ends, fit: FamilyFit, anchor: int) -> Cur
 
 
 def _offset_stops(tones: Tones, ends: Ends, fit: FamilyFit, anchor: int) -> Curve:
-    """What the curve would change by (stops) if all exposures were off by the time that explains the medians best."""
+    """How much the curve would change (stops) if all exposures were off by the time that explains the medians best."""
     best, within = fit, usable(tones, ends)
     times = np.exp2(tones.levels - tones.levels[0])
     for offset in OFFSETS:

@@ -1,4 +1,4 @@
-"""A sweep condensed: the grey levels of groups of pixels that see like radiance, in every shot."""
+"""A sweep condensed: the grey levels of groups of pixels of similar radiance, in every shot."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ MIN_PIXELS = 12
 """With fewer pixels a group's median says little."""
 
 MAX_SAMPLES = 16_000_000
-"""Of all shots together, about a second of work; of larger sweeps every n-th pixel is taken."""
+"""Samples of all shots together, about a second of work; larger sweeps use every n-th pixel."""
 
 MEDIAN_FLOOR_GREY = 0.1
 """Least uncertainty of a median, since grey levels are whole numbers."""
@@ -95,7 +95,7 @@ def _group(pixels: NDArray[np.uint8]) -> tuple[NDArray[np.intp], int]:
     """The group of each pixel, and how many there are.
 
     Whatever the response, the mean of a pixel over all shots rises with its radiance. Groups are cut so that each
-    holds a like share of pixels and of the range of means, and rare radiances get groups of their own.
+    holds a similar share of pixels and of the range of means, and rare radiances get groups of their own.
     """
     means = pixels.mean(axis=0, dtype=np.float32)
     order = np.argsort(means, kind="stable")
@@ -110,8 +110,8 @@ def _group(pixels: NDArray[np.uint8]) -> tuple[NDArray[np.intp], int]:
 def _medians(histogram: NDArray[np.intp]) -> tuple[Curve, Curve]:
     """Medians of the groups between whole grey levels, and their standard errors, from (groups * 256) counts.
 
-    Where the cumulative distribution crosses one half is found on its logit, in which that of noise is nearly a
-    straight line: so that the median of narrow noise is not pulled to whole levels.
+    The place where the cumulative distribution crosses one half is found on its logit, in which that of noise is
+    nearly a straight line, so the median of narrow noise is not pulled to whole levels.
     """
     below = np.cumsum(histogram)
     ends = below[GREY_LEVELS - 1 :: GREY_LEVELS]

@@ -19,7 +19,7 @@ from drivers.exposure import ExposureSetting
 from drivers.pixels.layout import Pixels
 
 GREEN = 1
-"""Of OpenCV's blue, green, red."""
+"""Its place among OpenCV's blue, green, red."""
 MOST_IMAGE_BYTES = 1 << 30
 """More than the raw pixels of any sensor take."""
 
@@ -27,8 +27,8 @@ MOST_IMAGE_BYTES = 1 << 30
 def read_images(source: Path) -> Sweep:
     """A sweep from the images of a folder or of a list; `exposure_times` says where their times come from.
 
-    Of colour images the green channel is taken: a single channel has one response and one saturation, a mix does not.
-    Images of 16 bits whose pixels all stay below 4096 are taken for 12 bits in 16. The gain is not known and given as
+    Colour images give their green channel: a single channel has one response and one saturation, a mix does not.
+    Images of 16 bits whose pixels all stay below 4096 are taken as 12 bits in 16. The gain is not known and given as
     0 dB.
 
     Raises
@@ -40,7 +40,7 @@ def read_images(source: Path) -> Sweep:
 
 
 def read_pictures(folder: Path) -> tuple[Shot, ...]:
-    """The images of a folder as `read_images` reads them, whose exposure does not matter, and is given as 1 us.
+    """The images of a folder as `read_images` reads them; their exposure does not matter, and is given as 1 us.
 
     Raises
     ------
@@ -74,7 +74,7 @@ def _described(image: NDArray[Any]) -> str:
 
 
 def read_grey8(path: Path) -> NDArray[np.uint8]:
-    """An image in 8 bits, of colour images the green channel; the depth of others as in `read_images`.
+    """An image in 8 bits, the green channel if it is in colour; deeper ones are read as in `read_images`.
 
     Raises
     ------
@@ -88,7 +88,7 @@ def read_grey8(path: Path) -> NDArray[np.uint8]:
 
 
 def read_grey(path: Path) -> Pixels:
-    """An image of 8 or 16 bits, of colour images the green channel; raises ConfigurationError."""
+    """An image of 8 or 16 bits, the green channel if it is in colour; raises ConfigurationError."""
     try:
         content = read_regular(path, MOST_IMAGE_BYTES)
         damaged = content.startswith(SIGNATURE) and not is_whole_png(content)

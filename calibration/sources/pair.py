@@ -21,7 +21,7 @@ RATE_HZ, SLOWEST_HZ = 20.0, 2.0
 LONGEST_US = 5000.0
 """Longer exposures blur a board held by hand."""
 BRIGHT_GREY = 190.0
-"""Where the brightest twentieth of the picture is put: paper shows all its detail, and nothing is white."""
+"""Aim for the brightest twentieth of the picture: paper shows all its detail, and nothing is white."""
 
 _START = ExposureSetting(2000.0, 0.0)
 _WAIT_NS = 100_000_000
@@ -43,7 +43,7 @@ class PairOfCameras:
         }
 
     def next_pair(self) -> dict[Side, Frame]:
-        """The newest pictures of both, each exposed by what the one before it showed.
+        """The newest pictures of both, each exposed according to the one before it.
 
         Raises
         ------
@@ -97,6 +97,6 @@ def whole_grey8(frame: Frame) -> NDArray[np.uint8]:
 
 
 def _within(limits: ExposureLimits, level: float) -> ExposureSetting:
-    """The setting for a level: as long as a board in a hand allows, then with gain."""
+    """The setting for a level: exposed as long as a hand-held board allows, then gain."""
     longest_us = max(min(LONGEST_US, limits.max_time_us), limits.min_time_us)
     return replace(limits, max_time_us=longest_us).realise(level, longest_us)

@@ -17,11 +17,11 @@ from drivers.pixels.formats import PixelFormat
 from drivers.pixels.layout import Layout, Pixels, light_samples
 
 PATIENCE_S = 3.0
-"""How late a frame may be, besides its own exposure and that of the previous setting."""
+"""How late a frame may be, beyond its own exposure and that of the previous setting."""
 FRAMES_TO_OBEY = 16
 """A camera that takes none of this many frames with a setting that it read back never will."""
 LATE_NS = 100_000_000
-"""Where the start of an exposure is inferred from its arrival, one that had to queue seems to start so much late."""
+"""If the start of an exposure is inferred from a frame's arrival, one that had to queue seems to start this late."""
 _POLL_S = 0.5  # how often a wait for a long exposure checks that the camera is still there
 
 
@@ -84,7 +84,7 @@ class Session:
         """This many shots in a row, all really taken with `setting` as the camera rounds it.
 
         If frames report their setting, it waits until they report this one. Otherwise it leaves out those that may
-        still show the previous setting: more than any camera needs that can be controlled at all.
+        still show the previous setting: more than any camera that can be controlled needs.
 
         Raises
         ------

@@ -16,7 +16,7 @@ FIRST_TIME_US = 2000.0
 LONGEST_TIME_US = 500_000.0
 """Darker scenes are not worth the wait: two passes at half a second already take most of a minute."""
 FRAMES = 3
-"""Of each exposure in each pass; in a row, so that flicker shows."""
+"""Frames of each exposure in each pass; in a row, so that flicker shows."""
 STEP_STOPS = 0.5
 MOST_EXPOSURES = 33
 SEARCH_STOPS = 2.0
@@ -27,7 +27,7 @@ STANDSTILL_GREY = 1.0
 KEPT_PIXELS = 400_000
 """Plenty for a response, and a sweep of a large sensor fits into memory."""
 OVERHEAD_S = 0.15
-"""Time for writing a setting, and for frames that do not show it yet, besides the exposures."""
+"""Time for writing a setting, and for frames that do not show it yet, in addition to the exposures."""
 
 
 class StaticCamera(Protocol):

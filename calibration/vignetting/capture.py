@@ -15,13 +15,13 @@ from drivers.exposure import ExposureSetting
 
 LOOKS = 8
 FRAMES = 8
-"""Of each exposure time in each look."""
+"""Frames of each exposure time in each look."""
 PAUSE_S = 2.0
 """Time to turn the camera or move the surface between looks."""
 SHORT = 0.5
 """The shorter exposure time, as a part of the longer one."""
 BRIGHT = (0.55, 0.8)
-"""Where the brightest twentieth of the picture is put, of full scale."""
+"""Brightness aimed for in the brightest twentieth of the picture, as a part of full scale."""
 _STEPS = 10
 _FACTOR = 8.0
 
@@ -51,9 +51,9 @@ def _field(camera: StaticCamera, response: ResponseFunction, time_us: float, gai
 
 
 def bright_exposure_us(camera: StaticCamera, gain_db: float) -> float:
-    """The exposure time at which the brightest part of the picture is bright, and not saturated.
+    """The exposure time at which the brightest part of the picture is bright but not saturated.
 
-    As near as the bounds allow.
+    It is as near to that as the bounds allow.
     """
     shortest_us, longest_us = time_bounds_us(camera.limits)
     time_us = min(max(FIRST_TIME_US, shortest_us), longest_us)

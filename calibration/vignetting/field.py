@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 COLUMNS = 64
 PARTS = 2
-"""Each cell is divided into so many parts across and down, whose differences show texture rather than noise."""
+"""Each cell is divided into this many parts across and down, whose differences show texture rather than noise."""
 LEAST_CELL_PX = 4
 
 
@@ -27,7 +27,7 @@ class Field:
     Attributes
     ----------
     light
-        Of each cell, relative to the mean of all, shape (rows, columns).
+        The light of each cell, relative to the mean of all, shape (rows, columns).
     level
         The mean light, as a share of what saturates.
     grey

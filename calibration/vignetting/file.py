@@ -29,16 +29,16 @@ _Pixels = Annotated[int, Strict()]
 
 @dataclass(frozen=True, slots=True)
 class VignettingFile:
-    """A vignetting, of which camera it is, and how well it is known.
+    """A vignetting, the camera it belongs to, and how well it is known.
 
     Attributes
     ----------
     vignetting
         The vignetting itself.
     camera
-        Which camera it was measured with; None: it does not say.
+        Which camera it was measured with; None: the file does not say.
     error
-        How far relative light may be from the truth, as a share; None: it does not say.
+        How far relative light may be from the truth, as a share; None: the file does not say.
     date, tool
         When, and by which version.
     findings

@@ -1,4 +1,4 @@
-"""Why looks at a flat field, or what follows from them, are not to be believed."""
+"""Reasons not to believe looks at a flat field, or what follows from them."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from calibration.vignetting.model import LEAST_LIGHT
 
 LEAST_LOOKS = 4
 MOST_CLIPPED = 1e-3
-"""Single pixels are hot; more of them are a lamp, or too much light."""
+"""Single pixels may be hot; more of them mean a lamp, or too much light."""
 LEAST_GREY = 0.1
 MOST_TEXTURE = 0.03
-"""Differences within a cell: paper and frosted glass show 1 %, a cell that vignetting crosses as much."""
+"""Differences within a cell: paper and frosted glass show 1 %, and vignetting across a cell as much."""
 MOST_UNEVEN = 0.02
 """Deviations of cells from anything that changes smoothly over the picture."""
 GOOD_CHANGE, USABLE_CHANGE = 0.1, 0.3
-"""Of the light from look to look: it may fall more or less on a surface that is moved."""
+"""Change of the light from look to look: a surface that is moved may catch more or less of it."""
 GOOD_SLOPE, USABLE_SLOPE = 0.03, 0.1
 """By how much light and grey levels may be out of proportion, in stops for each stop."""
 GOOD_TILT, USABLE_TILT = 0.05, 0.15
@@ -78,7 +78,7 @@ def judge_result(mean: Array, error: float) -> Iterator[Finding]:
 
 
 def _judge_light(looks: Sequence[Look]) -> Iterator[Finding]:
-    """Whether the light stayed, and grey levels follow it: a camera tells that by its exposure times."""
+    """Whether the light stayed the same and grey levels follow it, which looks at two exposure times show."""
     slopes = [look.slope for look in looks if look.slope is not None]
     if not slopes:
         return

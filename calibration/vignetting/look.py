@@ -17,7 +17,7 @@ class Look:
     field
         What was seen.
     short
-        The same with a shorter exposure time; None: from a picture, there is none.
+        The same with a shorter exposure time; None for pictures, which have none.
     time_ratio
         The shorter exposure time over the longer one.
     """
@@ -28,7 +28,7 @@ class Look:
 
     @property
     def light(self) -> Array:
-        """The light of each cell, relative to their mean, shape (rows, columns): of all that was seen."""
+        """The light of each cell, relative to their mean, shape (rows, columns), over all that was seen."""
         return self.field.light if self.short is None else (self.field.light + self.short.light) / 2.0
 
     @property

@@ -13,7 +13,7 @@ from drivers.errors import ConfigurationError
 Array = NDArray[np.float64]
 
 LEAST_LIGHT = 0.02
-"""Darker parts are outside of what a lens covers, and cannot be made up for."""
+"""Darker parts are outside of what a lens covers, and cannot be corrected."""
 LARGEST_PIXELS = 65_536
 MOST_NODES = 64
 MOST_COEFFICIENTS = 8
@@ -28,7 +28,7 @@ class Vignetting:
     Attributes
     ----------
     width, height
-        Of the frames it is for, pixels.
+        Size of the frames it is for, in pixels.
     centre_px
         Column and row around which light falls, for the polynomial.
     coefficients
@@ -39,7 +39,7 @@ class Vignetting:
     Raises
     ------
     ConfigurationError
-        For what no lens does; the message begins with the key at fault.
+        For values that no lens has; the message begins with the key at fault.
     """
 
     width: int
@@ -77,14 +77,14 @@ class Vignetting:
         return np.asarray(light / light.max(), np.float32)
 
     def as_plain(self) -> dict[str, Any]:
-        """Its keys in files and messages."""
+        """The keys of files and messages, with its values."""
         size: dict[str, Any] = {"width": self.width, "height": self.height}
         if self.grid:
             return {**size, "grid": [list(row) for row in self.grid]}
         return {**size, "centre_px": list(self.centre_px), "coefficients": list(self.coefficients)}
 
     def check_size(self, size: tuple[int, int], who: str) -> None:
-        """Refuse frames of another width and height, which `who` sends; raises ConfigurationError."""
+        """Refuse frames of another size, sent by `who`; raises ConfigurationError."""
         if size != (self.width, self.height):
             raise ConfigurationError(
                 f"the vignetting is for frames of {self.width}x{self.height} pixels, but {who} sends "
@@ -101,7 +101,7 @@ class Vignetting:
 
 
 def middles(parts: int, pixels: int) -> Array:
-    """Where the middles of so many equal parts of a row or column are, in pixels."""
+    """The middles of this many equal parts of a row or column, in pixels."""
     return (np.arange(parts) + 0.5) * pixels / parts - 0.5
 
 

@@ -26,7 +26,7 @@ class VignettingResult:
     Attributes
     ----------
     name
-        What the looks are of, in a few words.
+        What was looked at, in a few words.
     size
         Width and height of the frames.
     looks
@@ -34,11 +34,11 @@ class VignettingResult:
     findings
         Reasons not to believe it.
     mean
-        The light of cells, mean of all looks; None where they are refused.
+        The light of cells, mean of all looks; None if they are refused.
     solution
-        The vignetting; None where the looks give none.
+        The vignetting; None if the looks give none.
     error
-        How far relative light may be from the truth anywhere in the picture, as a share: as far as the looks can tell.
+        How far relative light may be from the truth anywhere in the picture, as a share: as far as the looks show.
     """
 
     name: str
@@ -56,7 +56,7 @@ class VignettingResult:
 
     @property
     def slope(self) -> float | None:
-        """Stops of light for a stop of exposure time, by the response; None: unknown."""
+        """Stops of light for a stop of exposure time, according to the response; None: unknown."""
         slopes = [look.slope for look in self.looks if look.slope is not None]
         return float(np.median(slopes)) if slopes else None
 
@@ -84,10 +84,10 @@ def calibrate_vignetting(name: str, size: tuple[int, int], looks: Sequence[Look]
 
 
 def _error(solution: Solution, shape: tuple[int, ...], slope: float | None) -> float:
-    """What looks, model and response leave open, at the darkest place.
+    """The error that looks, model and response leave open, at the darkest place.
 
-    The picture goes on beyond the middles of the outermost cells, where a misfit doubles. A response that is off by so
-    many stops for each stop is off by as much for what the lens takes away.
+    The picture goes on beyond the middles of the outermost cells, where a misfit doubles. A response that is off by a
+    share of each stop is off by the same share of what the lens takes away.
     """
     depth = -math.log2(float(solution.vignetting.relative_light(shape[0], shape[1]).min()))
     by_response = 0.0 if slope is None else 2.0 ** (depth * abs(slope - 1.0)) - 1.0

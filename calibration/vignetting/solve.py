@@ -17,7 +17,7 @@ Kind = Literal["polynomial", "polynomial about a fitted centre", "grid"]
 DEGREE = 4
 """Coefficients of the polynomial: r^2 to r^8. With one less, cos^4 down to 0.3 is missed by 5 % in the corners."""
 NODES = 12
-"""Of the grid, along the longer side."""
+"""Nodes of the grid along the longer side."""
 BETTER = 0.9
 """A model with more numbers must predict the looks held out with an error this many times as large, or less."""
 _ROUNDS = 12
@@ -38,7 +38,7 @@ class Solution:
     misfit
         How far it is from the mean of all looks, at the worst place.
     spread
-        How far it may be off because looks differ, at the worst place: half of what both halves differ by.
+        How far it may be off because looks differ, at the worst place: half the difference between the two halves.
     """
 
     vignetting: Vignetting
@@ -143,4 +143,4 @@ _FITS: dict[Kind, Callable[[Array, tuple[int, int]], Vignetting]] = {
     "polynomial about a fitted centre": partial(fit_polynomial, about_middle=False),
     "grid": fit_grid,
 }
-"""From the simplest on."""
+"""The simplest first."""

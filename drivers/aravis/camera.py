@@ -61,7 +61,7 @@ class AravisCamera:
         switch_white_balance_off(nodes, setup.pixel_format)
         apply_features(nodes, setup)
         switch_auto_off(nodes)
-        self._dialect = find_dialect(nodes, setup.gain_scale)  # first: what cannot expose is refused for just that
+        self._dialect = find_dialect(nodes, setup.gain_scale)  # first: a camera that cannot expose fails for that
         self._pixel_format = choose_pixel_format(nodes, setup.pixel_format)
         switch_white_balance_off(nodes, self._pixel_format)
         set_binning(nodes, setup.binning)
@@ -136,7 +136,7 @@ class AravisCamera:
             try:
                 return self._read(buffer, arrival_time_ns)
             finally:
-                buffer.set_timestamp(0)  # still 0 if the next frame in this buffer comes without its leader
+                buffer.set_timestamp(0)  # still 0 if the next frame in this buffer arrives without its leader
                 self._stream.push_buffer(buffer)
 
     def write(self, setting: ExposureSetting) -> ExposureSetting:
@@ -151,7 +151,7 @@ class AravisCamera:
     def trigger(self) -> None:
         """Take a frame now."""
         self._check_present()
-        with self._nodes.unchecked():  # a check would be a round trip, and late by that
+        with self._nodes.unchecked():  # a check would be a round trip, and delay it by that
             self._nodes.execute(SOFTWARE_TRIGGER)
 
     def schedule(self, device_time_ns: int) -> None:

@@ -24,8 +24,8 @@ __all__ = ["Aravis", "GLib", "genicam_xml"]
 def genicam_xml(device: Any) -> str:
     """The GenICam description of a device.
 
-    Aravis 0.8.26 gives it with its length and without an end, but PyGObject takes it for a text with an end, and reads
-    whatever memory follows: hence past PyGObject.
+    Aravis 0.8.26 gives it with its length and no terminator, but PyGObject takes it for terminated text, and reads
+    whatever memory follows, so it is read without PyGObject.
     """
     function = ctypes.CDLL("libaravis-0.8.so.0").arv_device_get_genicam_xml
     function.restype, function.argtypes = ctypes.c_void_p, [ctypes.c_void_p, ctypes.POINTER(ctypes.c_size_t)]

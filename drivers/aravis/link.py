@@ -25,7 +25,7 @@ def keep_to_share(camera: Any, nodes: AravisNodes, share: LinkShare, payload_byt
     camera
         Aravis' camera, with its packet size set.
     payload_bytes
-        Of a frame.
+        Size of a frame.
     rate_hz
         Frames per second; None: as many as it can take.
 
@@ -76,7 +76,7 @@ def _interface_mbps(camera: Any, serial: str) -> float:
 
 
 def _own_bytes_per_s(nodes: AravisNodes) -> float | None:
-    """How fast the camera's own cable is, by the standard's nodes; None: it does not say."""
+    """How fast the camera's own cable is, according to the standard's nodes; None: they do not say."""
     for name, unit in (("DeviceLinkSpeed", 1.0), ("GevLinkSpeed", 1e6 / 8)):
         if nodes.available(name):
             speed = nodes.read_float(name) if nodes.is_float(name) else nodes.read_integer(name)

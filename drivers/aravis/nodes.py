@@ -102,7 +102,7 @@ class AravisNodes:
         return frozenset(name for name in self.features() if self._is_streamable(name))
 
     def _is_streamable(self, name: str) -> bool:
-        # Aravis 0.8.26 keeps the mark to itself, and hands the description out as text without an end.
+        # Aravis 0.8.26 keeps the mark to itself, and gives the description as text without a terminator.
         part = self._device.get_feature(name).get_first_child()
         while part is not None:
             if part.get_node_name() == "Streamable":
@@ -231,7 +231,7 @@ class AravisNodes:
         try:
             return str(self.call(f"read {name}", self._device.get_string_feature_value, name) or "")
         except UnicodeDecodeError:
-            raise NodeError(f"camera {self.serial}: {name} is no text in UTF-8") from None
+            raise NodeError(f"camera {self.serial}: {name} is not UTF-8 text") from None
 
     def write_string(self, name: str, value: str) -> None:
         """Write a text feature."""

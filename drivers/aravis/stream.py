@@ -21,13 +21,13 @@ PACKET_TIMEOUT_US = 2_000
 """A packet this late is requested again. With Aravis' default of 20 ms one lost packet delays its frame, and the next
 ones, by two periods at 60 Hz."""
 FRAME_RETENTION_US = 50_000
-"""A GigE Vision frame still incomplete so long after its last packet is given up; frames behind it wait until then."""
+"""A GigE Vision frame incomplete this long after its last packet is given up; frames behind it wait until then."""
 
 
 def create_stream(camera: Any, nodes: AravisNodes, setup: CameraSetup) -> Any:
     """Create the stream and its buffers; chunks and format must be set before, as they decide the payload size."""
     if camera.is_gv_device():
-        # The kernel hands packet sockets over in 5 ms blocks; a plain socket is quicker.
+        # The kernel serves packet sockets in 5 ms blocks; a plain socket is quicker.
         camera.gv_set_stream_options(Aravis.GvStreamOption.PACKET_SOCKET_DISABLED)
         if setup.packet_size_bytes is None:
             nodes.call("find the packet size", camera.gv_auto_packet_size)
@@ -49,7 +49,7 @@ def create_stream(camera: Any, nodes: AravisNodes, setup: CameraSetup) -> Any:
 
 
 def row_padding_bytes(buffer: Any) -> int:
-    """What a frame says that its rows are padded by; 0 with Aravis 0.8.20, which does not hand that over."""
+    """By how many bytes a frame says its rows are padded; 0 with Aravis 0.8.20, which does not pass that on."""
     return int(buffer.get_image_padding()[0]) if hasattr(buffer, "get_image_padding") else 0
 
 

@@ -37,7 +37,7 @@ class FeatureSetting:
 
 
 def parse_features(content: object) -> tuple[FeatureSetting, ...]:
-    """The settings in a YAML list; raises ValueError, with one sentence, for what is no such list."""
+    """The settings in a YAML list; raises ValueError, in one sentence, for anything else."""
     if not isinstance(content, list):
         raise ValueError("is not a list: begin each line with a dash, `- Name: value`, as the order counts")
     return tuple(_parsed(f"item {number}", item) for number, item in enumerate(content, 1))

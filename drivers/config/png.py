@@ -8,7 +8,7 @@ SIGNATURE = b"\x89PNG\r\n\x1a\n"
 MOST_PIXELS = 1 << 28
 """More than any sensor has: a few hundred bytes can declare an image that fills all memory."""
 
-_CHUNK_BYTES = 12  # per chunk, besides its data: length, type, checksum
+_CHUNK_BYTES = 12  # per chunk, apart from its data: length, type, checksum
 
 
 def is_whole_png(content: bytes) -> bool:

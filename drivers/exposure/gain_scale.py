@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 FINE_DB = 0.1
-"""Steps up to this size count as none: so much may an exposure setting differ from what was asked for."""
+"""Steps up to this size count as none: an exposure setting may differ by this much from what was asked for."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,11 +29,11 @@ class GainScale:
     gains_db: tuple[float, ...]
 
     def gain_db(self, setting: float) -> float:
-        """The gain of a setting; outside the points that of the nearest one."""
+        """The gain of a setting; outside the points, that of the nearest one."""
         return float(np.interp(setting, self.settings, self.gains_db))
 
     def setting(self, gain_db: float) -> float:
-        """The setting of a gain; outside the points the nearest one."""
+        """The setting of a gain; outside the points, the nearest one."""
         return float(np.interp(gain_db, self.gains_db, self.settings))
 
     def bounds(self, low: float, high: float) -> tuple[float, float]:
@@ -41,7 +41,7 @@ class GainScale:
         return max(low, self.settings[0]), min(high, self.settings[-1])
 
     def gains_of_steps(self, low: float, high: float, step: float) -> tuple[float, ...]:
-        """The gains of the settings ``low + n * step`` up to `high`; empty where they are too fine to matter."""
+        """The gains of the settings ``low + n * step`` up to `high`; empty if they are too fine to matter."""
         settings = np.arange(low, high + step / 2.0, step)
         gains_db = np.unique(np.interp(settings, self.settings, self.gains_db))
         return tuple(map(float, gains_db)) if np.diff(gains_db).max(initial=0.0) > FINE_DB else ()

@@ -17,7 +17,7 @@ _LONGEST_TIME_US = 3.6e9
 _HIGHEST_GAIN_DB = 200.0
 
 SAME_GAIN_DB = 0.1
-"""Gains that differ by less are taken for the same one, rounded."""
+"""Gains that differ by less count as the same one, rounded."""
 
 
 def linear_gain(gain_db: float) -> float:
@@ -55,7 +55,7 @@ class ExposureSetting:
 class ExposureLimits:
     """Bounds of exposure time (us) and gain (dB), with the increments in which a camera takes them (0: any value).
 
-    `gains_db`, rising, are the only gains that it takes, where their steps are uneven.
+    `gains_db`, rising, are the only gains that it takes, if their steps are uneven.
     """
 
     min_time_us: float

@@ -15,13 +15,13 @@ LATCH_TRIES = 5
 COMPARED_DELAYS = 60
 """Recent frames only: the delay changes with the exposure time."""
 SURE_FRAMES = 5
-"""One of so many arrives undelayed unless the machine is very busy; a late one would look like the next trigger's."""
+"""One of this many arrives undelayed unless the machine is very busy; a late one would look like the next trigger's."""
 ARRIVAL_WINDOW = 600
 """Frames whose delays are compared without a latch: 10 s at 60 Hz; crystals of 50 ppm drift by 0.5 ms in it."""
 LATCH_ERROR_NS = 1_000_000
 """A latch that had to wait for the processor may be off by this much: not a jump."""
 OUT_OF_ORDER_NS = 100_000_000
-"""A frame given up late may come after newer ones: not a jump either."""
+"""A frame given up late may arrive after newer ones: not a jump either."""
 JUMP_NS = 500_000_000
 """A clock that moves this much against the host's between two frames has jumped; drift and latches are smaller."""
 NANOSECONDS = 1_000_000_000

@@ -65,7 +65,7 @@ class ExposureDialect:
         """
         if self.gain is None and setting.gain_db != 0.0:
             raise NodeError(
-                f"camera {nodes.serial}: it has no gain known in dB, so that {setting.gain_db:g} dB cannot be "
+                f"camera {nodes.serial}: it has no gain known in dB, so {setting.gain_db:g} dB cannot be "
                 "set; ask for 0 dB"
             )
         if present is None or setting.exposure_time_us != present.exposure_time_us:
@@ -110,7 +110,7 @@ def find_dialect(nodes: NodeMap, gain_scale: GainScale | Literal["own numbers"] 
 
 
 def gain_driven(nodes: NodeMap) -> bool:
-    """Whether the camera's gain is driven, as it is in dB."""
+    """Whether the camera's gain is driven because it is in dB."""
     return _find_gain(nodes, None)[0] is not None
 
 

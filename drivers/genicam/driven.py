@@ -37,7 +37,7 @@ _ALWAYS = {
     "DeviceReset": "the camera would restart whenever it is opened: remove it",
     "UserSetSave": "it would wear out the camera's memory whenever it is opened: save once, with the maker's program",
 }
-"""Advice by the name of what is driven on every camera, by this room or by Aravis for the stream, or does harm."""
+"""Advice by the name of each feature that is driven on every camera, here or by Aravis for the stream, or harmful."""
 _BINNED = ("BinningHorizontal", "BinningVertical", "Width", "Height", "OffsetX", "OffsetY")
 _SHARE = ("GevSCPD", "DeviceLinkThroughputLimit", "DeviceLinkThroughputLimitMode")
 _OUTPUT = ("LineMode", "LineSource")

@@ -38,7 +38,7 @@ def apply_features(nodes: NodeMap, setup: CameraSetup) -> None:
     ConfigurationError
         Naming each feature that the daemon drives itself, or that the camera does not take, and why.
     NodeError
-        When the camera refuses some without a reason that its description gives.
+        When the camera refuses some for a reason that its description does not give.
     """
     features = setup.features
     if not features:
@@ -55,7 +55,7 @@ def apply_features(nodes: NodeMap, setup: CameraSetup) -> None:
 def set_features(nodes: NodeMap, features: Sequence[FeatureSetting]) -> list[AutoexposeError]:
     """Set features in their order, and return what is wrong with those that the camera does not take.
 
-    Those between two selectors or commands shall hold together in the end: as long as that helps, those that the camera
+    Those between two selectors or commands must all hold in the end: as long as that helps, those that the camera
     refused (locked, or out of bounds before the others were set) or changed (as binning does with the region) are set
     again. So a region may move and grow, whatever it was before.
     """
@@ -95,9 +95,9 @@ def read_feature(nodes: NodeMap, name: str) -> FeatureValue:
 
 @contextlib.contextmanager
 def selecting(nodes: NodeMap, selectors: Sequence[tuple[str, str]]) -> Iterator[None]:
-    """Within the block these selectors are at these entries, and afterwards where they were before.
+    """Within the block these selectors are set to these entries, and afterwards back to what they were.
 
-    Raises ConfigurationError for what is no selector, or has no such entry, and NodeError when the camera refuses.
+    Raises ConfigurationError for a name that is no selector or lacks the entry, and NodeError when the camera refuses.
     """
     with contextlib.ExitStack() as restored:
         for selector, entry in selectors:

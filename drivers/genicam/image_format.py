@@ -10,7 +10,7 @@ from drivers.pixels.formats import PIXEL_FORMATS, PixelFormat
 from drivers.pixels.layout import Pixels
 
 MOST_PADDING_BYTES = 1 << 16
-"""Some cameras fill the payload up to whole packets or transfers; what is longer is no filling."""
+"""Some cameras fill the payload up to whole packets or transfers; anything longer is not filling."""
 
 _log = logging.getLogger(__name__)
 
@@ -37,7 +37,7 @@ def choose_pixel_format(nodes: NodeMap, wanted: PixelFormat | None) -> PixelForm
     offered = nodes.entries("PixelFormat")
     if not offered:
         raise UnsupportedCameraError(
-            f"camera {nodes.serial}: it has no PixelFormat, so that its pixels cannot be told from its bytes"
+            f"camera {nodes.serial}: it has no PixelFormat, so its bytes cannot be read as pixels"
         )
     if wanted is None:
         present = nodes.read_entry("PixelFormat")
@@ -120,14 +120,14 @@ def decode_pixels(
 ) -> Pixels:
     """The pixels of an image in the format that the camera was set to, in the shape of `Frame.pixels`.
 
-    They are a read-only view of `data` where they need no unpacking.
+    They are a read-only view of `data` if they need no unpacking.
 
     Parameters
     ----------
     data
         What was received: the image, perhaps at most `MOST_PADDING_BYTES` more, and with `has_chunks` any number more.
     pfnc_code, width, height, row_padding_bytes
-        What the frame says of itself.
+        What the frame says about itself.
 
     Raises
     ------

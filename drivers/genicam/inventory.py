@@ -13,7 +13,7 @@ from drivers.genicam.nodes import NodeMap
 USER_SET, LOAD, DEFAULT = "UserSetSelector", "UserSetLoad", "Default"
 PACKET_DELAY = "GevSCPD"
 _ATTEMPTS = 4
-"""At putting features back that depend on each other, such as binning, sizes and offsets."""
+"""Attempts at putting back features that depend on each other, such as binning, sizes and offsets."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,8 +68,8 @@ def read_inventory(nodes: NodeMap) -> Inventory:
 def _stored(nodes: NodeMap, names: Sequence[str]) -> list[str]:
     """Those of the features that belong to what a camera is set to, rather than to its network.
 
-    Many descriptions mark them as streamable, Width for one. Where not even Width is, all are taken that do not belong
-    to GigE Vision's own registers, such as the camera's address; the packet delay belongs to both.
+    Many descriptions mark them as streamable, Width for one. If not even Width is, all are taken except those of GigE
+    Vision's own registers, such as the camera's address; the packet delay belongs to both.
     """
     streamable = nodes.streamable()
     if "Width" in streamable:
@@ -95,7 +95,7 @@ def differing(nodes: NodeMap, settings: Iterable[FeatureSetting]) -> list[tuple[
 def changed_from_default(
     nodes: NodeMap, settings: Sequence[FeatureSetting]
 ) -> tuple[list[FeatureSetting], list[FeatureSetting]]:
-    """Those present settings that the camera's default user set has otherwise, and those that were not put back.
+    """Those present settings that differ from the camera's default user set, and those that were not put back.
 
     Loads that user set, compares, and sets what differs again.
 

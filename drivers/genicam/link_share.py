@@ -9,28 +9,28 @@ from __future__ import annotations
 import math
 
 USABLE_SHARE = 0.9
-"""Of a GigE Vision link: the rest is for packets that are sent again, and for other traffic."""
+"""Share of a GigE Vision link: the rest is for packets that are sent again, and for other traffic."""
 
 USB3_MBPS = 5000
-"""Of SuperSpeed."""
+"""The speed of SuperSpeed."""
 
 USB3_USABLE_SHARE = 0.64
-"""Left by line coding and protocol: about 400 of SuperSpeed's 625 MB/s, 40 of the 60 MB/s of USB 2."""
+"""Share left by line coding and protocol: about 400 of SuperSpeed's 625 MB/s, 40 of the 60 MB/s of USB 2."""
 
 _HEADERS_BYTES = 36
-"""Of IP, UDP and GVSP: they count as part of a packet's size."""
+"""Headers of IP, UDP and GVSP, which count as part of a packet's size."""
 
 _FRAMING_BYTES = 38
 """What Ethernet adds: preamble, header, checksum and gap."""
 
 
 def bytes_per_s(mbps: float, cameras: int) -> float:
-    """What each of so many cameras may send over a GigE Vision link of so many megabits per second."""
+    """What each of this many cameras may send over a GigE Vision link of this many megabits per second."""
     return USABLE_SHARE * mbps * 1e6 / 8 / cameras
 
 
 def usb_bytes_per_s(mbps: float, cameras: int) -> float:
-    """What each of so many cameras can send over a bus of so many megabits per second."""
+    """What each of this many cameras can send over a bus of this many megabits per second."""
     return USB3_USABLE_SHARE * mbps * 1e6 / 8 / cameras
 
 

@@ -13,7 +13,7 @@ from drivers.genicam.quantity import MICROSECONDS
 from drivers.genicam.write_latency import WriteLatency
 
 FRAME_ID_CYCLE = 0xFFFF
-"""GigE Vision 1 counts frames 1 ... 65535 and skips 0, so that ids repeat after 65535 frames and not 65536."""
+"""GigE Vision 1 counts frames 1 ... 65535 and skips 0, so ids repeat after 65535 frames and not 65536."""
 LEDGER_LENGTH = 64
 """Writes remembered: at one per frame, a second at 60 Hz, longer than any frame takes to arrive."""
 
@@ -94,7 +94,7 @@ def enable_chunks(nodes: NodeMap, gain_node: str | None) -> tuple[ChunkNodes | N
     wanted = ("ExposureTime", *(() if gain_node is None else ("GainAll",) if raw else ("Gain",)))
     try:
         if nodes.exists("ChunkSelector") and nodes.available("ChunkModeActive"):
-            nodes.write_boolean("ChunkModeActive", True)  # first: some selectors are there only while it is on
+            nodes.write_boolean("ChunkModeActive", True)  # first: some selectors exist only while it is on
             if set(wanted) <= set(nodes.entries("ChunkSelector")):
                 for chunk in wanted:
                     nodes.write_entry("ChunkSelector", chunk)

@@ -19,7 +19,7 @@ class NodeMap(Protocol):
         """Serial number of the camera, for messages."""
 
     def features(self) -> tuple[str, ...]:
-        """All features, in the order of the camera's description; categories are none."""
+        """All features, in the order of the camera's description; categories are not features."""
 
     def streamable(self) -> frozenset[str]:
         """The features that the description marks as worth storing; empty if it marks none."""

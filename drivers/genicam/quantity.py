@@ -50,7 +50,7 @@ class Quantity:
         return self.ours(low), self.ours(high)
 
     def increment(self, nodes: NodeMap) -> float:
-        """The declared increment, at least 1 of an integer; 0.0 when any value is taken; the largest, if they vary."""
+        """The declared increment, at least 1 for an integer; 0.0 when any value is taken; the largest, if they vary."""
         if self.gain_scale is not None:
             return max(map(sub, (gains_db := self.uneven_steps(nodes))[1:], gains_db), default=0.0)
         if self.integer:
@@ -59,7 +59,7 @@ class Quantity:
         return increment if increment and math.isfinite(increment) else self.step
 
     def uneven_steps(self, nodes: NodeMap) -> tuple[float, ...]:
-        """The only gains (dB) that the node takes, where a `gain_scale` makes their steps uneven; empty otherwise."""
+        """The only gains (dB) that the node takes, if a `gain_scale` makes their steps uneven; empty otherwise."""
         if self.gain_scale is None:
             return ()
         own = replace(self, gain_scale=None)

@@ -57,7 +57,7 @@ def arm_trigger(nodes: NodeMap, setup: TriggerSetup) -> tuple[str, ...]:
 
 
 def _switch_triggers_off(nodes: NodeMap) -> None:
-    """Every trigger, as one left on elsewhere (AcquisitionStart, LineStart) would starve that of the frames."""
+    """Switch off every trigger: one left on elsewhere (AcquisitionStart, LineStart) would starve that of the frames."""
     for selector in nodes.entries("TriggerSelector"):
         nodes.write_entry("TriggerSelector", selector)
         if "Off" in nodes.entries("TriggerMode"):  # some list selectors whose trigger has no mode

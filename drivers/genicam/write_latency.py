@@ -69,7 +69,7 @@ class WriteLatency:
         self._last = seen
 
     def _find(self, write: _Write) -> None:
-        """Find the two frames between which the change came, if a single step shows it."""
+        """Find the two frames between which the change happened, if a single step shows it."""
         steps = [
             ((later - earlier) * math.copysign(1.0, write.change_stops), before_ns, after_ns)
             for (before_ns, earlier), (after_ns, later) in pairwise(write.frames)

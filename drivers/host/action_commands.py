@@ -37,7 +37,7 @@ def action_command(keys: ActionKeys, device_time_ns: int, request_id: int) -> by
 
 
 def refusal(answer: bytes) -> str | None:
-    """Why a camera did not take a command, in words; None if it did, or if the datagram is no such answer."""
+    """Why a camera did not take a command, in words; None if it did, or if the datagram is not such an answer."""
     if len(answer) < _ACK.size:
         return None
     status, answered, _, _ = _ACK.unpack_from(answer)

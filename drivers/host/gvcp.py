@@ -71,7 +71,7 @@ class Search:
 def search(interfaces: Iterable[NetworkInterface], wait_s: float = SEARCH_S, wanted: Collection[str] = ()) -> Search:
     """Search every interface for cameras; up to `TRIES` times, until the `wanted` serial numbers have answered.
 
-    Cameras of a foreign subnet are found as well, since they are asked to answer by broadcast.
+    Cameras in a foreign subnet are found too, since they are asked to answer by broadcast.
     """
     cameras: dict[tuple[str, IPv4Interface], GigeCamera] = {}
     failures: dict[str, str] = {}
@@ -103,13 +103,13 @@ def control_of(camera_address: str, answer_s: float = ANSWER_S) -> Control:
 
 
 def ptp_status_of(camera_address: str, answer_s: float = ANSWER_S) -> str | None:
-    """The PtpStatus of the camera at an IPv4 address, by its bootstrap register; None if it does not show one."""
+    """The PtpStatus of the camera at an IPv4 address, from its bootstrap register; None if it does not show one."""
     answer = _read_register(camera_address, _PTP_STATUS, answer_s)
     return None if answer is None or answer[0] != _SUCCESS else PTP_STATES.get(answer[1])
 
 
 def _read_register(camera_address: str, register: int, answer_s: float) -> tuple[int, int] | None:
-    """Value of a bootstrap register behind success or a denied access; None if the camera answers neither."""
+    """Status (success or access denied) and value of a bootstrap register; None if the camera answers neither."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asker:
         asker.settimeout(answer_s)
         for request_id in range(1, TRIES + 1):
@@ -137,7 +137,7 @@ def _asked(asker: socket.socket, interface: NetworkInterface, failures: dict[str
 
 
 def _identities(asking: Mapping[socket.socket, NetworkInterface], deadline_s: float) -> Iterator[GigeCamera]:
-    """Who answers until then, and all answers that are there then, if this process had no time for them before."""
+    """Who answers until then; answers already there are read even if this process had no time for them before."""
     while ready := select.select(list(asking), [], [], max(deadline_s - time.monotonic(), 0.0))[0]:
         for asker in ready:
             camera = _read_identity(asker.recv(2048), asking[asker])

@@ -20,7 +20,7 @@ SOCKET_BUFFER_BYTES = 4 << 20
 class NetworkInterface:
     """A network interface that is up, with its IPv4 addresses and their subnets.
 
-    `speed_mbps` is None where there is none, as on `lo` and most wireless interfaces.
+    `speed_mbps` is None if there is none, as on `lo` and most wireless interfaces.
     """
 
     name: str

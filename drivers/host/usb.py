@@ -51,7 +51,7 @@ class DeviceNode:
 
 @dataclass(frozen=True, slots=True)
 class UsbCamera:
-    """A USB3 Vision camera; None stands for what the kernel does not say.
+    """A USB3 Vision camera; None means that the kernel does not say.
 
     `bus` is the root hub, whose bandwidth its devices share; `controller` the hardware behind it.
     """

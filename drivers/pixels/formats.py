@@ -21,7 +21,7 @@ def _words(data: memoryview) -> Pixels:
 
 
 def _groups(data: memoryview, group_bytes: int) -> NDArray[np.uint8]:
-    """Shape (groups, group_bytes); zeros complete the last group, where an image ends within it."""
+    """Shape (groups, group_bytes); zeros complete the last group, if an image ends within it."""
     missing = -len(data) % group_bytes
     return np.frombuffer(bytes(data) + bytes(missing) if missing else data, np.uint8).reshape(-1, group_bytes)
 
@@ -83,7 +83,7 @@ class PixelFormat(StrEnum):
         What the samples are.
     unpack
         From the bytes of an image to its samples, flat, and at most three more: uint8, or uint16 with the value in the
-        low bits. A read-only view of the bytes where they need no unpacking.
+        low bits. A read-only view of the bytes if they need no unpacking.
     """
 
     pfnc_code: int

@@ -18,11 +18,11 @@ SAMPLES: Final[dict[Layout, int]] = {"RGB": 3, "BGR": 3, "YUYV": 2}
 """Samples of a pixel, in the layouts where it has more than one."""
 
 MOSAIC_SHARE: Final = 0.5
-"""Of a mosaic's samples: the green ones, of which `grey_plane` is made."""
+"""Share of a mosaic's samples that are green, of which `grey_plane` is made."""
 
 _BAND_SAMPLES = 1 << 18
-"""Planes are made in bands of so many samples: what is computed on the way then stays in the processor's cache. Of 5
-megapixels at once it costs page faults besides, five times the time (measured in the daemon's heap)."""
+"""Planes are made in bands of this many samples: what is computed on the way then stays in the processor's cache. All
+5 megapixels at once also cost page faults, five times the time (measured in the daemon's heap)."""
 
 _APART = 4
 """Every fourth pixel across and down is enough for the statistics of a whole image."""
@@ -30,7 +30,7 @@ _APART = 4
 _CHROMA = np.arange(256) - 128.0
 _RED_EXCESS = np.rint(np.maximum(1.402 * _CHROMA, 0.0)).astype(np.uint8)
 _BLUE_EXCESS = np.rint(np.maximum(1.772 * _CHROMA, 0.0)).astype(np.uint8)
-"""What red is above luminance for each V, and blue for each U (ITU-R BT.601, full range)."""
+"""How far red is above luminance for each V, and blue for each U (ITU-R BT.601, full range)."""
 _YUV_ROUNDING = 2
 """Grey levels that a colour may lose where luminance and chroma are rounded."""
 
@@ -121,9 +121,9 @@ def light_samples(pixels: Pixels, layout: Layout) -> Pixels:
 
 
 def green_samples(pixels: Pixels, layout: Layout) -> Pixels:
-    """What passes one kind of filter, 2-D, in full depth: the first green of each 2x2 of a mosaic, at half its size.
+    """Samples behind one kind of filter, 2-D, in full depth: the first green of each 2x2 of a mosaic, at half its size.
 
-    Of other colours the green, or else the luminance.
+    Other colours give their green, or else their luminance.
     """
     if is_mosaic(layout):
         row, column = divmod(layout.index("G"), 2)

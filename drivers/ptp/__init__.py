@@ -1,1 +1,1 @@
-"""Cameras whose clocks IEEE 1588, the Precision Time Protocol (PTP), keeps at one time."""
+"""Cameras whose clocks are kept at one time by IEEE 1588, the Precision Time Protocol (PTP)."""

@@ -1,4 +1,4 @@
-"""The nodes of a camera's PTP clock: switching it on, and what it says of its synchronisation."""
+"""The nodes of a camera's PTP clock: switching it on, and what it says about its synchronisation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether the clocks of a rig's cameras are one, and when to trigger the cameras by it.
+"""Whether the clocks of a rig's cameras show one time, and when to trigger the cameras by it.
 
 The slots are a grid of PTP time. A camera that is synchronised is triggered when its clock shows the time of a slot:
 that is as exact as the clocks, whatever the host does. One that no longer is gets the time that its clock will show
@@ -21,7 +21,7 @@ LOST_NS = 1_000_000
 GOOD_READINGS = 2
 """A second apart. The first may have been taken while the clock was being set."""
 STEP_NS = 5_000_000
-"""Beyond any error in reading a clock: two so far apart show different times, and one that moves so far was set."""
+"""Beyond any error in reading a clock: two this far apart show different times, and one that moves this far was set."""
 PATIENCE_NS = 10_000_000_000
 """A camera finds its master within some seconds."""
 FOLLOWING = ("Slave", "Master")
@@ -31,7 +31,7 @@ _NS_PER_S = 1_000_000_000
 
 @dataclass(slots=True)
 class _Clock:
-    """What is known of an open camera's clock; `since_ns`: from when on it should have been synchronised."""
+    """What is known of an open camera's clock; `since_ns`: since when it should have been synchronised."""
 
     queue: int
     since_ns: int
@@ -89,7 +89,7 @@ class Synchronisation:
         return {side: self._slots(clock, self._first_ns) for side, clock in self._clocks.items() if clock.ever}
 
     def trouble(self, side: Side, now_ns: int) -> str | None:
-        """Why a camera is not synchronised, and what to do, in words; None: it is, or has not had the time."""
+        """Why a camera is not synchronised, and what to do, in words; None: it is, or has not had time yet."""
         clock = self._clocks.get(side)
         if clock is None or clock.reading is None:
             return None
@@ -103,7 +103,7 @@ class Synchronisation:
         return _waited(clock.reading.ptp.status) if now_ns - clock.since_ns >= PATIENCE_NS else None
 
     def common_ns(self, side: Side, frame: Frame) -> int:
-        """When a frame was taken: by the one clock if its camera is synchronised, else by the camera's own."""
+        """When a frame was taken: by the common clock if its camera is synchronised, else by the camera's own."""
         clock = self._clocks.get(side)
         common_ns = frame.device_time_ns + self._offset_ns
         if clock is None or not self._in_time(clock) or abs(common_ns - frame.host_time_ns) > STEP_NS:
@@ -111,7 +111,7 @@ class Synchronisation:
         return common_ns
 
     def is_common(self, sides: Mapping[Side, Frame]) -> bool:
-        """Whether the clocks of these cameras are one at present."""
+        """Whether the clocks of these cameras show one time at present."""
         return all(side in self._clocks and self._in_time(self._clocks[side]) for side in sides)
 
     def _in_time(self, clock: _Clock) -> bool:

@@ -22,7 +22,7 @@ class CameraReady:
 
 @dataclass(frozen=True, slots=True)
 class CameraSilent:
-    """No frame has come for longer than the trigger period explains; the camera may still answer."""
+    """No frame has arrived for longer than the trigger period explains; the camera may still answer."""
 
     side: Side
 
@@ -67,7 +67,7 @@ class WriteFailed:
 
 @dataclass(frozen=True, slots=True)
 class NotTriggered:
-    """The host was too late to give a camera its trigger, so many times in a row."""
+    """The host was too late to give a camera its trigger, `count` times in a row."""
 
     side: Side
     count: int

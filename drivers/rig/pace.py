@@ -10,11 +10,11 @@ LATE_PERIODS = 0.2
 instant's."""
 
 LEAD_NS = 50_000_000
-"""A scheduled trigger is sent so long before its time, which survives most pauses of a busy host, or"""
+"""A scheduled trigger is sent this long before its time, which survives most pauses of a busy host, or"""
 LEAD_PERIODS = 0.9
 """as much sooner than one period as keeps the camera's queue from running over."""
 LAST_MOMENT_NS = 2_000_000
-"""One that is not sent so long before its time might not arrive in time."""
+"""One that is not sent this long before its time might not arrive in time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +58,7 @@ class Slots:
 
 
 class Pacer:
-    """Goes from slot to slot. After a pause it continues with the present one: it makes up for nothing.
+    """Goes from slot to slot. After a pause it continues with the present one: it does not make up for missed slots.
 
     `slots` may be moved, as clocks drift: each keeps its number.
     """

@@ -1,6 +1,6 @@
 """The cameras of a rig, each kept alive by its own threads, so that a camera in trouble does not disturb the other.
 
-Per camera one thread owns the nodes and one takes frames. All that happens goes into a single queue of events, for
+Per camera, one thread owns the nodes and one takes frames. All that happens goes into a single queue of events, for
 the one thread that pairs frames and decides.
 """
 

@@ -1,6 +1,6 @@
 """Keeping one camera alive: open it, trigger it, write to it, check that it answers, close it and open it again.
 
-There are no threads here. The caller calls `Supervisor.serve` on one, which owns the camera's nodes, and
+There are no threads here. The caller calls `Supervisor.serve` on one thread, which owns the camera's nodes, and
 `Supervisor.take_frame` on another, each when it is due by the given clock.
 """
 
@@ -41,7 +41,7 @@ from drivers.rig.pace import Pacer, Slots
 
 log = logging.getLogger(__name__)
 
-_CLOCK_PERIOD_NS = 1_000_000_000  # a crystal off by 50 ppm drifts 50 us in it, far below a trigger period
+_CLOCK_PERIOD_NS = 1_000_000_000  # a crystal off by 50 ppm drifts 50 us in this time, far below a trigger period
 _SHORTEST_BACK_OFF_NS = 100_000_000
 _LONGEST_BACK_OFF_NS = 2_000_000_000
 _LOG_PAUSE_S = 600.0

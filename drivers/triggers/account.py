@@ -71,7 +71,7 @@ class _Track:
     gap_fate: Fate = Fate.STARTUP  # what happened to triggers before the first frame of the next session
     frame_id: int = 0
     trigger: int = -1  # of the newest frame in this session
-    ready_ns: int | None = None  # since when it has waited for its first frame; None: not open, or it came
+    ready_ns: int | None = None  # since when it has waited for its first frame; None: not open, or it has arrived
     alone: int = -1  # the newest trigger whose frame was handed out alone
     not_given: int = 0  # triggers that the host did not give since its newest frame
 
@@ -80,7 +80,7 @@ class _Track:
 class Tally:
     """The balance: every trigger of the window is a pair or a loss. Times are CLOCK_MONOTONIC.
 
-    `surplus_frames` came between the expected triggers and belong to none of them (the trigger runs too fast).
+    `surplus_frames` arrived between the expected triggers and belong to none of them (the trigger runs too fast).
     """
 
     pairs: int = 0
@@ -140,7 +140,7 @@ class TriggerAccount:
         return self._arrival(side, frame.frame_id, frame.host_time_ns, Fate.INCOMPLETE)
 
     def stale(self, side: Side, frame: Frame) -> list[StereoPair]:
-        """Account for a frame that came when control was too far behind to use it."""
+        """Account for a frame that arrived when control was too far behind to use it."""
         return self._arrival(side, frame.frame_id, frame.host_time_ns, Fate.STALE)
 
     def not_given(self, side: Side, count: int) -> None:
@@ -313,7 +313,7 @@ def _reason(outcomes: dict[Side, Outcome]) -> LossReason:
             return LossReason.LEFT_MISSING
         case ["right"]:
             return LossReason.RIGHT_MISSING
-        case []:  # the frame came after its partner had been used alone
+        case []:  # the frame arrived after its partner had been used alone
             return LossReason.STALE
         case _:
             return LossReason.BOTH_MISSING

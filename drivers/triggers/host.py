@@ -12,7 +12,7 @@ from drivers.rig.pace import Slots
 
 
 class HostTriggers:
-    """None: the cameras are triggered by a wire, or run freely. Times are CLOCK_MONOTONIC, in ns."""
+    """No triggers by the host: the cameras are triggered by a wire, or run freely. Times are CLOCK_MONOTONIC, in ns."""
 
     def see(self, _event: RigEvent, _now_ns: int) -> Mapping[Side, Slots]:
         """Look at an event; returns the slots in which to trigger cameras from now on."""
@@ -32,7 +32,7 @@ class HostTriggers:
 
 
 class SoftwareTriggers(HostTriggers):
-    """By a command at the time of each slot."""
+    """Triggers given by a command at the time of each slot."""
 
     def __init__(self, rate_hz: float, first_ns: int) -> None:
         self._slots = Slots.at_once(rate_hz, first_ns)
@@ -43,7 +43,7 @@ class SoftwareTriggers(HostTriggers):
 
 
 class PtpTriggers(HostTriggers):
-    """Scheduled on the clock that the cameras share."""
+    """Triggers scheduled on the clock that the cameras share."""
 
     def __init__(self, rate_hz: float) -> None:
         self._sync = Synchronisation(rate_hz)
@@ -60,7 +60,7 @@ class PtpTriggers(HostTriggers):
         return {}
 
     def placed(self, event: RigEvent) -> RigEvent:
-        """Frames of cameras that are synchronised have their time from the one clock."""
+        """Frames of cameras that are synchronised get their time from the common clock."""
         match event:
             case FrameArrived(side, Frame() as frame, stale):
                 return FrameArrived(side, replace(frame, host_time_ns=self._sync.common_ns(side, frame)), stale)
@@ -71,7 +71,7 @@ class PtpTriggers(HostTriggers):
         return self._sync.trouble(side, now_ns)
 
     def skew_ns(self, pair: StereoPair) -> int:
-        """By the cameras' own time stamps where they are of one clock: exact to how well that is kept."""
+        """By the cameras' own time stamps if they are of one clock: as exact as that clock is kept."""
         if not self._sync.is_common(pair.frames):
             return super().skew_ns(pair)
         return _apart_ns([frame.device_time_ns for frame in pair.frames.values()])

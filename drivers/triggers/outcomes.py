@@ -21,7 +21,7 @@ class Fate(StrEnum):
     SILENT = "silent"  # nothing for long, and no gap in the frame counter: ignored, or there was no trigger
     GONE = "gone"
     STALE = "stale"
-    TAKEN = "taken"  # a good frame whose partner did not come in time
+    TAKEN = "taken"  # a good frame whose partner did not arrive in time
     SHUTDOWN = "shutdown"
 
 

@@ -32,7 +32,7 @@ class StartCheck:
     rate_hz
         Rate of the triggers, as configured.
     by_host
-        Whether the host gives them: then no wire is to be checked.
+        Whether the host gives them: then there is no wire to check.
     """
 
     def __init__(self, sources: Mapping[Side, str], rate_hz: float, by_host: bool = False) -> None:

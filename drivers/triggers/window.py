@@ -10,7 +10,7 @@ LONGEST_GUARD_NS = 5_000_000
 LONGEST_GUARD_PERIODS = 0.3
 """The guard before an exposure never exceeds these: there must be time left to write."""
 MARGIN_NS = 500_000
-"""Kept on either side of the expected start of an exposure: clock latches are good to 0.1 ms, the grid to as much."""
+"""Kept on either side of the expected start of an exposure: clock latches are good to 0.1 ms, and so is the grid."""
 LEAST_WRITES = 512
 """Fewer say too little about the slowest one in a hundred, which the guard must cover."""
 REMEMBERED_WRITES = 2048

@@ -14,7 +14,7 @@ CLOCK_NS = 250_000
 """How much earlier or later than the grid says an exposure may start; writes keep further away from it than that."""
 
 EFFECT_TRIGGERS = 4
-"""A camera shows a write at the next exposure or, where it works ahead, up to this many later."""
+"""A camera shows a write at the next exposure or, if it works ahead, up to this many later."""
 
 
 class RigWrites:

@@ -110,7 +110,7 @@ def test_another_file_is_not_replaced(pictures: Path, tmp_path: Path) -> None:
     (tmp_path / "left.yaml").write_text("cameras: {}")
     code, output = from_folders(pictures, tmp_path)
     assert code == 1
-    assert "it is no calibration file to replace: choose another folder" in output
+    assert "it is not a calibration file to replace: choose another folder" in output
     assert (tmp_path / "left.yaml").read_text() == "cameras: {}"
 
 
