@@ -97,11 +97,14 @@ def frame_of(info: Any, image: ReceivedImage, *, full_scale: bool = True) -> Fra
         raise DamagedMessageError(
             f"{info.bit_depth} significant bits in samples of {8 * pixels.itemsize}, {image.layout}"
         )
-    if full_scale and (shift := to_full_scale(info.bit_depth)):
+    shift = to_full_scale(info.bit_depth)
+    if shift and full_scale:
         if (pixels & ((1 << shift) - 1)).any():
             raise DamagedMessageError(f"an Image that is not {info.bit_depth} bits shifted to full scale")
         pixels = np.right_shift(pixels, shift, dtype=np.uint16)
         pixels.setflags(write=False)
+    elif shift and (pixels >> info.bit_depth).any():
+        raise DamagedMessageError(f"an Image of more than {info.bit_depth} bits")
     return Frame(
         pixels,
         info.bit_depth,

@@ -17,9 +17,11 @@ from autoexpose_daemon.control.loop import STATE_FORMAT, ControlSetup
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
 from autoexpose_daemon.control.override import NO_OVERRIDE
 from autoexpose_daemon.control.snapshot import Plain, plain
+from autoexpose_daemon.messages.qos import DEFAULT, LATCHED, SENSOR_DATA
 from autoexpose_daemon.messages.stamp import Stamp
 from autoexpose_daemon.messages.types import IMAGE, TYPESTORE, definition
 from autoexpose_daemon.messages.write import TOPICS, MessageWriter, realtime_offset_ns
+from autoexpose_daemon.recording import rosbag2
 from autoexpose_daemon.recording.plain_json import to_json
 from autoexpose_daemon.recording.step import RecordingError, Step
 
@@ -30,7 +32,7 @@ STRING = "std_msgs/msg/String"
 
 FULL_SCALE = {"scale": "full"}
 """Metadata of image channels: samples of more than 8 bits are shifted to full scale. Earlier files lack it, and
-hold them in the low bits."""
+hold them in the low bits. Tools that convert recordings drop it, but keep the QoS, which was added later."""
 
 METADATA = "autoexpose"
 COMPRESSION = CompressionType.LZ4
@@ -85,6 +87,7 @@ class RecordingFile:
             raise self._error(error) from error
         self._writer = Writer(self._stream, chunk_size=sys.maxsize, compression=COMPRESSION)
         self._writer.start(profile="ros2", library=f"autoexpose-daemon {version('autoexpose-daemon')}")
+        self._writer.add_metadata(rosbag2.METADATA, rosbag2.EARLY_YAML)
 
     def write(self, step: Step, setup: ControlSetup, state: Plain) -> None:
         """Append a step, with the setup of the loop that made it, and the loop's state after it unless None."""
@@ -149,9 +152,9 @@ class RecordingFile:
             text = definition(message_type).encode()
             self._schemas[message_type] = self._writer.register_schema(message_type, "ros2msg", text)
         if topic not in self._channels:
-            self._channels[topic] = self._writer.register_channel(
-                topic, "cdr", self._schemas[message_type], FULL_SCALE if message_type == IMAGE else {}
-            )
+            qos = SENSOR_DATA if owner != CONTROL else LATCHED if what == SETUP else DEFAULT
+            notes = {rosbag2.OFFERED_QOS: rosbag2.profiles(qos), **(FULL_SCALE if message_type == IMAGE else {})}
+            self._channels[topic] = self._writer.register_channel(topic, "cdr", self._schemas[message_type], notes)
         self._writer.add_message(self._channels[topic], self._time_ns, data, self._time_ns, sequence & 0xFFFFFFFF)
         self._chunk_bytes += len(data)
 

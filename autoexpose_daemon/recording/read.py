@@ -18,6 +18,7 @@ from autoexpose_daemon.control.picture.steering import Steering
 from autoexpose_daemon.control.snapshot import parse
 from autoexpose_daemon.messages.read import DamagedMessageError, decision_of, frame_of, read_exposure_info, read_image
 from autoexpose_daemon.messages.types import EXPOSURE_INFO, TYPESTORE, definition
+from autoexpose_daemon.recording import rosbag2
 from autoexpose_daemon.recording.file import FULL_SCALE, METADATA, STRING
 from autoexpose_daemon.recording.plain_json import from_json
 from autoexpose_daemon.recording.step import Item, RecordingError, Setup, State, Step
@@ -121,7 +122,7 @@ class Recording:
                 self._check_version(channel)
                 self._exposure(side, message.data)
             case ["left" | "right" as side, "image"]:
-                return self._image(side, message.data, full_scale=channel.metadata == FULL_SCALE)
+                return self._image(side, message.data, full_scale=_is_full_scale(channel))
         return None
 
     def _of_control(self, what: str, data: bytes) -> Setup | State | None:
@@ -192,6 +193,11 @@ class Recording:
 
     def _error(self, what: str) -> RecordingError:
         return RecordingError(f"{self._path}: {what}")
+
+
+def _is_full_scale(channel: Channel) -> bool:
+    """Whether deep samples of a channel's images are shifted to full scale."""
+    return FULL_SCALE.items() <= channel.metadata.items() or bool(channel.metadata.get(rosbag2.OFFERED_QOS))
 
 
 def _angular_rate(content: dict[str, Any]) -> float:

@@ -16,6 +16,7 @@ from cyclonedds.util import duration
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
+from autoexpose_daemon.messages.qos import DEFAULT, LATCHED, SENSOR_DATA, OfferedQos
 from autoexpose_daemon.messages.types import TYPESTORE
 from autoexpose_daemon.ros2.domain import Domain
 from autoexpose_daemon.ros2.idl import dds_type
@@ -26,9 +27,17 @@ _PLAIN_CDR = Qos(Policy.DataRepresentation(use_cdrv0_representation=True))
 _LITTLE_ENDIAN_CDR = b"\0\1"
 _WRITERS = _PLAIN_CDR + Qos(Policy.DestinationOrder.BySourceTimestamp, Policy.WriterDataLifecycle(autodispose=False))
 _RELIABLE = Policy.Reliability.Reliable(duration(milliseconds=20))  # longer than that, nobody is waited for
-_SENSOR_DATA = Qos(Policy.Reliability.BestEffort, Policy.Durability.Volatile, Policy.History.KeepLast(5))
-_DEFAULT = Qos(_RELIABLE, Policy.Durability.Volatile, Policy.History.KeepLast(10))
-_LATCHED = Qos(_RELIABLE, Policy.Durability.TransientLocal, Policy.History.KeepLast(1))
+
+
+def _dds(qos: OfferedQos) -> Qos:
+    return Qos(
+        _RELIABLE if qos.reliable else Policy.Reliability.BestEffort,
+        Policy.Durability.TransientLocal if qos.latched else Policy.Durability.Volatile,
+        Policy.History.KeepLast(qos.depth),
+    )
+
+
+_SENSOR_DATA, _DEFAULT, _LATCHED = map(_dds, (SENSOR_DATA, DEFAULT, LATCHED))
 
 _GID, _NODE, _ENTITIES = (
     f"rmw_dds_common/msg/{name}" for name in ("Gid", "NodeEntitiesInfo", "ParticipantEntitiesInfo")

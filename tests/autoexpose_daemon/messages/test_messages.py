@@ -131,6 +131,8 @@ def test_samples_that_are_not_at_full_scale_are_damaged() -> None:
     with pytest.raises(DamagedMessageError, match="not 12 bits shifted to full scale"):
         frame_of(info, ReceivedImage(low.pixels, "grey"))
     assert np.array_equal(frame_of(info, ReceivedImage(low.pixels, "grey"), full_scale=False).pixels, low.pixels)
+    with pytest.raises(DamagedMessageError, match="an Image of more than 12 bits"):
+        frame_of(info, ReceivedImage(low.pixels << 9, "grey"), full_scale=False)
 
 
 def frame() -> Frame:

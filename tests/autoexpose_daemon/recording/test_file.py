@@ -383,6 +383,7 @@ def test_deep_pixels_of_former_recordings_are_in_the_low_bits(tmp_path: Path, mo
     new = record(tmp_path / "new.mcap", VirtualRun(bits=12), 4)
     monkeypatch.setattr("autoexpose_daemon.messages.write.to_full_scale", lambda _depth: 0)
     monkeypatch.setattr("autoexpose_daemon.recording.file.FULL_SCALE", {})
+    monkeypatch.setattr("autoexpose_daemon.recording.rosbag2.profiles", lambda _qos: "")
     old = record(tmp_path / "old.mcap", VirtualRun(bits=12), 4)
     pairs = zip(frames_of(new), frames_of(old), strict=True)
     assert all(np.array_equal(one.pixels, other.pixels) for one, other in pairs)
