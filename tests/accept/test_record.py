@@ -11,6 +11,7 @@ from mcap.reader import make_reader
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from tests.autoexpose_daemon.service.service_process import AUTOEXPOSE, running_service
 from tests.autoexpose_daemon.stereo import stereo_cameras
 
@@ -32,7 +33,7 @@ def test_ten_seconds_open_elsewhere_and_are_replayed(tmp_path: Path) -> None:
     replay = subprocess.run([*AUTOEXPOSE, "replay", str(path)], capture_output=True, text=True, check=False)
     print(replay.stdout, replay.stderr)
     assert replay.returncode == 0
-    steps = re.search(r"^(\d+) steps of metric-map; missing: 0 dropped", replay.stdout, re.MULTILINE)
+    steps = re.search(rf"^(\d+) steps of {DEFAULT_POLICY}; missing: 0 dropped", replay.stdout, re.MULTILINE)
     replayed = re.search(r"^replayed: (\d+), of which \1 are bit for bit as recorded", replay.stdout, re.MULTILINE)
     assert steps is not None
     assert replayed is not None
