@@ -12,7 +12,8 @@ unexport PYTHONDONTWRITEBYTECODE
 COMPILER := gcc libc6-dev python3-dev
 DEMO_PACKAGES := gir1.2-aravis-0.8 python3-gi python3-venv libusb-1.0-0 $(COMPILER)
 TEST_PACKAGES := $(DEMO_PACKAGES) aravis-tools-cli aravis-tools tshark usbutils chromium systemd openssl
-ACCEPT_PACKAGES := fastddsgen default-jre-headless libfastrtps-dev g++ prometheus
+ROSIDL := cmake rosidl-tools rosidl-generator-c-cpp python3-ament-index
+ACCEPT_PACKAGES := fastddsgen default-jre-headless libfastrtps-dev g++ prometheus $(ROSIDL)
 KERNEL_PACKAGES := qemu-system-x86 kmod udev usbip
 ROBOT_PACKAGES := $(DEMO_PACKAGES) udev
 
@@ -79,7 +80,11 @@ bench: $(VENV)/dev.stamp ## where the time goes, as ratios
 	$(PY) benchmarks/bench_render.py
 	$(PY) benchmarks/bench_publish.py
 
-accept: $(VENV)/dev.stamp ## the longer checks in real time, about 30 minutes
+build/ros2/stamp: $(wildcard tests/accept/ros2/*)
+	@./tools/timed "installing ROS 2 Jazzy in build/ros2" ./tests/accept/ros2/install build/ros2
+	@touch $@
+
+accept: $(VENV)/dev.stamp build/ros2/stamp ## the longer checks in real time, about 30 minutes
 	@./tools/install-debian $(ACCEPT_PACKAGES)
 	$(VENV)/bin/pytest tests/accept -p no:cacheprovider --override-ini addopts=-ra --timeout 600 -s
 	$(VENV)/bin/pytest -m long
