@@ -18,7 +18,7 @@ from drivers.exposure import ExposureSetting
 from drivers.python310 import StrEnum
 
 MOST_RIGS = 200
-"""How many are listed: those that were heard first. Keys are free to invent, memory is not."""
+"""How many are listed: those heard first. Anyone can invent keys, but memory is limited."""
 
 TOO_MANY_LOST = 0.01
 """A rig that loses a larger share of its triggers is `LOSING`; docs/examples/alerts.yaml has the same limit."""
@@ -60,14 +60,14 @@ class RigLine:
     rig, condition, why
         Its name, how it is, and why it is not better, in words.
     age_s
-        Time since its last status; all below is of that one.
+        Time since its last status; everything below is from that status.
     rate_hz
         Complete pairs per second.
     lost, lost_share
         Triggers lost to faults since its cameras were opened, and their share of all triggers of the last minute;
-        the share is 0 until a second status tells.
+        the share is 0 until a second status arrives.
     setting
-        Of the newest frame; None before the first.
+        The setting of the newest frame; None before the first.
     """
 
     rig: str
@@ -82,7 +82,7 @@ class RigLine:
 
 @dataclass(slots=True)
 class _Rig:
-    """What is kept of a rig: a status may have a megabyte, this has some kilobytes."""
+    """What is kept of a rig: a status may take a megabyte, this takes some kilobytes."""
 
     heard_s: float = 0.0
     condition: Condition = Condition.STARTING
@@ -92,7 +92,7 @@ class _Rig:
     rate_hz: float = 0.0
     setting: ExposureSetting | None = None
     counts: deque[tuple[float, int, int]] = field(default_factory=deque)
-    """When, pairs and losses then: at most one a second, of the last minute; the last one is the newest."""
+    """Time, pairs and losses: at most one entry a second, from the last minute; the last entry is the newest."""
 
     def take(self, status: Status, now_s: float) -> None:
         self.heard_s, self.condition, self.ending = now_s, _OF_STATE[status.state], status.ending
@@ -133,7 +133,7 @@ class _Rig:
 
 
 class Fleet:
-    """All rigs that were heard of; callable on any thread.
+    """All rigs heard so far; callable on any thread.
 
     Parameters
     ----------
@@ -148,9 +148,9 @@ class Fleet:
         self._lock = threading.Lock()
 
     def take(self, rig: str, status: Status, now_s: float) -> bool:
-        """Note a status that came under the key of a rig, and return whether the rig is listed.
+        """Note a status that arrived under the key of a rig, and return whether the rig is listed.
 
-        A status that names another rig than its key does is no daemon's, and is passed over.
+        A status that names a different rig than its key does not come from a daemon, and is ignored.
         """
         if status.rig != rig or len(rig) > _LONGEST_NAME or not RIG_NAME.fullmatch(rig):
             return False
@@ -168,7 +168,7 @@ class Fleet:
         return sorted(lines, key=lambda line: (_RANKS[line.condition], -line.lost_share, line.rig))
 
     def crowded(self, now_s: float) -> bool:
-        """Whether rigs report at present that are not listed for lack of room."""
+        """Whether some of the rigs that report at present are not listed, for lack of room."""
         return now_s - self._turned_away_s < _CROWDED_S
 
 

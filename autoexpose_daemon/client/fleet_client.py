@@ -23,8 +23,8 @@ _RING_MESSAGES = 64
 class FleetClient:
     """Follows the statuses of all rigs, while its context is entered.
 
-    It waits for daemons and routers that are not there, and finds them again. Each endpoint has a session of its
-    own: a client of zenoh talks to one of several endpoints only.
+    It waits for daemons and routers that are not running, and finds them again. Each endpoint has a session of its
+    own: given several endpoints, a zenoh client talks to only one of them.
 
     Parameters
     ----------
@@ -57,12 +57,12 @@ class FleetClient:
 
     @property
     def places(self) -> Sequence[str]:
-        """Where rigs are looked for."""
+        """Where it looks for rigs."""
         return list(self._troubles)
 
     @property
     def unanswered(self) -> Sequence[str]:
-        """Those that have not answered since this client was entered."""
+        """Places that have not answered since this client was entered."""
         return [place for place, trouble in self._troubles.items() if trouble]
 
     def __enter__(self) -> Self:

@@ -33,10 +33,10 @@ _KEPT_STAMPS = 64
 """Triggers whose messages wait for the rest, about a second: the images of each camera queue separately."""
 
 _KEPT_BYTES = 256 << 20
-"""Of images that wait: far more than a second of 720 x 540 takes, and three pairs of the largest images."""
+"""For images that wait: far more than a second of 720 x 540 takes, and enough for three pairs of the largest images."""
 
 _LONGEST_GAP = 1_000_000
-"""Four hours at 60 Hz: a larger jump means that another count has begun."""
+"""Four hours at 60 Hz: a larger jump means that a new count has begun."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,7 +47,7 @@ class ReceivedPair:
     ----------
     left, right
         The frames, each with its own exposure time and gain; `right` is None in a rig with one camera.
-        Their host and arrival times are of the daemon's machine; the pixels are read-only.
+        Their host and arrival times are from the daemon's machine; the pixels are read-only.
     stamp_ns
         The middle of the left frame's exposure, CLOCK_REALTIME, unless `publish.stamp` says otherwise.
     trigger
@@ -57,11 +57,11 @@ class ReceivedPair:
     decision
         What the daemon decided on this pair.
     received_ns
-        When the pair was complete here, CLOCK_MONOTONIC.
+        When the pair became complete in this process, CLOCK_MONOTONIC.
     responses
         The response function of each camera, if the client was opened with `normalised`.
     vignettings
-        Along with them, what the lens of each camera lets through, of those where it was measured.
+        The vignetting of each camera for which it was measured, along with the responses.
     """
 
     left: Frame
@@ -139,7 +139,7 @@ class NormalisedPair:
 def alike(*pairs: ReceivedPair, bits: Bits = 8, dither: bool = False, flat: bool = False) -> list[NormalisedPair]:
     """Pairs in one photometric scale: each as if taken with the brightest of their exposures.
 
-    That is the level at which all are saturated alike: what the brightest saturated, no other frame shows either.
+    At that level all are saturated alike: what is saturated in the brightest frame is not shown by any other either.
     `flat` is that of `ReceivedPair.normalised`.
 
     Raises

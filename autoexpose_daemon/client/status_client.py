@@ -34,7 +34,7 @@ SILENT_S = 5.0
 _RING_MESSAGES = 4
 
 _LONGEST_SINCE_REGISTRATION_S = 1.0
-"""`repeat` that has not registered a frame for so long has ended, or has no frames."""
+"""If `repeat` has not registered a frame for this long, it has ended, or gets no frames."""
 
 
 class StatusClient:
@@ -127,7 +127,7 @@ class StatusClient:
             self.responses[side] = response
 
     def _take_registration(self, _key: str, data: bytes) -> None:
-        with contextlib.suppress(DamagedMessageError):  # nothing is shown of it
+        with contextlib.suppress(DamagedMessageError):  # a damaged one is not shown
             self._registered = read_registration(data), time.monotonic()
 
     def _take_status(self, _key: str, data: bytes) -> None:

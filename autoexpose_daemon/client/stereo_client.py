@@ -52,13 +52,13 @@ log = logging.getLogger(__name__)
 _REPORT_S = 1.0
 _QUEUE_PAIRS = 8
 _RING_MESSAGES = 96
-"""Of 16 pairs; zenoh drops the oldest when this process has no time for them."""
+"""For 16 pairs; zenoh drops the oldest if this process has no time for them."""
 
 _Take = Callable[[Side, bytes, int], ReceivedPair | None]
 
 
 class StereoClient:
-    """Iterates over a rig's stereo pairs without end; waits for a daemon that is not running yet, or no longer.
+    """Iterates over a rig's stereo pairs without end; waits for a daemon that has not started yet, or has stopped.
 
     Once a second it reports its losses to the daemon. A consumer slower than the cameras gets the newest
     pairs; it delays nobody.
@@ -72,7 +72,7 @@ class StereoClient:
     zenoh_file
         A configuration file of zenoh, which then names the endpoints: TLS, access control.
     name
-        How the daemon shows this consumer; None: by program and process.
+        The name under which the daemon shows this consumer; None: program and process.
     normalised
         Hand out pairs only once the cameras' response functions are known, up to a second later, so that
         `ReceivedPair.normalised` and `alike` work; vignetting comes with them.
@@ -119,14 +119,14 @@ class StereoClient:
             yield pair
 
     def next_pair(self, timeout_s: float | None = None) -> ReceivedPair | None:
-        """The next pair; None if the client is closed, or none comes within `timeout_s`."""
+        """The next pair; None if the client is closed, or none arrives within `timeout_s`."""
         self._open()
         with self._news:
             self._news.wait_for(lambda: len(self._queue) or self._holder.closed.is_set(), timeout_s)
             return self._queue.take() if len(self._queue) and not self._holder.closed.is_set() else None
 
     def send_light_ahead(self, series: LightSeries) -> None:
-        """Tell the daemon what an earlier drive saw of the light around here, if it is connected."""
+        """Send the daemon the light that an earlier drive saw around here, if it is connected."""
         self._send(light_ahead_key(self._rig), light_ahead(series, time.time_ns()))
 
     def send_registration(self, view: RegisteredView) -> None:
@@ -156,7 +156,7 @@ class StereoClient:
         self._send(tracking_key(self._rig), tracked_cells(TrackedCells(self._name, stamp_ns, side, features, inliers)))
 
     def close(self) -> None:
-        """Leave the daemon; iterations end."""
+        """Disconnect from the daemon; iterations end."""
         self._holder.closed.set()
         with self._news:
             self._news.notify_all()
@@ -176,7 +176,7 @@ class StereoClient:
             self._holder.send(key, data)
 
     def _open(self) -> None:
-        """Begin to connect, once."""
+        """Start connecting, once."""
         if self._close_session is None:
             # Closed at the latest when the interpreter ends, which a thread inside zenoh would not survive.
             self._close_session = weakref.finalize(self, self._holder.close)

@@ -29,7 +29,7 @@ _BLOCKS = "\u2581\u2582\u2583\u2584\u2585\u2586\u2587\u2588"
 
 
 def show_once(rig: str, connect: Sequence[str], console: Console, zenoh_file: Path | None = None) -> None:
-    """Print the next status; raises AutoexposeError if none comes for some seconds."""
+    """Print the next status; raises AutoexposeError if none arrives for some seconds."""
     with StatusClient(rig, connect, zenoh_file) as client:
         status = client.wait(_PATIENCE_S)
         if status is None:
@@ -112,7 +112,7 @@ def _faults(faults: Sequence[Fault]) -> Table:
 
 
 def places(connect: Sequence[str], zenoh_file: Path | None) -> Sequence[str]:
-    """Where daemons are looked for: the endpoints, or the file that has them."""
+    """Where to look for daemons: the endpoints, or the file that has them."""
     return connect if zenoh_file is None else [str(zenoh_file)]
 
 

@@ -21,7 +21,7 @@ from drivers.errors import AutoexposeError
 
 _PATIENCE_S = 5.0
 _ROUND_S = 2.0
-"""In this time every rig reports, unless it is silent."""
+"""Every rig reports within this time, unless it is silent."""
 _TURN_S = 0.25
 _TALL = 1000
 _FRAME_LINES = 3  # the border, and the names of the columns
@@ -39,7 +39,7 @@ _COLOURS = {
 
 
 def show_all_once(connect: Sequence[str], zenoh_file: Path | None, console: Console, stop: threading.Event) -> None:
-    """Print the rigs that report within some seconds; raises AutoexposeError if there are none."""
+    """Print the rigs that report within a few seconds; raises AutoexposeError if there are none."""
     with FleetClient(connect, zenoh_file) as client:
         if not client.heard.wait(_PATIENCE_S):
             raise AutoexposeError(no_rig(client))
@@ -58,7 +58,7 @@ def follow_all(connect: Sequence[str], zenoh_file: Path | None, console: Console
 
 
 def no_rig(client: FleetClient) -> str:
-    """That no rig was heard, and what to do about it."""
+    """A sentence: no rig was heard, and what to do about it."""
     if client.unanswered:
         where = ", ".join(client.unanswered)
         return f"no answer from {where}: is a daemon with `publish`, or a router, listening there?"
@@ -93,7 +93,7 @@ def table_of(lines: Sequence[RigLine]) -> Table:
     table.add_column("lost", no_wrap=True, justify="right")
     table.add_column("last minute", no_wrap=True, justify="right")
     table.add_column("exposure", no_wrap=True)
-    table.add_column("why")  # the one that gives way where the terminal is narrow
+    table.add_column("why")  # the column that gives way if the terminal is narrow
     for line in lines:
         table.add_row(*_cells(line))
     return table

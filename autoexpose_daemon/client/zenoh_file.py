@@ -11,7 +11,7 @@ _MOST_BYTES = 1 << 20
 
 
 def check_zenoh_file(file: Path) -> None:
-    """Raise ConfigurationError for one that cannot be read; zenoh itself would wait for a pipe to be written."""
+    """Raise ConfigurationError for a file that cannot be read; given a pipe, zenoh itself would wait for a writer."""
     try:
         read_regular(file, _MOST_BYTES)
     except OSError as error:

@@ -1,4 +1,4 @@
-"""How each camera is to be opened, by the configuration."""
+"""How to open each camera, according to the configuration."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def camera_setup(config: Config, side: Side) -> CameraSetup:
 
 
 def refuse_driven_features(path: Path, config: Config) -> None:
-    """Raise ConfigurationError, one sentence for each feature of a configuration file that the daemon drives itself."""
+    """Raise ConfigurationError with a sentence for each feature in the file that the daemon drives itself."""
     refused = [
         f"{path}: cameras.{side}.features: {error}"
         for side in config.sides

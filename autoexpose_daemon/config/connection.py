@@ -35,12 +35,12 @@ class ConnectionConfig(Section):
         return self
 
     def relative_to(self, folder: Path, section: str) -> Self:
-        """With its file named from `folder`; raises ConfigurationError, naming `section`, when it cannot be read."""
+        """The same with its file relative to `folder`; ConfigurationError names `section` if it cannot be read."""
         if self.zenoh is None:
             return self
         file = folder / self.zenoh
         try:
-            read_regular(file, _MOST_ZENOH_BYTES)  # zenoh itself would wait for a pipe to be written
+            read_regular(file, _MOST_ZENOH_BYTES)  # given a pipe, zenoh itself would wait for a writer
         except (OSError, ValueError) as error:
             reason = error.strerror if isinstance(error, OSError) else error
             raise ConfigurationError(

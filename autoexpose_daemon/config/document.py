@@ -97,7 +97,7 @@ class CamerasConfig(Section):
 
 
 class TriggerConfig(Section):
-    """What starts a frame: pulses on an input line, the left camera for both, a single camera's own clock, or us."""
+    """What starts a frame: pulses on an input line, the left camera for both, a camera's own clock, or the daemon."""
 
     mode: Literal["external", "primary", "free_run", "software", "ptp"] = "external"
     line: Name = "Line0"
@@ -119,7 +119,7 @@ class TriggerConfig(Section):
 
 
 class ExposureConfig(Section):
-    """Bounds of the exposure; each is cut to the camera's own."""
+    """Bounds of the exposure; each is clipped to the camera's own."""
 
     min_time_us: ExposureTimeUs = 20.0
     max_time_us: ExposureTimeUs = 7500.0
@@ -188,7 +188,7 @@ class ResponseConfig(Section):
 class TransportConfig(Section):
     """GigE Vision tuning; the defaults suit a direct link.
 
-    `packet_size_bytes` None lets camera and host agree on the largest that passes. With `plan` cameras that share
+    With `packet_size_bytes` None, camera and host agree on the largest that passes. With `plan`, cameras that share
     a link send no faster than it takes; its speed is that of the host's interface unless `link_mbps` says otherwise.
     """
 
@@ -317,7 +317,7 @@ class Config(Section):
 
     @cached_property
     def gain_scales(self) -> dict[Side, GainScale | None]:
-        """The scale of each camera's gain, read once; None where none is configured.
+        """The scale of each camera's gain, read once; None if none is configured.
 
         Raises
         ------
@@ -371,7 +371,7 @@ class Config(Section):
         return files
 
     def check_frames(self, side: Side, description: CameraDescription) -> None:
-        """Refuse files that were made for another pixel format or size than a camera sends.
+        """Refuse files that were made for a different pixel format or size than a camera sends.
 
         Raises
         ------

@@ -20,6 +20,6 @@ class ImuConfig(ConnectionConfig):
 
 
 class MotionConfig(Section):
-    """Where the speed of the image comes from; without an IMU from optical flow."""
+    """Where the speed of the image comes from; without an IMU it is optical flow."""
 
     imu: ImuConfig | None = None

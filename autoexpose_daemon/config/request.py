@@ -16,7 +16,7 @@ from drivers.errors import ConfigurationError
 from drivers.python310 import Self
 
 LARGEST_REQUEST_BYTES: Final = 1 << 15
-"""Of a region of 256 rectangles, with room to spare."""
+"""Enough for a region of 256 rectangles, with room to spare."""
 
 _LONGEST_SENTENCE: Final = 400
 
@@ -24,7 +24,7 @@ Flag = Annotated[bool, Field(strict=True)]
 
 
 class LimitsRequest(Section):
-    """Bounds of the exposure; None: as they are."""
+    """Bounds of the exposure; None: unchanged."""
 
     min_time_us: ExposureTimeUs | None = None
     max_time_us: ExposureTimeUs | None = None
@@ -39,7 +39,7 @@ class LimitsRequest(Section):
 
 
 class RegionRequest(Section):
-    """What counts in the pictures; None: as it is."""
+    """What counts in the pictures; None: unchanged."""
 
     left: AreaConfig | None = None
     right: AreaConfig | None = None
@@ -64,22 +64,22 @@ class ShotRequest(Section):
 
 
 class Request(Section):
-    """Changes of control, all or none of which are made; what is None or false stays as it is.
+    """Changes to control, made all together or not at all; None and false leave things as they are.
 
     Attributes
     ----------
     by
         Who asks, in their own words: for the log.
     reset
-        Back to the configuration first.
+        Go back to the configuration first.
     locked
-        True: stay at the setting decided on last; False: decide again.
+        True: keep the setting that was decided last; False: let the policy decide again.
     ev_stops
         Added to what the policy decides.
     policy, limits, region
-        In place of those of the configuration.
+        Used in place of those in the configuration.
     shot
-        One pair of another setting.
+        The setting of one pair.
     """
 
     by: Name
@@ -126,7 +126,7 @@ class Request(Section):
 
 
 def new_request(content: Mapping[str, Any]) -> Request:
-    """A request; ConfigurationError, a sentence, if it is not valid."""
+    """A request; raises ConfigurationError, one sentence, if it is not valid."""
     try:
         return Request.model_validate(content)
     except ValidationError as error:
@@ -140,7 +140,7 @@ def check_size(size_bytes: int) -> None:
 
 
 def read_request(data: bytes) -> Request:
-    """The request in a message; ConfigurationError, a sentence, if it is damaged or not valid."""
+    """The request in a message; raises ConfigurationError, one sentence, if it is damaged or not valid."""
     check_size(len(data))
     try:
         return Request.model_validate_json(data)

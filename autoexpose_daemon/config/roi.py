@@ -18,11 +18,11 @@ from drivers.errors import ConfigurationError
 from drivers.frames import Side
 
 MOST_MASK_BYTES = 1 << 26
-"""More than the PNG file of any sensor's mask needs, being mostly black and white."""
+"""More than any sensor's mask needs as a PNG file: masks are mostly black and white."""
 
 
 class RegionConfig(AreaConfig):
-    """The same, and a mask file."""
+    """What counts in the picture of one camera, with a mask file too."""
 
     mask: Path | None = None
 
@@ -34,18 +34,18 @@ class RoiConfig(Section):
     right: RegionConfig | None = None
 
     def configured(self) -> dict[Side, RegionConfig]:
-        """The regions there are, left first."""
+        """The configured regions, left first."""
         both: dict[Side, RegionConfig | None] = {"left": self.left, "right": self.right}
         return {side: region for side, region in both.items() if region is not None}
 
     @cached_property
     def regions(self) -> dict[Side, Region]:
-        """The regions there are, their masks read once.
+        """The configured regions; their masks are read once.
 
         Raises
         ------
         ConfigurationError
-            Naming key and file of a mask that cannot be used.
+            Names key and file of a mask that cannot be used.
         """
         return {side: _region(side, region) for side, region in self.configured().items()}
 
@@ -60,7 +60,7 @@ class RoiConfig(Section):
 
 
 def region_of(key: str, area: AreaConfig) -> Region:
-    """An area as a region that errors call `key`; ConfigurationError if nothing in it counts."""
+    """An area as a region that errors call `key`; raises ConfigurationError if nothing in it counts."""
     rectangles = tuple(Rectangle(*rectangle.box, rectangle.weight) for rectangle in area.rectangles)
     region = Region(key, rectangles, area.background_weight)
     region.check_something_counts()
@@ -74,7 +74,7 @@ def _region(side: Side, config: RegionConfig) -> Region:
     rectangles = tuple(Rectangle(*rectangle.box, rectangle.weight) for rectangle in config.rectangles)
     mask = _read_mask(f"{key}.mask", config.mask)
     region = Region(f"{key} ({config.mask})", rectangles, config.background_weight, mask)
-    region.weights(mask.shape)  # whether the mask has the size of the frames, only the frames show
+    region.weights(mask.shape)  # only the frames show whether the mask has their size
     return region
 
 

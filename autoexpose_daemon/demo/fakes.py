@@ -182,8 +182,8 @@ def fake_cameras(
 ) -> Iterator[FakeCameras]:
     """Run a left and a right fake camera, which wait for the rate of the trigger wire that `arguments` name.
 
-    They are USB3 Vision cameras at `sockets`, or without any GigE Vision cameras. `AutoexposeError` when one does not
-    start, or `stop` is set before both have.
+    They are USB3 Vision cameras at `sockets`, or without sockets, GigE Vision cameras. Raises `AutoexposeError` if
+    one does not start, or if `stop` is set before both have.
     """
     with ExitStack() as stack:
         cameras = []

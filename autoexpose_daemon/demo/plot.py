@@ -117,7 +117,7 @@ def _exposure(curves: Sequence[Axes], step_log: StepLog, start_ns: int) -> None:
 
 
 def _label(axes: Axes, unit: str) -> None:
-    """A logarithmic axis in plain numbers; one of hardly a decade has them at 2 and 5, too."""
+    """A logarithmic axis in plain numbers; one of little more than a decade has them at 2 and 5, too."""
     axes.set_ylabel(unit)
     low, high = axes.get_ylim()
     axes.yaxis.set_major_locator(LogLocator(subs=(1.0,) if high > 20 * low else (1.0, 2.0, 5.0)))
@@ -148,7 +148,7 @@ def _strip(axes: Axes, step_log: StepLog, start_ns: int, end_s: float) -> None:
 
 
 def _shade_the_dark(axes: Axes, pulse_s: NDArray[np.float64], lux: NDArray[np.float64]) -> None:
-    """Grey while there is less than half of the brightest light, if there is such a time."""
+    """Grey while the light is less than half the brightest, if it ever is."""
     if len(lux) and lux.min() < lux.max() / 2:
         axes.fill_between(
             pulse_s, 0, 1, where=list(lux < lux.max() / 2), transform=axes.get_xaxis_transform(), color=_DARK, zorder=0

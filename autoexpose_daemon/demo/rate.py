@@ -8,12 +8,12 @@ from pathlib import Path
 RATES_HZ = (60.0, 30.0, 20.0, 10.0, 4.0, 2.0)
 """The demo runs at the highest that this machine can sustain.
 
-Not at 5 Hz: over USB3 Vision Aravis 0.8.26 waits 0.2 s at a time for a frame, and may lose one that comes just between
-(docs/usb3.md).
+Not at 5 Hz: over USB3 Vision Aravis 0.8.26 waits 0.2 s at a time for a frame, and may lose one that arrives between
+two waits (docs/usb3.md).
 """
 
 _USABLE_SHARE = 0.85  # of the cores; the rest is for the terminal and the system
-_SENDING_S = 0.001  # a fake camera's time per frame besides rendering: packets, clock, commands
+_SENDING_S = 0.001  # a fake camera's time per frame apart from rendering: packets, clock, commands
 _DAEMON_S = 0.0085  # the daemon's time for a pair: half a core at 60 Hz, as measured on a slow machine
 _MEASURED_AT_BYTES = 720 * 540
 _QUOTA = Path("/sys/fs/cgroup/cpu.max")
@@ -32,7 +32,7 @@ def cores(quota: Path = _QUOTA) -> float:
 def pairs_per_s(frame_s: float, cores: float, image_bytes: int = _MEASURED_AT_BYTES) -> float:
     """Pairs per second that two fake cameras, which need `frame_s` per frame, can make beside the daemon.
 
-    What sending and the daemon take is assumed to grow with a frame's `image_bytes`.
+    The time that sending and the daemon take is assumed to grow with a frame's `image_bytes`.
     """
     size = image_bytes / _MEASURED_AT_BYTES
     camera_s = frame_s + size * _SENDING_S

@@ -72,6 +72,6 @@ def _keep_room() -> list[str]:
 
 
 def _check_publishing_extra() -> None:
-    """Raise a ConfigurationError if the package that frames and commands travel by is not installed."""
+    """Raise a ConfigurationError if the package that carries frames and commands is not installed."""
     if importlib.util.find_spec("zenoh") is None:
         raise ConfigurationError("--navigate needs the extra `publish`: pip install 'autoexpose-daemon[publish]'")

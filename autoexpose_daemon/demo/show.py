@@ -95,10 +95,10 @@ def check_account(result: dict[str, Any]) -> None:
 
 
 def start(cameras: FakeCameras, options: DemoOptions, console: Console, highest_hz: float = RATES_HZ[0]) -> float:
-    """Have the cameras run at the requested rate, or else at one that this machine sustains; returns it.
+    """Have the cameras run at the requested rate, or else at one that this machine sustains; returns the rate.
 
-    They are searched for while they get ready, and the daemon goes by what was found: else the trigger wire would run
-    for the second that a search takes.
+    The search runs while they get ready, and the daemon uses its result: otherwise the trigger wire would run for the
+    second that a search takes.
     """
     cameras.wait_until_found()
     _search()
@@ -126,7 +126,7 @@ def _search() -> None:
 
 
 def configuration(options: DemoOptions, rate_hz: float) -> Config:
-    """For the daemon on the demo's cameras."""
+    """The configuration of the daemon on the demo's cameras."""
     return Config.model_validate(
         {
             "cameras": {side: {"serial": serial} for side, serial in SERIALS.items()},

@@ -1,4 +1,4 @@
-"""What the demo keeps of each control step: numbers of every frame, and a small picture now and then."""
+"""What the demo keeps of each control step: numbers from every frame, and a small picture now and then."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class StepLog:
     pairs_ns
         When the left frames of all complete pairs were taken, decided on or not (CLOCK_MONOTONIC).
     pictures
-        Small ones of the left camera, each with its time.
+        Small pictures from the left camera, each with its time.
     """
 
     def __init__(self, picture_period_s: float) -> None:

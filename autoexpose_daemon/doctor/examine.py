@@ -17,7 +17,7 @@ from autoexpose_daemon.doctor.output import as_json, show, stops
 def examine(config: Path | None, as_document: bool, report: Path | None = None) -> bool:
     """Examine the host for a configuration and print the findings; True if the daemon could run.
 
-    With `report` write a report of the cameras there instead.
+    With `report`, write a report on the cameras to that file instead.
     """
     loaded = None if config is None else load_config(config)
     need = Need.of(loaded)

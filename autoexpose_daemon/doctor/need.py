@@ -27,7 +27,7 @@ class Size:
 
     @classmethod
     def of(cls, features: Sequence[FeatureSetting], binning: int) -> Self:
-        """What `features:` make of it; a region in them is in pixels after binning and decimation."""
+        """The size that `features:` set; a region in them is in pixels after binning and decimation."""
         last = {feature.name: feature.value for feature in features if not feature.selectors}
 
         def shrunk(assumed: int, direction: str) -> int:
@@ -57,7 +57,7 @@ class Need:
 
     @classmethod
     def of(cls, config: Config | None) -> Self:
-        """The need of a configuration."""
+        """What a configuration needs."""
         if config is None:
             return cls()
         binning = config.image.binning or 1
@@ -85,7 +85,7 @@ class Need:
         return f"{assumed}{pixels} pixels of {self.pixel_format.bits_per_pixel} bits at {self.rate_hz:g} Hz"
 
     def bytes_per_s(self, serials: Sequence[str | None], packet_bytes: int | None = None) -> float:
-        """What these cameras send, with the headers of packets of a size (GigE Vision)."""
+        """What these cameras send, with the headers of packets of the given size (GigE Vision)."""
         frames = [self.frame_bytes(serial) for serial in serials]
         if packet_bytes is None:
             return self.rate_hz * sum(frames)

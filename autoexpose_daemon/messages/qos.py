@@ -17,7 +17,7 @@ class OfferedQos:
     depth
         How many of the last messages are kept to be sent.
     latched
-        Those are also sent to subscribers that come later ("transient local"); otherwise volatile.
+        Those are also sent to subscribers that join later ("transient local"); otherwise volatile.
     """
 
     reliable: bool
@@ -26,9 +26,9 @@ class OfferedQos:
 
 
 SENSOR_DATA: Final = OfferedQos(reliable=False, depth=5)
-"""Of frames and of what belongs to a frame, as drivers of cameras offer them."""
+"""For frames and what belongs to a frame, as camera drivers offer them."""
 
 DEFAULT: Final = OfferedQos(reliable=True, depth=10)
 
 LATCHED: Final = OfferedQos(reliable=True, depth=1, latched=True)
-"""Of what is said once and holds until it is said again."""
+"""For what is sent once and holds until it is sent again."""

@@ -65,7 +65,7 @@ def read_angular_rate(data: bytes) -> float:
     Raises
     ------
     DamagedMessageError
-        When it is no Imu, measures no angular velocity, or no credible one.
+        When it is not an Imu, or measures no angular velocity, or no credible one.
     """
     message = deserialise(data, IMU)
     if message.angular_velocity_covariance[0] == -1:  # by the message's convention

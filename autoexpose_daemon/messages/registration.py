@@ -26,19 +26,19 @@ class RegisteredView:
     Attributes
     ----------
     stamp_ns
-        That of the frame, CLOCK_REALTIME.
+        The stamp of the frame, CLOCK_REALTIME.
     distance_m, length_m
-        How far along the path it was taken, and how long that is.
+        How far along the path the frame was taken, and how long the path is.
     local_map
-        Which one it was registered with, counted from 0 along the path.
+        Which local map it was registered with, counted from 0 along the path.
     shift_px
         How far the frame is shifted to the right of the map; None: too few matches agreed.
     x_px, y_px
         Where in the frame each match lies, float32, (n,).
     shifts_px
-        How far each is shifted to the right of the map, float32, (n,).
+        How far each match is shifted to the right of the map, float32, (n,).
     agreed
-        Which of them agreed on a shift, bool, (n,).
+        Which of the matches agreed on a shift, bool, (n,).
     forward_m_s, turn_rad_s
         The command; positive to the left.
     stopped

@@ -10,7 +10,7 @@ LARGEST_REPORT_BYTES: Final = 1024
 """The five counts of a report take at most 170."""
 
 LAST_COUNT: Final = (1 << 63) - 1
-"""The highest count that is believed when it comes from another process."""
+"""The highest count that is believed if another process sends it."""
 
 
 @dataclass(slots=True)
@@ -24,7 +24,7 @@ class ConsumerTally:
     missed
         Frames of the left camera between these pairs, by gaps in its frame id: lost anywhere, for any reason.
     lost
-        Pairs that the daemon sent and that never arrived complete.
+        Pairs that the daemon sent, but that never arrived complete.
     too_slow
         Pairs that arrived, and were replaced by newer ones before the consumer asked.
     alone
@@ -33,7 +33,7 @@ class ConsumerTally:
     Raises
     ------
     ValueError
-        For a count that nobody believes.
+        For a count that is not credible.
     """
 
     pairs: int = 0

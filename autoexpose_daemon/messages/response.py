@@ -1,4 +1,4 @@
-"""What a camera makes of light, as the daemon tells clients in JSON: its response function and its vignetting."""
+"""What a camera makes of light, as the daemon sends it to clients in JSON: its response function and its vignetting."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ LARGEST_RESPONSE_BYTES: Final = 1 << 16
 
 
 def response_to_json(response: ResponseFunction, vignetting: Vignetting | None = None) -> str:
-    """The message about a camera; without `vignetting` that is not known."""
+    """The message about a camera; `vignetting` None: it is not known."""
     content: dict[str, Any] = {
         "log2_exposure": response.log2_exposure.tolist(),
         "black_level": response.black_level,
@@ -25,7 +25,7 @@ def response_to_json(response: ResponseFunction, vignetting: Vignetting | None =
     if vignetting is not None:
         light = vignetting.as_plain()
         if "grid" in light:
-            # To six digits: all those of a large grid would not be read.
+            # To six digits: with all of them, a large grid would be too long to be read.
             light["grid"] = [[float(f"{at:.6g}") for at in row] for row in light["grid"]]
         content["vignetting"] = light
     return json.dumps(content)

@@ -1,4 +1,4 @@
-"""What a robot says of its own motion, and how it is steered: messages of ROS 2."""
+"""What a robot reports about its own motion, and how it is steered: ROS 2 messages."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from autoexpose_daemon.messages.read import DamagedMessageError, deserialise
 from autoexpose_daemon.messages.types import ODOMETRY, TWIST, TWIST_STAMPED, TYPESTORE, header, serialise
 
 LARGEST_ROBOT_MESSAGE_BYTES: Final = 4096
-"""Of an Odometry, which takes 720 and the names of its coordinate frames; a Twist takes 52."""
+"""Enough for an Odometry, which takes 720 plus the names of its coordinate frames; a Twist takes 52."""
 
 FASTEST_M_S = 50.0
 """A robot that says it drives faster is not believed."""
 
 FURTHEST_M = 1e7
-"""Nor one that is further from its origin."""
+"""Nor is one that says it is further from its origin."""
 
 _types = TYPESTORE.types
 _Vector3, _Twist, _TwistStamped = _types["geometry_msgs/msg/Vector3"], _types[TWIST], _types[TWIST_STAMPED]
@@ -41,7 +41,7 @@ def read_odometry(data: bytes) -> Pose:
     Raises
     ------
     DamagedMessageError
-        When it is no Odometry, or no credible one.
+        When it is not an Odometry, or not a credible one.
     """
     pose = deserialise(data, ODOMETRY).pose.pose
     place, turned = pose.position, pose.orientation

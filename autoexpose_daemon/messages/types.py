@@ -39,7 +39,7 @@ def header(stamp_ns: int, frame_id: str) -> Any:
 
 
 def dds_name(message_type: str) -> str:
-    """What a DDS of ROS 2 calls a message type."""
+    """The name of a message type in the DDS of ROS 2."""
     package, folder, name = message_type.split("/")
     return f"{package}::{folder}::dds_::{name}_"
 
@@ -71,7 +71,7 @@ ENCODINGS = {encoding(row.layout, row.dtype): (row.layout, row.dtype) for row in
 
 
 def to_full_scale(bit_depth: int) -> int:
-    """By how many bits an Image has samples of more than 8 bits shifted up, as drivers of ROS do."""
+    """How many bits samples of more than 8 bits are shifted up in an Image, as ROS drivers do."""
     return 0 if bit_depth <= 8 else max(16 - bit_depth, 0)
 
 

@@ -37,7 +37,7 @@ _no_region = _types["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """One message: of which camera, which of `TOPICS`, and its CDR bytes."""
+    """One message: its camera, which of `TOPICS` it is, and its CDR bytes."""
 
     side: Side
     topic: str
@@ -138,7 +138,7 @@ def _image(header: Any, frame: Frame) -> Any:
 
 
 def _camera_info(header: Any, frame: Frame, geometry: CameraGeometry | None) -> Any:
-    """By the message's convention K is zero if the camera is not calibrated, as for frames of this size."""
+    """By the message's convention, K is zero if the camera is not calibrated for frames of this size."""
     height, width = frame.pixels.shape[:2]
     if geometry is None or (geometry.width, geometry.height) != (width, height):
         none, k, p = np.zeros(0), np.zeros(9), np.zeros(12)

@@ -1,1 +1,1 @@
-"""Teach and repeat: finds the way along a taught path again. A program of its own; the daemon knows nothing of it."""
+"""Teach and repeat: finds the way along a taught path again. A separate program; the daemon knows nothing about it."""

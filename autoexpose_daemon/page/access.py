@@ -19,7 +19,7 @@ from drivers.errors import ConfigurationError
 
 COOKIE = "autoexpose_page"
 LEAST_TOKEN = 16
-"""Characters. A token is never typed, so it can be too long to guess."""
+"""Characters. A token is never typed, so it can be long enough not to be guessed."""
 
 _MOST_TOKEN_BYTES = 1 << 12
 _COOKIE_AGE_S = 30 * 24 * 3600
@@ -97,8 +97,8 @@ class Key:
 class Access:
     """Passes a request on to `app`, or refuses it.
 
-    Without a key the page answers to loopback names only. A site whose name suddenly means 127.0.0.1 (DNS rebinding)
-    is refused by its name; a web socket that a script of another site opens is refused by its origin.
+    Without a key the page answers to loopback names only. A site whose name suddenly resolves to 127.0.0.1 (DNS
+    rebinding) is refused by its name; a web socket that a script of another site opens is refused by its origin.
     """
 
     def __init__(self, app: ASGIApp, key: Key | None) -> None:

@@ -48,7 +48,7 @@ class History:
         self._lock = threading.Lock()
 
     def add(self, now_s: float, applied: ExposureSetting, decision: Decision | None) -> None:
-        """Add the setting of a pair and the decision on it; `now_s` is of CLOCK_MONOTONIC."""
+        """Add the setting of a pair and the decision on it; `now_s` is from CLOCK_MONOTONIC."""
         asked = None if decision is None else decision.setting
         values = (
             applied.exposure_time_us,
@@ -66,6 +66,6 @@ class History:
             self._rows[-1].add(values)
 
     def since(self, time_s: float) -> list[tuple[Any, ...]]:
-        """Rows of `time_s` and later: time (s), then the range of each of `SERIES`. The newest may still change."""
+        """Rows from `time_s` on: time (s), then the range of each of `SERIES`. The newest may still change."""
         with self._lock:
             return [(row.start_s, *row.ranges) for row in self._rows if row.start_s >= time_s]

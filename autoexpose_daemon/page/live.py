@@ -47,7 +47,7 @@ async def _heed(socket: WebSocket, asked: asyncio.Event) -> None:
 
 
 async def _first_of(parts: Iterable[Coroutine[Any, Any, None]]) -> None:
-    """Until one of them ends or fails, or the browser is gone, whichever of them notices."""
+    """Run them until one ends or fails, or notices that the browser is gone."""
     tasks = [asyncio.create_task(part) for part in parts]
     try:
         done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)

@@ -31,7 +31,7 @@ CURVE_PERIOD_NS = 1_000_000_000
 _PATIENCE_S = 0.25
 _JOIN_S = 3.0
 _LINEAR = ResponseFunction.linear()
-"""Until the daemon has sent its responses, which it does once a second."""
+"""Used until the daemon has sent its responses, which it does once a second."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -38,7 +38,7 @@ class Picture:
     jpeg
         Saturated pixels are red, black ones blue: the pixels that the shares count, in the image that control uses.
     width
-        Of what control and navigation see of the frame: a colour mosaic at half its size.
+        Of what control and navigation see of the frame; they see a colour mosaic at half its size.
     metric
         M_g, 0..1 per pixel (eq. 5).
     saturated_share, black_share
@@ -53,7 +53,7 @@ class Picture:
 
 
 class PictureMaker:
-    """Measures whole frames of one camera with the paper's metric, by the camera's response."""
+    """Measures whole frames of one camera with the paper's metric, using the camera's response."""
 
     def __init__(self, response: ResponseFunction) -> None:
         self.response = response
@@ -99,7 +99,7 @@ def in_colours(frame: Frame) -> NDArray[np.uint8]:
             colours = cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR)
         case "BGR":
             colours = pixels
-        case "YUYV":  # OpenCV's own YUYV is not of full range
+        case "YUYV":  # OpenCV's own YUYV is not full range
             u, v = (np.repeat(pixels[:, place::2, 1], 2, axis=1) for place in (0, 1))
             colours = cv2.cvtColor(np.dstack([pixels[..., 0], v, u]), cv2.COLOR_YCrCb2BGR)
         case mosaic:

@@ -1,4 +1,4 @@
-"""The page's tables of numbers, ready to show: a browser needs to know no counter by name."""
+"""The page's tables of numbers, ready to show: a browser need not know any counter by name."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Hears the robot's IMU over zenoh."""
+"""Receives the robot's IMU over zenoh."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from drivers.python310 import Self
 log = logging.getLogger(__name__)
 
 LARGEST_IMU_BYTES = 4096
-"""Of a sample; it takes 320 and the name of its coordinate frame."""
+"""Enough for a sample, which takes 320 plus the name of its coordinate frame."""
 
 _RING_MESSAGES = 1
 
 
 class ImuSubscriber:
-    """Hands the samples of an IMU to `rate` while its context lasts.
+    """Hands the samples of an IMU to `rate` while its context is entered.
 
     A session that cannot be opened is tried again and named in `rate.no_source`.
 
@@ -32,7 +32,7 @@ class ImuSubscriber:
     config
         Key and endpoints.
     rate
-        Takes what comes.
+        Takes the samples.
     """
 
     def __init__(self, config: ImuConfig, rate: AngularRate) -> None:

@@ -54,7 +54,7 @@ Tell = Callable[[bool], Mapping[str, str]]
 
 
 class Publisher:
-    """Publishes every pair as long as its context lasts; called on the control thread.
+    """Publishes every pair while its context is entered; called on the control thread.
 
     Once a second, with or without pairs, and at the end it publishes what `tell` returns.
 
@@ -69,11 +69,11 @@ class Publisher:
     tell
         What to publish once a second.
     light
-        Takes what `autoexpose repeat` sends of the light ahead.
+        Takes what `autoexpose repeat` sends about the light ahead.
     ask
-        Takes requests to control.
+        Takes control requests.
     tracking
-        Takes what consumers report of their tracking.
+        Takes what consumers report about their tracking.
     calibrations
         Called for each pair: the geometry of the cameras that are calibrated.
     """
@@ -187,7 +187,7 @@ class Publisher:
 
     @contextlib.contextmanager
     def _in_ros2(self, session: zenoh.Session, outlets: _Outlets) -> Iterator[None]:
-        """Offer the topics to ROS 2 as well until the context ends, if configured."""
+        """Offer the topics to ROS 2, too, until the context ends, if configured."""
         with contextlib.ExitStack() as tokens:
             if self._config.ros2_domain is not None:
                 declare_token = session.liveliness().declare_token
@@ -217,7 +217,7 @@ class Publisher:
         self._sequence += 1
 
     def _say(self, session: zenoh.Session, last: bool) -> None:
-        # No other follows the last, so it waits for room in the queue.
+        # Nothing follows the last one, so it waits for room in the queue.
         congestion = zenoh.CongestionControl.BLOCK if last else zenoh.CongestionControl.DROP
         for key, text in self._tell(last).items():
             try:
@@ -226,7 +226,7 @@ class Publisher:
                 log.debug("zenoh refused %s: %s", key, error)
 
     def _on_report(self, sample: zenoh.Sample) -> None:
-        """On a thread of zenoh's."""
+        """Called on a thread of zenoh's."""
         name = last_but(str(sample.key_expr), 0)
         if len(sample.payload) > LARGEST_REPORT_BYTES or not CONSUMER_NAME.fullmatch(name):
             return

@@ -16,7 +16,7 @@ from zenoh.handlers import Handler, RingChannel
 from drivers.errors import AutoexposeError
 
 LARGEST_MESSAGE_BYTES = 64 << 20
-"""Of an image with its header. What is larger is dropped; zenoh's own limit, 1 GB, fills a small computer's memory."""
+"""For an image with its header. Larger ones are dropped; zenoh's own limit, 1 GB, fills a small computer's memory."""
 
 _RETRY_S = 0.5
 _JOIN_S = 5.0
@@ -29,7 +29,7 @@ _TUNING = {
     # How long pieces of an image wait for room before the image is dropped, us: well below a frame period, because
     # other consumers wait meanwhile. The default is 50 ms.
     f"{_QUEUE}/congestion_control/drop/max_wait_before_drop_fragments": 5_000,
-    # A consumer that takes nothing for so long while something waits for it is disconnected, us. The default is 5 s,
+    # A consumer that takes nothing for this long while something waits for it is disconnected, us. The default is 5 s,
     # as long as a session has for closing.
     f"{_QUEUE}/congestion_control/block/wait_before_close": 1_000_000,
     "transport/link/rx/max_message_size": LARGEST_MESSAGE_BYTES,
@@ -62,7 +62,7 @@ class Endpoints:
     file
         A zenoh configuration file instead, for TLS, access control and so on; our defaults fill the rest.
     gossip
-        Whether a router tells others about this session, and this session about them, so that peers find each other.
+        Whether a router announces this session to others, and them to this session, so that peers find each other.
     """
 
     listen: Sequence[str] = ()
@@ -88,7 +88,7 @@ class SessionHolder:
     serve
         Called once the session is open; the session closes when this returns, which it must soon after `closed` is set.
     on_trouble
-        Called when the reason why there is no session changes; empty: there is one.
+        Called with the reason why there is no session, when it changes; empty: there is one.
 
     Attributes
     ----------
@@ -126,7 +126,7 @@ class SessionHolder:
     def send(self, key: str, data: bytes, *, waits: bool = False, attachment: bytes | None = None) -> None:
         """Publish a message, if the session is open; raises what zenoh raises.
 
-        One that finds no room in the queue is dropped, or `waits` for it, and for a second at most.
+        If there is no room in the queue, it is dropped, or with `waits` waits for room, a second at most.
         """
         congestion = zenoh.CongestionControl.BLOCK if waits else zenoh.CongestionControl.DROP
         with self._sending:

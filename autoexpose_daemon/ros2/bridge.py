@@ -29,7 +29,7 @@ TOPICS = {
     "camera_info": ("camera_info", CAMERA_INFO),
     "exposure": ("exposure", EXPOSURE_INFO),
 }
-"""Of each camera: the last part of the daemon's key, and the topic's name and type in ROS 2."""
+"""For each camera: the last part of the daemon's key, and the topic's name and type in ROS 2."""
 
 _WAITING_MESSAGES = 64
 """Ten pairs of six messages."""
@@ -40,7 +40,7 @@ _SELDOM_S = 60.0
 
 
 class Bridge:
-    """Offers the topics of a rig, and hands on what arrives for them.
+    """Offers the topics of a rig, and passes on what arrives for them.
 
     Parameters
     ----------
@@ -51,9 +51,9 @@ class Bridge:
     domain
         Where to offer the topics.
     reliable
-        Offer frames to subscribers that insist on reliable delivery, too.
+        Also offer frames to subscribers that insist on reliable delivery.
     control
-        Take requests to control.
+        Accept control requests.
 
     Raises
     ------
@@ -90,11 +90,11 @@ class Bridge:
 
     @property
     def refused(self) -> int:
-        """Messages that were dropped, as they were not of their topic's type, or found no room."""
+        """Messages that were dropped because they were not of their topic's type, or because there was no room."""
         return sum(writer.refused for writer in self._topics.values())
 
     def run(self, stop: threading.Event) -> None:
-        """Hand on until `stop` is set."""
+        """Pass messages on until `stop` is set."""
         self._holder.start()
         answering = None
         if self._requests is not None:
@@ -134,7 +134,7 @@ class Bridge:
 def serve(
     rig: str, connect: Sequence[str], domain: Domain, stop: threading.Event, *, reliable: bool, control: bool
 ) -> None:
-    """Offer the topics of a rig until `stop` is set; see `Bridge`. Says what for, and at the end what was sent."""
+    """Offer the topics of a rig until `stop` is set; see `Bridge`. Prints where, and at the end what was sent."""
     bridge = Bridge(rig, connect, domain, reliable=reliable, control=control)
     print(f"topics /{rig}/left/image_raw and others in ROS domain {domain.number}, for {domain.release}", flush=True)
     bridge.run(stop)

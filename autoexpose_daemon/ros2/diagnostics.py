@@ -16,7 +16,7 @@ _LEVELS = {State.EXPOSING: OK, State.STARTING: WARN, State.DEGRADED: WARN, State
 
 
 def diagnostics(rig: str, status: Status | None, stamp_ns: int) -> bytes:
-    """The message in CDR; without a status, that the daemon is silent. `stamp_ns` is CLOCK_REALTIME."""
+    """The message in CDR; without a status, it says that the daemon is silent. `stamp_ns` is CLOCK_REALTIME."""
     if status is None:
         entries = [_entry(STALE, f"{rig}: exposure", "nothing heard from the daemon", "", {})]
     else:

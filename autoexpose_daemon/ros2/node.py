@@ -26,7 +26,7 @@ NAME = "autoexpose"
 _PLAIN_CDR = Qos(Policy.DataRepresentation(use_cdrv0_representation=True))
 _LITTLE_ENDIAN_CDR = b"\0\1"
 _WRITERS = _PLAIN_CDR + Qos(Policy.DestinationOrder.BySourceTimestamp, Policy.WriterDataLifecycle(autodispose=False))
-_RELIABLE = Policy.Reliability.Reliable(duration(milliseconds=20))  # longer than that, nobody is waited for
+_RELIABLE = Policy.Reliability.Reliable(duration(milliseconds=20))  # nobody is waited for longer than that
 
 
 def _dds(qos: OfferedQos) -> Qos:
@@ -45,12 +45,12 @@ _GID, _NODE, _ENTITIES = (
 
 
 class Writer:
-    """Publishes messages that are serialised already on one topic.
+    """Publishes messages that are already serialised, on one topic.
 
     Attributes
     ----------
     sent, refused
-        Messages; what is not plain CDR is refused, and what Cyclone DDS finds too short for the topic's type.
+        Messages; those that are not plain CDR are refused, and those that Cyclone DDS finds too short for their type.
     """
 
     def __init__(self, writer: DataWriter[IdlStruct], kind: type[IdlStruct]) -> None:
@@ -61,7 +61,7 @@ class Writer:
 
     def send(self, cdr: bytes) -> bool:
         """Publish a message as it is, or count it as refused; returns whether it was sent."""
-        # The package serialises what it writes, field by field, which takes 14 ms for a small image: this has been.
+        # The package serialises what it writes, field by field, which takes 14 ms for a small image: this one has been.
         sample: Any = self._kind.__new__(self._kind)
         sample.serialize = lambda **_: cdr
         sent = cdr.startswith(_LITTLE_ENDIAN_CDR)
@@ -124,12 +124,12 @@ class Node:
         return reader
 
     def announce(self) -> None:
-        """Tell other participants which node these topics are of; call it when all are there."""
+        """Tell other participants which node these topics belong to; call it when all topics exist."""
         self._announcement.send(self._entities())
 
     def leave(self) -> None:
-        """Say goodbye to other participants, who would else keep node and topics for 10 s; nothing works afterwards."""
-        self.participant.__del__()  # the package deletes in no other way, and others refer to it
+        """Say goodbye to others, which would otherwise keep node and topics for 10 s; nothing works afterwards."""
+        self.participant.__del__()  # the package has no other way to delete it, and others refer to it
 
     def _path(self, name: str) -> str:
         return f"rt{name}" if name.startswith("/") else f"rt/{self._rig}/{name}"
@@ -145,7 +145,7 @@ class Node:
         return qos + Qos(Policy.Userdata(f"typehash={store.hash_rihs01(message_type)};".encode()))
 
     def _entities(self) -> bytes:
-        """Which readers and writers are the node's."""
+        """Which readers and writers belong to the node."""
         types = self._store.types
         gid_bytes = self._store.fielddefs[_GID][1][0][1][1][1]  # 24 in Humble, then 16
 

@@ -1,6 +1,6 @@
-"""Requests to control by topics of ROS 2, and what the daemon answers.
+"""Control requests through ROS 2 topics, and what the daemon answers.
 
-Services would need the identity of each request, which Fast DDS and Cyclone DDS hand over in different ways; the first
+Services would need the identity of each request, which Fast DDS and Cyclone DDS pass on in different ways; the first
 is not open to this package.
 """
 
@@ -47,7 +47,7 @@ class Requests:
     node
         Gets the topics.
     rig, connect
-        Whose daemon is asked, and where.
+        Which rig's daemon is asked, and where.
     """
 
     def __init__(self, node: Node, rig: str, connect: Sequence[str]) -> None:
@@ -70,7 +70,7 @@ class Requests:
                     self._answer(self._ask(changes))
 
     def _taken(self) -> Iterator[tuple[int, Changes]]:
-        """What is asked for, each with the time when it was sent, ns."""
+        """The changes asked for, each with the time when it was sent, ns."""
         for name, reader in self._readers.items():
             for _ in range(_AT_ONCE):
                 try:

@@ -60,7 +60,7 @@ class LastExposure:
     def keep(self, telemetry: Telemetry, now_s: float) -> None:
         """Remember the setting of the newest frame if it was well exposed; save a changed one at most every 5 s.
 
-        `now_s` is of a monotonic clock.
+        `now_s` is from a monotonic clock.
         """
         decision, applied = telemetry.decision, telemetry.applied
         if decision is None or applied is None or max(decision.saturated_share, decision.black_share) > _GOOD_SHARE:

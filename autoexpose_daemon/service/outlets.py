@@ -43,9 +43,9 @@ class RecorderTap:
 
 
 def add_outlets(daemon: Daemon, config: Config, recorder: Recorder | None = None) -> Daemon:
-    """Have a daemon record, given a recorder, and publish and use an IMU, if configured.
+    """Have a daemon record, if there is a recorder, and publish and use an IMU, if configured.
 
-    Without the Python packages for zenoh, the daemon runs on and says so.
+    Without the Python packages for zenoh, the daemon keeps running and says so.
     """
     if config.motion.imu is not None:
         _add_imu(daemon, config.motion.imu)

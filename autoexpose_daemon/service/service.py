@@ -32,7 +32,7 @@ _TURN_S = 0.25
 _TUNE_PATIENCE_S = 5.0
 
 Build = Callable[[Config, ExposureSetting | None], Daemon]
-"""Makes the daemon for a configuration; it begins with the given setting, or at None with the configured one."""
+"""Makes the daemon for a configuration; it begins with the given setting, or with the configured one if None."""
 
 NewConfig = Callable[[], Config | None]
 """Polled for a new configuration; raises ConfigurationError for an invalid one."""

@@ -26,7 +26,7 @@ class Counter:
     Attributes
     ----------
     name
-        Its name in `Counts`, in the status and in metrics; ends or begins with what is counted.
+        Its name in `Counts`, in the status and in metrics; begins or ends with what is counted.
     topic
         The table of the page that shows it.
     label
@@ -34,7 +34,7 @@ class Counter:
     meaning
         What is counted, in a sentence.
     anomaly
-        Whether it should stay at 0. Terminal and log show an anomaly that did not, the page marks it.
+        Whether it should stay at 0. Terminal and log show an anomaly that is not 0, and the page marks it.
     """
 
     name: str
@@ -52,7 +52,7 @@ def _counter(topic: Topic, label: str, meaning: str, anomaly: bool = True) -> An
 # ruff: noqa: RUF009  (each call makes a field)
 @dataclass(slots=True)
 class Counts:
-    """The counters, in the order in which they are shown; a daemon of another version may not have all of them."""
+    """The counters, in the order in which they are shown; a daemon of a different version may lack some of them."""
 
     pairs: Count = _counter("triggers", "stereo pairs", "Triggers that made a stereo pair.", anomaly=False)
     pairs_without_decision: Count = _counter(
@@ -90,5 +90,5 @@ def counters(counts: Counts) -> Iterator[tuple[Counter, int]]:
 
 
 def anomalies(counts: Counts) -> Iterator[tuple[Counter, int]]:
-    """Those that should be 0 and are not."""
+    """The counters that should be 0 and are not."""
     return ((counter, count) for counter, count in counters(counts) if counter.anomaly and count)

@@ -23,11 +23,11 @@ from autoexpose_daemon.status.states import Expectation, Health, judge
 from autoexpose_daemon.status.telemetry import GONE, DurationSamples, Telemetry
 from drivers.frames import Side
 
-_STARTED_NS = time.monotonic_ns()  # of the process, a second late: its imports come first
+_STARTED_NS = time.monotonic_ns()  # start of the process, a second late: imports come first
 
 
 def health_of(telemetry: Telemetry, config: Config) -> Health:
-    """The present state."""
+    """The present health of a daemon."""
     now_ns = time.monotonic_ns()
     triggered = config.trigger.mode == "external"
     opened_ns = now_ns if telemetry.opened_ns is None else telemetry.opened_ns

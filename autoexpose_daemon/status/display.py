@@ -26,7 +26,7 @@ Show = Callable[[Callable[[], Status]], None]
 
 @contextmanager
 def display(console: Console, title: Callable[[], str]) -> Iterator[Show]:
-    """A function that shows the status: in a panel in a terminal, else in log lines that come less and less often.
+    """A function that shows the status: in a panel in a terminal, else in log lines at growing intervals.
 
     `title` is called each time the panel is drawn.
     """

@@ -29,7 +29,7 @@ LARGEST_STATUS_BYTES = 1 << 20
 _Few = Field(max_length=100)
 _Counts = Annotated[dict[str, Count], _Few]
 _Seconds = Annotated[float, Field(ge=0, le=1e11)]
-_Milliseconds = Annotated[float, Field(ge=-1e14, le=1e14)]  # below 0 where a clock jumped
+_Milliseconds = Annotated[float, Field(ge=-1e14, le=1e14)]  # below 0 if a clock jumped
 _Hertz = Annotated[float, Field(ge=0, le=1e6)]
 
 
@@ -47,7 +47,7 @@ def _fits_a_node(ptp: PtpState) -> PtpState:
 
 @dataclass(frozen=True, slots=True)
 class DurationStatus:
-    """How long something took: count and sum of all durations, percentiles of those of the last minutes (ms).
+    """How long something took: count and sum of all durations, percentiles over the last minutes (ms).
 
     The percentiles are None before the first duration.
     """
@@ -73,7 +73,7 @@ class CameraStatus:
     misfit
         Why its calibration does not fit, in words; None if it fits.
     ptp
-        What it says of its PTP clock; None but in `trigger.mode` ptp.
+        What it says about its PTP clock; None except in `trigger.mode` ptp.
     """
 
     camera: str | None
@@ -94,9 +94,9 @@ class PublishStatus:
     trouble
         Why there is no session, in words; empty if there is one.
     consumers
-        Those that report, each with its own counts since it started.
+        The consumers that report, each with its own counts since it started.
     unlisted_consumers
-        How many more report.
+        How many more consumers report.
     """
 
     offered: Count
@@ -118,7 +118,7 @@ class RecorderStatus:
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """A log line at WARNING or above: its time (seconds since 1970), its level, its text without line breaks."""
+    """A log line at WARNING or above: its time (seconds since 1970), its level, and its text without line breaks."""
 
     unix_time_s: _Seconds
     level: str
@@ -127,18 +127,18 @@ class Fault:
 
 @dataclass(frozen=True, slots=True)
 class Status:
-    """How a daemon is. Counts and durations begin when its cameras are opened, by a start or a reload.
+    """The condition of a daemon. Counts and durations begin when its cameras are opened, by a start or a reload.
 
     Attributes
     ----------
     rig, policy
         Name of the rig, and the policy that decides.
     unix_time_s
-        When this was sent, by the wall clock of the daemon's machine.
+        When this status was sent, by the wall clock of the daemon's machine.
     uptime_s, open_s
-        Since the process started, and since its cameras were opened.
+        Time since the process started, and since its cameras were opened.
     ending
-        Whether this is the last one, before the daemon stops or reopens its cameras for a reload.
+        Whether this is the last status before the daemon stops or reopens its cameras for a reload.
     state, reasons
         The state, and why it is not better.
     cameras
@@ -150,21 +150,21 @@ class Status:
     lost
         Triggers that made no pair, by reason (docs/account.md).
     decision
-        The newest; its `setting` is the last one requested. None before the first.
+        The newest decision; its `setting` is the last one requested. None before the first.
     pairing_ms, decision_ms, held_ms, write_ms, frame_to_node_ms, command_to_effect_ms, skew_ms
         See `DURATIONS`. Writes count once per camera; `command_to_effect_ms` covers the cameras with chunk data.
     publishing, recorder
         None if frames are not published, or not recorded.
     faults
-        The latest, oldest first.
+        The latest faults, oldest first.
     imu
-        None where none is configured.
+        None if no IMU is configured.
     light_ahead
-        What became of the light that `autoexpose repeat` foretold; None where nothing is published.
+        How the light that `autoexpose repeat` foretold was used; None if nothing is published.
     tracking
-        What became of consumers' reports on their tracking; None where nothing is published.
+        How consumers' reports on their tracking were used; None if nothing is published.
     flicker_hz
-        The flicker of the light that was found; None: none, or `control.flicker_hz` is a number.
+        The flicker found in the light; None: none was found, or `control.flicker_hz` is a number.
     requests
         What was requested of control while it runs; None from a daemon that takes no requests.
     """
@@ -210,7 +210,7 @@ class Status:
 
     @classmethod
     def from_json(cls, text: str | bytes) -> Status | None:
-        """The status in a message; None if the message is damaged or of another version."""
+        """The status in a message; None if the message is damaged or from another version."""
         if len(text) > LARGEST_STATUS_BYTES:
             return None
         try:

@@ -33,4 +33,4 @@ DURATIONS = (
     Duration("command_to_effect_ms", "command to effect", "From a decision to the first exposure taken with it."),
     Duration("skew_ms", "skew", "Between the starts of a pair's two exposures, by the cameras' time stamps."),
 )
-"""In the order of a frame's way, where the first four follow each other without a gap, and add up to frame to node."""
+"""In the order in which a frame goes through them; the first four follow without a gap, and add up to frame to node."""

@@ -14,7 +14,7 @@ LONGEST_TEXT = 500
 
 
 class FaultLog(logging.Handler):
-    """Keeps the last log records at WARNING and above, a line each."""
+    """Keeps the last log records at WARNING and above, one line each."""
 
     def __init__(self) -> None:
         super().__init__(logging.WARNING)

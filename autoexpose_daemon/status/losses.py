@@ -10,7 +10,7 @@ _EDGES: dict[str, str] = {
     LossReason.STARTUP: "before every camera was open",
     LossReason.SHUTDOWN: "at the end",
 }
-"""What every start and every end costs: nothing to look into."""
+"""The losses of every start and every end, which need no investigation."""
 _FAULTS: dict[str, str] = {
     LossReason.LEFT_MISSING: "without the left frame",
     LossReason.RIGHT_MISSING: "without the right frame",
@@ -31,7 +31,7 @@ def losses(lost: Mapping[str, int]) -> Iterator[tuple[str, int, bool]]:
 
 
 def lost_in_words(lost: Mapping[str, int], note: str = "") -> str:
-    """Losses by reason, those of start and end apart; `note` goes after the faults."""
+    """Losses by reason, those of start and end separately; `note` goes after the faults."""
     faults = ", ".join(f"{count} {words}" for words, count, is_fault in losses(lost) if is_fault)
     edges = ", ".join(f"{count} {words}" for words, count, is_fault in losses(lost) if not is_fault)
     return "; ".join([(faults or "none") + note, *([edges] if edges else [])])

@@ -31,7 +31,7 @@ def table_of(status: Status) -> Table:
 
 
 def plain(text: str, style: str = "") -> Text:
-    """The text as it is: no markup, and nothing that a terminal would take for a command."""
+    """The text as it is, without markup or anything that a terminal would take for a command."""
     return Text("".join(letter if letter.isprintable() else "?" for letter in text), style)
 
 

@@ -15,7 +15,7 @@ GONE_NS = 5_000_000_000
 
 MOST_LISTED = 32
 MOST_KNOWN = 1024
-"""How many consumers are listed, and remembered: anyone can send names, and invent some."""
+"""How many consumers are listed, and how many remembered: anyone can send reports, under invented names."""
 
 
 class DropReason(StrEnum):
@@ -24,7 +24,7 @@ class DropReason(StrEnum):
     NOT_OPEN = "not_open"
     """There was no session."""
     BEHIND = "behind"
-    """The publisher was still busy with earlier pairs when newer ones came."""
+    """The publisher was still busy with earlier pairs when newer ones arrived."""
     REFUSED = "refused"
     """zenoh rejected it."""
 
@@ -38,9 +38,9 @@ class _Consumer:
 
 
 class Consumers:
-    """The consumers that report, as long as they do. Any thread may add or read; times are of CLOCK_MONOTONIC.
+    """The consumers that report, for as long as they do. Any thread may add or read; times are from CLOCK_MONOTONIC.
 
-    Neither a name nor zenoh says who sent a report. So consumers whose count of pairs has grown come first, then those
+    Neither a name nor zenoh shows who sent a report. So consumers whose count of pairs has grown come first, then those
     known longest; invented names that do not report again make room for others.
     """
 
@@ -70,7 +70,7 @@ class Consumers:
             return {name: consumer.tally for name, consumer in order[:MOST_LISTED]}
 
     def unlisted(self, now_ns: int) -> int:
-        """How many more report."""
+        """How many more consumers report."""
         with self._lock:
             self._forget(now_ns)
             return max(0, len(self._known) - MOST_LISTED)

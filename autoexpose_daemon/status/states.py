@@ -11,7 +11,7 @@ from drivers.python310 import StrEnum
 
 START_PATIENCE_NS = 10_000_000_000
 """A rig without a pair this long after its start is no longer starting. A GigE Vision camera stays with a killed
-controller for 3 s; two searches of a second each and the pauses between them come on top."""
+controller for 3 s; two searches of a second each, and the pauses between them, add to that."""
 
 ADJUSTED = "adjusted"
 """The kind of complaint that does not degrade: cameras round, and frames carry the setting they were taken with."""
@@ -57,7 +57,7 @@ class Expectation:
 
 
 def judge(telemetry: Telemetry, expected: Expectation, now_ns: int) -> Health:
-    """The state at `now_ns`. A stopped trigger or a lost camera degrades, and never fails."""
+    """The state at `now_ns`. A stopped trigger or a lost camera only degrades it; neither fails it."""
     if telemetry.failure is not None:
         return Health(State.FAILED, (telemetry.failure,))
     if telemetry.last_pair_ns is None and now_ns - expected.since_ns < max(START_PATIENCE_NS, expected.silence_ns):
@@ -81,7 +81,7 @@ def _shortcomings(telemetry: Telemetry, expected: Expectation, now_ns: int) -> I
     else:
         for side in silent:
             yield f"no frames from the {side} camera"
-    # Twice as patient: when a trigger stops, one camera's last frame may be a little later than the last pair.
+    # Twice as patient: when the trigger stops, one camera's last frame may be a little later than the last pair.
     if not (gone or silent or incomplete) and _silent(
         telemetry.last_pair_ns, expected, now_ns - round(expected.silence_ns)
     ):

@@ -1,4 +1,4 @@
-"""What the daemon measures of itself while it runs: counts, rates and durations."""
+"""What the daemon measures about itself while it runs: counts, rates and durations."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ GONE = "gone"
 
 
 class DurationSamples:
-    """Durations in ms: count and sum of all, and the latest of them. One thread adds, others read."""
+    """Durations in ms: count and sum of all of them, and the latest. One thread adds, others read."""
 
     def __init__(self) -> None:
         self.count = 0
@@ -48,11 +48,11 @@ class DurationSamples:
 
     @property
     def latest_ms(self) -> NDArray[np.float32]:
-        """The latest of them, in no order."""
+        """The latest durations, in no particular order."""
         return self._latest_ms[: self.count]
 
     def percentiles(self) -> dict[str, float | None]:
-        """Median and 99th percentile of the latest, in ms; None before the first."""
+        """Median and 99th percentile of the latest durations, in ms; None before the first."""
         if not self.count:
             return {"p50": None, "p99": None}
         p50, p99 = np.percentile(self.latest_ms, [50, 99])
@@ -74,21 +74,21 @@ class Telemetry:
     Attributes
     ----------
     opened_ns
-        When opening the cameras began (CLOCK_MONOTONIC): all counts begin there.
+        When the daemon began to open the cameras (CLOCK_MONOTONIC): all counts begin then.
     failure
         What ended the daemon, in words; None while it runs.
     cameras
-        Model and serial of each camera that was tried, or `GONE`.
+        Model and serial of each camera that the daemon tried to open, or `GONE`.
     last_frame_ns, last_pair_ns
         Arrival of each camera's newest whole frame, and of the newest complete pair (CLOCK_MONOTONIC).
     lost
         Triggers that made no pair, by reason.
     ptp
-        What each open camera says of its PTP clock, in `trigger.mode` ptp.
+        What each open camera says about its PTP clock, in `trigger.mode` ptp.
     complaints
         What is wrong with the cameras now, in words, by camera and kind.
     misfits
-        Why a camera's calibration does not fit, in words, for each camera where it does not.
+        Why a camera's calibration does not fit, in words, for each such camera.
     applied, newest
         The setting of the newest frame that control saw, and of the newest frame of each camera.
     pairing_ms, decision_ms, held_ms, write_ms, frame_to_node_ms, command_to_effect_ms, skew_ms
@@ -96,13 +96,13 @@ class Telemetry:
     publishing, recorder
         Counts of the publisher and of the recorder; None without one.
     imu
-        What became of the IMU's samples; None without one.
+        How the IMU's samples were used; None without an IMU.
     light_ahead
-        What became of the light that `autoexpose repeat` foretold; None where nothing is published.
+        How the light that `autoexpose repeat` foretold was used; None if nothing is published.
     tracking
-        What became of consumers' reports on their tracking; None where nothing is published.
+        How consumers' reports on their tracking were used; None if nothing is published.
     flicker_hz
-        The flicker of the light that was found; None: none, or it is not looked for.
+        The flicker found in the light; None: none was found, or it is not looked for.
     requests
         What was requested of control while it runs.
     """
@@ -147,14 +147,14 @@ class Telemetry:
         self.failure = str(error) or type(error).__name__
 
     def account(self, record: RigRecord) -> None:
-        """Note how the account of triggers and writes stands."""
+        """Note the present account of triggers and writes."""
         self.counts.pairs = record.tally.pairs
         self.counts.surplus_frames = record.tally.surplus_frames
         self.counts.late_writes = record.late_writes
         self.lost = dict(record.tally.lost)
 
     def written(self, write: Written, command: Command | None) -> None:
-        """Note how long a write took that a decision caused; a camera is also written when it is opened."""
+        """Note how long a write took, if a decision caused it; a camera is also written when it is opened."""
         if command is not None:
             self.held_ms.add_ns(write.started_ns - command.decided_ns)
             self.write_ms.add_ns(write.finished_ns - write.started_ns)
@@ -185,7 +185,7 @@ class Telemetry:
             self.counts.decisions_at_brightest_limit += 1
 
     def rate_hz(self, now_ns: int) -> float:
-        """Complete pairs per second over the last two seconds at 60 Hz; 0 if none came for a second."""
+        """Complete pairs per second over the last two seconds at 60 Hz; 0 if none arrived for a second."""
         times_ns = list(self._recent_ns)
         if len(times_ns) < 2 or times_ns[-1] <= times_ns[0] or now_ns - times_ns[-1] > _PAUSE_NS:
             return 0.0

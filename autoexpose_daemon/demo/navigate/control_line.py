@@ -17,12 +17,12 @@ _LAST_ANSWERS_S = 2.0
 
 
 class ControlLine:
-    """Sends orders while its context lasts, and does not wait for answers.
+    """Sends orders while its context is entered, and does not wait for answers.
 
     Attributes
     ----------
     refused
-        What the camera said to an order that it did not take; empty so far.
+        What the camera said about an order that it refused; empty: it has refused none.
     """
 
     def __init__(self, path: Path) -> None:

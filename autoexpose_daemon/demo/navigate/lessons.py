@@ -20,10 +20,10 @@ from drivers.errors import AutoexposeError
 TAUGHT_LUX = 150.0
 
 FOCAL_LENGTH_PX = 860.0
-"""Of the fake cameras."""
+"""The focal length of the fake cameras."""
 
 STARTS_S, STANDS_S = 15.0, 2.0
-"""A command has begun to drive after this long, and has given up when the robot stands still for so long."""
+"""A command has started to drive within this time, and has given up if the robot stands still for this long."""
 
 _TURN_S = 0.02
 _AUTOEXPOSE = [sys.executable, "-c", "from autoexpose_daemon.cli import main; main()"]
@@ -36,7 +36,7 @@ LIGHTS: dict[str, Light] = {
     "dusk": lambda _progress: TAUGHT_LUX / 100,
     "off and on": lambda progress: TAUGHT_LUX / 300 if 1 / 3 <= progress < 2 / 3 else TAUGHT_LUX,
 }
-"""In which the lap is repeated; the last goes out for the middle third."""
+"""The lights in which the lap is repeated; the last one goes out for the middle third."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,11 +57,11 @@ class Lap:
 
     @property
     def registered_share(self) -> float:
-        """Of the frames that were looked at."""
+        """Share of the frames looked at that were registered."""
         return sum(view.shift_px is not None for view in self.views) / max(len(self.views), 1)
 
     def figures(self) -> dict[str, float | str | bool]:
-        """For the summary."""
+        """The figures for the summary."""
         return {
             "light": self.light,
             "policy": self.policy,
@@ -78,11 +78,11 @@ class Lessons:
     Parameters
     ----------
     robot
-        Is driven.
+        The robot to drive.
     endpoints
-        Options of the commands that lead to the daemon and the robot.
+        Options for the commands: where the daemon and the robot are.
     forward_m_s
-        How fast.
+        How fast to drive.
     stop
         Ends everything.
     """
@@ -109,7 +109,7 @@ class Lessons:
             raise AutoexposeError(f"autoexpose teach failed: {complaint.strip() or said.strip()}")
 
     def repeat(self, file: Path, light: str, policy: str) -> Lap:
-        """Drive it again from beside the start, by what the cameras see, in another light."""
+        """Drive the lap again from beside the start, by what the cameras see, in another light."""
         robot, lux_at = self._robot, LIGHTS[light]
         robot.light(lux := lux_at(0.0))
         robot.joystick = None

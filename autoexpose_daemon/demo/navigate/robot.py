@@ -19,7 +19,7 @@ from autoexpose_daemon.publish.session import Endpoints, SessionHolder, open_ses
 from drivers.python310 import Self
 
 ODOMETRY, JOYSTICK, COMMAND = "odom", "joystick", "cmd_vel"
-"""Keys."""
+"""zenoh keys."""
 
 PERIOD_S = 0.02
 """From one step to the next, and from one Odometry to the next."""
@@ -39,7 +39,7 @@ class Step:
 
 
 class DemoRobot:
-    """Drives while its context lasts, as it is commanded or by its joystick.
+    """Drives while its context is entered, as it is commanded or by its joystick.
 
     Parameters
     ----------
@@ -48,9 +48,9 @@ class DemoRobot:
     daemon
         Where the daemon listens.
     lines
-        To its cameras.
+        The control sockets of its cameras.
     rig
-        Whose registrations it hears.
+        The rig whose registrations it receives.
 
     Attributes
     ----------
@@ -86,7 +86,7 @@ class DemoRobot:
         self._thread.join()
 
     def put(self, place: Place, *, errs: bool) -> None:
-        """Carry it somewhere, from where on its odometry errs or does not."""
+        """Carry it somewhere; from there on its odometry errs, or does not."""
         with self._turn:
             self._vehicle.put(place, errs=errs)
             self._command, self.steps, self.views = STANDSTILL, [], []
@@ -99,7 +99,7 @@ class DemoRobot:
 
     @property
     def place(self) -> Place:
-        """Where it is in truth."""
+        """Where it really is."""
         return self._vehicle.place
 
     def _live(self) -> None:

@@ -37,12 +37,12 @@ from drivers.errors import AutoexposeError
 OTHER_POLICY = "fixed"
 
 BEGINS_S, WAITS_S = 4.0, 3.0
-"""What a daemon takes to begin and end, and what a command takes."""
+"""The time that a daemon takes to begin and end, and the time that a command takes."""
 
 FASTEST_M_S = 0.6
 
 HIGHEST_HZ = 30.0
-"""Two fakes in motion, a daemon, and `teach` or `repeat`, which look at each frame, are much for two cores."""
+"""Two fakes in motion, a daemon, and `teach` or `repeat`, which look at each frame, are a lot for two cores."""
 
 _RIG = "rig"
 

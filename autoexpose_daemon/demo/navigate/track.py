@@ -6,7 +6,7 @@ import math
 from typing import NamedTuple
 
 RADIUS_M = 0.5
-"""Of the lap, a circle around the middle of the room."""
+"""Radius of the lap, a circle around the middle of the room."""
 
 LENGTH_M = 2 * math.pi * RADIUS_M
 
@@ -14,7 +14,7 @@ ASIDE_M, TURNED_RAD = 0.15, math.radians(5.0)
 """Where a repetition begins: to the left of the start, and turned to the left."""
 
 SCALE, DRIFT_RAD_PER_M = 1.02, math.radians(1.0)
-"""What the odometry makes of a metre, and how far the robot turns in one while it believes to drive straight."""
+"""What the odometry makes of a metre, and how far the robot turns in one while it believes it drives straight."""
 
 
 class Place(NamedTuple):
@@ -30,7 +30,7 @@ class Place(NamedTuple):
         return cls(RADIUS_M - aside_m, 0.0, math.pi / 2 + turned_rad)
 
     def driven(self, forward_m: float, turned_rad: float) -> Place:
-        """After a bit of a way, on an arc."""
+        """The place after a short way on an arc."""
         middle_rad = self.heading_rad + turned_rad / 2
         return Place(
             self.x_m + forward_m * math.cos(middle_rad),
@@ -55,9 +55,9 @@ class Vehicle:
     Attributes
     ----------
     place
-        Where it is in truth.
+        Where it really is.
     believed
-        Where it is by its odometry.
+        Where it is according to its odometry.
     """
 
     def __init__(self) -> None:
@@ -65,11 +65,11 @@ class Vehicle:
         self._errs = False
 
     def put(self, place: Place, *, errs: bool) -> None:
-        """Somewhere, from where on its odometry errs or does not."""
+        """Put it somewhere; from there on its odometry errs, or does not."""
         self.place, self._errs = place, errs
 
     def drive(self, forward_m_s: float, turn_rad_s: float, seconds: float) -> None:
-        """For some time."""
+        """Drive for some time."""
         way_m, turned_rad = forward_m_s * seconds, turn_rad_s * seconds
         drift_rad = DRIFT_RAD_PER_M * way_m if self._errs else 0.0
         self.place = self.place.driven(way_m, turned_rad + drift_rad)

@@ -1,1 +1,1 @@
-"""Driving along a path: taught by somebody, then repeated."""
+"""Driving along a path: taught by someone, then repeated."""

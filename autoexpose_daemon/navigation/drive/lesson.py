@@ -18,7 +18,7 @@ JPEG_QUALITY = 90
 
 
 class Lesson:
-    """Decides what of a drive is remembered.
+    """Decides what to remember of a drive.
 
     Parameters
     ----------
@@ -33,13 +33,13 @@ class Lesson:
         self._speeds: list[tuple[float, float, float]] = []
 
     def drive(self, velocity: Velocity, distance_m: float) -> None:
-        """The robot was told to drive like this, after `distance_m` from the start."""
+        """Note that the robot was commanded to drive like this, after `distance_m` from the start."""
         if velocity != self._velocity:
             self._velocity = velocity
             self._speeds.append((distance_m, velocity.forward_m_s, velocity.turn_rad_s))
 
     def look(self, image: NDArray[np.uint8], setting: ExposureSetting, distance_m: float) -> TaughtPlace | None:
-        """What to remember of a frame, uint8, (height, width); None where the last local map is near."""
+        """What to remember of a frame, uint8, (height, width); None if the last local map is near."""
         features = self._finder.find(image)
         if distance_m < EVERY_M * self._places:
             return None

@@ -9,11 +9,11 @@ from dataclasses import dataclass, field
 from autoexpose_daemon.navigation.drive.motion import Pose
 
 JUMP_M = 1.0
-"""A pose further than this from the one before is odometry that began again, not a way that was driven."""
+"""A pose further than this from the one before means that odometry began again, not that the robot drove there."""
 
 
 SPEED_NS = 500_000_000
-"""Speed is the way of the last half second."""
+"""Speed is measured over the last half second."""
 
 
 @dataclass(slots=True)
@@ -25,7 +25,7 @@ class Odometer:
     distance_m
         The sum.
     jumps
-        How many poses began again somewhere else; the way to them is not known and not counted.
+        How many poses began again somewhere else; the way to them is unknown and not counted.
     """
 
     distance_m: float = 0.0
@@ -35,14 +35,14 @@ class Odometer:
 
     @property
     def speed_m_s(self) -> float:
-        """Over the last `SPEED_NS`; 0 before there are two poses."""
+        """Speed over the last `SPEED_NS`; 0 before there are two poses."""
         if len(self._recent) < 2:
             return 0.0
         (first_ns, first_m), (last_ns, last_m) = self._recent[0], self._recent[-1]
         return (last_m - first_m) / max((last_ns - first_ns) * 1e-9, 1e-3)
 
     def take(self, pose: Pose, now_ns: int) -> None:
-        """The next pose; `now_ns` is CLOCK_MONOTONIC."""
+        """Take the next pose; `now_ns` is CLOCK_MONOTONIC."""
         if self._last is not None:
             way_m = math.hypot(pose.x_m - self._last.x_m, pose.y_m - self._last.y_m)
             if way_m > JUMP_M:

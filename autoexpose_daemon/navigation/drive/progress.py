@@ -1,4 +1,4 @@
-"""One line in the terminal that says how it goes; without a terminal, a line for each change of state."""
+"""One line in the terminal that shows the progress; without a terminal, a line for each change of state."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _TURN_S = 0.1
 
 
 class Progress:
-    """Says how a long command goes, while its context lasts."""
+    """Shows the progress of a long command, while its context is entered."""
 
     def __init__(self, console: Console) -> None:
         self._console = console
@@ -41,7 +41,7 @@ class Progress:
             self._console.print(line, markup=False, highlight=False, soft_wrap=True)
 
     def say(self, line: str) -> None:
-        """How it goes now; lines that differ in numbers only are one state."""
+        """Show the progress; lines that differ only in numbers are one state."""
         now_s = time.monotonic()
         if self._live is not None:
             if now_s - self._said_s >= _TURN_S:

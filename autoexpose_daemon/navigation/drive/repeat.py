@@ -1,4 +1,4 @@
-"""`autoexpose repeat`: drive a taught path again, or without `--drive` only say how one would."""
+"""`autoexpose repeat`: drive a taught path again, or without `--drive` only show how to."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from autoexpose_daemon.navigation.views.detectors import FINDERS
 from autoexpose_daemon.publish.session import Endpoints
 
 NEAR_END_M = 1.0
-"""A drive that came so near to the end of the path saw its light."""
+"""A drive that came this near to the end of the path saw its light."""
 
 
 @dataclass(slots=True)
@@ -51,7 +51,7 @@ class Repeater:
     strategy
         How local maps change.
     predict
-        One of `MODELS`: of each local map only the features are looked for that this foretells for now; None: all.
+        One of `MODELS`: in each local map, only the features that it foretells for now are looked for; None: all.
     """
 
     def __init__(self, file: MapFile, strategy: Strategy, predict: str | None = None) -> None:
@@ -67,7 +67,7 @@ class Repeater:
             sought = [best(MODELS[predict](file.history(place))(now_s)) for place in places]
         self.repetition = Repetition(file.info, file.taught_path(), places, finder, strategy, sought=sought)
         self._light = self._remembered_light()
-        # Exposures on a drive that was told of an earlier one lead the light, and would lead it further each time.
+        # On a drive that gets the light of an earlier one, exposures lead the light, and would lead it more each time.
         self._trail = LightTrail() if self._light is None else None
         self._run: Run | None = None
         self._start_m: float | None = None
@@ -93,9 +93,9 @@ class Repeater:
         return view
 
     def misfit(self, policy: str) -> str:
-        """What to know of a daemon that exposes by another policy than when the path was taught; empty: it is the same.
+        """A warning if the daemon exposes with a different policy than when the path was taught; empty: it is the same.
 
-        By different policies the same place can show different features.
+        With different policies the same place can show different features.
         """
         taught = self._file.info.policy
         return f"taught with {taught}, while the daemon exposes by {policy}" if taught not in ("", policy) else ""
@@ -121,7 +121,7 @@ class Repeater:
         return [] if self._trail is None else self._trail.new_rows()
 
     def _remembered_light(self) -> LightMemory | None:
-        """Of the newest drive at this time of the day that came to the end of the path."""
+        """The light of the newest drive at this time of day that reached the end of the path."""
         reaches_m, end_m = self._file.light_reaches_m(), self.repetition.places[-1].distance_m
         complete = [run for run in self._file.runs() if reaches_m.get(run.number, -math.inf) > end_m - NEAR_END_M]
         run = newest_of_hour(complete, time.time())
@@ -135,7 +135,7 @@ class Repeater:
 def repeat(repeater: Repeater, source: Source, stop: threading.Event, progress: Progress) -> str:
     """Repeat until the end of the path, or until `stop` is set; returns how it went, in words.
 
-    The robot is commanded where `source.robot.command` names a key, and is told to stand still in any case of ending.
+    The robot is commanded if `source.robot.command` names a key, and is told to stand still however this ends.
     """
     drives = bool(source.robot.command)
     tally, repetition = repeater.tally, repeater.repetition

@@ -20,25 +20,25 @@ from autoexpose_daemon.navigation.views.features import Features
 from autoexpose_daemon.navigation.views.registration import RULES, Registration, register
 
 LEAST_VOTES = 20
-"""Of matches that must agree before the robot is steered by them. In a simulated park 38 of 40 views of the right place
+"""So many matches must agree before the robot is steered by them. In a simulated park 38 of 40 views of the right place
 had more, and 79 of 80 that looked the other way or were from elsewhere had fewer. The paper is content with 3."""
 
 CORRECTION_PER_M = 2.5
-"""How fast the place along the path is corrected: the share per metre of way of how far a view seems to lie ahead."""
+"""How fast the place along the path is corrected: the share, per metre driven, of how far a view seems to lie ahead."""
 
 FURTHEST_M = 0.5
-"""No view is believed to lie further away."""
+"""No view is believed to lie further away than this."""
 
 NEIGHBOUR = 4
-"""The local maps so many ahead and behind show how fast pictures grow there."""
+"""The local maps this many ahead and behind show how fast pictures grow there."""
 
 LEAST_GROWTH_PER_M = 0.01
-"""Pictures of what is further than 100 m away do not say where the robot is along the path."""
+"""Pictures of things further than 100 m away do not show where the robot is along the path."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
-    """A frame beside the local map that is nearest.
+    """A frame, beside the nearest local map.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class View:
 
     @property
     def shift_px(self) -> float | None:
-        """How far the view is shifted to the right of the map; None where too few matches agree."""
+        """How far the view is shifted to the right of the map; None if too few matches agree."""
         vote = self.registration.vote
         return vote.shift_px if vote.votes >= LEAST_VOTES else None
 
@@ -79,7 +79,7 @@ class Repetition:
     strategy
         How local maps change when they are passed.
     sought
-        Indices of the features of each local map that are looked for to find the way; None: all. At a passing all are.
+        Indices of the features of each local map that are looked for to find the way; None: all, as at every passing.
 
     Attributes
     ----------
@@ -90,7 +90,7 @@ class Repetition:
     correction_m
         What to add to the distance driven from the start to get the one along the path.
     obeyed
-        Whether the robot drives by `velocity`: what it does otherwise says nothing of its drift.
+        Whether the robot drives by `velocity`: otherwise, its motion says nothing about its drift.
     """
 
     def __init__(
@@ -125,7 +125,7 @@ class Repetition:
 
     @property
     def length_m(self) -> float:
-        """Of the path."""
+        """Length of the path."""
         return self._rule.length_m
 
     def look(self, image: NDArray[np.uint8], driven_m: float, now_ns: int) -> tuple[int, Passing] | None:
@@ -133,8 +133,8 @@ class Repetition:
 
         Returns
         -------
-            The index of a local map that has now been passed, and what that showed of it, by the view taken nearest to
-            it; None while it is still near, and when that view could not be registered.
+            The index of a local map that has now been passed, and what the view taken nearest to it showed
+            of it; None while it is still near, and when that view could not be registered.
         """
         features = self._finder.find(image)
         distance_m = driven_m + self.correction_m
@@ -152,11 +152,11 @@ class Repetition:
         return self._keep_nearest(self.view)
 
     def end(self) -> tuple[int, Passing] | None:
-        """The last local map has been passed, which no other follows; as `look`."""
+        """Pass the last local map, which no other follows; returns what `look` does."""
         return self._pass(self._nearest_view)
 
     def velocity(self, driven_m: float, odometry_ns: int | None, now_ns: int) -> tuple[Velocity, Stop | None]:
-        """How to drive after a distance from the start, and why not; `odometry_ns` is when the last odometry came."""
+        """How to drive after a distance from the start, and why not; `odometry_ns`: when the last odometry arrived."""
         distance_m = driven_m + self.correction_m
         self._rule.odometry_ns = odometry_ns
         stop = self._rule.reason(distance_m, now_ns)
@@ -172,7 +172,7 @@ class Repetition:
         return self.places[place].map.features if self._sought is None else self._sought[place]
 
     def _ahead_m(self, view: View) -> float:
-        """How much further along the path than believed a view lies, by how much larger it shows things; 0: unknown."""
+        """How much further along the path a view lies than believed, by how much larger things appear; 0: unknown."""
         grown = expansion(self._taught(view.place), view.features, view.registration, self._horizon_px)
         per_m = self._growth_per_m(view.place)
         if grown is None or per_m is None:
@@ -181,7 +181,7 @@ class Repetition:
         return min(max(ahead_m, -FURTHEST_M), FURTHEST_M)
 
     def _growth_per_m(self, place: int) -> float | None:
-        """How fast pictures grow there, by what the local maps behind and ahead hold; None where they hardly do."""
+        """How fast pictures grow there, from the local maps behind and ahead; None if they hardly do."""
         if place not in self._growths_per_m:
             behind, ahead = max(place - NEIGHBOUR, 0), min(place + NEIGHBOUR, len(self.places) - 1)
             way_m = float(self._distances_m[ahead] - self._distances_m[behind])

@@ -42,11 +42,11 @@ class RobotKeys:
     odometry
         Where `nav_msgs/msg/Odometry` comes from.
     velocity
-        Where the `Twist` or `TwistStamped` comes from that it is driven with.
+        Where the `Twist` or `TwistStamped` that drives it comes from.
     command, stamped
         Where to send a `Twist`, or a `TwistStamped`.
     ros2_domain
-        ROS_DOMAIN_ID of a robot whose nodes use rmw_zenoh: the others are its topics; None: they are keys.
+        ROS_DOMAIN_ID of a robot whose nodes use rmw_zenoh: the names above are its topics; None: they are keys.
     """
 
     odometry: str
@@ -63,7 +63,7 @@ class RobotKeys:
 
 
 class Robot:
-    """Hears a robot, and commands it, while its context lasts.
+    """Listens to a robot, and commands it, while its context is entered.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ class Robot:
     refused
         Messages that were not what they should be.
     odometry_ns
-        When the last odometry came, CLOCK_MONOTONIC; None before the first.
+        When the last odometry arrived, CLOCK_MONOTONIC; None before the first.
     """
 
     def __init__(

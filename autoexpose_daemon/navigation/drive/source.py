@@ -1,4 +1,4 @@
-"""Where frames and the robot are, for `teach` and `repeat`."""
+"""Where `teach` and `repeat` find frames and the robot."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from autoexpose_daemon.client import ReceivedPair, StereoClient
 from autoexpose_daemon.navigation.drive.robot import RobotKeys
 
 WAIT_S: Final = 0.05
-"""For a frame, before the robot is commanded again without one."""
+"""How long to wait for a frame before the robot is commanded again without one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +35,7 @@ class Source:
 
 
 def newest_pair(client: StereoClient) -> ReceivedPair | None:
-    """The newest pair that has come; None if none comes soon. Older ones would be steered by too late."""
+    """The newest pair that has arrived; None if none arrives soon. Steering by older ones would come too late."""
     pair = client.next_pair(WAIT_S)
     while pair is not None and (later := client.next_pair(0.0)) is not None:
         pair = later

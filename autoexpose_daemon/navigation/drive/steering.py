@@ -12,22 +12,22 @@ from autoexpose_daemon.navigation.drive.motion import Velocity
 from drivers.python310 import StrEnum
 
 CORRECTION_PER_S = 1.5
-"""How fast a heading error is turned away: the share of it per second. The authors turn by 0.001 rad/s per pixel, which
+"""How fast a heading error is corrected: the share of it per second. The authors turn by 0.001 rad/s per pixel, which
 is 0.7 with a lens of 700 pixels."""
 
 DRIFT_PER_M2 = 1.0
 """How fast drift is learnt, rad per metre for each radian of shift and metre of way: within a few metres."""
 
 LARGEST_SHIFT_RAD = 0.03
-"""A greater one is from where the robot began, or from a wrong registration, not from drift."""
+"""A greater one comes from where the robot began, or from a wrong registration, not from drift."""
 
 LARGEST_DRIFT_RAD_PER_M = 0.1
 
 LONGEST_WAY_M = 0.2
-"""Of a longer way between registrations only so much counts: what the shift was meanwhile is not known."""
+"""Of a longer way between registrations, only this much counts: the shift in between is not known."""
 
 SILENT_S = 0.5
-"""Without a frame or odometry for so long, the robot stops."""
+"""Without a frame or odometry for this long, the robot stops."""
 
 LOST_M = 2.0
 """Nor does it drive further than this without a registration."""
@@ -46,7 +46,7 @@ class Stop(StrEnum):
 class Steering:
     """Turns towards the map (Majer et al. 2018, 3.1, with the angle of the shift in place of its pixels).
 
-    A view that is shifted to the right of the map is one from a robot turned to the left. A robot that drifts aside as
+    A view that is shifted to the right of the map comes from a robot turned to the left. A robot that drifts aside as
     it drives would settle where its correction makes up for that, beside the path: so the drift is learnt.
 
     Attributes
@@ -54,7 +54,7 @@ class Steering:
     focal_length_px
         Of the lens.
     drift_rad_per_m
-        How much further to the left the robot turns than it is told.
+        How much further to the left the robot turns than it is commanded to.
     """
 
     focal_length_px: float
@@ -90,7 +90,7 @@ class StopRule:
     length_m
         Of the path.
     frame_ns, odometry_ns
-        When the last of each came; None before the first.
+        When the last of each arrived; None before the first.
     registered_m
         Where the last registration was.
     """

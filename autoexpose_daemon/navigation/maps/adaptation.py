@@ -14,12 +14,12 @@ from autoexpose_daemon.navigation.views.registration import Registration
 
 Strategy = Literal["static", "plastic", "adaptive", "summary"]
 """`static`: nothing changes. `plastic`: the view replaces the map. `adaptive`: the features with the least score are
-exchanged for new ones. `summary`: new ones are added, and of those with the least score only those below 0 removed; it
-grows, and is what prediction over time chooses from."""
+exchanged for new ones. `summary`: new ones are added, and of those with the least score only those below 0 are removed;
+it grows, and prediction over time chooses from it."""
 
 LEAST_EXCHANGED = 10
-"""Features exchanged at a passing; more with more votes: half of them, as in the authors' code. The paper takes half of
-the fullest bin."""
+"""Features exchanged at a passing; with many votes, half as many as votes, as in the authors' code. The paper takes
+half of the fullest bin."""
 
 CORRECT, WRONG, UNMATCHED = 1, -1, 0
 """States of a feature of the map at a passing, and what they add to its score."""
@@ -88,7 +88,7 @@ def adapt(before: LocalMap, seen: Features, registration: Registration, strategy
     seen
         The features of the view.
     registration
-        Of the view with all features of the map, in their order.
+        Registration of the view with all features of the map, in their order.
     next_id
         The least number that no feature of this map ever had.
     """

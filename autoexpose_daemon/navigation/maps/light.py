@@ -13,23 +13,23 @@ from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.light_ahead import MOST_STOPS, LightSeries
 
 BLIND_SHARE: Final = 0.8
-"""Of a frame's pixels black or saturated: what was decided on it was a guess."""
+"""With this share of a frame's pixels black or saturated, what was decided on it was a guess."""
 
 LONGEST_BLIND_M: Final = 0.5
-"""Where nothing was seen for longer, what served is not known."""
+"""If nothing was seen for longer than this, what served is not known."""
 
 STEP_S: Final = 0.02
 BEHIND_S, AHEAD_S = 2.2, 2.0
-"""Control uses a second back and half a second ahead, and on either side how far the robot may be elsewhere."""
+"""Control uses a second back and half a second ahead, and on either side a margin for where the robot may really be."""
 
 EVERY_M: Final = 0.01
 """From one remembered level to the next."""
 
 SPREAD_M: Final = 0.05
-"""Standard deviation of how far along the path a robot is from where it takes itself to be."""
+"""Standard deviation of how far along the path a robot is from where it believes it is."""
 
 SLOWEST_M_S: Final = 0.05
-"""Slower, the light changes by itself sooner than by driving."""
+"""Below this speed, the light changes by itself sooner than through driving."""
 
 
 LightRow = tuple[float, float]
@@ -67,18 +67,18 @@ class LightTrail:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LightMemory:
-    """The levels (stops) of one drive, by distance along the path (m, not falling); float64, (n,), n > 0."""
+    """The levels (stops) of one drive, by distance along the path (m, never falling); float64, (n,), n > 0."""
 
     distances_m: NDArray[np.float64]
     levels: NDArray[np.float64]
 
     @classmethod
     def of(cls, rows: Sequence[LightRow]) -> LightMemory:
-        """Of the rows of a drive, at least one."""
+        """The memory of the rows of a drive, at least one."""
         return cls(*np.array(rows, np.float64).T)
 
     def series(self, distance_m: float, speed_m_s: float) -> LightSeries | None:
-        """What lies around a place at a speed; None for a robot that hardly moves."""
+        """The light around a place, at a speed; None for a robot that hardly moves."""
         if speed_m_s < SLOWEST_M_S:
             return None
         behind, ahead = round(BEHIND_S / STEP_S), round(AHEAD_S / STEP_S)

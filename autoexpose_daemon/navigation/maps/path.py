@@ -15,8 +15,8 @@ class TaughtPath:
     Attributes
     ----------
     distances_m
-        Driven from the start, ascending, float64, (n,); from each on the speeds of its row hold. The last one is the
-        length of the path.
+        Driven from the start, ascending, float64, (n,); the speeds of a row hold from its distance on. The last one is
+        the length of the path.
     forward_m_s, turn_rad_s
         Speeds, positive forward and to the left, float64, (n,).
     """
@@ -33,8 +33,8 @@ class TaughtPath:
     def at(self, distance_m: float) -> tuple[float, float]:
         """(forward m/s, turn rad/s) at a distance from the start.
 
-        Where the robot stood still while it was taught, it is how it then drove on, or, at the end of the path, where
-        it rolled on after it was told to stop, how it had driven before: nothing would end the standstill.
+        Where the robot stood still while it was taught, these are the speeds at which it then drove on. At the end of
+        the path, where it rolled on after it was told to stop, they are those before: nothing would end the standstill.
         """
         row = max(int(np.searchsorted(self.distances_m, distance_m, "right")) - 1, 0)
         driving = np.flatnonzero(self.forward_m_s)

@@ -20,7 +20,7 @@ LEAST, MOST = 0.01, 0.99
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Spectrum:
-    """Running sums over passings, for n features and K periods; adding one passing at a time gives the same as all.
+    """Running sums over passings, for n features and K periods; adding them one by one gives the same as all at once.
 
     Attributes
     ----------
@@ -31,7 +31,7 @@ class Spectrum:
     all_cos, all_sin
         Sums of cosine and sine over the times at which it was looked for, float64, (n, K).
     seen_cos, seen_sin
-        The same over those at which it was seen.
+        The same over the times at which it was seen.
     """
 
     periods_s: NDArray[np.float64]
@@ -50,7 +50,7 @@ class Spectrum:
         passed: NDArray[np.bool_],
         periods_s: tuple[float, ...] = PERIODS_S,
     ) -> Self:
-        """Of passings at `times_s`, (d,); whether features were `seen` (0 or 1) and looked for (`passed`), (d, n)."""
+        """From passings at `times_s`, (d,); whether features were `seen` (0 or 1) and looked for (`passed`), (d, n)."""
         periods, looked_for = np.array(periods_s), passed.astype(np.float64)
         phases = 2 * np.pi * times_s[:, None] / periods
         cos, sin = np.cos(phases), np.sin(phases)
@@ -61,7 +61,7 @@ class Spectrum:
         )  # fmt: skip
 
     def with_passing(self, time_s: float, seen: NDArray[np.float64], passed: NDArray[np.bool_]) -> Spectrum:
-        """After one more passing; `seen` and `passed` have shape (n,)."""
+        """The sums after one more passing; `seen` and `passed` have shape (n,)."""
         one = Spectrum.of(np.array([time_s]), seen[None], passed[None], tuple(self.periods_s.tolist()))
         return Spectrum(
             self.periods_s, self.passings + one.passings, self.seen + one.seen,

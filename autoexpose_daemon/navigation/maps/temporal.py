@@ -1,7 +1,7 @@
 """Which features of a map will be seen at a given time: models of their past (Majer et al. 2018, 3.5), and baselines.
 
 predict = MODELS["fremen"](History(times_s, states, passed))
-scores = predict(time.time())                                   # one per feature; the greater, the sooner seen
+scores = predict(time.time())                                   # one per feature; the greater, the likelier it is seen
 """
 
 from __future__ import annotations
@@ -27,19 +27,19 @@ RIDGE = 1.0
 """Weight, in passings, of the belief that amplitudes are 0."""
 
 MEMORY_S = 12 * 3600.0
-"""Of the moving average."""
+"""Time constant of the moving average."""
 
 BINS_OF_DAY = 6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class History:
-    """What was seen of the features of a map.
+    """When the features of a map were seen.
 
     Attributes
     ----------
     times_s
-        Of the passings, seconds since 1970, ascending, float64, (d,).
+        Times of the passings, seconds since 1970, ascending, float64, (d,).
     states
         1 correct, -1 wrong, 0 unmatched, int8, (d, n).
     passed
@@ -75,7 +75,7 @@ def harmonic(history: History) -> Predict:
     """Ridge regression on the mean and all periods: unlike spectra it copes with passings at uneven times."""
     basis, seen = _harmonics(history.times_s), history.seen
     penalty = RIDGE * np.eye(basis.shape[1])
-    penalty[0, 0] = 1e-9  # the mean is free; so little keeps a feature solvable that was never passed
+    penalty[0, 0] = 1e-9  # the mean is free; this little keeps a feature that was never passed solvable
     products = np.einsum("dn,di,dj->nij", history.passed.astype(float), basis, basis) + penalty
     weights = np.linalg.solve(products, (basis.T @ seen).T[..., None])[..., 0]
     return lambda time_s: np.asarray((weights @ _harmonics(np.array([time_s]))[0]).clip(0.01, 0.99))
@@ -93,7 +93,7 @@ def score_sum(history: History) -> Predict:
 
 
 def moving_average(history: History) -> Predict:
-    """How often each was seen, by `exp(-age / 12 h)`."""
+    """How often each was seen, weighted by `exp(-age / 12 h)`."""
     seen, passed = history.seen, history.passed.astype(np.float64)
 
     def predict(time_s: float) -> Scores:

@@ -1,4 +1,4 @@
-"""What the drives over a map say: how much was seen again, what stayed, and whether it could be foretold."""
+"""What the drives over a map show: how much was seen again, what stayed, and whether it could be foretold."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from autoexpose_daemon.navigation.maps.temporal import MODELS, History
 from autoexpose_daemon.navigation.store import MapFile, Place, Run
 
 LEAST_PASSINGS = 4
-"""Of a local map, for a model to learn from all but the last."""
+"""Passings of a local map that a model needs, to learn from all but the last."""
 
 BINS = 10
-"""Of the foretold probability."""
+"""Bins of the foretold probability."""
 
 _STEP_M = 0.02
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Foretold:
-    """What a model foretold of the last passing of each local map, from those before.
+    """What a model foretold about the last passing of each local map, from the passings before.
 
     Attributes
     ----------
     model
         One of `MODELS`.
     brier
-        Mean squared difference to what was seen (0 or 1); NaN for a model whose scores are no probabilities.
+        Mean squared difference from what was seen (0 or 1); NaN for a model whose scores are not probabilities.
     foretold, seen
         Means by bin of the foretold probability, float64, (bins,).
     """
@@ -52,7 +52,7 @@ class Findings:
     marks_m
         The local maps on it, float64, (places, 2).
     runs
-        All drives that repeated.
+        All drives that repeated the path.
     seen_share
         Share of the features of each local map seen in each of them, float64, (runs, places); NaN: not registered.
     taught, kept
@@ -91,7 +91,7 @@ def findings(file: MapFile) -> Findings:
 
 
 def _plan(path: TaughtPath, places: Sequence[Place]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The path from above, by the speeds it was taught with."""
+    """The path from above, computed from the speeds it was taught with."""
     if path.length_m == 0.0:
         return np.zeros((1, 2)), np.zeros((len(places), 2))
     distances_m = np.arange(0.0, path.length_m + _STEP_M, _STEP_M)
@@ -122,7 +122,7 @@ def _seen_share(file: MapFile, places: Sequence[Place], runs: Sequence[Run]) -> 
 
 
 def _foretold(histories: Sequence[History]) -> list[Foretold]:
-    """Of the last passing of each local map that was passed often enough."""
+    """What was foretold about the last passing of each local map that was passed often enough."""
     enough = [history for history in histories if len(history.times_s) >= LEAST_PASSINGS]
     if not enough:
         return []

@@ -18,9 +18,9 @@ def write_report(file: MapFile, facts: Mapping[str, str], page: Path) -> None:
     file
         The map.
     facts
-        What stands above the pictures.
+        What to show above the pictures.
     page
-        The HTML file; a former one is replaced.
+        The HTML file; an existing one is replaced.
 
     Raises
     ------

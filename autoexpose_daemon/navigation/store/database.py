@@ -20,7 +20,7 @@ APPLICATION: Final = 0x4145_4D50
 """`PRAGMA application_id`: "AEMP"."""
 
 LARGEST_VALUE_BYTES: Final = 16 << 20
-"""Of a blob or text: a picture of 12 megapixels as JPEG is smaller. SQLite then refuses what a hostile file claims."""
+"""For a blob or text: a picture of 12 megapixels as JPEG is smaller. SQLite then refuses what a hostile file claims."""
 
 TABLES: Final = (
     "CREATE TABLE meta (width INTEGER NOT NULL, height INTEGER NOT NULL, focal_length_px REAL NOT NULL, "
@@ -93,7 +93,7 @@ def _connected(path: Path, mode: str) -> sqlite3.Connection:
     unwritable = mode == "ro" and not os.access(path.parent, os.W_OK)
     uri = f"{path.absolute().as_uri()}?mode={mode}{'&immutable=1' if unwritable else ''}"
     connection = sqlite3.connect(uri, uri=True, isolation_level=None)
-    if sys.version_info >= (3, 11):  # before, damaged files are not kept from asking for much memory
+    if sys.version_info >= (3, 11):  # before 3.11, nothing keeps damaged files from asking for much memory
         connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LARGEST_VALUE_BYTES)
     connection.execute("PRAGMA trusted_schema = OFF")
     if mode == "rw":

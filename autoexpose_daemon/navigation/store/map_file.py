@@ -42,7 +42,7 @@ _NOW = "removed IS NULL"
 
 
 class MapFile:
-    """A map on disk. Each call that writes is one transaction: after SIGKILL or a power cut it is there, or it is not.
+    """A map on disk. Each call that writes is one transaction: after SIGKILL or a power cut it is there, or not at all.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class MapFile:
     info
         For a new map; None: the file exists.
     writable
-        Whether to write to it, which one process at a time can.
+        Whether to write to it; only one process at a time can.
 
     Raises
     ------
@@ -88,7 +88,7 @@ class MapFile:
             self._lock.close()
 
     def begin_run(self, kind: RunKind, start_s: float) -> Run:
-        """A new drive, which began at `start_s` (seconds since 1970)."""
+        """Add a new drive, which began at `start_s` (seconds since 1970)."""
         run = Run(max((run.number for run in self.runs()), default=0) + 1, kind, start_s)
         self._write("INSERT INTO run VALUES (?, ?, ?)", run.number, run.kind, run.start_s)
         return run
@@ -96,7 +96,7 @@ class MapFile:
     def add_place(
         self, run: Run, taught: TaughtPlace, speeds: Sequence[SpeedRow] = (), light: Sequence[LightRow] = ()
     ) -> None:
-        """A new local map at the end of the path, the speeds that were driven up to it, and the light."""
+        """Add a local map at the end of the path, the speeds that were driven up to it, and the light."""
         with self._transaction() as connection:
             place = connection.execute(
                 "INSERT INTO place (distance_m, exposure_time_us, gain_db, next_feature, jpeg) VALUES (?, ?, ?, ?, ?)",
@@ -114,17 +114,17 @@ class MapFile:
             _insert_light(connection, run, light)
 
     def add_speeds(self, speeds: Sequence[SpeedRow]) -> None:
-        """The last speeds of a path."""
+        """Add the last speeds of a path."""
         with self._transaction() as connection:
             _insert_speeds(connection, speeds)
 
     def add_light(self, run: Run, light: Sequence[LightRow]) -> None:
-        """The last exposure levels that served along a drive, in the order of driving."""
+        """Add the last exposure levels that served along a drive, in the order of driving."""
         with self._transaction() as connection:
             _insert_light(connection, run, light)
 
     def light_reaches_m(self) -> dict[int, float]:
-        """How far along the path light is known of each drive, by its number."""
+        """How far along the path the light of each drive is known, by its number."""
         with self._checking():
             rows = self._read("SELECT run, MAX(distance_m) FROM light GROUP BY run")
             return {run: finite(reach_m)[0] for run, reach_m in rows}
@@ -138,7 +138,7 @@ class MapFile:
     def pass_place(
         self, run: Run, place: Place, passing: Passing, time_s: float, light: Sequence[LightRow] = ()
     ) -> Place:
-        """What a passing showed of a local map and changed in it, and the light; returns the local map as it is now."""
+        """Save what a passing showed of a local map and changed in it, and the light; returns the map as it is now."""
         after, added = passing.after, passing.after.take(passing.added)
         next_feature = place.next_feature + len(added)
         with self._transaction() as connection:

@@ -29,7 +29,7 @@ class Detector(Protocol):
     first, least
         Threshold of the first picture, and the least one, in the unit of the responses.
     step
-        Between two responses, 0 for continuous ones.
+        Difference between two responses, 0 for continuous ones.
     """
 
     border_px: int
@@ -95,7 +95,7 @@ class UprightSift:
 
 
 class AdaptiveFinder:
-    """The best features of each picture of a sequence; the threshold for the next comes from the responses in this.
+    """The best features of each picture of a sequence; the threshold for the next comes from the responses in this one.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ class AdaptiveFinder:
     def __init__(self, detector: Detector, part: Part = "top half") -> None:
         self._detector, self._part = detector, part
         self.threshold = detector.first
-        """Of the next picture."""
+        """Threshold for the next picture."""
 
     def find(self, image: NDArray[np.uint8]) -> Features:
         """Up to 500 features of the next picture, uint8, (height, width), the strongest first."""
@@ -132,4 +132,4 @@ FINDERS: Final[dict[str, Callable[[], AdaptiveFinder]]] = {
     "fast-orb": lambda: AdaptiveFinder(FastOrb()),
     "sift": lambda: AdaptiveFinder(UprightSift()),
 }
-"""What makes a new one, by the name that a map has it by."""
+"""Functions that make a new finder, by the name that a map file has for it."""

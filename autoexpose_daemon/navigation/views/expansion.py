@@ -9,13 +9,13 @@ from autoexpose_daemon.navigation.views.features import Features
 from autoexpose_daemon.navigation.views.registration import Registration
 
 GATES_PX = (40.0, 20.0, 12.0)
-"""Matches that move otherwise than the expansion found so far, by more than this, do not count; narrower each time."""
+"""Matches that differ by more than this from the expansion found so far do not count; the gate narrows each time."""
 
 LEAST_MATCHES = 15
 
 
 def expansion(taught: Features, seen: Features, registration: Registration, horizon_px: float) -> float | None:
-    """By which share features lie further apart in the view than in the map; None where too few matches agree.
+    """The share by which features lie further apart in the view than in the map; None if too few matches agree.
 
     `registration` is that of `seen` with `taught`, and `horizon_px` the row that stays where it is as the robot drives.
     """
@@ -34,6 +34,6 @@ def expansion(taught: Features, seen: Features, registration: Registration, hori
 
 
 def _slope(before: NDArray[np.float64], moved: NDArray[np.float64]) -> float:
-    """Least squares; across, a turn shifts all features, so there the shift is fitted, too."""
+    """Least squares; a turn shifts all features horizontally, so in that direction the shift is fitted, too."""
     arms = before - (before[:, 0].mean(), 0.0)
     return float((arms * moved).sum() / max(float((arms**2).sum()), 1.0))

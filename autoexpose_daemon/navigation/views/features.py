@@ -17,7 +17,7 @@ ORB_BORDER_PX = 31
 """ORB describes nothing nearer to the border of a picture."""
 
 Part = Literal["top half", "whole image"]
-"""Where features are looked for. The paper takes the top half: below is the ground, which tells no heading."""
+"""Where features are looked for. The paper takes the top half: below is the ground, which shows no heading."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,7 +60,7 @@ class Features:
 
 
 def descriptor_norm(features: Features) -> int:
-    """The norm of OpenCV by which their descriptors are compared."""
+    """OpenCV's norm for comparing their descriptors."""
     return cv2.NORM_HAMMING if features.descriptors.dtype == np.uint8 else cv2.NORM_L2
 
 

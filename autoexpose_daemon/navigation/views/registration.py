@@ -25,7 +25,7 @@ class VoteRule:
     gate_px
         Matches further apart vertically do not count; None for no limit.
     bin_px, every_px
-        Width of the bins of the histogram of shifts, and from the centre of one to the next. One centre lies at 0.
+        Width of the bins of the histogram of shifts, and distance between their centres. One centre lies at 0.
     bins
         How many there are around 0; None for as many as it takes.
     correct_px

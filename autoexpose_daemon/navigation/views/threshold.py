@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 OVERSHOOT = 0.3
-"""o of Majer et al. 2018, 3.3: superfluous features can be dropped, missing ones cannot be made up."""
+"""o of Majer et al. 2018, 3.3: superfluous features can be dropped, missing ones cannot be made up for."""
 
 WANTED = 650
 """f'_d = f_d (1 + o)."""
@@ -28,8 +28,8 @@ def next_threshold(responses: NDArray[np.float64], least: float, step: float = 0
     least
         The detector's least threshold, in the unit of the responses.
     step
-        Between two responses if they are whole numbers of steps; 0 for continuous ones. A score s of whole numbers
-        stands for responses from s to s + step, so equal scores are spread over that range: a line through ten equal
+        Between two responses if they are whole numbers of steps; 0 for continuous ones. A whole-number score s
+        represents responses from s to s + step, so equal scores are spread over that range: a line through ten equal
         ones would be level, and the threshold would never come down.
     """
     if len(responses) < FITTED:
@@ -45,7 +45,7 @@ def next_threshold(responses: NDArray[np.float64], least: float, step: float = 0
 
 
 def _spread(ordered: NDArray[np.float64], step: float) -> NDArray[np.float64]:
-    """Descending responses, equal ones evenly over one step."""
+    """Descending responses, with equal ones spread evenly over one step."""
     if step == 0.0:
         return ordered
     _, first, which, counts = np.unique(-ordered, return_index=True, return_inverse=True, return_counts=True)

@@ -1,1 +1,1 @@
-"""What the status says of each input of control other than frames: IMU, light ahead, tracking, requests."""
+"""What the status says about each input of control other than frames: IMU, light ahead, tracking, requests."""

@@ -1,4 +1,4 @@
-"""What becomes of the samples of the robot's IMU."""
+"""How the samples of the robot's IMU are used."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from autoexpose_daemon.status.counters import Count
 
 @dataclass(slots=True)
 class ImuTally:
-    """Counts of one IMU, and what the latest decision was made by.
+    """Counts of one IMU, and what the latest decision used.
 
     Attributes
     ----------
     samples, refused
         Messages with an angular rate, and messages without a credible one.
     angular_rate_rad_s
-        What the latest decision was made by; None: optical flow.
+        The rate that the latest decision used; None: it used optical flow.
     trouble
-        Why decisions are, or were less than a second ago, made by optical flow, in words; empty when they are not.
+        Why decisions use optical flow, or did less than a second ago, in words; empty if they do not.
     """
 
     samples: Count = 0

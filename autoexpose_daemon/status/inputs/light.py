@@ -1,4 +1,4 @@
-"""What becomes of the light of an earlier drive that `autoexpose repeat` sends."""
+"""How the light of an earlier drive, which `autoexpose repeat` sends, is used."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class LightTally:
     messages, refused
         Messages with a series of light, and messages without a credible one.
     belief
-        How far the latest decision believed the series, 0 to 1; None: it knew none, or the policy uses none.
+        How far the latest decision believed the series, 0 to 1; None: it had none, or the policy uses none.
     """
 
     messages: Count = 0

@@ -29,7 +29,7 @@ class Bounds:
 
     @classmethod
     def of(cls, limits: ExposureLimits) -> Bounds:
-        """Those of limits."""
+        """The bounds that limits set."""
         return cls(limits.min_time_us, limits.max_time_us, limits.min_gain_db, limits.max_gain_db)
 
     def __str__(self) -> str:
@@ -38,7 +38,7 @@ class Bounds:
 
 @dataclass(slots=True)
 class RequestTally:
-    """What of the requests applies, and how many there were.
+    """Which requests are in force, and how many there were.
 
     Attributes
     ----------
@@ -47,13 +47,13 @@ class RequestTally:
     ev_stops
         Added to what the policy decides.
     changed
-        What is not as configured, of `policy`, `limits`, `region left` and `region right`.
+        Which of `policy`, `limits`, `region left` and `region right` are not as configured.
     bounds
         The exposures that control may choose; None before a camera is open.
     taken, refused
         Requests, since the cameras were opened.
     latest
-        The latest that was taken, and who asked; empty: none.
+        The latest request that was taken, and who asked; empty: none.
     """
 
     locked: ExposureSetting | None = None
@@ -65,7 +65,7 @@ class RequestTally:
     latest: _Text = ""
 
     def __str__(self) -> str:
-        """What applies, in words; empty: all is as configured."""
+        """What is in force, in words; empty: all is as configured."""
         parts = [] if self.locked is None else [f"locked at {self.locked}"]
         parts += [f"EV {self.ev_stops:+g}"] if self.ev_stops else []
         parts += [f"{name} changed" for name in self.changed]
@@ -79,11 +79,11 @@ class Shot:
     Attributes
     ----------
     setting
-        What its frames were taken with, by their own account.
+        The setting that its frames report they were taken with.
     trigger
         The daemon's number of the trigger.
     frame_ids
-        Of each camera's frame.
+        The id of each camera's frame.
     """
 
     setting: ExposureSetting
@@ -93,7 +93,7 @@ class Shot:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What control is like after a request: the policy that decides, what was requested, and the pair of a shot."""
+    """The state of control after a request: the policy that decides, what was requested, and the pair of a shot."""
 
     policy: _Text
     requests: RequestTally

@@ -1,4 +1,4 @@
-"""What becomes of consumers' reports on their tracking."""
+"""How consumers' reports on their tracking are used."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ class TrackingRefusal(StrEnum):
     """Why a report was ignored; the names are fixed for log and metrics."""
 
     DAMAGED = "damaged"
-    """It is no TrackedCells, or not a credible one."""
+    """It is not a TrackedCells, or not a credible one."""
     TOO_OFTEN = "too_often"
-    """More came between two frames than are looked at."""
+    """More reports arrived between two frames than are looked at."""
     NO_CAMERA = "no_camera"
     """The rig has no such camera."""
     FUTURE = "future"
@@ -29,7 +29,7 @@ class TrackingRefusal(StrEnum):
     PASSED_OVER = "passed_over"
     """Control had no time for its frame, or the camera's frame was missing."""
     TOO_MANY = "too_many_consumers"
-    """Others report already."""
+    """Enough others already report."""
 
 
 @dataclass(slots=True)
@@ -39,11 +39,11 @@ class TrackingTally:
     Attributes
     ----------
     reports, refused
-        Reports that were taken, and those that were not, by reason.
+        Reports that were taken, and those that were refused, by reason.
     by
         The consumers that steered the latest decision; empty: none did, or the policy cannot be steered.
     age_s
-        From the frame that the newest report is about to that of the decision; None: nobody steered.
+        Time from the frame that the newest report is about to the frame of the decision; None: nobody steered.
     """
 
     reports: Count = 0
