@@ -106,7 +106,7 @@ def replay(
 
 @contextmanager
 def _explaining(notifier: Notifier) -> Iterator[None]:
-    """Tell the service manager, too, why a configuration is invalid, and that restarting does not help."""
+    """Also tell the service manager why a configuration is invalid, and that restarting does not help."""
     try:
         yield
     except ConfigurationError as error:
@@ -145,8 +145,8 @@ def run_daemon(file: Path, notifier: Notifier, recorder: Recorder | None = None)
 
 
 def _set(event: threading.Event) -> None:
-    """Set it from a signal handler: on another thread, as the interrupted one may be holding the event's lock."""
-    if not event.is_set():  # else this process may be ending, and begins no thread
+    """Set an event from a signal handler, on another thread: the interrupted one may be holding the event's lock."""
+    if not event.is_set():  # if it is set, this process may be ending, and can start no thread
         threading.Thread(target=event.set).start()
 
 
@@ -167,7 +167,7 @@ def demo(
     plot: Annotated[Path | None, typer.Option(help="Plot the run to this PNG file.")] = None,
     scene: Annotated[str, typer.Option(help="What the cameras see: `room`, or a Radiance .hdr file.")] = "room",
     light: Annotated[Path | None, typer.Option(help="A light script for the fake cameras (YAML).")] = None,
-    seed: Annotated[int, typer.Option(help="For room, textures and noise.")] = 0,
+    seed: Annotated[int, typer.Option(help="Seed for room, textures and noise.")] = 0,
     transport: Annotated[Literal["gige", "usb3"], typer.Option(help="GigE Vision or USB3 Vision.")] = "gige",
     rate_hz: Annotated[
         float | None,
@@ -179,8 +179,12 @@ def demo(
     navigate: Annotated[
         bool, typer.Option("--navigate", help="Teach a simulated robot a lap, and repeat it in other lights.")
     ] = False,
-    pixel_format: Annotated[str, typer.Option(help="Of the cameras, such as BayerRG12p or RGB8.")] = "Mono8",
-    size: Annotated[str, typer.Option(help="Of the sensors: 720x540, 1440x1080, 2048x1536, 2448x2048.")] = "720x540",
+    pixel_format: Annotated[
+        str, typer.Option(help="Pixel format of the cameras, such as BayerRG12p or RGB8.")
+    ] = "Mono8",
+    size: Annotated[
+        str, typer.Option(help="Size of the sensors: 720x540, 1440x1080, 2048x1536, 2448x2048.")
+    ] = "720x540",
 ) -> None:
     """Expose two fake cameras through lights going on and off: no hardware needed."""
     from autoexpose_daemon.demo.options import DemoOptions  # noqa: PLC0415
@@ -247,7 +251,7 @@ def top(
     except ImportError as error:
         raise AutoexposeError(f"{error.name} is missing: pip install 'autoexpose-daemon[publish]'") from error
     if every and rig != "rig":
-        raise ConfigurationError(f"--all shows every rig: leave --all or --rig {readable(rig)} out")
+        raise ConfigurationError(f"--all shows every rig: leave out --all or --rig {readable(rig)}")
     check_endpoints(connect or [])
     if zenoh is not None:
         check_zenoh_file(zenoh)
@@ -271,7 +275,7 @@ def ros2(
         bool, typer.Option("--reliable", help="Offer frames also to subscribers that ask for reliable delivery.")
     ] = False,
     control: Annotated[
-        bool, typer.Option("--control", help="Take requests to control from everybody in the ROS domain.")
+        bool, typer.Option("--control", help="Accept control requests from everyone in the ROS domain.")
     ] = False,
 ) -> None:
     """Offer a running daemon's frames to ROS 2 with its default middleware (DDS), until SIGTERM or Ctrl-C."""
@@ -338,7 +342,7 @@ def features(
         show_features(serial, changed, save)
         return
     if changed or save is not None:
-        raise ConfigurationError("--diff compares the camera with a file: leave --changed and --save out")
+        raise ConfigurationError("--diff compares the camera with a file: leave out --changed and --save")
     if not show_difference(serial, diff):
         raise typer.Exit(1)
 

@@ -30,7 +30,7 @@ Rectangle = tuple[int, int, int, int]
 
 
 class ControlClient:
-    """A connection for requests, while its context is entered. Each call waits for the daemon's answer.
+    """A connection for requests, open while its context is entered. Each call waits for the daemon's answer.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ class ControlClient:
     Raises
     ------
     AutoexposeError
-        By every call: a sentence that says why nothing has changed, from the daemon or because it cannot be reached.
+        From every call: a sentence that says why nothing has changed, from the daemon or because it cannot be reached.
     """
 
     def __init__(
@@ -78,15 +78,15 @@ class ControlClient:
             self._session.close()  # type: ignore[no-untyped-call]
 
     def show(self) -> Answer:
-        """What applies; changes nothing."""
+        """Ask for the settings in force; changes nothing."""
         return self.ask({})
 
     def lock(self) -> Answer:
-        """Stay at the setting decided on last."""
+        """Keep the setting that was decided last."""
         return self.ask({"locked": True})
 
     def unlock(self) -> Answer:
-        """Decide again."""
+        """Let the policy decide again."""
         return self.ask({"locked": False})
 
     def ev(self, stops: float) -> Answer:
@@ -104,7 +104,7 @@ class ControlClient:
         min_gain_db: float | None = None,
         max_gain_db: float | None = None,
     ) -> Answer:
-        """Change bounds of the exposure; None: as it is."""
+        """Change bounds of the exposure; None: unchanged."""
         given = {
             "min_time_us": min_time_us, "max_time_us": max_time_us,
             "min_gain_db": min_gain_db, "max_gain_db": max_gain_db,
@@ -112,7 +112,7 @@ class ControlClient:
         return self.ask({"limits": given})
 
     def region(self, side: Side, rectangles: Sequence[Rectangle] = (), background_weight: float = 0.0) -> Answer:
-        """Have only rectangles of a camera's picture count, and the rest by a weight; without any, all of it."""
+        """Count only rectangles of a camera's picture, and the rest with a weight; without any, all of it."""
         boxes = [{"box": box} for box in rectangles]
         return self.ask({"region": {side: {"rectangles": boxes, "background_weight": background_weight}}})
 
@@ -120,11 +120,11 @@ class ControlClient:
         """Have one pair taken with another setting; returns which one that was."""
         answer = self.ask({"shot": {"exposure_time_us": exposure_time_us, "gain_db": gain_db}})
         if answer.shot is None:
-            raise AutoexposeError("the daemon does not say which pair the shot is: it is of another version")
+            raise AutoexposeError("the daemon does not say which pair the shot is: it has another version")
         return answer.shot
 
     def reset(self) -> Answer:
-        """Back to the configuration."""
+        """Go back to the configuration."""
         return self.ask({"reset": True})
 
     def ask(self, changes: Mapping[str, Any]) -> Answer:
@@ -141,7 +141,7 @@ class ControlClient:
             if reply.ok is not None:
                 answer = Answer.from_json(reply.ok.payload.to_bytes())
                 if answer is None:
-                    raise AutoexposeError(f"what answers for rig {self._rig} is no daemon, or of another version")
+                    raise AutoexposeError(f"the answer for rig {self._rig} is not from a daemon of this version")
                 return answer
         raise self._no_answer()
 

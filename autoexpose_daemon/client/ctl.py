@@ -42,13 +42,13 @@ def connection(
 
 @ctl_app.command()
 def show(context: typer.Context) -> None:
-    """Show what applies."""
+    """Show the settings in force."""
     _show(context, ControlClient.show)
 
 
 @ctl_app.command()
 def lock(context: typer.Context) -> None:
-    """Stay at the exposure decided on last."""
+    """Keep the exposure that was decided last."""
     _show(context, ControlClient.lock)
 
 
@@ -58,7 +58,7 @@ def unlock(context: typer.Context) -> None:
     _show(context, ControlClient.unlock)
 
 
-@ctl_app.command(context_settings={"ignore_unknown_options": True})  # a number below 0 is no option
+@ctl_app.command(context_settings={"ignore_unknown_options": True})  # a negative number is not an option
 def ev(context: typer.Context, stops: Annotated[float, typer.Argument(help="-3 to 3; 0: none.")]) -> None:
     """Add stops to what the policy decides."""
     _show(context, lambda client: client.ev(stops))
@@ -80,7 +80,7 @@ def limits(
     min_gain_db: Annotated[float | None, typer.Option(help="Lowest gain, dB.")] = None,
     max_gain_db: Annotated[float | None, typer.Option(help="Highest gain, dB.")] = None,
 ) -> None:
-    """Change the bounds of the exposure; those that are not given stay."""
+    """Change the bounds of the exposure; bounds that are not given stay."""
     _show(context, lambda client: client.limits(min_time_us, max_time_us, min_gain_db, max_gain_db))
 
 
@@ -94,7 +94,7 @@ def region(
     ] = None,
     background: Annotated[float, typer.Option(help="Weight of what no rectangle covers, 0 to 1.")] = 0.0,
 ) -> None:
-    """Change what counts in the picture of a camera."""
+    """Change what counts in a camera's picture."""
     boxes = [_box(text) for text in rectangle or []]
     _show(context, lambda client: client.region(side, boxes, background))
 
@@ -105,7 +105,7 @@ def shot(
     time_us: Annotated[float, typer.Option(help="Exposure time, us.")],
     gain_db: Annotated[float, typer.Option(help="Gain, dB.")] = 0.0,
 ) -> None:
-    """Take one pair with another setting, and say which one it is."""
+    """Take one pair with another setting, and show which one it is."""
     with _client(context) as client:
         taken = client.shot(time_us, gain_db)
     frames = ", ".join(f"{side} frame {taken.frame_ids[side]}" for side in sorted(taken.frame_ids))
@@ -124,14 +124,14 @@ def _client(context: typer.Context) -> ControlClient:
 
 
 def _show(context: typer.Context, ask: Callable[[ControlClient], Answer]) -> None:
-    """Ask, and print what applies then."""
+    """Send the request, and print the settings then in force."""
     with _client(context) as client:
         for name, text in rows_of(ask(client)):
             typer.echo(f"{name:9} {plain(text)}")
 
 
 def rows_of(answer: Answer) -> list[tuple[str, str]]:
-    """What applies, as rows of a name and a text."""
+    """The settings in force, as rows of a name and a text."""
     requests = answer.requests
     exposure = "decided by the policy" if requests.locked is None else f"locked at {requests.locked}"
     rows = [
@@ -150,5 +150,5 @@ def _box(text: str) -> Rectangle:
     try:
         x, y, width, height = (int(part) for part in text.split(","))
     except ValueError:
-        raise ConfigurationError(f"{text} is no rectangle: give X,Y,WIDTH,HEIGHT, such as 0,0,720,270") from None
+        raise ConfigurationError(f"{text} is not a rectangle: give X,Y,WIDTH,HEIGHT, such as 0,0,720,270") from None
     return x, y, width, height

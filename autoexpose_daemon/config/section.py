@@ -31,12 +31,12 @@ def _hertz_or_auto(value: object, parse: ValidatorFunctionWrapHandler) -> object
         return bounds.FLICKER_HZ.check(parse(value))
     except ValueError as error:
         number = isinstance(value, int | float) and not isinstance(value, bool)
-        wrong = "is out of bounds" if number else "is no frequency"
+        wrong = "is out of bounds" if number else "is not a frequency"
         raise ValueError(f"{value!r:.40} {wrong}: give {bounds.FLICKER_HZ}, or auto") from error
 
 
 def check_name(name: str) -> str:
-    """A name that belongs to a camera; raises ValueError for one that is invisible, or would act on a terminal."""
+    """A name that belongs to a camera; raises ValueError for one that is invisible, or could control a terminal."""
     if not 0 < len(name) <= LONGEST_NAME or name != name.strip() or not name.isprintable():
         raise ValueError(
             f"{name!a} is not a valid name: give 1 to {LONGEST_NAME} printable characters without blanks around them"

@@ -18,12 +18,12 @@ _LARGEST_SCRIPT_BYTES = 1 << 18
 
 Transport = Literal["gige", "usb3"]
 SIZES = ("720x540", "1440x1080", "2048x1536", "2448x2048")
-"""What the fake cameras' sensors can be."""
+"""The sizes that the fake cameras' sensors can have."""
 
 
 @dataclass(frozen=True, slots=True)
 class DemoOptions:
-    """The options; `rate_hz` None: what this machine can hold.
+    """The options; `rate_hz` None: the rate that this machine can sustain.
 
     Raises
     ------
@@ -51,7 +51,7 @@ class DemoOptions:
         _check_within("--seconds", self.seconds, NAVIGATE_SECONDS if self.navigate else SECONDS, "s")
         if self.navigate and (self.still or self.light is not None or self.record is not None or self.scene != "room"):
             raise ConfigurationError(
-                "--navigate decides itself how cameras move and how bright the room is, and records nothing: "
+                "--navigate itself decides how cameras move and how bright the room is, and records nothing: "
                 "leave out --still, --light, --scene and --record"
             )
         if self.navigate and (self.size != SIZES[0] or not self.pixel_format.startswith("Mono")):
@@ -79,7 +79,7 @@ class DemoOptions:
 
     @property
     def width_height(self) -> tuple[int, int]:
-        """Of the cameras' images, pixels."""
+        """The size of the cameras' images, pixels."""
         width, height = self.size.split("x")
         return int(width), int(height)
 

@@ -1,4 +1,4 @@
-"""What a camera's features are set to: as a configuration, and beside one."""
+"""What a camera's features are set to: as a configuration, and compared with one."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _NO_CONFIGURATION = CameraSetup(TriggerSetup("external"))
 def show_features(serial: str, changed: bool, save: Path | None) -> None:
     """Print what can be set on a camera, or what differs from its default user set, as a configuration; or save it.
 
-    What the daemon drives itself is left out.
+    Features that the daemon drives itself are left out.
     """
     with open_nodes(serial) as nodes:
         inventory = read_inventory(nodes)
@@ -44,7 +44,7 @@ def show_features(serial: str, changed: bool, save: Path | None) -> None:
     else:
         _write(save, text)
         typer.echo(f"{save}: {len(free)} features of camera {serial}")
-    _tell("the daemon drives, so left out", [setting.name for setting in settings if setting not in free])
+    _tell("driven by the daemon, so left out", [setting.name for setting in settings if setting not in free])
     _tell("cannot be read, so left out", inventory.unread)
     _tell("tables, so left out", inventory.tables)
     if changed:
@@ -57,10 +57,10 @@ def show_features(serial: str, changed: bool, save: Path | None) -> None:
 
 
 def show_difference(serial: str, file: Path) -> bool:
-    """Print where a camera differs from the features of a configuration file; True if it does nowhere."""
+    """Print where a camera differs from the features of a configuration file; True if there is no difference."""
     config = load_config(file)
     side = _side_of(serial, config, file)
-    last = {feature.key: feature for feature in config.sides[side].features}  # of two, the last one counts
+    last = {feature.key: feature for feature in config.sides[side].features}  # of equal keys the last counts
     with open_nodes(serial) as nodes:
         settings = [feature for feature in last.values() if nodes.kind(feature.name) != "command"]
         found = differing(nodes, settings)
@@ -82,7 +82,7 @@ def _side_of(serial: str, config: Config, file: Path) -> Side:
 
 
 def _free(nodes: NodeMap, settings: Sequence[FeatureSetting]) -> list[FeatureSetting]:
-    """Those that the daemon does not drive."""
+    """The features that the daemon does not drive."""
     driven = gain_driven(nodes)
     return [setting for setting in settings if advice(setting, _NO_CONFIGURATION, driven) is None]
 

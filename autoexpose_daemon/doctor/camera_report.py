@@ -31,7 +31,7 @@ _TIMES_US: Final = (2000.0, 1000.0)
 
 
 class Seen(NamedTuple):
-    """What is kept of a frame: its start by the camera's clock, how long after its exposure it was in memory."""
+    """What is kept of a frame: its start by the camera's clock, and how long after its exposure it was in memory."""
 
     start_ms: float
     late_ms: float
@@ -41,7 +41,7 @@ class Seen(NamedTuple):
 def write_report(
     path: Path, facts: Facts, need: Need, say: Callable[[str], None], watched_s: float = WATCHED_S
 ) -> None:
-    """Run each camera that is needed freely for a while, and write the report: no images, addresses or serial numbers.
+    """Let each needed camera run freely for a while, and write the report: no images, addresses or serial numbers.
 
     Raises
     ------
@@ -86,7 +86,7 @@ def _host(facts: Facts) -> dict[str, Any]:
 
 
 def _examined(found: FoundCamera, watched_s: float) -> tuple[dict[str, Any], str]:
-    """What is to be said of a camera, and its GenICam description."""
+    """What the report says about a camera, and its GenICam description."""
     about: dict[str, Any] = {"vendor": found.vendor, "model": found.model, "transport": found.transport}
     try:
         camera = open_camera(found.serial, CameraSetup(TriggerSetup("free_run", rate_hz=_RATE_HZ)))
@@ -162,7 +162,7 @@ def _in_words(about: dict[str, Any]) -> str:
     if "not_opened" in about or "failed" in about:
         return f"  {about.get('not_opened') or about['failed']}"
     if not about["frames"]:
-        return "  no frames came"
+        return "  no frames arrived"
     return (
         f"  {about['frames']} frames, {about['incomplete']} incomplete, {about['missing_ids']} missing; "
         f"{about['exposure_end_to_arrival_ms']['p50']:.1f} ms from the end of exposure to memory, "

@@ -14,9 +14,9 @@ from drivers.host.gvcp import Control, GigeCamera
 from drivers.host.network import SOCKET_BUFFER_BYTES, NetworkInterface
 
 JUMBO_BYTES = 8000
-"""From here on a frame has few enough packets; not all cards and cameras reach 9000."""
+"""From this MTU on, a frame takes few enough packets; not all cards and cameras reach 9000."""
 LARGEST_PACKET_BYTES = 16000
-"""What `transport.packet_size_bytes` allows; the MTU of lo is beyond all cameras."""
+"""What `transport.packet_size_bytes` allows; the MTU of lo is larger than any camera can use."""
 _RAISE_SOCKET_BUFFER = (
     f"echo net.core.rmem_max={SOCKET_BUFFER_BYTES} | sudo tee /etc/sysctl.d/60-autoexpose.conf && sudo sysctl --system"
 )
@@ -70,7 +70,7 @@ def _foreign(camera: GigeCamera, name: str) -> Finding:
 
 
 def _neighbour(address: IPv4Interface) -> IPv4Interface:
-    """Another address in the camera's subnet; without a sensible subnet, in its 256 neighbours."""
+    """Another address in the camera's subnet; if that is not sensible, one of its 256 neighbours."""
     sensible = 1 <= address.network.prefixlen <= 30
     network = address.network if sensible else IPv4Interface(f"{address.ip}/24").network
     host = next(host for host in network.hosts() if host != address.ip)
@@ -82,7 +82,7 @@ def _judge_control(control: Control, name: str, camera: GigeCamera) -> Finding:
         return Finding(
             "gige-control",
             "stops",
-            f"{name} answers discovery, but no direct request: a firewall, or an address used twice",
+            f"{name} answers discovery, but not direct requests: a firewall, or a duplicate address",
             f"ping -c 3 {camera.address.ip}; sudo nft list ruleset",
         )
     if control == "held":
@@ -135,7 +135,7 @@ def _judge_packets(interface: NetworkInterface, cameras: Sequence[GigeCamera], n
         "gige-packets",
         "warning",
         f"{sentence}: a frame takes {packets} packets, any of which may be lost; with jumbo frames it takes a sixth",
-        f"sudo ip link set dev {name} mtu 9000   # where card, switch and camera allow it",
+        f"sudo ip link set dev {name} mtu 9000   # if card, switch and camera allow it",
     )
 
 

@@ -88,7 +88,7 @@ def _open_node(camera: UsbCamera, udev_rule: str | None) -> str:
     """The command that lets this user open a camera."""
     if udev_rule is None:
         return _INSTALL_RULE
-    if camera.node.group == "root":  # the rule came after the camera
+    if camera.node.group == "root":  # the rule was installed after the camera was connected
         return "sudo udevadm control --reload && sudo udevadm trigger --subsystem-match=usb"
     return f"sudo usermod -aG {camera.node.group} $USER   # then log in again"
 
@@ -132,7 +132,7 @@ def _judge_memory(limit_mb: float | None, used: bool) -> Finding:
     if limit_mb is None:
         sentence = "usbfs_memory_mb, the limit on the memory of USB transfers, cannot be read"
     elif limit_mb == 0:
-        return Finding("usbfs-memory", "ok", "usbfs_memory_mb is 0: USB transfers may take any memory")
+        return Finding("usbfs-memory", "ok", "usbfs_memory_mb is 0: USB transfers may take any amount of memory")
     else:
         sentence = f"usbfs_memory_mb allows {limit_mb:g} MB for all USB transfers"
         if limit_mb >= USBFS_MEMORY_MB:
@@ -150,5 +150,5 @@ def _judge_rule(udev_rule: str | None, used: bool) -> Finding:
     if not used:
         return Finding("udev-rule", "ok", f"{sentence}; no USB3 Vision camera needs it")
     return Finding(
-        "udev-rule", "warning", f"{sentence}: unless a vendor's own rule does, only root opens them", _INSTALL_RULE
+        "udev-rule", "warning", f"{sentence}: unless a vendor's own rule does, only root can open them", _INSTALL_RULE
     )

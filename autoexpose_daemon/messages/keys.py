@@ -35,7 +35,7 @@ _SELDOM = LogThrottle(60.0)
 CONSUMER_NAME = re.compile(r"[A-Za-z0-9_.-]{1,64}")
 _ENDPOINT = re.compile(r"[a-z][a-z0-9_-]*/\S+")
 _LONGEST_KEY = 512
-_CHUNK = r"(?:\*|(?!\*\*/\*)\*\*|[^/*$#?\s]+)"  # zenoh wants */** where one may write **/*
+_CHUNK = r"(?:\*|(?!\*\*/\*)\*\*|[^/*$#?\s]+)"  # zenoh requires */** in place of **/*
 _KEY_EXPRESSION = re.compile(f"{_CHUNK}(?:/{_CHUNK})*")
 
 
@@ -56,7 +56,7 @@ def check_key_expression(key: str) -> str:
     """The key itself; raises ConfigurationError for an invalid key expression of zenoh."""
     if len(key) > _LONGEST_KEY or not key.isprintable() or not _KEY_EXPRESSION.fullmatch(key):
         raise ConfigurationError(
-            f"{key[:_LONGEST_KEY]!a} is no key expression of zenoh: write names with / between them and none at the "
+            f"{key[:_LONGEST_KEY]!a} is not a key expression of zenoh: write names with / between them and none at the "
             "ends, * for any one name, ** for any at the end"
         )
     return key
@@ -83,12 +83,12 @@ def status_key(rig: str) -> str:
 
 
 def registration_key(rig: str) -> str:
-    """Where `autoexpose repeat` says how views lie against the taught path."""
+    """Where `autoexpose repeat` reports how views lie against the taught path."""
     return f"autoexpose/{rig}/registration"
 
 
 def light_ahead_key(rig: str) -> str:
-    """Where `autoexpose repeat` says how the light of an earlier drive changes, for the daemon."""
+    """Where `autoexpose repeat` sends the daemon how the light changed on an earlier drive."""
     return f"autoexpose/{rig}/light_ahead"
 
 
@@ -98,7 +98,7 @@ def tracking_key(rig: str) -> str:
 
 
 def control_key(rig: str) -> str:
-    """Where the daemon takes requests to control."""
+    """Where the daemon takes control requests."""
     return f"autoexpose/{rig}/control"
 
 
@@ -119,5 +119,5 @@ def side_of(key: str) -> Side | None:
 
 
 def last_but(key: str, parts: int) -> str:
-    """The part of a key that `parts` others follow."""
+    """The part of a key that is followed by `parts` others."""
     return key.split("/")[-1 - parts]

@@ -40,7 +40,7 @@ Ros2Domain = Annotated[
     ),
 ]
 Detector = Annotated[
-    Literal["fast-orb", "sift"], typer.Option(help="Features: FAST and ORB, or SIFT, ten times slower.")
+    Literal["fast-orb", "sift"], typer.Option(help="Features: FAST and ORB, or SIFT, which is ten times slower.")
 ]
 
 
@@ -66,7 +66,7 @@ def repeat_command(
     file: Annotated[Path, typer.Argument(help="A map file.")],
     odometry: Odometry,
     command: Annotated[str, typer.Option(help="Key of the Twist that the robot obeys.")] = "",
-    drive: Annotated[bool, typer.Option("--drive/--dry-run", help="Steer the robot; else only say how.")] = False,
+    drive: Annotated[bool, typer.Option("--drive/--dry-run", help="Steer the robot; otherwise only show how.")] = False,
     stamped: Annotated[bool, typer.Option("--stamped", help="Send TwistStamped.")] = False,
     adapt: Annotated[
         Literal["static", "adaptive", "plastic", "summary"], typer.Option(help="How local maps change when passed.")
@@ -80,11 +80,11 @@ def repeat_command(
     robot: RobotConnect = None,
     ros2_domain: Ros2Domain = None,
 ) -> None:
-    """Repeat a taught path from its start. There is no obstacle detection: somebody has to watch the robot."""
+    """Repeat a taught path from its start. There is no obstacle detection: someone has to watch the robot."""
     if drive and not command:
         raise typer.BadParameter("--drive needs --command, the key that the robot obeys")
     if "*" in command:
-        raise typer.BadParameter(f"--command {command}: commands go to one key, name it without *")
+        raise typer.BadParameter(f"--command {command}: commands go to one key: name it without *")
     strategy: Strategy = adapt
     keys = RobotKeys(odometry, command=command if drive else "", stamped=stamped, ros2_domain=ros2_domain)
     source = _source(rig, connect, robot, keys)
@@ -102,11 +102,11 @@ def _source(rig: str, connect: list[str] | None, robot: list[str] | None, keys: 
 
 
 def _stop_on_signals() -> threading.Event:
-    """Set at SIGTERM and SIGINT; on another thread, as the interrupted one may be holding its lock."""
+    """An event set at SIGTERM and SIGINT, on another thread: the interrupted one may be holding its lock."""
     stop = threading.Event()
 
     def end(*_: object) -> None:
-        if not stop.is_set():  # else this process may be ending, and begins no thread
+        if not stop.is_set():  # if it is set, this process may be ending, and can start no thread
             threading.Thread(target=stop.set).start()
 
     for number in (signal.SIGTERM, signal.SIGINT):

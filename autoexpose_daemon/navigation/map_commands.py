@@ -17,7 +17,7 @@ from autoexpose_daemon.navigation.report.page import write_report
 from autoexpose_daemon.navigation.store import MapError, MapFile, Place
 from drivers.python310 import UTC
 
-map_app = typer.Typer(help="Look into the map of a taught path.", no_args_is_help=True)
+map_app = typer.Typer(help="Inspect the map of a taught path.", no_args_is_help=True)
 
 File = Annotated[Path, typer.Argument(help="A map file.")]
 
@@ -26,7 +26,7 @@ _GREEN = (80, 220, 80)
 
 @map_app.command()
 def info(file: File) -> None:
-    """What it is, when it was taught, how often repeated, and how large it is."""
+    """Show what it is, when it was taught, how often it was repeated, and how large it is."""
     with MapFile(file) as map_file:
         rows = _facts(map_file)
     for name, value in rows.items():
@@ -35,7 +35,7 @@ def info(file: File) -> None:
 
 @map_app.command()
 def report(file: File, page: Annotated[Path, typer.Argument(help="The HTML file to write.")]) -> None:
-    """A page: path, features seen again and kept over the drives, and what models of time foretold of them."""
+    """Write a page: path, features seen again and kept over the drives, and what models of time foretold about them."""
     with MapFile(file) as map_file:
         write_report(map_file, _facts(map_file), page)
     typer.echo(f"report: {page}")
@@ -59,7 +59,7 @@ def _facts(map_file: MapFile) -> dict[str, str]:
 
 @map_app.command("list")
 def list_places(file: File) -> None:
-    """Every local map: distance, exposure, features, their mean score, and how often it was passed."""
+    """List every local map: distance, exposure, features, their mean score, and how often it was passed."""
     table = Table("", "m", "us", "dB", "features", "mean score", "passed", box=None, header_style="bold")
     for column in table.columns:
         column.justify = "right"
@@ -76,7 +76,7 @@ def list_places(file: File) -> None:
 
 @map_app.command()
 def export(file: File, folder: Annotated[Path, typer.Argument(help="A new folder.")]) -> None:
-    """The picture of each local map with its features drawn, and the features as JSON."""
+    """Write the picture of each local map with its features drawn, and the features as JSON."""
     with MapFile(file) as map_file:
         try:
             folder.mkdir()

@@ -1,4 +1,4 @@
-"""Requests to control over zenoh: read, passed on one at a time, and answered."""
+"""Control requests over zenoh: read, passed on one at a time, and answered."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ Ask = Callable[[Request], Future[Answer]]
 """Passes a request to control."""
 
 WAITING_REQUESTS = 16
-"""zenoh drops the oldest when more wait; the one who asked then gets no answer."""
+"""zenoh drops the oldest when more wait; whoever sent it then gets no answer."""
 
 _PAUSE_S = 0.05
-"""After each request: control must get on with its pairs, and the log stay readable, whoever asks and how often."""
+"""After each request: control must get on with its pairs, and the log must stay readable, however often anyone asks."""
 
 _PATIENCE_S = 5.0
 _TURN_S = 0.1
@@ -34,7 +34,7 @@ class ControlDoor:
     Parameters
     ----------
     ask
-        Takes what is a request.
+        Takes each valid request.
     closed
         Set when the session closes.
     """
@@ -61,7 +61,7 @@ class ControlDoor:
             query.reply(query.key_expr, text)
 
     def _result(self, request: Request) -> Answer:
-        """What control answers; what it has not begun with after some seconds is withdrawn."""
+        """What control answers; a request that it has not started on after some seconds is withdrawn."""
         answer, until_s = self._ask(request), time.monotonic() + _PATIENCE_S
         while not self._closed.is_set():
             try:
@@ -69,7 +69,7 @@ class ControlDoor:
             except TimeoutError:
                 if time.monotonic() > until_s and answer.cancel():
                     raise AutoexposeError("control does not respond: nothing has changed") from None
-        raise AutoexposeError("the daemon stops")
+        raise AutoexposeError("the daemon is stopping")
 
 
 def _payload(query: zenoh.Query) -> bytes:

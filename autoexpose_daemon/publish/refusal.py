@@ -1,4 +1,4 @@
-"""Messages from others are read before anybody sees them; what is not what it should be is refused, and logged."""
+"""Messages from others are read before anyone sees them; a malformed one is refused, and logged."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _Read = TypeVar("_Read")
 def reading(read: Callable[[bytes], _Read], take: Callable[[_Read], object], refuse: Callable[[], object]) -> Take:
     """Hands what `read` makes of each message to `take`.
 
-    `refuse` is called where that raises `DamagedMessageError`, which is logged once a minute.
+    `refuse` is called if that raises `DamagedMessageError`, which is logged once a minute.
     """
     throttle = LogThrottle(_SAID_S)
 
@@ -32,7 +32,7 @@ def reading(read: Callable[[bytes], _Read], take: Callable[[_Read], object], ref
         except DamagedMessageError as error:
             refuse()
             if throttle.due("refused", time.monotonic_ns()):
-                log.warning("a message as %s is refused: %s", key, readable(str(error)))
+                log.warning("a message under %s is refused: %s", key, readable(str(error)))
         else:
             take(message)
 

@@ -19,7 +19,7 @@ EARLY = ("foxy", "galactic", "humble")
 _RANGES = ("SUBNET", "LOCALHOST", "SYSTEM_DEFAULT")
 _LOOPBACK = "127.0.0.1"
 _MOST_PARTICIPANTS = 60
-"""On one machine: for each discovery by unicast tries a port, of which the last domain has no more."""
+"""On one machine: discovery by unicast tries a port for each, and the last domain has no more ports."""
 _LARGE_MESSAGES = "<MaxMessageSize>65500B</MaxMessageSize><FragmentSize>65000B</FragmentSize>"
 """As Fast DDS sends them. By Cyclone's default an image is 290 packets, of which receivers lose some."""
 
@@ -35,11 +35,11 @@ class Domain:
     release
         The ROS 2 release, ROS_DISTRO.
     local
-        Whether only programs on this machine take part, by loopback.
+        Whether only programs on this machine take part, through loopback.
     multicast
         Whether others are looked for by multicast.
     peers
-        IPv4 addresses at which others are looked for, too.
+        IPv4 addresses where others are looked for as well.
     """
 
     number: int = 0
@@ -55,7 +55,7 @@ class Domain:
 
     @classmethod
     def from_environment(cls, environment: Mapping[str, str]) -> Domain:
-        """As a node of ROS 2 would read it; names of peers that are not known here are left out, and logged.
+        """As a ROS 2 node would read it; names of peers that cannot be resolved here are left out, and logged.
 
         Raises
         ------
@@ -68,7 +68,7 @@ class Domain:
         release = environment.get("ROS_DISTRO") or DEFAULT_RELEASE
         reach = environment.get("ROS_AUTOMATIC_DISCOVERY_RANGE") or "SUBNET"
         if reach not in _RANGES:
-            why = ", which leaves the topics to nobody" if reach == "OFF" else ""
+            why = ", which hides the topics from everyone" if reach == "OFF" else ""
             raise ConfigurationError(
                 f"ROS_AUTOMATIC_DISCOVERY_RANGE is {reach!r}{why}: set it to one of {', '.join(_RANGES)}"
             )
@@ -97,7 +97,7 @@ class Domain:
 
 
 def _addresses(peers: str) -> Iterator[str]:
-    """Of ROS_STATIC_PEERS. Cyclone DDS would end the process for a name that it cannot resolve."""
+    """The addresses in ROS_STATIC_PEERS. Cyclone DDS would end the process over a name that it cannot resolve."""
     for peer in filter(None, (peer.strip() for peer in peers.split(";"))):
         try:
             yield str(socket.getaddrinfo(peer, None, socket.AF_INET)[0][4][0])

@@ -103,7 +103,7 @@ def test_top_of_all_rigs_is_checked_before_it_looks_for_them(
     monkeypatch.setattr("autoexpose_daemon.client.top_all._PATIENCE_S", 0.1)
     at, missing = f"tcp/{loopback_address()}:7448", tmp_path / "zenoh.json5"
     refusals = {
-        ("--rig", "scout"): "--all shows every rig: leave --all or --rig scout out",
+        ("--rig", "scout"): "--all shows every rig: leave out --all or --rig scout",
         ("--connect", "nowhere"): "nowhere is not an endpoint",
         ("--zenoh", str(missing)): f"{missing} cannot be read (No such file or directory): name a zenoh",
         ("--connect", at): f"no answer from {at}: is a daemon with `publish`, or a router, listening there?",

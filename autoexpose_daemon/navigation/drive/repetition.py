@@ -20,7 +20,7 @@ from autoexpose_daemon.navigation.views.features import Features
 from autoexpose_daemon.navigation.views.registration import RULES, Registration, register
 
 LEAST_VOTES = 20
-"""So many matches must agree before the robot is steered by them. In a simulated park 38 of 40 views of the right place
+"""This many matches must agree before they steer the robot. In a simulated park 38 of 40 views of the right place
 had more, and 79 of 80 that looked the other way or were from elsewhere had fewer. The paper is content with 3."""
 
 CORRECTION_PER_M = 2.5

@@ -1,4 +1,4 @@
-"""`autoexpose teach`: remember a path while somebody drives the robot along it."""
+"""`autoexpose teach`: remember a path while someone drives the robot along it."""
 
 from __future__ import annotations
 
@@ -43,12 +43,12 @@ class Teacher:
         self._turn = threading.Lock()
 
     def drive(self, velocity: Velocity, distance_m: float) -> None:
-        """The robot was told to drive like this; on the thread of its connection."""
+        """Note that the robot was commanded to drive like this; called on the thread of its connection."""
         with self._turn:
             self._lesson.drive(velocity, max(distance_m - self._start_m, 0.0))
 
     def look(self, pair: ReceivedPair, distance_m: float, policy: str) -> None:
-        """The next frame, and how far the robot has driven."""
+        """Take the next frame, and how far the robot has driven."""
         image = pair.left.grey8()
         if self._file is None or self._run is None:
             height, width = image.shape
@@ -90,7 +90,7 @@ def teach(teacher: Teacher, source: Source, stop: threading.Event, progress: Pro
             while not stop.is_set():
                 pair = newest_pair(client)
                 if robot.odometry_ns is None:
-                    progress.say(robot.trouble or f"waiting for odometry as {source.robot.odometry}")
+                    progress.say(robot.trouble or f"waiting for odometry under {source.robot.odometry}")
                 elif pair is None or status.status is None:
                     trouble = f": {status.trouble}" if status.trouble else ""
                     progress.say(f"waiting for frames and status of {source.rig}{trouble}")
@@ -100,5 +100,5 @@ def teach(teacher: Teacher, source: Source, stop: threading.Event, progress: Pro
         finally:
             length_m = teacher.end(robot.distance_m)
     if not teacher.places:
-        return "nothing was taught: no frame came together with odometry"
+        return "nothing was taught: no frame arrived together with odometry"
     return f"taught {length_m:.1f} m, {teacher.places} local maps"

@@ -18,7 +18,7 @@ Picture = tuple[str, str, str]
 
 
 def pictures(found: Findings) -> list[Picture]:
-    """Those for which there are data."""
+    """The pictures for which there is data."""
     shown = [_picture("Path", "From above, by the speeds it was taught with; a dot for each local map.", found, _path)]
     if found.runs:
         shown += [
@@ -37,8 +37,8 @@ def pictures(found: Findings) -> list[Picture]:
         shown.append(
             _picture(
                 "Foretold and seen",
-                "Of the last passing of each local map, by models that know the ones before: how often features of a "
-                "foretold probability were seen. On the diagonal a model is right.",
+                "For the last passing of each local map, by models that know the ones before: how often features of a "
+                "foretold probability were seen. A model on the diagonal is right.",
                 found, _foretold,
             )
         )  # fmt: skip

@@ -1,4 +1,4 @@
-"""What the rows of a map file say, checked."""
+"""What the rows of a map file contain, checked."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ LONGEST_PATH_M: Final = 1e6
 HOUR_S, DAY_S = 3600.0, 86400.0
 
 AS_BRIGHT_S: Final = 2 * HOUR_S
-"""The sun has moved on by 30 degrees: what it lights is lit otherwise."""
+"""By then the sun has moved by 30 degrees, and lights things differently."""
 
 
 class RowError(ValueError):
@@ -58,10 +58,10 @@ class MapInfo:
     policy: str
 
     def check(self) -> MapInfo:
-        """Itself; raises `RowError` for what no map has."""
+        """Itself; raises `RowError` for values that no map has."""
         sizes, texts = (self.width, self.height), (self.detector, self.policy)
         if not all(isinstance(size, int) for size in sizes) or not all(isinstance(text, str) for text in texts):
-            raise RowError("other types than a map of ours")
+            raise RowError("types that no map of ours has")
         if not (0 < self.width <= LARGEST_PX and 0 < self.height <= LARGEST_PX):
             raise RowError(f"pictures of {self.width}x{self.height} pixels")
         if not 1.0 <= self.focal_length_px <= LARGEST_PX:
@@ -119,7 +119,7 @@ class Place:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TaughtPlace:
-    """A local map as it is taught: how far along the path (m), its picture as JPEG, that one's setting and features."""
+    """A local map as taught: distance along the path (m), its JPEG picture, and the picture's setting and features."""
 
     distance_m: float
     jpeg: bytes
@@ -168,7 +168,7 @@ def states_of_blob(blob: bytes, features: int) -> NDArray[np.int8]:
 def finite(*numbers: float) -> tuple[float, ...]:
     """The numbers; raises `RowError` unless all are numbers, and finite."""
     if not all(isinstance(number, (int, float)) and math.isfinite(number) for number in numbers):
-        raise RowError("a number that is infinite, or none")
+        raise RowError("a number that is infinite, or not a number")
     return numbers
 
 

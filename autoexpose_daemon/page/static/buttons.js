@@ -34,7 +34,7 @@ byId("darker").onclick = () => addEv(-EV_STEP);
 byId("brighter").onclick = () => addEv(EV_STEP);
 byId("reset").onclick = () => ask({ reset: true });
 byId("policies").onchange = ({ target }) => {
-  target.blur(); // shows what applies again
+  target.blur(); // shows the policy in force again
   ask({ policy: target.value });
 };
 

@@ -29,7 +29,7 @@ export function begin(canvas) {
   return { pen, width, height, colour: palette() };
 }
 
-// From the names of the page's colours to what they are now, in the light or in the dark.
+// Maps the names of the page's colours to their present values, light or dark.
 export function palette() {
   const style = getComputedStyle(document.documentElement);
   return (name) => style.getPropertyValue(`--${name}`).trim();
@@ -117,7 +117,7 @@ export function drawLane(canvas, lane, rows, { nowS, lengthS, hoverS }) {
   }
 }
 
-// Each half second from its least to its greatest value, joined to the next where the two overlap or come nearest.
+// Draws each half second from its least to its greatest value, joined to the next where the two overlap or come nearest.
 function band(pen, rows, column, x, y, colour, width) {
   pen.save();
   pen.beginPath();
@@ -151,7 +151,7 @@ export function line(pen, points) {
   pen.stroke();
 }
 
-// The time under the pointer, or null outside of the lane.
+// The time under the pointer, or null outside the lane.
 export function timeAt(canvas, offsetX, nowS, lengthS) {
   const share = (offsetX - LEFT) / (canvas.clientWidth - 1 - LEFT);
   return share < 0 || share > 1 ? null : nowS - (1 - share) * lengthS;
@@ -201,7 +201,7 @@ function mark(pen, x, y, top, bottom, colour, word, leftwards) {
   pen.fillText(word, x + (leftwards ? -5 : 5), top - 11);
 }
 
-// The curve at a change of level, straight between its points.
+// The curve at a change of level, with straight lines between its points.
 export function at(curve, change) {
   const { delta_levels: changes, metrics } = curve;
   const above = Math.max(changes.findIndex((each) => each >= change), 1);

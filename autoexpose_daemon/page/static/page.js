@@ -1,4 +1,4 @@
-// One web socket: numbers come twice a second, pictures on request. A hidden tab closes it.
+// One web socket: numbers arrive twice a second, pictures on request. A hidden tab closes it.
 
 import { showButtons } from "./buttons.js";
 import { LANES, at, drawCurve, drawLane, lengthOf, timeAt } from "./charts.js";
@@ -13,7 +13,7 @@ const byId = (id) => document.getElementById(id);
 
 let socket = null;
 let retryMs = 500;
-let numbers = null; // the latest message, and when it came
+let numbers = null; // the latest message, and when it arrived
 let heardMs = 0;
 let rows = [];
 let pairMs = null;

@@ -1,4 +1,4 @@
-// What `autoexpose repeat` sees: its way along the path, the vote of its matches, and the matches on the picture.
+// What `autoexpose repeat` sees: its progress along the path, the vote of its matches, and the matches on the picture.
 
 import { begin, line, palette } from "./charts.js";
 import * as format from "./format.js";
@@ -43,7 +43,7 @@ function drawPath(canvas, view) {
   pen.fill();
 }
 
-// How many matches are shifted how far: those that agreed stand out.
+// How many matches are shifted how far; those that agreed stand out.
 function drawVote(canvas, view) {
   const { pen, width, height, colour } = begin(canvas);
   const [, , shifts, agreed] = view.matches;

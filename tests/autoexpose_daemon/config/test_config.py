@@ -85,9 +85,12 @@ def test_a_short_file_has_the_documented_defaults(tmp_path: Path) -> None:
         (LEFT + "control: {flicker_hz: 0}", ["control.flicker_hz: 0 is out of bounds: give 10 to 1000 Hz, or auto"]),
         (
             LEFT + "control: {flicker_hz: aut}",
-            ["control.flicker_hz: 'aut' is no frequency: give 10 to 1000 Hz, or auto"],
+            ["control.flicker_hz: 'aut' is not a frequency: give 10 to 1000 Hz, or auto"],
         ),
-        (LEFT + "control: {flicker_hz: on}", ["control.flicker_hz: true is no frequency: give 10 to 1000 Hz, or auto"]),
+        (
+            LEFT + "control: {flicker_hz: on}",
+            ["control.flicker_hz: true is not a frequency: give 10 to 1000 Hz, or auto"],
+        ),
         (LEFT + "control: {focal_length_px: -1}", ["control.focal_length_px: -1.0 is out of bounds"]),
         (LEFT + "control: {focal_length_px: 800}", ["control.focal_length_px has no effect without motion.imu: give"]),
         (LEFT + "motion: {imu: {key: imu/data}}", ["motion.imu needs control.focal_length_px: give the left camera's"]),
@@ -95,7 +98,7 @@ def test_a_short_file_has_the_documented_defaults(tmp_path: Path) -> None:
         (LEFT + "motion: {imu: {max_age_s: 0.1}}", ["motion.imu.key: is missing"]),
         (
             LEFT + "motion: {imu: {key: /imu/data}}",
-            ["motion.imu.key: '/imu/data' is no key expression of zenoh: write"],
+            ["motion.imu.key: '/imu/data' is not a key expression of zenoh: write"],
         ),
         (LEFT + "motion: {imu: {key: a, max_age_s: 0}}", ["motion.imu.max_age_s", "give 0.001 to 10 s"]),
         (

@@ -44,7 +44,7 @@ def test_what_is_saved_can_be_used_and_compared(within: Within, tmp_path: Path, 
     assert within("features", camera.serial, "--save", str(saved))[0] == 0
     code, _, left_out = within("features", camera.serial, "--changed", "--save", str(changed))
     assert code == 0
-    assert "the daemon drives, so left out: " in left_out
+    assert "driven by the daemon, so left out: " in left_out
     assert yaml.safe_load(changed.read_text()) == yaml.safe_load(file.read_text())
     code, output, _ = within("features", camera.serial, "--diff", str(saved))
     assert (code, output.count("\n")) == (0, 1), output

@@ -211,7 +211,7 @@ def test_a_daemon_that_stops_answers_who_still_waits() -> None:
         assert asked_for.wait(20.0)
     asking.join()
     (why,) = said
-    assert why == "the daemon stops" or why.startswith("no answer")
+    assert why == "the daemon is stopping" or why.startswith("no answer")
 
 
 def _opened(publisher: Publisher, at: str) -> str:
@@ -228,7 +228,7 @@ def test_an_answer_of_another_program_is_refused() -> None:
         ControlClient(connect=[at]) as control,
     ):
         for _ in range(3):
-            with pytest.raises(AutoexposeError, match="is no daemon, or of another version"):
+            with pytest.raises(AutoexposeError, match="is not from a daemon of this version"):
                 control.show()
 
 
@@ -278,7 +278,7 @@ def test_the_terminal(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.Mo
         for arguments, why in (
             (("ev", "9"), "ev_stops: 9.0 is out of bounds: give -3 to 3 stops"),
             (("policy", "fisher"), "policy: there is no policy 'fisher'; did you mean fisher-map?"),
-            (("region", "left", "--rectangle", "1,2"), "1,2 is no rectangle: give X,Y,WIDTH,HEIGHT"),
+            (("region", "left", "--rectangle", "1,2"), "1,2 is not a rectangle: give X,Y,WIDTH,HEIGHT"),
             (("shot", "--time-us", "9000"), "shot 9000 us, 0 dB is out of bounds: give 20 to 7500 us, 0 to 30 dB"),
         ):
             code, text = ctl(capsys, monkeypatch, *at_daemon, *arguments)

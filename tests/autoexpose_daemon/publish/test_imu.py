@@ -126,7 +126,7 @@ def test_what_is_no_angular_rate_is_refused_in_one_line(
         assert rate() is None
     assert rate.tally.samples == 0
     said, _ = caplog.messages
-    assert said.startswith(f"a message as {KEY} is refused: {why}")
+    assert said.startswith(f"a message under {KEY} is refused: {why}")
     assert said.isprintable()
 
 
@@ -151,7 +151,7 @@ def test_every_key_that_a_configuration_may_name_is_one_of_zenohs(key: str) -> N
     try:
         check_key_expression(key)
     except ConfigurationError as error:
-        assert "is no key expression of zenoh" in str(error)
+        assert "is not a key expression of zenoh" in str(error)
         assert str(error).isprintable()
     else:
         zenoh.KeyExpr(key)

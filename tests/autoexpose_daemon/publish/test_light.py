@@ -92,7 +92,7 @@ def test_control_weighs_what_a_client_sends_and_its_recording_replays(
         count = len(seen)
         wait_until(lambda: len(seen) > count, "more pairs")
     assert [message for message in caplog.messages if "refused" in message] == [
-        "a message as autoexpose/rig/light_ahead is refused: not a autoexpose_msgs/msg/LightAhead: "
+        "a message under autoexpose/rig/light_ahead is refused: not a autoexpose_msgs/msg/LightAhead: "
         + caplog.messages[-1].rpartition("LightAhead: ")[2]
     ]
     steps = replayed(file)

@@ -38,7 +38,7 @@ def test_the_variables_of_ros_2_are_followed(environment: dict[str, str], domain
         ("ROS_DOMAIN_ID", "-1", "set it to a number from 0 to 232"),
         ("ROS_DOMAIN_ID", "\u0663", "set it to a number from 0 to 232"),
         ("ROS_AUTOMATIC_DISCOVERY_RANGE", "localhost", "set it to one of SUBNET"),
-        ("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF", "which leaves the topics to nobody"),
+        ("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF", "which hides the topics from everyone"),
     ],
 )
 def test_others_are_refused_in_a_sentence(variable: str, value: str, words: str) -> None:
