@@ -122,9 +122,9 @@ def trigger_stops(script: Script) -> Expected:
         "mismatched_pairs": (0, 2),
         "unexplained_mismatches": (0, 1),
     }  # it goes on in a phase that nobody expects
-    return Expected(
-        round(pause_s * SECOND), "no triggers" if pause_s > 1.5 else None, ("no triggers", NO_PAIRS), counts
-    )
+    # The first frame of a camera when it goes on may be lost on the wire: for a period, it alone is silent.
+    may_say = ("no triggers", "no frames from the", NO_PAIRS)
+    return Expected(round(pause_s * SECOND), "no triggers" if pause_s > 1.5 else None, may_say, counts)
 
 
 def trigger_halved(script: Script) -> Expected:

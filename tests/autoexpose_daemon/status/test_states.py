@@ -44,6 +44,12 @@ def test_the_state_names_what_is_missing(seen: Telemetry, health: str) -> None:
     assert str(judge(seen, STEREO, NOW_NS)) == health
 
 
+def test_a_trigger_has_stopped_for_both_even_if_the_last_frame_of_one_was_lost() -> None:
+    left_ns, right_ns = NOW_NS - 1_010_000_000, NOW_NS - 990_000_000
+    seen = telemetry(left_ns=left_ns, right_ns=right_ns, pair_ns=left_ns)
+    assert str(judge(seen, STEREO, NOW_NS)) == "degraded: no triggers"
+
+
 def test_a_calibration_that_does_not_fit_degrades() -> None:
     seen = telemetry()
     seen.misfits["left"] = "its response is of Mono8"
