@@ -6,7 +6,7 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib.metadata import entry_points, version
 from pathlib import Path
@@ -68,22 +68,37 @@ def run(config: ConfigFile) -> None:
 def record(
     file: Annotated[Path, typer.Argument(help="A new .mcap file.")],
     config: ConfigFile,
+    *,
     last: Annotated[
         float | None,
         typer.Option(min=1.0, max=600.0, help="Keep this many seconds in memory; SIGUSR1 and the end write them."),
     ] = None,
+    bracket: Annotated[
+        bool, typer.Option("--bracket", help="Take several exposures in turn, for `autoexpose rejudge`.")
+    ] = False,
+    exposures: Annotated[int | None, typer.Option(help="Shots of a bracket, 2 to 12; by default 6.")] = None,
+    range_: Annotated[
+        str | None, typer.Option("--range", help="From the darkest shot to the brightest; by default 1:64, 6 stops.")
+    ] = None,
+    keep: Annotated[
+        bool, typer.Option("--keep", help="One more frame of each cycle is exposed by the policy, for the robot.")
+    ] = False,
 ) -> None:
     """Run the daemon and record what it sees and decides, until SIGTERM or Ctrl-C."""
     check_recording_extra()
+    from autoexpose_daemon.config.bracket import bracketed  # noqa: PLC0415
     from autoexpose_daemon.config.load import load_config  # noqa: PLC0415
     from autoexpose_daemon.recording.recorder import new_recorder  # noqa: PLC0415
 
+    def load(path: Path) -> Config:
+        return bracketed(load_config(path), bracket, exposures, range_, keep)
+
     notifier = Notifier.from_environment()
     with _explaining(notifier):
-        recorder = new_recorder(file, load_config(config), last)
+        recorder = new_recorder(file, load(config), last)
         signal.signal(signal.SIGUSR1, lambda *_: recorder.save())
         with recorder:
-            run_daemon(config, notifier, recorder)
+            run_daemon(config, notifier, recorder, load)
     typer.echo(recorder.summary)
     if recorder.incomplete:
         raise typer.Exit(1)
@@ -117,8 +132,13 @@ def _explaining(notifier: Notifier) -> Iterator[None]:
         raise typer.Exit(os.EX_CONFIG) from None
 
 
-def run_daemon(file: Path, notifier: Notifier, recorder: Recorder | None = None) -> None:
-    """Run the daemon with the live view, until SIGTERM or SIGINT."""
+def run_daemon(
+    file: Path,
+    notifier: Notifier,
+    recorder: Recorder | None = None,
+    load: Callable[[Path], Config] | None = None,
+) -> None:
+    """Run the daemon with the live view, until SIGTERM or SIGINT; `load` reads its configuration, also again."""
     from autoexpose_daemon.config.load import load_config  # noqa: PLC0415
     from autoexpose_daemon.runtime.cameras import openers  # noqa: PLC0415
     from autoexpose_daemon.runtime.daemon import Daemon  # noqa: PLC0415
@@ -126,6 +146,7 @@ def run_daemon(file: Path, notifier: Notifier, recorder: Recorder | None = None)
     from autoexpose_daemon.service.outlets import add_outlets  # noqa: PLC0415
     from autoexpose_daemon.service.service import Service, run_until_stopped  # noqa: PLC0415
 
+    load = load or load_config
     stop, reload = threading.Event(), threading.Event()
     stop_on_signals(stop)
     by_hand = os.isatty(0)  # then SIGHUP means that the terminal was closed
@@ -135,12 +156,12 @@ def run_daemon(file: Path, notifier: Notifier, recorder: Recorder | None = None)
         if not reload.is_set():
             return None
         reload.clear()
-        return load_config(file)
+        return load(file)
 
     def build(config: Config, start: ExposureSetting | None) -> Daemon:
         return add_outlets(Daemon(config, openers(config), start=start), config, recorder)
 
-    service = Service(load_config(file), build, notifier, LastExposure.in_state_directory())
+    service = Service(load(file), build, notifier, LastExposure.in_state_directory())
     run_until_stopped(service, stop, Console(), "autoexpose", new_config)
 
 
@@ -176,6 +197,9 @@ def demo(
     still: Annotated[bool, typer.Option("--still", help="The cameras stand still, as on tripods.")] = False,
     publish: Annotated[bool, typer.Option("--publish", help="Publish frames to other processes, as `rig`.")] = False,
     record: Annotated[Path | None, typer.Option(help="Record the run to this new .mcap file.")] = None,
+    bracket: Annotated[
+        Path | None, typer.Option(help="Record brackets to this new .mcap file, for `autoexpose rejudge`.")
+    ] = None,
     navigate: Annotated[
         bool, typer.Option("--navigate", help="Teach a simulated robot a lap, and repeat it in other lights.")
     ] = False,
@@ -190,6 +214,8 @@ def demo(
     from autoexpose_daemon.demo.options import DemoOptions  # noqa: PLC0415
     from autoexpose_daemon.demo.run import run_demo  # noqa: PLC0415
 
+    if bracket is not None and record is not None:
+        raise ConfigurationError("--bracket and --record both record: give one of them")
     if seconds is None:
         seconds = 120.0 if navigate else 20.0
     options = DemoOptions(
@@ -204,10 +230,11 @@ def demo(
         rate_hz,
         still,
         publish,
-        record,
+        record if bracket is None else bracket,
         navigate,
         pixel_format,
         size,
+        bracket is not None,
     )
     stop = threading.Event()
     stop_on_signals(stop)

@@ -17,6 +17,8 @@ from autoexpose_daemon.config.section import (
     BalanceOffset,
     BalanceWeight,
     Binning,
+    BracketExposures,
+    BracketStops,
     ExposureTimeUs,
     FlickerHz,
     FocalLengthPx,
@@ -32,7 +34,7 @@ from autoexpose_daemon.config.section import (
     ReadNoiseE,
     Section,
 )
-from autoexpose_daemon.control.parameters import BalanceId, ControlParameters, MotionId
+from autoexpose_daemon.control.parameters import BalanceId, Bracketing, ControlParameters, MotionId
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, check_policy_id
 from calibration.gain.file import GainFile
 from calibration.geometry.file import check_camera, check_pair, load_geometry
@@ -144,6 +146,19 @@ class StartConfig(Section):
 
 
 _TUNING = ControlParameters()
+_BRACKETING = Bracketing()
+
+
+class BracketConfig(Section):
+    """Brackets, recorded to judge policies later, instead of exposures by the policy."""
+
+    exposures: BracketExposures = _BRACKETING.exposures
+    range_stops: BracketStops = _BRACKETING.range_stops
+    keep: bool = _BRACKETING.keep
+
+    def bracketing(self) -> Bracketing:
+        """The same for control."""
+        return Bracketing(self.exposures, self.range_stops, self.keep)
 
 
 class ControlConfig(Section):
@@ -163,12 +178,14 @@ class ControlConfig(Section):
     balance_weight: BalanceWeight = _TUNING.balance_weight
     balance_offset: BalanceOffset = _TUNING.balance_offset
     mean_target: MeanTarget = _TUNING.mean_target
+    bracket: BracketConfig | None = None
 
     def parameters(self) -> ControlParameters:
         """What the control loop is tuned with."""
         values = {field.name: getattr(self, field.name) for field in fields(ControlParameters)}
         found = {"flicker_hz": None} if self.flicker_hz == "auto" else {}
-        return ControlParameters(**values | found)
+        bracketing = None if self.bracket is None else self.bracket.bracketing()
+        return ControlParameters(**values | found | {"bracket": bracketing})
 
     @model_validator(mode="after")
     def _policy_exists(self) -> Self:

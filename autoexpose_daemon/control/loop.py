@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -39,7 +39,7 @@ REFERENCE_RATE_HZ = 60.0
 _DEFAULT_PARAMETERS = ControlParameters()
 
 
-STATE_FORMAT = "autoexpose-control/6"
+STATE_FORMAT = "autoexpose-control/7"
 """Format of `ControlSetup` and `ControlLoop.state` as plain data: a new number when names, types or meaning change."""
 
 
@@ -54,6 +54,10 @@ class ControlSetup:
     parameters: ControlParameters
     regions: dict[Side, Region]
     vignettings: dict[Side, Vignetting]
+
+    def of_policy(self, policy_id: str) -> ControlSetup:
+        """The same for another policy, which decides on every frame: without brackets."""
+        return replace(self, policy_id=policy_id, parameters=replace(self.parameters, bracket=None))
 
     def loop(self) -> ControlLoop:
         """A new loop."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -28,6 +29,33 @@ _RANGES = {
     "full_well_e": bounds.FULL_WELL_E,
     "read_noise_e": bounds.READ_NOISE_E,
 }
+
+
+@dataclass(frozen=True, slots=True)
+class Bracketing:
+    """How a drive is recorded in brackets.
+
+    Attributes
+    ----------
+    exposures
+        Shots in a cycle.
+    range_stops
+        From the darkest to the brightest.
+    keep
+        Whether one more frame of each cycle is exposed by the policy.
+
+    Raises
+    ------
+    ConfigurationError
+        Names a number that is out of bounds.
+    """
+
+    exposures: int = 6
+    range_stops: float = 6.0
+    keep: bool = False
+
+    def __post_init__(self) -> None:
+        _check(self, {"exposures": bounds.BRACKET_EXPOSURES, "range_stops": bounds.BRACKET_STOPS})
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +87,8 @@ class ControlParameters:
     full_well_e, read_noise_e
         Of the cameras' sensors, for `fisher-map`: electrons that fill a pixel at 0 dB, and noise without light. The
         defaults are those of common global shutters (Sony IMX273 and its kin).
+    bracket
+        Record brackets instead of doing as the policy decides; None: do as it decides.
 
     Raises
     ------
@@ -77,9 +107,15 @@ class ControlParameters:
     focal_length_px: float | None = None
     full_well_e: float = 10_500.0
     read_noise_e: float = 3.0
+    bracket: Bracketing | None = None
 
     def __post_init__(self) -> None:
-        for name, range_ in _RANGES.items():
-            value: float | None = getattr(self, name)
-            if value is not None and value not in range_:
-                raise ConfigurationError(f"{name} is {value:g}: give {range_}")
+        _check(self, _RANGES)
+
+
+def _check(parameters: object, ranges: Mapping[str, bounds.Range]) -> None:
+    """Raise a ConfigurationError for a number out of its range; None is within any."""
+    for name, range_ in ranges.items():
+        value: float | None = getattr(parameters, name)
+        if value is not None and value not in range_:
+            raise ConfigurationError(f"{name} is {value:g}: give {range_}")

@@ -46,13 +46,14 @@ class DemoOptions:
     navigate: bool = False
     pixel_format: str = "Mono8"
     size: str = SIZES[0]
+    bracket: bool = False
 
     def __post_init__(self) -> None:
         _check_within("--seconds", self.seconds, NAVIGATE_SECONDS if self.navigate else SECONDS, "s")
         if self.navigate and (self.still or self.light is not None or self.record is not None or self.scene != "room"):
             raise ConfigurationError(
                 "--navigate itself decides how cameras move and how bright the room is, and records nothing: "
-                "leave out --still, --light, --scene and --record"
+                "leave out --still, --light, --scene, --record and --bracket"
             )
         if self.navigate and (self.size != SIZES[0] or not self.pixel_format.startswith("Mono")):
             raise ConfigurationError(

@@ -5,16 +5,20 @@ from __future__ import annotations
 import gc
 import json
 import signal
+import tempfile
 import threading
 import time
+from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
 from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.demo.analysis import light_steps, pulses_in_window
+from autoexpose_daemon.demo.brackets import SENSOR, geometry_files
 from autoexpose_daemon.demo.fakes import SERIALS, FakeCameras, newest_lux, read_pulses
 from autoexpose_daemon.demo.options import DemoOptions
 from autoexpose_daemon.demo.rate import RATES_HZ, cores, held_rate_hz, pairs_per_s, shortfall
@@ -29,6 +33,7 @@ from autoexpose_daemon.service.service import Service
 from autoexpose_daemon.status.display import display
 from drivers.aravis import find_cameras
 from drivers.errors import AutoexposeError
+from drivers.frames import Side
 from drivers.pixels.formats import PIXEL_FORMATS
 
 if TYPE_CHECKING:
@@ -43,9 +48,13 @@ _SEARCH_HOLDS_S = 1.2  # less than the daemon's two seconds: the cameras still h
 def show(options: DemoOptions, cameras: FakeCameras, stop: threading.Event, console: Console) -> Run:
     """Run the daemon on cameras that are starting, then end them."""
     rate_hz = start(cameras, options, console)
-    config = configuration(options, rate_hz)
     step_log = StepLog(options.seconds / _PICTURES)
     with ExitStack() as resources:
+        calibrations: Mapping[Side, Mapping[str, str]] = {}
+        if options.bracket:
+            folder = resources.enter_context(tempfile.TemporaryDirectory(prefix="autoexpose-rig-"))
+            calibrations = geometry_files(options.width_height, Path(folder))
+        config = configuration(options, rate_hz, calibrations)
         recorder = _recorder(options, config)
         if recorder is not None:
             resources.enter_context(recorder)
@@ -125,14 +134,17 @@ def _search() -> None:
     signal.pthread_sigmask(signal.SIG_UNBLOCK, signals)
 
 
-def configuration(options: DemoOptions, rate_hz: float) -> Config:
-    """The configuration of the daemon on the demo's cameras."""
+def configuration(
+    options: DemoOptions, rate_hz: float, calibrations: Mapping[Side, Mapping[str, str]] = MappingProxyType({})
+) -> Config:
+    """The configuration of the daemon on the demo's cameras, each with the keys of its calibration."""
+    control = {"policy": options.policy, **({"bracket": {}, **SENSOR} if options.bracket else {})}
     return Config.model_validate(
         {
-            "cameras": {side: {"serial": serial} for side, serial in SERIALS.items()},
+            "cameras": {side: {"serial": serial, **calibrations.get(side, {})} for side, serial in SERIALS.items()},
             "trigger": {"mode": "external", "line": "Line0", "rate_hz": rate_hz},
             "exposure": {"max_time_us": min(_LONGEST_US, 0.8e6 / rate_hz)},
-            "control": {"policy": options.policy},
+            "control": control,
             "image": {"pixel_format": options.pixel_format},
             "publish": {} if options.publish else None,
         }

@@ -10,7 +10,8 @@ import numpy as np
 
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.parameters import FASTEST_TURN_RAD_S
-from autoexpose_daemon.messages.types import ENCODINGS, EXPOSURE_INFO, IMAGE, IMU, TYPESTORE, to_full_scale
+from autoexpose_daemon.messages.types import CAMERA_INFO, ENCODINGS, EXPOSURE_INFO, IMAGE, IMU, TYPESTORE, to_full_scale
+from calibration.geometry.model import COEFFICIENTS, CameraGeometry
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame
 from drivers.pixels.formats import PixelFormat
@@ -57,6 +58,25 @@ def read_image(data: bytes) -> tuple[int, ReceivedImage]:
 def read_exposure_info(data: bytes) -> Any:
     """An ExposureInfo, with the fields of `ExposureInfo.msg`; raises `DamagedMessageError`."""
     return deserialise(data, EXPOSURE_INFO)
+
+
+def read_camera_info(data: bytes) -> CameraGeometry | None:
+    """The geometry in a CameraInfo; None of a camera that is not calibrated.
+
+    Raises
+    ------
+    DamagedMessageError
+        When it is not a CameraInfo, or of a distortion that is not known.
+    """
+    message = deserialise(data, CAMERA_INFO)
+    if not message.k[0]:
+        return None
+    if len(message.d) != COEFFICIENTS.get(message.distortion_model):
+        raise DamagedMessageError(f"{len(message.d)} coefficients of the distortion {message.distortion_model!r:.40}")
+    d, k, r, p = (
+        tuple(float(number) for number in numbers) for numbers in (message.d, message.k, message.r, message.p)
+    )
+    return CameraGeometry(message.width, message.height, message.distortion_model, d, k, r, p)
 
 
 def read_angular_rate(data: bytes) -> float:

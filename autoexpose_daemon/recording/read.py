@@ -16,13 +16,21 @@ from autoexpose_daemon.control.override import NO_OVERRIDE, Override
 from autoexpose_daemon.control.parameters import FASTEST_TURN_RAD_S
 from autoexpose_daemon.control.picture.steering import Steering
 from autoexpose_daemon.control.snapshot import parse
-from autoexpose_daemon.messages.read import DamagedMessageError, decision_of, frame_of, read_exposure_info, read_image
+from autoexpose_daemon.messages.read import (
+    DamagedMessageError,
+    decision_of,
+    frame_of,
+    read_camera_info,
+    read_exposure_info,
+    read_image,
+)
 from autoexpose_daemon.messages.types import EXPOSURE_INFO, TYPESTORE, definition
 from autoexpose_daemon.recording import rosbag2
 from autoexpose_daemon.recording.file import FULL_SCALE, METADATA, STRING
 from autoexpose_daemon.recording.plain_json import from_json
 from autoexpose_daemon.recording.step import Item, RecordingError, Setup, State, Step
 from autoexpose_daemon.recording.upgrade import FORMER_FORMATS, upgraded_setup, upgraded_state
+from calibration.geometry.model import CameraGeometry
 from drivers.config import bounds
 from drivers.config.files import open_regular
 from drivers.frames import SIDES, Frame, Side, StereoPair
@@ -57,6 +65,7 @@ class Recording:
         self._override = NO_OVERRIDE
         self._requests: tuple[str, ...] = ()
         self._steering: Steering | None = None
+        self._calibrations: dict[Side, CameraGeometry] = {}
 
     def __iter__(self) -> Iterator[Item]:
         """Read from the start of the file."""
@@ -121,6 +130,10 @@ class Recording:
             case ["left" | "right" as side, "exposure"]:
                 self._check_version(channel)
                 self._exposure(side, message.data)
+            case ["left" | "right" as side, "camera_info"]:
+                geometry = read_camera_info(message.data)
+                if geometry is not None:
+                    self._calibrations[side] = geometry
             case ["left" | "right" as side, "image"]:
                 return self._image(side, message.data, full_scale=_is_full_scale(channel))
         return None
@@ -183,7 +196,8 @@ class Recording:
         override, self._override = self._override, NO_OVERRIDE
         requests, self._requests = self._requests, ()
         steering, self._steering = self._steering, None
-        given = angular_rate_rad_s, light_ahead, override, requests, steering
+        calibrations, self._calibrations = self._calibrations, {}
+        given = angular_rate_rad_s, light_ahead, override, requests, steering, calibrations
         return Step(info.sequence, info.cameras, pair, decision, *given)
 
     def _check_version(self, channel: Channel) -> None:

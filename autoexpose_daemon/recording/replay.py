@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlLoop
@@ -58,7 +58,9 @@ class Replay:
     @property
     def faithful(self) -> bool:
         """Whether the recorded policy is replayed, so that its decisions must be those recorded."""
-        return self.setup is None or self._policy_id in (None, self.setup.control.policy_id)
+        if self.setup is None or self._policy_id is None:
+            return True
+        return self.setup.control.parameters.bracket is None and self._policy_id == self.setup.control.policy_id
 
     def steps(self, items: Iterable[Item]) -> Iterator[Replayed]:
         """The outcome of each step.
@@ -81,7 +83,7 @@ class Replay:
                     yield self._step(item)
 
     def _new_loop(self, setup: Setup) -> ControlLoop:
-        return replace(setup.control, policy_id=self._policy_id or setup.control.policy_id).loop()
+        return (setup.control if self._policy_id is None else setup.control.of_policy(self._policy_id)).loop()
 
     def _resume(self, state: State) -> None:
         if self.setup is None:

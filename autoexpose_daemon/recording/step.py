@@ -45,7 +45,7 @@ class Step:
     steering
         Where consumers were known to track; None: nothing was known.
     calibrations
-        Geometry of the calibrated cameras, for CameraInfo; a replay needs none.
+        Geometry of the calibrated cameras, in CameraInfo; a replay needs none.
     """
 
     sequence: int

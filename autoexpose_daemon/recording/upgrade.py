@@ -9,11 +9,11 @@ import numpy as np
 from autoexpose_daemon.control.light_ahead import UNPROVEN
 from drivers.frames import SIDES
 
-FORMER_FORMATS = ("autoexpose-control/2", "autoexpose-control/3", "autoexpose-control/4", "autoexpose-control/5")
-"""In the fifth, consumers steered nothing, sightings did not know what was black, and no lens had a vignetting. In the
-fourth, gains had even steps, and nothing could override the policy. In the third, no policy knew of light ahead. In the
-second, control had one response, the left camera's, and one history of motion, whichever camera the frames were from,
-and every camera had a vote."""
+FORMER_FORMATS = tuple(f"autoexpose-control/{number}" for number in range(2, 7))
+"""In the sixth, nothing was bracketed. In the fifth, consumers steered nothing, sightings did not know what was black,
+and no lens had a vignetting. In the fourth, gains had even steps, and nothing could override the policy. In the third,
+no policy knew of light ahead. In the second, control had one response, the left camera's, and one history of motion,
+whichever camera the frames were from, and every camera had a vote."""
 
 
 def upgraded_setup(setup: Any) -> Any:
@@ -22,6 +22,8 @@ def upgraded_setup(setup: Any) -> Any:
         return setup
     if "regions" in setup:
         setup = {"vignettings": {}, **setup}
+    if isinstance(setup.get("parameters"), dict):
+        setup = {**setup, "parameters": {"bracket": None, **setup["parameters"]}}
     if isinstance(setup.get("limits"), dict):
         setup = {**setup, "limits": {"gains_db": [], **setup["limits"]}}
     if "response" not in setup:

@@ -7,6 +7,7 @@ from evaluation.experiments.experiment import Experiment
 from evaluation.experiments.navigation.navigation import EXPERIMENT as NAVIGATION
 from evaluation.experiments.navigation.second_lap import EXPERIMENT as SECOND_LAP
 from evaluation.experiments.prediction import fig1, fig3, fig10, fig11
+from evaluation.experiments.rejudge.ranking import EXPERIMENT as REJUDGE
 from evaluation.experiments.steering.steering import EXPERIMENT as STEERING
 from evaluation.experiments.teach.teach_repeat import EXPERIMENT as TEACH
 from evaluation.experiments.worth import worth
@@ -23,6 +24,7 @@ EXPERIMENTS: tuple[Experiment, ...] = (
     NAVIGATION,
     SECOND_LAP,
     STEERING,
+    REJUDGE,
     worth.EXPERIMENT,
     worth.TUNING,
 )

@@ -14,8 +14,13 @@ TOLERANCE = 0.1
 """By which share a sub-trajectory's length may be off."""
 
 
-def relative_errors_mm(truth: Sequence[NDArray[np.float64]], estimate: Sequence[NDArray[np.float64]]) -> list[float]:
-    """Translation RPE (mm) over each sub-trajectory of 20 mm, one beginning at every pose.
+def relative_errors_mm(
+    truth: Sequence[NDArray[np.float64]],
+    estimate: Sequence[NDArray[np.float64]],
+    length_m: float = SUB_TRAJECTORY_M,
+    tolerance: float = TOLERANCE,
+) -> list[float]:
+    """Translation RPE (mm) over each sub-trajectory of a length, one beginning at every pose.
 
     Lengths are measured along the true path: the estimated one is longer because of its noise.
 
@@ -23,15 +28,17 @@ def relative_errors_mm(truth: Sequence[NDArray[np.float64]], estimate: Sequence[
     ----------
     truth, estimate
         Poses (4, 4) in metres at the same instants, each in its own frame of reference.
+    length_m, tolerance
+        Of a sub-trajectory, and by which share it may be off.
     """
     from evo.core.metrics import RPE, PoseRelation, Unit  # noqa: PLC0415  takes half a second to load
     from evo.core.trajectory import PosePath3D  # noqa: PLC0415
 
     errors = RPE(
         PoseRelation.translation_part,
-        SUB_TRAJECTORY_M,
+        length_m,
         Unit.meters,
-        rel_delta_tol=TOLERANCE,
+        rel_delta_tol=tolerance,
         all_pairs=True,
         pairs_from_reference=True,
     )

@@ -22,6 +22,9 @@ STALE_SHARE = 0.6
 FEWEST_INLIERS = 20
 """Fewer points may agree on a motion by chance."""
 
+USUAL_INTERVAL_S = 1 / 30
+"""Between pairs: what the next two hold for."""
+
 LARGEST_JUMP_M, LARGEST_JUMP_RAD = 0.02, 0.1
 """A pose farther than this from where the motion so far leads is an error."""
 
@@ -58,6 +61,8 @@ class OrbOdometry:
         The stereo camera.
     seed
         Of RANSAC's random choices.
+    interval_s
+        Between pairs, roughly: from one to the next as much more can change.
 
     Attributes
     ----------
@@ -65,8 +70,9 @@ class OrbOdometry:
         Where in the latest left image features were found, and where those that tie it to the last key pair: (n, 2).
     """
 
-    def __init__(self, camera: StereoCamera, seed: int = 0) -> None:
+    def __init__(self, camera: StereoCamera, seed: int = 0, interval_s: float = USUAL_INTERVAL_S) -> None:
         self._camera, self._seed = camera, seed
+        self._reach = max(interval_s / USUAL_INTERVAL_S, 1.0)
         self._finder = FeatureFinder(camera)
         self._pose, self._motion = np.eye(4), np.eye(4)
         self._keys: list[_Key] = []
@@ -121,7 +127,7 @@ class OrbOdometry:
             return None
         to_camera, agree = refined_pose(self._camera, rough, points, seen, sigmas)
         pose = np.asarray(np.linalg.inv(to_camera), np.float64)
-        if agree.sum() < FEWEST_INLIERS or _jumps(np.linalg.inv(expected) @ pose):
+        if agree.sum() < FEWEST_INLIERS or self._jumps(np.linalg.inv(expected) @ pose):
             return None
         of_last = len(seen) - len(found[-1][0])
         return pose, seen[of_last:, :2][agree[of_last:]]
@@ -132,8 +138,8 @@ class OrbOdometry:
         """Points of a key pair that this pair sees too, where (as `project` returns it), and how precisely."""
         local = transform(np.asarray(np.linalg.inv(expected), np.float64), key.points)
         where = project(self._camera, local)[:, :2]
-        near = apart(features.points[:, 0], where[:, 0]) < NEAR_PX
-        near &= apart(features.points[:, 1], where[:, 1]) < NEAR_PX
+        near = apart(features.points[:, 0], where[:, 0]) < self._reach * NEAR_PX
+        near &= apart(features.points[:, 1], where[:, 1]) < self._reach * NEAR_PX
         near &= local[:, 2] > IN_FRONT_M
         here, there = match(features.descriptors, key.descriptors, near)
         by_orb = features.points[here]
@@ -144,12 +150,11 @@ class OrbOdometry:
         sigmas = np.where(good, PLACED_SIGMA, features.sigmas[here])
         return key.points[there], np.column_stack([seen, right_x]), sigmas
 
+    def _jumps(self, off: NDArray[np.float64]) -> bool:
+        turn_rad, move_m = float(np.linalg.norm(cv2.Rodrigues(off[:3, :3])[0])), float(np.linalg.norm(off[:3, 3]))
+        return turn_rad > self._reach * LARGEST_JUMP_RAD or move_m > self._reach * LARGEST_JUMP_M
+
 
 def in_house() -> OrbOdometry:
     """Our odometry on the simulated rig."""
     return OrbOdometry(StereoCamera.simulated())
-
-
-def _jumps(off: NDArray[np.float64]) -> bool:
-    turn_rad = float(np.linalg.norm(cv2.Rodrigues(off[:3, :3])[0]))
-    return turn_rad > LARGEST_JUMP_RAD or float(np.linalg.norm(off[:3, 3])) > LARGEST_JUMP_M

@@ -65,24 +65,29 @@ class OrbSlam3:
         A file by `write_vocabulary`, or ORB-SLAM3's own.
     folder
         Where its settings are written.
+    interval_s
+        Between pairs.
     """
 
-    def __init__(self, camera: StereoCamera, vocabulary: Path, folder: Path) -> None:
+    def __init__(
+        self, camera: StereoCamera, vocabulary: Path, folder: Path, interval_s: float = EVERY / RATE_HZ
+    ) -> None:
         orbslam3: Any = import_module("orbslam3")
         width, height = (round(2 * middle + 1) for middle in camera.centre_px)
         settings = folder / "orb_slam3.yaml"
-        text = _SETTINGS.format(camera=camera, width=width, height=height, fps=round(RATE_HZ / EVERY))
+        text = _SETTINGS.format(camera=camera, width=width, height=height, fps=round(1 / interval_s))
         settings.write_text(text, encoding="ascii")
         self._system: Any = orbslam3.System(str(vocabulary), str(settings), orbslam3.Sensor.STEREO)
         self._tracking: Any = orbslam3.TrackingState.OK
         self._system.initialize()
+        self._interval_s = interval_s
         self._pairs = 0
         self._pose, self._start = np.eye(4), np.eye(4)
         self._lost = False
 
     def track(self, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> Tracked:
         """The pose at the next pair; a lost pair has that of the pair before."""
-        self._system.process_image_stereo(left, right, self._pairs * EVERY / RATE_HZ)
+        self._system.process_image_stereo(left, right, self._pairs * self._interval_s)
         self._pairs += 1
         was_lost, self._lost = self._lost, self._system.get_tracking_state() != self._tracking
         if not self._lost:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from importlib import import_module
 
+from autoexpose_daemon.control.policies.bracket import Bracket
 from autoexpose_daemon.control.policies.ids import PLACES, check_policy_id
 from autoexpose_daemon.control.policy import ExposurePolicy, PolicySetup
 
@@ -19,7 +20,7 @@ _BUILDERS = {policy_id: _builder(place) for policy_id, place in PLACES.items()}
 
 
 def build_policy(setup: PolicySetup) -> ExposurePolicy:
-    """A fresh policy.
+    """A fresh policy; with `ControlParameters.bracket`, brackets around it.
 
     Raises
     ------
@@ -27,4 +28,5 @@ def build_policy(setup: PolicySetup) -> ExposurePolicy:
         For an id that does not exist.
     """
     check_policy_id(setup.policy_id)
-    return _BUILDERS[setup.policy_id](setup)
+    build, bracketing = _BUILDERS[setup.policy_id], setup.parameters.bracket
+    return build(setup) if bracketing is None else Bracket.around(bracketing, setup, build)

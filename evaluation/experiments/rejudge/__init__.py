@@ -1,0 +1,1 @@
+"""Whether a drive that was recorded in brackets ranks policies as driving with them does."""

@@ -1,0 +1,85 @@
+"""The courses: laps through rooms for odometry, and the arena's scenarios for the light."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from autoexpose_daemon.control.parameters import Bracketing
+from drivers.exposure import ExposureSetting
+from evaluation.arena.race import course_of
+from evaluation.experiments.rejudge.rehearsal import Compared, driven, record, rejudged, true_trajectory
+from evaluation.odometry.lap import Light, odometry_stage
+from evaluation.rejudge.contest import exposers
+from evaluation.rejudge.exposing import Exposer
+from evaluation.rejudge.exposing import Light as LightSeen
+from evaluation.scenes.scenarios import RATE_HZ
+from evaluation.stage.camera import Image, time_first
+from evaluation.stage.rendering import Stage
+
+OFFSETS = tuple(range(-4, 5))
+"""Stops from the middle of the bracket at which emulated frames are compared with true ones."""
+
+REPEATS = 12
+"""Frames of one exposure, whose mean tells the error from the noise."""
+
+
+def measure_lap(*, light: Light, room: int, frames: int, policies: list[str]) -> dict[str, Any]:
+    """Policies on one lap through a room, rejudged and driven."""
+    stage = odometry_stage(light, room, room, 0)
+    truth = true_trajectory(stage, frames / RATE_HZ)
+    drive = record(stage, frames, Bracketing())
+    return _both(rejudged(drive, policies, truth), driven(stage, drive, policies, truth))
+
+
+def measure_scenario(*, scenario: str, scene: str, seed: int, frames: int, policies: list[str]) -> dict[str, Any]:
+    """Policies in one course of the arena, rejudged and driven; nobody follows the camera."""
+    stage, _ = course_of(scenario, scene, seed)
+    drive = record(stage, frames, Bracketing())
+    figures = _both(rejudged(drive, policies, None), driven(stage, drive, policies, None))
+    jump = next((number for number in range(1, frames) if drive.timeline.sections[number]), None)
+    return figures | {"jump": jump}
+
+
+def measure_still(*, scene: str, seed: int, frames: int) -> list[dict[str, float]]:
+    """Frames of a still scene, emulated and true, at each of `OFFSETS`."""
+    stage, _ = course_of("step_up", scene, seed)
+    drive = record(stage, frames, Bracketing())
+    number = max(number for number, still in enumerate(drive.timeline.still) if still)
+    pair_at = next(get for at, get in drive.pairs() if at == number)
+    exposer = exposers(drive)["left"]
+    light = exposer.fused([pair_at(shot).frames["left"] for shot in drive.timeline.around(number)])
+    middle = float(np.mean([drive.timeline.glimpses[shot].level for shot in drive.timeline.around(number)]))
+    return [{"offset": float(offset), **_compared(stage, exposer, light, middle + offset)} for offset in OFFSETS]
+
+
+def _compared(stage: Stage, exposer: Exposer, light: LightSeen, level: float) -> dict[str, float]:
+    """Signed error of emulated frames, their rms error beyond what noise a true frame has, and that; grey levels."""
+    setting = time_first(level)
+    true = np.array([_at(stage, number, setting) for number in range(100, 100 + REPEATS)], np.float64)
+    made = np.array([exposer.expose(light, setting, 8, number) for number in range(REPEATS)], np.float64)
+    noise = float(true.var(axis=0, ddof=1).mean())
+    beyond = float(((made - true.mean(axis=0)) ** 2).mean()) - noise * (1 + 1 / REPEATS)
+    return {
+        "bias": float(made.mean() - true.mean()),
+        "rms": math.sqrt(max(beyond, 0.0)),
+        "noise": math.sqrt(noise),
+    }
+
+
+def _at(stage: Stage, number: int, setting: ExposureSetting) -> Image:
+    stage.frame = number  # the noise of another frame of the same view
+    return stage.expose("left", setting).copy()
+
+
+def _both(ours: list[Compared], true: list[Compared]) -> dict[str, Any]:
+    return {
+        one.figures.policy: {
+            "rejudged": asdict(one.figures), "driven": asdict(other.figures),
+            "levels": [[round(level, 3) for level in each.levels] for each in (one, other)],
+        }
+        for one, other in zip(ours, true, strict=True)
+    }  # fmt: skip

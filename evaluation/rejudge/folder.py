@@ -1,0 +1,176 @@
+"""Drives out of folders of images, taken in brackets by other tools.
+
+``frames.csv`` has a line ``file,side,time_s,exposure_time_us,gain_db`` for each image, in order of time; images of one
+instant have the same time. Beside it may be the geometry as ROS or Kalibr write it, ``left.yaml`` and ``right.yaml``,
+and responses, ``response-left.yaml`` and ``response-right.yaml``; without them a camera is linear. Images are PNG or
+TIFF, grey, 8 or 16 bits.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import itertools
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.control.loop import ControlLoop, ControlSetup
+from autoexpose_daemon.control.parameters import Bracketing, ControlParameters
+from calibration.geometry.file import load_geometry
+from calibration.geometry.model import CameraGeometry
+from calibration.response import ResponseFunction
+from calibration.response.file import ResponseFile
+from drivers.config.files import read_regular
+from drivers.errors import AutoexposeError
+from drivers.exposure import ExposureLimits, ExposureSetting
+from drivers.frames import SIDES, Frame, Side, StereoPair
+from drivers.pixels.layout import Pixels
+from evaluation.rejudge.drive import Drive, watched
+
+LIST = "frames.csv"
+COLUMNS = ("file", "side", "time_s", "exposure_time_us", "gain_db")
+
+SAME_STOPS = 0.05
+MOST_SHOTS = 12
+_LONGEST_BYTES = 1 << 27
+_DARKEST_US, _HIGHEST_GAIN_DB = 20.0, 30.0
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """One line of the list."""
+
+    file: Path
+    side: Side
+    time_s: float
+    setting: ExposureSetting
+
+
+def read_folder(folder: Path) -> Drive:
+    """Read a folder for the first time.
+
+    Raises
+    ------
+    AutoexposeError
+        Naming the file and the line at fault.
+    """
+    instants = _instants(folder)
+    sides = tuple(instants[0])
+    responses: dict[Side, ResponseFunction] = {side: _response(folder, side) for side in sides}
+    geometries: dict[Side, CameraGeometry] = {
+        side: load_geometry(file, side) for side in sides if (file := folder / f"{side}.yaml").exists()
+    }
+    settings = [next(iter(entries.values())).setting for entries in instants]
+    levels = [setting.level for setting in settings]
+    bracket = Bracketing(_cycle(folder, levels), max(max(levels) - min(levels), 1.0))
+    limits = ExposureLimits(
+        min(_DARKEST_US, *(setting.exposure_time_us for setting in settings)),
+        max(setting.exposure_time_us for setting in settings),
+        min(0.0, *(setting.gain_db for setting in settings)),
+        max(_HIGHEST_GAIN_DB, *(setting.gain_db for setting in settings)),
+    )
+    setup = ControlSetup("fixed", responses, limits, settings[0], ControlParameters(bracket=bracket), {}, {})
+    source = partial(_pairs, instants)
+    return watched(str(folder), setup, _decided(setup, source()), source, geometries)
+
+
+def _decided(setup: ControlSetup, pairs: Iterator[StereoPair]) -> Iterator[tuple[StereoPair, Decision]]:
+    """Pairs with what control sees of them; the decision itself is the setting that the next one has."""
+    loop: ControlLoop = setup.of_policy("fixed").loop()
+    former: tuple[StereoPair, Decision] | None = None
+    for pair in pairs:
+        if former is not None:
+            yield former[0], replace(former[1], setting=pair.reference.setting)
+        former = pair, loop.step(pair)
+    if former is not None:
+        yield former
+
+
+def _pairs(instants: list[dict[Side, Entry]]) -> Iterator[StereoPair]:
+    for number, entries in enumerate(instants):
+        yield StereoPair(number, {side: _frame(entry, number) for side, entry in entries.items()})
+
+
+def _frame(entry: Entry, number: int) -> Frame:
+    image: Any = cv2.imread(str(entry.file), cv2.IMREAD_UNCHANGED)
+    if image is None:
+        raise AutoexposeError(f"{entry.file}: is no image that can be read: give PNG or TIFF")
+    if image.ndim != 2 or image.dtype not in (np.uint8, np.uint16):
+        raise AutoexposeError(f"{entry.file}: is not grey with 8 or 16 bits: convert it")
+    pixels: Pixels = image
+    time_ns = round(entry.time_s * 1e9)
+    return Frame(pixels, 8 * pixels.itemsize, number, time_ns, time_ns, time_ns, entry.setting)
+
+
+def _instants(folder: Path) -> list[dict[Side, Entry]]:
+    """The entries of each instant, left first; every instant has the same sides."""
+    entries = _entries(folder)
+    instants = [
+        {side: entry for side in SIDES for entry in group if entry.side == side}
+        for group in (list(group) for _, group in itertools.groupby(entries, key=lambda entry: entry.time_s))
+    ]
+    for instant in instants:
+        if tuple(instant) != tuple(instants[0]):
+            first = next(iter(instant.values()))
+            raise AutoexposeError(
+                f"{folder / LIST}: {first.file.name} has no partner at {first.time_s:g} s: give the images of one "
+                "instant the same time_s"
+            )
+    return instants
+
+
+def _entries(folder: Path) -> list[Entry]:
+    file = folder / LIST
+    try:
+        text = read_regular(file, _LONGEST_BYTES).decode(errors="replace")
+    except OSError as error:
+        raise AutoexposeError(f"{file}: cannot be read: {error.strerror}") from error
+    rows = csv.DictReader(io.StringIO(text))
+    if rows.fieldnames is None or not set(COLUMNS) <= set(rows.fieldnames):
+        raise AutoexposeError(f"{file}: its first line must name the columns {', '.join(COLUMNS)}")
+    entries: list[Entry] = []
+    for row in rows:
+        entry = _entry(folder, row)
+        if entry is None or (entries and entry.time_s < entries[-1].time_s):
+            wrong = "is earlier than the one before" if entry else f"needs {', '.join(COLUMNS)}, side left or right"
+            raise AutoexposeError(f"{file}: line {rows.line_num} {wrong}")
+        entries.append(entry)
+    if not entries:
+        raise AutoexposeError(f"{file}: names no image")
+    return entries
+
+
+def _entry(folder: Path, row: dict[str, str | None]) -> Entry | None:
+    """The entry of a row; None for one that is not an entry."""
+    try:
+        time_s, exposure_time_us, gain_db = (float(row[name] or "") for name in COLUMNS[2:])
+    except ValueError:
+        return None
+    side = next((side for side in SIDES if side == row["side"]), None)
+    setting = ExposureSetting(exposure_time_us, gain_db)
+    if side is None or not row["file"] or not math.isfinite(time_s) or not setting.is_physical:
+        return None
+    return Entry(folder / row["file"], side, time_s, setting)
+
+
+def _cycle(folder: Path, levels: list[float]) -> int:
+    """After how many shots the settings repeat."""
+    for cycle in range(2, MOST_SHOTS + 1):
+        if len(levels) > cycle and all(
+            abs(late - early) < SAME_STOPS for early, late in zip(levels, levels[cycle:], strict=False)
+        ):
+            return cycle
+    raise AutoexposeError(f"{folder / LIST}: its exposures do not repeat in cycles of 2 to {MOST_SHOTS} shots")
+
+
+def _response(folder: Path, side: Side) -> ResponseFunction:
+    file = folder / f"response-{side}.yaml"
+    return ResponseFile.load(file).response if file.exists() else ResponseFunction.linear()

@@ -1,0 +1,184 @@
+"""The command `autoexpose rejudge`."""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from collections.abc import Sequence
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from autoexpose_daemon.control.policies.ids import POLICY_IDS, check_policy_id
+from drivers.errors import AutoexposeError, ConfigurationError
+from evaluation.pool import over_processes
+from evaluation.progress import LongProgress
+from evaluation.rejudge.contest import Outcome, Round, document, follow_best_shots, play
+from evaluation.rejudge.drive import Drive
+from evaluation.rejudge.folder import read_folder
+from evaluation.rejudge.following import IN_HOUSE, check_odometry
+from evaluation.rejudge.recorded import read_recording
+from evaluation.rejudge.report import write_report
+from evaluation.rejudge.run import Figures
+from evaluation.rejudge.trajectory import Trajectory, read_tum
+
+SIDE_BY_SIDE = 3
+"""Policies in one round: reading is shared, and progress still shows."""
+
+
+def rejudge(
+    drive: Annotated[Path, typer.Argument(help="A recording by `record --bracket`, or a folder of images.")],
+    *,
+    policies: Annotated[str, typer.Option(help="Ids, separated by commas; or `all`.")] = "all",
+    odometry: Annotated[
+        str, typer.Option(help="`in-house`, `orbslam3`, or a command that gets a folder and writes a trajectory.")
+    ] = IN_HOUSE,
+    trajectory: Annotated[
+        Path | None, typer.Option(help="The true trajectory in TUM's format; by default that on the best shots.")
+    ] = None,
+    json_file: Annotated[Path | None, typer.Option("--json", help="Write the figures to this JSON file.")] = None,
+    report: Annotated[Path | None, typer.Option(help="Write a page with pictures to this HTML file.")] = None,
+    jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = len(os.sched_getaffinity(0)),
+) -> None:
+    """Take policies through a drive that was recorded in brackets, and say which one serves the robot best."""
+    chosen = _chosen(policies)
+    check_odometry(odometry)
+    for file in (json_file, report):
+        _check_writable(file)
+    truth = None if trajectory is None else read_tum(trajectory)
+    console = Console()
+    with console.status(f"reading {drive} ..."):
+        recorded = read_folder(drive) if drive.is_dir() else read_recording(drive)
+    _print_drive(recorded, console)
+    with tempfile.TemporaryDirectory(prefix="autoexpose-rejudge-") as folder:
+        if truth is None:
+            with console.status("following the camera on the best shots ..."):
+                truth = follow_best_shots(recorded, odometry, Path(folder))
+        else:
+            _check_fits(truth, recorded, trajectory)
+        outcomes = _play(Round(recorded, chosen, odometry, truth, Path(folder)), jobs, console)
+    figures = [outcome.figures for outcome in outcomes]
+    limits = recorded.setup.limits
+    result = document(figures, limits)
+    _print(figures, result["recommended"], console)
+    console.print(f"recommended for this drive, to paste into the configuration:\n\n{result['section']}", markup=False)
+    if json_file is not None:
+        json_file.write_text(json.dumps(result, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    if report is not None:
+        write_report(recorded, outcomes, result, report)
+        console.print(f"report: {report}")
+
+
+def _chosen(policies: str) -> list[str]:
+    """The requested ids, each once."""
+    if policies == "all":
+        return list(POLICY_IDS)
+    chosen = list(dict.fromkeys(policies.split(",")))
+    for policy in chosen:
+        check_policy_id(policy)
+    return chosen
+
+
+def _check_writable(file: Path | None) -> None:
+    if file is not None and (file.is_dir() or not os.access(file.absolute().parent, os.W_OK)):
+        raise ConfigurationError(f"{file}: cannot be written; name a file in an existing folder")
+
+
+def _check_fits(truth: Trajectory, drive: Drive, path: Path | None) -> None:
+    """Raise a ConfigurationError for a trajectory of another time."""
+    glimpses = drive.timeline.glimpses
+    known = sum(truth.at(glimpse.time_s) is not None for glimpse in glimpses)
+    if known < len(glimpses) / 2:
+        raise ConfigurationError(
+            f"{path}: covers {known} of the {len(glimpses)} pairs of the drive: its times are "
+            f"{truth.times_s[0]:.3f} to {truth.times_s[-1]:.3f} s, those of the drive {glimpses[0].time_s:.3f} to "
+            f"{glimpses[-1].time_s:.3f} s"
+        )
+
+
+def _print_drive(drive: Drive, console: Console) -> None:
+    timeline = drive.timeline
+    still = sum(timeline.still) / len(timeline.still)
+    jumps = timeline.sections[-1]
+    console.print(
+        f"{len(timeline.glimpses)} pairs in {drive.seconds:.1f} s, {timeline.cycle} to a cycle, "
+        f"{drive.missing} missing; "
+        f"a decision shows after {drive.delay_frames} pairs; {100 * still:.0f} % at rest; "
+        f"{jumps} {'jump' if jumps == 1 else 'jumps'} of the light",
+        highlight=False,
+    )
+    if len(drive.geometries) < 2:
+        console.print(
+            "no matches and no odometry: the recording has no calibrated pair of cameras; give "
+            "cameras.left.calibration and cameras.right.calibration when you record",
+            highlight=False,
+        )
+
+
+def _play(everyone: Round, jobs: int, console: Console) -> list[Outcome]:
+    policies = everyone.policies
+    rounds = [
+        replace(everyone, policies=policies[first : first + SIDE_BY_SIDE])
+        for first in range(0, len(policies), SIDE_BY_SIDE)
+    ]
+    found: dict[str, Outcome] = {}
+    try:
+        with LongProgress(console, 3600.0) as progress:
+            bar = progress.add_task("policies", total=len(policies))
+            with closing(over_processes(play, rounds, min(jobs, len(rounds)))) as finished:
+                for one, outcomes in finished:
+                    found |= {outcome.figures.policy: outcome for outcome in outcomes}
+                    progress.update(bar, advance=len(one.policies))
+    except KeyboardInterrupt:
+        raise AutoexposeError("stopped before all policies were judged: nothing was written") from None
+    return [found[policy] for policy in policies]
+
+
+def _print(figures: Sequence[Figures], best: str, console: Console) -> None:
+    table = Table(box=None, padding=(0, 1, 0, 0), pad_edge=False)
+    heads = (
+        "policy",
+        "RPE\nmm",
+        "lost",
+        "matches",
+        "M_g",
+        "satu-\nrated",
+        "black",
+        "time\nms",
+        "gain\ndB",
+        "far",
+        "blur",
+    )
+    for place, head in enumerate(heads):
+        table.add_column(head, justify="right" if place else "left", no_wrap=True)
+    for one in sorted(figures, key=_rank):
+        table.add_row(
+            f"[bold]{one.policy}[/]" if one.policy == best else one.policy,
+            _number(one.rpe_mm, 2), _percent(one.lost_share), _number(one.matches, 0), f"{one.metric:.3f}",
+            _percent(one.saturated_share), _percent(one.black_share), f"{one.exposure_time_us / 1e3:.2f}",
+            f"{one.gain_db:.1f}", _percent(one.far_share), f"x{one.blur_ratio:.1f}",
+        )  # fmt: skip
+    console.print(table)
+    console.print(
+        "far: pairs for which the bracket has no shot within a stop; blur: how much longer the shots were exposed than "
+        "the frames they stand for, which cannot be removed",
+        highlight=False,
+    )
+
+
+def _rank(one: Figures) -> tuple[float, float, float]:
+    return (one.rpe_mm if one.rpe_mm is not None else 0.0, -(one.matches or 0.0), -one.metric)
+
+
+def _number(value: float | None, decimals: int) -> str:
+    return "-" if value is None else f"{value:.{decimals}f}"
+
+
+def _percent(share: float | None) -> str:
+    return "-" if share is None else f"{100 * share:.0f} %"
