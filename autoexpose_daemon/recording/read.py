@@ -180,7 +180,7 @@ class Recording:
     def _image(self, side: Side, data: bytes, *, full_scale: bool) -> Step | None:
         if side not in self._infos or side in self._frames:
             raise ValueError(f"an image of the {side} camera without its exposure")
-        _, image = read_image(data)
+        stamp_ns, image = read_image(data)
         info = self._infos[side]
         self._frames[side] = frame_of(info, image, full_scale=full_scale)
         if len(self._frames) < (1 if info.alone else info.cameras):
@@ -197,7 +197,7 @@ class Recording:
         requests, self._requests = self._requests, ()
         steering, self._steering = self._steering, None
         calibrations, self._calibrations = self._calibrations, {}
-        given = angular_rate_rad_s, light_ahead, override, requests, steering, calibrations
+        given = angular_rate_rad_s, light_ahead, override, requests, steering, calibrations, stamp_ns
         return Step(info.sequence, info.cameras, pair, decision, *given)
 
     def _check_version(self, channel: Channel) -> None:

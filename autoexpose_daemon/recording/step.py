@@ -46,6 +46,8 @@ class Step:
         Where consumers were known to track; None: nothing was known.
     calibrations
         Geometry of the calibrated cameras, in CameraInfo; a replay needs none.
+    stamp_ns
+        Of a step that was read: the stamp of its messages, CLOCK_REALTIME.
     """
 
     sequence: int
@@ -58,6 +60,7 @@ class Step:
     requests: tuple[str, ...] = ()
     steering: Steering | None = None
     calibrations: Mapping[Side, CameraGeometry] = field(default_factory=dict)
+    stamp_ns: int = 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)

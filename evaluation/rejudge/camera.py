@@ -31,7 +31,7 @@ class Made:
     fused
         Whether it was made of several shots, of something that stands still.
     time_s
-        When what it shows was there, seconds on the host's clock.
+        When what it shows was there, seconds.
     """
 
     pair: StereoPair

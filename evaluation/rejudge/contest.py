@@ -20,7 +20,7 @@ from evaluation.rejudge.exposing import Exposer
 from evaluation.rejudge.following import Following
 from evaluation.rejudge.rectify import Rectifier
 from evaluation.rejudge.run import Figures, Judge, PolicyRun
-from evaluation.rejudge.trajectory import Trajectory, errors_mm
+from evaluation.rejudge.trajectory import Reference, Trajectory
 
 SURE = 2.0
 """An error is greater than the least one if they differ by so many standard errors, by the parts of the drive; those
@@ -48,7 +48,7 @@ class Round:
     drive: Drive
     policies: Sequence[str]
     odometry: str
-    reference: Trajectory | None
+    reference: Reference | None
     folder: Path
 
 
@@ -85,7 +85,7 @@ def play(one: Round) -> list[Outcome]:
     outcomes = []
     for run, seen, said in zip(runs, pictures, captions, strict=True):
         followed = run.judge.end()
-        parts_mm = () if one.reference is None or followed is None else errors_mm(one.reference, followed.trajectory)
+        parts_mm = [] if one.reference is None or followed is None else one.reference.errors_mm(followed.trajectory)
         outcomes.append(Outcome(run.figures(followed, parts_mm), run.levels, seen, said))
     return outcomes
 
@@ -160,8 +160,8 @@ def _judge(one: Round, name: str) -> Judge:
     if len(drive.geometries) < 2:
         return Judge(None, None)
     rectifier = Rectifier(drive.geometries, drive.shape)
-    interval_s = drive.seconds * drive.timeline.cycle / len(drive.timeline.glimpses)
-    return Judge(rectifier, Following(one.odometry, rectifier.camera, interval_s, one.folder).begin(name))
+    following = Following(one.odometry, rectifier.camera, drive.cycle_s, one.folder)
+    return Judge(rectifier, following.begin(name))
 
 
 def document(figures: Sequence[Figures], limits: ExposureLimits) -> dict[str, Any]:

@@ -56,6 +56,11 @@ class Drive:
         """From the first pair to the last."""
         return self.timeline.glimpses[-1].time_s - self.timeline.glimpses[0].time_s
 
+    @property
+    def cycle_s(self) -> float:
+        """Of the bracket: how often it shows what a policy wants."""
+        return self.seconds * self.timeline.cycle / (len(self.timeline.glimpses) - 1)
+
     def pairs(self) -> Iterator[tuple[int, Callable[[int], StereoPair]]]:
         """Each instant, with a function that gives the pairs that may stand for it, `Timeline.near`."""
         reach = REACH * self.timeline.cycle
@@ -77,7 +82,7 @@ class Drive:
 def watched(
     name: str,
     setup: ControlSetup,
-    seen: Iterable[tuple[StereoPair, Decision]],
+    seen: Iterable[tuple[StereoPair, Decision, float]],
     source: Callable[[], Iterator[StereoPair]],
     geometries: Mapping[Side, CameraGeometry],
 ) -> Drive:
@@ -88,7 +93,7 @@ def watched(
     name, setup, source, geometries
         As in `Drive`.
     seen
-        What `source` reads, and what was decided on each pair.
+        What `source` reads, what was decided on each pair, and when it was taken (s).
 
     Raises
     ------
@@ -99,11 +104,11 @@ def watched(
     assert bracket is not None, "a drive in brackets"
     cycle = bracket.exposures + bracket.keep
     watcher, glimpses, shape = Watcher(setup.responses, cycle), [], (0, 0)
-    for pair, decision in seen:
+    for pair, decision, time_s in seen:
         frame = pair.reference
         if frame.layout == "YUYV":
             raise AutoexposeError(f"{name}: frames of YUV422_8 cannot be exposed again: record Mono, Bayer or RGB8")
-        glimpses.append(watcher.look(pair, decision))
+        glimpses.append(watcher.look(pair, decision, time_s))
         shape = plane_shape((frame.pixels.shape[0], frame.pixels.shape[1]), frame.layout)
     needed = FEWEST_CYCLES * cycle
     if len(glimpses) < needed:

@@ -82,14 +82,14 @@ def read_folder(folder: Path) -> Drive:
     return watched(str(folder), setup, _decided(setup, source()), source, geometries)
 
 
-def _decided(setup: ControlSetup, pairs: Iterator[StereoPair]) -> Iterator[tuple[StereoPair, Decision]]:
+def _decided(setup: ControlSetup, pairs: Iterator[StereoPair]) -> Iterator[tuple[StereoPair, Decision, float]]:
     """Pairs with what control sees of them; the decision itself is the setting that the next one has."""
     loop: ControlLoop = setup.of_policy("fixed").loop()
-    former: tuple[StereoPair, Decision] | None = None
+    former: tuple[StereoPair, Decision, float] | None = None
     for pair in pairs:
         if former is not None:
-            yield former[0], replace(former[1], setting=pair.reference.setting)
-        former = pair, loop.step(pair)
+            yield former[0], replace(former[1], setting=pair.reference.setting), former[2]
+        former = pair, loop.step(pair), pair.reference.host_time_ns * 1e-9
     if former is not None:
         yield former
 

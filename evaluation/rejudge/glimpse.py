@@ -38,7 +38,7 @@ class Glimpse:
     trigger
         Its trigger.
     time_s
-        The middle of the reference frame's exposure, seconds, on the host's clock.
+        When it was taken, seconds.
     setting
         Of the reference frame.
     motion_px
@@ -100,8 +100,8 @@ class Watcher:
         self._full = {side: response.saturation for side, response in responses.items()}
         self._before: deque[tuple[float, dict[Side, NDArray[np.float32]]]] = deque(maxlen=cycle)
 
-    def look(self, pair: StereoPair, decision: Decision) -> Glimpse:
-        """The glimpse of the next pair."""
+    def look(self, pair: StereoPair, decision: Decision, time_s: float) -> Glimpse:
+        """The glimpse of the next pair, of a time."""
         shares = {side: self._seen(side, frame.grey8()) for side, frame in pair.frames.items()}
         level = pair.reference.setting.level
         repeats = None
@@ -116,7 +116,7 @@ class Watcher:
         frame = pair.reference
         return Glimpse(
             pair.trigger,
-            frame.host_time_ns * 1e-9 + frame.setting.exposure_time_us / 2e6,
+            time_s,
             frame.setting,
             decision.motion_px,
             decision.metric,

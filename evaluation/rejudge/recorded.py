@@ -30,10 +30,10 @@ def read_recording(path: Path) -> Drive:
         raise RecordingError(f"{path}: was not recorded in brackets: record the drive with `record --bracket`")
     geometries: dict[Side, CameraGeometry] = {}
 
-    def seen() -> Iterator[tuple[StereoPair, Decision]]:
+    def seen() -> Iterator[tuple[StereoPair, Decision, float]]:
         for step in _steps(path, bracket):
             geometries.update(step.calibrations)
-            yield step.pair, step.decision
+            yield step.pair, step.decision, step.stamp_ns * 1e-9
 
     return watched(str(path), setup, seen(), partial(_pairs, path, bracket), geometries)
 

@@ -26,7 +26,7 @@ from evaluation.rejudge.following import IN_HOUSE, check_odometry
 from evaluation.rejudge.recorded import read_recording
 from evaluation.rejudge.report import write_report
 from evaluation.rejudge.run import Figures
-from evaluation.rejudge.trajectory import Trajectory, read_tum
+from evaluation.rejudge.trajectory import Reference, Trajectory, read_tum
 
 SIDE_BY_SIDE = 3
 """Policies in one round: reading is shared, and progress still shows."""
@@ -62,7 +62,8 @@ def rejudge(
                 truth = follow_best_shots(recorded, odometry, Path(folder))
         else:
             _check_fits(truth, recorded, trajectory)
-        outcomes = _play(Round(recorded, chosen, odometry, truth, Path(folder)), jobs, console)
+        reference = None if truth is None else Reference.of(truth, recorded.cycle_s)
+        outcomes = _play(Round(recorded, chosen, odometry, reference, Path(folder)), jobs, console)
     figures = [outcome.figures for outcome in outcomes]
     limits = recorded.setup.limits
     result = document(figures, limits)

@@ -19,11 +19,11 @@ from evaluation.odometry.errors import SUB_TRAJECTORY_M, relative_errors_mm
 LONGEST_GAP_S = 1.0
 """Poses farther apart than this say nothing about the time between them."""
 
-PARTS = 8
-"""Of a drive: their errors tell how sure a difference is."""
+MOST_PARTS, PART_LENGTHS = 8, 4.0
+"""A drive is divided into parts of at least so many sub-trajectories."""
 
 FEWEST_LENGTHS = 2.0
-"""A part in which the camera moves by fewer sub-trajectories has no error."""
+"""A part in which the camera moves by fewer has no error."""
 
 LENGTH_STEPS = 2.5
 """A sub-trajectory is at least as long as the camera moves in this many steps, else no two poses are one apart."""
@@ -63,27 +63,43 @@ class Trajectory:
         return _between(self.poses[after - 1], self.poses[after], (time_s - begin_s) / (end_s - begin_s))
 
 
-def errors_mm(reference: Trajectory, estimate: Trajectory) -> tuple[float, ...]:
-    """Mean translation RPE of an estimate in each of `PARTS` parts of a drive, mm; NaN where nothing moved.
+@dataclass(frozen=True, slots=True, eq=False)
+class Reference:
+    """The trajectory that others are compared with, and how.
 
-    Over sub-trajectories of 20 mm, longer ones where the camera moves farther between poses.
+    Attributes
+    ----------
+    trajectory
+        The true one, or the best known.
+    length_m
+        Of sub-trajectories: 20 mm, longer where the camera moves farther between pairs.
+    parts
+        Into how many parts of equal time a drive is divided, so that their errors tell how sure a difference is.
     """
-    begin_s, end_s = float(reference.times_s[0]), float(reference.times_s[-1])
-    truth = [reference.at(float(time_s)) for time_s in estimate.times_s]
-    steps_m = [_apart_m(a, b) for a, b in pairwise(truth) if a is not None and b is not None]
-    length_m = max(SUB_TRAJECTORY_M, LENGTH_STEPS * float(np.median(steps_m or [0.0])))
-    part_s = (end_s - begin_s) / PARTS
-    return tuple(
-        _error_mm(
-            [
-                (true, found)
-                for time_s, true, found in zip(estimate.times_s, truth, estimate.poses, strict=True)
-                if true is not None and part * part_s <= time_s - begin_s < (part + 1) * part_s
-            ],
-            length_m,
-        )
-        for part in range(PARTS)
-    )
+
+    trajectory: Trajectory
+    length_m: float
+    parts: int
+
+    @classmethod
+    def of(cls, trajectory: Trajectory, interval_s: float) -> Reference:
+        """For estimates with a pose about every `interval_s`."""
+        times_s = np.arange(trajectory.times_s[0], trajectory.times_s[-1], interval_s)
+        poses = [trajectory.at(float(time_s)) for time_s in times_s]
+        steps_m = [_apart_m(a, b) for a, b in pairwise(poses) if a is not None and b is not None]
+        length_m = max(SUB_TRAJECTORY_M, LENGTH_STEPS * float(np.median(steps_m or [0.0])))
+        return cls(trajectory, length_m, min(max(int(sum(steps_m) / (PART_LENGTHS * length_m)), 1), MOST_PARTS))
+
+    def errors_mm(self, estimate: Trajectory) -> list[float]:
+        """Mean translation RPE of an estimate in each part, mm; NaN where too little is known, or nothing moved."""
+        begin_s, end_s = float(self.trajectory.times_s[0]), float(self.trajectory.times_s[-1])
+        part_s = (end_s - begin_s) / self.parts * (1 + 1e-9)
+        known: list[list[tuple[NDArray[np.float64], NDArray[np.float64]]]] = [[] for _ in range(self.parts)]
+        for time_s, found in zip(estimate.times_s, estimate.poses, strict=True):
+            true = self.trajectory.at(float(time_s))
+            if true is not None:
+                known[int((time_s - begin_s) / part_s)].append((true, found))
+        return [_error_mm(part, self.length_m) for part in known]
 
 
 def _error_mm(known: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]], length_m: float) -> float:

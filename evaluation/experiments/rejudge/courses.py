@@ -11,11 +11,12 @@ import numpy as np
 from autoexpose_daemon.control.parameters import Bracketing
 from drivers.exposure import ExposureSetting
 from evaluation.arena.race import course_of
-from evaluation.experiments.rejudge.rehearsal import Compared, driven, record, rejudged, true_trajectory
+from evaluation.experiments.rejudge.rehearsal import Compared, driven, record, rejudged, truth
 from evaluation.odometry.lap import Light, odometry_stage
 from evaluation.rejudge.contest import exposers
 from evaluation.rejudge.exposing import Exposer
 from evaluation.rejudge.exposing import Light as LightSeen
+from evaluation.rejudge.trajectory import Reference
 from evaluation.scenes.scenarios import RATE_HZ
 from evaluation.stage.camera import Image, time_first
 from evaluation.stage.rendering import Stage
@@ -30,9 +31,9 @@ REPEATS = 12
 def measure_lap(*, light: Light, room: int, frames: int, policies: list[str]) -> dict[str, Any]:
     """Policies on one lap through a room, rejudged and driven."""
     stage = odometry_stage(light, room, room, 0)
-    truth = true_trajectory(stage, frames / RATE_HZ)
     drive = record(stage, frames, Bracketing())
-    return _both(rejudged(drive, policies, truth), driven(stage, drive, policies, truth))
+    reference = Reference.of(truth(stage, frames / RATE_HZ), drive.cycle_s)
+    return _both(rejudged(drive, policies, reference), driven(stage, drive, policies, reference))
 
 
 def measure_scenario(*, scenario: str, scene: str, seed: int, frames: int, policies: list[str]) -> dict[str, Any]:

@@ -21,7 +21,7 @@ from evaluation.rejudge.drive import Drive, watched
 from evaluation.rejudge.following import IN_HOUSE, Following
 from evaluation.rejudge.rectify import Rectifier
 from evaluation.rejudge.run import Figures, Judge, PolicyRun
-from evaluation.rejudge.trajectory import Trajectory, errors_mm
+from evaluation.rejudge.trajectory import Reference, Trajectory
 from evaluation.scenes.scenarios import RATE_HZ
 from evaluation.stage.camera import LIMITS
 from evaluation.stage.delayed_loop import DelayedLoop
@@ -55,22 +55,24 @@ def record(stage: Stage, frames: int, bracketing: Bracketing) -> Drive:
     setup = simulated_setup(bracketing)
     delayed = DelayedLoop(setup.loop(), DELAY_FRAMES)
     pairs: list[StereoPair] = []
+    times_s: list[float] = []
     for number in range(frames):
         stage.go_to(number)
         pair = delayed.step(stage.take)
         copies = {side: replace(frame, pixels=frame.pixels.copy()) for side, frame in pair.frames.items()}
         pairs.append(StereoPair(pair.trigger, copies))
-    seen = zip(pairs, delayed.decisions, strict=True)
+        times_s.append(stage.start_s(number) + pair.reference.setting.exposure_time_us / 2e6)
+    seen = zip(pairs, delayed.decisions, times_s, strict=True)
     return watched("rehearsal", setup, seen, lambda: iter(pairs), simulated_geometries())
 
 
-def rejudged(drive: Drive, policies: Sequence[str], reference: Trajectory | None) -> list[Compared]:
+def rejudged(drive: Drive, policies: Sequence[str], reference: Reference | None) -> list[Compared]:
     """The policies on the recorded drive."""
     outcomes = play(Round(drive, policies, IN_HOUSE, reference, Path()))
     return [Compared(outcome.figures, outcome.levels) for outcome in outcomes]
 
 
-def driven(stage: Stage, drive: Drive, policies: Sequence[str], reference: Trajectory | None) -> list[Compared]:
+def driven(stage: Stage, drive: Drive, policies: Sequence[str], reference: Reference | None) -> list[Compared]:
     """The policies on drives of their own, judged as often as the recorded one."""
     rectifier = Rectifier(drive.geometries, drive.shape)
     cycle = drive.timeline.cycle
@@ -92,12 +94,12 @@ def driven(stage: Stage, drive: Drive, policies: Sequence[str], reference: Traje
     found = []
     for run in runs:
         followed = run.judge.end()
-        parts_mm = () if reference is None or followed is None else errors_mm(reference, followed.trajectory)
+        parts_mm = [] if reference is None or followed is None else reference.errors_mm(followed.trajectory)
         found.append(Compared(run.figures(followed, parts_mm), run.levels))
     return found
 
 
-def true_trajectory(stage: Stage, seconds: float) -> Trajectory:
+def truth(stage: Stage, seconds: float) -> Trajectory:
     """Where the left camera of a room really is."""
     view = stage.views["left"]
     assert isinstance(view, RoomView)

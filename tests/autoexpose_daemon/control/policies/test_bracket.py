@@ -1,0 +1,100 @@
+"""Brackets in closed loop and virtual time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from autoexpose_daemon.control.decision import Decision
+from autoexpose_daemon.control.loop import ControlLoop
+from autoexpose_daemon.control.parameters import Bracketing, ControlParameters
+from autoexpose_daemon.control.policies.bracket import KEPT
+from calibration.response import ResponseFunction
+from drivers.errors import ConfigurationError
+from drivers.exposure import ExposureLimits, ExposureSetting
+from drivers.frames import StereoPair
+from tests.autoexpose_daemon.control.scene import expose, radiance
+
+LIMITS = ExposureLimits(20.0, 7500.0, 0.0, 30.0)
+START = ExposureSetting(1000.0, 0.0)
+SCENE = radiance(1, 1.2, (136, 180))
+Light = Callable[[int], float]
+
+
+def drive(
+    bracketing: Bracketing, light: Light, frames: int, policy: str = "neves2009"
+) -> tuple[ControlLoop, list[Decision]]:
+    """What is decided on frames in a light (stops) with two frames of delay."""
+    loop = ControlLoop(policy, ResponseFunction.linear(), LIMITS, START, ControlParameters(bracket=bracketing))
+    settings, decisions = [START, START], []
+    for number in range(frames):
+        frame = expose(SCENE, settings[number], light(number))
+        decisions.append(loop.step(StereoPair(number, {"left": frame})))
+        settings.append(decisions[-1].setting)
+    return loop, decisions
+
+
+@pytest.mark.parametrize(("exposures", "range_stops"), [(6, 6.0), (4, 4.0), (5, 8.0), (2, 1.0)])
+def test_a_cycle_goes_once_through_an_even_ladder(exposures: int, range_stops: float) -> None:
+    _, decisions = drive(Bracketing(exposures, range_stops), lambda _: 13.0, 12 * exposures)
+    last = [decision.level for decision in decisions[-exposures:]]
+    assert np.allclose(np.diff(sorted(last)), range_stops / (exposures - 1))
+    assert [decision.level for decision in decisions[-2 * exposures : -exposures]] == last
+    neighbours = np.abs(np.diff([*last, last[0]]))
+    assert neighbours.max() <= 2 * range_stops / (exposures - 1) + 1e-9  # never from one end to the other
+
+
+@pytest.mark.parametrize("jump", [-9.0, -3.0, 3.0, 9.0])
+def test_the_ladder_finds_the_light_again_after_a_jump(jump: float) -> None:
+    """Within five cycles, as in light that was always so."""
+    _, decisions = drive(Bracketing(), lambda number: 14.0 + (jump if number >= 60 else 0.0), 120)
+    _, steady = drive(Bracketing(), lambda _: 14.0 + jump, 120)
+    ladders = [sorted(decision.level for decision in each[-6:]) for each in (decisions[:96], steady)]
+    assert np.abs(np.subtract(*ladders)).max() < 0.7
+
+
+def test_the_ladder_stays_within_what_the_camera_can_do() -> None:
+    for light in (-5.0, 40.0):
+        _, decisions = drive(Bracketing(), lambda _, light=light: light, 60)  # type: ignore[misc]
+        assert all(LIMITS.contain(decision.setting) for decision in decisions)
+        assert len({round(decision.level, 6) for decision in decisions[-6:]}) == 6
+
+
+def test_shots_take_gain_before_they_take_long() -> None:
+    _, decisions = drive(Bracketing(), lambda _: 10.0, 60)
+    for decision in decisions[-6:]:
+        assert decision.setting.exposure_time_us <= 1500.0 or decision.setting.gain_db == LIMITS.max_gain_db
+
+
+def test_one_frame_of_a_cycle_can_be_the_policys() -> None:
+    _, decisions = drive(Bracketing(4, 4.0, keep=True), lambda _: 13.0, 100, "neves2009")
+    kept = [number for number, decision in enumerate(decisions) if decision.reason.startswith(KEPT)]
+    assert kept == list(range(4, 100, 5))
+    alone = ControlLoop("neves2009", ResponseFunction.linear(), LIMITS, START)
+    settings, levels = [START, START], []
+    for number in range(40):
+        decided = alone.step(StereoPair(number, {"left": expose(SCENE, settings[number], 13.0)}))
+        settings.append(decided.setting)
+        levels.append(decided.level)
+    assert decisions[kept[-1]].level == pytest.approx(levels[-1], abs=0.1)
+
+
+def test_a_snapshot_goes_on_in_the_middle_of_a_cycle() -> None:
+    bracketing = Bracketing(4, 4.0, keep=True)
+    loop, _ = drive(bracketing, lambda _: 13.0, 33)
+    again = loop.setup.loop()
+    again.restore(loop.state())
+    for number in range(33, 45):
+        pair = StereoPair(number, {"left": expose(SCENE, START, 13.0 + 0.1 * number)})
+        assert again.step(pair) == loop.step(pair)
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [((1, 6.0), "exposures is 1: give 2 to 12"), ((6, 40.0), "range_stops is 40: give 1 to 16 stops")],
+)
+def test_brackets_that_make_no_sense_are_refused(given: tuple[int, float], words: str) -> None:
+    with pytest.raises(ConfigurationError, match=words):
+        Bracketing(*given)

@@ -1,0 +1,215 @@
+from __future__ import annotations
+
+import itertools
+import json
+import shutil
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import typer
+from typer.testing import CliRunner, Result
+
+from autoexpose_daemon.recording.replay_report import report_replay
+from calibration.geometry.ros import ros_yaml
+from drivers.errors import AutoexposeError
+from evaluation.odometry.lap import lap
+from evaluation.rejudge.contest import recommended
+from evaluation.rejudge.recorded import read_recording
+from evaluation.rejudge.rejudge_app import rejudge
+from evaluation.rejudge.run import Figures
+from evaluation.rejudge.trajectory import Reference, Trajectory, read_tum, tum
+from tests.evaluation.rejudge.conftest import BEGIN_S, FRAMES
+
+app = typer.Typer()
+app.command()(rejudge)
+
+QUICK = ("--policies", "neves2009", "--jobs", "1")
+FIRST_STEADY = 8
+"""From this shot on the ladder of the drive stays where it is."""
+
+
+def run(*arguments: object) -> Result:
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+def said(*arguments: object) -> str:
+    """What a command that fails says."""
+    outcome = run(*arguments)
+    assert isinstance(outcome.exception, AutoexposeError), outcome.output
+    return str(outcome.exception)
+
+
+def true_trajectory() -> Trajectory:
+    times_s = np.arange(BEGIN_S - 0.1, BEGIN_S + FRAMES / 60 + 0.1, 0.005)
+    path = lap(1)
+    return Trajectory(times_s, np.array([path.pose(float(time_s)) for time_s in times_s]))
+
+
+def of_the_drive(trajectory: Trajectory, drive_file: Path) -> Trajectory:
+    """With the times of the recording, which was stamped when it was written."""
+    first = read_recording(drive_file).timeline.glimpses[0]
+    begin_s = BEGIN_S + first.setting.exposure_time_us / 2e6
+    return Trajectory(trajectory.times_s - begin_s + first.time_s, trajectory.poses)
+
+
+def test_policies_are_judged_and_one_is_recommended(drive_file: Path, tmp_path: Path) -> None:
+    truth, page, figures = tmp_path / "true.tum", tmp_path / "page.html", tmp_path / "figures.json"
+    truth.write_text(tum(of_the_drive(true_trajectory(), drive_file)))
+    outcome = run(
+        drive_file,
+        "--policies",
+        "fixed,neves2009",
+        "--jobs",
+        "1",
+        "--trajectory",
+        truth,
+        "--json",
+        figures,
+        "--report",
+        page,
+    )
+    assert outcome.exit_code == 0, outcome.exception
+    assert "36 pairs in 0.6 s, 4 to a cycle, 0 missing" in outcome.output.replace("\n", " ")
+    written = json.loads(figures.read_text())
+    assert [one["policy"] for one in written["policies"]] == ["fixed", "neves2009"]
+    for one in written["policies"]:
+        assert 0.05 < one["metric"] < 0.5
+        assert one["matches"] > 30
+        assert 0.0 < one["rpe_mm"] < 10.0
+    assert written["recommended"] in written["section"]
+    assert written["section"] in outcome.output
+    text = page.read_text()
+    assert text.count("<img") == 12
+    assert "http" not in text
+
+
+def test_the_users_own_program_follows_the_camera(drive_file: Path, tmp_path: Path) -> None:
+    slam = tmp_path / "slam.py"
+    slam.write_text(
+        "import pathlib, sys\n"
+        "folder, written = map(pathlib.Path, sys.argv[-2:])\n"
+        "times = (folder / 'times.txt').read_text().split()\n"
+        "assert len(list((folder / 'left').iterdir())) == len(list((folder / 'right').iterdir())) == len(times)\n"
+        "assert 'focal_px: 860.0' in (folder / 'camera.yaml').read_text()\n"
+        "written.write_text(''.join(f'{time} {i / 100} 0 0 0 0 0 1\\n' for i, time in enumerate(times)))\n"
+    )
+    outcome = run(drive_file, *QUICK, "--odometry", f"{sys.executable} {slam}", "--json", tmp_path / "f.json")
+    assert outcome.exit_code == 0, outcome.exception
+    assert all(one["lost_share"] == 0.0 for one in json.loads((tmp_path / "f.json").read_text())["policies"])
+
+
+@pytest.mark.parametrize(
+    ("code", "words"),
+    [
+        ("import sys; sys.exit('no vocabulary')", "failed with exit code 1: no vocabulary"),
+        ("pass", "did not write the trajectory that its last argument names"),
+        ("import sys; open(sys.argv[-1], 'w').write('1 2 3')", "line 1 is not `time x y z qx qy qz qw`"),
+        (
+            "import sys; open(sys.argv[-1], 'w').write('1 0 0 0 0 0 0 1\\n2 0 0 0 0 0 0 1')",
+            "is not of this drive: its times are 1.000 to 2.000 s",
+        ),
+    ],
+)
+def test_a_program_that_fails_is_named(drive_file: Path, tmp_path: Path, code: str, words: str) -> None:
+    slam = tmp_path / "slam.py"
+    slam.write_text(code)
+    assert words in said(drive_file, *QUICK, "--odometry", f"{sys.executable} {slam}")
+
+
+def test_what_cannot_be_judged_is_refused_in_a_sentence(drive_file: Path, tmp_path: Path) -> None:
+    damaged, short, text = tmp_path / "damaged.mcap", tmp_path / "short.mcap", tmp_path / "text.mcap"
+    content = drive_file.read_bytes()
+    damaged.write_bytes(content[: len(content) // 2] + bytes(1000) + content[len(content) // 2 + 1000 :])
+    short.write_bytes(content[: len(content) // 6])
+    text.write_text("not a recording")
+    assert "is damaged" in said(damaged, *QUICK)
+    assert "complete pairs: record" in said(short, *QUICK) or "give at least 12" in said(short, *QUICK)
+    assert "is not an MCAP file" in said(text, *QUICK)
+    assert "cannot be read: No such file" in said(tmp_path / "none.mcap", *QUICK)
+    assert "there is no policy 'fishy'" in said(drive_file, "--policies", "fishy")
+    assert "no-such-slam is no program" in said(drive_file, *QUICK, "--odometry", "no-such-slam --fast")
+    assert "cannot be written" in said(drive_file, *QUICK, "--json", tmp_path / "none" / "f.json")
+
+
+def test_a_trajectory_of_another_time_is_refused(drive_file: Path, tmp_path: Path) -> None:
+    later = of_the_drive(true_trajectory(), drive_file)
+    file = tmp_path / "later.tum"
+    file.write_text(tum(Trajectory(later.times_s + 1e6, later.poses)))
+    assert "covers 0 of the 36 pairs of the drive" in said(drive_file, *QUICK, "--trajectory", file)
+
+
+def test_a_recording_without_brackets_is_refused(
+    drive_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    setup = read_recording(drive_file).setup
+    monkeypatch.setattr("evaluation.rejudge.recorded._setup", lambda _path: setup.of_policy("fixed"))
+    assert "was not recorded in brackets: record the drive with `record --bracket`" in said(drive_file, *QUICK)
+
+
+def test_a_bracketed_recording_replays_bit_for_bit_and_through_another_policy(drive_file: Path) -> None:
+    lines: list[str] = []
+    assert report_replay(drive_file, None, lines.append)
+    assert "of which 35 are bit for bit as recorded" in "\n".join(lines)
+    assert report_replay(drive_file, "neves2009", lines.append)
+
+
+def test_a_folder_of_images_is_judged_as_its_recording_is(drive_file: Path, tmp_path: Path) -> None:
+    drive = read_recording(drive_file)
+    rows = ["file,side,time_s,exposure_time_us,gain_db"]
+    for number, pair in itertools.islice(enumerate(drive.source()), FIRST_STEADY, FIRST_STEADY + 14):
+        for side, frame in pair.frames.items():
+            cv2.imwrite(str(tmp_path / f"{side}{number}.png"), frame.pixels, [cv2.IMWRITE_PNG_COMPRESSION, 1])
+            setting = frame.setting
+            rows.append(f"{side}{number}.png,{side},{number / 60},{setting.exposure_time_us},{setting.gain_db}")
+    (tmp_path / "frames.csv").write_text("\n".join(rows))
+    for side, geometry in drive.geometries.items():
+        (tmp_path / f"{side}.yaml").write_text(ros_yaml(geometry, side))
+    outcome = run(tmp_path, *QUICK, "--json", tmp_path / "f.json")
+    assert outcome.exit_code == 0, outcome.exception
+    assert all(one["matches"] > 30 for one in json.loads((tmp_path / "f.json").read_text())["policies"])
+
+    (tmp_path / "left20.png").unlink()
+    assert "left20.png: is no image that can be read" in said(tmp_path, *QUICK)
+    (tmp_path / "frames.csv").write_text("\n".join(rows[:-1]))
+    assert "has no partner" in said(tmp_path, *QUICK)
+    (tmp_path / "frames.csv").write_text("\n".join([*rows[:2], "x.png,up,1,2,3"]))
+    assert "line 3 needs file, side, time_s" in said(tmp_path, *QUICK)
+    (tmp_path / "frames.csv").write_text("a,b\n1,2")
+    assert "must name the columns" in said(tmp_path, *QUICK)
+    shutil.rmtree(tmp_path)
+    tmp_path.mkdir()
+    assert "frames.csv: cannot be read" in said(tmp_path, *QUICK)
+
+
+def figures(policy: str, rpe_mm: list[float | None], matches: float, lost_share: float = 0.0) -> Figures:
+    known = [error_mm for error_mm in rpe_mm if error_mm is not None]
+    mean = float(np.mean(known)) if known else None
+    return Figures(policy, 0.2, 0.1, 0.1, matches, mean, rpe_mm, lost_share, 1000.0, 0.0, 0.0, 1.0)
+
+
+def test_who_is_recommended() -> None:
+    good, alike = figures("good", [1.0, 1.2, 0.9, 1.1], 100.0), figures("alike", [1.5, 0.7, 1.2, 1.1], 120.0)
+    worse, lost = figures("worse", [2.0, 2.2, 1.9, 2.3], 300.0), figures("lost", [0.1, 0.1, 0.1, 0.1], 300.0, 0.2)
+    assert recommended([good, worse, lost]) == "good"
+    assert recommended([good, alike, worse]) == "alike"
+    assert recommended([figures("a", [None], 10.0), figures("b", [None], 11.0)]) == "b"
+
+
+def test_trajectories_are_written_read_and_compared(tmp_path: Path) -> None:
+    truth = true_trajectory()
+    (tmp_path / "t.tum").write_text("# a comment\n" + tum(truth))
+    again = read_tum(tmp_path / "t.tum")
+    assert np.allclose(again.poses, truth.poses, atol=1e-6)
+    moved = np.linalg.inv(truth.poses[0]) @ truth.poses
+    reference = Reference.of(truth, 1 / 15)
+    assert reference.length_m == 0.02
+    assert max(reference.errors_mm(Trajectory(truth.times_s, moved))) < 1e-6
+    scaled = moved.copy()
+    scaled[:, :3, 3] *= 1.1
+    assert np.mean(reference.errors_mm(Trajectory(truth.times_s, scaled))) == pytest.approx(2.0, rel=0.2)
+    between = (truth.times_s[0] + truth.times_s[1]) / 2
+    assert np.allclose(truth.at(between), (truth.poses[0] + truth.poses[1]) / 2, atol=1e-5)
+    assert truth.at(0.0) is None
