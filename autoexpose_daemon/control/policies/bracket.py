@@ -47,8 +47,8 @@ class Seen:
 class Bracket(ExposurePolicy):
     """Takes the shots of a ladder of exposure levels in turn; one frame of each cycle may belong to a policy.
 
-    The shots are evenly spread, in an order that keeps neighbours on the ladder near each other in time. The ladder moves
-    at the start of a cycle, if the light has changed by half a stop.
+    The shots are evenly spread, in an order that keeps neighbours on the ladder near each other in time. The ladder
+    moves at the start of a cycle, if the light has changed by half a stop.
 
     Parameters
     ----------
