@@ -80,7 +80,8 @@ def report(run: Run, console: Console) -> None:
         When the daemon's account of triggers disagrees with the wire's.
     """
     options = run.options
-    steps = light_steps(run.pulses, run.step_log.steps)
+    # A bracket settles nowhere.
+    steps = [] if options.bracket else light_steps(run.pulses, run.step_log.steps)
     result = figures(run, steps)
     console.print(in_words(result, steps))
     if options.summary is not None:
@@ -90,6 +91,8 @@ def report(run: Run, console: Console) -> None:
 
         draw(options.plot, run, steps)
         console.print(f"picture of the run: {options.plot}")
+    if options.bracket:
+        console.print(f"next: autoexpose rejudge {options.record}", highlight=False)
     check_account(result)
 
 
