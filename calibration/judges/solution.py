@@ -77,12 +77,16 @@ def _odd_exposure(tones: Tones, response: ResponseFunction) -> Finding | None:
     inside = (tones.greys > greys[0] + tones.middle) & (tones.greys < greys[-1] + tones.middle)
     stops = np.interp(tones.greys - tones.middle, greys, response.log2_exposure[greys]) - tones.levels[:, None]
     stops = np.where(inside & (inside.sum(axis=0) >= 2), stops, np.nan)
-    known = np.isfinite(stops).sum(axis=1) >= 3
-    if not known.any():
-        return None
     radiance = np.full(stops.shape[1], np.nan)
     seen = np.isfinite(stops).any(axis=0)
     radiance[seen] = np.nanmedian(stops[:, seen], axis=0)
+    # Groups that should be outside, and are inside by their noise alone, would all be too bright.
+    expected = radiance + tones.levels[:, None]
+    low, high = response.log2_exposure[greys[[0, -1]]]
+    stops = np.where((expected > low) & (expected < high), stops, np.nan)
+    known = np.isfinite(stops).sum(axis=1) >= 3
+    if not known.any():
+        return None
     errors = np.array([np.nanmedian(row - radiance) if seen else 0.0 for row, seen in zip(stops, known, strict=True)])
     worst = int(np.argmax(np.abs(errors)))
     if abs(errors[worst]) <= ODD_EXPOSURE_STOPS:

@@ -21,3 +21,8 @@ def test_the_stated_error_covers_the_true_one(seed: int, kind: Kind) -> None:
     result = scored(seed, simulated(seed, kind))
     assert result.covered
     assert (result.verdict == "refused") == (kind == "proportion")
+
+
+def test_groups_that_only_noise_lifts_out_of_the_dark_make_no_exposure_odd() -> None:
+    """Of a uniform scene behind a gamma, the darkest exposures show a few groups of pixels, all by their noise."""
+    assert scored(200_010, simulated(200_010)).verdict != "refused"
