@@ -13,7 +13,7 @@ COMPILER := gcc libc6-dev python3-dev
 DEMO_PACKAGES := gir1.2-aravis-0.8 python3-gi python3-venv libusb-1.0-0 $(COMPILER)
 TEST_PACKAGES := $(DEMO_PACKAGES) aravis-tools-cli aravis-tools tshark usbutils chromium systemd openssl
 ROSIDL := cmake rosidl-tools rosidl-generator-c-cpp python3-ament-index
-ACCEPT_PACKAGES := fastddsgen default-jre-headless libfastrtps-dev g++ prometheus $(ROSIDL)
+ACCEPT_PACKAGES := gstreamer1.0-tools gstreamer1.0-plugins-base fastddsgen default-jre-headless libfastrtps-dev g++ prometheus $(ROSIDL)
 KERNEL_PACKAGES := qemu-system-x86 kmod udev usbip
 ROBOT_PACKAGES := $(DEMO_PACKAGES) udev
 
