@@ -106,12 +106,12 @@ def _check_fits(truth: Trajectory, drive: Drive, path: Path | None) -> None:
 def _print_drive(drive: Drive, console: Console) -> None:
     timeline = drive.timeline
     still = sum(timeline.still) / len(timeline.still)
-    jumps = timeline.sections[-1]
+    moved_px, jumps = timeline.cycle_motion_px, timeline.sections[-1]
+    moved = "" if moved_px is None else f", else {moved_px:.0f} pixels to a cycle"
     console.print(
         f"{len(timeline.glimpses)} pairs in {drive.seconds:.1f} s, {timeline.cycle} to a cycle, "
-        f"{drive.missing} missing; "
-        f"a decision shows after {drive.delay_frames} pairs; {100 * still:.0f} % at rest; "
-        f"{jumps} {'jump' if jumps == 1 else 'jumps'} of the light",
+        f"{drive.missing} missing; a decision shows after {drive.delay_frames} pairs; {100 * still:.0f} % at "
+        f"rest{moved}; {jumps} {'jump' if jumps == 1 else 'jumps'} of the light",
         highlight=False,
     )
     if len(drive.geometries) < 2:

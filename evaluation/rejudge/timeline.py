@@ -102,6 +102,15 @@ class Timeline:
             return 0.0
         return float(np.median([self.glimpses[shot].motion_px for shot in self.around(number)]))
 
+    @property
+    def cycle_motion_px(self) -> float | None:
+        """By how much the image moves from one cycle to the next, in the median of the time in motion; None: at rest.
+
+        At a constant rate of 60 Hz; a pair that stands for another may be off by as much.
+        """
+        moving = [glimpse.motion_px for glimpse, still in zip(self.glimpses, self.still, strict=True) if not still]
+        return self.cycle * float(np.median(moving)) if moving else None
+
 
 def _still(glimpses: Sequence[Glimpse], cycle: int, sections: Sequence[int]) -> Iterator[bool]:
     """For each shot, whether those of half a cycle before and after it repeat what others of their light show."""
