@@ -160,7 +160,7 @@ def _judge(one: Round, name: str) -> Judge:
     if len(drive.geometries) < 2:
         return Judge(None, None)
     rectifier = Rectifier(drive.geometries, drive.shape)
-    following = Following(one.odometry, rectifier.camera, drive.cycle_s, one.folder)
+    following = Following(one.odometry, rectifier.camera, drive.timeline.cycle_s, one.folder)
     return Judge(rectifier, following.begin(name))
 
 

@@ -56,11 +56,6 @@ class Drive:
         """From the first pair to the last."""
         return self.timeline.glimpses[-1].time_s - self.timeline.glimpses[0].time_s
 
-    @property
-    def cycle_s(self) -> float:
-        """Of the bracket: how often it shows what a policy wants."""
-        return self.seconds * self.timeline.cycle / (len(self.timeline.glimpses) - 1)
-
     def pairs(self) -> Iterator[tuple[int, Callable[[int], StereoPair]]]:
         """Each instant, with a function that gives the pairs that may stand for it, `Timeline.near`."""
         reach = REACH * self.timeline.cycle

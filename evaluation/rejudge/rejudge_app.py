@@ -62,7 +62,7 @@ def rejudge(
                 truth = follow_best_shots(recorded, odometry, Path(folder))
         else:
             _check_fits(truth, recorded, trajectory)
-        reference = None if truth is None else Reference.of(truth, recorded.cycle_s)
+        reference = None if truth is None else Reference.of(truth, recorded.timeline.cycle_s)
         outcomes = _play(Round(recorded, chosen, odometry, reference, Path(folder)), jobs, console)
     figures = [outcome.figures for outcome in outcomes]
     limits = recorded.setup.limits

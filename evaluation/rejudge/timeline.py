@@ -8,6 +8,7 @@ from itertools import accumulate, pairwise
 
 import numpy as np
 
+from autoexpose_daemon.control.loop import REFERENCE_RATE_HZ
 from drivers.python310 import exp2
 from evaluation.rejudge.glimpse import BRIGHT, FAINT, Glimpse
 
@@ -104,12 +105,15 @@ class Timeline:
 
     @property
     def cycle_motion_px(self) -> float | None:
-        """By how much the image moves from one cycle to the next, in the median of the time in motion; None: at rest.
-
-        At a constant rate of 60 Hz; a pair that stands for another may be off by as much.
-        """
+        """By how much the image moves in a cycle, in the median of the time in motion; None: it never moves."""
         moving = [glimpse.motion_px for glimpse, still in zip(self.glimpses, self.still, strict=True) if not still]
-        return self.cycle * float(np.median(moving)) if moving else None
+        return REFERENCE_RATE_HZ * self.cycle_s * float(np.median(moving)) if moving else None
+
+    @property
+    def cycle_s(self) -> float:
+        """How often the bracket shows what a policy wants."""
+        seconds = self.glimpses[-1].time_s - self.glimpses[0].time_s
+        return seconds * self.cycle / (len(self.glimpses) - 1)
 
 
 def _still(glimpses: Sequence[Glimpse], cycle: int, sections: Sequence[int]) -> Iterator[bool]:

@@ -94,7 +94,8 @@ def test_the_wheel_has_our_commands(wheel: ZipFile) -> None:
     points = configparser.ConfigParser()
     points.read_string(wheel.read(listing).decode())
     assert points["console_scripts"]["autoexpose"] == "autoexpose_daemon.cli:main"
-    assert {"arena", "experiments", "calibrate", "map", "rejudge", "repeat", "teach"} == {*points["autoexpose.commands"]}
+    commands = {"arena", "calibrate", "experiments", "map", "rejudge", "repeat", "teach"}
+    assert commands == {*points["autoexpose.commands"]}
     assert points["autoexpose.commands"]["arena"] == "autoexpose_daemon.evaluation.arena.arena_app:arena_app"
 
 

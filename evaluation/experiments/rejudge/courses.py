@@ -32,7 +32,7 @@ def measure_lap(*, light: Light, room: int, frames: int, policies: list[str]) ->
     """Policies on one lap through a room, rejudged and driven."""
     stage = odometry_stage(light, room, room, 0)
     drive = record(stage, frames, Bracketing())
-    reference = Reference.of(truth(stage, frames / RATE_HZ), drive.cycle_s)
+    reference = Reference.of(truth(stage, frames / RATE_HZ), drive.timeline.cycle_s)
     return _both(rejudged(drive, policies, reference), driven(stage, drive, policies, reference))
 
 
