@@ -29,11 +29,12 @@ REPEATS = 12
 
 
 def measure_lap(*, light: Light, room: int, frames: int, policies: list[str]) -> dict[str, Any]:
-    """Policies on one lap through a room, rejudged and driven."""
+    """Policies on one lap through a room, rejudged, driven, and driven again with other noise."""
     stage = odometry_stage(light, room, room, 0)
     drive = record(stage, frames, Bracketing())
     reference = Reference.of(truth(stage, frames / RATE_HZ), drive.timeline.cycle_s)
-    return _both(rejudged(drive, policies, reference), driven(stage, drive, policies, reference))
+    again = driven(odometry_stage(light, room, room, 1), drive, policies, reference)
+    return _both(rejudged(drive, policies, reference), driven(stage, drive, policies, reference), again)
 
 
 def measure_scenario(*, scenario: str, scene: str, seed: int, frames: int, policies: list[str]) -> dict[str, Any]:
@@ -76,11 +77,10 @@ def _at(stage: Stage, number: int, setting: ExposureSetting) -> Image:
     return stage.expose("left", setting).copy()
 
 
-def _both(ours: list[Compared], true: list[Compared]) -> dict[str, Any]:
-    return {
-        one.figures.policy: {
-            "rejudged": asdict(one.figures), "driven": asdict(other.figures),
-            "levels": [[round(level, 3) for level in each.levels] for each in (one, other)],
-        }
-        for one, other in zip(ours, true, strict=True)
-    }  # fmt: skip
+def _both(ours: list[Compared], true: list[Compared], again: list[Compared] | None = None) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for place, (one, other) in enumerate(zip(ours, true, strict=True)):
+        levels = [[round(level, 3) for level in each.levels] for each in (one, other)]
+        row = {"rejudged": asdict(one.figures), "driven": asdict(other.figures), "levels": levels}
+        found[one.figures.policy] = row if again is None else {**row, "again": asdict(again[place].figures)}
+    return found
