@@ -9,6 +9,7 @@ the fake USB3 Vision camera says that it lacks the other.
 from __future__ import annotations
 
 import sys
+from pathlib import Path
 from typing import Any
 
 from setuptools import Extension, setup
@@ -24,8 +25,8 @@ setup(
     ext_modules=[
         Extension(
             "autoexpose_daemon.control._native",
-            sources=[f"{NATIVE}/{part}.c" for part in ("module", "gradient", "contrast")],
-            depends=[f"{NATIVE}/{part}.h" for part in ("gradient", "gradient_kernel", "contrast")],
+            sources=sorted(str(path) for path in Path(NATIVE).glob("*.c")),
+            depends=sorted(str(path) for path in Path(NATIVE).glob("*.h")),
             # Square roots that set no errno and convert without traps can be vectorised.
             extra_compile_args=["-O3", "-std=c11", "-fno-math-errno", "-fno-trapping-math"],
             libraries=["m"],

@@ -11,6 +11,7 @@ import argparse
 import contextlib
 import json
 import statistics
+import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -19,10 +20,9 @@ import cv2
 import numpy as np
 
 from autoexpose_daemon.control.loop import ControlLoop
-from autoexpose_daemon.control.metrics import gradient
+from autoexpose_daemon.control.metrics.contrast import GreyBins, contrast
 from autoexpose_daemon.control.metrics.extension import extension
 from autoexpose_daemon.control.metrics.gradient import ExtremeShares, GradientMetric, PackedTables, mean_signal
-from autoexpose_daemon.control.metrics.information import GreyBins, contrast
 from autoexpose_daemon.control.parameters import ControlParameters, MotionId
 from autoexpose_daemon.control.picture.image import ImagePreparation
 from autoexpose_daemon.control.picture.motion import DisMotion, FarnebackMotion
@@ -48,14 +48,15 @@ Stages = dict[str, Callable[[int], object]]
 
 @contextlib.contextmanager
 def without_extension(without: bool) -> Iterator[None]:
-    """Have what is built inside do without the C extension."""
-    built = gradient._native
-    if without:
-        gradient._native = None
+    """Have all of control do without the C extension."""
+    users = [module for module in sys.modules.values() if getattr(module, "_native", None) is extension]
     try:
+        for module in users if without else ():
+            module._native = None
         yield
     finally:
-        gradient._native = built
+        for module in users:
+            module._native = extension
 
 
 def step_of(frames: tuple[np.ndarray, ...], native: bool, motion: MotionId) -> Callable[[int], object]:
@@ -136,13 +137,14 @@ def single_stages(frames: tuple[np.ndarray, ...], paths: dict[str, bool]) -> Sta
 
 
 def measure(stages: Stages, repeats: int) -> dict[str, float]:
-    """Median thread time of each stage, microseconds; the stages are interleaved."""
+    """Median thread time of each stage, microseconds; the stages are interleaved. "numpy" in a name: without C."""
     times: dict[str, list[int]] = {name: [] for name in stages}
     for turn in range(1, repeats + 6):
         for name, stage in stages.items():
-            start_ns = time.thread_time_ns()
-            stage(turn)
-            times[name].append(time.thread_time_ns() - start_ns)
+            with without_extension("numpy" in name):
+                start_ns = time.thread_time_ns()
+                stage(turn)
+                times[name].append(time.thread_time_ns() - start_ns)
     return {name: statistics.median(samples[5:]) / 1e3 for name, samples in times.items()}
 
 

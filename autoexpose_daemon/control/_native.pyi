@@ -17,4 +17,47 @@ def contrast_sums(
     energy: NDArray[np.float64],
     count: NDArray[np.float64],
     region: NDArray[np.uint8] | None = None,
+    /,
+) -> None: ...
+def grey_counts(image: NDArray[np.uint8], region: NDArray[np.uint8] | None, counts: NDArray[np.float64], /) -> None: ...
+def sample_greys(
+    image: NDArray[np.uint8], stride: int, saturated: NDArray[np.uint8], sampled: NDArray[np.uint8], /
+) -> None: ...
+def light_changes(
+    before: NDArray[np.uint8],
+    now: NDArray[np.uint8],
+    weights: NDArray[np.uint8] | None,
+    log_exposure: NDArray[np.float32],
+    clipped: NDArray[np.uint8],
+    values: NDArray[np.float32],
+    /,
+) -> tuple[int, int, int, int]: ...
+def predict_information(
+    energy: NDArray[np.float64],
+    count: NDArray[np.float64],
+    now: NDArray[np.float64],
+    then: NDArray[np.float64],
+    pixels: float,
+    gain: float,
+    gains: NDArray[np.float64],
+    sharper: NDArray[np.float64],
+    relative_light: NDArray[np.float64] | None,
+    cell_weights: NDArray[np.float64] | None,
+    curve: NDArray[np.float64],
+    steered: NDArray[np.float64] | None,
+    /,
+) -> None: ...
+def best_times(
+    levels: NDArray[np.float64],
+    shortest: float,
+    longest: float,
+    least_gain: float,
+    greatest_gain: float,
+    shot: float,
+    read: float,
+    pixels: float,
+    speed: float,
+    scale: float,
+    times_us: NDArray[np.float64],
+    /,
 ) -> None: ...

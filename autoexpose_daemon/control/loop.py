@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from autoexpose_daemon.control.balance import Balance, whole_periods_us
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.light_ahead import LightAhead
+from autoexpose_daemon.control.metrics.contrast import CELLS
 from autoexpose_daemon.control.metrics.gradient import ExtremeShares, GradientMetric, mean_signal
-from autoexpose_daemon.control.metrics.information import CELLS
 from autoexpose_daemon.control.override import NO_OVERRIDE, Compensation, Override
 from autoexpose_daemon.control.parameters import FASTEST_TURN_RAD_S, REMEMBERED_STEPS, ControlParameters
 from autoexpose_daemon.control.picture.image import ImagePreparation

@@ -87,7 +87,7 @@ class Look:
         return self.image if self.before_median is None else self.before_median
 
     @cached_property
-    def counts(self) -> NDArray[np.float32]:
+    def counts(self) -> NDArray[np.float64]:
         """`grey_counts` of `image`, counted once."""
         return grey_counts(self.image, self.weights)
 

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.balance import Balance, ExposurePriority
+from autoexpose_daemon.control.metrics.contrast import contrast
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
-from autoexpose_daemon.control.metrics.information import InformationPrediction, contrast
+from autoexpose_daemon.control.metrics.information import InformationPrediction
 from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
 from autoexpose_daemon.control.parameters import ControlParameters
 from autoexpose_daemon.control.picture.image import ImagePreparation

@@ -155,9 +155,13 @@ def mean_signal(
     return (mean - response.black_level) / (response.saturation - response.black_level)
 
 
-def grey_counts(image: NDArray[np.uint8], weights: NDArray[np.uint8] | None = None) -> NDArray[np.float32]:
+def grey_counts(image: NDArray[np.uint8], weights: NDArray[np.uint8] | None = None) -> NDArray[np.float64]:
     """How many pixels whose weight is not 0 have each grey level: exact, shape (256,)."""
-    return np.asarray(cv2.calcHist([image], [0], weights, [GREY_LEVELS], [0, GREY_LEVELS]), np.float32).ravel()
+    if _native is not None:
+        counts = np.empty(GREY_LEVELS)
+        _native.grey_counts(image, weights, counts)
+        return counts
+    return np.asarray(cv2.calcHist([image], [0], weights, [GREY_LEVELS], [0, GREY_LEVELS]), np.float64).ravel()
 
 
 EXTREME_MARGIN = 0.01
@@ -183,7 +187,7 @@ class ExtremeShares:
         self,
         image: NDArray[np.uint8],
         weights: NDArray[np.uint8] | None = None,
-        counts: NDArray[np.float32] | None = None,
+        counts: NDArray[np.float64] | None = None,
     ) -> tuple[float, float]:
         """(saturated, black): shares 0..1 of the pixels within 1 % of saturation, and of the black level.
 

@@ -3,17 +3,14 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "vectorised.h"
+
 /* A place of a table holds energy and count in one word, so that a pixel costs one addition. Between two `add_up`, a
  * place gets at most MOST_PIXELS, each of an energy up to 2 * 255 * 255 and a weight up to 255. */
 enum { ENERGY_BITS = 40, MOST_PIXELS = 32768 };
 
 /* Neighbours often fall on the same place, and an addition to what has just been stored is slow: they take turns. */
 enum { TURNS = 4 };
-
-static inline int at(const Image *image, size_t y, size_t x)
-{
-    return image->data[(ptrdiff_t)y * image->row_step + (ptrdiff_t)x * image->column_step];
-}
 
 static inline uint8_t greater(uint8_t a, uint8_t b)
 {
@@ -49,9 +46,8 @@ int grey_bin(int grey, int black)
     return unsaturated_bin((uint8_t)grey, (uint8_t)black);
 }
 
-/* Gradient energy, and bin of the brightest neighbour, of the pixels 1 to width - 2 of a row; plain, so that compilers
- * vectorise it. */
-static void row_of(const uint8_t *restrict above, const uint8_t *restrict here, const uint8_t *restrict below,
+/* Gradient energy, and bin of the brightest neighbour, of the pixels 1 to width - 2 of a row. */
+VECTORISED static void row_of(const uint8_t *restrict above, const uint8_t *restrict here, const uint8_t *restrict below,
                    size_t width, GreyBins bins, uint32_t *restrict energy, uint8_t *restrict bin)
 {
     for (size_t x = 1; x + 1 < width; x++) {
@@ -60,15 +56,6 @@ static void row_of(const uint8_t *restrict above, const uint8_t *restrict here, 
     }
     for (size_t x = 1; x + 1 < width; x++)
         bin[x] = bin_of(greater(greater(greater(above[x], below[x]), greater(here[x - 1], here[x + 1])), here[x]), bins);
-}
-
-static const uint8_t *row_in(const Image *image, size_t y, uint8_t *copy)
-{
-    if (image->column_step == 1)
-        return image->data + (ptrdiff_t)y * image->row_step;
-    for (size_t x = 0; x < image->width; x++)
-        copy[x] = (uint8_t)at(image, y, x);
-    return copy;
 }
 
 /* Adds the tables of a row of cells to its sums, and clears them. */

@@ -2,8 +2,7 @@
 #ifndef AUTOEXPOSE_GRADIENT_H
 #define AUTOEXPOSE_GRADIENT_H
 
-#include <stddef.h>
-#include <stdint.h>
+#include "image.h"
 
 enum {
     GREY_LEVELS = 256,
@@ -11,17 +10,10 @@ enum {
     WIDEST = 524288          /* pixels: a row's sums of 255 * 255, one per 8 pixels, must fit 32 bits */
 };
 
-/* Pixel (y, x) lies at data[y * row_step + x * column_step]. */
-typedef struct {
-    const uint8_t *data;
-    ptrdiff_t row_step, column_step;
-    size_t height, width; /* at least 2 each, width at most WIDEST */
-} Image;
-
 /* sums[lane] = sum over pixels of region * weights[m], m the rounded Sobel magnitude (at most 255, borders mirrored)
  * of the image seen through table `lane`: words[8 * grey + lane]. With words == NULL the image is used as
  * it is, and only sums[0] is valid. With region == NULL every pixel counts once; else region has the image's size.
- * Returns 0, or -1 if out of memory. */
+ * The image is at least 2x2, and at most WIDEST wide. Returns 0, or -1 if out of memory. */
 typedef int GradientSums(const Image *image, const Image *region, const uint8_t *words, const uint8_t *weights,
                          uint64_t sums[LANES]);
 

@@ -8,7 +8,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from autoexpose_daemon.control.metrics.information import InformationPrediction, contrast
+from autoexpose_daemon.control.metrics.contrast import contrast
+from autoexpose_daemon.control.metrics.information import InformationPrediction
 from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
 from autoexpose_daemon.control.parameters import ControlParameters
 from autoexpose_daemon.control.picture.image import ImagePreparation

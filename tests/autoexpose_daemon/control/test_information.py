@@ -9,19 +9,10 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.metrics import information
+from autoexpose_daemon.control.metrics.contrast import CELLS, Contrast, GreyBins, contrast, sampled_contrast
 from autoexpose_daemon.control.metrics.extension import extension
 from autoexpose_daemon.control.metrics.gradient import ExtremeShares
-from autoexpose_daemon.control.metrics.information import (
-    CELLS,
-    FRONT_END_DN,
-    QUANTISATION,
-    Contrast,
-    GreyBins,
-    InformationPrediction,
-    contrast,
-    sampled_contrast,
-    sharpness,
-)
+from autoexpose_daemon.control.metrics.information import FRONT_END_DN, QUANTISATION, InformationPrediction, sharpness
 from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
 from calibration.response import ResponseFunction
 

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlLoop
-from autoexpose_daemon.control.metrics.information import InformationPrediction, contrast
+from autoexpose_daemon.control.metrics.contrast import contrast
+from autoexpose_daemon.control.metrics.information import InformationPrediction
 from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
 from autoexpose_daemon.control.override import Override
 from autoexpose_daemon.control.parameters import ControlParameters

@@ -9,7 +9,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from autoexpose_daemon.control.metrics.information import FRONT_END_DN, blur_length_px, sharpness, variance_of
+from autoexpose_daemon.control.metrics.extension import extension as _native
+from autoexpose_daemon.control.metrics.information import FRONT_END_DN, PER_US, blur_length_px, sharpness, variance_of
 from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
 from drivers.exposure import DB_PER_STOP, ExposureLimits
 
@@ -51,11 +52,20 @@ class BlurPhotonBalance:
         self, levels: NDArray[np.float64], motion_px: float, limits: ExposureLimits
     ) -> NDArray[np.float64]:
         """The best time (us) for each exposure level (stops), shape (n,)."""
-        longest = np.minimum(levels - limits.min_gain_db / DB_PER_STOP, math.log2(limits.max_time_us))
-        shortest = np.maximum(levels - limits.max_gain_db / DB_PER_STOP, math.log2(limits.min_time_us))
-        times_us = np.exp2(longest + _STEPS * (np.minimum(shortest, longest) - longest))
-        gains = np.exp2(levels) / times_us
         shot, read = _middle_variance(self.noise)
+        shortest, longest = math.log2(limits.min_time_us), math.log2(limits.max_time_us)
+        least_gain, greatest_gain = limits.min_gain_db / DB_PER_STOP, limits.max_gain_db / DB_PER_STOP
+        if _native is not None:
+            best_us = np.empty(levels.size)
+            _native.best_times(
+                levels, shortest, longest, least_gain, greatest_gain, shot, read, self.averaged,
+                motion_px * PER_US, self.scale, best_us,
+            )  # fmt: skip
+            return best_us
+        long = np.minimum(levels - least_gain, longest)
+        short = np.minimum(np.maximum(levels - greatest_gain, shortest), long)
+        times_us = np.exp2(long + _STEPS * (short - long))
+        gains = np.exp2(levels) / times_us
         variance = variance_of(shot * gains + read * gains**2, self.averaged)
         sharp = sharpness(blur_length_px(motion_px, times_us, self.scale))
         best = np.argmax(sharp / (variance + FRONT_END_DN**2), axis=0)

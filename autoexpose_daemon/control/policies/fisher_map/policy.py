@@ -10,13 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.balance import Balance, whole_periods_us
-from autoexpose_daemon.control.metrics.information import (
-    CELLS,
-    InformationPrediction,
-    blur_length_px,
-    contrast,
-    sharpness,
-)
+from autoexpose_daemon.control.metrics.contrast import CELLS, contrast
+from autoexpose_daemon.control.metrics.information import InformationPrediction, blur_length_px, sharpness
 from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
 from autoexpose_daemon.control.picture.steering import Steering
 from autoexpose_daemon.control.policies.fisher_map.balance import BlurPhotonBalance

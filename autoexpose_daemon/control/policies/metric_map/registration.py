@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from autoexpose_daemon.control.metrics.extension import extension as _native
 from autoexpose_daemon.control.policy import Look
 from calibration.response import ResponseFunction
 from drivers.frames import Side
@@ -21,6 +22,9 @@ LEAST_SHARE = 0.01
 """Of the compared pixels, which must be unclipped in both frames: a handful of them is noise, or one small thing."""
 
 _AROUND = np.ones((3, 3), np.uint8)
+
+BETWEEN = 1
+"""How a pixel that is not clipped is marked."""
 
 MARGIN = 0.03
 """Of the range from black level to saturation: closer to the ends noise is clipped, and the median would be biased."""
@@ -68,7 +72,7 @@ class Registration:
     def __init__(self, responses: Mapping[Side, ResponseFunction]) -> None:
         self._tables = {side: _tables(response) for side, response in responses.items()}
         self._saturated = {
-            side: np.where(clipped > 0, np.uint8(255), np.uint8(0)) for side, (_, clipped) in self._tables.items()
+            side: np.where(clipped > BETWEEN, np.uint8(255), np.uint8(0)) for side, (_, clipped) in self._tables.items()
         }
         self.side = None
         self.previous = None
@@ -85,45 +89,87 @@ class Registration:
         self.side, self.previous, self.previous_level = look.side, now, level
         if before is None or side != look.side or before.shape != now.shape:
             return None
-        if look.weights is not None:
-            counts = look.weights[::STRIDE, ::STRIDE] > 0
-            before, now = before[counts], now[counts]
-            if now.size == 0:  # a region between the strides
-                return None
-        log_exposure, clipped = self._tables[look.side]
-        changes = cv2.LUT(now, log_exposure) - cv2.LUT(before, log_exposure)
-        first, second = cv2.LUT(before, clipped), cv2.LUT(now, clipped)
-        known = changes[(first == 0) & (second == 0)]
-        if known.size == changes.size:
-            return LightChange(_middle(known, known.size // 2) - level_change, True)
-        at_least = changes[second > first]
-        at_most = changes[second < first]
-        values = np.concatenate([known, known, at_least, at_most])
-        if values.size == 0:
+        counts = None if look.weights is None else np.ascontiguousarray(look.weights[::STRIDE, ::STRIDE])
+        changes = _changes(before, now, counts, self._tables[look.side])
+        if changes.counted == 0:  # a region between the strides
             return None
-        median = _middle(values, min(known.size + at_least.size, values.size - 1))
-        return LightChange(median - level_change, known.size >= LEAST_SHARE * changes.size)
+        if changes.known == changes.counted:
+            return LightChange(_middle(changes.values, changes.known // 2) - level_change, True)
+        if changes.values.size == 0:
+            return None
+        median = _middle(changes.values, min(changes.known + changes.at_least, changes.values.size - 1))
+        return LightChange(median - level_change, changes.known >= LEAST_SHARE * changes.counted)
 
     def _sampled(self, look: Look) -> NDArray[np.uint8]:
         """Every fifth pixel; one beside a saturated pixel was partly averaged from saturated ones, and counts as one.
 
         The edge of a white window against a black room stays grey at any exposure.
         """
-        here = np.ascontiguousarray(look.image[::STRIDE, ::STRIDE])
-        brightest = np.ascontiguousarray(cv2.dilate(look.image, _AROUND)[::STRIDE, ::STRIDE])
-        return np.asarray(cv2.max(here, cv2.LUT(brightest, self._saturated[look.side])), np.uint8)
+        image, saturated = look.image, self._saturated[look.side]
+        if _native is not None:
+            sampled = np.empty([-(-size // STRIDE) for size in image.shape], np.uint8)
+            _native.sample_greys(image, STRIDE, saturated, sampled)
+            return sampled
+        here = np.ascontiguousarray(image[::STRIDE, ::STRIDE])
+        brightest = np.ascontiguousarray(cv2.dilate(image, _AROUND)[::STRIDE, ::STRIDE])
+        return np.asarray(cv2.max(here, cv2.LUT(brightest, saturated)), np.uint8)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Changes:
+    """Changes of log exposure between two samples of pixels.
+
+    Attributes
+    ----------
+    values
+        Those of pixels unclipped in both, float32; if others count, then bounds from those clipped in one, and the
+        former again.
+    counted, known, at_least
+        How many pixels count, are unclipped in both, and give a lower bound.
+    """
+
+    values: NDArray[np.float32]
+    counted: int
+    known: int
+    at_least: int
+
+
+def _changes(
+    before: NDArray[np.uint8],
+    now: NDArray[np.uint8],
+    weights: NDArray[np.uint8] | None,
+    tables: tuple[NDArray[np.float32], NDArray[np.uint8]],
+) -> _Changes:
+    """From one sample to the next, of the same shape; pixels of weight 0 do not count."""
+    if _native is not None:
+        values = np.empty(2 * now.size, np.float32)
+        counted, known, at_least, filled = _native.light_changes(before, now, weights, *tables, values)
+        return _Changes(values[:filled], counted, known, at_least)
+    if weights is not None:
+        before, now = before[weights > 0], now[weights > 0]
+    if now.size == 0:
+        return _Changes(np.empty(0, np.float32), 0, 0, 0)
+    log_exposure, clipped = tables
+    changes = cv2.LUT(now, log_exposure) - cv2.LUT(before, log_exposure)
+    first, second = cv2.LUT(before, clipped), cv2.LUT(now, clipped)
+    known = changes[(first == BETWEEN) & (second == BETWEEN)]
+    if known.size == changes.size:
+        return _Changes(known, changes.size, known.size, 0)
+    at_least = changes[second > first]
+    values = np.concatenate([known, at_least, changes[second < first], known])
+    return _Changes(values, changes.size, known.size, at_least.size)
 
 
 def _middle(values: NDArray[np.float32], rank: int) -> float:
     return float(np.partition(values, rank, axis=None)[rank])
 
 
-def _tables(response: ResponseFunction) -> tuple[NDArray[np.float32], NDArray[np.int8]]:
-    """By grey level: log2 of the exposure behind it, and whether it is clipped, 1 above and -1 below."""
+def _tables(response: ResponseFunction) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+    """By grey level: log2 of the exposure behind it, and whether it is clipped: 0 below, 2 above, 1 `BETWEEN`."""
     margin = MARGIN * (response.saturation - response.black_level)
     # Near the black level one grey level is too large a part of the signal to be a logarithm.
     low = response.black_level + max(4.0, margin)
     high = response.saturation - margin
     greys = np.arange(256)
     log_exposure = response.inverse(np.clip(greys, round(low), round(high))).astype(np.float32)
-    return log_exposure, (greys >= high).astype(np.int8) - (greys <= low)
+    return log_exposure, (1 + (greys >= high) - (greys <= low)).astype(np.uint8)

@@ -334,7 +334,7 @@ def _glance(look: Look, before: NDArray[np.uint8] | None, rise: float) -> _Glanc
         counted = pixels.ravel()
     counted = counted.copy()
     black, saturation = look.response.black_level, look.response.saturation
-    shares = grey_counts(counted).cumsum() / np.float64(counted.size)
+    shares = grey_counts(counted[None]).cumsum() / counted.size
     greys = shares.searchsorted((0.5, 0.99))
     median, bright = (max(int(grey) - black, 0.5) / (saturation - black) for grey in greys)
     saturated = 1.0 - float(shares[saturation - 1])

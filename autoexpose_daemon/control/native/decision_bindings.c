@@ -1,0 +1,94 @@
+/* information.h and split.h for Python. */
+#include "arguments.h"
+#include "bindings.h"
+#include "contrast.h"
+#include "information.h"
+#include "split.h"
+
+enum { ALL_CELLS = CELLS * CELLS };
+
+PyDoc_STRVAR(predict_information_doc,
+             "predict_information(energy, count, now, then, pixels, gain, gains, sharper, relative_light, cell_weights,\n"
+             "                    curve, steered)\n--\n\n"
+             "The curves of InformationPrediction, which also has the parameters; written, float64 (n,).\n\n"
+             "energy, count: those of Contrast. now: float64 (3, bins), readable share and factors of shot and read noise.\n"
+             "then: float64 (3, bins, n), factors of contrast, shot and read noise. relative_light, cell_weights: float64\n"
+             "(64,), or None. steered: None without cell_weights.");
+
+static PyObject *information_into(Held *held, PyObject *const objects[10], double pixels, double gain)
+{
+    enum { ENERGY, COUNT, NOW, THEN, GAINS, SHARPER, LIGHT, WEIGHTS, CURVE, STEERED };
+    const int has_light = objects[LIGHT] != Py_None, is_steered = objects[WEIGHTS] != Py_None;
+    const double *energy, *count, *now, *then, *gains, *sharper, *light = NULL, *weights = NULL;
+    double *curve, *steered = NULL;
+    if (!(now = hold_doubles(held, objects[NOW], -1, "now")))
+        return NULL;
+    const Py_ssize_t bins = held_numbers(held) / 3;
+    if (!(gains = hold_doubles(held, objects[GAINS], -1, "gains")))
+        return NULL;
+    const Py_ssize_t n = held_numbers(held), cells = ALL_CELLS;
+    if (!(energy = hold_doubles(held, objects[ENERGY], cells * bins, "energy")) ||
+        !(count = hold_doubles(held, objects[COUNT], cells * bins, "count")) ||
+        !(then = hold_doubles(held, objects[THEN], 3 * bins * n, "then")) ||
+        !(sharper = hold_doubles(held, objects[SHARPER], n, "sharper")) ||
+        (has_light && !(light = hold_doubles(held, objects[LIGHT], cells, "relative_light"))) ||
+        (is_steered && !(weights = hold_doubles(held, objects[WEIGHTS], cells, "cell_weights"))) ||
+        !(curve = hold_result(held, objects[CURVE], n, "curve")) ||
+        (is_steered && !(steered = hold_result(held, objects[STEERED], n, "steered"))))
+        return NULL;
+    const Prediction prediction = {(size_t)bins, (size_t)n, now, now + bins, now + 2 * bins,
+                                   then, then + bins * n, then + 2 * bins * n};
+    const Exposures taken = {pixels, gain, gains, sharper, light, weights};
+    if (predict_information(&prediction, &taken, energy, count, curve, steered))
+        return PyErr_NoMemory();
+    Py_RETURN_NONE;
+}
+
+static PyObject *predict_information_of(PyObject *module, PyObject *arguments)
+{
+    PyObject *objects[10];
+    double pixels, gain;
+    Held held = {0};
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "OOOOddOOOOOO", &objects[0], &objects[1], &objects[2], &objects[3], &pixels, &gain,
+                          &objects[4], &objects[5], &objects[6], &objects[7], &objects[8], &objects[9]))
+        return NULL;
+    PyObject *result = information_into(&held, objects, pixels, gain);
+    release(&held);
+    return result;
+}
+
+PyDoc_STRVAR(best_times_doc,
+             "best_times(levels, shortest, longest, least_gain, greatest_gain, shot, read, pixels, speed, scale, times_us)\n"
+             "--\n\n"
+             "The best exposure time for each level, as BlurPhotonBalance has it, into `times_us`; both float64 (n,).\n\n"
+             "shortest, longest: log2 of us. least_gain, greatest_gain: stops. shot, read: factors of the variance. pixels:\n"
+             "averaged into one. speed: pixels of the frame in a us, `scale` of which are one of the image.");
+
+static PyObject *best_times_of(PyObject *module, PyObject *arguments)
+{
+    PyObject *given, *written, *result = NULL;
+    const double *levels;
+    double *times_us;
+    Bounds bounds;
+    Middle middle;
+    Held held = {0};
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "OdddddddddO", &given, &bounds.shortest, &bounds.longest, &bounds.least_gain,
+                          &bounds.greatest_gain, &middle.shot, &middle.read, &middle.pixels, &middle.speed,
+                          &middle.scale, &written))
+        return NULL;
+    if ((levels = hold_doubles(&held, given, -1, "levels")) &&
+        (times_us = hold_result(&held, written, held_numbers(&held), "times_us"))) {
+        best_times(levels, (size_t)held_numbers(&held), &bounds, &middle, times_us);
+        result = Py_NewRef(Py_None);
+    }
+    release(&held);
+    return result;
+}
+
+PyMethodDef decision_methods[] = {
+    {"predict_information", predict_information_of, METH_VARARGS, predict_information_doc},
+    {"best_times", best_times_of, METH_VARARGS, best_times_doc},
+    {NULL, NULL, 0, NULL},
+};

@@ -1,0 +1,165 @@
+/* contrast.h and tones.h for Python. */
+#include "arguments.h"
+#include "bindings.h"
+#include "contrast.h"
+#include "tones.h"
+
+PyDoc_STRVAR(contrast_sums_doc,
+             "contrast_sums(image, black, saturated, energy, count, region=None)\n--\n\n"
+             "Collect the gradients of `image` by cell and bin of the brightest grey level into `energy` and `count`.\n\n"
+             "image: uint8 (height, width), at least 3x3. black, saturated: the greatest grey level that is black, and the\n"
+             "least that is saturated. energy, count: float64 (64, n), written, with n bins: see GreyBins. region: uint8\n"
+             "(height, width), what each pixel counts.");
+
+static int check_bins(int black, int saturated, Py_ssize_t places)
+{
+    if (black < 0 || black >= saturated || saturated >= GREY_LEVELS)
+        PyErr_SetString(PyExc_ValueError, "black must be at least 0, and below saturated, which is at most 255");
+    else if (places != CELLS * CELLS * (grey_bin(saturated - 1, black) + 2))
+        PyErr_Format(PyExc_ValueError, "energy and count must have 64 rows, and a column for each of the %d bins",
+                     grey_bin(saturated - 1, black) + 2);
+    else
+        return 0;
+    return -1;
+}
+
+static PyObject *contrast_into(Held *held, PyObject *const objects[4], int black, int saturated)
+{
+    const Py_buffer *inside, *weights = NULL;
+    double *energy, *count;
+    if (!(inside = hold_bytes(held, objects[0], 2, PyBUF_STRIDES, "image")) ||
+        (objects[3] != Py_None && !(weights = hold_bytes(held, objects[3], 2, PyBUF_STRIDES, "region"))) ||
+        check_region(inside, weights) || !(energy = hold_result(held, objects[1], -1, "energy")) ||
+        check_bins(black, saturated, held_numbers(held)) ||
+        !(count = hold_result(held, objects[2], held_numbers(held), "count")))
+        return NULL;
+    if (inside->shape[0] < 3 || inside->shape[1] < 3 || inside->shape[1] > WIDEST)
+        return PyErr_Format(PyExc_ValueError, "an image of %zdx%zd pixels has no inside: at least 3x3, at most %d wide",
+                            inside->shape[1], inside->shape[0], (int)WIDEST);
+    const Image image = image_of(inside), region = weights ? image_of(weights) : (Image){0};
+    const GreyBins bins = {(uint8_t)black, (uint8_t)saturated, (uint8_t)(grey_bin(saturated - 1, black) + 1)};
+    int failed;
+    Py_BEGIN_ALLOW_THREADS
+    failed = contrast_sums(&image, weights ? &region : NULL, bins, energy, count);
+    Py_END_ALLOW_THREADS
+    if (failed)
+        return PyErr_NoMemory();
+    Py_RETURN_NONE;
+}
+
+static PyObject *contrast_sums_of(PyObject *module, PyObject *arguments)
+{
+    PyObject *objects[4] = {NULL, NULL, NULL, Py_None};
+    int black, saturated;
+    Held held = {0};
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "OiiOO|O", &objects[0], &black, &saturated, &objects[1], &objects[2], &objects[3]))
+        return NULL;
+    PyObject *result = contrast_into(&held, objects, black, saturated);
+    release(&held);
+    return result;
+}
+
+PyDoc_STRVAR(grey_counts_doc, "grey_counts(image, region, counts)\n--\n\n"
+                              "How many pixels have each grey level.\n\n"
+                              "image: uint8 (height, width). region: the same; pixels of weight 0 are left out. None: all\n"
+                              "count. counts: float64 (256,), written.");
+
+static PyObject *grey_counts_of(PyObject *module, PyObject *arguments)
+{
+    PyObject *objects[3], *result = NULL;
+    const Py_buffer *image, *region = NULL;
+    double *counts;
+    Held held = {0};
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "OOO", &objects[0], &objects[1], &objects[2]))
+        return NULL;
+    if ((image = hold_bytes(&held, objects[0], 2, PyBUF_STRIDES, "image")) &&
+        (objects[1] == Py_None || (region = hold_bytes(&held, objects[1], 2, PyBUF_STRIDES, "region"))) &&
+        !check_region(image, region) && (counts = hold_result(&held, objects[2], GREY_LEVELS, "counts"))) {
+        const Image pixels = image_of(image), weights = region ? image_of(region) : (Image){0};
+        grey_counts(&pixels, region ? &weights : NULL, counts);
+        result = Py_NewRef(Py_None);
+    }
+    release(&held);
+    return result;
+}
+
+PyDoc_STRVAR(sample_greys_doc, "sample_greys(image, stride, saturated, sampled)\n--\n\n"
+                               "Every `stride`-th pixel; 255 where it or one around it is saturated.\n\n"
+                               "image: uint8 (height, width). saturated: uint8 (256,), not 0 for saturated grey levels.\n"
+                               "sampled: uint8, written, of the shape of image[::stride, ::stride].");
+
+static PyObject *sample_greys_of(PyObject *module, PyObject *arguments)
+{
+    PyObject *objects[3], *result = NULL;
+    const Py_buffer *image, *saturated, *sampled;
+    Py_ssize_t stride;
+    Held held = {0};
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "OnOO", &objects[0], &stride, &objects[1], &objects[2]))
+        return NULL;
+    if ((image = hold_bytes(&held, objects[0], 2, PyBUF_STRIDES, "image")) &&
+        (saturated = hold_bytes(&held, objects[1], 1, PyBUF_ND, "saturated")) &&
+        (sampled = hold_bytes(&held, objects[2], 2, PyBUF_ND | PyBUF_WRITABLE, "sampled"))) {
+        const Py_ssize_t apart = stride > 0 ? stride : 1;
+        if (stride < 1 || saturated->len != GREY_LEVELS || sampled->shape[0] != (image->shape[0] + apart - 1) / apart ||
+            sampled->shape[1] != (image->shape[1] + apart - 1) / apart)
+            PyErr_SetString(PyExc_ValueError, "sampled must have the shape of image[::stride, ::stride], saturated 256");
+        else {
+            const Image pixels = image_of(image);
+            sample_greys(&pixels, (size_t)stride, saturated->buf, sampled->buf);
+            result = Py_NewRef(Py_None);
+        }
+    }
+    release(&held);
+    return result;
+}
+
+PyDoc_STRVAR(light_changes_doc,
+             "light_changes(before, now, weights, log_exposure, clipped, values)\n--\n\n"
+             "Changes of log exposure from one sample of pixels to the next: (counted, known, at_least, all).\n\n"
+             "before, now, weights: uint8 (height, width); pixels of weight 0 are left out, None: all count.\n"
+             "log_exposure: float32 (256,). clipped: uint8 (256,), 0 below, 2 above, 1 between. values: float32, written,\n"
+             "with room for two numbers per pixel: `known` changes of pixels that are never clipped; if others count, then\n"
+             "bounds from pixels clipped in one of the two, `at_least` of them lower bounds, and the known ones again.");
+
+static PyObject *changes_into(Held *held, PyObject *const objects[6])
+{
+    const Py_buffer *before, *now, *weights = NULL, *clipped;
+    float *log_exposure, *values;
+    if (!(before = hold_bytes(held, objects[0], 2, PyBUF_ND, "before")) ||
+        !(now = hold_bytes(held, objects[1], 2, PyBUF_ND, "now")) ||
+        (objects[2] != Py_None && !(weights = hold_bytes(held, objects[2], 2, PyBUF_ND, "weights"))) ||
+        !(log_exposure = hold_floats(held, objects[3], GREY_LEVELS, "log_exposure")) ||
+        !(clipped = hold_bytes(held, objects[4], 1, PyBUF_ND, "clipped")) ||
+        !(values = hold_floats(held, objects[5], 2 * now->len, "values")))
+        return NULL;
+    if (before->len != now->len || (weights && weights->len != now->len) || clipped->len != GREY_LEVELS)
+        return PyErr_Format(PyExc_ValueError, "before, now and weights must be alike, and clipped have 256 entries");
+    const Changes changes = light_changes(before->buf, now->buf, weights ? weights->buf : NULL, (size_t)now->len,
+                                          log_exposure, clipped->buf, values);
+    return Py_BuildValue("nnnn", (Py_ssize_t)changes.counted, (Py_ssize_t)changes.known, (Py_ssize_t)changes.at_least,
+                         (Py_ssize_t)changes.all);
+}
+
+static PyObject *light_changes_of(PyObject *module, PyObject *arguments)
+{
+    PyObject *objects[6];
+    Held held = {0};
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "OOOOOO", &objects[0], &objects[1], &objects[2], &objects[3], &objects[4],
+                          &objects[5]))
+        return NULL;
+    PyObject *result = changes_into(&held, objects);
+    release(&held);
+    return result;
+}
+
+PyMethodDef picture_methods[] = {
+    {"contrast_sums", contrast_sums_of, METH_VARARGS, contrast_sums_doc},
+    {"grey_counts", grey_counts_of, METH_VARARGS, grey_counts_doc},
+    {"sample_greys", sample_greys_of, METH_VARARGS, sample_greys_doc},
+    {"light_changes", light_changes_of, METH_VARARGS, light_changes_doc},
+    {NULL, NULL, 0, NULL},
+};

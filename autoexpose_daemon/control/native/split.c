@@ -1,0 +1,33 @@
+#include "split.h"
+
+#include <math.h>
+
+#include "noise.h"
+
+enum { TIMES = 33 }; /* as in balance.py */
+
+/* What a pixel of middle brightness tells at a time: `sharpness` over its variance and what front ends lose. */
+static double worth_of(double time_us, double exposure, const Middle *middle)
+{
+    const double gain = exposure / time_us, blur = middle->speed * time_us / middle->scale / BLUR_PX;
+    const double variance = variance_of(middle->shot * gain + middle->read * (gain * gain), middle->pixels);
+    return 1.0 / (1.0 + blur * blur) / (variance + FRONT_END_DN * FRONT_END_DN);
+}
+
+void best_times(const double *levels, size_t count, const Bounds *bounds, const Middle *middle, double *times_us)
+{
+    for (size_t i = 0; i < count; i++) {
+        const double longest = fmin(levels[i] - bounds->least_gain, bounds->longest);
+        const double shortest = fmin(fmax(levels[i] - bounds->greatest_gain, bounds->shortest), longest);
+        const double exposure = exp2(levels[i]);
+        double best = -1.0;
+        for (int step = 0; step < TIMES; step++) {
+            const double time_us = exp2(longest + step / (TIMES - 1.0) * (shortest - longest));
+            const double worth = worth_of(time_us, exposure, middle);
+            if (worth > best) {
+                best = worth;
+                times_us[i] = time_us;
+            }
+        }
+    }
+}
