@@ -61,3 +61,15 @@ def best_times(
     times_us: NDArray[np.float64],
     /,
 ) -> None: ...
+def predict_metrics(
+    levels: NDArray[np.float64],
+    places: NDArray[np.float64],
+    ages: NDArray[np.float64],
+    blind: NDArray[np.float64],
+    curves: NDArray[np.float64],
+    deltas: NDArray[np.float64],
+    doubting: bool,
+    values: NDArray[np.float64],
+    distances: NDArray[np.float64],
+    /,
+) -> None: ...

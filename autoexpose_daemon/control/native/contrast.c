@@ -27,6 +27,11 @@ static inline uint8_t above_by(uint8_t a, uint8_t b)
     return (uint8_t)(greater(a, b) - b);
 }
 
+static inline uint16_t difference(uint8_t a, uint8_t b)
+{
+    return (uint16_t)(greater(a, b) - lesser(a, b));
+}
+
 /* Arithmetic, since looking bins up in a table would take longer than the rest of a row. */
 static inline uint8_t unsaturated_bin(uint8_t grey, uint8_t black)
 {
@@ -46,16 +51,34 @@ int grey_bin(int grey, int black)
     return unsaturated_bin((uint8_t)grey, (uint8_t)black);
 }
 
-/* Gradient energy, and bin of the brightest neighbour, of the pixels 1 to width - 2 of a row. */
-VECTORISED static void row_of(const uint8_t *restrict above, const uint8_t *restrict here, const uint8_t *restrict below,
-                   size_t width, GreyBins bins, uint32_t *restrict energy, uint8_t *restrict bin)
+/* Gradient energy, and bin of the brightest neighbour, of `count` pixels that begin here in three rows. */
+static inline void block_of(const uint8_t *restrict above, const uint8_t *restrict here, const uint8_t *restrict below,
+                            size_t count, GreyBins bins, uint32_t *restrict energy, uint8_t *restrict bin)
 {
-    for (size_t x = 1; x + 1 < width; x++) {
-        const int16_t across = (int16_t)(here[x + 1] - here[x - 1]), down = (int16_t)(below[x] - above[x]);
-        energy[x] = (uint32_t)(across * across) + (uint32_t)(down * down);
+    const uint8_t *left = here - 1, *right = here + 1;
+    for (size_t x = 0; x < count; x++) {
+        const uint16_t across = difference(right[x], left[x]), down = difference(below[x], above[x]);
+        energy[x] = (uint32_t)(uint16_t)(across * across) + (uint16_t)(down * down); /* 255 * 255 fits 16 bits */
     }
-    for (size_t x = 1; x + 1 < width; x++)
-        bin[x] = bin_of(greater(greater(greater(above[x], below[x]), greater(here[x - 1], here[x + 1])), here[x]), bins);
+    for (size_t x = 0; x < count; x++)
+        bin[x] = bin_of(greater(greater(greater(above[x], below[x]), greater(left[x], right[x])), here[x]), bins);
+}
+
+/* The same of the pixels 1 to width - 2 of a row, in blocks of one length, the last of which may overlap the one before:
+ * compilers make no loops for odd ends of those. */
+VECTORISED static void row_of(const uint8_t *above, const uint8_t *here, const uint8_t *below, size_t width,
+                              GreyBins bins, uint32_t *energy, uint8_t *bin)
+{
+    enum { BLOCK = 32 };
+    const size_t end = width - 1;
+    if (end <= BLOCK) {
+        block_of(above + 1, here + 1, below + 1, end - 1, bins, energy + 1, bin + 1);
+        return;
+    }
+    for (size_t x = 1; x < end; x += BLOCK) {
+        const size_t at = x < end - BLOCK ? x : end - BLOCK;
+        block_of(above + at, here + at, below + at, BLOCK, bins, energy + at, bin + at);
+    }
 }
 
 /* Adds the tables of a row of cells to its sums, and clears them. */

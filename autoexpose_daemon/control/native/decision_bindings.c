@@ -1,8 +1,9 @@
-/* information.h and split.h for Python. */
+/* information.h, split.h and sightings.h for Python. */
 #include "arguments.h"
 #include "bindings.h"
 #include "contrast.h"
 #include "information.h"
+#include "sightings.h"
 #include "split.h"
 
 enum { ALL_CELLS = CELLS * CELLS };
@@ -87,8 +88,59 @@ static PyObject *best_times_of(PyObject *module, PyObject *arguments)
     return result;
 }
 
+PyDoc_STRVAR(predict_metrics_doc,
+             "predict_metrics(levels, places, ages, blind, curves, deltas, doubting, values, distances)\n--\n\n"
+             "What sightings predict at levels, and how far away those are, as MetricMemory has it; all float64.\n\n"
+             "levels: (n,). places, ages: (sightings,). blind: (sightings, cameras). curves: (sightings, cameras, deltas).\n"
+             "deltas: at least 2, rising. values, distances: (sightings, cameras, n), written.");
+
+static PyObject *metrics_into(Held *held, PyObject *const objects[8], int doubting)
+{
+    enum { LEVELS, PLACES, AGES, BLIND, CURVES, DELTAS, VALUES, DISTANCES };
+    Sightings seen;
+    double *values, *distances;
+    const double *levels = hold_doubles(held, objects[LEVELS], -1, "levels");
+    const Py_ssize_t n = levels ? held_numbers(held) : 0;
+    if (!levels || !(seen.levels = hold_doubles(held, objects[PLACES], -1, "places")))
+        return NULL;
+    const Py_ssize_t sightings = held_numbers(held);
+    if (!(seen.ages = hold_doubles(held, objects[AGES], sightings, "ages")) ||
+        !(seen.blind = hold_doubles(held, objects[BLIND], -1, "blind")))
+        return NULL;
+    const Py_ssize_t views = held_numbers(held), cameras = sightings ? views / sightings : 0;
+    if (!(seen.delta = hold_doubles(held, objects[DELTAS], -1, "deltas")))
+        return NULL;
+    const Py_ssize_t deltas = held_numbers(held);
+    if (views != sightings * cameras || deltas < 2)
+        return PyErr_Format(PyExc_ValueError, "blind must have the shape (sightings, cameras), deltas at least 2 numbers");
+    if (!(seen.curves = hold_doubles(held, objects[CURVES], views * deltas, "curves")) ||
+        !(values = hold_result(held, objects[VALUES], views * n, "values")) ||
+        !(distances = hold_result(held, objects[DISTANCES], views * n, "distances")))
+        return NULL;
+    seen.count = (size_t)sightings;
+    seen.cameras = (size_t)cameras;
+    seen.deltas = (size_t)deltas;
+    predict_metrics(&seen, levels, (size_t)n, doubting, values, distances);
+    Py_RETURN_NONE;
+}
+
+static PyObject *predict_metrics_of(PyObject *module, PyObject *arguments)
+{
+    PyObject *objects[8];
+    int doubting;
+    Held held = {0};
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "OOOOOOpOO", &objects[0], &objects[1], &objects[2], &objects[3], &objects[4],
+                          &objects[5], &doubting, &objects[6], &objects[7]))
+        return NULL;
+    PyObject *result = metrics_into(&held, objects, doubting);
+    release(&held);
+    return result;
+}
+
 PyMethodDef decision_methods[] = {
     {"predict_information", predict_information_of, METH_VARARGS, predict_information_doc},
+    {"predict_metrics", predict_metrics_of, METH_VARARGS, predict_metrics_doc},
     {"best_times", best_times_of, METH_VARARGS, best_times_doc},
     {NULL, NULL, 0, NULL},
 };

@@ -36,11 +36,11 @@ static int is_beside_saturated(const Image *image, size_t y, size_t x, const uin
 {
     const size_t top = y ? y - 1 : 0, bottom = y + 1 < image->height ? y + 1 : y;
     const size_t left = x ? x - 1 : 0, right = x + 1 < image->width ? x + 1 : x;
-    int found = 0;
+    uint8_t brightest = 0;
     for (size_t row = top; row <= bottom; row++)
         for (size_t column = left; column <= right; column++)
-            found |= saturated[at(image, row, column)];
-    return found;
+            brightest = at(image, row, column) > brightest ? at(image, row, column) : brightest;
+    return saturated[brightest];
 }
 
 void sample_greys(const Image *image, size_t stride, const uint8_t saturated[GREY_LEVELS], uint8_t *sampled)

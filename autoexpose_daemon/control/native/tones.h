@@ -7,8 +7,8 @@
 /* counts[grey] of the pixels whose weight in `region` is not 0; with region == NULL of all. */
 void grey_counts(const Image *image, const Image *region, double counts[GREY_LEVELS]);
 
-/* Every `stride`-th pixel across and down into `sampled`, row by row; 255 where saturated[grey] is not 0 for it or for
- * one of the pixels around it. */
+/* Every `stride`-th pixel across and down into `sampled`, row by row; 255 where it or a pixel around it is
+ * saturated: saturated[grey] is 0 up to some grey level, and not 0 from there. */
 void sample_greys(const Image *image, size_t stride, const uint8_t saturated[GREY_LEVELS], uint8_t *sampled);
 
 /* Changes of log exposure, as `light_changes` sorts them. */

@@ -25,7 +25,7 @@ from autoexpose_daemon.control.policies.metric_map.search import (
     probe_bonus,
     within_reason,
 )
-from autoexpose_daemon.control.policies.metric_map.view import DELTAS, MetricView
+from autoexpose_daemon.control.policies.metric_map.view import NO_CHANGE, MetricView
 from autoexpose_daemon.control.policies.metric_map.votes import REMARKS, Votes
 from autoexpose_daemon.control.policy import ExposurePolicy, Observation, Target
 from calibration.response import ResponseFunction
@@ -193,7 +193,7 @@ class ExposureMap(ExposurePolicy):
             self.memory.sightings.clear()  # white now: how much the light has risen is unknown
         self.memory.add(Sighting(level, views))
         for camera, view in enumerate(views):
-            density = float(np.interp(0.0, DELTAS, view.curve)) / _showing(view, still=self.motion_px < MOVING_PX)
+            density = float(view.curve[NO_CHANGE]) / _showing(view, still=self.motion_px < MOVING_PX)
             self.densities[camera] = max(DENSITY_DECAY * self.densities[camera], density, LEAST_DENSITY)
         return change
 

@@ -10,7 +10,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from autoexpose_daemon.control.policies.metric_map.view import DELTAS, MetricView
+from autoexpose_daemon.control.metrics.extension import extension as _native
+from autoexpose_daemon.control.policies.metric_map.view import DELTAS, NO_CHANGE, MetricView
 
 CELL = 0.12
 """Stops: a frame supersedes those taken nearer than this to its own exposure, relative to the light. Less than a tunnel
@@ -122,6 +123,8 @@ class MetricMemory:
         newest sighting must know something.
         """
         values, distances = self._predictions(levels, moving, steered)
+        if len(values) == 1:
+            return np.asarray(values[0])
         weights = np.exp((distances.min(axis=0) - distances) / BLEND)
         return np.asarray((weights * values).sum(axis=0) / weights.sum(axis=0))
 
@@ -156,7 +159,7 @@ class MetricMemory:
         for camera, view in enumerate(sighting.views):
             nearest = int(distances[:, camera, 0].argmin())
             if distances[nearest, camera, 0] < CONTRADICTION_RANGE:
-                expected, seen = values[nearest, camera, 0], np.interp(0.0, DELTAS, _curve(view, steered))
+                expected, seen = values[nearest, camera, 0], _curve(view, steered)[NO_CHANGE]
                 if abs(expected - seen) > CONTRADICTION * max(expected, seen):
                     return True
         return False
@@ -166,14 +169,18 @@ class MetricMemory:
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """(metric, distance in stops) by sighting, camera and level."""
         sightings = [sighting for sighting in self.sightings if sighting.is_steered or not steered]
-        delta = levels - np.array([[sighting.level] for sighting in sightings])
+        places, ages = np.array([(each.level, each.age) for each in sightings]).T.copy()
+        blind = np.array([[view.saturated_share for view in each.views] for each in sightings])
+        curves = np.array([[_curve(view, steered) for view in each.views] for each in sightings])
+        if _native is not None:
+            values, distances = np.empty((2, *blind.shape, levels.size))
+            _native.predict_metrics(levels, places, ages, blind, curves, DELTAS, not moving, values, distances)
+            return values, distances
+        delta = levels - places[:, None]
         beyond = np.maximum(delta - TRUSTED_RISE, 0.0)
-        ages = np.array([[sighting.age] for sighting in sightings])
-        up = NEARER_UP * np.minimum(np.maximum(delta, 0.0), TRUSTED_RISE) + FARTHER_BEYOND * beyond + ages
-        blind = np.array([[view.saturated_share for view in sighting.views] for sighting in sightings])
+        up = NEARER_UP * np.minimum(np.maximum(delta, 0.0), TRUSTED_RISE) + FARTHER_BEYOND * beyond + ages[:, None]
         down = np.maximum(-delta, 0.0)[:, None] * (1.0 + BLINDNESS * blind)[..., None]
-        curves = [[_curve(view, steered) for view in sighting.views] for sighting in sightings]
-        values = _interpolated(np.array(curves), delta)
+        values = _interpolated(curves, delta)
         if not moving:
             values *= np.exp(-DOUBT * beyond)[:, None]
         return values, up[:, None] + down

@@ -21,6 +21,9 @@ DELTAS: NDArray[np.float64] = np.array([*(-fall for fall in reversed(_FALLS)), 0
 """Changes of level (stops) at which every view gives the metric; finest where predictions hold, which is up to 3 stops
 upward: a peak may be half a stop wide."""
 
+NO_CHANGE = len(_FALLS)
+"""The place of 0 in `DELTAS`."""
+
 FEWER_DELTAS: NDArray[np.float64] = np.array([-6, -4, -2.5, -1.5, -1, -0.5, 0, 0.5, 1, 1.5, 2.5, 4, 6])
 """For the second camera, which sees much the same: half the cost, the rest interpolated."""
 

@@ -1,0 +1,20 @@
+/* What sightings of a scene predict at other exposures: `MetricMemory` in C. */
+#ifndef AUTOEXPOSE_SIGHTINGS_H
+#define AUTOEXPOSE_SIGHTINGS_H
+
+#include <stddef.h>
+
+/* `deltas` rise, and are those of all curves. */
+typedef struct {
+    size_t count, cameras, deltas;
+    const double *levels, *ages; /* [sighting] */
+    const double *blind;         /* [sighting][camera] */
+    const double *curves;        /* [sighting][camera][delta] */
+    const double *delta;
+} Sightings;
+
+/* values and distances: [sighting][camera][level], at `count` levels; doubting: as `DOUBT` says. */
+void predict_metrics(const Sightings *seen, const double *levels, size_t count, int doubting, double *values,
+                     double *distances);
+
+#endif
