@@ -29,7 +29,7 @@ from autoexpose_daemon.control.snapshot import Plain, restore, take
 from calibration.response import ResponseFunction
 from calibration.vignetting.model import Vignetting
 from drivers.errors import ConfigurationError
-from drivers.exposure import ExposureLimits, ExposureSetting
+from drivers.exposure import SAME_GAIN_DB, ExposureLimits, ExposureSetting
 from drivers.frames import SIDES, Frame, Side, StereoPair
 from drivers.pixels.layout import MOSAIC_SHARE, is_mosaic
 
@@ -268,7 +268,8 @@ class ControlLoop:
 
     def _looks(self, pair: StereoPair) -> list[Look]:
         """What is seen of each frame, the reference first."""
-        sides = sorted(pair.frames, key=lambda each: each in self.uncounted)  # a stable sort
+        uncounted = self.uncounted
+        sides = sorted(pair.frames, key=lambda each: each in uncounted)  # a stable sort
         return [self._views[each].look(each, pair.frames[each]) for each in sides]
 
     def _observe(
@@ -282,13 +283,13 @@ class ControlLoop:
         look = looks[0]
         if self._flicker is not None:
             self._flicker.see(look, setting, frame.device_time_ns)
-        saturated_share, black_share = self._views[look.side].shares.measure(look.image, look.weights, look.counts)
+        saturated_share, black_share = self._views[look.side].shares.measure(look.image, look.weights, look.cumulative)
         return Observation(
             looks=looks,
             setting=setting,
             device_time_ns=frame.device_time_ns,
             metric=self._metric.measure(look.image, look.weights),
-            mean=mean_signal(look.image, look.response, look.weights),
+            mean=mean_signal(look.image, look.response, look.weights, look.cumulative),
             saturated_share=saturated_share,
             black_share=black_share,
             motion_px=self._speed_px(look, frame, setting, angular_rate_rad_s),
@@ -327,7 +328,7 @@ class ControlLoop:
         """Metric, saturated and black share of the reference frame as it is."""
         if self._compensation is None:
             return observation.metric, observation.saturated_share, observation.black_share
-        shares = self._views[look.side].shares.measure(look.image, look.weights, look.counts)
+        shares = self._views[look.side].shares.measure(look.image, look.weights, look.cumulative)
         return self._metric.measure(look.image, look.weights), *shares
 
     def _speed_px(self, look: Look, frame: Frame, setting: ExposureSetting, angular_rate_rad_s: float | None) -> float:
@@ -361,7 +362,11 @@ class ControlLoop:
 
     def _decision_realised_by(self, setting: ExposureSetting) -> PastStep | None:
         """The latest remembered step that decided on `setting`."""
-        return next((past for past in reversed(self._past) if past.setting.agrees_with(setting)), None)
+        for past in reversed(self._past):
+            # Most often the gain alone shows that two settings differ.
+            if abs(past.setting.gain_db - setting.gain_db) < SAME_GAIN_DB and past.setting.agrees_with(setting):
+                return past
+        return None
 
 
 class View:

@@ -87,9 +87,9 @@ class Look:
         return self.image if self.before_median is None else self.before_median
 
     @cached_property
-    def counts(self) -> NDArray[np.float64]:
-        """`grey_counts` of `image`, counted once."""
-        return grey_counts(self.image, self.weights)
+    def cumulative(self) -> NDArray[np.float64]:
+        """How many pixels of `image` that count have at most each grey level, exact, shape (256,); counted once."""
+        return grey_counts(self.image, self.weights).cumsum()
 
 
 @dataclass(frozen=True, slots=True, eq=False)

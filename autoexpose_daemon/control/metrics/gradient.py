@@ -145,13 +145,16 @@ def _sum_of_grey(image: NDArray[np.uint8], weights: NDArray[np.uint8] | None) ->
 
 
 def mean_signal(
-    image: NDArray[np.uint8], response: ResponseFunction, weights: NDArray[np.uint8] | None = None
+    image: NDArray[np.uint8],
+    response: ResponseFunction,
+    weights: NDArray[np.uint8] | None = None,
+    cumulative: NDArray[np.float64] | None = None,
 ) -> float:
-    """Mean grey level of an image, as a share: 0 at the black level, 1 at saturation.
-
-    `weights` (uint8, same shape, not all 0) says how much each pixel counts; None: all the same.
-    """
-    mean = _sum_of_grey(image, weights) / (image.size if weights is None else cv2.sumElems(weights)[0])
+    """Mean grey level of an image, as a share: 0 at the black level, 1 at saturation; parameters as `ExtremeShares`."""
+    if weights is None and cumulative is not None:
+        mean = (255 * image.size - int(cumulative[:-1].sum())) / image.size
+    else:
+        mean = _sum_of_grey(image, weights) / (image.size if weights is None else cv2.sumElems(weights)[0])
     return (mean - response.black_level) / (response.saturation - response.black_level)
 
 
@@ -187,16 +190,16 @@ class ExtremeShares:
         self,
         image: NDArray[np.uint8],
         weights: NDArray[np.uint8] | None = None,
-        counts: NDArray[np.float64] | None = None,
+        cumulative: NDArray[np.float64] | None = None,
     ) -> tuple[float, float]:
         """(saturated, black): shares 0..1 of the pixels within 1 % of saturation, and of the black level.
 
-        `weights` (uint8, same shape, not all 0) says how much each pixel counts; None: all the same. `counts` are the
-        `grey_counts` of the image, if they are known.
+        `weights` (uint8, same shape, not all 0) says how much each pixel counts; None: all the same. `cumulative`,
+        if known, is how many pixels of the image have at most each grey level.
         """
-        if weights is None and counts is not None:
-            saturated, black = counts[self.saturated_from :].sum(), counts[: self.black_to + 1].sum()
-            return float(saturated) / image.size, float(black) / image.size
+        if weights is None and cumulative is not None:
+            unsaturated = float(cumulative[self.saturated_from - 1]) if self.saturated_from else 0.0
+            return (image.size - unsaturated) / image.size, float(cumulative[self.black_to]) / image.size
         if self._mask.shape != image.shape:
             self._mask = np.empty(image.shape, np.uint8)
         cv2.threshold(image, self.saturated_from - 1, 255, cv2.THRESH_BINARY, dst=self._mask)

@@ -100,9 +100,11 @@ class FlowMotion(ABC):
 
     def _mean_displacement(self, level: float) -> float:
         """Mean length of the flow (pixels of the small image) from the previous image to this one."""
-        table = prediction_table(self._response, level - self._previous_level)
-        cv2.LUT(self._previous, table, dst=self._previous_here)
-        self._calculate(self._previous_here, self._current, self._flow)
+        previous = self._previous
+        if level != self._previous_level:
+            table = prediction_table(self._response, level - self._previous_level)
+            previous = cv2.LUT(previous, table, dst=self._previous_here)
+        self._calculate(previous, self._current, self._flow)
         # Not cv2.magnitude and cv2.mean: their last bit depends on where in memory the data are, and replays are exact.
         np.multiply(self._flow, self._flow, out=self._squares)
         np.sqrt(np.add(self._squares[..., 0], self._squares[..., 1], out=self._length), out=self._length)

@@ -58,8 +58,9 @@ class FisherMap(ExposureMap):
     def decide(self, observation: Observation) -> Target:
         """The level that promises most, for the frame that will show this decision."""
         look = observation.looks[0]
-        if isinstance(self.balance, BlurPhotonBalance):
-            self.balance = replace(self.balance, scale=look.scale, averaged=look.averaged)
+        balance = self.balance
+        if isinstance(balance, BlurPhotonBalance) and (balance.scale, balance.averaged) != (look.scale, look.averaged):
+            self.balance = replace(balance, scale=look.scale, averaged=look.averaged)
         return super().decide(observation)
 
     def _views(self, observation: Observation) -> tuple[MetricView, ...]:
@@ -77,7 +78,7 @@ class FisherMap(ExposureMap):
         """Exposure time (us) and linear gain at each of `DELTAS`, even beyond the limits."""
         limits, flicker_hz = observation.limits, observation.flicker_hz
         levels = observation.setting.level + DELTAS
-        within = np.clip(levels, limits.darkest.level, limits.brightest.level)
+        within = np.minimum(np.maximum(levels, limits.darkest.level), limits.brightest.level)
         if isinstance(self.balance, BlurPhotonBalance):
             times_us = self.balance.exposure_times_us(within, self.motion_px, limits)
             if flicker_hz is None:  # already within the limits
@@ -93,8 +94,8 @@ class FisherMap(ExposureMap):
 
     def _sharper(self, time_us: float, times_us: NDArray[np.float64], scale: float) -> NDArray[np.float64]:
         """`sharpness` at other exposure times, as a multiple of that at the present one."""
-        now, then = (sharpness(blur_length_px(self.motion_px, each, scale)) for each in (time_us, times_us))
-        return np.asarray(then / now)
+        sharp = sharpness(blur_length_px(self.motion_px, np.append(times_us, time_us), scale))
+        return np.asarray(sharp[:-1] / sharp[-1])
 
     def _view(
         self,

@@ -58,9 +58,11 @@ def probe_bonus(stops: NDArray[np.float64], clipped_share: float, density: float
     ``a s density min(x, 2 - x)^p`` between x = 0 and 2; a and p depend on whether the camera moves. `density` is the
     metric that a pixel of good exposure carries in this scene.
     """
+    if clipped_share == 0.0:
+        return np.zeros(stops.shape)
     worth, power = (PROBE_WORTH_MOVING, PROBE_POWER_MOVING) if moving else (PROBE_WORTH, PROBE_POWER)
     distance = stops / (SHORTEST_PROBE + PROBE_PER_SHARE * clipped_share)
-    shape = np.clip(np.minimum(distance, 2.0 - distance), 0.0, 1.0) ** power
+    shape = np.minimum(np.maximum(np.minimum(distance, 2.0 - distance), 0.0), 1.0) ** power
     return np.asarray(worth * clipped_share * density * shape)
 
 

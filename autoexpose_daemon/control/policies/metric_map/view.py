@@ -66,9 +66,8 @@ class Tones:
 
     def measure(self, look: Look) -> tuple[float, float, float]:
         """`saturated_share`, `black_share` and `signal` of a `MetricView`."""
-        saturated_share, black_share = self._shares.measure(look.image, look.weights, look.counts)
-        counts = look.counts.cumsum()
-        grey = int(np.searchsorted(counts, BRIGHT_QUANTILE * counts[-1]))
+        saturated_share, black_share = self._shares.measure(look.image, look.weights, look.cumulative)
+        grey = int(look.cumulative.searchsorted(BRIGHT_QUANTILE * look.cumulative[-1]))
         black, saturation = self._response.black_level, self._response.saturation
         return saturated_share, black_share, max(grey - black, 0.5) / (saturation - black)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -270,7 +271,7 @@ class Votes:
     def _repeats(self, side: Side, glance: _Glance) -> bool:
         """Whether a frame equals the one before it, to the last pixel."""
         latest = self._eyes[side].latest
-        return latest is not None and np.array_equal(latest, glance.pixels)
+        return latest is not None and latest.shape == glance.pixels.shape and bool((latest == glance.pixels).all())
 
     def _count_glare(self, side: Side, glances: Mapping[Side, _Glance], others: Sequence[_Glance]) -> None:
         """After the look at less exposure that long glare asks for, a camera that is too dark there must give way."""
@@ -329,19 +330,25 @@ def _speaks_against(fault: Fault, glance: _Glance) -> bool:
 
 def _glance(look: Look, before: NDArray[np.uint8] | None, rise: float) -> _Glance:
     pixels = look.image[::STRIDE, ::STRIDE]
-    counted = pixels.ravel() if look.weights is None else pixels[look.weights[::STRIDE, ::STRIDE] > 0]
+    counted = pixels.flatten() if look.weights is None else pixels[look.weights[::STRIDE, ::STRIDE] > 0]
     if counted.size == 0:  # a region between the strides
-        counted = pixels.ravel()
-    counted = counted.copy()
+        counted = pixels.flatten()
     black, saturation = look.response.black_level, look.response.saturation
-    shares = grey_counts(counted[None]).cumsum() / counted.size
-    greys = shares.searchsorted((0.5, 0.99))
-    median, bright = (max(int(grey) - black, 0.5) / (saturation - black) for grey in greys)
-    saturated = 1.0 - float(shares[saturation - 1])
+    cumulative = grey_counts(counted[None]).cumsum()
+    greys = cumulative.searchsorted(_ranks(counted.size)).tolist()
+    median, bright = (max(grey - black, 0.5) / (saturation - black) for grey in greys)
+    saturated = 1.0 - float(cumulative[saturation - 1]) / counted.size
     if before is None or before.shape != counted.shape:
         return _Glance(counted, bright, median, saturated)
     promised, came = _change(before, counted, look.response, rise) if rise != 0 else (0.0, 0.0)
     return _Glance(counted, bright, median, saturated, promised, came, before)
+
+
+@lru_cache(maxsize=2)
+def _ranks(size: int) -> NDArray[np.float64]:
+    """How many of so many pixels are half of them, and 99 %: the least number that makes this share."""
+    shares = np.arange(size + 1) / size
+    return shares.searchsorted((0.5, 0.99)).astype(np.float64)
 
 
 def _change(
