@@ -23,15 +23,14 @@ def grey_counts(image: NDArray[np.uint8], region: NDArray[np.uint8] | None, coun
 def sample_greys(
     image: NDArray[np.uint8], stride: int, saturated: NDArray[np.uint8], sampled: NDArray[np.uint8], /
 ) -> None: ...
-def light_changes(
+def light_change(
     before: NDArray[np.uint8],
     now: NDArray[np.uint8],
     weights: NDArray[np.uint8] | None,
     log_exposure: NDArray[np.float32],
     clipped: NDArray[np.uint8],
-    values: NDArray[np.float32],
     /,
-) -> tuple[int, int, int, int]: ...
+) -> tuple[int, int, float]: ...
 def predict_information(
     energy: NDArray[np.float64],
     count: NDArray[np.float64],

@@ -50,9 +50,9 @@ double *hold_result(Held *held, PyObject *object, Py_ssize_t count, const char *
     return numbers(held, object, count, "d", PyBUF_WRITABLE, what);
 }
 
-float *hold_floats(Held *held, PyObject *object, Py_ssize_t count, const char *what)
+const float *hold_floats(Held *held, PyObject *object, Py_ssize_t count, const char *what)
 {
-    return numbers(held, object, count, "f", PyBUF_WRITABLE, what);
+    return numbers(held, object, count, "f", 0, what);
 }
 
 Py_ssize_t held_numbers(const Held *held)

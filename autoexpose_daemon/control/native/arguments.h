@@ -27,8 +27,8 @@ const double *hold_doubles(Held *held, PyObject *object, Py_ssize_t count, const
 /* The same, to be written. */
 double *hold_result(Held *held, PyObject *object, Py_ssize_t count, const char *what);
 
-/* The same of float32. */
-float *hold_floats(Held *held, PyObject *object, Py_ssize_t count, const char *what);
+/* The same of float32, to be read. */
+const float *hold_floats(Held *held, PyObject *object, Py_ssize_t count, const char *what);
 
 /* How many numbers the last buffer has. */
 Py_ssize_t held_numbers(const Held *held);

@@ -7,12 +7,26 @@
 #include "noise.h"
 #include "vectorised.h"
 
-enum { ALL = CELLS * CELLS };
+enum { ALL = CELLS * CELLS, TILE = 8 };
 
 /* As in information.py. */
 #define FLATTEST_SHARE 0.1
 #define LEAST_READABLE 0.5
 #define LEAST_VARIANCE 0.25
+
+/* Rows of exposures have the length `padded`, the least multiple of TILE, so that sums of TILE stay in registers. */
+typedef struct {
+    size_t bins, exposures, padded;
+    double *noise;            /* [bin], of the present image */
+    double *signal;           /* [cell][bin], energy of gradients without that of noise */
+    double *variance, *worth; /* [bin][exposure] */
+    double *information;      /* [cell][exposure] */
+} Tables;
+
+/* Sums over the pixels of a cell: energy, noise expected and weight of the readable ones, and weight of all. */
+typedef struct {
+    double shown, expected, readable, weight;
+} Cell;
 
 static int ascending(const void *a, const void *b)
 {
@@ -20,23 +34,27 @@ static int ascending(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* The actual noise as a share of that expected in each bin, `noise`: what the flattest cells show. */
-static double share_of_noise(const Prediction *prediction, const double *noise, const double *energy,
-                             const double *count, const double *by_cell)
+static Cell cell_of(const Prediction *prediction, const double *noise, const double *energy, const double *count)
+{
+    Cell sums = {0.0, 0.0, 0.0, 0.0};
+    for (size_t bin = 0; bin < prediction->bins; bin++) {
+        const double readable = prediction->readable[bin];
+        sums.shown += energy[bin] / 4 * readable;
+        sums.expected += count[bin] * (noise[bin] * readable);
+        sums.readable += count[bin] * readable;
+        sums.weight += count[bin];
+    }
+    return sums;
+}
+
+/* The actual noise as a share of that expected: what the flattest cells show. */
+static double share_of_noise(const Cell cells[ALL])
 {
     double shares[ALL];
     size_t telling = 0;
-    for (size_t cell = 0; cell < ALL; cell++) {
-        double shown = 0.0, expected = 0.0, weight = 0.0;
-        for (size_t bin = 0; bin < prediction->bins; bin++, energy++, count++) {
-            const double readable = prediction->readable[bin];
-            shown += *energy / 4 * readable;
-            expected += noise[bin] * *count * readable;
-            weight += *count * readable;
-        }
-        if (weight > LEAST_READABLE * by_cell[cell] && expected > LEAST_VARIANCE * weight)
-            shares[telling++] = shown / expected;
-    }
+    for (const Cell *cell = cells; cell < cells + ALL; cell++)
+        if (cell->readable > LEAST_READABLE * cell->weight && cell->expected > LEAST_VARIANCE * cell->readable)
+            shares[telling++] = cell->shown / cell->expected;
     if (!telling)
         return 1.0;
     qsort(shares, telling, sizeof *shares, ascending);
@@ -46,120 +64,134 @@ static double share_of_noise(const Prediction *prediction, const double *noise, 
     return fmin(shares[below] + rise * (rank - (double)below), 1.0);
 }
 
-/* The variance of noise by bin and exposure, without that of rounding. */
-VECTORISED static void noise_of(const Prediction *prediction, const Exposures *taken, double share,
-                                double *restrict variance)
+VECTORISED static void subtract_noise(const Tables *tables, double share, const double *energy, const double *count)
 {
-    const double *shot = prediction->shot, *read = prediction->read, *gains = taken->gains;
+    double *restrict signal = tables->signal;
+    for (size_t cell = 0; cell < ALL; cell++, energy += tables->bins, count += tables->bins, signal += tables->bins)
+        for (size_t bin = 0; bin < tables->bins; bin++)
+            signal[bin] = energy[bin] / 4 - count[bin] * (share * tables->noise[bin]);
+}
+
+/* Of photons and read noise. */
+VECTORISED static void predict_variance(const Tables *tables, const Prediction *prediction, const Exposures *taken,
+                                        double share)
+{
     const double factor = share / taken->pixels;
-    for (size_t bin = 0; bin < prediction->bins; bin++)
-        for (size_t i = 0; i < prediction->exposures; i++, shot++, read++)
-            *variance++ = *shot * (factor * gains[i]) + *read * (factor * (gains[i] * gains[i]));
+    for (size_t bin = 0; bin < tables->bins; bin++) {
+        const double *shot = prediction->shot + bin * tables->exposures;
+        const double *read = prediction->read + bin * tables->exposures;
+        double *restrict variance = tables->variance + bin * tables->padded;
+        for (size_t i = 0; i < tables->exposures; i++)
+            variance[i] = shot[i] * (factor * taken->gains[i]) + read[i] * (factor * (taken->gains[i] * taken->gains[i]));
+    }
 }
 
-/* What a squared grey level of contrast is worth by bin and exposure, with so much variance besides noise. */
-VECTORISED static void worth_of(const Prediction *prediction, const double *variance, double besides,
-                                double *restrict worth)
+/* What a squared grey level of contrast tells, with so much lost besides noise. */
+VECTORISED static void find_worth(const Tables *tables, const Prediction *prediction, double lost)
 {
-    const double *contrast = prediction->contrast;
-    for (size_t place = 0; place < prediction->bins * prediction->exposures; place++)
-        worth[place] = contrast[place] / (variance[place] + besides);
+    for (size_t bin = 0; bin < tables->bins; bin++) {
+        const double *contrast = prediction->contrast + bin * tables->exposures;
+        const double *variance = tables->variance + bin * tables->padded;
+        double *restrict worth = tables->worth + bin * tables->padded;
+        for (size_t i = 0; i < tables->exposures; i++)
+            worth[i] = contrast[i] / (variance[i] + lost);
+    }
 }
 
-VECTORISED static void inform(const Prediction *prediction, const double *restrict signal, const double *worth,
-                              double *restrict information)
+VECTORISED static void inform(const Tables *tables, size_t cell)
 {
-    for (size_t bin = 0; bin < prediction->bins; bin++, worth += prediction->exposures)
-        for (size_t i = 0; signal[bin] != 0.0 && i < prediction->exposures; i++)
-            information[i] += signal[bin] * worth[i];
+    const double *signal = tables->signal + cell * tables->bins;
+    for (size_t first = 0; first < tables->padded; first += TILE) {
+        const double *worth = tables->worth + first;
+        double sums[TILE] = {0.0};
+        for (size_t bin = 0; bin < tables->bins; bin++, worth += tables->padded)
+            for (size_t i = 0; i < TILE; i++)
+                sums[i] += signal[bin] * worth[i];
+        for (size_t i = 0; i < TILE; i++)
+            tables->information[cell * tables->padded + first + i] = sums[i];
+    }
 }
 
-/* The information of each cell at each exposure, added to `information`. `worth` is room for a table. */
-static void inform_cells(const Prediction *prediction, const Exposures *taken, const double *variance,
-                         double rounding, const double *signal, double *worth, double *information)
+/* Each light that a cell gets has a table of worths. */
+static void inform_cells(const Tables *tables, const Prediction *prediction, const double *light, double rounding)
 {
-    const double *light = taken->relative_light;
     char informed[ALL] = {0};
     for (size_t first = 0; first < ALL; first++) {
         if (informed[first])
             continue;
-        const double lost = light ? FRONT_END_DN * light[first] : FRONT_END_DN;
-        worth_of(prediction, variance, rounding + lost * lost, worth);
+        const double front_end = light ? FRONT_END_DN * light[first] : FRONT_END_DN;
+        find_worth(tables, prediction, rounding + front_end * front_end);
         for (size_t cell = first; cell < ALL; cell++)
             if (!light || light[cell] == light[first]) {
-                inform(prediction, signal + cell * prediction->bins, worth, information + cell * prediction->exposures);
+                inform(tables, cell);
                 informed[cell] = 1;
             }
     }
 }
 
-/* Replaces information by its roots, with the mean pixel of a cell as their unit, and sums them over cells. */
-VECTORISED static void sum_roots(size_t exposures, double scale, const double *cell_weights,
-                                 double *restrict information, double *restrict curve, double *restrict steered)
+/* Sums the roots of the cells' information, their mean pixel being the unit, each times its weight if there are some. */
+VECTORISED static void add_roots(const Tables *tables, double unit, const double *weights, double *restrict curve)
 {
-    for (size_t cell = 0; cell < ALL; cell++, information += exposures) {
-        for (size_t i = 0; i < exposures; i++) {
-            information[i] = sqrt((information[i] > 0.0 ? information[i] : 0.0) * scale);
-            curve[i] += information[i];
-        }
-        for (size_t i = 0; cell_weights && i < exposures; i++)
-            steered[i] += cell_weights[cell] * information[i];
-    }
-}
-
-static void sum_cells(const Prediction *prediction, const Exposures *taken, double *information,
-                      const double *by_cell, double *curve, double *steered)
-{
-    const size_t exposures = prediction->exposures;
-    double weight = 0.0, cells = 0.0, of_weights = 0.0;
     for (size_t cell = 0; cell < ALL; cell++) {
-        weight += by_cell[cell];
-        cells += by_cell[cell] > 0.0;
-        of_weights += by_cell[cell] > 0.0 && taken->cell_weights ? taken->cell_weights[cell] : 0.0;
+        const double *information = tables->information + cell * tables->padded, weight = weights ? weights[cell] : 1.0;
+        for (size_t i = 0; i < tables->exposures; i++)
+            curve[i] += weight * sqrt((information[i] > 0.0 ? information[i] : 0.0) * unit);
     }
-    cells = fmax(cells, 1.0);
-    for (size_t i = 0; i < exposures; i++)
-        curve[i] = 0.0;
-    for (size_t i = 0; steered && i < exposures; i++)
-        steered[i] = 0.0;
-    sum_roots(exposures, cells / fmax(weight, 1.0), taken->cell_weights, information, curve, steered);
-    for (size_t i = 0; i < exposures; i++)
-        curve[i] = curve[i] / cells * sqrt(taken->sharper[i]);
-    for (size_t i = 0; steered && i < exposures; i++)
-        steered[i] = steered[i] / (of_weights == 0.0 ? 1.0 : of_weights) * sqrt(taken->sharper[i]);
 }
 
-/* The gradients' energy without that of noise, whose variance is given by bin. */
-VECTORISED static void without_noise(size_t bins, const double *energy, const double *count, const double *noise,
-                                     double share, double *restrict signal)
+static void finish(const Tables *tables, const Exposures *taken, const Cell cells[ALL], const double *weights,
+                   double *curve)
 {
-    for (size_t cell = 0; cell < ALL; cell++, energy += bins, count += bins, signal += bins)
-        for (size_t bin = 0; bin < bins; bin++)
-            signal[bin] = energy[bin] / 4 - share * (noise[bin] * count[bin]);
+    double weight = 0.0, seen = 0.0, total = 0.0;
+    for (size_t cell = 0; cell < ALL; cell++) {
+        weight += cells[cell].weight;
+        seen += cells[cell].weight > 0.0;
+        if (cells[cell].weight > 0.0)
+            total += weights ? weights[cell] : 1.0;
+    }
+    for (size_t i = 0; i < tables->exposures; i++)
+        curve[i] = 0.0;
+    add_roots(tables, fmax(seen, 1.0) / fmax(weight, 1.0), weights, curve);
+    for (size_t i = 0; i < tables->exposures; i++)
+        curve[i] = curve[i] / (total == 0.0 ? 1.0 : total) * sqrt(taken->sharper[i]);
+}
+
+static void predict(const Tables *tables, const Prediction *prediction, const Exposures *taken, const double *energy,
+                    const double *count, double *curve, double *steered)
+{
+    Cell cells[ALL];
+    for (size_t bin = 0; bin < tables->bins; bin++)
+        tables->noise[bin] = variance_of(prediction->shot_now[bin] * taken->gain +
+                                             prediction->read_now[bin] * (taken->gain * taken->gain),
+                                         taken->pixels);
+    for (size_t cell = 0; cell < ALL; cell++)
+        cells[cell] = cell_of(prediction, tables->noise, energy + cell * tables->bins, count + cell * tables->bins);
+    const double share = share_of_noise(cells);
+    subtract_noise(tables, share, energy, count);
+    predict_variance(tables, prediction, taken, share);
+    inform_cells(tables, prediction, taken->relative_light, share * variance_of(0.0, taken->pixels));
+    finish(tables, taken, cells, NULL, curve);
+    if (steered)
+        finish(tables, taken, cells, taken->cell_weights, steered);
 }
 
 int predict_information(const Prediction *prediction, const Exposures *taken, const double *energy,
                         const double *count, double *curve, double *steered)
 {
-    const size_t bins = prediction->bins, table = bins * prediction->exposures;
-    double by_cell[ALL] = {0.0};
-    double *noise = calloc(bins + ALL * bins + 2 * table + ALL * prediction->exposures, sizeof *noise);
+    const size_t bins = prediction->bins, padded = (prediction->exposures + TILE - 1) / TILE * TILE;
+    const size_t table = bins * padded;
+    double *noise = calloc(bins + ALL * bins + 2 * table + ALL * padded, sizeof *noise);
     if (!noise)
         return -1;
-    double *signal = noise + bins, *variance = signal + ALL * bins, *worth = variance + table,
-           *information = worth + table;
-    for (size_t bin = 0; bin < bins; bin++)
-        noise[bin] = variance_of(prediction->shot_now[bin] * taken->gain +
-                                     prediction->read_now[bin] * (taken->gain * taken->gain),
-                                 taken->pixels);
-    for (size_t cell = 0; cell < ALL; cell++)
-        for (size_t bin = 0; bin < bins; bin++)
-            by_cell[cell] += count[cell * bins + bin];
-    const double share = share_of_noise(prediction, noise, energy, count, by_cell);
-    without_noise(bins, energy, count, noise, share, signal);
-    noise_of(prediction, taken, share, variance);
-    inform_cells(prediction, taken, variance, share * variance_of(0.0, taken->pixels), signal, worth, information);
-    sum_cells(prediction, taken, information, by_cell, curve, steered);
+    const Tables tables = {.bins = bins,
+                           .exposures = prediction->exposures,
+                           .padded = padded,
+                           .noise = noise,
+                           .signal = noise + bins,
+                           .variance = noise + bins + ALL * bins,
+                           .worth = noise + bins + ALL * bins + table,
+                           .information = noise + bins + ALL * bins + 2 * table};
+    predict(&tables, prediction, taken, energy, count, curve, steered);
     free(noise);
     return 0;
 }

@@ -108,50 +108,48 @@ static PyObject *sample_greys_of(PyObject *module, PyObject *arguments)
             PyErr_SetString(PyExc_ValueError, "sampled must have the shape of image[::stride, ::stride], saturated 256");
         else {
             const Image pixels = image_of(image);
-            sample_greys(&pixels, (size_t)stride, saturated->buf, sampled->buf);
-            result = Py_NewRef(Py_None);
+            const int failed = sample_greys(&pixels, (size_t)stride, saturated->buf, sampled->buf);
+            result = failed ? PyErr_NoMemory() : Py_NewRef(Py_None);
         }
     }
     release(&held);
     return result;
 }
 
-PyDoc_STRVAR(light_changes_doc,
-             "light_changes(before, now, weights, log_exposure, clipped, values)\n--\n\n"
-             "Changes of log exposure from one sample of pixels to the next: (counted, known, at_least, all).\n\n"
+PyDoc_STRVAR(light_change_doc,
+             "light_change(before, now, weights, log_exposure, clipped)\n--\n\n"
+             "The change of log exposure from one sample of pixels to the next: (counted, known, median).\n\n"
              "before, now, weights: uint8 (height, width); pixels of weight 0 are left out, None: all count.\n"
-             "log_exposure: float32 (256,). clipped: uint8 (256,), 0 below, 2 above, 1 between. values: float32, written,\n"
-             "with room for two numbers per pixel: `known` changes of pixels that are never clipped; if others count, then\n"
-             "bounds from pixels clipped in one of the two, `at_least` of them lower bounds, and the known ones again.");
+             "log_exposure: float32 (256,). clipped: uint8 (256,), 0 below, 2 above, 1 between. counted, known: pixels that\n"
+             "count, and those of them clipped in neither sample. median: with those clipped in one as bounds; NaN: none.");
 
-static PyObject *changes_into(Held *held, PyObject *const objects[6])
+static PyObject *change_of(Held *held, PyObject *const objects[5])
 {
     const Py_buffer *before, *now, *weights = NULL, *clipped;
-    float *log_exposure, *values;
+    const float *log_exposure;
+    Change change;
     if (!(before = hold_bytes(held, objects[0], 2, PyBUF_ND, "before")) ||
         !(now = hold_bytes(held, objects[1], 2, PyBUF_ND, "now")) ||
         (objects[2] != Py_None && !(weights = hold_bytes(held, objects[2], 2, PyBUF_ND, "weights"))) ||
         !(log_exposure = hold_floats(held, objects[3], GREY_LEVELS, "log_exposure")) ||
-        !(clipped = hold_bytes(held, objects[4], 1, PyBUF_ND, "clipped")) ||
-        !(values = hold_floats(held, objects[5], 2 * now->len, "values")))
+        !(clipped = hold_bytes(held, objects[4], 1, PyBUF_ND, "clipped")))
         return NULL;
     if (before->len != now->len || (weights && weights->len != now->len) || clipped->len != GREY_LEVELS)
         return PyErr_Format(PyExc_ValueError, "before, now and weights must be alike, and clipped have 256 entries");
-    const Changes changes = light_changes(before->buf, now->buf, weights ? weights->buf : NULL, (size_t)now->len,
-                                          log_exposure, clipped->buf, values);
-    return Py_BuildValue("nnnn", (Py_ssize_t)changes.counted, (Py_ssize_t)changes.known, (Py_ssize_t)changes.at_least,
-                         (Py_ssize_t)changes.all);
+    if (light_change(before->buf, now->buf, weights ? weights->buf : NULL, (size_t)now->len, log_exposure, clipped->buf,
+                     &change))
+        return PyErr_NoMemory();
+    return Py_BuildValue("nnd", (Py_ssize_t)change.counted, (Py_ssize_t)change.known, change.median);
 }
 
-static PyObject *light_changes_of(PyObject *module, PyObject *arguments)
+static PyObject *light_change_of(PyObject *module, PyObject *arguments)
 {
-    PyObject *objects[6];
+    PyObject *objects[5];
     Held held = {0};
     (void)module;
-    if (!PyArg_ParseTuple(arguments, "OOOOOO", &objects[0], &objects[1], &objects[2], &objects[3], &objects[4],
-                          &objects[5]))
+    if (!PyArg_ParseTuple(arguments, "OOOOO", &objects[0], &objects[1], &objects[2], &objects[3], &objects[4]))
         return NULL;
-    PyObject *result = changes_into(&held, objects);
+    PyObject *result = change_of(&held, objects);
     release(&held);
     return result;
 }
@@ -160,6 +158,6 @@ PyMethodDef picture_methods[] = {
     {"contrast_sums", contrast_sums_of, METH_VARARGS, contrast_sums_doc},
     {"grey_counts", grey_counts_of, METH_VARARGS, grey_counts_doc},
     {"sample_greys", sample_greys_of, METH_VARARGS, sample_greys_doc},
-    {"light_changes", light_changes_of, METH_VARARGS, light_changes_doc},
+    {"light_change", light_change_of, METH_VARARGS, light_change_doc},
     {NULL, NULL, 0, NULL},
 };

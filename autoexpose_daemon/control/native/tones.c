@@ -1,6 +1,10 @@
 #include "tones.h"
 
+#include <math.h>
+#include <stdlib.h>
 #include <string.h>
+
+#include "vectorised.h"
 
 /* Neighbours are often equal, and an addition to what has just been stored is slow: tables take turns. */
 enum { TURNS = 4 };
@@ -32,48 +36,94 @@ void grey_counts(const Image *image, const Image *region, double counts[GREY_LEV
         counts[grey] = (double)tables[0][grey] + tables[1][grey] + tables[2][grey] + tables[3][grey];
 }
 
-static int is_beside_saturated(const Image *image, size_t y, size_t x, const uint8_t *saturated)
+/* The greatest of each column of three rows. */
+VECTORISED static void greatest_of(const uint8_t *above, const uint8_t *here, const uint8_t *below, size_t width,
+                                   uint8_t *restrict greatest)
 {
-    const size_t top = y ? y - 1 : 0, bottom = y + 1 < image->height ? y + 1 : y;
-    const size_t left = x ? x - 1 : 0, right = x + 1 < image->width ? x + 1 : x;
-    uint8_t brightest = 0;
-    for (size_t row = top; row <= bottom; row++)
-        for (size_t column = left; column <= right; column++)
-            brightest = at(image, row, column) > brightest ? at(image, row, column) : brightest;
-    return saturated[brightest];
+    for (size_t x = 0; x < width; x++) {
+        const uint8_t ends = above[x] > below[x] ? above[x] : below[x];
+        greatest[x] = ends > here[x] ? ends : here[x];
+    }
 }
 
-void sample_greys(const Image *image, size_t stride, const uint8_t saturated[GREY_LEVELS], uint8_t *sampled)
+int sample_greys(const Image *image, size_t stride, const uint8_t saturated[GREY_LEVELS], uint8_t *sampled)
 {
-    for (size_t y = 0; y < image->height; y += stride)
-        for (size_t x = 0; x < image->width; x += stride)
-            *sampled++ = is_beside_saturated(image, y, x, saturated) ? 255 : at(image, y, x);
+    const size_t width = image->width, last = image->height - 1;
+    uint8_t *rows = malloc(4 * width), *greatest = rows + 3 * width;
+    if (!rows)
+        return -1;
+    for (size_t y = 0; y <= last; y += stride) {
+        const uint8_t *here = row_in(image, y, rows + width);
+        greatest_of(row_in(image, y ? y - 1 : 0, rows), here, row_in(image, y < last ? y + 1 : last, rows + 2 * width),
+                    width, greatest);
+        for (size_t x = 0; x < width; x += stride) {
+            const uint8_t left = greatest[x ? x - 1 : 0], right = greatest[x + 1 < width ? x + 1 : x];
+            const uint8_t beside = left > right ? left : right;
+            *sampled++ = saturated[beside > greatest[x] ? beside : greatest[x]] ? 255 : here[x];
+        }
+    }
+    free(rows);
+    return 0;
 }
 
-Changes light_changes(const uint8_t *before, const uint8_t *now, const uint8_t *weights, size_t count,
-                      const float log_exposure[GREY_LEVELS], const uint8_t clipped[GREY_LEVELS], float *values)
+/* Unsigned integers in the order of the numbers. */
+static inline uint32_t key_of(float value)
 {
-    Changes changes = {0, 0, 0, 0};
-    float *end = values + 2 * count; /* bounds are first collected from there downwards */
-    size_t bounds = 0;
+    uint32_t bits;
+    memcpy(&bits, &value, sizeof bits);
+    return bits >> 31 ? ~bits : bits | UINT32_C(1) << 31;
+}
+
+/* The value of a rank, from 0: counts by the first bits of the keys, and again by the next ones of those left. */
+static float ranked(float *values, size_t count, size_t rank)
+{
+    enum { BITS = 11, PLACES = 1 << BITS };
+    for (int shift = 32 - BITS; count > 1 && shift > -BITS; shift -= BITS) {
+        size_t counts[PLACES] = {0}, place = 0, kept = 0;
+        const int right = shift > 0 ? shift : 0;
+        for (size_t i = 0; i < count; i++)
+            counts[key_of(values[i]) >> right & (PLACES - 1)]++;
+        for (; rank >= counts[place]; place++)
+            rank -= counts[place];
+        for (size_t i = 0; i < count; i++)
+            if ((key_of(values[i]) >> right & (PLACES - 1)) == place)
+                values[kept++] = values[i];
+        count = kept;
+    }
+    return values[0];
+}
+
+int light_change(const uint8_t *before, const uint8_t *now, const uint8_t *weights, size_t count,
+                 const float log_exposure[GREY_LEVELS], const uint8_t clipped[GREY_LEVELS], Change *change)
+{
+    float *values = malloc((2 * count + 1) * sizeof *values), *end = values + 2 * count; /* known ones, and from the end
+                                                                                           * downwards bounds */
+    size_t bounds = 0, at_least = 0;
+    *change = (Change){0, 0, NAN};
+    if (!values)
+        return -1;
     for (size_t i = 0; i < count; i++) {
         if (weights && !weights[i])
             continue;
-        const float change = log_exposure[now[i]] - log_exposure[before[i]];
-        const int rise = clipped[now[i]] - clipped[before[i]];
-        changes.counted++;
-        if (clipped[now[i]] == 1 && clipped[before[i]] == 1)
-            values[changes.known++] = change;
-        else if (rise) {
-            *(end - ++bounds) = change;
-            changes.at_least += rise > 0;
+        const uint8_t first = clipped[before[i]], second = clipped[now[i]];
+        const float rise = log_exposure[now[i]] - log_exposure[before[i]];
+        change->counted++;
+        if (first == 1 && second == 1)
+            values[change->known++] = rise;
+        else if (first != second) {
+            *(end - ++bounds) = rise;
+            at_least += second > first;
         }
     }
-    changes.all = changes.known;
-    if (changes.known == changes.counted)
-        return changes;
-    memmove(values + changes.known, end - bounds, bounds * sizeof *values);
-    memcpy(values + changes.known + bounds, values, changes.known * sizeof *values);
-    changes.all = 2 * changes.known + bounds;
-    return changes;
+    const size_t known = change->known;
+    if (known == change->counted && known)
+        change->median = ranked(values, known, known / 2);
+    else if (known + bounds) { /* each known change counts twice: as a bound from below, and from above */
+        const size_t all = 2 * known + bounds, rank = known + at_least;
+        memmove(values + known, end - bounds, bounds * sizeof *values);
+        memcpy(values + known + bounds, values, known * sizeof *values);
+        change->median = ranked(values, all, rank < all ? rank : all - 1);
+    }
+    free(values);
+    return 0;
 }

@@ -8,18 +8,20 @@
 void grey_counts(const Image *image, const Image *region, double counts[GREY_LEVELS]);
 
 /* Every `stride`-th pixel across and down into `sampled`, row by row; 255 where it or a pixel around it is
- * saturated: saturated[grey] is 0 up to some grey level, and not 0 from there. */
-void sample_greys(const Image *image, size_t stride, const uint8_t saturated[GREY_LEVELS], uint8_t *sampled);
+ * saturated: saturated[grey] is 0 up to some grey level, and not 0 from there. Returns 0, or -1 if out of
+ * memory. */
+int sample_greys(const Image *image, size_t stride, const uint8_t saturated[GREY_LEVELS], uint8_t *sampled);
 
-/* Changes of log exposure, as `light_changes` sorts them. */
+/* How log exposure changed between two samples: how many pixels count, how many of these are clipped in neither, and
+ * the median, with pixels that are clipped in one sample as bounds; NaN if none shows a change. */
 typedef struct {
-    size_t counted, known, at_least, all;
-} Changes;
+    size_t counted, known;
+    double median;
+} Change;
 
-/* From `before` to `now`, each `count` pixels; weights of 0 leave pixels out, NULL none. clipped[grey] is 2 above, 0
- * below, 1 between. Writes to `values`, which has room for 2 * count: known changes (of pixels clipped in neither image),
- * then, if there are others, the lower and upper bounds from pixels clipped in one, and the known ones again. */
-Changes light_changes(const uint8_t *before, const uint8_t *now, const uint8_t *weights, size_t count,
-                      const float log_exposure[GREY_LEVELS], const uint8_t clipped[GREY_LEVELS], float *values);
+/* From `before` to `now`, each `count` pixels; weights of 0 leave pixels out, NULL none. clipped[grey]: 0 below, 2 above,
+ * 1 between. Returns 0, or -1 if out of memory. */
+int light_change(const uint8_t *before, const uint8_t *now, const uint8_t *weights, size_t count,
+                 const float log_exposure[GREY_LEVELS], const uint8_t clipped[GREY_LEVELS], Change *change);
 
 #endif

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
@@ -90,15 +91,8 @@ class Registration:
         if before is None or side != look.side or before.shape != now.shape:
             return None
         counts = None if look.weights is None else np.ascontiguousarray(look.weights[::STRIDE, ::STRIDE])
-        changes = _changes(before, now, counts, self._tables[look.side])
-        if changes.counted == 0:  # a region between the strides
-            return None
-        if changes.known == changes.counted:
-            return LightChange(_middle(changes.values, changes.known // 2) - level_change, True)
-        if changes.values.size == 0:
-            return None
-        median = _middle(changes.values, min(changes.known + changes.at_least, changes.values.size - 1))
-        return LightChange(median - level_change, changes.known >= LEAST_SHARE * changes.counted)
+        counted, known, median = _change(before, now, counts, *self._tables[look.side])
+        return None if math.isnan(median) else LightChange(median - level_change, known >= LEAST_SHARE * counted)
 
     def _sampled(self, look: Look) -> NDArray[np.uint8]:
         """Every fifth pixel; one beside a saturated pixel was partly averaged from saturated ones, and counts as one.
@@ -115,52 +109,37 @@ class Registration:
         return np.asarray(cv2.max(here, cv2.LUT(brightest, saturated)), np.uint8)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Changes:
-    """Changes of log exposure between two samples of pixels.
-
-    Attributes
-    ----------
-    values
-        Those of pixels unclipped in both, float32; if others count, then bounds from those clipped in one, and the
-        former again.
-    counted, known, at_least
-        How many pixels count, are unclipped in both, and give a lower bound.
-    """
-
-    values: NDArray[np.float32]
-    counted: int
-    known: int
-    at_least: int
-
-
-def _changes(
+def _change(
     before: NDArray[np.uint8],
     now: NDArray[np.uint8],
     weights: NDArray[np.uint8] | None,
-    tables: tuple[NDArray[np.float32], NDArray[np.uint8]],
-) -> _Changes:
-    """From one sample to the next, of the same shape; pixels of weight 0 do not count."""
+    log_exposure: NDArray[np.float32],
+    clipped: NDArray[np.uint8],
+) -> tuple[int, int, float]:
+    """How many pixels of two samples count, how many of them are clipped in neither, and their median change (stops).
+
+    The median is NaN if none shows a change; pixels of weight 0 do not count.
+    """
     if _native is not None:
-        values = np.empty(2 * now.size, np.float32)
-        counted, known, at_least, filled = _native.light_changes(before, now, weights, *tables, values)
-        return _Changes(values[:filled], counted, known, at_least)
+        return _native.light_change(before, now, weights, log_exposure, clipped)
     if weights is not None:
         before, now = before[weights > 0], now[weights > 0]
-    if now.size == 0:
-        return _Changes(np.empty(0, np.float32), 0, 0, 0)
-    log_exposure, clipped = tables
+    if now.size == 0:  # a region between the strides
+        return 0, 0, math.nan
     changes = cv2.LUT(now, log_exposure) - cv2.LUT(before, log_exposure)
     first, second = cv2.LUT(before, clipped), cv2.LUT(now, clipped)
     known = changes[(first == BETWEEN) & (second == BETWEEN)]
     if known.size == changes.size:
-        return _Changes(known, changes.size, known.size, 0)
+        return changes.size, known.size, _ranked(known, known.size // 2)
     at_least = changes[second > first]
-    values = np.concatenate([known, at_least, changes[second < first], known])
-    return _Changes(values, changes.size, known.size, at_least.size)
+    at_most = changes[second < first]
+    values = np.concatenate([known, known, at_least, at_most])
+    if values.size == 0:
+        return changes.size, 0, math.nan
+    return changes.size, known.size, _ranked(values, min(known.size + at_least.size, values.size - 1))
 
 
-def _middle(values: NDArray[np.float32], rank: int) -> float:
+def _ranked(values: NDArray[np.float32], rank: int) -> float:
     return float(np.partition(values, rank, axis=None)[rank])
 
 
