@@ -72,3 +72,14 @@ def predict_metrics(
     distances: NDArray[np.float64],
     /,
 ) -> None: ...
+def worth_of_levels(
+    levels: NDArray[np.float64],
+    metrics: NDArray[np.float64],
+    views: NDArray[np.float64],
+    moving: bool,
+    frontier: float,
+    known_again: float,
+    highest: float,
+    worth: NDArray[np.float64],
+    /,
+) -> None: ...

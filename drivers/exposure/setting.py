@@ -108,7 +108,9 @@ class ExposureLimits:
 
     def clamp_level(self, level: float) -> float:
         """The exposure level within these limits nearest to `level` (stops)."""
-        return min(max(level, self.darkest.level), self.brightest.level)
+        darkest = math.log2(self.min_time_us) + self.min_gain_db / DB_PER_STOP
+        brightest = math.log2(self.max_time_us) + self.max_gain_db / DB_PER_STOP
+        return min(max(level, darkest), brightest)
 
     def within(self, other: ExposureLimits) -> ExposureLimits:
         """The range common to both, with the coarser increments of the two, counted from their own minimum.

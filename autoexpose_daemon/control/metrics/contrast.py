@@ -95,21 +95,30 @@ def sampled_contrast(
     image: NDArray[np.uint8], bins: GreyBins, weights: NDArray[np.uint8] | None, stride: int
 ) -> Contrast:
     """The same for every `stride`-th pixel across and down, with numpy."""
-    here = np.ascontiguousarray(image[1:-1:stride, 1:-1:stride])
-    left, right = (np.ascontiguousarray(each[1:-1:stride, ::stride]) for each in (image[:, :-2], image[:, 2:]))
-    above, below = (np.ascontiguousarray(each[::stride, 1:-1:stride]) for each in (image[:-2], image[2:]))
+    here, left, right, above, below = _neighbours(image, stride)
     brightest = cv2.max(cv2.max(cv2.max(above, below), cv2.max(left, right)), here)
     across, down = cv2.subtract(right, left, dtype=cv2.CV_32F), cv2.subtract(below, above, dtype=cv2.CV_32F)
-    energy = (across * across + down * down).astype(np.float64)
+    energy = across * across + down * down
     places = (_first_places(here.shape, bins.count) + cv2.LUT(brightest, bins.of)).ravel()
     size = CELLS * CELLS * bins.count
     if weights is None:  # energy and count packed into one exact number
-        sums = np.bincount(places, (energy + _PACKED).ravel(), size).reshape(-1, bins.count)
+        sums = np.bincount(places, np.add(energy, _PACKED, dtype=np.float64).ravel(), size).reshape(-1, bins.count)
         count = np.floor(sums / _PACKED)
         return Contrast(sums - count * _PACKED, count)
     count = weights[1:-1:stride, 1:-1:stride].astype(np.float64)
     sums, counts = np.bincount(places, (energy * count).ravel(), size), np.bincount(places, count.ravel(), size)
     return Contrast(np.asarray(sums.reshape(-1, bins.count)), np.asarray(counts.reshape(-1, bins.count)))
+
+
+def _neighbours(image: NDArray[np.uint8], stride: int) -> list[NDArray[np.uint8]]:
+    """Every `stride`-th pixel that has all neighbours, and its left, right, upper and lower one, as five images."""
+    height, width = image.shape
+    if stride == 2 and width % 2 == 0 and image.flags.c_contiguous:  # a third of the time
+        even, odd = (np.asarray(each, np.uint8) for each in cv2.split(image.reshape(height, width // 2, 2)))
+        return [odd[1:-1:2, :-1], even[1:-1:2, :-1], even[1:-1:2, 1:], odd[:-2:2, :-1], odd[2::2, :-1]]
+    inside, before, after = slice(1, -1, stride), slice(0, -2, stride), slice(2, None, stride)
+    parts = (inside, inside), (inside, before), (inside, after), (before, inside), (after, inside)
+    return [np.ascontiguousarray(image[part]) for part in parts]
 
 
 @lru_cache(maxsize=1)

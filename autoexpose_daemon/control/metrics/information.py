@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -30,6 +32,8 @@ LEAST_READABLE = 0.5
 LEAST_VARIANCE = 0.25
 """... of those with so much of their weight neither black nor saturated, and with so much noise expected (squared grey
 levels): what is clipped shows no noise, and rounding hides less than half a grey level of it."""
+
+Number = TypeVar("Number", float, NDArray[np.float64])
 
 _FLATTEST = 1e-3  # stops per grey level; where a response is flatter its slope says nothing
 
@@ -196,22 +200,23 @@ def _share_of_noise(
     if not telling.any():
         return 1.0
     shares = np.sort(shown[telling] / expected[telling])
-    return min(float(np.interp(FLATTEST_SHARE * (shares.size - 1), np.arange(shares.size), shares)), 1.0)
+    below, part = divmod(FLATTEST_SHARE * (shares.size - 1), 1.0)
+    low, high = shares[int(below)], shares[min(int(below) + 1, shares.size - 1)]
+    return min(float(low + part * (high - low)), 1.0)
 
 
-def sharpness(blur_px: NDArray[np.float64] | float) -> NDArray[np.float64]:
+def sharpness(blur_px: Number) -> Number:
     """Share (0..1) of the energy of gradients that motion blur of a length leaves; in pixels of the shrunk image."""
-    return np.asarray(1.0 / (1.0 + (np.asarray(blur_px) / BLUR_PX) ** 2))
+    part = blur_px / BLUR_PX
+    return 1.0 / (1.0 + part * part)
 
 
-def blur_length_px(
-    motion_px: float, exposure_time_us: NDArray[np.float64] | float, scale: float
-) -> NDArray[np.float64]:
+def blur_length_px(motion_px: float, exposure_time_us: Number, scale: float) -> Number:
     """Length of the motion blur, in pixels of the shrunk image, each `scale` pixels of the frame long.
 
     `motion_px` is the speed of image points, pixels of full resolution per 1/60 s.
     """
-    return np.asarray(motion_px * PER_US * exposure_time_us / scale)
+    return motion_px * PER_US * exposure_time_us / scale
 
 
 def variance_of(noise_dn2: NDArray[np.float64], pixels: float) -> NDArray[np.float64]:

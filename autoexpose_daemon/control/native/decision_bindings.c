@@ -138,9 +138,47 @@ static PyObject *predict_metrics_of(PyObject *module, PyObject *arguments)
     return result;
 }
 
+PyDoc_STRVAR(worth_of_levels_doc,
+             "worth_of_levels(levels, metrics, views, moving, frontier, known_again, highest, worth)\n--\n\n"
+             "As in search.py, which also has the parameters; `worth`, float64 (n,), is written.");
+
+static PyObject *worth_into(Held *held, PyObject *const objects[4], Unseen *unseen)
+{
+    const double *levels, *metrics;
+    double *worth;
+    if (!(unseen->saturated = hold_doubles(held, objects[2], -1, "views")))
+        return NULL;
+    const Py_ssize_t cameras = held_numbers(held) / 3;
+    if (!(levels = hold_doubles(held, objects[0], -1, "levels")))
+        return NULL;
+    const Py_ssize_t n = held_numbers(held);
+    if (!(metrics = hold_doubles(held, objects[1], cameras * n, "metrics")) ||
+        !(worth = hold_result(held, objects[3], n, "worth")))
+        return NULL;
+    unseen->black = unseen->saturated + cameras;
+    unseen->density = unseen->black + cameras;
+    worth_of_levels(levels, (size_t)n, metrics, (size_t)cameras, unseen, worth);
+    Py_RETURN_NONE;
+}
+
+static PyObject *worth_of_levels_of(PyObject *module, PyObject *arguments)
+{
+    PyObject *objects[4];
+    Unseen unseen;
+    Held held = {0};
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "OOOpdddO", &objects[0], &objects[1], &objects[2], &unseen.moving, &unseen.frontier,
+                          &unseen.known_again, &unseen.highest, &objects[3]))
+        return NULL;
+    PyObject *result = worth_into(&held, objects, &unseen);
+    release(&held);
+    return result;
+}
+
 PyMethodDef decision_methods[] = {
     {"predict_information", predict_information_of, METH_VARARGS, predict_information_doc},
     {"predict_metrics", predict_metrics_of, METH_VARARGS, predict_metrics_doc},
+    {"worth_of_levels", worth_of_levels_of, METH_VARARGS, worth_of_levels_doc},
     {"best_times", best_times_of, METH_VARARGS, best_times_doc},
     {NULL, NULL, 0, NULL},
 };

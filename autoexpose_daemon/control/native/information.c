@@ -14,7 +14,7 @@ enum { ALL = CELLS * CELLS, TILE = 8 };
 #define LEAST_READABLE 0.5
 #define LEAST_VARIANCE 0.25
 
-/* Rows of exposures have the length `padded`, the least multiple of TILE, so that sums of TILE stay in registers. */
+/* Rows of exposures have the length `padded`, the least multiple of TILE. */
 typedef struct {
     size_t bins, exposures, padded;
     double *noise;            /* [bin], of the present image */
@@ -98,17 +98,18 @@ VECTORISED static void find_worth(const Tables *tables, const Prediction *predic
     }
 }
 
+/* The information of a cell at each exposure: rows are a multiple of TILE, which compilers unroll. */
 VECTORISED static void inform(const Tables *tables, size_t cell)
 {
-    const double *signal = tables->signal + cell * tables->bins;
-    for (size_t first = 0; first < tables->padded; first += TILE) {
-        const double *worth = tables->worth + first;
-        double sums[TILE] = {0.0};
-        for (size_t bin = 0; bin < tables->bins; bin++, worth += tables->padded)
+    const double *signal = tables->signal + cell * tables->bins, *worth = tables->worth;
+    double *restrict information = tables->information + cell * tables->padded;
+    for (size_t bin = 0; bin < tables->bins; bin++, worth += tables->padded) {
+        const double energy = signal[bin];
+        if (energy == 0.0)
+            continue;
+        for (size_t first = 0; first < tables->padded; first += TILE)
             for (size_t i = 0; i < TILE; i++)
-                sums[i] += signal[bin] * worth[i];
-        for (size_t i = 0; i < TILE; i++)
-            tables->information[cell * tables->padded + first + i] = sums[i];
+                information[first + i] += energy * worth[first + i];
     }
 }
 

@@ -9,6 +9,14 @@
 #define FARTHER_BEYOND 2.0
 #define DOUBT 0.5
 
+/* As in search.py. */
+#define SHORTEST_PROBE 1.5
+#define PROBE_PER_SHARE 5.0
+#define PROBE_WORTH 1.5
+#define PROBE_WORTH_MOVING 1.0
+#define LEAST_CAMERA 0.1
+#define NOTHING 1e-9
+
 /* The interval of the curves in which a change of level lies, and where in it, 0 to 1. */
 static size_t place_of(const Sightings *seen, double change, double *share)
 {
@@ -38,4 +46,42 @@ void predict_metrics(const Sightings *seen, const double *levels, size_t count, 
                 distances[view * count + i] = up + fmax(-change, 0.0) * (1.0 + BLINDNESS * seen->blind[view]);
             }
         }
+}
+
+/* Its power is 1 in motion, else a half. */
+static double probe_bonus(double stops, double clipped_share, double density, int moving)
+{
+    const double distance = stops / (SHORTEST_PROBE + PROBE_PER_SHARE * clipped_share);
+    const double shape = fmin(fmax(fmin(distance, 2.0 - distance), 0.0), 1.0);
+    return (moving ? PROBE_WORTH_MOVING : PROBE_WORTH) * clipped_share * density * (moving ? shape : sqrt(shape));
+}
+
+/* The best of a camera, including what it may yet see. */
+static double best_of(const double *metrics, size_t count, const Unseen *unseen, size_t camera)
+{
+    double best = fmax(unseen->saturated[camera], unseen->black[camera]) * unseen->density[camera];
+    for (size_t i = 0; i < count; i++)
+        best = fmax(best, metrics[camera * count + i]);
+    return best;
+}
+
+void worth_of_levels(const double *levels, size_t count, const double *metrics, size_t cameras, const Unseen *unseen,
+                     double *worth)
+{
+    double greatest = 0.0;
+    for (size_t camera = 0; camera < cameras; camera++)
+        greatest = fmax(greatest, best_of(metrics, count, unseen, camera));
+    for (size_t i = 0; i < count; i++)
+        worth[i] = 0.0;
+    for (size_t camera = 0; camera < cameras; camera++) {
+        const double best = fmax(best_of(metrics, count, unseen, camera), fmax(LEAST_CAMERA * greatest, NOTHING));
+        const double white = unseen->saturated[camera], black = unseen->black[camera], density = unseen->density[camera];
+        for (size_t i = 0; i < count; i++) {
+            const double below = probe_bonus(unseen->frontier - levels[i], white, density, unseen->moving);
+            const double above = probe_bonus(levels[i] - unseen->highest, black, density, unseen->moving);
+            worth[i] += (metrics[camera * count + i] + (levels[i] > unseen->known_again ? below : 0.0) + above) / best;
+        }
+    }
+    for (size_t i = 0; i < count; i++)
+        worth[i] /= (double)cameras;
 }

@@ -17,4 +17,15 @@ typedef struct {
 void predict_metrics(const Sightings *seen, const double *levels, size_t count, int doubting, double *values,
                      double *distances);
 
+/* Of each camera: clipped shares, and metric of a pixel of good exposure. */
+typedef struct {
+    const double *saturated, *black, *density;
+    double frontier, known_again, highest; /* levels: see search.py */
+    int moving;
+} Unseen;
+
+/* worth[level], from metrics[camera][level]: `worth_of_levels` in C. */
+void worth_of_levels(const double *levels, size_t count, const double *metrics, size_t cameras, const Unseen *unseen,
+                     double *worth);
+
 #endif

@@ -103,7 +103,8 @@ class FlowMotion(ABC):
         previous = self._previous
         if level != self._previous_level:
             table = prediction_table(self._response, level - self._previous_level)
-            previous = cv2.LUT(previous, table, dst=self._previous_here)
+            cv2.LUT(previous, table, dst=self._previous_here)
+            previous = self._previous_here
         self._calculate(previous, self._current, self._flow)
         # Not cv2.magnitude and cv2.mean: their last bit depends on where in memory the data are, and replays are exact.
         np.multiply(self._flow, self._flow, out=self._squares)

@@ -94,8 +94,8 @@ class FisherMap(ExposureMap):
 
     def _sharper(self, time_us: float, times_us: NDArray[np.float64], scale: float) -> NDArray[np.float64]:
         """`sharpness` at other exposure times, as a multiple of that at the present one."""
-        sharp = sharpness(blur_length_px(self.motion_px, np.append(times_us, time_us), scale))
-        return np.asarray(sharp[:-1] / sharp[-1])
+        then = sharpness(blur_length_px(self.motion_px, times_us, scale))
+        return np.asarray(then / sharpness(blur_length_px(self.motion_px, time_us, scale)))
 
     def _view(
         self,

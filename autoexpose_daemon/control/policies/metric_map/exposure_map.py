@@ -22,8 +22,9 @@ from autoexpose_daemon.control.policies.metric_map.search import (
     LONGEST_PROBE,
     dark_jump,
     plateau_centre,
-    probe_bonus,
+    value_at,
     within_reason,
+    worth_of_levels,
 )
 from autoexpose_daemon.control.policies.metric_map.view import NO_CHANGE, MetricView
 from autoexpose_daemon.control.policies.metric_map.votes import REMARKS, Votes
@@ -65,9 +66,6 @@ LEAST_BLACK = 0.1
 SAME_JUMP_STOPS = 0.5
 """Jumps out of the dark are rough: one in progress is not corrected by less."""
 
-NOTHING = 1e-9
-"""A metric this small counts as zero."""
-
 LONGEST_STEP = 0.4
 """Stops by which frames of a moving camera may come to differ in brightness from one to the next, as long as the last
 target is worth `ExposureMap.WORTH_KEEPING`: odometry must find its points again."""
@@ -76,9 +74,6 @@ LEAST_FORETOLD = 1.0
 """Stops by which light ahead must differ from the forecast to count: smaller changes are followed well without it."""
 
 _Worth = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
-
-LEAST_CAMERA = 0.1
-"""A camera that sees less than this share of the other's metric does not get a full vote."""
 
 
 class ExposureMap(ExposurePolicy):
@@ -233,17 +228,17 @@ class ExposureMap(ExposurePolicy):
         if best <= 0:
             return Target(held, "held: no gradient at any exposure")
         gain = HOLD_GAIN_FOLLOWING if ahead != 0 else self.HOLD_GAIN_MOVING if moving else HOLD_GAIN
-        now = float(np.interp(held, levels, value))
+        now = value_at(held, levels, value)
         if now * (1.0 + gain) >= best:
-            return Target(held, "held: metric at its maximum", float(np.interp(held, levels, metric)))
+            return Target(held, "held: metric at its maximum", value_at(held, levels, metric))
         target = plateau_centre(levels, value)
-        if moving and np.interp(held, levels, worth) >= self.WORTH_KEEPING * worth.max():
+        if moving and value_at(held, levels, worth) >= self.WORTH_KEEPING * worth.max():
             target = _step_towards(target, held, risen)
         if target + ahead < self.memory.lowest().level - 0.5:
             reason = "probes what is saturated"
         else:
             reason = f"metric {'rises' if target > level else 'falls'} with exposure"
-        return Target(target, reason, float(np.interp(target, levels, metric)))
+        return Target(target, reason, value_at(target, levels, metric))
 
     def _foretold(
         self, observation: Observation, forecast: float
@@ -285,20 +280,18 @@ class ExposureMap(ExposurePolicy):
         """The worth of each level, given what each camera's metric is there, shape (cameras, n)."""
         blind = _blind(self.memory.sightings[-1].views)
         frontier, known_again = self.memory.frontier(math.inf if moving or blind else TRUSTED_RISE)
-        unknown = levels > known_again
         highest = self.memory.highest()
         saturated = [view.saturated_share for view in frontier.views]
         black = [0.0 if moving or view.black_share < LEAST_BLACK else view.black_share for view in highest.views]
-        # What a camera may yet see is part of its best, until a frame that covers it has shown whether it exists.
-        hidden = np.maximum(saturated, black) * np.array(self.densities)
-        best = np.maximum(metrics.max(axis=1), hidden)
-        best = np.maximum(best, max(LEAST_CAMERA * float(best.max()), NOTHING))
-        worth = np.zeros(len(levels))
-        for metric, norm, white, dark, density in zip(metrics, best, saturated, black, self.densities, strict=True):
-            below = unknown * probe_bonus(frontier.level - levels, white, density, moving)
-            above = probe_bonus(levels - highest.level, dark, density, moving)
-            worth += (metric + below + above) / norm
-        return np.asarray(worth / len(metrics))
+        return worth_of_levels(
+            levels,
+            metrics,
+            np.array([saturated, black, self.densities]),
+            moving,
+            frontier=frontier.level,
+            known_again=known_again,
+            highest=highest.level,
+        )
 
 
 def _blind(views: tuple[MetricView, ...]) -> bool:

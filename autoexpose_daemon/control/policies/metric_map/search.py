@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from autoexpose_daemon.control.metrics.extension import extension as _native
 from autoexpose_daemon.control.picture.steering import STEERING_SHARE
 from calibration.response import ResponseFunction
 
@@ -20,6 +21,12 @@ EDGE = 0.1
 
 LONGEST_JUMP = 7.0
 """Longest jump up out of the dark, stops."""
+
+LEAST_CAMERA = 0.1
+"""A camera that sees less than this share of the other's metric does not get a full vote."""
+
+NOTHING = 1e-9
+"""A metric this small counts as zero."""
 
 SHORTEST_PROBE = 1.5
 PROBE_PER_SHARE = 5.0
@@ -64,6 +71,57 @@ def probe_bonus(stops: NDArray[np.float64], clipped_share: float, density: float
     distance = stops / (SHORTEST_PROBE + PROBE_PER_SHARE * clipped_share)
     shape = np.minimum(np.maximum(np.minimum(distance, 2.0 - distance), 0.0), 1.0) ** power
     return np.asarray(worth * clipped_share * density * shape)
+
+
+def worth_of_levels(
+    levels: NDArray[np.float64],
+    metrics: NDArray[np.float64],
+    views: NDArray[np.float64],
+    moving: bool,
+    *,
+    frontier: float,
+    known_again: float,
+    highest: float,
+) -> NDArray[np.float64]:
+    """What each level promises, as a mean over cameras of shares of their best: float64, shape (n,).
+
+    Parameters
+    ----------
+    levels
+        Stops, shape (n,).
+    metrics
+        What each camera's metric is there, shape (cameras, n).
+    views
+        Saturated share, black share and density (see `probe_bonus`) of each camera, shape (3, cameras).
+    moving
+        Whether the cameras move.
+    frontier, known_again, highest
+        Levels: the lowest that is known before the unknown, where knowledge begins again below it, and the highest.
+    """
+    if _native is not None:
+        worth = np.empty(levels.size)
+        _native.worth_of_levels(levels, metrics, views, moving, frontier, known_again, highest, worth)
+        return worth
+    unknown = levels > known_again
+    # What a camera may yet see is part of its best, until a frame that covers it has shown whether it exists.
+    hidden = np.maximum(views[0], views[1]) * views[2]
+    best = np.maximum(metrics.max(axis=1), hidden)
+    best = np.maximum(best, max(LEAST_CAMERA * float(best.max()), NOTHING))
+    worth = np.zeros(levels.size)
+    for metric, norm, (white, dark, density) in zip(metrics, best, views.T.tolist(), strict=True):
+        below = unknown * probe_bonus(frontier - levels, white, density, moving)
+        above = probe_bonus(levels - highest, dark, density, moving)
+        worth += (metric + below + above) / norm
+    return np.asarray(worth / len(metrics))
+
+
+def value_at(level: float, levels: NDArray[np.float64], values: NDArray[np.float64]) -> float:
+    """`np.interp` at one level, in less time than that takes to look at its arguments."""
+    after = int(levels.searchsorted(level, "right"))
+    if after in {0, levels.size}:
+        return float(values[min(after, levels.size - 1)])
+    low, high, first, second = (float(each[at]) for each in (levels, values) for at in (after - 1, after))
+    return (second - first) / (high - low) * (level - low) + first
 
 
 def dark_jump(signal: float, response: ResponseFunction) -> float:
