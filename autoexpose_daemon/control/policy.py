@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from autoexpose_daemon.control.balance import Balance, BlurNoiseBalance, ExposurePriority, FixedRatio, FlickerBalance
 from autoexpose_daemon.control.light_ahead import LightAhead
+from autoexpose_daemon.control.metrics.extension import extension as _native
 from autoexpose_daemon.control.metrics.gradient import GradientMetric, grey_counts
 from autoexpose_daemon.control.parameters import ControlParameters
 from autoexpose_daemon.control.picture.steering import Steering
@@ -87,8 +88,13 @@ class Look:
         return self.image if self.before_median is None else self.before_median
 
     @cached_property
-    def cumulative(self) -> NDArray[np.float64]:
-        """How many pixels of `image` that count have at most each grey level, exact, shape (256,); counted once."""
+    def cumulative(self) -> NDArray[np.float64] | None:
+        """How many pixels of `image` that count have at most each grey level, exact, shape (256,); counted once.
+
+        None if every pixel counts and the C extension is built: a single number then takes much less time.
+        """
+        if self.weights is None and _native is not None:
+            return None
         return grey_counts(self.image, self.weights).cumsum()
 
 

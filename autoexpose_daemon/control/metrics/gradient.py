@@ -197,6 +197,11 @@ class ExtremeShares:
         `weights` (uint8, same shape, not all 0) says how much each pixel counts; None: all the same. `cumulative`,
         if known, is how many pixels of the image have at most each grey level.
         """
+        if weights is None and _native is not None:
+            unsaturated, black = (
+                _native.count_at_most(image, grey) for grey in (self.saturated_from - 1, self.black_to)
+            )
+            return (image.size - unsaturated) / image.size, black / image.size
         if weights is None and cumulative is not None:
             unsaturated = float(cumulative[self.saturated_from - 1]) if self.saturated_from else 0.0
             return (image.size - unsaturated) / image.size, float(cumulative[self.black_to]) / image.size

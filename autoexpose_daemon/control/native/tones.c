@@ -36,6 +36,51 @@ void grey_counts(const Image *image, const Image *region, double counts[GREY_LEV
         counts[grey] = (double)tables[0][grey] + tables[1][grey] + tables[2][grey] + tables[3][grey];
 }
 
+/* In bytes, which compilers vectorise, as long as they cannot overflow. */
+VECTORISED static size_t count_in_row(const uint8_t *row, size_t width, uint8_t grey)
+{
+    enum { LANES_AT_ONCE = 32 };
+    size_t found = 0, x = 0;
+    while (width - x >= LANES_AT_ONCE) {
+        uint8_t lanes[LANES_AT_ONCE] = {0};
+        for (int turn = 0; turn < 255 && width - x >= LANES_AT_ONCE; turn++, x += LANES_AT_ONCE)
+            for (size_t i = 0; i < LANES_AT_ONCE; i++)
+                lanes[i] += row[x + i] <= grey;
+        for (size_t i = 0; i < LANES_AT_ONCE; i++)
+            found += lanes[i];
+    }
+    for (; x < width; x++)
+        found += row[x] <= grey;
+    return found;
+}
+
+size_t count_at_most(const Image *image, int grey)
+{
+    const int gapless = image->column_step == 1 && image->row_step == (ptrdiff_t)image->width;
+    const size_t rows = gapless ? 1 : image->height, width = gapless ? image->width * image->height : image->width;
+    size_t found = 0;
+    for (size_t y = 0; grey >= 0 && y < rows; y++)
+        if (image->column_step == 1)
+            found += count_in_row(image->data + (ptrdiff_t)y * image->row_step, width, (uint8_t)(grey < 255 ? grey : 255));
+        else
+            for (size_t x = 0; x < width; x++)
+                found += at(image, y, x) <= grey;
+    return found;
+}
+
+int grey_of_rank(const Image *image, double rank)
+{
+    int low = 0, high = GREY_LEVELS - 1;
+    while (low < high) {
+        const int middle = (low + high) / 2;
+        if ((double)count_at_most(image, middle) >= rank)
+            high = middle;
+        else
+            low = middle + 1;
+    }
+    return low;
+}
+
 /* The greatest of each column of three rows. */
 VECTORISED static void greatest_of(const uint8_t *above, const uint8_t *here, const uint8_t *below, size_t width,
                                    uint8_t *restrict greatest)

@@ -109,7 +109,7 @@ class FlowMotion(ABC):
         # Not cv2.magnitude and cv2.mean: their last bit depends on where in memory the data are, and replays are exact.
         np.multiply(self._flow, self._flow, out=self._squares)
         np.sqrt(np.add(self._squares[..., 0], self._squares[..., 1], out=self._length), out=self._length)
-        return self.FLOW_SCALE * float(self._length.mean())
+        return self.FLOW_SCALE * float(np.add.reduce(self._length, axis=None) / self._length.size)  # as `mean`, quicker
 
     def _allocate(self, shape: tuple[int, ...]) -> None:
         self._allocated_for = shape

@@ -156,10 +156,11 @@ class MetricMemory:
         if len(self.sightings[-1].views) != len(sighting.views):
             return True
         values, distances = self._predictions(np.array([sighting.level]), moving=True, steered=steered)
-        for camera, view in enumerate(sighting.views):
-            nearest = int(distances[:, camera, 0].argmin())
-            if distances[nearest, camera, 0] < CONTRADICTION_RANGE:
-                expected, seen = values[nearest, camera, 0], _curve(view, steered)[NO_CHANGE]
+        by_camera = zip(sighting.views, values.T[0].tolist(), distances.T[0].tolist(), strict=True)
+        for view, predicted, away in by_camera:
+            nearest = away.index(min(away))
+            if away[nearest] < CONTRADICTION_RANGE:
+                expected, seen = predicted[nearest], _curve(view, steered).item(NO_CHANGE)
                 if abs(expected - seen) > CONTRADICTION * max(expected, seen):
                     return True
         return False

@@ -43,7 +43,7 @@ with distance. A still camera pays for a probe once and may look half a stop far
 def plateau_centre(levels: NDArray[np.float64], values: NDArray[np.float64]) -> float:
     """Centre (stops) of the stretch around the maximum in which values stay within `PLATEAU` of it."""
     best = int(values.argmax())
-    enough = values >= values[best] * (1.0 - PLATEAU)
+    enough = (values >= values[best] * (1.0 - PLATEAU)).tolist()
     low = high = best
     while low > 0 and enough[low - 1]:
         low -= 1
@@ -120,7 +120,7 @@ def value_at(level: float, levels: NDArray[np.float64], values: NDArray[np.float
     after = int(levels.searchsorted(level, "right"))
     if after in {0, levels.size}:
         return float(values[min(after, levels.size - 1)])
-    low, high, first, second = (float(each[at]) for each in (levels, values) for at in (after - 1, after))
+    low, high, first, second = (each.item(at) for each in (levels, values) for at in (after - 1, after))
     return (second - first) / (high - low) * (level - low) + first
 
 

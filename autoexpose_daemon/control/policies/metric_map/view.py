@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from autoexpose_daemon.control.metrics.extension import extension as _native
 from autoexpose_daemon.control.metrics.gradient import ExtremeShares, GradientMetric, PackedTables
 from autoexpose_daemon.control.policy import Look
 from calibration.response import ResponseFunction
@@ -67,7 +68,11 @@ class Tones:
     def measure(self, look: Look) -> tuple[float, float, float]:
         """`saturated_share`, `black_share` and `signal` of a `MetricView`."""
         saturated_share, black_share = self._shares.measure(look.image, look.weights, look.cumulative)
-        grey = int(look.cumulative.searchsorted(BRIGHT_QUANTILE * look.cumulative[-1]))
+        if look.cumulative is None:
+            assert _native is not None
+            grey = _native.grey_of_rank(look.image, BRIGHT_QUANTILE * look.image.size)
+        else:
+            grey = int(look.cumulative.searchsorted(BRIGHT_QUANTILE * look.cumulative[-1]))
         black, saturation = self._response.black_level, self._response.saturation
         return saturated_share, black_share, max(grey - black, 0.5) / (saturation - black)
 
