@@ -49,7 +49,8 @@ Stages = dict[str, Callable[[int], object]]
 @contextlib.contextmanager
 def without_extension(without: bool) -> Iterator[None]:
     """Have all of control do without the C extension."""
-    users = [module for module in sys.modules.values() if getattr(module, "_native", None) is extension]
+    control = [module for name, module in sys.modules.items() if name.startswith("autoexpose_daemon.control.")]
+    users = [module for module in control if getattr(module, "_native", None) is extension]
     try:
         for module in users if without else ():
             module._native = None
