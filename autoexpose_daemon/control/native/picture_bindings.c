@@ -130,28 +130,37 @@ PyDoc_STRVAR(sample_greys_doc, "sample_greys(image, stride, saturated, sampled)\
                                "image: uint8 (height, width). saturated: uint8 (256,), not 0 for saturated grey levels.\n"
                                "sampled: uint8, written, of the shape of image[::stride, ::stride].");
 
+static int are_samples(const Py_buffer *image, const Py_buffer *sampled, Py_ssize_t stride)
+{
+    return image->len && stride > 0 && sampled->shape[0] == (image->shape[0] - 1) / stride + 1 &&
+           sampled->shape[1] == (image->shape[1] - 1) / stride + 1;
+}
+
+static PyObject *samples_into(Held *held, PyObject *const objects[3], Py_ssize_t stride)
+{
+    const Py_buffer *image, *saturated, *sampled;
+    if (!(image = hold_bytes(held, objects[0], 2, PyBUF_STRIDES, "image")) ||
+        !(saturated = hold_bytes(held, objects[1], 1, PyBUF_ND, "saturated")) ||
+        !(sampled = hold_bytes(held, objects[2], 2, PyBUF_ND | PyBUF_WRITABLE, "sampled")))
+        return NULL;
+    if (!are_samples(image, sampled, stride) || saturated->len != GREY_LEVELS)
+        return PyErr_Format(PyExc_ValueError,
+                            "sampled must have the shape of image[::stride, ::stride], not empty, and saturated 256");
+    const Image pixels = image_of(image);
+    if (sample_greys(&pixels, (size_t)stride, saturated->buf, sampled->buf))
+        return PyErr_NoMemory();
+    Py_RETURN_NONE;
+}
+
 static PyObject *sample_greys_of(PyObject *module, PyObject *arguments)
 {
-    PyObject *objects[3], *result = NULL;
-    const Py_buffer *image, *saturated, *sampled;
+    PyObject *objects[3];
     Py_ssize_t stride;
     Held held = {0};
     (void)module;
     if (!PyArg_ParseTuple(arguments, "OnOO", &objects[0], &stride, &objects[1], &objects[2]))
         return NULL;
-    if ((image = hold_bytes(&held, objects[0], 2, PyBUF_STRIDES, "image")) &&
-        (saturated = hold_bytes(&held, objects[1], 1, PyBUF_ND, "saturated")) &&
-        (sampled = hold_bytes(&held, objects[2], 2, PyBUF_ND | PyBUF_WRITABLE, "sampled"))) {
-        const Py_ssize_t apart = stride > 0 ? stride : 1;
-        if (stride < 1 || saturated->len != GREY_LEVELS || sampled->shape[0] != (image->shape[0] + apart - 1) / apart ||
-            sampled->shape[1] != (image->shape[1] + apart - 1) / apart)
-            PyErr_SetString(PyExc_ValueError, "sampled must have the shape of image[::stride, ::stride], saturated 256");
-        else {
-            const Image pixels = image_of(image);
-            const int failed = sample_greys(&pixels, (size_t)stride, saturated->buf, sampled->buf);
-            result = failed ? PyErr_NoMemory() : Py_NewRef(Py_None);
-        }
-    }
+    PyObject *result = samples_into(&held, objects, stride);
     release(&held);
     return result;
 }

@@ -20,11 +20,11 @@ void best_times(const double *levels, size_t count, const Bounds *bounds, const 
         const double longest = fmin(levels[i] - bounds->least_gain, bounds->longest);
         const double shortest = fmin(fmax(levels[i] - bounds->greatest_gain, bounds->shortest), longest);
         const double exposure = exp2(levels[i]);
-        double best = -1.0;
+        double best = 0.0;
         for (int step = 0; step < TIMES; step++) {
             const double time_us = exp2(longest + step / (TIMES - 1.0) * (shortest - longest));
             const double worth = worth_of(time_us, exposure, middle);
-            if (worth > best) {
+            if (!step || worth > best) {
                 best = worth;
                 times_us[i] = time_us;
             }

@@ -94,9 +94,10 @@ VECTORISED static void greatest_of(const uint8_t *above, const uint8_t *here, co
 int sample_greys(const Image *image, size_t stride, const uint8_t saturated[GREY_LEVELS], uint8_t *sampled)
 {
     const size_t width = image->width, last = image->height - 1;
-    uint8_t *rows = malloc(4 * width), *greatest = rows + 3 * width;
+    uint8_t *rows = malloc(4 * width);
     if (!rows)
         return -1;
+    uint8_t *greatest = rows + 3 * width;
     for (size_t y = 0; y <= last; y += stride) {
         const uint8_t *here = row_in(image, y, rows + width);
         greatest_of(row_in(image, y ? y - 1 : 0, rows), here, row_in(image, y < last ? y + 1 : last, rows + 2 * width),
@@ -141,12 +142,12 @@ static float ranked(float *values, size_t count, size_t rank)
 int light_change(const uint8_t *before, const uint8_t *now, const uint8_t *weights, size_t count,
                  const float log_exposure[GREY_LEVELS], const uint8_t clipped[GREY_LEVELS], Change *change)
 {
-    float *values = malloc((2 * count + 1) * sizeof *values), *end = values + 2 * count; /* known ones, and from the end
-                                                                                           * downwards bounds */
+    float *values = malloc((2 * count + 1) * sizeof *values); /* known ones, and from the end downwards bounds */
     size_t bounds = 0, at_least = 0;
     *change = (Change){0, 0, NAN};
     if (!values)
         return -1;
+    float *end = values + 2 * count;
     for (size_t i = 0; i < count; i++) {
         if (weights && !weights[i])
             continue;

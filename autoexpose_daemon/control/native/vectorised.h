@@ -3,9 +3,9 @@
 #ifndef AUTOEXPOSE_VECTORISED_H
 #define AUTOEXPOSE_VECTORISED_H
 
-#include <stddef.h>
+#include <stdlib.h> /* which defines __GLIBC__ */
 
-#if defined(__x86_64__) && defined(__GLIBC__)
+#if defined(__x86_64__) && defined(__GLIBC__) && !defined(__clang__)
 #define VECTORISED __attribute__((target_clones("avx2", "default")))
 #else
 #define VECTORISED
