@@ -12,8 +12,10 @@ unexport PYTHONDONTWRITEBYTECODE
 COMPILER := gcc libc6-dev python3-dev
 DEMO_PACKAGES := gir1.2-aravis-0.8 python3-gi python3-venv libusb-1.0-0 $(COMPILER)
 TEST_PACKAGES := $(DEMO_PACKAGES) aravis-tools-cli aravis-tools tshark usbutils chromium systemd openssl
+CONTAINER := crun umoci debootstrap
 ROSIDL := cmake rosidl-tools rosidl-generator-c-cpp python3-ament-index
-ACCEPT_PACKAGES := gstreamer1.0-tools gstreamer1.0-plugins-base fastddsgen default-jre-headless libfastrtps-dev g++ prometheus $(ROSIDL)
+GSTREAMER := gstreamer1.0-tools gstreamer1.0-plugins-base
+ACCEPT_PACKAGES := $(GSTREAMER) fastddsgen default-jre-headless libfastrtps-dev g++ prometheus $(CONTAINER) socat $(ROSIDL)
 KERNEL_PACKAGES := qemu-system-x86 kmod udev usbip
 ROBOT_PACKAGES := $(DEMO_PACKAGES) udev
 
@@ -23,7 +25,7 @@ EXTRAS := sim,calibration,publish,record,page
 NATIVE_SOURCES := setup.py $(wildcard autoexpose_daemon/control/native/* fake_camera/usb3/shim/*)
 UNBUILT := $(if $(and $(wildcard autoexpose_daemon/control/_native.*.so),$(wildcard fake_camera/usb3/_shim.*.so)),,unbuilt)
 
-.PHONY: unbuilt setup demo test suite parallel realtime test-again test-data test-platforms lint bench accept soak fuzz mutate test-kernel install uninstall deb wheels docs clean
+.PHONY: unbuilt setup demo test suite parallel realtime test-again test-data test-platforms test-arm64 lint bench accept soak fuzz mutate test-kernel install uninstall deb wheels image docs clean
 .DEFAULT_GOAL := demo
 
 # Stamps let later runs start at once; they are renewed when what is installed changes.
@@ -74,6 +76,10 @@ test-data: $(VENV)/dev.stamp ## the tests that need external data, in AUTOEXPOSE
 test-platforms: ## the quick tests and a demo on Debian 12 and 13 and Ubuntu 22.04 and 24.04, or SUITES="..."; needs root
 	@./tools/install-debian debootstrap
 	@$(SUDO) ./tests/platforms/run $(or $(SUITES),bookworm trixie jammy noble)
+
+test-arm64: ## wheels, quick tests and demos on Debian 12 for arm64, emulated; about an hour; needs root
+	@./tools/install-debian debootstrap qemu-user-static
+	@$(SUDO) ./tests/platforms/arm64
 
 bench: $(VENV)/dev.stamp ## where the time goes, as ratios
 	$(PY) benchmarks/bench_step.py
@@ -160,6 +166,11 @@ $(VENV)/packages.stamp: $(VENV)/dev.stamp pyproject.toml
 
 wheels: $(VENV)/packages.stamp ## sources and wheels of autoexpose-daemon, autoexpose-client and camera-twin, in dist
 	@./tools/make-wheels $(PY) $(or $(DIST),dist)
+
+image: ## an OCI image of Debian 12 with the daemon, in build/image; needs root
+	@./tools/install-debian debootstrap
+	@$(MAKE) --no-print-directory wheels DIST=build/image/dist
+	@$(SUDO) ./tools/make-image build/image/dist
 
 clean:
 	rm -rf $(VENV) out build dist *.egg-info autoexpose_daemon/control/_native.*.so fake_camera/usb3/_shim.*.so .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache

@@ -8,6 +8,7 @@ Run it beside the daemon, or beside `autoexpose demo --seconds 60 --publish`:
 from __future__ import annotations
 
 import argparse
+import contextlib
 
 import cv2
 
@@ -35,4 +36,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    with contextlib.suppress(KeyboardInterrupt):
+        main()

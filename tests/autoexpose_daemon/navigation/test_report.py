@@ -89,6 +89,13 @@ def test_the_command_writes_a_page_that_needs_nothing_else(driven: Path, tmp_pat
     assert not re.search(r'(src|href)="(?!data:)', text)
 
 
+def test_info_is_a_few_lines(driven: Path) -> None:
+    result = CliRunner().invoke(map_app, ["info", str(driven)])
+    assert result.exit_code == 0, result.output
+    assert re.search(r"^path +2\.0 m, \d+ local maps", result.output, re.MULTILINE)
+    assert "repeated  6 times" in result.output
+
+
 def test_a_map_that_was_never_repeated_has_a_page_too(tmp_path: Path) -> None:
     path, page = tmp_path / "new.map", tmp_path / "new.html"
     MapFile(path, MapInfo(720, 540, 600.0, "fast-orb", "")).close()

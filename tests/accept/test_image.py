@@ -1,0 +1,73 @@
+"""The image of `make image`: unpacked by umoci and started by crun, which know nothing of how it was made."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from tests import REPOSITORY
+
+pytestmark = [
+    pytest.mark.timeout(1800),
+    pytest.mark.needs("crun", "umoci"),
+    pytest.mark.skipif(os.geteuid() != 0, reason="making a root file system and starting a container need root"),
+]
+
+
+def output(*command: str | Path, folder: Path = REPOSITORY) -> str:
+    result = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    assert result.returncode == 0, result.stdout + result.stderr
+    return result.stdout
+
+
+@pytest.fixture(scope="module")
+def bundle(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The image as a container runtime wants it."""
+    output("make", "image")
+    (file,) = (REPOSITORY / "build/image").glob("autoexpose-*.tar")
+    folder = tmp_path_factory.mktemp("image")
+    output("tar", "-xf", file, folder=folder)
+    version = file.name.split("-")[1]
+    output("umoci", "unpack", "--image", f".:{version}", "bundle", folder=folder)
+    return folder / "bundle"
+
+
+def run(bundle: Path, *arguments: str) -> str:
+    """What the image's program prints, in the machine's network; without arguments, its first command."""
+    file = bundle / "config.json"
+    config = json.loads(file.read_text())
+    process, namespaces = config["process"], config["linux"]["namespaces"]
+    if arguments:
+        process["args"] = ["autoexpose", *arguments]
+    process["terminal"] = False
+    config["linux"]["namespaces"] = [one for one in namespaces if one["type"] not in ("network", "cgroup")]
+    config["root"]["readonly"] = False
+    original = file.read_text()
+    file.write_text(json.dumps(config))
+    try:
+        return output("crun", "--cgroup-manager=disabled", "run", f"autoexpose-{os.getpid()}", folder=bundle)
+    finally:
+        file.write_text(original)
+
+
+def test_it_says_its_version(bundle: Path) -> None:
+    assert run(bundle, "--version").startswith("autoexpose ")
+
+
+def test_its_first_command_is_the_doctor(bundle: Path) -> None:
+    assert json.loads((bundle / "config.json").read_text())["process"]["args"] == ["autoexpose", "doctor"]
+
+
+def test_the_demo_runs_with_the_native_step(bundle: Path) -> None:
+    run(bundle, "demo", "--seconds", "5", "--summary", "/tmp/out.json")
+    assert json.loads((bundle / "rootfs/tmp/out.json").read_text())["native"] is True
+
+
+def test_nothing_of_this_machine_is_in_it(bundle: Path) -> None:
+    root = bundle / "rootfs"
+    assert (root / "etc/resolv.conf").read_text() == ""
+    assert not [name for name in ("etc/hostname", "etc/pip.conf", "wheel", "src") if (root / name).exists()]
