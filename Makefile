@@ -12,7 +12,7 @@ unexport PYTHONDONTWRITEBYTECODE
 COMPILER := gcc libc6-dev python3-dev
 DEMO_PACKAGES := gir1.2-aravis-0.8 python3-gi python3-venv libusb-1.0-0 $(COMPILER)
 TEST_PACKAGES := $(DEMO_PACKAGES) aravis-tools-cli aravis-tools tshark usbutils chromium systemd openssl
-CONTAINER := crun umoci debootstrap
+CONTAINER := runc umoci debootstrap
 ROSIDL := cmake rosidl-tools rosidl-generator-c-cpp python3-ament-index
 GSTREAMER := gstreamer1.0-tools gstreamer1.0-plugins-base
 ACCEPT_PACKAGES := $(GSTREAMER) fastddsgen default-jre-headless libfastrtps-dev g++ prometheus $(CONTAINER) socat $(ROSIDL)
