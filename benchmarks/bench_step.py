@@ -1,6 +1,6 @@
-"""The cost of a step of `begin2022`, whole and by stage, and of our own policies, compared with the literal step.
+"""The cost of a step of `begin2022`, whole and by stage, and of our own and the learned policies.
 
-Prints medians of interleaved thread times.
+Compared with the literal step. Prints medians of interleaved thread times.
 
 Run with `.venv/bin/python benchmarks/bench_step.py [--repeats N] [--json OUT.json]`.
 """
@@ -26,7 +26,7 @@ from autoexpose_daemon.control.metrics.gradient import ExtremeShares, GradientMe
 from autoexpose_daemon.control.parameters import ControlParameters, MotionId
 from autoexpose_daemon.control.picture.image import ImagePreparation
 from autoexpose_daemon.control.picture.motion import DisMotion, FarnebackMotion
-from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
+from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, LEARNED
 from autoexpose_daemon.control.policies.published.begin2022 import DEGREE, DELTA_LEVELS
 from autoexpose_daemon.control.search.optimum import PolynomialFit
 from autoexpose_daemon.demo.reference_step import ReferenceStep, synthetic_frames
@@ -109,6 +109,8 @@ def whole_steps(frames: tuple[np.ndarray, ...], paths: dict[str, bool]) -> Stage
         stages[f"{DEFAULT_POLICY}, a pair, {path}"] = decision_on_pair(DEFAULT_POLICY, frames, native)
         stages[f"its floor, {path}"] = floor_of(frames, native)
         stages[f"metric-map, a pair, {path}"] = decision_on_pair("metric-map", frames, native)
+    for policy_id in LEARNED:
+        stages[f"{policy_id}, numpy"] = decision_on_pair(policy_id, frames, native=False)
     return stages
 
 
@@ -164,6 +166,7 @@ def figures_of(times_us: dict[str, float]) -> dict[str, object]:
         "ratio_default_native": ratio(f"{DEFAULT_POLICY}, a pair, native"),
         "ratio_floor_numpy": ratio("its floor, numpy"),
         "ratio_floor_native": ratio("its floor, native"),
+        "ratio_learned": {policy_id: ratio(f"{policy_id}, numpy") for policy_id in LEARNED},
         "opencv_version": cv2.__version__,
         "instruction_set": instruction_set(),
         "literal_us": round(times_us[LITERAL], 1),

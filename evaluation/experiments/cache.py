@@ -84,6 +84,9 @@ def _digest(module: str, policies: tuple[str, ...] = tuple(PLACES)) -> str:
     state = hashlib.sha256()
     for name in sorted(reached):
         state.update(name.encode() + b"\0" + reached[name].read_bytes() + b"\0")
+        weights = reached[name].with_suffix(".npz")  # of a learned policy
+        if weights.exists():
+            state.update(weights.read_bytes())
     for library in _LIBRARIES:
         state.update(f"{library} {_version(library)}".encode())
     return state.hexdigest()

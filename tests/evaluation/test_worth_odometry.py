@@ -14,7 +14,7 @@ import pytest
 
 from drivers.exposure import ExposureSetting
 from evaluation.experiments.worth.contender import HAND_TUNED
-from evaluation.experiments.worth.contenders import OURS
+from evaluation.experiments.worth.contenders import APART
 from evaluation.experiments.worth.matches.pairs import PREPARATIONS
 from evaluation.experiments.worth.names import BOUNDS
 from evaluation.experiments.worth.odometry import bounds, closed_loop
@@ -130,4 +130,4 @@ def test_jobs_hold_plain_data_and_a_quick_run_is_short() -> None:
     assert Drive.of(json.loads(json.dumps(drive.plain()))) == drive
     quick, full = jobs(True), jobs(False)
     assert {json.dumps(job.arguments["drive"]) for job in quick} == {json.dumps(replace(drive, seconds=2.0).plain())}
-    assert len(full) == (2 + len(OURS)) * len(SETS["report"]())
+    assert len(full) == (2 + len(APART)) * len(SETS["report"]())

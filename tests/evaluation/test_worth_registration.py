@@ -15,7 +15,7 @@ import pytest
 from autoexpose_daemon.navigation.views.registration import Vote
 from evaluation.experiments.teach import replay as teach_replay
 from evaluation.experiments.teach.daylight import Daylight
-from evaluation.experiments.worth.contenders import OURS, PUBLISHED
+from evaluation.experiments.worth.contenders import APART, PUBLISHED
 from evaluation.experiments.worth.names import BOUNDS
 from evaluation.experiments.worth.registration import bounds, replays
 from evaluation.experiments.worth.registration.closed_loop import TEACHER, measure_bounds, measure_policies
@@ -108,4 +108,4 @@ def test_every_job_that_meets_the_foreign_map_depends_on_its_teacher() -> None:
     for quick in (True, False):
         work = jobs(quick)
         assert all(job.policies is not None and TEACHER in job.policies for job in work)
-        assert sum("contender" in job.arguments for job in work) == len(OURS) * len(work) // (len(OURS) + 2)
+        assert sum("contender" in job.arguments for job in work) == len(APART) * len(work) // (len(APART) + 2)

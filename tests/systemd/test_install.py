@@ -84,6 +84,7 @@ def test_the_wheel_holds_every_file_of_our_packages_and_nothing_else(wheel: ZipF
     top = Path("autoexpose_daemon")
     ours = {(place if place.parts[0] == top.name else top / place).as_posix() for place in places}
     assert {f"{top}/page/static/page.js", f"{top}/calibration/report/report.html", f"{top}/drivers/py.typed"} < ours
+    assert f"{top}/control/policies/learned/zhang2024.npz" in ours
     names = (name for name in wheel.namelist() if ".dist-info/" not in name)
     held = {name for name in names if Path(name).suffix not in NOT_SHIPPED}
     assert held == ours
@@ -94,7 +95,7 @@ def test_the_wheel_has_our_commands(wheel: ZipFile) -> None:
     points = configparser.ConfigParser()
     points.read_string(wheel.read(listing).decode())
     assert points["console_scripts"]["autoexpose"] == "autoexpose_daemon.cli:main"
-    commands = {"arena", "calibrate", "experiments", "map", "rejudge", "repeat", "teach"}
+    commands = {"arena", "calibrate", "experiments", "map", "rejudge", "repeat", "teach", "train"}
     assert commands == {*points["autoexpose.commands"]}
     assert points["autoexpose.commands"]["arena"] == "autoexpose_daemon.evaluation.arena.arena_app:arena_app"
 

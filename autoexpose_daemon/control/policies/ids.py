@@ -23,12 +23,18 @@ PLACES = {
     "majer2018-standard": "published.majer2018.Majer2018",
     "majer2018-full": "published.majer2018.Majer2018",
     "majer2018-fixed": "published.fixed.Fixed",
+    "berthold2013": "learned.berthold2013.Berthold2013",
+    "tomasi2021": "learned.tomasi2021.Tomasi2021",
+    "zhang2024": "learned.zhang2024.Zhang2024",
     "metric-map": "metric_map.policy.MetricMap",
     DEFAULT_POLICY: "fisher_map.policy.FisherMap",
 }
 """Where the class of each policy is, below this package."""
 
 POLICY_IDS = tuple(PLACES)
+
+LEARNED = tuple(policy_id for policy_id, place in PLACES.items() if place.startswith("learned."))
+"""Those with weights that `autoexpose train` makes."""
 
 
 def check_policy_id(policy_id: str) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
+from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, LEARNED
 from evaluation.drawing import COLOURS, boxes, panels, save
 from evaluation.experiments.drives.courses import ROOMS, unless_few
 from evaluation.experiments.drives.fig12_claims import LAWS, RIVALS, claims
@@ -18,7 +18,7 @@ from evaluation.odometry.tracking import EVERY
 from evaluation.scenes.scenarios import RATE_HZ
 from fake_camera.world.sensor import DEFAULT_F_NUMBER
 
-POLICIES = (DEFAULT_POLICY, "metric-map", *LAWS, *RIVALS, "fixed")
+POLICIES = (DEFAULT_POLICY, "metric-map", *LAWS, *RIVALS, *LEARNED, "fixed")
 
 _SETTING = f"""\
 The paper sent its rig along one trajectory in two lights: (a) 1 to 217 lux in different parts of the room, (b) 2 to 4
@@ -31,8 +31,8 @@ Every policy runs in closed loop at 60 Hz with a delay of two frames, from the b
 default `{DEFAULT_POLICY}`; `metric-map`, our default until November 2026; the paper's law as its authors' public code
 runs it, `begin2022-code`, and as the paper prints it, `begin2022`; the paper's rivals, Mehta's code with the paper's
 balance of time and gain, `mehta2020-code`, and `neves2009` (a mean of 20 %, exposure time first, as built into
-cameras); and `fixed`, {FIXED}, always. Verdicts on the paper's claims count for the law as coded; those for the law as
-printed stand beside them.
+cameras); the learned policies with weights of our own training, which saw no room of this report; and `fixed`, {FIXED},
+always. Verdicts on the paper's claims count for the law as coded; those for the law as printed stand beside them.
 
 Odometry as in fig7. Error: mean translation RPE over sub-trajectories of 20 mm, by evo; a lost pair gets a guess, which
 counts. After five lost pairs in a row the run has failed: failures are reported next to the error, and never dropped.
@@ -126,7 +126,8 @@ def _draw_exposures(runs: PolicyRuns, file: Path) -> None:
         run = runs.of(UNEVEN, policy)[0]
         time_s = np.arange(len(run["times_us"])) * EVERY / RATE_HZ
         for axes, values in ((upper, np.array(run["times_us"]) / 1e3), (lower, run["gains_db"])):
-            axes.plot(time_s, values, color=COLOURS[place], linewidth=1.2, label=policy)
+            style = "-" if place < len(COLOURS) else "--"
+            axes.plot(time_s, values, style, color=COLOURS[place % len(COLOURS)], linewidth=1.2, label=policy)
     upper.set_yscale("log")
     upper.set_ylabel("exposure time (ms)")
     lower.set_ylabel("gain (dB)")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from evaluation.experiments.experiment import Job, Plain
-from evaluation.experiments.worth.contenders import CONTENDERS, OURS, PUBLISHED
+from evaluation.experiments.worth.contenders import APART, CONTENDERS, PUBLISHED
 from evaluation.experiments.worth.matches.closed_loop import measure_policies, run
 from evaluation.experiments.worth.matches.courses import SETS, Course
 from evaluation.experiments.worth.matches.courses import quick as some_of
@@ -21,9 +21,9 @@ def jobs(quick: bool) -> list[Job]:
 
 
 def jobs_of(name: str, quick: bool) -> list[Job]:
-    """The jobs of one of `SETS`: for each course its bounds, the published policies together, and each of ours apart.
+    """The jobs of one of `SETS`: for each course its bounds, the published policies together, and all others apart.
 
-    So a change to one of ours leaves the results of all others kept.
+    So a change to one of these leaves the results of all others kept.
     """
     courses = SETS[name]()
     published = [one.policy_id for one in PUBLISHED]
@@ -34,7 +34,7 @@ def jobs_of(name: str, quick: bool) -> list[Job]:
         work += [
             Job(measure_bounds, given, 33.0, ()),
             Job(measure_policies, arguments, 1.3 * len(published), tuple(published)),
-            *(Job(measure_contender, {**given, "contender": one.name}, 1.5, (one.policy_id,)) for one in OURS),
+            *(Job(measure_contender, {**given, "contender": one.name}, 1.5, (one.policy_id,)) for one in APART),
         ]
     return work
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, Literal
 
 from evaluation.experiments.experiment import Job, Plain
-from evaluation.experiments.worth.contenders import CONTENDERS, OURS, PUBLISHED
+from evaluation.experiments.worth.contenders import APART, CONTENDERS, PUBLISHED
 from evaluation.experiments.worth.matches.pairs import PREPARATIONS
 from evaluation.experiments.worth.odometry.closed_loop import measure_bounds, measure_policies, run
 from evaluation.experiments.worth.odometry.drives import SETS, Drive
@@ -27,7 +27,7 @@ def jobs(quick: bool) -> list[Job]:
 
 
 def jobs_of(name: str, quick: bool) -> list[Job]:
-    """The jobs of one of `SETS`: for each drive its bounds, the published policies together, and each of ours apart."""
+    """The jobs of one of `SETS`: for each drive its bounds, the published policies together, and all others apart."""
     drives = SETS[name]()
     published = [one.policy_id for one in PUBLISHED if not quick or one.policy_id in QUICK]
     work: list[Job] = []
@@ -38,7 +38,7 @@ def jobs_of(name: str, quick: bool) -> list[Job]:
         work += [
             Job(measure_bounds, given, BOUNDS_COST_PER_S * drive.seconds, ()),
             Job(measure_policies, arguments, cost_s * len(published), tuple(published)),
-            *(Job(measure_contender, {**given, "contender": one.name}, cost_s, (one.policy_id,)) for one in OURS),
+            *(Job(measure_contender, {**given, "contender": one.name}, cost_s, (one.policy_id,)) for one in APART),
         ]
     return work
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, Literal
 
 from evaluation.experiments.experiment import Job, Plain
-from evaluation.experiments.worth.contenders import CONTENDERS, OURS, PUBLISHED
+from evaluation.experiments.worth.contenders import APART, CONTENDERS, PUBLISHED
 from evaluation.experiments.worth.registration.closed_loop import TEACHER, measure_bounds, measure_policies, run
 from evaluation.experiments.worth.registration.replays import SETS, Replay
 from evaluation.experiments.worth.registration.replays import quick as some_of
@@ -31,7 +31,7 @@ def jobs(quick: bool) -> list[Job]:
 
 
 def jobs_of(name: str, quick: bool) -> list[Job]:
-    """The jobs of one of `SETS`: by replay its bounds, the published policies together, and each of ours apart."""
+    """The jobs of one of `SETS`: by replay its bounds, the published policies together, and all others apart."""
     replays = SETS[name]()
     published = [one.policy_id for one in PUBLISHED if not quick or one.policy_id in QUICK]
     work: list[Job] = []
@@ -44,7 +44,7 @@ def jobs_of(name: str, quick: bool) -> list[Job]:
             Job(measure_policies, arguments, cost_s * len(published), tuple(published)),
             *(
                 Job(measure_contender, {**given, "contender": one.name}, 2 * cost_s, (one.policy_id, TEACHER))
-                for one in OURS
+                for one in APART
             ),
         ]
     return work

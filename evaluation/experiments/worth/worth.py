@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 from evaluation.experiments.experiment import Experiment, Figure, Job, Plain, Results, Section, Table
 from evaluation.experiments.worth import matches_judge, odometry_judge, registration_judge
-from evaluation.experiments.worth.contenders import OURS, PUBLISHED
+from evaluation.experiments.worth.contenders import LEARNED, OURS, PUBLISHED
 from evaluation.experiments.worth.matches.groups import courses_of, matches_tables
 from evaluation.experiments.worth.matches.worst import plot_worst, worst_courses, worst_table
 from evaluation.experiments.worth.names import FIXED_IN_HINDSIGHT
@@ -45,13 +45,13 @@ def section(results: Results, folder: Path, *, name: str = "worth") -> Section:
     )
     worst = worst_courses(results, verdicts)
     plot_worst(worst, results, folder / f"{name}_worst.png")
-    published = [one.name for one in PUBLISHED]
+    rivals = [one.name for one in (*PUBLISHED, *LEARNED)]
     parts: list[Table | Figure] = [
-        better_table(verdicts, [*published, FIXED_IN_HINDSIGHT]),
+        better_table(verdicts, [*rivals, FIXED_IN_HINDSIGHT]),
         figure,
         *means_tables(verdicts),
         *gains_tables(verdicts),
-        *matches_tables(results, verdicts, published, [one.name for one in OURS]),
+        *matches_tables(results, verdicts, rivals, [one.name for one in OURS]),
         worst_table(worst, verdicts),
         Figure(f"{name}_worst.png", "Frames of these courses: number, exposure time and gain."),
     ]

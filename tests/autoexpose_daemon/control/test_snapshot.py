@@ -136,6 +136,9 @@ def test_the_state_is_what_its_format_says() -> None:
         "begin2022-code": ["scores"],
         "majer2018-standard": ["frames", "level"],
         "majer2018-full": ["frames", "level"],
+        "berthold2013": ["past", "target"],
+        "tomasi2021": ["past", "target"],
+        "zhang2024": ["past", "target"],
         "metric-map": map_names,
         "fisher-map": map_names,
     }

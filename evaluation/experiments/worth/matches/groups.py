@@ -54,8 +54,8 @@ def _by(verdicts: Verdicts, courses: Mapping[str, Course], kind: str, rivals: Se
             cells.append(f"{gain:+.1f} % ({best})")
         rows.append([group, str(len(names)), *cells])
     caption = (
-        f"By {kind}: how much better than `{DEFAULT_POLICY}` the best published policy of that row is, with its name; "
-        "below 0: none is better. The best of so many is partly luck."
+        f"By {kind}: how much better than `{DEFAULT_POLICY}` the best published or learned policy of that row is, with "
+        "its name; below 0: none is better. The best of so many is partly luck."
     )
     return Table(caption, [kind, "courses", *(f"`{judge}`" for judge in SHOWN)], rows)
 

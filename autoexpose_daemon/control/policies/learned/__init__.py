@@ -1,0 +1,1 @@
+"""Policies whose law is a net with weights from `autoexpose train`: nothing is learnt at run time."""

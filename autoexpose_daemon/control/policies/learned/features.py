@@ -1,0 +1,83 @@
+"""What the nets see of a frame: shares of its pixels by grey level, and figures of 4x4 regions."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from autoexpose_daemon.control.metrics.gradient import ExtremeShares
+from autoexpose_daemon.control.policy import Look
+from calibration.response import GREY_LEVELS, ResponseFunction
+
+BINS = 32
+"""Of a histogram. The last one is for saturated pixels alone; the others are evenly spaced over the root of the signal,
+so that dark frames, where a stop is a few grey levels, do not all fall into one bin."""
+
+GRID = 4
+"""Rows and columns of regions."""
+
+REGION_FIGURES = 3 * GRID * GRID
+
+
+def histogram(look: Look) -> NDArray[np.float64]:
+    """Shares of the pixels that count, shape (BINS,), sum 1."""
+    counts = look.counts @ _bins(look.response.black_level, look.response.saturation)
+    return counts.astype(np.float64) / float(counts.sum())
+
+
+def region_figures(look: Look) -> NDArray[np.float64]:
+    """Mean signal (0 at the black level, 1 at saturation), saturated and black share of each region.
+
+    Shape (REGION_FIGURES,): the means row by row, then the saturated, then the black shares. A region of which nothing
+    counts has the figures of the whole picture.
+    """
+    ends = _ends(look.response.black_level, look.response.saturation)
+    rows, columns = (np.linspace(0, size, GRID + 1).round().astype(int) for size in look.image.shape)
+    saturated = cv2.threshold(look.image, ends.saturated_from - 1, 255, cv2.THRESH_BINARY)[1]
+    black = cv2.threshold(look.image, ends.black_to, 255, cv2.THRESH_BINARY_INV)[1]
+    if look.weights is None:
+        greys: NDArray[np.uint8] | NDArray[np.float32] = look.image
+        area = np.outer(np.diff(rows), np.diff(columns)).astype(np.float64)
+        full = 255.0
+    else:
+        greys = np.asarray(cv2.multiply(look.image, look.weights, dtype=cv2.CV_32F), np.float32)
+        saturated, black = cv2.bitwise_and(saturated, look.weights), cv2.bitwise_and(black, look.weights)
+        area = _sums(look.weights, rows, columns)
+        full = 1.0
+    sums = np.stack([_sums(each, rows, columns) for each in (greys, saturated, black)])
+    seen = area > 0
+    shares = sums / np.where(seen, area, 1.0)
+    whole = sums.sum(axis=(1, 2)) / area.sum()
+    shares = np.where(seen, shares, whole[:, None, None])
+    shares[0] = (shares[0] - look.response.black_level) / (look.response.saturation - look.response.black_level)
+    shares[1:] /= full
+    return np.asarray(shares.ravel())
+
+
+def _sums(
+    values: NDArray[np.uint8] | NDArray[np.float32], rows: NDArray[np.int_], columns: NDArray[np.int_]
+) -> NDArray[np.float64]:
+    """Sum of each region, exact, shape (GRID, GRID)."""
+    corners = cv2.integral(values, sdepth=cv2.CV_64F)[np.ix_(rows, columns)]
+    return np.diff(np.diff(corners, axis=0), axis=1)
+
+
+@lru_cache(maxsize=16)
+def _ends(black_level: int, saturation: int) -> ExtremeShares:
+    """Which grey levels count as black and as saturated."""
+    return ExtremeShares(ResponseFunction(np.arange(float(GREY_LEVELS)), black_level, saturation))
+
+
+@lru_cache(maxsize=16)
+def _bins(black_level: int, saturation: int) -> NDArray[np.float32]:
+    """1 where a grey level belongs to a bin, shape (GREY_LEVELS, BINS)."""
+    greys = np.arange(GREY_LEVELS)
+    signal = np.clip((greys - black_level) / (saturation - black_level), 0.0, 1.0)
+    places = np.minimum((BINS - 1) * np.sqrt(signal), BINS - 2).astype(int)
+    places[greys >= _ends(black_level, saturation).saturated_from] = BINS - 1
+    table = np.zeros((GREY_LEVELS, BINS), np.float32)
+    table[greys, places] = 1.0
+    return table

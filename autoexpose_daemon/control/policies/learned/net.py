@@ -1,0 +1,81 @@
+"""A small dense net: its weights, and what it says."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from typing import Literal
+from zipfile import BadZipFile
+
+import numpy as np
+from numpy.typing import NDArray
+
+from autoexpose_daemon.control.policies.learned.learnt_range import LearntRange
+from drivers.errors import AutoexposeError
+
+Activation = Literal["relu", "tanh"]
+
+WEIGHTS_FORMAT = 1
+"""Of the files: a new number when the names of arrays or the meaning of inputs change."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Net:
+    """``x -> W x + b`` layer by layer, with an activation after each but the last.
+
+    Attributes
+    ----------
+    layers
+        Matrix (outputs, inputs) and offsets (outputs,) of each layer, float64.
+    activation
+        Between layers.
+    learnt
+        Which inputs are like those that it was trained on.
+    """
+
+    layers: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]]
+    activation: Activation
+    learnt: LearntRange
+
+    def __call__(self, inputs: NDArray[np.float64]) -> float:
+        """The first output for inputs of shape (n,)."""
+        values = inputs
+        for matrix, offsets in self.layers[:-1]:
+            values = matrix @ values + offsets
+            values = np.tanh(values) if self.activation == "tanh" else np.maximum(values, 0.0)
+        matrix, offsets = self.layers[-1]
+        return float((matrix @ values + offsets)[0])
+
+    @classmethod
+    def of(cls, arrays: Mapping[str, NDArray[np.generic]], activation: Activation) -> Net:
+        """From the arrays of a file; KeyError or ValueError where they do not fit."""
+        if int(np.asarray(arrays["format"]).item()) != WEIGHTS_FORMAT:
+            raise ValueError("another format")
+        count = sum(name.startswith("matrix") for name in arrays)
+        layers = [
+            (np.asarray(arrays[f"matrix{place}"], np.float64), np.asarray(arrays[f"offsets{place}"], np.float64))
+            for place in range(count)
+        ]
+        return cls(layers, activation, LearntRange.of(arrays))
+
+
+@cache
+def trained_net(policy_id: str, activation: Activation) -> Net:
+    """The net of a policy with its committed weights, read once.
+
+    Raises
+    ------
+    AutoexposeError
+        When the file is missing or damaged.
+    """
+    file = files(__package__).joinpath(f"{policy_id}.npz")
+    try:
+        with file.open("rb") as opened, np.load(opened, allow_pickle=False) as arrays:
+            return Net.of(dict(arrays), activation)
+    except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
+        raise AutoexposeError(
+            f"{file}: no weights of {policy_id} ({error}): install again, or make them with "
+            f"`autoexpose train {policy_id}`"
+        ) from None
