@@ -73,8 +73,9 @@ class Episode:
         self.well_e = float(rng.choice(WELLS_E))
         self.read_noise_e = float(rng.uniform(*READ_NOISE_E))
         black = 0 if rng.random() < 0.5 else int(rng.integers(1, 17))
-        self._response = ResponseFunction.linear(black)
-        self._table = _response_table(rng, black)
+        curve = _response_curve(rng)
+        self._table = np.rint(black + (255.0 - black) * curve).astype(np.uint8)
+        self._response = _known(curve, black)
 
     @property
     def start(self) -> ExposureSetting:
@@ -126,12 +127,19 @@ class Episode:
         return ROWS * self.picture.stride, COLUMNS * self.picture.stride
 
 
-def _response_table(rng: np.random.Generator, black: int) -> NDArray[np.uint8]:
-    """A random response: linear, a power law, or either under a film-like curve; grey levels by signal."""
+def _response_curve(rng: np.random.Generator) -> NDArray[np.float64]:
+    """A random response: linear, a power law, or that under a film-like curve; 0..1 by signal, shape (TABLE,)."""
     signal = np.linspace(0.0, 1.0, TABLE)
     if rng.random() < 0.5:
         signal = signal ** float(rng.uniform(0.4, 1.0))
         if rng.random() < 0.5:
             share = float(rng.uniform(0.0, 0.7))
             signal = (1.0 - share) * signal + share * signal * signal * (3.0 - 2.0 * signal)
-    return np.rint(black + (255.0 - black) * signal).astype(np.uint8)
+    return signal
+
+
+def _known(curve: NDArray[np.float64], black: int) -> ResponseFunction:
+    """The response as a calibration without errors finds it; black stands for half a grey level of light."""
+    greys = np.maximum(np.arange(256.0) - black, 0.5) / (255.0 - black)
+    light = np.interp(greys, curve, np.linspace(0.0, 1.0, TABLE))
+    return ResponseFunction(np.log2(light / light[-1]), black, 255)

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from importlib.resources import files
 from pathlib import Path
 from typing import Protocol
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -94,7 +95,7 @@ def _resumed(part: Path, key: str) -> tuple[Arrays, int] | None:
         if arrays.pop("_key").item() != key:
             return None
         return arrays, int(arrays.pop("_done").item())
-    except (OSError, ValueError, KeyError, EOFError, OverflowError):
+    except (OSError, ValueError, KeyError, EOFError, BadZipFile):
         return None
 
 

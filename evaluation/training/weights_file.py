@@ -31,7 +31,7 @@ def weights_bytes(arrays: Mapping[str, NDArray[Any]]) -> bytes:
             entry = ZipInfo(f"{name}.npy", date_time=(1980, 1, 1, 0, 0, 0))
             entry.external_attr = 0o644 << 16
             content = io.BytesIO()
-            np.lib.format.write_array(content, np.ascontiguousarray(arrays[name]), version=(1, 0), allow_pickle=False)
+            np.lib.format.write_array(content, np.asarray(arrays[name], order="C"), version=(1, 0), allow_pickle=False)
             archive.writestr(entry, content.getvalue())
     return buffer.getvalue()
 
@@ -74,7 +74,10 @@ def range_arrays(inputs: NDArray[np.float32]) -> Arrays:
     along = apart @ axes.T
     left_over = np.linalg.norm(apart - along @ axes, axis=1)
     deviations = np.append(along.std(axis=0), np.sqrt(np.mean(left_over**2))) + 1e-6
+    middle, reach = (rows.max(axis=0) + rows.min(axis=0)) / 2, MARGIN * np.ptp(rows, axis=0) / 2
     arrays: Arrays = {
+        "lowest": (middle - reach).astype(np.float32),
+        "highest": (middle + reach).astype(np.float32),
         "centre": centre.astype(np.float32),
         "axes": axes.astype(np.float32),
         "deviations": deviations.astype(np.float32),

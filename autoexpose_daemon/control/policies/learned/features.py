@@ -13,8 +13,8 @@ from autoexpose_daemon.control.policy import Look
 from calibration.response import GREY_LEVELS, ResponseFunction
 
 BINS = 32
-"""Of a histogram. The last one is for saturated pixels alone; the others are evenly spaced over the root of the signal,
-so that dark frames, where a stop is a few grey levels, do not all fall into one bin."""
+"""Of a histogram. The last one is for saturated pixels alone; the others are evenly spaced over the root of what is
+counted, so that dark frames, where a stop is a few grey levels, do not all fall into one bin."""
 
 GRID = 4
 """Rows and columns of regions."""
@@ -22,9 +22,18 @@ GRID = 4
 REGION_FIGURES = 3 * GRID * GRID
 
 
-def histogram(look: Look) -> NDArray[np.float64]:
-    """Shares of the pixels that count, shape (BINS,), sum 1."""
-    counts = look.counts @ _bins(look.response.black_level, look.response.saturation)
+def grey_histogram(look: Look) -> NDArray[np.float64]:
+    """Shares of the pixels that count, by grey level, shape (BINS,), sum 1."""
+    return _shares(look, _bins_of_grey(look.response.black_level, look.response.saturation))
+
+
+def light_histogram(look: Look) -> NDArray[np.float64]:
+    """The same by the light behind grey levels, as the camera's response says."""
+    return _shares(look, _bins_of_light(look.response))
+
+
+def _shares(look: Look, bins: NDArray[np.float32]) -> NDArray[np.float64]:
+    counts = look.counts @ bins
     return counts.astype(np.float64) / float(counts.sum())
 
 
@@ -72,12 +81,21 @@ def _ends(black_level: int, saturation: int) -> ExtremeShares:
 
 
 @lru_cache(maxsize=16)
-def _bins(black_level: int, saturation: int) -> NDArray[np.float32]:
-    """1 where a grey level belongs to a bin, shape (GREY_LEVELS, BINS)."""
-    greys = np.arange(GREY_LEVELS)
-    signal = np.clip((greys - black_level) / (saturation - black_level), 0.0, 1.0)
-    places = np.minimum((BINS - 1) * np.sqrt(signal), BINS - 2).astype(int)
-    places[greys >= _ends(black_level, saturation).saturated_from] = BINS - 1
+def _bins_of_grey(black_level: int, saturation: int) -> NDArray[np.float32]:
+    signal = (np.arange(GREY_LEVELS) - black_level) / (saturation - black_level)
+    return _bins(signal, _ends(black_level, saturation).saturated_from)
+
+
+@lru_cache(maxsize=16)
+def _bins_of_light(response: ResponseFunction) -> NDArray[np.float32]:
+    light = response.light(np.arange(float(GREY_LEVELS)))
+    return _bins(light, _ends(response.black_level, response.saturation).saturated_from)
+
+
+def _bins(signal: NDArray[np.float64], saturated_from: int) -> NDArray[np.float32]:
+    """1 where a grey level with this signal (0..1) belongs to a bin, shape (GREY_LEVELS, BINS)."""
+    places = np.minimum((BINS - 1) * np.sqrt(np.clip(signal, 0.0, 1.0)), BINS - 2).astype(int)
+    places[saturated_from:] = BINS - 1
     table = np.zeros((GREY_LEVELS, BINS), np.float32)
-    table[greys, places] = 1.0
+    table[np.arange(GREY_LEVELS), places] = 1.0
     return table

@@ -17,10 +17,10 @@ from autoexpose_daemon.control.policy import ExposurePolicy, Look, Observation, 
 from autoexpose_daemon.control.search.query import BLIND_SHARE, BLIND_STEP_STOPS
 from drivers.frames import Side
 
-HOLD_STOPS = 0.1
-"""A target nearer than this to the last one changes no image: the last one is held, so noise does not move exposure."""
+HOLD_STOPS = 0.2
+"""A target nearer than this to the last one is not worth a change: the last one is held, whatever noise does."""
 
-STEADY_STOPS, STEADY_SHARE = 1.5, 0.3
+STEADY_STOPS, STEADY_SHARE = 1.5, 0.2
 """A target nearer than the first to the last one is approached by the second share of the way: a net errs by another
 tenth of a stop at each level, and with a delay the frames of one answer would chase those of the other."""
 

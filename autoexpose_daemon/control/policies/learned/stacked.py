@@ -8,9 +8,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from autoexpose_daemon.control.policies.learned.features import histogram
 from autoexpose_daemon.control.policies.learned.learned_policy import LearnedPolicy, Sight
-from autoexpose_daemon.control.policy import Look
 
 LEVEL_OFFSET, LEVEL_SCALE = 11.0, 4.0
 """Middle and half width of usual exposure levels, stops."""
@@ -22,11 +20,6 @@ class StackedHistograms(LearnedPolicy):
     """Sees histograms of four frames instead of their pixels."""
 
     FRAMES: ClassVar[int] = 4
-
-    @staticmethod
-    def features(look: Look) -> NDArray[np.float64]:
-        """Histogram, shape (32,)."""
-        return histogram(look)
 
     @staticmethod
     def inputs(sights: Sequence[Sight], gain_db: float) -> NDArray[np.float64]:

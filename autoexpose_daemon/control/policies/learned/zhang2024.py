@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+from numpy.typing import NDArray
+
 from autoexpose_daemon.control.balance import ExposurePriority
+from autoexpose_daemon.control.policies.learned.features import grey_histogram
 from autoexpose_daemon.control.policies.learned.net import trained_net
 from autoexpose_daemon.control.policies.learned.stacked import StackedHistograms
-from autoexpose_daemon.control.policy import PolicySetup
+from autoexpose_daemon.control.policy import Look, PolicySetup
 from drivers.python310 import Self
 
 LARGEST_STEP_STOPS = 2.0
@@ -32,6 +36,11 @@ class Zhang2024(StackedHistograms):
     def build(cls, setup: PolicySetup) -> Self:
         """With exposure priority, unless another balance is configured."""
         return cls(trained_net("zhang2024", "relu"), setup.balance(ExposurePriority()), MEAN_TARGET)
+
+    @staticmethod
+    def features(look: Look) -> NDArray[np.float64]:
+        """Histogram of grey levels, shape (32,): their pixels, too, are as the camera gives them."""
+        return grey_histogram(look)
 
     @staticmethod
     def change_stops(output: float) -> float:
