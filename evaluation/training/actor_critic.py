@@ -73,7 +73,7 @@ class ActorCritic:
         noise = np.clip(SMOOTHING * rng.standard_normal(batch.actions.shape), -MOST_SMOOTHING, MOST_SMOOTHING)
         later = np.clip(np.tanh(self.slow_actor.forward(batch.after)) + noise.astype(np.float32), -1.0, 1.0)
         promised = [critic.forward(np.hstack([batch.after, later])) for critic in self._slow_critics]
-        wanted = batch.rewards + np.float32(DISCOUNT) * np.minimum(*promised)
+        wanted = np.asarray(batch.rewards + np.float32(DISCOUNT) * np.minimum(*promised), np.float32)
         judged = np.hstack([batch.before, batch.actions])
         rows = np.float32(len(judged))
         for critic, slow in zip(self._critics, self._slow_critics, strict=True):

@@ -55,4 +55,4 @@ def random_path(rng: np.random.Generator, frames: int, room: int) -> NDArray[np.
     rate = speed / max(amplitude, 1.0)
     phase = float(rng.uniform(0.0, 2 * math.pi))
     path = place + amplitude * np.sin(rate * np.arange(frames) + phase)
-    return np.clip(np.rint(path), 0, room).astype(int)
+    return np.asarray(np.clip(np.rint(path), 0, room), int)

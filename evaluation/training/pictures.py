@@ -52,13 +52,14 @@ def tuning_pictures(count: int) -> list[Picture]:
 
 def _painted(painter: str, seed: int) -> NDArray[np.float32]:
     width, height = STILL_SIZE
-    light = cv2.resize(painting(painter, seed, *STILL_SIZE), (width // 2, height // 2), interpolation=cv2.INTER_AREA)
+    whole, size = painting(painter, seed, *STILL_SIZE), (width // 2, height // 2)
+    light = np.asarray(cv2.resize(whole, size, interpolation=cv2.INTER_AREA), np.float32)
     rng = np.random.default_rng([seed, 80])
     if seed % 2:
         rows, columns = (int(rng.uniform(0.3, 0.7) * 350) for _ in range(2))
         top, left = int(rng.integers(350 - rows)), int(rng.integers(width // 2 - columns))
         light[top : top + rows, left : left + columns] *= np.float32(2.0 ** rng.uniform(*OPENING_STOPS))
-    return np.asarray(light, np.float32)
+    return light
 
 
 def _room(seed: int) -> list[NDArray[np.float32]]:

@@ -17,18 +17,15 @@ from evaluation.training.weights_file import Arrays, weights_bytes, write_atomic
 
 
 class Training(Protocol):
-    """How the weights of one policy are made.
+    """How the weights of one policy are made."""
 
-    Attributes
-    ----------
-    policy_id
-        Whose.
-    rounds
-        How many there are; each starts random numbers of its own, so that none depends on where others were stopped.
-    """
+    @property
+    def policy_id(self) -> str:
+        """Whose."""
 
-    policy_id: str
-    rounds: int
+    @property
+    def rounds(self) -> int:
+        """How many; each has random numbers of its own, so that none depends on where others were stopped."""
 
     def begin(self, rng: np.random.Generator) -> Arrays:
         """The state before the first round."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import lru_cache
+from typing import Any
 
 import cv2
 import numpy as np
@@ -48,7 +49,7 @@ def region_figures(look: Look) -> NDArray[np.float64]:
     saturated = cv2.threshold(look.image, ends.saturated_from - 1, 255, cv2.THRESH_BINARY)[1]
     black = cv2.threshold(look.image, ends.black_to, 255, cv2.THRESH_BINARY_INV)[1]
     if look.weights is None:
-        greys: NDArray[np.uint8] | NDArray[np.float32] = look.image
+        greys: NDArray[Any] = look.image
         area = np.outer(np.diff(rows), np.diff(columns)).astype(np.float64)
         full = 255.0
     else:
@@ -66,9 +67,7 @@ def region_figures(look: Look) -> NDArray[np.float64]:
     return np.asarray(shares.ravel())
 
 
-def _sums(
-    values: NDArray[np.uint8] | NDArray[np.float32], rows: NDArray[np.int_], columns: NDArray[np.int_]
-) -> NDArray[np.float64]:
+def _sums(values: NDArray[Any], rows: NDArray[np.int_], columns: NDArray[np.int_]) -> NDArray[np.float64]:
     """Sum of each region, exact, shape (GRID, GRID)."""
     corners = cv2.integral(values, sdepth=cv2.CV_64F)[np.ix_(rows, columns)]
     return np.diff(np.diff(corners, axis=0), axis=1)
