@@ -35,11 +35,12 @@ app.command()(train_command)
 
 @pytest.fixture(autouse=True)
 def one_picture(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Patches instead of rooms, whose textures take seconds, and few labels."""
+    """Patches instead of rooms, whose textures take seconds; few units, few labels."""
     patches = np.exp2(np.random.default_rng(0).normal(-2.0, 1.5, (33, 45)))
     picture = Picture(np.kron(patches, np.ones((8, 8))).astype(np.float32), 4)
     for module in (berthold2013, tomasi2021, zhang2024):
         monkeypatch.setattr(module, "tuning_pictures", lambda _count: [picture])
+    monkeypatch.setattr(berthold2013, "UNITS", 20)
     monkeypatch.setattr(tomasi2021, "LABEL_EVERY", 30)
     monkeypatch.setattr(tomasi2021, "VARIANTS", 1)
 
