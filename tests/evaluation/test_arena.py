@@ -120,7 +120,7 @@ def test_bad_options_get_one_sentence(options: list[str], message: str) -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--jobs", "2"], r"say how much: --full takes about \d+ minutes with these --jobs, --quick about a minute"),
+        (["--jobs", "2"], r"say how much: --full takes about \d+ minutes with these --jobs, --quick about \d+ minutes"),
         (["--quick", "--full"], "--quick and --full exclude each other: leave one out"),
     ],
 )

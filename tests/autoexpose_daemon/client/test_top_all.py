@@ -167,7 +167,7 @@ def test_messages_that_are_no_statuses_are_passed_over() -> None:
 @pytest.mark.wire
 def test_a_router_may_allow_statuses_alone(tmp_path: Path) -> None:
     """As docs/fleets.md shows."""
-    (rules,) = re.findall(r"```\n(// from the router's file.*?)```", FLEETS.read_text(), re.DOTALL)
+    (rules,) = re.findall(r"```\w*\n(// from the router's file.*?)```", FLEETS.read_text(), re.DOTALL)
     far, near = endpoint(), endpoint()
     quiet = json.dumps({"mode": "router", "listen": {"endpoints": [far]}, "scouting": QUIET})
     file = tmp_path / "router.json5"

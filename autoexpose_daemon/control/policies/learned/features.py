@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from autoexpose_daemon.control.metrics.gradient import ExtremeShares
+from autoexpose_daemon.control.metrics.gradient import ExtremeShares, grey_counts
 from autoexpose_daemon.control.policy import Look
 from calibration.response import GREY_LEVELS, ResponseFunction
 
@@ -34,8 +34,8 @@ def light_histogram(look: Look) -> NDArray[np.float64]:
 
 
 def _shares(look: Look, bins: NDArray[np.float32]) -> NDArray[np.float64]:
-    counts = look.counts @ bins
-    return counts.astype(np.float64) / float(counts.sum())
+    counts = grey_counts(look.image, look.weights) @ bins
+    return np.asarray(counts / float(counts.sum()))
 
 
 def region_figures(look: Look) -> NDArray[np.float64]:
