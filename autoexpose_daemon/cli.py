@@ -230,7 +230,7 @@ def demo(
         rate_hz,
         still,
         publish,
-        record if bracket is None else bracket,
+        bracket or record,
         navigate,
         pixel_format,
         size,

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from drivers.config.files import check_writable
 from drivers.errors import ConfigurationError
 from drivers.pixels.formats import PIXEL_FORMATS
 
@@ -76,7 +77,8 @@ class DemoOptions:
             if self.light.stat().st_size > _LARGEST_SCRIPT_BYTES:
                 raise ConfigurationError(f"--light {self.light} is longer than {_LARGEST_SCRIPT_BYTES >> 10} KiB")
         for file in (self.summary, self.plot):
-            _check_writable(file)
+            if file is not None:
+                check_writable(file)
 
     @property
     def width_height(self) -> tuple[int, int]:
@@ -97,9 +99,3 @@ def _check_readable(option: str, file: Path, instead: str) -> None:
         raise ConfigurationError(f"{option} {file} is not a file: {instead}")
     if not os.access(file, os.R_OK):
         raise ConfigurationError(f"{option} {file} is not readable by this user")
-
-
-def _check_writable(file: Path | None) -> None:
-    """Check that a file can be written, before the run and not after it."""
-    if file is not None and (file.is_dir() or not os.access(file.absolute().parent, os.W_OK)):
-        raise ConfigurationError(f"{file}: cannot be written; name a file in an existing folder")

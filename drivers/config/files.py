@@ -8,6 +8,8 @@ import stat
 from pathlib import Path
 from typing import BinaryIO
 
+from drivers.errors import ConfigurationError
+
 _KINDS = {
     stat.S_IFDIR: "a directory",
     stat.S_IFIFO: "a named pipe",
@@ -46,6 +48,12 @@ def read_regular(path: Path, most_bytes: int) -> bytes:
     if len(content) > most_bytes:
         raise OSError(errno.EFBIG, f"longer than {most_bytes >> 10} KiB")
     return content
+
+
+def check_writable(path: Path) -> None:
+    """Check that a file can be written, before the work whose result it is to have; raises ConfigurationError."""
+    if path.is_dir() or not os.access(path.absolute().parent, os.W_OK):
+        raise ConfigurationError(f"{path}: cannot be written; name a file in an existing folder")
 
 
 def _check(status: os.stat_result) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -67,8 +68,9 @@ def play(one: Round) -> list[Outcome]:
     drive = one.drive
     timeline = drive.timeline
     start = first_setting(drive)
+    judge = partial(_judge, drive, one.odometry, one.folder)
     runs = [
-        PolicyRun(replace(drive.setup.of_policy(policy), start=start), drive.delay_frames, _judge(one, policy))
+        PolicyRun(replace(drive.setup.of_policy(policy), start=start), drive.delay_frames, judge(policy))
         for policy in one.policies
     ]
     shown = set(np.linspace(0, len(timeline.glimpses) - 1, PICTURES + 2).round().astype(int)[1:-1].tolist())
@@ -82,12 +84,10 @@ def play(one: Round) -> list[Outcome]:
             if number in shown:
                 pictures[place].append(made.pair.reference.grey8())
                 captions[place].append(str(made.pair.reference.setting))
-    outcomes = []
-    for run, seen, said in zip(runs, pictures, captions, strict=True):
-        followed = run.judge.end()
-        parts_mm = [] if one.reference is None or followed is None else one.reference.errors_mm(followed.trajectory)
-        outcomes.append(Outcome(run.figures(followed, parts_mm), run.levels, seen, said))
-    return outcomes
+    return [
+        Outcome(run.end(one.reference), run.levels, seen, said)
+        for run, seen, said in zip(runs, pictures, captions, strict=True)
+    ]
 
 
 def exposers(drive: Drive) -> dict[Side, Exposer]:
@@ -102,7 +102,7 @@ def follow_best_shots(drive: Drive, odometry: str, folder: Path) -> Trajectory |
 
     None where nothing can follow, for lack of a geometry.
     """
-    judge = _judge(Round(drive, [], odometry, None, folder), "best shots")
+    judge = _judge(drive, odometry, folder, "best shots")
     if judge.follower is None:
         return None
     glimpses, cycle = drive.timeline.glimpses, drive.timeline.cycle
@@ -155,12 +155,11 @@ def first_setting(drive: Drive) -> ExposureSetting:
     return drive.setup.limits.nearest(max(first, key=lambda glimpse: glimpse.metric).setting)
 
 
-def _judge(one: Round, name: str) -> Judge:
-    drive = one.drive
+def _judge(drive: Drive, odometry: str, folder: Path, name: str) -> Judge:
     if len(drive.geometries) < 2:
         return Judge(None, None)
     rectifier = Rectifier(drive.geometries, drive.shape)
-    following = Following(one.odometry, rectifier.camera, drive.timeline.cycle_s, one.folder)
+    following = Following(odometry, rectifier.camera, drive.timeline.cycle_s, folder)
     return Judge(rectifier, following.begin(name))
 
 

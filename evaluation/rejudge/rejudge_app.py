@@ -16,6 +16,7 @@ from rich.console import Console
 from rich.table import Table
 
 from autoexpose_daemon.control.policies.ids import POLICY_IDS, check_policy_id
+from drivers.config.files import check_writable
 from drivers.errors import AutoexposeError, ConfigurationError
 from evaluation.pool import over_processes
 from evaluation.progress import LongProgress
@@ -50,7 +51,8 @@ def rejudge(
     chosen = _chosen(policies)
     check_odometry(odometry)
     for file in (json_file, report):
-        _check_writable(file)
+        if file is not None:
+            check_writable(file)
     truth = None if trajectory is None else read_tum(trajectory)
     console = Console()
     with console.status(f"reading {drive} ..."):
@@ -84,11 +86,6 @@ def _chosen(policies: str) -> list[str]:
     for policy in chosen:
         check_policy_id(policy)
     return chosen
-
-
-def _check_writable(file: Path | None) -> None:
-    if file is not None and (file.is_dir() or not os.access(file.absolute().parent, os.W_OK)):
-        raise ConfigurationError(f"{file}: cannot be written; name a file in an existing folder")
 
 
 def _check_fits(truth: Trajectory, drive: Drive, path: Path | None) -> None:

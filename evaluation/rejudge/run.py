@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
@@ -18,6 +17,7 @@ from evaluation.odometry.stereo_matching import StereoMatcher
 from evaluation.rejudge.camera import FAR_STOPS, Made
 from evaluation.rejudge.following import Followed, Follower
 from evaluation.rejudge.rectify import Rectifier
+from evaluation.rejudge.trajectory import Reference
 
 FOCAL_LENGTH_PX = 1000.0
 """Control is told the speed of the image as an angular rate and a focal length; any will do."""
@@ -162,8 +162,10 @@ class PolicyRun:
         """Exposure level of each pair so far, stops."""
         return [setting.level for setting in self.settings[: len(self.decisions)]]
 
-    def figures(self, followed: Followed | None, errors_mm: Sequence[float]) -> Figures:
-        """What became of it; the errors are those of the parts of the drive, NaN where nothing moved."""
+    def end(self, reference: Reference | None) -> Figures:
+        """What became of it, after the last pair; without a reference, errors are not known."""
+        followed = self.judge.end()
+        errors_mm = [] if reference is None or followed is None else reference.errors_mm(followed.trajectory)
         known_mm = [error_mm for error_mm in errors_mm if math.isfinite(error_mm)]
         taken = self.settings[: len(self.decisions)]
         return Figures(

@@ -91,12 +91,7 @@ def driven(stage: Stage, drive: Drive, policies: Sequence[str], reference: Refer
         stage.go_to(number)
         for run in runs:
             run.step(number, cameras, 0.0, due=number % cycle == 0)
-    found = []
-    for run in runs:
-        followed = run.judge.end()
-        parts_mm = [] if reference is None or followed is None else reference.errors_mm(followed.trajectory)
-        found.append(Compared(run.figures(followed, parts_mm), run.levels))
-    return found
+    return [Compared(run.end(reference), run.levels) for run in runs]
 
 
 def truth(stage: Stage, seconds: float) -> Trajectory:
