@@ -62,10 +62,11 @@ test: ## everything that CI runs
 suite: parallel realtime ## only the tests
 
 parallel: $(VENV)/dev.stamp ## those that may run at the same time
-	$(VENV)/bin/pytest -m "not realtime" -n 4 --dist loadfile --no-loadscope-reorder
+	$(VENV)/bin/pytest -m "not realtime" -n 3 --dist loadfile --no-loadscope-reorder
 
+# Of files without such tests, the import alone takes 8 s.
 realtime: $(VENV)/dev.stamp ## those in real time, which run alone
-	$(VENV)/bin/pytest -m realtime
+	$(VENV)/bin/pytest -m realtime $$(grep -rl --include 'test_*.py' --exclude-dir accept mark.realtime tests)
 
 test-again: $(VENV)/dev.stamp ## the tests N times (default 20), with a summary; BUSY=1 keeps one core busy
 	$(PY) -m tools.test_again --runs $(or $(N),20) $(if $(BUSY),--busy)

@@ -84,6 +84,7 @@ def run_shortened(task: Task, policies: Sequence[str]) -> list[Run]:
     return run_task(task, policies)
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("short_scenarios")
 def test_processes_give_what_one_process_gives(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(runs, "run_task", run_shortened)

@@ -72,6 +72,7 @@ def test_longer_exposures_cost_odometry_more(tmp_path: Path, monkeypatch: pytest
         assert "inf" in section.claims[0].ours
 
 
+@pytest.mark.long
 @pytest.mark.timeout(300)
 def test_laws_by_gradients_blur_less_than_the_built_in_exposure_and_both_readings_are_judged(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -57,6 +57,7 @@ def test_a_day_becomes_night_without_a_jump_of_the_light_by_more_than_the_lamp()
     assert isinstance(When(1, 23.0, overcast=False).daylight(1), Night)
 
 
+@pytest.mark.long
 def test_leaves_that_grew_are_the_same_every_day(monkeypatch: pytest.MonkeyPatch) -> None:
     for name, fewer in (("MEADOW_TEXELS", 256), ("HEDGES", 1), ("PANELS", 4)):
         monkeypatch.setattr(f"evaluation.experiments.teach.park.{name}", fewer)

@@ -77,6 +77,7 @@ def test_two_cameras_share_one_exposure() -> None:
     assert max(ratios) == pytest.approx(1.0)
 
 
+@pytest.mark.long
 def test_interpolating_the_oracle_changes_ratios_little() -> None:
     """At the frames in between, where it was not asked: the mean over all frames errs by half as much."""
     entrants = [Entrant.of("begin2022"), Entrant.of("neves2009")]

@@ -61,6 +61,7 @@ def run_quick(experiment: Experiment, folder: Path, keep: Callable[[dict[str, An
     return [(dict(arguments), result) for arguments, result in results], section
 
 
+@pytest.mark.long
 def test_a_strong_threshold_decouples_the_metric_from_gain(tmp_path: Path) -> None:
     results, section = run_quick(fig1.EXPERIMENT, tmp_path, lambda arguments: arguments["scene"] == "room")
     for _, rows in results:
@@ -95,6 +96,7 @@ def test_feedback_is_faster_and_gamma_ends_darker(tmp_path: Path, monkeypatch: p
     assert section.claims[2].verdict == Verdict.REPRODUCED
 
 
+@pytest.mark.long
 def test_gamma_curves_underestimate_the_best_exposure_the_more_the_lower_the_gamma(tmp_path: Path) -> None:
     results, section = run_quick(fig11.EXPERIMENT, tmp_path, _first_room_and_leaves)
     biases: dict[str, list[float]] = {str(camera): [] for camera in fig11.CAMERAS}

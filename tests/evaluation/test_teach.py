@@ -101,6 +101,7 @@ def test_the_top_half_alone_can_be_held_at_one_half() -> None:
     assert whole.mean() / 255 == pytest.approx(0.5, abs=0.02) and whole.mean() > top.mean()
 
 
+@pytest.mark.long
 def test_images_that_are_far_too_bright_are_not_registered() -> None:
     """From the exposure of `standard`, votes fall to both sides."""
     result: Any = sweep(0, 0.0, "sunset", 2)

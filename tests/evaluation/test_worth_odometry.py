@@ -59,6 +59,7 @@ def test_a_run_that_sees_nothing_fails_and_counts_as_an_odometry_that_never_move
     assert trial.errors_mm() == {"raw": WORST_MM, "preprocessed": WORST_MM}
 
 
+@pytest.mark.long
 def test_bounds_choose_what_odometry_can_follow(one_stage: Stage, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bounds, "GRID", (BLACK, GOOD))
     monkeypatch.setattr(bounds, "HELD", 10)

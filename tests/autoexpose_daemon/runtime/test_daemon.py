@@ -55,6 +55,7 @@ def test_the_daemon_triggers_both_cameras_by_software() -> None:
     assert abs(tally.triggers - periods) <= 1
 
 
+@pytest.mark.long
 @pytest.mark.gige_only
 def test_cameras_with_one_ptp_clock_expose_together_and_go_on_without_their_master(
     monkeypatch: pytest.MonkeyPatch,
