@@ -62,7 +62,7 @@ test: ## everything that CI runs
 suite: parallel realtime ## only the tests
 
 parallel: $(VENV)/dev.stamp ## those that may run at the same time
-	$(VENV)/bin/pytest -m "not realtime" -n 3 --dist loadfile --no-loadscope-reorder
+	$(VENV)/bin/pytest -m "not realtime" -n 4 --dist loadfile --no-loadscope-reorder
 
 # Of files without such tests, the import alone takes 8 s.
 realtime: $(VENV)/dev.stamp ## those in real time, which run alone
