@@ -59,7 +59,7 @@ class ControlClient:
         check_rig_name(rig)
         self._rig = rig
         self._name = _user_and_host() if name is None else name
-        self._endpoints = Endpoints(connect=() if zenoh_file is not None else connect, file=zenoh_file)
+        self._endpoints = Endpoints.of_client(connect, zenoh_file)
         self._session: zenoh.Session | None = None
 
     def __enter__(self) -> Self:

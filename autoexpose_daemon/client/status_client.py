@@ -76,7 +76,7 @@ class StatusClient:
         self._registered: tuple[RegisteredView, float] | None = None
         self._count = 0
         self._news = threading.Condition()
-        endpoints = Endpoints(connect=() if zenoh_file is not None else connect, file=zenoh_file)
+        endpoints = Endpoints.of_client(connect, zenoh_file)
         self._holder = SessionHolder("client", endpoints, self._serve, self._on_trouble)
 
     @property

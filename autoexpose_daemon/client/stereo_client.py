@@ -103,7 +103,7 @@ class StereoClient:
         self._queue = PairQueue(self._tally, _QUEUE_PAIRS)
         self._normalised = normalised
         self._responses = _Responses()
-        endpoints = Endpoints(connect=() if zenoh_file is not None else connect, file=zenoh_file)
+        endpoints = Endpoints.of_client(connect, zenoh_file)
         self._holder = SessionHolder("client", endpoints, self._serve, self._on_trouble)
         self._close_session: Callable[[], object] | None = None
 

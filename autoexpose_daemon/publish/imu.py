@@ -38,7 +38,7 @@ class ImuSubscriber:
     def __init__(self, config: ImuConfig, rate: AngularRate) -> None:
         self._key = config.key
         self._rate = rate
-        self._endpoints = Endpoints(connect=() if config.zenoh is not None else config.connect, file=config.zenoh)
+        self._endpoints = Endpoints.of_client(config.connect, config.zenoh)
         self._holder = SessionHolder("client", self._endpoints, self._serve, self._on_trouble)
 
     def __enter__(self) -> Self:

@@ -11,18 +11,12 @@ import hashlib
 import struct
 from dataclasses import dataclass
 
+from autoexpose_daemon.messages.qos import SENSOR_DATA, OfferedQos
 from autoexpose_daemon.messages.types import TYPESTORE, dds_name
 
 _NODE_ID = 0
 _NO_ENCLAVE = "%"
-SENSOR_DATA = "2::,5:,:,:,,"
-"""ROS 2's profile for sensor data: best effort (2), volatile, keep last, 5 deep; empty fields are rmw_zenoh's defaults.
-
-Reliability : durability : history, depth : deadline s, ns : lifespan s, ns : liveliness, lease s, ns.
-"""
-
-COMMANDS = "::,10:,:,:,,"
-"""ROS 2's usual profile: reliable, volatile, keep last, 10 deep."""
+_BEST_EFFORT, _TRANSIENT_LOCAL = 2, 1  # of rmw's enumerations
 _ATTACHMENT = struct.Struct("<qqB16s")
 _GID_BYTES = 16
 
@@ -59,10 +53,10 @@ class Ros2Node:
         """The liveliness token of the node."""
         return self._token("NN", _NODE_ID)
 
-    def topic(self, number: int, path: str, message_type: str, qos: str = SENSOR_DATA) -> Ros2Topic:
+    def topic(self, number: int, path: str, message_type: str, qos: OfferedQos = SENSOR_DATA) -> Ros2Topic:
         """The topic `/<path>`; `number` numbers the publishers of a node, from 1."""
         kind = f"{dds_name(message_type)}/{TYPESTORE.hash_rihs01(message_type)}"
-        token = f"{self._token('MP', number)}/{_mangled(f'/{path}')}/{kind}/{qos}"
+        token = f"{self._token('MP', number)}/{_mangled(f'/{path}')}/{kind}/{_keyed(qos)}"
         return Ros2Topic(f"{self.domain}/{path}/{kind}", token)
 
     def _token(self, entity: str, number: int) -> str:
@@ -94,3 +88,12 @@ class Attachments:
 
 def _mangled(name: str) -> str:
     return name.replace("/", "%")
+
+
+def _keyed(qos: OfferedQos) -> str:
+    """Reliability : durability : history, depth : deadline s, ns : lifespan s, ns : liveliness, lease s, ns.
+
+    A field is empty where it is rmw_zenoh's default: reliable, volatile, keep last, no deadline or lease.
+    """
+    reliability, durability = "" if qos.reliable else _BEST_EFFORT, _TRANSIENT_LOCAL if qos.latched else ""
+    return f"{reliability}:{durability}:,{qos.depth}:,:,:,,"

@@ -70,6 +70,11 @@ class Endpoints:
     file: Path | None = None
     gossip: bool = False
 
+    @classmethod
+    def of_client(cls, connect: Sequence[str], file: Path | None) -> Endpoints:
+        """Where a client connects: to what its file says if it has one, otherwise to these endpoints."""
+        return cls(connect=connect) if file is None else cls(file=file)
+
     def __str__(self) -> str:
         if self.file is not None:
             return str(self.file)

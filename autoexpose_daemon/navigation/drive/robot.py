@@ -12,6 +12,7 @@ from types import TracebackType
 
 import zenoh
 
+from autoexpose_daemon.messages.qos import DEFAULT
 from autoexpose_daemon.messages.robot import (
     LARGEST_ROBOT_MESSAGE_BYTES,
     read_odometry,
@@ -23,7 +24,7 @@ from autoexpose_daemon.messages.types import ODOMETRY, TWIST, TWIST_STAMPED
 from autoexpose_daemon.navigation.drive.motion import Pose, Velocity
 from autoexpose_daemon.navigation.drive.odometer import SPEED_NS, Odometer
 from autoexpose_daemon.publish.refusal import reading
-from autoexpose_daemon.publish.ros2_keys import COMMANDS, Attachments, Ros2Node, key_of_topic
+from autoexpose_daemon.publish.ros2_keys import Attachments, Ros2Node, key_of_topic
 from autoexpose_daemon.publish.session import Endpoints, SessionHolder
 from drivers.python310 import Self
 
@@ -148,7 +149,7 @@ class Robot:
             if self._keys.ros2_domain is not None and self._keys.command:
                 kind = TWIST_STAMPED if self._keys.stamped else TWIST
                 node = Ros2Node(self._keys.ros2_domain, "", "autoexpose_repeat", str(session.info.zid()))
-                topic = node.topic(1, self._keys.command.strip("/"), kind, COMMANDS)
+                topic = node.topic(1, self._keys.command.strip("/"), kind, DEFAULT)
                 for token in (node.token, topic.token):
                     tokens.enter_context(session.liveliness().declare_token(token))
                 self._in_ros2 = topic.key, Attachments(topic)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from autoexpose_daemon.messages.qos import DEFAULT, LATCHED
 from autoexpose_daemon.messages.types import CAMERA_INFO, EXPOSURE_INFO, IMAGE, ODOMETRY, TWIST, TYPESTORE
-from autoexpose_daemon.publish.ros2_keys import COMMANDS, Attachments, Ros2Node, Ros2Topic, key_of_topic
+from autoexpose_daemon.publish.ros2_keys import Attachments, Ros2Node, Ros2Topic, key_of_topic
 
 SESSION = "8b20917502ee955ac4476e0266340d5c"
 STRING_HASH = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
@@ -40,10 +41,15 @@ def test_a_token_says_who_publishes_what_and_how() -> None:
     assert len(fields) == 13
 
 
+def test_what_is_sent_once_is_kept_for_those_who_join_later() -> None:
+    topic = NODE.topic(1, "talker/setup", "std_msgs/msg/String", LATCHED)
+    assert topic.token.split("/")[-1] == ":1:,1:,:,:,,"
+
+
 def test_a_node_without_a_namespace_sends_commands_reliably() -> None:
     node = Ros2Node(0, "", "autoexpose_repeat", SESSION)
     assert node.token == f"@ros2_lv/0/{SESSION}/0/0/NN/%/%/autoexpose_repeat"
-    topic = node.topic(1, "cmd_vel", TWIST, COMMANDS)
+    topic = node.topic(1, "cmd_vel", TWIST, DEFAULT)
     assert topic.key.startswith("0/cmd_vel/geometry_msgs::msg::dds_::Twist_/RIHS01_")
     assert topic.token.split("/")[9] == "%cmd_vel"
     assert topic.token.split("/")[-1] == "::,10:,:,:,,"
