@@ -91,7 +91,7 @@ build/ros2/stamp: $(wildcard tests/accept/ros2/*)
 	@./tools/timed "installing ROS 2 Jazzy in build/ros2" ./tests/accept/ros2/install build/ros2
 	@touch $@
 
-accept: $(VENV)/dev.stamp build/ros2/stamp ## the longer checks in real time, about 30 minutes
+accept: $(VENV)/dev.stamp build/ros2/stamp ## the longer checks in real time, about 40 minutes
 	@./tools/install-debian $(ACCEPT_PACKAGES)
 	$(VENV)/bin/pytest tests/accept -p no:cacheprovider --override-ini addopts=-ra --timeout 600 -s
 	$(VENV)/bin/pytest -m long
