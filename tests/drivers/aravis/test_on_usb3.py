@@ -10,7 +10,7 @@ from tests import REPOSITORY
 from tests.fakes import run_under_shim
 from tests.xml_cameras import COMBINATIONS, REAL
 
-pytestmark = pytest.mark.wire
+pytestmark = [pytest.mark.wire, pytest.mark.timeout(300)]  # suites in one test, and a busy machine
 
 HERE = Path(__file__).parent
 DIALECTS = HERE / "test_dialects_on_the_wire.py"
