@@ -51,7 +51,7 @@ def usb3_environment(*sockets: Path | None) -> dict[str, str]:
     return client_environment([socket for socket in sockets if socket is not None])
 
 
-def run_under_shim(suites: Path | Sequence[Path], *sockets: Path, timeout_s: float = 250.0, marked: str = "") -> None:
+def run_under_shim(suites: Path | Sequence[Path], *sockets: Path, timeout_s: float = 100.0, marked: str = "") -> None:
     """Run the tests of one or more files in a process whose USB bus has ports at these sockets; all must pass.
 
     `marked` chooses among them, as pytest's option -m does.

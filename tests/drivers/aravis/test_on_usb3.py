@@ -10,7 +10,7 @@ from tests import REPOSITORY
 from tests.fakes import run_under_shim
 from tests.xml_cameras import COMBINATIONS, REAL
 
-pytestmark = [pytest.mark.wire, pytest.mark.timeout(300)]  # suites in one test, and a busy machine
+pytestmark = pytest.mark.wire
 
 HERE = Path(__file__).parent
 DIALECTS = HERE / "test_dialects_on_the_wire.py"
@@ -26,9 +26,10 @@ PORTS = len(COMBINATIONS)
 """As many cameras as the dialects need at a time."""
 
 
+@pytest.mark.timeout(300)
 @pytest.mark.parametrize("marked", ["not realtime", pytest.param("realtime", marks=pytest.mark.realtime)])
 def test_usb3_vision_behaves_as_gige_does(marked: str, tmp_path: Path) -> None:
-    run_under_shim(SUITES, *(tmp_path / str(port) for port in range(PORTS)), marked=marked)
+    run_under_shim(SUITES, *(tmp_path / str(port) for port in range(PORTS)), timeout_s=250, marked=marked)
 
 
 @pytest.mark.data
