@@ -24,8 +24,8 @@ from fake_camera.ptp.messages import PortIdentity
 from fake_camera.ptp.slave import Slave
 
 _TOO_LATE_NS = 500_000_000  # a pulse this old (the process was stopped) makes no exposure
-_OVERRUN_NS = 100_000_000  # a frame that would be sent this late is dropped, so that a slow machine keeps up
-_OVERRUN_PX = 720 * 540  # a larger one may be later in proportion
+_OVERRUN_NS = 100_000_000  # a frame that would be sent this late is dropped, so that a slow machine keeps up ...
+_OVERRUN_PX = 720 * 540  # ... a larger one in proportion, and any by the time since the last, up to _TOO_LATE_NS
 _DRIFT_PPM = 10.0
 _PTP_DRIFT_PPM = 100.0  # what Ethernet allows a crystal
 _UNWIRED_RATE_HZ = 60.0  # of the pulses by which faults and truth are counted when no wire is plugged in
@@ -91,7 +91,7 @@ class Device:
         self._on_power_off: list[Callable[[], None]] = []
         self._show_exposure: Callable[[int], None] = lambda start_ns: None
         self._exposures: SimpleQueue[tuple[Exposure, int] | None] = SimpleQueue()
-        self._frames: SimpleQueue[tuple[int, Exposure, ExposedFrame] | None] = SimpleQueue()
+        self._frames: SimpleQueue[tuple[int, int, Exposure, ExposedFrame] | None] = SimpleQueue()
         self._wake = threading.Event()
         self._closed = threading.Event()
         self._threads = [
@@ -286,26 +286,28 @@ class Device:
         """Render each exposure during its exposure and readout, so that it is ready when it is due."""
         thread = threading.get_native_id()  # its niceness only, not that of the process
         os.setpriority(os.PRIO_PROCESS, thread, os.getpriority(os.PRIO_PROCESS, thread) + self._niceness)
-        due_ns = 0
+        due_ns = last_start_ns = 0
         while (started := self._exposures.get()) is not None:
             exposure, device_time_ns = started
+            tolerance_ns = max(self._overrun_ns, min(exposure.start_ns - last_start_ns, _TOO_LATE_NS))
+            last_start_ns = exposure.start_ns
             # A delayed frame delays those behind it: frames stay in order.
             due_ns = max(due_ns, exposure.ready_ns + (DELAY_NS if Fault.DELAY in exposure.faults else 0))
             if (
                 Fault.FREEZE not in exposure.faults
                 and self._wanted(exposure)
-                and self._in_time(due_ns, self._overrun_ns // 2)
+                and self._in_time(due_ns, tolerance_ns // 2)
             ):
-                self._frames.put((due_ns, exposure, self._render(exposure, device_time_ns)))
+                self._frames.put((due_ns, tolerance_ns, exposure, self._render(exposure, device_time_ns)))
         self._frames.put(None)
 
     def _send(self) -> None:
         """Send each frame when it is due; sending takes as long as the transport needs."""
         while (rendered := self._frames.get()) is not None:
-            due_ns, exposure, frame = rendered
+            due_ns, tolerance_ns, exposure, frame = rendered
             if self._closed.wait(max(0, due_ns - time.monotonic_ns()) * 1e-9):
                 return
-            if self._wanted(exposure) and self._in_time(due_ns, self._overrun_ns):
+            if self._wanted(exposure) and self._in_time(due_ns, tolerance_ns):
                 self.faults.on_send(exposure.pulse)
                 self._sink(frame)
 

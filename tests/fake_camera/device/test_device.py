@@ -326,6 +326,19 @@ def test_a_source_slower_than_the_trigger_loses_frames_but_not_all(device: Devic
 
 
 @pytest.mark.realtime
+def test_a_slow_source_may_be_as_late_as_a_slow_trigger_allows(source: FlatSource) -> None:
+    source.takes_s = 0.15  # at a fast trigger more than 0.1 s late would be too late
+    device = Device(source, "S", line0=Line0(time.monotonic_ns(), 2.5))
+    try:
+        client = Client(device)
+        trigger_by_line0(device)
+        frames = client.wait(lambda frames: len(frames) >= 3)
+    finally:
+        device.close()
+    assert frames[-1].frame_id - len(frames) == device.counters.overruns
+
+
+@pytest.mark.realtime
 def test_a_frame_held_up_too_long_is_dropped_and_counted_while_its_id_is_used(
     device: Device, source: FlatSource
 ) -> None:
