@@ -25,6 +25,7 @@ cv2.setNumThreads(1)  # likewise: a second thread for each small image waits mor
 
 # The same examples each time, as the profile that hypothesis chooses in CI, but half as many: `make fuzz` tries more.
 hypothesis.settings.register_profile("brief", hypothesis.settings.get_profile("ci"), max_examples=50)
+hypothesis.settings.register_profile("few", hypothesis.settings.get_profile("brief"), max_examples=10)  # if emulated
 
 LEFT_OUT = [Path(__file__).with_name(name) for name in ("accept", "kernel", "platforms")]
 LONGEST = (
