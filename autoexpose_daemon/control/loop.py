@@ -7,17 +7,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-import numpy as np
-from numpy.typing import NDArray
-
 from autoexpose_daemon.control.balance import Balance, whole_periods_us
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.light_ahead import LightAhead
-from autoexpose_daemon.control.metrics.contrast import CELLS
-from autoexpose_daemon.control.metrics.gradient import ExtremeShares, GradientMetric, mean_signal
+from autoexpose_daemon.control.metrics.gradient import GradientMetric, mean_signal
 from autoexpose_daemon.control.override import NO_OVERRIDE, Compensation, Override
 from autoexpose_daemon.control.parameters import FASTEST_TURN_RAD_S, REMEMBERED_STEPS, ControlParameters
-from autoexpose_daemon.control.picture.image import ImagePreparation
 from autoexpose_daemon.control.picture.motion import DisMotion, FarnebackMotion, FlowMotion
 from autoexpose_daemon.control.picture.region import Region
 from autoexpose_daemon.control.picture.steering import Steering
@@ -26,12 +21,12 @@ from autoexpose_daemon.control.policies.flicker import FlickerWatch
 from autoexpose_daemon.control.policies.table import build_policy
 from autoexpose_daemon.control.policy import Look, Objective, Observation, PastStep, PolicySetup, Target
 from autoexpose_daemon.control.snapshot import Plain, restore, take
+from autoexpose_daemon.control.view import View
 from calibration.response import ResponseFunction
 from calibration.vignetting.model import Vignetting
 from drivers.errors import ConfigurationError
 from drivers.exposure import SAME_GAIN_DB, ExposureLimits, ExposureSetting
 from drivers.frames import SIDES, Frame, Side, StereoPair
-from drivers.pixels.layout import MOSAIC_SHARE, is_mosaic
 
 REFERENCE_RATE_HZ = 60.0
 """Image speeds are in pixels per 1/60 s, the unit of the paper's tuning."""
@@ -367,46 +362,6 @@ class ControlLoop:
             if abs(past.setting.gain_db - setting.gain_db) < SAME_GAIN_DB and past.setting.agrees_with(setting):
                 return past
         return None
-
-
-class View:
-    """How control sees one camera: prepared image, response function, weights of its region, and vignetting."""
-
-    def __init__(
-        self, response: ResponseFunction, region: Region | None = None, vignetting: Vignetting | None = None
-    ) -> None:
-        self.shares = ExtremeShares(response)
-        self._response = response
-        self._preparation = ImagePreparation()
-        self._region, self._vignetting = region, vignetting
-        self._relative_light = None if vignetting is None else _in_steps(vignetting.relative_light(CELLS, CELLS))
-        self._weights: NDArray[np.uint8] | None = None
-        self._shape: tuple[int, ...] = ()
-
-    def look(self, side: Side, frame: Frame) -> Look:
-        """What a policy sees of a frame, valid until the next call."""
-        grey = frame.grey8(self._response.saturation)
-        image = self._preparation.prepare(grey)
-        if frame.pixels.shape != self._shape:
-            self._fit(side, frame.pixels.shape, grey.shape)
-        scale = frame.pixels.shape[1] / image.shape[1]
-        counted = MOSAIC_SHARE if is_mosaic(frame.layout) else 1.0
-        averaged = counted * scale**2
-        unfiltered, light = self._preparation.unfiltered, self._relative_light
-        return Look(side, image, self._response, self._weights, unfiltered, scale, averaged, light)
-
-    def _fit(self, side: Side, shape: tuple[int, ...], seen: tuple[int, ...]) -> None:
-        """Fit region and vignetting to frames of a shape; control sees a plane of them, of the shape `seen`."""
-        if self._region is not None:
-            self._weights = self._region.weights(shape, seen)
-        if self._vignetting is not None:
-            self._vignetting.check_size((shape[1], shape[0]), f"the {side} camera")
-        self._shape = shape
-
-
-def _in_steps(light: NDArray[np.float32]) -> NDArray[np.float64]:
-    """The relative light of cells to a quarter of a stop, shape (cells,): few levels, and none of them costs much."""
-    return np.exp2(np.round(4.0 * np.log2(light.astype(np.float64).ravel())) / 4.0)
 
 
 def _in_words(target: Target, ev_stops: float, level: float) -> str:
