@@ -24,6 +24,11 @@ def run(*command: str | Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=60, check=False)
 
 
+SYSTEMD = int(run("systemd-analyze", "--version").stdout.split()[1])
+of_newer_systemd = pytest.mark.skipif(SYSTEMD < 250, reason=f"systemd {SYSTEMD} cannot be asked without a boot")
+
+
+@of_newer_systemd
 @UNITS
 def test_the_unit_is_shut_in(unit: Path) -> None:
     threshold = f"--threshold={10 * WORST_EXPOSURE:.0f}"
@@ -32,6 +37,7 @@ def test_the_unit_is_shut_in(unit: Path) -> None:
     assert f"Overall exposure level for {unit.name}" in result.stdout
 
 
+@of_newer_systemd
 def test_an_open_unit_would_not_pass(tmp_path: Path) -> None:
     unit = tmp_path / UNIT.name
     unit.write_text(
@@ -49,9 +55,12 @@ def test_the_unit_is_sound(unit: Path, tmp_path: Path) -> None:
     copy = tmp_path / unit.name
     copy.write_text(unit.read_text().replace("/opt/autoexpose/bin/autoexpose", str(program)))
     result = run("systemd-analyze", "verify", "--man=no", copy)
-    assert (result.returncode, result.stdout) == (0, "")
+    # In a root that was not booted it does not know this machine's disks.
+    said = [line for line in result.stdout.splitlines() if "udev device" not in line]
+    assert (result.returncode, said) == (0, [])
 
 
+@of_newer_systemd
 def test_the_user_may_open_cameras() -> None:
     unit = configparser.ConfigParser(strict=False, interpolation=None)
     unit.optionxform = str  # type: ignore[assignment,method-assign]
