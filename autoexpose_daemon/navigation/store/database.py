@@ -6,6 +6,8 @@ import fcntl
 import os
 import sqlite3
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO, Final
 
@@ -53,8 +55,7 @@ def create(path: Path) -> sqlite3.Connection:
         path.open("xb").close()
     except OSError as error:
         raise MapError(f"{path} cannot be created: {readable(str(error.strerror))}") from error
-    connection = _connected(path, "rw")
-    with connection:
+    with _connecting(path, "rw") as connection:
         for table in TABLES:
             connection.execute(table)
         connection.execute(f"PRAGMA application_id = {APPLICATION}")
@@ -70,8 +71,8 @@ def connect(path: Path, *, writable: bool) -> sqlite3.Connection:
         reason = error.strerror if isinstance(error, OSError) else error
         raise MapError(f"{path} cannot be read: {readable(str(reason))}") from error
     try:
-        connection = _connected(path, "rw" if writable else "ro")
-        _check(path, connection)
+        with _connecting(path, "rw" if writable else "ro") as connection:
+            _check(path, connection)
     except (sqlite3.Error, UnicodeDecodeError) as error:  # SQLite quotes what is damaged
         raise MapError(f"{path} is not a map, or damaged: {readable(str(error))}") from error
     return connection
@@ -88,18 +89,24 @@ def lock(path: Path) -> BinaryIO:
     return file
 
 
-def _connected(path: Path, mode: str) -> sqlite3.Connection:
+@contextmanager
+def _connecting(path: Path, mode: str) -> Iterator[sqlite3.Connection]:
+    """A connection, closed again if what is done with it at first fails."""
     # A map on read-only media has no log beside it, and nobody writes to it: immutable.
     unwritable = mode == "ro" and not os.access(path.parent, os.W_OK)
     uri = f"{path.absolute().as_uri()}?mode={mode}{'&immutable=1' if unwritable else ''}"
     connection = sqlite3.connect(uri, uri=True, isolation_level=None)
-    if sys.version_info >= (3, 11):  # before 3.11, nothing keeps damaged files from asking for much memory
-        connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LARGEST_VALUE_BYTES)
-    connection.execute("PRAGMA trusted_schema = OFF")
-    if mode == "rw":
-        connection.execute("PRAGMA journal_mode = WAL")
-        connection.execute("PRAGMA synchronous = FULL")  # a power cut loses no local map that was passed
-    return connection
+    try:
+        if sys.version_info >= (3, 11):  # before 3.11, nothing keeps damaged files from asking for much memory
+            connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LARGEST_VALUE_BYTES)
+        connection.execute("PRAGMA trusted_schema = OFF")
+        if mode == "rw":
+            connection.execute("PRAGMA journal_mode = WAL")
+            connection.execute("PRAGMA synchronous = FULL")  # a power cut loses no local map that was passed
+        yield connection
+    except BaseException:
+        connection.close()
+        raise
 
 
 def _check(path: Path, connection: sqlite3.Connection) -> None:

@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import psutil
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -176,6 +177,7 @@ def test_a_map_with_wrong_content_is_refused_in_a_sentence(tmp_path: Path, chang
     with pytest.raises(MapError) as refused, MapFile(path) as file:
         file.runs(), file.taught_path(), file.places()
     assert words in str(refused.value) and str(path) in str(refused.value)
+    assert str(path) not in [file.path for file in psutil.Process().open_files()]
 
 
 def test_an_existing_file_is_not_overwritten(tmp_path: Path) -> None:
