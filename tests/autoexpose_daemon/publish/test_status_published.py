@@ -38,7 +38,7 @@ def test_the_status_is_told_once_a_second_and_at_the_end() -> None:
             assert (status.rig, status.policy, status.ending) == ("scout", "neves2009", False)
             assert {side: camera.camera for side, camera in status.cameras.items()} == daemon.telemetry.cameras
             wait_until(lambda: latest(client).command_to_effect_ms.count > 0, "an effect")
-            assert latest(client).rate_hz > 0
+            wait_until(lambda: latest(client).rate_hz > 0, "a second pair")
             wait_until(lambda: set(client.responses) == {"left", "right"}, "the responses")
         wait_until(lambda: latest(client).ending, "the last word")
         assert latest(client).counts.pairs == daemon.tally.pairs
