@@ -139,7 +139,8 @@ static PyObject *predict_metrics_of(PyObject *module, PyObject *arguments)
 }
 
 PyDoc_STRVAR(worth_of_levels_doc,
-             "worth_of_levels(levels, metrics, views, moving, frontier, known_again, highest, worth)\n--\n\n"
+             "worth_of_levels(levels, metrics, views, moving, shortest_stops, power, probe_worth, frontier, known_again, "
+             "highest, worth)\n--\n\n"
              "As in search.py, which also has the parameters; `worth`, float64 (n,), is written.");
 
 static PyObject *worth_into(Held *held, PyObject *const objects[4], Unseen *unseen)
@@ -167,8 +168,9 @@ static PyObject *worth_of_levels_of(PyObject *module, PyObject *arguments)
     Unseen unseen;
     Held held = {0};
     (void)module;
-    if (!PyArg_ParseTuple(arguments, "OOOpdddO", &objects[0], &objects[1], &objects[2], &unseen.moving, &unseen.frontier,
-                          &unseen.known_again, &unseen.highest, &objects[3]))
+    if (!PyArg_ParseTuple(arguments, "OOOpddddddO", &objects[0], &objects[1], &objects[2], &unseen.moving,
+                          &unseen.shortest, &unseen.power, &unseen.worth, &unseen.frontier, &unseen.known_again,
+                          &unseen.highest, &objects[3]))
         return NULL;
     PyObject *result = worth_into(&held, objects, &unseen);
     release(&held);

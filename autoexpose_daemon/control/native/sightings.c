@@ -10,9 +10,7 @@
 #define DOUBT 0.5
 
 /* As in search.py. */
-#define SHORTEST_PROBE 1.5
-#define PROBE_PER_SHARE 5.0
-#define PROBE_WORTH 1.5
+#define LONGEST_PROBE 6.5
 #define PROBE_WORTH_MOVING 1.0
 #define LEAST_CAMERA 0.1
 #define NOTHING 1e-9
@@ -48,12 +46,18 @@ void predict_metrics(const Sightings *seen, const double *levels, size_t count, 
         }
 }
 
-/* Its power is 1 in motion, else a half. */
-static double probe_bonus(double stops, double clipped_share, double density, int moving)
+/* How far a probe goes, in stops. */
+static double probe_length(const Unseen *unseen, double clipped_share)
 {
-    const double distance = stops / (SHORTEST_PROBE + PROBE_PER_SHARE * clipped_share);
+    return unseen->shortest + (LONGEST_PROBE - unseen->shortest) * pow(clipped_share, unseen->power);
+}
+
+/* distance: in lengths of a probe. */
+static double probe_bonus(double distance, double clipped_share, double density, const Unseen *unseen)
+{
     const double shape = fmin(fmax(fmin(distance, 2.0 - distance), 0.0), 1.0);
-    return (moving ? PROBE_WORTH_MOVING : PROBE_WORTH) * clipped_share * density * (moving ? shape : sqrt(shape));
+    const double worth = unseen->moving ? PROBE_WORTH_MOVING * shape : unseen->worth * sqrt(shape);
+    return worth * clipped_share * density;
 }
 
 /* The best of a camera, including what it may yet see. */
@@ -76,9 +80,10 @@ void worth_of_levels(const double *levels, size_t count, const double *metrics, 
     for (size_t camera = 0; camera < cameras; camera++) {
         const double best = fmax(best_of(metrics, count, unseen, camera), fmax(LEAST_CAMERA * greatest, NOTHING));
         const double white = unseen->saturated[camera], black = unseen->black[camera], density = unseen->density[camera];
+        const double down = probe_length(unseen, white), up = probe_length(unseen, black);
         for (size_t i = 0; i < count; i++) {
-            const double below = probe_bonus(unseen->frontier - levels[i], white, density, unseen->moving);
-            const double above = probe_bonus(levels[i] - unseen->highest, black, density, unseen->moving);
+            const double below = probe_bonus((unseen->frontier - levels[i]) / down, white, density, unseen);
+            const double above = probe_bonus((levels[i] - unseen->highest) / up, black, density, unseen);
             worth[i] += (metrics[camera * count + i] + (levels[i] > unseen->known_again ? below : 0.0) + above) / best;
         }
     }

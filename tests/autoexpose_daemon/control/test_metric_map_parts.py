@@ -12,7 +12,7 @@ from autoexpose_daemon.control.policies.metric_map.forecast import LEAST_CHANGE,
 from autoexpose_daemon.control.policies.metric_map.loop_delay import LoopDelay
 from autoexpose_daemon.control.policies.metric_map.memory import FORGOTTEN, LEAST_GAP, MetricMemory, Sighting
 from autoexpose_daemon.control.policies.metric_map.registration import Registration
-from autoexpose_daemon.control.policies.metric_map.search import dark_jump, plateau_centre, probe_bonus
+from autoexpose_daemon.control.policies.metric_map.search import Probes, dark_jump, plateau_centre
 from autoexpose_daemon.control.policies.metric_map.view import DELTAS, FEWER_DELTAS, FEWEST_DELTAS, MetricView, Viewer
 from autoexpose_daemon.control.policy import Look
 from calibration.response import ResponseFunction
@@ -229,14 +229,14 @@ def test_the_centre_of_the_plateau() -> None:
 
 
 def test_probes_go_farther_the_more_is_clipped() -> None:
-    stops = np.arange(-3.0, 11.0, 0.25)
-    little = probe_bonus(stops, 0.1, 0.2, moving=False)
-    much = probe_bonus(stops, 1.0, 0.2, moving=False)
+    stops, probes = np.arange(-3.0, 11.0, 0.25), Probes(shortest_stops=1.5, power=1.0, worth=1.5)
+    little = probes.bonus(stops, 0.1, 0.2, moving=False)
+    much = probes.bonus(stops, 1.0, 0.2, moving=False)
     assert stops[little.argmax()] == 2.0
     assert stops[much.argmax()] == 6.5
     assert much.max() > 5 * little.max()
     assert (much[stops <= 0] == 0).all()
-    assert (probe_bonus(stops, 0.0, 0.2, moving=True) == 0).all()
+    assert (probes.bonus(stops, 0.0, 0.2, moving=True) == 0).all()
 
 
 def test_dark_frames_jump_to_half_scale_and_no_farther_than_7_stops() -> None:

@@ -23,7 +23,7 @@ from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
 from autoexpose_daemon.control.policies.fisher_map.balance import BlurPhotonBalance
 from autoexpose_daemon.control.policies.metric_map.memory import MetricMemory, Sighting
 from autoexpose_daemon.control.policies.metric_map.registration import STRIDE, Registration
-from autoexpose_daemon.control.policies.metric_map.search import worth_of_levels
+from autoexpose_daemon.control.policies.metric_map.search import Probes, worth_of_levels
 from autoexpose_daemon.control.policies.metric_map.view import DELTAS, MetricView, Tones
 from autoexpose_daemon.control.policy import Look
 from calibration.response import ResponseFunction
@@ -220,10 +220,11 @@ def test_sightings_promise_the_same(seed: int, moving: bool, cameras: int) -> No
     native = memory.fuse(levels, moving)
     views = rng.random((3, cameras)) * rng.integers(0, 2, (3, cameras))
     places = dict(zip(("frontier", "known_again", "highest"), rng.uniform(3, 19, 3).tolist(), strict=True))
-    worth = worth_of_levels(levels, native, views, moving, **places)
+    probes = Probes(*rng.uniform(0.5, 2.0, 3).tolist())
+    worth = worth_of_levels(levels, native, views, moving, probes, **places)
     with numpy_alone():
         assert native == pytest.approx(memory.fuse(levels, moving), rel=1e-12)
-        assert worth == pytest.approx(worth_of_levels(levels, native, views, moving, **places), rel=1e-12)
+        assert worth == pytest.approx(worth_of_levels(levels, native, views, moving, probes, **places), rel=1e-12)
 
 
 @pytest.mark.parametrize("change", [-6.0, 0.0, 6.0])
@@ -290,7 +291,7 @@ SINGLE = np.zeros(256, np.float32)
             (NUMBERS, *[np.zeros(2)] * 2, np.zeros(3), NUMBERS, NUMBERS, True, NUMBERS, NUMBERS),
             "shape .sightings, cameras",
         ),
-        ("worth_of_levels", (NUMBERS, NUMBERS, np.zeros((3, 2)), True, 0.0, 0.0, 0.0, NUMBERS), "metrics must have 58"),
+        ("worth_of_levels", (NUMBERS, NUMBERS, np.zeros((3, 2)), True, *[1.0] * 6, NUMBERS), "metrics must have 58"),
     ],
 )
 def test_bad_input_is_refused(call: str, arguments: tuple[object, ...], message: str) -> None:

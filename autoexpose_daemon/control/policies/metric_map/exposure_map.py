@@ -20,6 +20,7 @@ from autoexpose_daemon.control.policies.metric_map.memory import TRUSTED_RISE, M
 from autoexpose_daemon.control.policies.metric_map.registration import Registration
 from autoexpose_daemon.control.policies.metric_map.search import (
     LONGEST_PROBE,
+    Probes,
     dark_jump,
     plateau_centre,
     value_at,
@@ -68,7 +69,9 @@ SAME_JUMP_STOPS = 0.5
 
 LONGEST_STEP = 0.4
 """Stops by which frames of a moving camera may come to differ in brightness from one to the next, as long as the last
-target is worth `ExposureMap.WORTH_KEEPING`: odometry must find its points again."""
+target is worth `WORTH_KEEPING` of the best: odometry must find its points again."""
+
+WORTH_KEEPING = 0.7
 
 LEAST_FORETOLD = 1.0
 """Stops by which light ahead must differ from the forecast to count: smaller changes are followed well without it."""
@@ -86,8 +89,8 @@ class ExposureMap(ExposurePolicy):
     ----------
     HOLD_GAIN_MOVING
         Share by which the objective must promise to rise before the target is moved, while the camera moves.
-    WORTH_KEEPING
-        Share of the best objective that the last target must keep to be left in steps while the camera moves.
+    PROBES
+        How it looks for what is clipped.
     """
 
     STATE: ClassVar[tuple[str, ...]] = (
@@ -96,7 +99,7 @@ class ExposureMap(ExposurePolicy):
     )  # fmt: skip
     COMPENSATED = "targets"
     HOLD_GAIN_MOVING: ClassVar[float]
-    WORTH_KEEPING: ClassVar[float]
+    PROBES: ClassVar[Probes]
     target: float | None
     ahead: float
     densities: list[float]
@@ -232,7 +235,7 @@ class ExposureMap(ExposurePolicy):
         if now * (1.0 + gain) >= best:
             return Target(held, "held: metric at its maximum", value_at(held, levels, metric))
         target = plateau_centre(levels, value)
-        if moving and value_at(held, levels, worth) >= self.WORTH_KEEPING * worth.max():
+        if moving and value_at(held, levels, worth) >= WORTH_KEEPING * worth.max():
             target = _step_towards(target, held, risen)
         if target + ahead < self.memory.lowest().level - 0.5:
             reason = "probes what is saturated"
@@ -288,6 +291,7 @@ class ExposureMap(ExposurePolicy):
             metrics,
             np.array([saturated, black, self.densities]),
             moving,
+            self.PROBES,
             frontier=frontier.level,
             known_again=known_again,
             highest=highest.level,

@@ -8,6 +8,7 @@ from typing import ClassVar
 from autoexpose_daemon.control.balance import Balance
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
 from autoexpose_daemon.control.policies.metric_map.exposure_map import ExposureMap
+from autoexpose_daemon.control.policies.metric_map.search import Probes
 from autoexpose_daemon.control.policies.metric_map.view import DELTAS, FEWER_DELTAS, FEWEST_DELTAS, MetricView, Viewer
 from autoexpose_daemon.control.policy import Observation, PolicySetup
 from calibration.response import ResponseFunction
@@ -19,7 +20,7 @@ class MetricMap(ExposureMap):
     """Maximises gradient information M_g of both cameras."""
 
     HOLD_GAIN_MOVING: ClassVar[float] = 0.03
-    WORTH_KEEPING: ClassVar[float] = 0.7
+    PROBES: ClassVar[Probes] = Probes(shortest_stops=1.5, power=1.0, worth=1.5)
 
     def __init__(self, responses: Mapping[Side, ResponseFunction], metric: GradientMetric, balance: Balance) -> None:
         super().__init__(responses, balance)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -28,16 +30,46 @@ LEAST_CAMERA = 0.1
 NOTHING = 1e-9
 """A metric this small counts as zero."""
 
-SHORTEST_PROBE = 1.5
-PROBE_PER_SHARE = 5.0
-LONGEST_PROBE = SHORTEST_PROBE + PROBE_PER_SHARE
-"""A probe goes 1.5 stops beyond the exposures seen, and up to 6.5 when all is clipped."""
+LONGEST_PROBE = 6.5
+"""A probe goes so many stops beyond the exposures seen when all is clipped."""
 
-PROBE_WORTH, PROBE_POWER = 1.5, 0.5
-PROBE_WORTH_MOVING, PROBE_POWER_MOVING = 1.0, 1.0
-"""What a clipped pixel may be worth, as a multiple of what a well exposed one carries, and how soon the bonus rises
-with distance. A still camera pays for a probe once and may look half a stop farther; a moving one would probe for ever.
-"""
+PROBE_WORTH_MOVING = 1.0
+"""A still camera pays for a probe once and may look farther; a moving one would probe for ever: see `Probes`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Probes:
+    """How far to look for what is clipped, and what it may be worth, which depends on the objective.
+
+    Attributes
+    ----------
+    shortest_stops
+        How far beyond the exposures seen a probe goes when little is clipped; when all is, `LONGEST_PROBE`.
+    power
+        Of the clipped share, by which the length rises between the two.
+    worth
+        Of a clipped pixel to a still camera, as a multiple of a well exposed one; to a moving one `PROBE_WORTH_MOVING`.
+    """
+
+    shortest_stops: float
+    power: float
+    worth: float
+
+    def bonus(
+        self, stops: NDArray[np.float64], clipped_share: float, density: float, moving: bool
+    ) -> NDArray[np.float64]:
+        """What the clipped part of a picture may be worth so many stops below it, if saturated, or above it, if black.
+
+        In the metric's unit. With s the clipped share, x the distance in units of ``shortest + (longest - shortest)
+        s^power`` stops and a the worth, it is ``a s density min(x, 2 - x)^p`` between x = 0 and 2; p is 1 in motion,
+        else a half. `density` is the metric that a pixel of good exposure carries in this scene.
+        """
+        if clipped_share == 0.0:
+            return np.zeros(stops.shape)
+        worth, power = (PROBE_WORTH_MOVING, 1.0) if moving else (self.worth, 0.5)
+        distance = stops / (self.shortest_stops + (LONGEST_PROBE - self.shortest_stops) * clipped_share**self.power)
+        shape = np.minimum(np.maximum(np.minimum(distance, 2.0 - distance), 0.0), 1.0) ** power
+        return np.asarray(worth * clipped_share * density * shape)
 
 
 def plateau_centre(levels: NDArray[np.float64], values: NDArray[np.float64]) -> float:
@@ -58,26 +90,12 @@ def within_reason(worth: NDArray[np.float64], steered: NDArray[np.float64]) -> N
     return np.asarray(steered * np.clip(kept / EDGE, 0.0, 1.0))
 
 
-def probe_bonus(stops: NDArray[np.float64], clipped_share: float, density: float, moving: bool) -> NDArray[np.float64]:
-    """What the clipped part of a picture may be worth so many stops below it, if saturated, or above it, if black.
-
-    In the metric's unit. With s the clipped share and x the distance in units of ``1.5 + 5 s`` stops it is
-    ``a s density min(x, 2 - x)^p`` between x = 0 and 2; a and p depend on whether the camera moves. `density` is the
-    metric that a pixel of good exposure carries in this scene.
-    """
-    if clipped_share == 0.0:
-        return np.zeros(stops.shape)
-    worth, power = (PROBE_WORTH_MOVING, PROBE_POWER_MOVING) if moving else (PROBE_WORTH, PROBE_POWER)
-    distance = stops / (SHORTEST_PROBE + PROBE_PER_SHARE * clipped_share)
-    shape = np.minimum(np.maximum(np.minimum(distance, 2.0 - distance), 0.0), 1.0) ** power
-    return np.asarray(worth * clipped_share * density * shape)
-
-
 def worth_of_levels(
     levels: NDArray[np.float64],
     metrics: NDArray[np.float64],
     views: NDArray[np.float64],
     moving: bool,
+    probes: Probes,
     *,
     frontier: float,
     known_again: float,
@@ -92,15 +110,20 @@ def worth_of_levels(
     metrics
         What each camera's metric is there, shape (cameras, n).
     views
-        Saturated share, black share and density (see `probe_bonus`) of each camera, shape (3, cameras).
+        Saturated share, black share and density (see `Probes.bonus`) of each camera, shape (3, cameras).
     moving
         Whether the cameras move.
+    probes
+        What those shares may hide.
     frontier, known_again, highest
         Levels: the lowest that is known before the unknown, where knowledge begins again below it, and the highest.
     """
     if _native is not None:
         worth = np.empty(levels.size)
-        _native.worth_of_levels(levels, metrics, views, moving, frontier, known_again, highest, worth)
+        _native.worth_of_levels(
+            levels, metrics, views, moving, probes.shortest_stops, probes.power, probes.worth, frontier, known_again,
+            highest, worth,
+        )  # fmt: skip
         return worth
     unknown = levels > known_again
     # What a camera may yet see is part of its best, until a frame that covers it has shown whether it exists.
@@ -109,8 +132,8 @@ def worth_of_levels(
     best = np.maximum(best, max(LEAST_CAMERA * float(best.max()), NOTHING))
     worth = np.zeros(levels.size)
     for metric, norm, (white, dark, density) in zip(metrics, best, views.T.tolist(), strict=True):
-        below = unknown * probe_bonus(frontier - levels, white, density, moving)
-        above = probe_bonus(levels - highest, dark, density, moving)
+        below = unknown * probes.bonus(frontier - levels, white, density, moving)
+        above = probes.bonus(levels - highest, dark, density, moving)
         worth += (metric + below + above) / norm
     return np.asarray(worth / len(metrics))
 
