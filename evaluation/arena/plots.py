@@ -14,8 +14,8 @@ from evaluation.arena.runs import Run
 from evaluation.drawing import save
 from evaluation.scenes.scenarios import RATE_HZ
 
-SHOWN_POLICIES = ("metric-map", "begin2022", "shim2018", "neves2009", "majer2018-standard")
-"""With more lines than these, a plot is unreadable."""
+SHOWN_POLICIES = ("fisher-map", "metric-map", "begin2022-code", "neves2009", "zhang2024")
+"""With more lines than these, a plot is unreadable. The oracle shown is that of the first."""
 
 
 def plot_table(
@@ -37,7 +37,8 @@ def plot_table(
 def plot_traces(runs: Sequence[Run], folder: Path) -> Mapping[str, str]:
     """One figure per scenario of the runs that carry a trace; returns file names by scenario."""
     traced = [run for run in runs if run.trace is not None and run.delay_frames == MAIN_DELAY]
-    shown = [run for run in traced if run.policy in SHOWN_POLICIES] or traced
+    known = [run for run in traced if run.policy in SHOWN_POLICIES]
+    shown = sorted(known, key=lambda run: SHOWN_POLICIES.index(run.policy)) or traced
     files = {}
     for scenario in dict.fromkeys(run.scenario for run in shown):
         files[scenario] = f"{scenario}.png"
@@ -52,13 +53,20 @@ def _plot_scenario(scenario: str, runs: Sequence[Run], file: Path) -> None:
             continue
         time_s = (np.arange(len(run.trace.levels)) - run.trace.first_scored) / RATE_HZ
         if index == 0:
-            upper.plot(time_s, run.trace.oracle_levels, color="black", linewidth=2.5, alpha=0.4, label="oracle")
+            upper.plot(
+                time_s,
+                run.trace.oracle_levels,
+                color="black",
+                linewidth=2.5,
+                alpha=0.4,
+                label=f"oracle of {run.policy}",
+            )
         upper.plot(time_s, run.trace.levels, label=run.policy, linewidth=1.2)
         lower.plot(time_s, run.trace.ratios, linewidth=1.2)
     upper.set_title(f"{scenario}: {runs[0].scene}, seed {runs[0].seed}, delay {MAIN_DELAY} frames")
     upper.set_ylabel("exposure level E (stops)")
     upper.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8)
-    lower.set_ylabel("metric / oracle's")
+    lower.set_ylabel("objective / oracle's")
     lower.set_ylim(0, 1.05)
     lower.set_xlabel("time since the first scored frame (s)")
     for axes in (upper, lower):
