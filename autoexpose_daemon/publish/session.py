@@ -33,6 +33,9 @@ _TUNING = {
     # as long as a session has for closing.
     f"{_QUEUE}/congestion_control/block/wait_before_close": 1_000_000,
     "transport/link/rx/max_message_size": LARGEST_MESSAGE_BYTES,
+    # Larger messages, images, go through shared memory, which closes with the session: what has not been read then is
+    # lost. By default so are those from 3 kB: the last status, too.
+    "transport/shared_memory/transport_optimization/message_size_threshold": 65_536,
     # By default zenoh looks for others on all networks.
     "scouting/multicast/enabled": False,
 }

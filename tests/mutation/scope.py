@@ -33,7 +33,8 @@ LISTED = (
     # The best sample is promised instead of the polynomial's maximum.
     ("autoexpose_daemon/control/policies/published/begin2022.py", "beyond), best.value)", "beyond), metrics.max())"),
     ("autoexpose_daemon/control/policies/metric_map/exposure_map.py", "LONGEST_STEP = 0.4", "LONGEST_STEP = 0.8"),
-    ("autoexpose_daemon/control/policies/fisher_map/policy.py", "[float] = 0.5", "[float] = 0.1"),
+    ("autoexpose_daemon/control/policies/metric_map/exposure_map.py", "WORTH_KEEPING = 0.7", "WORTH_KEEPING = 0.1"),
+    ("autoexpose_daemon/control/policies/fisher_map/policy.py", "power=1.5, worth=2.0", "power=1.0, worth=1.5"),
     ("autoexpose_daemon/control/policies/metric_map/exposure_map.py", "(held, held - risen)", "(held, held + risen)"),
     ("autoexpose_daemon/control/policies/metric_map/exposure_map.py", "AGE_PER_PX = 0.02", "AGE_PER_PX = 0.0"),
     ("autoexpose_daemon/control/policies/metric_map/exposure_map.py", "= 0.015, 0.005", "= 0.15, 0.005"),

@@ -60,9 +60,9 @@ def test_it_is_told_without_a_single_pair_and_the_next_daemon_is_found() -> None
 
 
 def test_all_that_is_told_last_arrives() -> None:
-    """Far more than the queue of one consumer holds."""
+    """Far more than the queue of one consumer holds, and too late for shared memory, which goes with the session."""
     at = endpoint()
-    last = {f"autoexpose/rig/{number}": "x" * 60_000 for number in range(50)}
+    last = {f"autoexpose/rig/{number}": "x" * 10_000 for number in range(600)}
     with open_session("peer", Endpoints(listen=[at])) as session:
         got: set[str] = set()
         session.declare_subscriber("autoexpose/rig/*", lambda sample: got.add(str(sample.key_expr)))
