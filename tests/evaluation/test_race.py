@@ -6,6 +6,7 @@ import pytest
 from autoexpose_daemon.control.loop import ControlLoop
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
 from autoexpose_daemon.control.picture.image import ImagePreparation
+from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from evaluation.arena.race import Series, course_of, run_course
 from evaluation.scenes.scenarios import SCENARIOS, WARM_UP_FRAMES
 from evaluation.scenes.stills import PAINTERS
@@ -136,3 +137,10 @@ def test_light_that_repeats_is_seen_by_the_stage() -> None:
 
     assert isinstance(stage.light, LightScript)
     assert max(lux) / min(lux) == pytest.approx(2**3.5, rel=0.01)
+
+
+@pytest.mark.parametrize("seed", [2, 7])
+def test_after_a_step_up_the_default_does_not_stay_beside_the_best(seed: int) -> None:
+    """A fifth of the picture is white at first, and hides what makes half a stop less better."""
+    (series,) = run_course("step_up", "room", seed, [Entrant.of(DEFAULT_POLICY)], frames=50)
+    assert series.ratios[-1] > 0.95
