@@ -26,6 +26,10 @@ FULL, CLEAR = 0.95, 0.85
 HIDDEN = 2.0
 """What a frame saturates is taken to be a stop brighter: so it stays saturated in one that is a little darker."""
 
+ROUNDED, FINE = 2.0, 5.0
+"""Codes above black between which rounding stops counting in full: where noise is less than a code, all samples of one
+light are rounded alike, which no mean over them mends."""
+
 USUAL = 0.1
 """The light by which frames are weighed, as a share of full scale at the middle of their levels."""
 
@@ -80,8 +84,8 @@ class Exposer:
     def fused(self, frames: Sequence[Frame]) -> Light:
         """What several frames of the same thing say together.
 
-        A frame counts by how well it tells a usual light, whatever its samples say: so noise gives no bias. Samples
-        near saturation do not count.
+        A frame counts by how well it tells a usual light, whatever its samples say: so noise gives no bias. Samples of
+        few codes count less, and those near saturation not at all.
         """
         usual = USUAL * exp2(-float(np.median([frame.setting.level for frame in frames])))
         weights, amounts, variances = (np.zeros(frames[0].pixels.shape, np.float32) for _ in range(3))
@@ -89,7 +93,9 @@ class Exposer:
             share, variance = self._shares(frame)
             scale = exp2(-frame.setting.level)
             known = float(np.interp(usual / scale, share, variance)) * scale**2
-            weight = usual**2 / known * np.clip((FULL - share) / (FULL - CLEAR), 0.0, 1.0)
+            quantum = np.gradient(share)
+            rounding = (quantum * scale) ** 2 * np.clip((FINE - share / quantum) / (FINE - ROUNDED), 0.0, 1.0)
+            weight = usual**2 / (known + rounding) * np.clip((FULL - share) / (FULL - CLEAR), 0.0, 1.0)
             cv2.accumulate(_look_up(weight, frame.pixels), weights)
             cv2.accumulate(_look_up(weight * share * scale, frame.pixels), amounts)
             cv2.accumulate(_look_up(weight**2 * variance * scale**2, frame.pixels), variances)

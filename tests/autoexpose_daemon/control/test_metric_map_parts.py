@@ -239,12 +239,12 @@ def test_probes_go_farther_the_more_is_clipped() -> None:
     assert (probes.bonus(stops, 0.0, 0.2, moving=True) == 0).all()
 
 
-def test_dark_frames_jump_to_half_scale_and_no_farther_than_7_stops() -> None:
-    assert dark_jump(4 / 255, LINEAR) == pytest.approx(5.0, abs=0.01)
+def test_dark_frames_jump_to_full_scale_and_no_farther_than_7_stops() -> None:
+    assert dark_jump(4 / 255, LINEAR) == pytest.approx(6.0, abs=0.01)
     assert dark_jump(0.5 / 255, LINEAR) == 7.0
     assert dark_jump(0.2, LINEAR) == 0.0
     raised = ResponseFunction.linear(black_level=20)
-    assert dark_jump(4 / 235, raised) == pytest.approx(4.9, abs=0.1)
+    assert dark_jump(4 / 235, raised) == pytest.approx(5.9, abs=0.1)
 
 
 def test_the_second_camera_is_predicted_more_coarsely_but_alike() -> None:

@@ -76,6 +76,16 @@ def test_fused_frames_show_what_none_of_them_shows_alone() -> None:
     assert np.abs(error[30:]).max() < 0.15
 
 
+@pytest.mark.parametrize("codes", [5.0, 10.0, 20.0, 40.0])
+def test_what_rounds_to_black_in_most_frames_is_not_made_darker(codes: float) -> None:
+    """Grey levels in the brightest frame; 64 times fewer in the darkest, where noise is a hundredth of one."""
+    exposer = Exposer(ResponseFunction.linear(), SensorNoise(20_000.0, 1.0), 0)
+    settings = [ExposureSetting(1000.0, 6.02 * step) for step in range(5)] + [ExposureSetting(4000.0, 24.08)]
+    light = flat(codes / 255 * 2.0 ** -settings[-1].level)
+    frames = [frame(exposer.expose(light, setting, 8, number), setting) for number, setting in enumerate(settings)]
+    assert exposer.fused(frames).amount.mean() == pytest.approx(light.amount[0, 0], rel=0.08)
+
+
 @given(st.floats(0.0, 3.0))
 def test_what_is_saturated_stays_so_in_a_little_less_light(stops: float) -> None:
     setting = ExposureSetting(1000.0, 0.0)

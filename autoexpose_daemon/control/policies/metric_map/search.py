@@ -14,7 +14,6 @@ from calibration.response import ResponseFunction
 PLATEAU = 0.01
 """Anything within 1 % of the maximum is as good: its centre is farthest from both edges."""
 
-HALF_SCALE = 0.5
 DARK_SIGNAL = 1 / 16
 """A frame whose 99th percentile lies below this is dark: more than 3 stops up, prediction turns noise into gradient."""
 
@@ -148,9 +147,12 @@ def value_at(level: float, levels: NDArray[np.float64], values: NDArray[np.float
 
 
 def dark_jump(signal: float, response: ResponseFunction) -> float:
-    """Stops that bring a 99th percentile of `signal` to half scale, at most 7; 0 for a frame that is not dark."""
+    """Stops that bring a 99th percentile of `signal` to full scale, at most 7; 0 for a frame that is not dark.
+
+    What is best lies there or above: from a stop below, one more look would be needed.
+    """
     if signal >= DARK_SIGNAL:
         return 0.0
-    scale = response.saturation - response.black_level
-    now, wanted = response.inverse(np.rint(np.array([signal, HALF_SCALE]) * scale).astype(int) + response.black_level)
+    grey = round(signal * (response.saturation - response.black_level)) + response.black_level
+    now, wanted = response.inverse(np.array([grey, response.saturation]))
     return float(min(wanted - now, LONGEST_JUMP))
