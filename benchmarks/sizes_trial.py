@@ -27,6 +27,7 @@ from autoexpose_daemon.runtime.cameras import openers
 from autoexpose_daemon.runtime.daemon import Daemon
 from drivers.aravis import find_cameras
 from drivers.camera import Camera, IncompleteFrame
+from drivers.exposure import ExposureSetting
 from drivers.triggers.account import LossReason
 
 SETTLE_S = 1.0
@@ -35,6 +36,8 @@ SETTLE_S = 1.0
 LIGHT = "light: [{at_s: 0, lux: 150}]\n"
 WAIT_S = 20.0
 """For the first pair."""
+BRIEF = ExposureSetting(500.0, 20.0)
+"""Shorter than the time between triggers, as what the daemon decides on; cameras start with 5 ms."""
 ROOM = Path(tempfile.gettempdir()) / f"autoexpose-bench-{os.getuid()}"
 
 
@@ -43,6 +46,8 @@ class Alone:
 
     def __init__(self, config: Config) -> None:
         self._cameras = [opener() for opener in openers(config).values()]
+        for camera in self._cameras:
+            camera.write(BRIEF)
         self._stop = threading.Event()
         self._received: Counter[int] = Counter()
         self._incomplete: Counter[int] = Counter()
