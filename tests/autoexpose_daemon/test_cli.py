@@ -16,7 +16,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from autoexpose_daemon.cli import main, stop_on_signals
+from autoexpose_daemon.cli import main
+from autoexpose_daemon.cli.signals import stop_on_signals
 from autoexpose_daemon.control.metrics.gradient import GradientMetric
 from calibration.document import CameraIdentity
 from calibration.response import ResponseFunction

@@ -1,0 +1,134 @@
+"""The commands that run the daemon, and replay what it recorded."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.console import Console
+
+from autoexpose_daemon.cli.signals import set_from_handler, stop_on_signals
+from autoexpose_daemon.control.policies.ids import POLICY_IDS, check_policy_id
+from autoexpose_daemon.recording import check_recording_extra
+from autoexpose_daemon.service.notify import Notifier
+from drivers.errors import ConfigurationError
+from drivers.exposure import ExposureSetting
+
+if TYPE_CHECKING:
+    from autoexpose_daemon.config.document import Config
+    from autoexpose_daemon.recording.recorder import Recorder
+    from autoexpose_daemon.runtime.daemon import Daemon
+
+ConfigFile = Annotated[Path, typer.Option("-c", "--config", help="The configuration, a YAML file.")]
+
+
+def run(config: ConfigFile) -> None:
+    """Run the daemon on the cameras of a configuration, until SIGTERM or Ctrl-C; SIGHUP reloads the configuration."""
+    notifier = Notifier.from_environment()
+    with _explaining(notifier):
+        run_daemon(config, notifier)
+
+
+def record(
+    file: Annotated[Path, typer.Argument(help="A new .mcap file.")],
+    config: ConfigFile,
+    *,
+    last: Annotated[
+        float | None,
+        typer.Option(min=1.0, max=600.0, help="Keep this many seconds in memory; SIGUSR1 and the end write them."),
+    ] = None,
+    bracket: Annotated[
+        bool, typer.Option("--bracket", help="Take several exposures in turn, for `autoexpose rejudge`.")
+    ] = False,
+    exposures: Annotated[int | None, typer.Option(help="Shots of a bracket, 2 to 12; by default 6.")] = None,
+    range_: Annotated[
+        str | None, typer.Option("--range", help="From the darkest shot to the brightest; by default 1:64, 6 stops.")
+    ] = None,
+    keep: Annotated[
+        bool, typer.Option("--keep", help="One more frame of each cycle is exposed by the policy, for the robot.")
+    ] = False,
+) -> None:
+    """Run the daemon and record what it sees and decides, until SIGTERM or Ctrl-C."""
+    check_recording_extra()
+    from autoexpose_daemon.config.bracket import bracketed  # noqa: PLC0415
+    from autoexpose_daemon.config.load import load_config  # noqa: PLC0415
+    from autoexpose_daemon.recording.recorder import new_recorder  # noqa: PLC0415
+
+    def load(path: Path) -> Config:
+        return bracketed(load_config(path), bracket, exposures, range_, keep)
+
+    notifier = Notifier.from_environment()
+    with _explaining(notifier):
+        recorder = new_recorder(file, load(config), last)
+        signal.signal(signal.SIGUSR1, lambda *_: recorder.save())
+        with recorder:
+            run_daemon(config, notifier, recorder, load)
+    typer.echo(recorder.summary)
+    if recorder.incomplete:
+        raise typer.Exit(1)
+
+
+def replay(
+    file: Annotated[Path, typer.Argument(help="A recording.")],
+    policy: Annotated[str | None, typer.Option(help=f"Another policy: {', '.join(POLICY_IDS)}.")] = None,
+) -> None:
+    """Replay a recording: the recorded policy, bit for bit, or what another one would have decided."""
+    check_recording_extra()
+    from autoexpose_daemon.recording.replay_report import report_replay  # noqa: PLC0415
+
+    if policy is not None:
+        check_policy_id(policy)
+    if not report_replay(file, policy, typer.echo):
+        raise typer.Exit(1)
+
+
+@contextmanager
+def _explaining(notifier: Notifier) -> Iterator[None]:
+    """Also tell the service manager why a configuration is invalid, and that restarting does not help."""
+    try:
+        yield
+    except ConfigurationError as error:
+        from autoexpose_daemon.service.logs import complain  # noqa: PLC0415
+
+        notifier.status(f"failed: {error}")
+        complain(str(error))
+        raise typer.Exit(os.EX_CONFIG) from None
+
+
+def run_daemon(
+    file: Path,
+    notifier: Notifier,
+    recorder: Recorder | None = None,
+    load: Callable[[Path], Config] | None = None,
+) -> None:
+    """Run the daemon with the live view, until SIGTERM or SIGINT; `load` reads its configuration, also again."""
+    from autoexpose_daemon.config.load import load_config  # noqa: PLC0415
+    from autoexpose_daemon.runtime.cameras import openers  # noqa: PLC0415
+    from autoexpose_daemon.runtime.daemon import Daemon  # noqa: PLC0415
+    from autoexpose_daemon.service.last_exposure import LastExposure  # noqa: PLC0415
+    from autoexpose_daemon.service.outlets import add_outlets  # noqa: PLC0415
+    from autoexpose_daemon.service.service import Service, run_until_stopped  # noqa: PLC0415
+
+    load = load or load_config
+    stop, reload = threading.Event(), threading.Event()
+    stop_on_signals(stop)
+    by_hand = os.isatty(0)  # then SIGHUP means that the terminal was closed
+    signal.signal(signal.SIGHUP, lambda *_: set_from_handler(stop if by_hand else reload))
+
+    def new_config() -> Config | None:
+        if not reload.is_set():
+            return None
+        reload.clear()
+        return load(file)
+
+    def build(config: Config, start: ExposureSetting | None) -> Daemon:
+        return add_outlets(Daemon(config, openers(config), start=start), config, recorder)
+
+    service = Service(load(file), build, notifier, LastExposure.in_state_directory())
+    run_until_stopped(service, stop, Console(), "autoexpose", new_config)
