@@ -7,7 +7,8 @@ import re
 
 from pydantic import ValidationError
 
-from autoexpose_daemon.config.document import BracketConfig, Config
+from autoexpose_daemon.config.control import BracketConfig
+from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.config.mistakes import mistakes
 from drivers.errors import ConfigurationError
 

@@ -2,40 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
 from functools import cached_property
-from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
-from pydantic import BeforeValidator, PlainSerializer, model_validator
+from pydantic import model_validator
 
+from autoexpose_daemon.config.cameras import CameraConfig, CamerasConfig
+from autoexpose_daemon.config.control import ControlConfig, ExposureConfig
 from autoexpose_daemon.config.motion import MotionConfig
 from autoexpose_daemon.config.publish import PublishConfig
-from autoexpose_daemon.config.roi import RoiConfig
 from autoexpose_daemon.config.said_of import said_of
-from autoexpose_daemon.config.section import (
-    BalanceOffset,
-    BalanceWeight,
-    Binning,
-    BracketExposures,
-    BracketStops,
-    ExposureTimeUs,
-    FlickerHz,
-    FocalLengthPx,
-    FullWellE,
-    GainDb,
-    LinkMbps,
-    MeanTarget,
-    MetricDelta,
-    MetricLambda,
-    Name,
-    PacketBytes,
-    RateHz,
-    ReadNoiseE,
-    Section,
-)
-from autoexpose_daemon.control.parameters import BalanceId, Bracketing, ControlParameters, MotionId
-from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, check_policy_id
+from autoexpose_daemon.config.section import Binning, LinkMbps, Name, PacketBytes, RateHz, Section
 from calibration.gain.file import GainFile
 from calibration.geometry.file import check_camera, check_pair, load_geometry
 from calibration.geometry.model import CameraGeometry
@@ -43,8 +20,7 @@ from calibration.response import ResponseFunction
 from calibration.response.file import ResponseFile
 from calibration.vignetting.file import VignettingFile
 from drivers.camera import CameraDescription
-from drivers.config.feature import FeatureSetting, as_list, parse_features
-from drivers.exposure import ExposureLimits, ExposureSetting
+from drivers.exposure import ExposureSetting
 from drivers.exposure.gain_scale import GainScale
 from drivers.frames import Side
 from drivers.genicam.trigger import ACTION, SOFTWARE
@@ -53,49 +29,6 @@ from drivers.python310 import Self
 
 DEFAULT_START = ExposureSetting(2000.0, 0.0)
 """Right for an office, and six stops from either end of the range."""
-
-
-def _refuse_number(serial: object) -> object:
-    if isinstance(serial, int | float):  # as a number it may have lost leading zeros already
-        raise ValueError(f'{serial} is a number: put the serial in quotes, "{serial}"')
-    return serial
-
-
-Features = Annotated[tuple[FeatureSetting, ...], BeforeValidator(parse_features), PlainSerializer(as_list)]
-
-
-class CameraConfig(Section):
-    """One camera: its serial, its calibration files (without a response file it is linear), and features to set."""
-
-    serial: Annotated[Name, BeforeValidator(_refuse_number)]
-    response: Path | None = None
-    gain_calibration: Path | None = None
-    calibration: Path | None = None
-    vignetting: Path | None = None
-    features: Features = ()
-
-    def relative_to(self, folder: Path) -> Self:
-        """The same with the paths of its files relative to `folder`."""
-        files = {key: getattr(self, key) for key in ("response", "gain_calibration", "calibration", "vignetting")}
-        return self.model_copy(update={key: path and folder / path for key, path in files.items()})
-
-
-class CamerasConfig(Section):
-    """The cameras of the rig; a rig with one camera has only `left`."""
-
-    left: CameraConfig
-    right: CameraConfig | None = None
-
-    @model_validator(mode="after")
-    def _two_cameras_are_two(self) -> Self:
-        if self.right is None or self.right.serial.casefold() != self.left.serial.casefold():
-            return self
-        if self.right.serial == self.left.serial:
-            raise ValueError(f"left and right are the same camera, {self.left.serial}")
-        raise ValueError(
-            f"left and right differ only in case, {self.left.serial} and {self.right.serial}: give each serial "
-            "as `autoexpose list` shows it"
-        )
 
 
 class TriggerConfig(Section):
@@ -117,79 +50,6 @@ class TriggerConfig(Section):
             for key in ("line", "output_line"):
                 if key in self.model_fields_set:
                     raise ValueError(f"{key} has no effect with mode {self.mode}, which needs no wire: remove it")
-        return self
-
-
-class ExposureConfig(Section):
-    """Bounds of the exposure; each is clipped to the camera's own."""
-
-    min_time_us: ExposureTimeUs = 20.0
-    max_time_us: ExposureTimeUs = 7500.0
-    min_gain_db: GainDb = 0.0
-    max_gain_db: GainDb = 30.0
-
-    @model_validator(mode="after")
-    def _leaves_a_choice(self) -> Self:
-        self.limits()
-        return self
-
-    def limits(self) -> ExposureLimits:
-        """The bounds as limits."""
-        return ExposureLimits(self.min_time_us, self.max_time_us, self.min_gain_db, self.max_gain_db)
-
-
-class StartConfig(Section):
-    """The exposure before the first frame; the policy `fixed` stays there."""
-
-    exposure_time_us: ExposureTimeUs
-    gain_db: GainDb = 0.0
-
-
-_TUNING = ControlParameters()
-_BRACKETING = Bracketing()
-
-
-class BracketConfig(Section):
-    """Brackets, recorded to judge policies later, instead of exposures by the policy."""
-
-    exposures: BracketExposures = _BRACKETING.exposures
-    range_stops: BracketStops = _BRACKETING.range_stops
-    keep: bool = _BRACKETING.keep
-
-    def bracketing(self) -> Bracketing:
-        """The same for control."""
-        return Bracketing(self.exposures, self.range_stops, self.keep)
-
-
-class ControlConfig(Section):
-    """Which policy decides, where it starts, what it looks at, and how it is tuned."""
-
-    policy: str = DEFAULT_POLICY
-    start: StartConfig | None = None
-    roi: RoiConfig = RoiConfig()
-    balance: BalanceId = _TUNING.balance
-    flicker_hz: FlickerHz = "auto" if _TUNING.flicker_hz is None else _TUNING.flicker_hz
-    motion: MotionId = _TUNING.motion
-    focal_length_px: FocalLengthPx | None = _TUNING.focal_length_px
-    full_well_e: FullWellE = _TUNING.full_well_e
-    read_noise_e: ReadNoiseE = _TUNING.read_noise_e
-    metric_delta: MetricDelta = _TUNING.metric_delta
-    metric_lambda: MetricLambda = _TUNING.metric_lambda
-    balance_weight: BalanceWeight = _TUNING.balance_weight
-    balance_offset: BalanceOffset = _TUNING.balance_offset
-    mean_target: MeanTarget = _TUNING.mean_target
-    bracket: BracketConfig | None = None
-
-    def parameters(self) -> ControlParameters:
-        """What the control loop is tuned with."""
-        values = {field.name: getattr(self, field.name) for field in fields(ControlParameters)}
-        found = {"flicker_hz": None} if self.flicker_hz == "auto" else {}
-        bracketing = None if self.bracket is None else self.bracket.bracketing()
-        return ControlParameters(**values | found | {"bracket": bracketing})
-
-    @model_validator(mode="after")
-    def _policy_exists(self) -> Self:
-        check_policy_id(self.policy)
         return self
 
 

@@ -7,7 +7,8 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from autoexpose_daemon.config.camera_setup import refuse_driven_features
-from autoexpose_daemon.config.document import CameraConfig, Config
+from autoexpose_daemon.config.cameras import CameraConfig
+from autoexpose_daemon.config.document import Config
 from autoexpose_daemon.config.mistakes import mistakes
 from drivers.config.readable import readable
 from drivers.config.strict_yaml import load_mapping
