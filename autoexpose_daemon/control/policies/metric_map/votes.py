@@ -4,35 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from autoexpose_daemon.control.metrics.gradient import grey_counts
+from autoexpose_daemon.control.policies.metric_map.glance import Glance, glance_at
 from autoexpose_daemon.control.policy import Look
 from calibration.response import ResponseFunction
-from calibration.response.prediction import prediction_table
 from drivers.frames import Side
-
-STRIDE = 8
-"""Every eighth pixel across and down: some 1500 of 360x270, of which 15 are brighter than the 99th percentile."""
-
-FAINT = 1 / 32
-"""A 99th percentile below this, 8 grey levels, is nearly black. A capped lens stays below it in the noise of 30 dB."""
-
-FAINTER = 4.0
-"""A camera is black, not just dark, if half of another's pixels are this many times as bright as its brightest. As the
-99th percentile lies some 2 stops above the median, the two cameras are then 4 stops apart or more: no exposure suits
-both. Half of the pixels, because a lamp in one camera says nothing of what the other should see."""
 
 VISIBLE = 1 / 8
 """Share of full scale: the 99th percentile from which a camera that was black shows something again. Three stops are a
 distance over which a compromise can be found; nearer to `FAINT` a camera that is 5 stops darker would come and go."""
 
-WHITE_SHARE, NOT_WHITE_SHARE = 0.9, 0.7
-"""Saturated shares above which a camera is white, and below which it is no longer."""
+NOT_WHITE_SHARE = 0.7
+"""Saturated share below which a white camera shows something again."""
 
 GLARE_FRAMES = 30
 """Frames that a camera may be white beside another that is not, half a second at 60 Hz, before a look at less exposure
@@ -41,17 +28,8 @@ has to show which of the two must win: a moving robot's glance into the sun is o
 LOWEST_STOPS = 0.5
 """The lowest exposure counts as reached within this; quantisation and a forecast may keep the last bit out of reach."""
 
-TELLING_GREY = 4.0
-"""Mean change in grey levels that a change of exposure must promise before its absence means anything."""
-
 LONGEST_RISE = 1.0
 """Stops over which frames are compared. A picture in which they promise less than `TELLING_GREY` is all but black."""
-
-FROZEN_PART, RESPONSIVE_PART = 0.125, 0.5
-"""Parts of the promised change: a frozen camera shows less, pixel by pixel, while another's mean shows more."""
-
-THAWED_GREY = 1.0
-"""Mean difference in grey levels from the image it was stuck at that shows a camera to be alive."""
 
 REPEATS = 12
 """Frames that repeat an earlier one to the last pixel, while another camera's differ. Noise does not repeat."""
@@ -106,67 +84,6 @@ class Eye:
     latest: NDArray[np.uint8] | None = None
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Glance:
-    """A frame in a few figures; signals are 0 at the black level and 1 at saturation.
-
-    Attributes
-    ----------
-    pixels
-        Those that count, shrunk: uint8, one-dimensional.
-    bright, median
-        99th percentile and median of the signal.
-    saturated_share
-        0..1.
-    promised, came
-        Mean change of pixel values (grey levels, signed) from `Eye.before`, as its exposure promises and as it came; 0
-        when the exposure is the same.
-    before
-        `Eye.before`; None when there is nothing to compare with.
-    """
-
-    pixels: NDArray[np.uint8]
-    bright: float
-    median: float
-    saturated_share: float
-    promised: float = 0.0
-    came: float = 0.0
-    before: NDArray[np.uint8] | None = None
-
-    @property
-    def difference(self) -> float:
-        """Mean absolute change; infinite when there is nothing to compare with."""
-        if self.before is None:
-            return np.inf
-        return float(np.abs(self.pixels - self.before.astype(np.int32)).sum()) / self.before.size
-
-    @property
-    def white(self) -> bool:
-        return self.saturated_share > WHITE_SHARE
-
-    @property
-    def telling(self) -> bool:
-        """Whether exposure promised a change that could not be overlooked."""
-        return abs(self.promised) >= TELLING_GREY
-
-    @property
-    def stuck(self) -> bool:
-        return self.telling and self.difference < FROZEN_PART * abs(self.promised)
-
-    @property
-    def changed(self) -> bool:
-        return self.difference > THAWED_GREY
-
-    @property
-    def responsive(self) -> bool:
-        """Whether the change came: an opposite change of light would have cancelled it."""
-        return self.telling and self.came / self.promised > RESPONSIVE_PART
-
-    def outshines(self, other: _Glance) -> bool:
-        """Whether this camera sees well while the other is black."""
-        return other.bright < FAINT and self.median > FAINTER * other.bright and not self.white
-
-
 class Votes:
     """Takes the vote from a camera that shows nothing, and gives it back when it does.
 
@@ -205,7 +122,7 @@ class Votes:
     def see(self, level: float, lowest_level: float, looks: Sequence[Look]) -> None:
         """The frames of one trigger, taken at `level`, when exposure can go down to `lowest_level` (stops)."""
         rise = level - self._before_level
-        glances = {look.side: _glance(look, self._eyes[look.side].before, rise) for look in looks}
+        glances = {look.side: glance_at(look, self._eyes[look.side].before, rise) for look in looks}
         voting = [side for side in glances if self._eyes[side].fault is None]
         for side, eye in self._eyes.items():
             if side not in glances:
@@ -240,7 +157,7 @@ class Votes:
         """A clause on the cameras without a vote, for the reason of a decision; empty if all have one."""
         return "".join(f"; {side} camera {REMARKS[fault]}" for side, fault in self.faults.items())
 
-    def _note(self, eye: Eye, fault: Fault | None, glance: _Glance) -> None:
+    def _note(self, eye: Eye, fault: Fault | None, glance: Glance) -> None:
         if fault is not None and fault == eye.suspected:
             eye.fault, eye.showing = fault, 0
         elif eye.fault is not None:
@@ -249,7 +166,7 @@ class Votes:
                 eye.fault, eye.showing, eye.before = None, 0, None
         eye.suspected = fault
 
-    def _count_repeats(self, side: Side, glances: Mapping[Side, _Glance]) -> None:
+    def _count_repeats(self, side: Side, glances: Mapping[Side, Glance]) -> None:
         """Finds a frozen camera even if exposure does not move because of it.
 
         Another camera that was found black beside its old picture gets its vote back.
@@ -268,12 +185,12 @@ class Votes:
                 if self._eyes[each].fault == "black":
                     self._eyes[each] = Eye()
 
-    def _repeats(self, side: Side, glance: _Glance) -> bool:
+    def _repeats(self, side: Side, glance: Glance) -> bool:
         """Whether a frame equals the one before it, to the last pixel."""
         latest = self._eyes[side].latest
         return latest is not None and latest.shape == glance.pixels.shape and bool((latest == glance.pixels).all())
 
-    def _count_glare(self, side: Side, glances: Mapping[Side, _Glance], others: Sequence[_Glance]) -> None:
+    def _count_glare(self, side: Side, glances: Mapping[Side, Glance], others: Sequence[Glance]) -> None:
         """After the look at less exposure that long glare asks for, a camera that is too dark there must give way."""
         eye, glance = self._eyes[side], glances[side]
         if self.glaring == side and not glance.white and glance.bright >= VISIBLE:
@@ -282,7 +199,7 @@ class Votes:
                     self._eyes[each].fault = "black"
         eye.glare = eye.glare + 1 if glance.white and any(not other.white for other in others) else 0
 
-    def _compare_from_here(self, level: float, glances: Mapping[Side, _Glance]) -> None:
+    def _compare_from_here(self, level: float, glances: Mapping[Side, Glance]) -> None:
         """Compare the next frames with these, once the last comparison has shown what it can.
 
         All cameras at once: over the same time, light that cancels a change of exposure cancels it for all of them.
@@ -307,7 +224,7 @@ class Votes:
                 self._eyes[side] = Eye()
 
 
-def _fault(glance: _Glance, others: Sequence[_Glance], *, at_lowest: bool) -> Fault | None:
+def _fault(glance: Glance, others: Sequence[Glance], *, at_lowest: bool) -> Fault | None:
     """What is wrong with a camera, compared with others that have a vote."""
     if any(other.outshines(glance) for other in others):
         return "black"
@@ -318,7 +235,7 @@ def _fault(glance: _Glance, others: Sequence[_Glance], *, at_lowest: bool) -> Fa
     return None
 
 
-def _speaks_against(fault: Fault, glance: _Glance) -> bool:
+def _speaks_against(fault: Fault, glance: Glance) -> bool:
     match fault:
         case "black":
             return glance.bright >= VISIBLE
@@ -326,37 +243,3 @@ def _speaks_against(fault: Fault, glance: _Glance) -> bool:
             return glance.saturated_share < NOT_WHITE_SHARE
         case "frozen":
             return glance.changed
-
-
-def _glance(look: Look, before: NDArray[np.uint8] | None, rise: float) -> _Glance:
-    pixels = look.image[::STRIDE, ::STRIDE]
-    counted = pixels.flatten() if look.weights is None else pixels[look.weights[::STRIDE, ::STRIDE] > 0]
-    if counted.size == 0:  # a region between the strides
-        counted = pixels.flatten()
-    black, saturation = look.response.black_level, look.response.saturation
-    cumulative = grey_counts(counted[None]).cumsum()
-    greys = cumulative.searchsorted(_ranks(counted.size)).tolist()
-    median, bright = (max(grey - black, 0.5) / (saturation - black) for grey in greys)
-    saturated = 1.0 - float(cumulative[saturation - 1]) / counted.size
-    if before is None or before.shape != counted.shape:
-        return _Glance(counted, bright, median, saturated)
-    promised, came = _change(before, counted, look.response, rise) if rise != 0 else (0.0, 0.0)
-    return _Glance(counted, bright, median, saturated, promised, came, before)
-
-
-@lru_cache(maxsize=2)
-def _ranks(size: int) -> NDArray[np.float64]:
-    """How many of so many pixels are half of them, and 99 %: the least number that makes this share."""
-    shares = np.arange(size + 1) / size
-    return shares.searchsorted((0.5, 0.99)).astype(np.float64)
-
-
-def _change(
-    before: NDArray[np.uint8], now: NDArray[np.uint8], response: ResponseFunction, rise: float
-) -> tuple[float, float]:
-    """(promised, came) of `_Glance`; pixels clipped before promise nothing, and count as unchanged."""
-    greys = np.arange(256, dtype=np.int32)
-    unclipped = (greys > response.black_level) & (greys < response.saturation)
-    promised = np.where(unclipped, prediction_table(response, rise) - greys, 0)[before].sum()
-    came = (now - before.astype(np.int32)).sum(where=unclipped[before])
-    return float(promised) / before.size, float(came) / before.size
