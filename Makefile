@@ -114,7 +114,7 @@ $(VENV)/mutate.stamp: $(VENV)/dev.stamp pyproject.toml
 	@./tools/install-python $(PY) mutate
 	@touch $@
 
-mutate: $(VENV)/mutate.stamp ## change the code in 200 places, one at a time: a test should notice; half an hour on two cores
+mutate: $(VENV)/mutate.stamp ## change the code in 200 places, one at a time: a test should notice; a quarter of an hour on two cores
 	nice -n 5 $(PY) -m tests.mutation
 
 # Fetched again when the scripts that unpack or start it change, or after `make clean`.
