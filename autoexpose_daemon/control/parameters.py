@@ -15,6 +15,9 @@ MotionId = Literal["policy", "farneback", "dis"]
 FASTEST_TURN_RAD_S = 100.0
 """A faster angular rate is not believed: the fastest gyroscopes measure up to 4000 degrees a second, 70 rad/s."""
 
+FASTEST_M_S = 50.0
+"""A robot that says it drives faster, or is told to, is not believed."""
+
 REMEMBERED_STEPS = 32
 """Half a second at 60 Hz: the slowest camera reported takes 0.4 s from write to effect."""
 

@@ -7,15 +7,12 @@ from typing import Any, Final
 
 import numpy as np
 
-from autoexpose_daemon.control.parameters import FASTEST_TURN_RAD_S
+from autoexpose_daemon.control.parameters import FASTEST_M_S, FASTEST_TURN_RAD_S
 from autoexpose_daemon.messages.read import DamagedMessageError, deserialise
 from autoexpose_daemon.messages.types import ODOMETRY, TWIST, TWIST_STAMPED, TYPESTORE, header, serialise
 
 LARGEST_ROBOT_MESSAGE_BYTES: Final = 4096
 """Enough for an Odometry, which takes 720 plus the names of its coordinate frames; a Twist takes 52."""
-
-FASTEST_M_S = 50.0
-"""A robot that says it drives faster is not believed."""
 
 FURTHEST_M = 1e7
 """Nor is one that says it is further from its origin."""

@@ -102,13 +102,16 @@ def _source(rig: str, connect: list[str] | None, robot: list[str] | None, keys: 
 
 
 def _stop_on_signals() -> threading.Event:
-    """An event set at SIGTERM and SIGINT, on another thread: the interrupted one may be holding its lock."""
+    """An event set by signals that end a program, also by a closed terminal: a robot that drives must be told to stop.
+
+    It is set on another thread: the interrupted one may be holding its lock.
+    """
     stop = threading.Event()
 
     def end(*_: object) -> None:
         if not stop.is_set():  # if it is set, this process may be ending, and can start no thread
             threading.Thread(target=stop.set).start()
 
-    for number in (signal.SIGTERM, signal.SIGINT):
+    for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGQUIT):
         signal.signal(number, end)
     return stop

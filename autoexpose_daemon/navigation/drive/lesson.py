@@ -38,6 +38,15 @@ class Lesson:
             self._velocity = velocity
             self._speeds.append((distance_m, velocity.forward_m_s, velocity.turn_rad_s))
 
+    def begin(self) -> None:
+        """The path begins here, with the robot perhaps on its way: what came before does not belong to it."""
+        self._speeds = [] if self._velocity is None else [(0.0, *self._velocity)]
+
+    @property
+    def driven(self) -> bool:
+        """Whether a velocity has been heard at all."""
+        return self._velocity is not None
+
     def look(self, image: NDArray[np.uint8], setting: ExposureSetting, distance_m: float) -> TaughtPlace | None:
         """What to remember of a frame, uint8, (height, width); None if the last local map is near."""
         features = self._finder.find(image)

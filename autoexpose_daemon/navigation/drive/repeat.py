@@ -57,15 +57,17 @@ class Repeater:
     def __init__(self, file: MapFile, strategy: Strategy, predict: str | None = None) -> None:
         self.tally = Tally()
         self._file = file
-        places = file.places()
+        places, path = file.places(), file.taught_path()
         if not places:
             raise MapError(f"{file.path} has no local maps: teach it again")
+        if not path.forward_m_s.any():
+            raise MapError(f"{file.path} has no speeds to drive at: teach it again, with the right --velocity")
         finder = FINDERS[file.info.detector]()
         sought = None
         if predict is not None:
             now_s = time.time()
             sought = [best(MODELS[predict](file.history(place))(now_s)) for place in places]
-        self.repetition = Repetition(file.info, file.taught_path(), places, finder, strategy, sought=sought)
+        self.repetition = Repetition(file.info, path, places, finder, strategy, sought=sought)
         self._light = self._remembered_light()
         # On a drive that gets the light of an earlier one, exposures lead the light, and would lead it more each time.
         self._trail = LightTrail() if self._light is None else None

@@ -23,6 +23,9 @@ LEAST_VOTES = 20
 """This many matches must agree before they steer the robot. In a simulated park 38 of 40 views of the right place
 had more, and 79 of 80 that looked the other way or were from elsewhere had fewer. The paper is content with 3."""
 
+AGREE_PX = 40.0
+"""Two views in a row whose shifts differ by less show that the robot is on its path; one alone may be chance."""
+
 CORRECTION_PER_M = 2.5
 """How fast the place along the path is corrected: the share, per metre driven, of how far a view seems to lie ahead."""
 
@@ -140,10 +143,12 @@ class Repetition:
         distance_m = driven_m + self.correction_m
         place = nearest(self._distances_m, distance_m)
         registration = self._register(place, features)
+        before_px = None if self.view is None else self.view.shift_px
         self.view = View(place, distance_m, features, registration)
         self._rule.frame_ns = now_ns
         if self.view.shift_px is not None:
-            self._rule.registered_m = distance_m
+            if before_px is not None and abs(self.view.shift_px - before_px) <= AGREE_PX:
+                self._rule.registered_m = distance_m
             way_m = driven_m - self._driven_to_registration_m
             self._driven_to_registration_m = driven_m
             if self.obeyed:

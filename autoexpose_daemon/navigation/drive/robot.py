@@ -111,9 +111,19 @@ class Robot:
         return self._odometer.distance_m
 
     @property
+    def jumps(self) -> int:
+        """How often odometry began again elsewhere."""
+        return self._odometer.jumps
+
+    @property
+    def silent(self) -> bool:
+        """Whether odometry has not arrived for half a second."""
+        return self.odometry_ns is None or time.monotonic_ns() - self.odometry_ns > SPEED_NS
+
+    @property
     def speed_m_s(self) -> float:
         """How fast it drives by its odometry; 0 when that is silent."""
-        silent = self.odometry_ns is None or time.monotonic_ns() - self.odometry_ns > SPEED_NS
+        silent = self.silent
         with self._turn:
             return 0.0 if silent else self._odometer.speed_m_s
 

@@ -42,6 +42,11 @@ class Teacher:
         self._start_m = 0.0
         self._turn = threading.Lock()
 
+    @property
+    def driven(self) -> bool:
+        """Whether the velocity that the robot is driven with has been heard."""
+        return self._lesson.driven
+
     def drive(self, velocity: Velocity, distance_m: float) -> None:
         """Note that the robot was commanded to drive like this; called on the thread of its connection."""
         with self._turn:
@@ -55,7 +60,9 @@ class Teacher:
             focal_length_px = self._focal_length_px * width / pair.left.pixels.shape[1]  # a mosaic is seen at half size
             self._file = MapFile(self._path, MapInfo(width, height, focal_length_px, self._detector, policy))
             self._run = self._file.begin_run("teach", time.time())
-            self._start_m = distance_m
+            with self._turn:
+                self._start_m = distance_m
+                self._lesson.begin()
         self._trail.see(distance_m - self._start_m, pair.decision)
         taught = self._lesson.look(image, pair.left.setting, distance_m - self._start_m)
         if taught is not None:
@@ -96,9 +103,24 @@ def teach(teacher: Teacher, source: Source, stop: threading.Event, progress: Pro
                     progress.say(f"waiting for frames and status of {source.rig}{trouble}")
                 else:
                     teacher.look(pair, robot.distance_m, status.status.policy)
-                    progress.say(f"{robot.distance_m:.1f} m driven, {teacher.places} local maps")
+                    progress.say(
+                        f"{robot.distance_m:.1f} m driven, {teacher.places} local maps{_missing(robot, teacher)}"
+                    )
         finally:
+            driven = teacher.driven
             length_m = teacher.end(robot.distance_m)
     if not teacher.places:
         return "nothing was taught: no frame arrived together with odometry"
-    return f"taught {length_m:.1f} m, {teacher.places} local maps"
+    taught = f"taught {length_m:.1f} m, {teacher.places} local maps"
+    if not driven:
+        raise MapError(f"{taught}, but no velocity arrived under {source.robot.velocity}, so nothing can repeat it")
+    if robot.jumps:
+        return f"{taught}; odometry began again elsewhere {robot.jumps} times, and the way to there is missing"
+    return taught
+
+
+def _missing(robot: Robot, teacher: Teacher) -> str:
+    """What should arrive and does not, as a clause; empty: nothing."""
+    if robot.silent:
+        return "; no odometry for half a second"
+    return "" if teacher.driven else "; no velocity so far, without which nothing can repeat the path"

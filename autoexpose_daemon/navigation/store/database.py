@@ -55,11 +55,16 @@ def create(path: Path) -> sqlite3.Connection:
         path.open("xb").close()
     except OSError as error:
         raise MapError(f"{path} cannot be created: {readable(str(error.strerror))}") from error
-    with _connecting(path, "rw") as connection:
-        for table in TABLES:
-            connection.execute(table)
-        connection.execute(f"PRAGMA application_id = {APPLICATION}")
-        connection.execute(f"PRAGMA user_version = {FORMAT}")
+    try:
+        with _connecting(path, "rw") as connection:
+            for table in TABLES:
+                connection.execute(table)
+            connection.execute(f"PRAGMA application_id = {APPLICATION}")
+            connection.execute(f"PRAGMA user_version = {FORMAT}")
+    except sqlite3.Error as error:
+        for suffix in ("", "-wal", "-shm"):  # else the next lesson would be told that the map exists
+            path.with_name(f"{path.name}{suffix}").unlink(missing_ok=True)
+        raise MapError(f"{path} cannot be created: {readable(str(error))}") from error
     return connection
 
 
@@ -92,9 +97,10 @@ def lock(path: Path) -> BinaryIO:
 @contextmanager
 def _connecting(path: Path, mode: str) -> Iterator[sqlite3.Connection]:
     """A connection, closed again if what is done with it at first fails."""
-    # A map on read-only media has no log beside it, and nobody writes to it: immutable.
-    unwritable = mode == "ro" and not os.access(path.parent, os.W_OK)
-    uri = f"{path.absolute().as_uri()}?mode={mode}{'&immutable=1' if unwritable else ''}"
+    # A map on read-only media has no log beside it, and nobody writes to it: immutable. With a log, somebody may.
+    has_log = path.with_name(f"{path.name}-wal").exists()
+    untouched = mode == "ro" and not has_log and not os.access(path.parent, os.W_OK)
+    uri = f"{path.absolute().as_uri()}?mode={mode}{'&immutable=1' if untouched else ''}"
     connection = sqlite3.connect(uri, uri=True, isolation_level=None)
     try:
         if sys.version_info >= (3, 11):  # before 3.11, nothing keeps damaged files from asking for much memory

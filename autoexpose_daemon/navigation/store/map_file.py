@@ -29,6 +29,7 @@ from autoexpose_daemon.navigation.store.rows import (
     finite,
     local_map,
     states_of_blob,
+    taught_path,
 )
 from drivers.config.readable import readable
 from drivers.exposure import ExposureSetting
@@ -184,13 +185,8 @@ class MapFile:
     def taught_path(self) -> TaughtPath:
         """The speeds of the path; it is as long as the last local map and the last speed are far."""
         with self._checking():
-            rows = [
-                finite(*row) for row in self._read("SELECT distance_m, forward_m_s, turn_rad_s FROM speed ORDER BY id")
-            ]
-            columns = np.array(rows, np.float64).reshape(-1, 3).T
-            if (np.diff(columns[0]) < 0).any():
-                raise RowError("distances that fall along the path")
-            return TaughtPath(*columns)
+            rows = self._read("SELECT distance_m, forward_m_s, turn_rad_s FROM speed ORDER BY id")
+            return taught_path(rows)
 
     def places(self) -> list[Place]:
         """All local maps along the path, with the features that they have now."""

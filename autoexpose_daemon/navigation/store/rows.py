@@ -10,7 +10,9 @@ from typing import Any, Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from autoexpose_daemon.control.parameters import FASTEST_M_S, FASTEST_TURN_RAD_S
 from autoexpose_daemon.navigation.maps.adaptation import LocalMap
+from autoexpose_daemon.navigation.maps.path import TaughtPath
 from autoexpose_daemon.navigation.views.features import Features
 from drivers.exposure import ExposureSetting
 
@@ -127,6 +129,22 @@ class TaughtPlace:
     features: Features
 
 
+def taught_path(rows: Iterable[tuple[float, float, float]]) -> TaughtPath:
+    """The path of rows of distance (m), forward (m/s) and turn (rad/s); raises `RowError`.
+
+    Speeds beyond what `teach` takes are refused, because a robot would be told to drive like that.
+    """
+    columns = np.array([finite(*row) for row in rows], np.float64).reshape(-1, 3).T
+    distances_m, forward_m_s, turn_rad_s = columns
+    if (np.diff(distances_m) < 0).any():
+        raise RowError("distances that fall along the path")
+    if len(distances_m) and not 0.0 <= distances_m[0] <= distances_m[-1] <= LONGEST_PATH_M:
+        raise RowError(f"a path from {distances_m[0]:g} to {distances_m[-1]:g} m")
+    if (np.abs(forward_m_s) > FASTEST_M_S).any() or (np.abs(turn_rad_s) > FASTEST_TURN_RAD_S).any():
+        raise RowError("a speed that no robot is told to drive at")
+    return TaughtPath(*columns)
+
+
 FeatureRow = tuple[int, float, float, float, bytes, int]
 """Id, x, y, response, descriptor, score."""
 
@@ -141,6 +159,8 @@ def local_map(rows: list[FeatureRow], info: MapInfo) -> LocalMap:
     numbers = np.array([row[1:4] for row in rows], np.float64).reshape(-1, 3)
     if not np.isfinite(numbers).all() or not np.isfinite(descriptors).all():
         raise RowError("a feature with an infinite number")
+    if (np.abs(numbers[:, :2]) > LARGEST_PX).any():
+        raise RowError("a feature outside of its picture")
     features = Features(numbers[:, :2], numbers[:, 2], descriptors)
     return LocalMap(features, _whole([row[5] for row in rows]), _whole([row[0] for row in rows]))
 

@@ -1,5 +1,7 @@
 """Repeating a path without a robot: which views teach what, and what is refused."""
 
+import os
+import signal
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -10,12 +12,13 @@ import pytest
 from numpy.typing import NDArray
 
 from autoexpose_daemon.client import ReceivedPair
-from autoexpose_daemon.navigation.commands import repeat_command
+from autoexpose_daemon.navigation.commands import _stop_on_signals, repeat_command
 from autoexpose_daemon.navigation.drive.lesson import EVERY_M, Lesson
 from autoexpose_daemon.navigation.drive.motion import STANDSTILL, Pose, Velocity
 from autoexpose_daemon.navigation.drive.odometer import Odometer
 from autoexpose_daemon.navigation.drive.repeat import Repeater
 from autoexpose_daemon.navigation.drive.steering import Stop
+from autoexpose_daemon.navigation.drive.teach import Teacher
 from autoexpose_daemon.navigation.maps.temporal import MODELS
 from autoexpose_daemon.navigation.store import MapError, MapFile, MapInfo
 from autoexpose_daemon.navigation.views.detectors import FINDERS
@@ -118,6 +121,60 @@ def test_a_map_without_places_is_refused_in_a_sentence(tmp_path: Path) -> None:
         Repeater(file, "static")
 
 
+def test_a_map_without_speeds_is_refused_in_a_sentence(tmp_path: Path) -> None:
+    path = tmp_path / "lap.map"
+    place = Lesson(FINDERS["fast-orb"]()).look(view(), SETTING, 0.0)
+    assert place is not None
+    with MapFile(path, MapInfo(720, 540, 600.0, "fast-orb", "")) as file:
+        file.add_place(file.begin_run("teach", 0.0), place, [(0.0, 0.0, 0.5)])
+        with pytest.raises(MapError, match="has no speeds to drive at"):
+            Repeater(file, "static")
+
+
+def test_a_lesson_that_begins_while_the_robot_rolls_has_its_speed_from_the_start(tmp_path: Path) -> None:
+    path = tmp_path / "lap.map"
+    teacher = Teacher(path, 600.0, "fast-orb")
+    for driven_m, forward_m_s in ((0.05, 0.1), (0.2, 0.2), (0.4, 0.3)):
+        teacher.drive(Velocity(forward_m_s, 0.0), driven_m)
+    teacher.look(pair(view()), 0.45, "fisher-map")
+    teacher.drive(Velocity(0.4, 0.0), 0.6)
+    assert teacher.end(1.2) == pytest.approx(0.75)
+    with MapFile(path) as file:
+        taught = file.taught_path()
+    assert taught.distances_m.tolist() == pytest.approx([0.0, 0.15, 0.75, 0.75])
+    assert taught.forward_m_s.tolist() == [0.3, 0.4, 0.0, 0.0]
+
+
+@pytest.mark.parametrize(("registered", "stop"), [({8}, Stop.LOST), ({8, 9}, None)])
+def test_a_single_view_that_seems_right_does_not_keep_a_lost_robot_driving(
+    tmp_path: Path, registered: set[int], stop: Stop | None
+) -> None:
+    path = tmp_path / "lap.map"
+    lesson = Lesson(FINDERS["fast-orb"]())
+    with MapFile(path, MapInfo(720, 540, 600.0, "fast-orb", "")) as file:
+        run = file.begin_run("teach", 0.0)
+        for number in range(20):
+            place = lesson.look(view(), SETTING, number * EVERY_M + 0.01)
+            assert place is not None
+            file.add_place(run, place, [(number * EVERY_M, 0.5, 0.0)])
+        file.add_speeds([(4.0, 0.0, 0.0)])
+        repeater = Repeater(file, "static")
+        blank = np.full_like(view(), 128)
+        for number in range(13):
+            repeater.look(pair(view() if number in registered else blank, number), 0.2 * number)
+        assert repeater.repetition.velocity(2.4, odometry_ns=0, now_ns=0)[1] is stop
+
+
+def test_an_odometer_at_rest_adds_no_noise() -> None:
+    odometer, random = Odometer(), np.random.default_rng(0)
+    for number in range(600):
+        odometer.take(Pose(*random.normal(0.0, 0.001, 2), 0.0), number * 33_000_000)
+    assert odometer.distance_m == 0.0
+    for number in range(600, 700):
+        odometer.take(Pose(0.004 * (number - 599), 0.0, 0.0), number * 33_000_000)
+    assert odometer.distance_m == pytest.approx(0.4, abs=0.012)
+
+
 def test_an_odometer_adds_ways_but_not_jumps() -> None:
     odometer = Odometer()
     for number, (x_m, y_m) in enumerate(((5.0, 0.0), (5.3, 0.4), (-70.0, 0.0), (-70.0, 0.25))):
@@ -184,3 +241,16 @@ def words(kind: object) -> set[str]:
 
 def test_every_model_can_be_chosen_on_the_command_line() -> None:
     assert words(get_type_hints(repeat_command)["predict"]) == set(MODELS)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGQUIT])
+def test_a_robot_is_told_to_stop_also_when_the_terminal_is_closed(number: signal.Signals) -> None:
+    handled = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGQUIT)
+    before = {each: signal.getsignal(each) for each in handled}
+    try:
+        stop = _stop_on_signals()
+        os.kill(os.getpid(), number)
+        assert stop.wait(10.0)
+    finally:
+        for each, handler in before.items():
+            signal.signal(each, handler)

@@ -117,6 +117,24 @@ def test_a_map_in_a_folder_nobody_may_write_to_is_read(tmp_path: Path) -> None:
         path.parent.chmod(0o700)
 
 
+def test_a_map_that_another_user_is_writing_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is in its log only, too: a folder that this user may not write to is no read-only disk."""
+    path = tmp_path / "lap.map"
+    with taught(path):
+        monkeypatch.setattr(os, "access", lambda *_: False)
+        with MapFile(path) as reader:
+            assert len(reader.places()) == 3
+
+
+def test_a_map_that_cannot_be_written_from_the_start_leaves_no_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("autoexpose_daemon.navigation.store.database.TABLES", ("CREATE TABLE on a full disk",))
+    with pytest.raises(MapError, match=r"lap\.map cannot be created: "):
+        MapFile(tmp_path / "lap.map", INFO)
+    assert not list(tmp_path.iterdir())
+
+
 def test_old_runs_are_forgotten(tmp_path: Path) -> None:
     path = tmp_path / "lap.map"
     with taught(path) as file:
@@ -165,6 +183,10 @@ def test_what_is_not_a_map_is_refused_in_a_sentence(tmp_path: Path, name: str) -
         ("UPDATE place SET gain_db = 9e999", "a number that is infinite"),
         ("UPDATE place SET exposure_time_us = -1", "an exposure of -1 us"),
         ("UPDATE speed SET distance_m = 5 WHERE id = 1", "distances that fall along the path"),
+        ("UPDATE speed SET distance_m = 1e9 WHERE id = 4", "a path from 0 to 1e+09 m"),
+        ("UPDATE speed SET forward_m_s = 1e6 WHERE id = 1", "a speed that no robot is told to drive at"),
+        ("UPDATE speed SET turn_rad_s = -1e6 WHERE id = 1", "a speed that no robot is told to drive at"),
+        ("UPDATE feature SET x = 1e10 WHERE id = 3", "a feature outside of its picture"),
         ("UPDATE run SET kind = 'fly'", "a run of kind 'fly'"),
     ],
 )
