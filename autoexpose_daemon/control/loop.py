@@ -34,7 +34,7 @@ REFERENCE_RATE_HZ = 60.0
 _DEFAULT_PARAMETERS = ControlParameters()
 
 
-STATE_FORMAT = "autoexpose-control/7"
+STATE_FORMAT = "autoexpose-control/8"
 """Format of `ControlSetup` and `ControlLoop.state` as plain data: a new number when names, types or meaning change."""
 
 
@@ -316,7 +316,7 @@ class ControlLoop:
         if self._compensation is not None:
             setting, level = self._compensation.setting(setting), level - self._compensation.stops
         if target is None or (self.override.ev_stops and self._compensation is None):
-            target = Target(level, "")
+            target = Target(level, target.reason if target else "")
         self._past.append(PastStep(setting, observation.setting.level, observation.metric, target))
 
     def _figures(self, look: Look, observation: Observation) -> tuple[float, float, float]:

@@ -9,8 +9,8 @@ import numpy as np
 from autoexpose_daemon.control.light_ahead import UNPROVEN
 from drivers.frames import SIDES
 
-FORMER_FORMATS = tuple(f"autoexpose-control/{number}" for number in range(2, 7))
-"""In the sixth, nothing was bracketed. In the fifth, consumers steered nothing, sightings did not know what was black,
+FORMER_FORMATS = tuple(f"autoexpose-control/{number}" for number in range(2, 8))
+"""In the seventh, nobody counted frames of a camera that were lost in a row. In the sixth, nothing was bracketed. In the fifth, consumers steered nothing, sightings did not know what was black,
 and no lens had a vignetting. In the fourth, gains had even steps, and nothing could override the policy. In the third,
 no policy knew of light ahead. In the second, control had one response, the left camera's, and one history of motion,
 whichever camera the frames were from, and every camera had a vote."""
@@ -38,7 +38,7 @@ def upgraded_state(state: Any) -> Any:
     """A state of one of `FORMER_FORMATS` as one of the present format; anything else is returned unchanged."""
     if not isinstance(state, dict):
         return state
-    return _unsteered(_with_foresight(_of_third(state) if "motion" in state else state))
+    return _nothing_missed(_unsteered(_with_foresight(_of_third(state) if "motion" in state else state)))
 
 
 def _with_foresight(state: dict[str, Any]) -> dict[str, Any]:
@@ -56,6 +56,16 @@ def _unsteered(state: dict[str, Any]) -> dict[str, Any]:
         return state
     upgraded = [_of_nobody(sighting) for sighting in sightings]
     return {**state, "policy": {**policy, "memory": {**memory, "sightings": upgraded}}}
+
+
+def _nothing_missed(state: dict[str, Any]) -> dict[str, Any]:
+    policy = state.get("policy")
+    votes = policy.get("votes") if isinstance(policy, dict) else None
+    eyes = votes.get("eyes") if isinstance(votes, dict) else None
+    if policy is None or votes is None or not isinstance(eyes, dict):
+        return state
+    upgraded = {side: {"missed": 0, **eye} if isinstance(eye, dict) else eye for side, eye in eyes.items()}
+    return {**state, "policy": {**policy, "votes": {**votes, "eyes": upgraded}}}
 
 
 def _of_nobody(sighting: Any) -> Any:

@@ -112,7 +112,10 @@ class SoftPercentile:
         sorted_weights = weights.ravel()[order].astype(np.float64)
         cumulative = np.cumsum(sorted_weights)
         profile = self._profile(cumulative * (order.size / cumulative[-1]), order.size) * sorted_weights
-        return np.asarray(profile / profile.sum())
+        total = profile.sum()
+        if total == 0:  # a single pixel: the last rank, whose W is 0
+            return np.asarray(sorted_weights / cumulative[-1])
+        return np.asarray(profile / total)
 
     def _profile(self, ranks: NDArray[np.float64], count: int) -> NDArray[np.float64]:
         pivot = math.floor(self._percentile * count)

@@ -150,13 +150,16 @@ class DisMotion(FlowMotion):
         self._dis = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST)
         self._dis.setFinestScale(0)
 
-    def _calculate(self, previous: NDArray[np.uint8], current: NDArray[np.uint8], flow: NDArray[np.float32]) -> None:
-        if min(current.shape) < _DIS_LEAST_SIDE:
-            height, width = current.shape
+    def _allocate(self, shape: tuple[int, ...]) -> None:
+        super()._allocate(shape)
+        height, width = self._current.shape
+        if min(shape) and min(height, width) < _DIS_LEAST_SIDE:
             raise ConfigurationError(
                 f"frames shrunk to {width}x{height} pixels are too narrow for DIS flow: at least {_DIS_LEAST_SIDE} "
                 "pixels either way are needed; use Farneback flow or a squarer region of the sensor"
             )
+
+    def _calculate(self, previous: NDArray[np.uint8], current: NDArray[np.uint8], flow: NDArray[np.float32]) -> None:
         flow.fill(0)  # DIS starts from its content
         size = flow.shape[1], flow.shape[0]
         first, second = (cv2.resize(image, size, interpolation=cv2.INTER_AREA) for image in (previous, current))

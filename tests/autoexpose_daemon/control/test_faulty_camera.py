@@ -195,3 +195,27 @@ def test_lone_frames_in_between_change_nothing(only: Side) -> None:
     rig.run(5, "right", fault=FAULTS["black"], only=only)
     rig.run(10, "right", fault=FAULTS["black"])
     assert np.ptp([setting.level for setting in rig.settings[18:]]) < 0.3
+
+
+@moving_or_still
+@pytest.mark.parametrize("only", SIDES)
+@pytest.mark.parametrize("policy_id", STEREO_POLICIES)
+def test_a_lost_frame_of_one_camera_moves_nothing(policy_id: str, only: Side, moving: bool) -> None:
+    """What the map holds of that camera is as good as before; nothing is probed again."""
+    rig, undisturbed = Rig(policy_id, moving), Rig(policy_id, moving)
+    undisturbed.run(70)
+    rig.run(50)
+    rig.run(1, only=only)
+    rig.run(19)
+    assert rig.decisions[50].reason.startswith("held")
+    levels, wanted = ([decision.level for decision in each.decisions[50:]] for each in (rig, undisturbed))
+    assert np.abs(np.subtract(levels, wanted)).max() < (0.5 if moving else 0.1)
+
+
+@pytest.mark.parametrize("only", SIDES)
+@pytest.mark.parametrize("policy_id", STEREO_POLICIES)
+def test_a_camera_that_is_gone_is_not_waited_for(policy_id: str, only: Side) -> None:
+    rig = Rig(policy_id, moving=False)
+    rig.run(20)
+    rig.run(40, light=LIGHT + 3.0, only=only)
+    assert np.mean(rig.metrics(only, -10)) > 0.9 * healthy_metric(policy_id, only, False, LIGHT + 3.0)

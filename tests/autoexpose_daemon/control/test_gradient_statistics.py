@@ -133,3 +133,11 @@ def test_overexposed_pixels_lose_gradient_whatever_the_black_level(black_level: 
     white, grey = (np.full((24, 24), level, np.uint8) for level in (254, 240))
     assert percentile.derivative(white)[1] == pytest.approx(-1.5)
     assert percentile.derivative(grey)[1] == 0
+
+
+def test_a_single_pixel_that_counts_has_a_percentile() -> None:
+    image, soft = random_image(3, 40, 50), SoftPercentile(LINEAR)
+    weights = np.zeros(image.shape, np.uint8)
+    weights[20, 20] = 1
+    assert soft.measure(image, weights) > 0.0
+    assert np.isfinite(soft.derivative(image, weights)).all()

@@ -23,7 +23,9 @@ from autoexpose_daemon.control.policies.published.shim2018 import Shim2018, gamm
 from autoexpose_daemon.control.policy import Look, Observation, PastStep, Target
 from autoexpose_daemon.control.search.query import way_out
 from calibration.response import ResponseFunction
+from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureSetting
+from drivers.frames import SIDES, Side
 
 from .scene import LIMITS, expose, radiance
 
@@ -140,6 +142,17 @@ def test_majer_standard_looks_at_the_top_half() -> None:
     assert Majer2018("top_half", ExposurePriority()).decide(observe(image)).level > SETTING.level
     image = image[::-1].copy()
     assert Majer2018("top_half", ExposurePriority()).decide(observe(image)).level < SETTING.level
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_majer_refuses_a_region_below_the_top_half_of_either_camera_at_once(side: Side) -> None:
+    """Not only when the first frame of the other camera is lost."""
+    weights = np.zeros((68, 90), np.uint8)
+    weights[60:] = 1
+    looks = [Look(each, flat(64), LINEAR, weights if each == side else None) for each in SIDES]
+    observation = replace(observe(flat(64)), looks=looks)
+    with pytest.raises(ConfigurationError, match=f"leaves nothing of the top half of the {side} image"):
+        Majer2018("top_half", ExposurePriority()).decide(observation)
 
 
 @pytest.mark.parametrize("stops", [-1.5, 0.25, 2.75])

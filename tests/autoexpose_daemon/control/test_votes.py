@@ -264,3 +264,19 @@ def test_one_of_a_frozen_and_a_white_camera_keeps_its_vote() -> None:
         glare = np.where(rng.random(SHAPE) < 0.95, 255, 200).astype(np.uint8)
         votes.see(LOWEST, LOWEST, [Look("left", frozen(BEST), LINEAR), Look("right", glare, LINEAR)])
         assert len(votes.faults) < 2
+
+
+def test_a_region_of_a_few_pixels_may_repeat_itself() -> None:
+    """One sample is the same for a dozen frames by chance: that freezes no camera."""
+    random, votes = np.random.default_rng(0), Votes(dict.fromkeys(SIDES, LINEAR))
+    weights = np.zeros(SHAPE, np.uint8)
+    weights[16:24, 16:24] = 1
+    for _ in range(200):
+        grey = np.clip(np.rint(random.normal(120.0, 0.3, SHAPE)), 0, 255).astype(np.uint8)
+        votes.see(BEST, LOWEST, [Look("left", grey, LINEAR, weights), Look("right", healthy(BEST), LINEAR)])
+        assert votes.faults == {}
+
+
+def test_a_camera_that_clips_a_little_below_full_scale_is_white_too() -> None:
+    votes = votes_after([LOWEST] * 2, pair(lambda _: np.full(SHAPE, 253, np.uint8), "left"))
+    assert votes.faults == {"left": "white"}

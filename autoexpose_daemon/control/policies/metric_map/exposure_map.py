@@ -137,7 +137,7 @@ class ExposureMap(ExposurePolicy):
     def decide(self, observation: Observation) -> Target:
         """The level that promises most, for the frame that will show this decision."""
         level = observation.setting.level
-        self.latency.see(level, (observation.limits.clamp_level(past.target.level) for past in observation.past))
+        self.latency.see(level, (past.setting.level for past in observation.past))
         self.votes.see(level, observation.limits.darkest.level, observation.looks)
         target = self._vote(observation)
         self.target = observation.limits.clamp_level(target.level)
@@ -150,6 +150,8 @@ class ExposureMap(ExposurePolicy):
         voting = [look for look, votes in zip(looks, self.votes.of(looks), strict=True) if votes]
         if not voting:
             return Target(self._held(observation), "held")
+        if self.votes.awaits(self.sides):  # what the map holds of that camera is as good as before
+            return Target(self._held(observation), "held: a camera's frame is lost")
         self._map_for([look.side for look in voting])
         if voting != observation.looks:
             observation = replace(observation, looks=voting)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
@@ -31,8 +31,12 @@ LOWEST_STOPS = 0.5
 LONGEST_RISE = 1.0
 """Stops over which frames are compared. A picture in which they promise less than `TELLING_GREY` is all but black."""
 
-REPEATS = 12
-"""Frames that repeat an earlier one to the last pixel, while another camera's differ. Noise does not repeat."""
+REPEATS, FEWEST_PIXELS = 12, 30
+"""Frames that repeat an earlier one to the last pixel, while another camera's differ. Noise does not repeat, except in
+the few pixels of a small region."""
+
+MISSED_FRAMES = 12
+"""Frames of a camera that may be lost in a row, a fifth of a second at 60 Hz, before the others decide without it."""
 
 RETURN_FRAMES = 12
 """Frames in a row that must show something before a vote returns: a fifth of a second at 60 Hz."""
@@ -66,6 +70,8 @@ class Eye:
         Frames in a row that were white while another camera's were not.
     repeats
         Frames in a row that were exactly `latest`, while another camera's picture changed.
+    missed
+        Frames in a row that were lost, while another camera's were not.
     before
         Pixels to compare with: for a frozen camera those it is stuck at, else those at the level `Votes` remembers.
         None before the first pair.
@@ -73,13 +79,16 @@ class Eye:
         Pixels of its last frame.
     """
 
-    STATE: ClassVar[tuple[str, ...]] = ("fault", "suspected", "showing", "glare", "repeats", "before", "latest")
+    STATE: ClassVar[tuple[str, ...]] = (
+        "fault", "suspected", "showing", "glare", "repeats", "missed", "before", "latest",
+    )  # fmt: skip
 
     fault: Fault | None = None
     suspected: Fault | None = None
     showing: int = 0
     glare: int = 0
     repeats: int = 0
+    missed: int = 0
     before: NDArray[np.uint8] | None = None
     latest: NDArray[np.uint8] | None = None
 
@@ -126,8 +135,9 @@ class Votes:
         voting = [side for side in glances if self._eyes[side].fault is None]
         for side, eye in self._eyes.items():
             if side not in glances:
-                eye.suspected, eye.glare, eye.repeats = None, 0, 0
+                eye.suspected, eye.glare, eye.repeats, eye.missed = None, 0, 0, eye.missed + 1
                 continue
+            eye.missed = 0
             others = [glances[other] for other in voting if other != side]
             fault = _fault(glances[side], others, at_lowest=level < lowest_level + LOWEST_STOPS)
             self._note(eye, fault, glances[side])
@@ -148,6 +158,11 @@ class Votes:
     def glaring(self) -> Side | None:
         """A camera with a vote that has long been white while another was not: only lower exposures can show why."""
         return next((side for side, eye in self._eyes.items() if eye.fault is None and eye.glare >= GLARE_FRAMES), None)
+
+    def awaits(self, sides: Collection[Side]) -> bool:
+        """Whether one of these cameras has a vote, but has just lost a frame: the next pair will have it again."""
+        eyes = [self._eyes[side] for side in sides]
+        return any(eye.fault is None and 0 < eye.missed <= MISSED_FRAMES for eye in eyes)
 
     def of(self, looks: Sequence[Look]) -> list[bool]:
         """Which of the cameras have a vote; none for lone frames that are ignored so far."""
@@ -188,7 +203,9 @@ class Votes:
     def _repeats(self, side: Side, glance: Glance) -> bool:
         """Whether a frame equals the one before it, to the last pixel."""
         latest = self._eyes[side].latest
-        return latest is not None and latest.shape == glance.pixels.shape and bool((latest == glance.pixels).all())
+        if latest is None or latest.shape != glance.pixels.shape or latest.size < FEWEST_PIXELS:
+            return False
+        return bool((latest == glance.pixels).all())
 
     def _count_glare(self, side: Side, glances: Mapping[Side, Glance], others: Sequence[Glance]) -> None:
         """After the look at less exposure that long glare asks for, a camera that is too dark there must give way."""

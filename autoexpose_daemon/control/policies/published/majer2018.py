@@ -60,9 +60,12 @@ class Majer2018(ExposurePolicy):
         if self.level is not None and not due:
             return Target(self.level, "held: decides every five frames")
         rows = observation.image.shape[0] // 2 if self.region == "top_half" else observation.image.shape[0]
+        for look in observation.looks:
+            if look.weights is not None and not look.weights[:rows].any():
+                raise ConfigurationError(
+                    f"control.roi leaves nothing of the top half of the {look.side} image, at which this policy looks"
+                )
         weights = None if observation.weights is None else observation.weights[:rows]
-        if weights is not None and not weights.any():
-            raise ConfigurationError("control.roi leaves nothing of the top half, the part that this policy looks at")
         brightness = max(mean_signal(observation.image[:rows], observation.looks[0].response, weights), SMALLEST_SIGNAL)
         factor = 1 + CONTROL_GAIN * (DESIRED_BRIGHTNESS / brightness - 1)
         self.level = observation.limits.clamp_level(observation.setting.level + math.log2(factor))

@@ -9,6 +9,7 @@ import pytest
 
 from autoexpose_daemon.control.decision import Decision
 from autoexpose_daemon.control.loop import ControlLoop
+from autoexpose_daemon.control.override import Override
 from autoexpose_daemon.control.parameters import Bracketing, ControlParameters
 from autoexpose_daemon.control.policies.bracket import KEPT
 from calibration.response import ResponseFunction
@@ -98,3 +99,16 @@ def test_a_snapshot_goes_on_in_the_middle_of_a_cycle() -> None:
 def test_brackets_that_make_no_sense_are_refused(given: tuple[int, float], words: str) -> None:
     with pytest.raises(ConfigurationError, match=words):
         Bracketing(*given)
+
+
+def test_the_policys_frames_follow_the_light_under_ev_compensation() -> None:
+    setup = ControlParameters(bracket=Bracketing(3, 3.0, keep=True))
+    loop = ControlLoop("neves2009", ResponseFunction.linear(), LIMITS, START, setup)
+    settings, kept = [START, START], []
+    for number in range(80):
+        frame = expose(SCENE, settings[number], 13.0 if number < 20 else 16.0)
+        decision = loop.step(StereoPair(number, {"left": frame}), override=Override(ev_stops=-1.0))
+        settings.append(decision.setting)
+        if number % 4 == 3:
+            kept.append(decision.level)
+    assert kept[-1] - kept[4] > 2.0
