@@ -10,10 +10,11 @@ from autoexpose_daemon.control.light_ahead import UNPROVEN
 from drivers.frames import SIDES
 
 FORMER_FORMATS = tuple(f"autoexpose-control/{number}" for number in range(2, 8))
-"""In the seventh, nobody counted frames of a camera that were lost in a row. In the sixth, nothing was bracketed. In the fifth, consumers steered nothing, sightings did not know what was black,
-and no lens had a vignetting. In the fourth, gains had even steps, and nothing could override the policy. In the third,
-no policy knew of light ahead. In the second, control had one response, the left camera's, and one history of motion,
-whichever camera the frames were from, and every camera had a vote."""
+"""In the seventh, frames of a camera that were lost in a row were not counted. In the sixth, nothing was bracketed.
+In the fifth, consumers steered nothing, sightings did not know what was black, and no lens had a vignetting. In the
+fourth, gains had even steps, and nothing could override the policy. In the third, no policy knew of light ahead. In
+the second, control had one response, the left camera's, and one history of motion, whichever camera the frames were
+from, and every camera had a vote."""
 
 
 def upgraded_setup(setup: Any) -> Any:

@@ -77,6 +77,7 @@ class Bracket(ExposurePolicy):
         self._kept = None
         self._policy = policy
         self.balance = ExposurePriority() if policy is None else policy.balance
+        self.shortfall = None if policy is None else policy.shortfall
 
     @classmethod
     def around(
@@ -110,6 +111,7 @@ class Bracket(ExposurePolicy):
         own = [past for past in observation.past if _is_kept(past)]
         target = self._policy.decide(replace(observation, past=own, realised=realised if own else None))
         self._kept = replace(target, reason=KEPT + target.reason)
+        self.balance = self._policy.balance  # which may follow the size of the frames
 
     def _followed(self, limits: ExposureLimits) -> float:
         """The middle of the next ladder: where the frame nearest to `MIDDLE_MEAN` says it should be."""
