@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import platform
+import re
 import time
 import zipfile
 from collections.abc import Callable
@@ -28,6 +29,7 @@ _PATIENCE_S: Final = 0.5
 _WRITE_EVERY_S: Final = 0.2
 _TIMES_US: Final = (2000.0, 1000.0)
 """Written in turn; both leave room for the frame rate."""
+_IPV4: Final = re.compile(r"\b\d{1,3}(?:\.\d{1,3}){3}\b")
 
 
 class Seen(NamedTuple):
@@ -91,11 +93,11 @@ def _examined(found: FoundCamera, watched_s: float) -> tuple[dict[str, Any], str
     try:
         camera = open_camera(found.serial, CameraSetup(TriggerSetup("free_run", rate_hz=_RATE_HZ)))
     except AutoexposeError as error:
-        return about | {"not_opened": str(error).replace(found.serial, "S")}, ""
+        return about | {"not_opened": _anonymous(str(error), found)}, ""
     try:
         limits, pixel_format = camera.limits, camera.description.pixel_format
         about |= {
-            "limitations": [text.replace(found.serial, "S") for text in camera.description.limitations],
+            "limitations": [_anonymous(text, found) for text in camera.description.limitations],
             "pixel_format": None if pixel_format is None else pixel_format.value,
             "exposure_time_us": [limits.min_time_us, limits.max_time_us, limits.time_step_us],
             "gain_db": [limits.min_gain_db, limits.max_gain_db, limits.gain_step_db],
@@ -103,9 +105,14 @@ def _examined(found: FoundCamera, watched_s: float) -> tuple[dict[str, Any], str
         about |= _watched(camera, watched_s)
         return about, camera.description_xml
     except AutoexposeError as error:
-        return about | {"failed": str(error).replace(found.serial, "S")}, camera.description_xml
+        return about | {"failed": _anonymous(str(error), found)}, camera.description_xml
     finally:
         camera.close()
+
+
+def _anonymous(text: str, found: FoundCamera) -> str:
+    """Without addresses and serial number; Aravis gives USB cameras the address "USB3", which may stay."""
+    return _IPV4.sub("A", text).replace(found.serial, "S")
 
 
 def _watched(camera: AravisCamera, watched_s: float) -> dict[str, Any]:

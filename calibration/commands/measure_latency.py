@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -80,7 +80,10 @@ def latency_document(rate_hz: float, effects: Sequence[WriteEffect]) -> dict[str
     """The content of `latency` in a response file."""
     document: dict[str, Any] = {"rate_hz": rate_hz}
     for effect in effects:
-        document[effect.quantity] = {"mode_frames": effect.mode, "frames": effect.frames, "untold": effect.unclear}
+        entry: dict[str, Any] = {"mode_frames": effect.mode, "frames": effect.frames, "untold": effect.unclear}
+        if effect.findings:
+            entry["findings"] = [asdict(finding) for finding in effect.findings]
+        document[effect.quantity] = entry
     return document
 
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,6 +15,7 @@ from rich.table import Table
 
 from calibration.commands.additions import response_file_of
 from calibration.commands.measure import check_gain, take
+from calibration.findings import Finding
 from calibration.noise.model import Estimate, NoiseModel
 from calibration.noise.photon_transfer import PhotonTransfer, photon_transfer
 from calibration.noise.plan import default_gains_db, plan_noise
@@ -58,7 +59,7 @@ def noise(
         for finding in result.findings:
             console.print(f"{finding.severity} at {gain:g} dB: {finding.text}", soft_wrap=True)
     if file is not None and output is not None and models:
-        replace(file, noise=noise_document(used_format, models)).save(output)
+        replace(file, noise=noise_document(used_format, list(results.values()), file.noise)).save(output)
         console.print(f"written: {output}", soft_wrap=True)
     if len(models) < len(results):
         raise typer.Exit(1)
@@ -81,14 +82,33 @@ def noise_table(title: str, models: Sequence[NoiseModel]) -> Table:
     return table
 
 
-def noise_document(pixel_format: str, models: Sequence[NoiseModel]) -> dict[str, Any]:
-    """The content of `noise` in a response file: pairs are a value and its standard error."""
-    return {"pixel_format": pixel_format, "gains": [_entry(model) for model in models]}
+def noise_document(
+    pixel_format: str, results: Sequence[PhotonTransfer], former: Mapping[str, Any] | None = None
+) -> dict[str, Any]:
+    """The content of `noise` in a response file: pairs are a value and its standard error.
+
+    Gains that only `former` has, the previous content, are kept; of another pixel format they are not, because its
+    grey levels are others.
+    """
+    entries: dict[float, Any] = {}
+    match former:
+        case {"pixel_format": known, "gains": [*gains]} if known == pixel_format:
+            entries = {gain["gain_db"]: gain for gain in gains if _is_entry(gain)}
+    for result in results:
+        if result.model is not None:
+            entry = _entry(result.model, result.findings)
+            entries[entry["gain_db"]] = entry
+    return {"pixel_format": pixel_format, "gains": [entries[gain_db] for gain_db in sorted(entries)]}
 
 
-def _entry(model: NoiseModel) -> dict[str, Any]:
+def _is_entry(gain: Any) -> bool:
+    """Whether it can be kept: files are also edited by hand."""
+    return isinstance(gain, Mapping) and isinstance(gain.get("gain_db"), float | int)
+
+
+def _entry(model: NoiseModel, findings: Sequence[Finding]) -> dict[str, Any]:
     saturation = model.saturation_dn
-    return {
+    entry: dict[str, Any] = {
         "gain_db": round(model.gain_db, 3),
         "system_gain": _rounded(model.system_gain),
         "read_noise_e": _rounded(model.read_noise_e),
@@ -96,6 +116,9 @@ def _entry(model: NoiseModel) -> dict[str, Any]:
         "saturation_dn": None if saturation is None else round(saturation, 1),
         "full_well_e": None if model.full_well_e is None else _rounded(model.full_well_e),
     }
+    if findings:
+        entry["findings"] = [asdict(finding) for finding in findings]
+    return entry
 
 
 def _rounded(estimate: Estimate) -> list[float]:

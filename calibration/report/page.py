@@ -111,12 +111,15 @@ def _flat(values: Mapping[str, Any], parent: str = "") -> Iterator[Fact]:
 
 def _tables(values: Mapping[str, Any]) -> Iterator[tuple[list[str], list[list[str]]]]:
     """Lists of entries in what other commands wrote, as column names and rows."""
-    for value in filter(_is_table, values.values()):
-        columns = list(value[0])
-        yield (
-            [name.replace("_", " ") for name in columns],
-            [[_text(row.get(name)) for name in columns] for row in value],
-        )
+    for value in values.values():
+        if isinstance(value, Mapping):
+            yield from _tables(value)
+        elif _is_table(value):
+            columns = list(dict.fromkeys(name for row in value for name in row))
+            yield (
+                [name.replace("_", " ") for name in columns],
+                [[_text(row.get(name, "")) for name in columns] for row in value],
+            )
 
 
 def _is_table(value: Any) -> bool:
@@ -132,5 +135,7 @@ def _text(value: Any) -> str:
             return str(Estimate(known, error))
         case float():
             return f"{value:g}"
+        case [*findings] if _is_table(findings):
+            return ", ".join(str(finding.get("reason")) for finding in findings)
         case _:
             return str(value)

@@ -1,10 +1,12 @@
-"""Opening files that users name: regular ones only, since pipes and devices may block, never end, or react."""
+"""Files that users name: regular ones only, since pipes and devices may block, never end, or react."""
 
 from __future__ import annotations
 
 import errno
 import os
+import secrets
 import stat
+from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO
 
@@ -50,10 +52,52 @@ def read_regular(path: Path, most_bytes: int) -> bytes:
     return content
 
 
+def replace_text(path: Path, text: str) -> None:
+    """Write a file in one step: if that fails, a former one stays as it was.
+
+    A former file's mode is kept, and where permitted its owner; a link goes on pointing to it.
+
+    Raises
+    ------
+    OSError
+        Also if what is there is not a regular file; `strerror` completes "cannot be written: ...".
+    """
+    content = text.encode()
+    target = Path(os.path.realpath(path))
+    former = _former(target)
+    part = target.with_name(f".{secrets.token_hex(8)}.part")  # short: the name may have no room for more
+    descriptor = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
+    try:
+        with os.fdopen(descriptor, "wb") as file:
+            if former is not None:
+                with suppress(PermissionError):  # of another user
+                    os.fchown(descriptor, former.st_uid, former.st_gid)
+                os.fchmod(descriptor, stat.S_IMODE(former.st_mode))
+            file.write(content)
+            file.flush()
+            os.fsync(descriptor)
+        part.replace(target)
+    except BaseException:
+        part.unlink(missing_ok=True)
+        raise
+
+
 def check_writable(path: Path) -> None:
     """Check that a file can be written, before the work whose result it is to have; raises ConfigurationError."""
     if path.is_dir() or not os.access(path.absolute().parent, os.W_OK):
         raise ConfigurationError(f"{path}: cannot be written; name a file in an existing folder")
+
+
+def _former(path: Path) -> os.stat_result | None:
+    """What is to be replaced; one that may not be written is refused as if it were opened."""
+    try:
+        status = path.stat()
+    except FileNotFoundError:
+        return None
+    _check(status)
+    if not os.access(path, os.W_OK):
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+    return status
 
 
 def _check(status: os.stat_result) -> None:

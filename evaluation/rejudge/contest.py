@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.metrics.sensor_noise import SensorNoise
+from drivers.errors import AutoexposeError
 from drivers.exposure import ExposureLimits, ExposureSetting
 from drivers.frames import Side
 from evaluation.rejudge.camera import RecordedCameras
@@ -100,7 +101,7 @@ def exposers(drive: Drive) -> dict[Side, Exposer]:
 def follow_best_shots(drive: Drive, odometry: str, folder: Path) -> Trajectory | None:
     """Where odometry says the camera was, on the best shot of each cycle by M_g, as it was recorded.
 
-    None where nothing can follow, for lack of a geometry.
+    None where nothing can follow, for lack of a geometry; raises AutoexposeError where odometry is lost altogether.
     """
     judge = _judge(drive, odometry, folder, "best shots")
     if judge.follower is None:
@@ -114,7 +115,11 @@ def follow_best_shots(drive: Drive, odometry: str, folder: Path) -> Trajectory |
         if number in best:
             judge.look(pair_at(number), glimpses[number].time_s)
     followed = judge.end()
-    return None if followed is None else followed.trajectory
+    if followed is None:
+        return None
+    if not len(followed.trajectory.times_s):
+        raise AutoexposeError(f"--odometry {odometry} tracks nothing on the best shots: give a reference, --trajectory")
+    return followed.trajectory
 
 
 def recommended(figures: Sequence[Figures]) -> str:

@@ -95,8 +95,18 @@ def _decided(setup: ControlSetup, pairs: Iterator[StereoPair]) -> Iterator[tuple
 
 
 def _pairs(instants: list[dict[Side, Entry]]) -> Iterator[StereoPair]:
+    kinds: dict[Side, str] = {}
     for number, entries in enumerate(instants):
-        yield StereoPair(number, {side: _frame(entry, number) for side, entry in entries.items()})
+        frames = {side: _frame(entry, number) for side, entry in entries.items()}
+        for side, frame in frames.items():
+            height, width = frame.pixels.shape
+            kind = f"{width}x{height} with {frame.bit_depth} bits"
+            if kinds.setdefault(side, kind) != kind:
+                raise AutoexposeError(
+                    f"{entries[side].file}: is {kind}, {instants[0][side].file.name} is {kinds[side]}: give all images "
+                    "of a camera one size and depth"
+                )
+        yield StereoPair(number, frames)
 
 
 def _frame(entry: Entry, number: int) -> Frame:
@@ -134,6 +144,16 @@ def _entries(folder: Path) -> list[Entry]:
     except OSError as error:
         raise AutoexposeError(f"{file}: cannot be read: {error.strerror}") from error
     rows = csv.DictReader(io.StringIO(text))
+    try:
+        return _read(rows, folder)
+    except csv.Error as error:
+        raise AutoexposeError(
+            f"{file}: line {rows.reader.line_num} is not CSV ({error}): look for a quote that is not closed"
+        ) from error
+
+
+def _read(rows: csv.DictReader[str], folder: Path) -> list[Entry]:
+    file = folder / LIST
     if rows.fieldnames is None or not set(COLUMNS) <= set(rows.fieldnames):
         raise AutoexposeError(f"{file}: its first line must name the columns {', '.join(COLUMNS)}")
     entries: list[Entry] = []

@@ -19,7 +19,7 @@ from evaluation.odometry.orb import OrbOdometry
 from evaluation.odometry.orb_slam3 import PACKAGE, OrbSlam3, installed
 from evaluation.odometry.stereo import StereoCamera, StereoOdometry, prepared
 from evaluation.odometry.taught_vocabulary import silent, write_taught_vocabulary
-from evaluation.rejudge.trajectory import Trajectory, read_tum
+from evaluation.rejudge.trajectory import TooFewPosesError, Trajectory, read_tum
 
 IN_HOUSE, ORB_SLAM3 = "in-house", "orbslam3"
 
@@ -28,7 +28,10 @@ Image = NDArray[np.uint8]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Followed:
-    """Where odometry says that the left camera was, and for how many of the pairs it could not say."""
+    """Where odometry says that the left camera was, and for how many of the pairs it could not say.
+
+    The trajectory has no pose if it was lost from the first pair to the last.
+    """
 
     trajectory: Trajectory
     lost_share: float
@@ -118,7 +121,10 @@ class CommandFollower(Follower):
             raise AutoexposeError(f"--odometry {words[0]} failed with exit code {ended.returncode}: {said[0]}")
         if not written.exists():
             raise AutoexposeError(f"--odometry {words[0]} did not write the trajectory that its last argument names")
-        trajectory = read_tum(written)
+        try:
+            trajectory = read_tum(written)
+        except TooFewPosesError:  # a result, too: under this policy nothing could be tracked
+            return Followed(_trajectory([], []), 1.0)
         inside = (trajectory.times_s > self._times_s[0] - 1.0) & (trajectory.times_s < self._times_s[-1] + 1.0)
         if not inside.all():
             raise AutoexposeError(

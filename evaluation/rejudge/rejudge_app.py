@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import tempfile
 from collections.abc import Sequence
@@ -171,7 +172,7 @@ def _print(figures: Sequence[Figures], best: str, console: Console) -> None:
 
 
 def _rank(one: Figures) -> tuple[float, float, float]:
-    return (one.rpe_mm if one.rpe_mm is not None else 0.0, -(one.matches or 0.0), -one.metric)
+    return (one.rpe_mm if one.rpe_mm is not None else math.inf, -(one.matches or 0.0), -one.metric)
 
 
 def _number(value: float | None, decimals: int) -> str:

@@ -35,6 +35,10 @@ _UNIT = 0.9, 1.1
 _LONGEST_BYTES = 1 << 28
 
 
+class TooFewPosesError(ConfigurationError):
+    """A file's poses do not make a trajectory: there are fewer than two."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Trajectory:
     """Poses in order of time.
@@ -120,7 +124,10 @@ def _apart_m(first: NDArray[np.float64], second: NDArray[np.float64]) -> float:
 
 
 def read_tum(path: Path) -> Trajectory:
-    """A file of ``time x y z qx qy qz qw`` in each line; raises ConfigurationError naming the line at fault."""
+    """A file of ``time x y z qx qy qz qw`` in each line; raises ConfigurationError naming the line at fault.
+
+    Of fewer than two poses it is a TooFewPosesError.
+    """
     try:
         text = read_regular(path, _LONGEST_BYTES).decode(errors="replace")
     except OSError as error:
@@ -142,7 +149,7 @@ def read_tum(path: Path) -> Trajectory:
             raise ConfigurationError(f"{path}: line {number}: its quaternion is no rotation: give one of length 1")
         rows.append(row)
     if len(rows) < 2:
-        raise ConfigurationError(f"{path}: there are fewer than two poses in it")
+        raise TooFewPosesError(f"{path}: there are fewer than two poses in it")
     values = np.array(rows)
     poses = np.tile(np.eye(4), (len(rows), 1, 1))
     poses[:, :3, :3] = Rotation.from_quat(values[:, 4:]).as_matrix()

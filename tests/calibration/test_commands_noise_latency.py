@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from calibration.document import CameraIdentity
 from calibration.findings import Finding
 from calibration.latency.write_effect import WriteEffect
 from calibration.noise.model import Estimate, NoiseModel
+from calibration.noise.photon_transfer import PhotonTransfer
 from calibration.noise.plan import default_gains_db, plan_noise
 from calibration.response import ResponseFunction
 from calibration.response.file import Origin, ResponseFile
@@ -44,7 +46,9 @@ MODEL = NoiseModel(
     saturation_dn=4095.0,
     full_well_e=Estimate(5471.3, 12.0),
 )
+MEASURED = PhotonTransfer(MODEL, ())
 EFFECT = WriteEffect("gain", {1: 19, 2: 1}, 3, (1.0, 2.0), 2100.0, ())
+DRIFT = Finding("warned", "light_drift", "the light changed: use steady light")
 
 
 def printed(table: Table) -> str:
@@ -99,13 +103,47 @@ def response_file(path: Path, serial: str) -> Path:
 
 def test_what_is_added_to_a_response_file_is_read_back(tmp_path: Path) -> None:
     path = tmp_path / "a.response.yaml"
-    noise, latency = noise_document("Mono12", [MODEL]), latency_document(60.0, [EFFECT])
+    noise, latency = noise_document("Mono12", [MEASURED]), latency_document(60.0, [EFFECT])
     ResponseFile(ResponseFunction.linear(0), noise=noise, latency=latency).save(path)
     loaded = ResponseFile.load(path)
     assert loaded.noise == noise
     assert loaded.noise["gains"][0]["system_gain"] == [0.74102, 0.00123]
     assert loaded.latency == latency
     assert loaded.latency["gain"] == {"mode_frames": 1, "frames": {1: 19, 2: 1}, "untold": 3}
+
+
+def test_doubts_are_in_the_file_beside_what_they_are_about(tmp_path: Path) -> None:
+    path = tmp_path / "a.response.yaml"
+    noise = noise_document(
+        "Mono12", [PhotonTransfer(MODEL, (DRIFT,)), PhotonTransfer(replace(MODEL, gain_db=18.0), ())]
+    )
+    latency = latency_document(60.0, [replace(EFFECT, findings=(DRIFT,))])
+    ResponseFile(ResponseFunction.linear(0), noise=noise, latency=latency).save(path)
+    loaded = ResponseFile.load(path)
+    said = [{"severity": "warned", "reason": "light_drift", "text": "the light changed: use steady light"}]
+    assert [gain.get("findings") for gain in loaded.noise["gains"]] == [said, None]
+    assert loaded.latency["gain"]["findings"] == said
+
+
+def test_gains_measured_before_stay_unless_they_are_measured_again() -> None:
+    def at(gain_db: float, black_level_dn: float) -> PhotonTransfer:
+        return PhotonTransfer(replace(MODEL, gain_db=gain_db, black_level_dn=Estimate(black_level_dn, 0.1)), ())
+
+    def black_levels(noise: dict[str, Any]) -> dict[float, float]:
+        return {gain["gain_db"]: gain["black_level_dn"][0] for gain in noise["gains"]}
+
+    refused = PhotonTransfer(None, (Finding("refused", "no_noise", "no noise shows"),))
+    first = noise_document("Mono12", [at(12.0, 1.0), at(0.0, 2.0)])
+    assert list(black_levels(first)) == [0.0, 12.0]
+    assert black_levels(noise_document("Mono12", [at(6.0, 3.0), at(12.0, 4.0), refused], first)) == {
+        0.0: 2.0,
+        6.0: 3.0,
+        12.0: 4.0,
+    }
+    assert black_levels(noise_document("Mono8", [at(6.0, 3.0)], first)) == {6.0: 3.0}
+    edited: list[Any] = [{}, {"gains": 3}, {"gains": [3, {"gain_db": "3"}, {"gain_db": 3, "black_level_dn": [5.0]}]}]
+    kept = [black_levels(noise_document("Mono12", [refused], {"pixel_format": "Mono12"} | noise)) for noise in edited]
+    assert kept == [{}, {}, {3: 5.0}]
 
 
 @pytest.mark.parametrize("command", ["noise", "latency"])
@@ -193,13 +231,16 @@ def fake(light: list[str]) -> Iterator[FakeCamera]:
 def test_noise_over_the_wire_is_that_of_the_sensor(fake: FakeCamera, tmp_path: Path) -> None:
     gain_db = 24.0
     file = response_file(tmp_path / "left.response.yaml", fake.serial)
+    before = noise_document("Mono12", [MEASURED])
+    replace(ResponseFile.load(file), noise=before).save(file)
     code, output = calibrate("noise", "--camera", fake.serial, "--gain-db", str(gain_db), "-o", str(file))
     assert code == 0, output
     assert f"camera {fake.serial}, Mono12" in output
     assert f"written: {file}" in output
     noise = ResponseFile.load(file).noise
     assert noise["pixel_format"] == "Mono12"
-    (measured,) = noise["gains"]
+    former, measured = noise["gains"]
+    assert [former] == before["gains"]
     system_gain = SENSOR.system_gain("Mono12", gain_db)
     assert measured["gain_db"] == gain_db
     assert measured["system_gain"][0] == pytest.approx(system_gain, rel=0.03)

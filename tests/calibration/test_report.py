@@ -26,8 +26,14 @@ ORIGIN = Origin(
     CameraIdentity("Maker", "Model 7", "0012"), PixelFormat.MONO8, None, 0.0, datetime(2026, 11, 21, tzinfo=UTC), "ours"
 )
 TIMES_US = np.geomspace(60, 120_000, 20)
-NOISE = {"gains": [{"gain_db": 0.0, "system_gain": [0.123456, 0.002], "full_well_e": None}]}
-LATENCY = {"rate_hz": 60.0, "exposure time": {"mode_frames": 2, "frames": {2: 30}}}
+IRREGULAR = {"severity": "warned", "reason": "irregular", "text": "a write takes no fixed number of frames"}
+NOISE = {
+    "gains": [
+        {"gain_db": 0.0, "system_gain": [0.123456, 0.002], "full_well_e": None},
+        {"gain_db": 6.0, "findings": [{"severity": "warned", "reason": "light_drift", "text": "the light changed"}]},
+    ]
+}
+LATENCY = {"rate_hz": 60.0, "exposure time": {"mode_frames": 2, "frames": {2: 30}, "findings": [IRREGULAR]}}
 COUNT = """<script>addEventListener("load", () => {
   const broken = [...document.images].filter(image => !image.complete || !image.naturalWidth).length;
   document.body.dataset.images = document.images.length + " images, " + broken + " broken";
@@ -115,8 +121,10 @@ def test_noise_and_latency_measured_before_stay(solved: Result, known: Result, p
     assert known.file is not None
     assert (known.file.noise, known.file.latency) == (NOISE, LATENCY)
     text = page.read_text(encoding="utf-8")
-    assert "<th>gain db</th><th>system gain</th><th>full well e</th>" in text
-    assert "<td>0</td><td>0.1235±0.0020</td><td>not seen</td>" in text
+    assert "<th>gain db</th><th>system gain</th><th>full well e</th><th>findings</th>" in text
+    assert "<td>0</td><td>0.1235±0.0020</td><td>not seen</td><td></td>" in text
+    assert "<td>6</td><td></td><td></td><td>light_drift</td>" in text
+    assert "<td>warned</td><td>irregular</td><td>a write takes no fixed number of frames</td>" in text
     assert "<th>exposure time: frames: 2</th><td>30</td>" in text
     other = replace(solved.file, origin=Origin(CameraIdentity("Maker", "Model 7", "0013")), noise={"system_gain": 1.0})
     assert solved.keeping(other).noise == {}

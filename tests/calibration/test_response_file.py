@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 import dataclasses
+import errno
+import os
 from datetime import datetime
 from pathlib import Path
 
@@ -121,3 +123,15 @@ def test_a_file_of_another_camera_or_mode_is_refused(tmp_path: Path, present: tu
 def test_a_place_that_cannot_be_written_is_named(tmp_path: Path) -> None:
     with pytest.raises(ConfigurationError, match="cannot be written"):
         full().save(tmp_path / "nowhere" / "r.yaml")
+
+
+def test_a_full_disk_leaves_the_file_that_was_to_be_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full_disk(_descriptor: int) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    path, _ = saved(tmp_path)
+    monkeypatch.setattr(os, "fsync", full_disk)
+    with pytest.raises(ConfigurationError, match="No space left on device"):
+        ResponseFile(ResponseFunction.linear()).save(path)
+    assert ResponseFile.load(path).model == SOLUTION.model
+    assert list(tmp_path.iterdir()) == [path]

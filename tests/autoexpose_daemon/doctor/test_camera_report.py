@@ -8,10 +8,13 @@ from pathlib import Path
 
 import pytest
 
+from autoexpose_daemon.doctor import camera_report
 from autoexpose_daemon.doctor.camera_report import write_report
 from autoexpose_daemon.doctor.facts import gather
 from autoexpose_daemon.doctor.need import Need
-from drivers.errors import ConfigurationError
+from drivers.aravis import FoundCamera
+from drivers.config.setup import CameraSetup
+from drivers.errors import CameraError, ConfigurationError
 from tests.fakes import fake_camera
 
 
@@ -35,3 +38,14 @@ def test_it_holds_the_description_and_figures_and_nothing_private(tmp_path: Path
     assert "ExposureTime" in files["camera1/description.xml"]
     assert not any(word in text for word in private for text in [*files.values(), *said[:-1]])
     assert said[-1].endswith("1 camera; no images, addresses or serial numbers")
+
+
+def test_what_went_wrong_is_told_without_address_and_serial(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(serial: str, _setup: CameraSetup) -> None:
+        raise CameraError(f"camera {serial}: Can't connect to device at address '10.0.0.2' from 10.0.0.1:3956 (USB3)")
+
+    monkeypatch.setattr(camera_report, "open_camera", refuse)
+    found = FoundCamera("10", "Maker", "Model 7", "gige", "10.0.0.2", "Maker-10")
+    about, description = camera_report._examined(found, 1.0)
+    assert about["not_opened"] == "camera S: Can't connect to device at address 'A' from A:3956 (USB3)"
+    assert description == ""

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import errno
+import os
 import re
 from pathlib import Path
 
@@ -61,6 +63,19 @@ def test_pictures_become_files_for_ros_and_kalibr_and_a_report(pictures: Path, t
     assert "Believe it" in report
     assert report.count("held out</td>") == 4
     assert "http" not in report.replace("http://www.w3.org", "")
+
+
+def test_a_full_disk_leaves_former_files_whole(pictures: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full_disk(_descriptor: int) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    assert from_folders(pictures, tmp_path)[0] == 0
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    monkeypatch.setattr(os, "fsync", full_disk)
+    code, output = from_folders(pictures, tmp_path, "--square-mm", "60", "--marker-mm", "42")
+    assert code == 1
+    assert "left.yaml: cannot be written (No space left on device)" in output
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
 def test_a_refused_set_leaves_a_report_and_no_files(pictures: Path, tmp_path: Path) -> None:

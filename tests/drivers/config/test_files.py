@@ -1,14 +1,16 @@
-"""Regular files are read up to a length; other kinds of file are not even opened."""
+"""Regular files are read up to a length, and replaced in one step; other kinds of file are not even opened."""
 
 from __future__ import annotations
 
+import errno
 import os
 import socket
+import stat
 from pathlib import Path
 
 import pytest
 
-from drivers.config.files import open_regular, read_regular
+from drivers.config.files import open_regular, read_regular, replace_text
 
 
 def test_a_file_is_read_whole_up_to_the_bound(tmp_path: Path) -> None:
@@ -55,3 +57,48 @@ def test_a_pipe_that_replaces_a_file_meanwhile_does_not_block(tmp_path: Path, mo
 def test_what_cannot_be_opened_raises_an_os_error(tmp_path: Path, name: str) -> None:
     with pytest.raises(OSError, match=r"No such file|too long"):
         read_regular(tmp_path / name, 10)
+
+
+def test_a_file_is_replaced_and_keeps_its_mode_and_the_links_to_it(tmp_path: Path) -> None:
+    file, link, new = tmp_path / "file", tmp_path / "link", tmp_path / ("n" * 255)
+    file.write_text("a longer text")
+    file.chmod(0o640)
+    link.symlink_to(file)
+    replace_text(link, "µ")
+    assert file.read_text(encoding="utf-8") == "µ"
+    assert stat.S_IMODE(file.stat().st_mode) == 0o640
+    replace_text(new, "x")
+    (tmp_path / "usual").touch()
+    assert new.stat().st_mode == (tmp_path / "usual").stat().st_mode
+    assert {path.name for path in tmp_path.iterdir()} == {"file", "link", new.name, "usual"}
+    assert link.is_symlink()
+
+
+@pytest.mark.parametrize(("owner", "step"), [(os, "fsync"), (os, "fchmod"), (Path, "replace")])
+def test_what_fails_on_the_way_leaves_the_former_file_and_no_other(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, owner: object, step: str
+) -> None:
+    def full(*_arguments: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    file = tmp_path / "file"
+    file.write_text("former")
+    monkeypatch.setattr(owner, step, full)
+    with pytest.raises(OSError, match="No space left"):
+        replace_text(file, "new")
+    assert [path.read_text() for path in tmp_path.iterdir()] == ["former"]
+
+
+@pytest.mark.parametrize("odd", ["/dev/null", "."])
+def test_only_regular_files_are_replaced(odd: str) -> None:
+    with pytest.raises(OSError, match="not a regular file"):
+        replace_text(Path(odd), "text")
+
+
+def test_a_file_that_may_not_be_written_is_not_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = tmp_path / "file"
+    file.write_text("former")
+    monkeypatch.setattr(os, "access", lambda *_arguments: False)  # root may write all
+    with pytest.raises(PermissionError, match="Permission denied"):
+        replace_text(file, "new")
+    assert file.read_text() == "former"

@@ -111,12 +111,33 @@ def test_the_users_own_program_follows_the_camera(drive_file: Path, tmp_path: Pa
             "import sys; open(sys.argv[-1], 'w').write('1 0 0 0 0 0 0 1\\n2 0 0 0 0 0 0 1')",
             "is not of this drive: its times are 1.000 to 2.000 s",
         ),
+        ("import sys; open(sys.argv[-1], 'w')", "tracks nothing on the best shots: give a reference, --trajectory"),
     ],
 )
 def test_a_program_that_fails_is_named(drive_file: Path, tmp_path: Path, code: str, words: str) -> None:
     slam = tmp_path / "slam.py"
     slam.write_text(code)
     assert words in said(drive_file, *QUICK, "--odometry", f"{sys.executable} {slam}")
+
+
+def test_a_policy_under_which_the_program_tracks_nothing_is_lost(drive_file: Path, tmp_path: Path) -> None:
+    slam = tmp_path / "slam.py"
+    slam.write_text(
+        "import pathlib, sys\n"
+        "folder, written = map(pathlib.Path, sys.argv[-2:])\n"
+        "times = (folder / 'times.txt').read_text().split()\n"
+        "known = {'fixed': 0, 'neves2009': 1}.get(folder.name)\n"
+        "written.write_text(''.join(f'{time} {i / 100} 0 0 0 0 0 1\\n' for i, time in enumerate(times[:known])))\n"
+    )
+    policies = ("--policies", "fixed,kim2018,neves2009", "--jobs", "1")
+    outcome = run(drive_file, *policies, "--odometry", f"{sys.executable} {slam}", "--json", tmp_path / "f.json")
+    assert outcome.exit_code == 0, outcome.exception
+    result = json.loads((tmp_path / "f.json").read_text())
+    assert [one["lost_share"] for one in result["policies"]] == [1.0, 0.0, 1.0]
+    assert [one["rpe_mm"] is None for one in result["policies"]] == [True, False, True]
+    assert result["recommended"] == "kim2018"
+    rows = [line.split()[0] for line in outcome.output.splitlines() if "%" in line]
+    assert rows.index("kim2018") < min(rows.index("fixed"), rows.index("neves2009"))
 
 
 def test_what_cannot_be_judged_is_refused_in_a_sentence(drive_file: Path, tmp_path: Path) -> None:
@@ -177,6 +198,17 @@ def test_a_folder_of_images_is_judged_as_its_recording_is(drive_file: Path, tmp_
     assert "has no partner" in said(tmp_path, *QUICK)
     (tmp_path / "frames.csv").write_text("\n".join([*rows[:2], "x.png,up,1,2,3"]))
     assert "line 3 needs file, side, time_s" in said(tmp_path, *QUICK)
+    for long in ("x" * 200_000, '"' + "x\n" * 100_000):
+        (tmp_path / "frames.csv").write_text("\n".join([*rows[:2], f"{long},left,1,2,3"]))
+        assert "is not CSV (field larger than field limit" in said(tmp_path, *QUICK)
+    (tmp_path / "frames.csv").write_text("\n".join(rows))
+    smaller = cv2.imread(str(tmp_path / "right15.png"), cv2.IMREAD_UNCHANGED)[:-2]
+    for other, words in (
+        (smaller, "right15.png: is 720x538 with 8 bits, right8.png is 720x540 with 8 bits"),
+        (smaller.astype(np.uint16), "right15.png: is 720x538 with 16 bits"),
+    ):
+        cv2.imwrite(str(tmp_path / "right15.png"), other)
+        assert words in said(tmp_path, *QUICK)
     (tmp_path / "frames.csv").write_text("a,b\n1,2")
     assert "must name the columns" in said(tmp_path, *QUICK)
     shutil.rmtree(tmp_path)
