@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import sys
+from concurrent.futures import TimeoutError as FutureTimeoutError  # not the built-in one before 3.11
 from datetime import timezone
 
 if sys.version_info >= (3, 11):
@@ -26,4 +27,4 @@ else:
 
 UTC = timezone.utc
 
-__all__ = ["UTC", "Self", "StrEnum", "exp2"]
+__all__ = ["UTC", "FutureTimeoutError", "Self", "StrEnum", "exp2"]

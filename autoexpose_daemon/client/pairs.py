@@ -253,10 +253,11 @@ class PairAssembler:
         for older in [other for other in self._parts if other <= stamp]:
             self._forget(older)
         info = parts.infos["left"]
-        self._sequence.pair(info.sequence)
         frames = [frame_of(parts.infos[side], parts.images[side]) for side in SIDES[: info.cameras]]
         right = frames[1] if len(frames) > 1 else None
-        return ReceivedPair(frames[0], right, stamp, info.trigger, info.sequence, decision_of(info), now_ns)
+        decision = decision_of(info)
+        self._sequence.pair(info.sequence)  # after what may refuse the pair, which then counts as lost
+        return ReceivedPair(frames[0], right, stamp, info.trigger, info.sequence, decision, now_ns)
 
 
 class PairQueue:

@@ -43,14 +43,17 @@ from autoexpose_daemon.messages.tracked_cells import tracked_cells
 from autoexpose_daemon.publish.session import Endpoints, SessionHolder
 from calibration.response import ResponseFunction
 from calibration.vignetting.model import Vignetting
+from drivers.config.readable import readable
 from drivers.errors import ConfigurationError
 from drivers.frames import Side
+from drivers.log_throttle import LogThrottle
 from drivers.python310 import Self
 
 log = logging.getLogger(__name__)
 
 _REPORT_S = 1.0
 _QUEUE_PAIRS = 8
+_SAID_S = 10.0
 _RING_MESSAGES = 96
 """For 16 pairs; zenoh drops the oldest if this process has no time for them."""
 
@@ -103,6 +106,7 @@ class StereoClient:
         self._queue = PairQueue(self._tally, _QUEUE_PAIRS)
         self._normalised = normalised
         self._responses = _Responses()
+        self._throttle = LogThrottle(_SAID_S)
         endpoints = Endpoints.of_client(connect, zenoh_file)
         self._holder = SessionHolder("client", endpoints, self._serve, self._on_trouble)
         self._close_session: Callable[[], object] | None = None
@@ -208,8 +212,10 @@ class StereoClient:
         with self._news:
             try:
                 pair = take(side, data, time.monotonic_ns())
-            except DamagedMessageError:
-                return  # its pair never becomes complete, and is counted as lost
+            except DamagedMessageError as error:  # its pair never becomes complete, and is counted as lost
+                if self._throttle.due("damaged", time.monotonic_ns()):
+                    log.warning("pairs are refused, and lost: %s", readable(str(error)))
+                return
             if pair is not None and self._normalised:
                 pair = self._responses.joined_to(pair)
             if pair is not None:

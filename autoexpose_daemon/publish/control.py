@@ -14,6 +14,7 @@ from autoexpose_daemon.config.request import Request, check_size, read_request
 from autoexpose_daemon.status.inputs.requests import Answer
 from drivers.config.readable import readable
 from drivers.errors import AutoexposeError, ConfigurationError
+from drivers.python310 import FutureTimeoutError
 
 Ask = Callable[[Request], Future[Answer]]
 """Passes a request to control."""
@@ -66,7 +67,7 @@ class ControlDoor:
         while not self._closed.is_set():
             try:
                 return answer.result(_TURN_S)
-            except TimeoutError:
+            except FutureTimeoutError:
                 if time.monotonic() > until_s and answer.cancel():
                     raise AutoexposeError("control does not respond: nothing has changed") from None
         raise AutoexposeError("the daemon is stopping")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import threading
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -127,8 +128,9 @@ class SessionHolder:
     def close(self) -> bool:
         """Close the session, or give up opening it; returns whether zenoh was done in time. Call it after `start`."""
         self.closed.set()
+        until_s = time.monotonic() + _JOIN_S  # for all of them: systemd waits for 15 s
         for thread in self._threads:
-            thread.join(_JOIN_S)
+            thread.join(max(until_s - time.monotonic(), 0.0))
         return not any(thread.is_alive() for thread in self._threads)
 
     def send(self, key: str, data: bytes, *, waits: bool = False, attachment: bytes | None = None) -> None:

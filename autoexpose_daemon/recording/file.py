@@ -91,11 +91,13 @@ class RecordingFile:
 
     def write(self, step: Step, setup: ControlSetup, state: Plain) -> None:
         """Append a step, with the setup of the loop that made it, and the loop's state after it unless None."""
-        space = os.fstatvfs(self._stream.fileno())
-        if space.f_bavail * space.f_frsize < RESERVE_BYTES:
-            raise RecordingError(f"{self._path}: less than {RESERVE_BYTES >> 20} MiB are left on its disk: make room")
-        self._time_ns = max(frame.arrival_time_ns for frame in step.pair.frames.values()) + self._offset_ns
         try:
+            space = os.fstatvfs(self._stream.fileno())
+            if space.f_bavail * space.f_frsize < RESERVE_BYTES:
+                raise RecordingError(
+                    f"{self._path}: less than {RESERVE_BYTES >> 20} MiB are left on its disk: make room"
+                )
+            self._time_ns = max(frame.arrival_time_ns for frame in step.pair.frames.values()) + self._offset_ns
             if setup is not self._setup:
                 self._setup = setup
                 self._say(SETUP, {"made_with": plain(software()), "setup": plain(setup)})

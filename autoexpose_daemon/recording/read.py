@@ -35,6 +35,9 @@ from drivers.config import bounds
 from drivers.config.files import open_regular
 from drivers.frames import SIDES, Frame, Side, StereoPair
 
+_COUNT_DIGITS = 18
+"""More steps than that fit into no file; Python itself refuses numbers of more than 4300 digits."""
+
 
 class Recording:
     """The items of a file in order, one at a time in memory.
@@ -85,6 +88,8 @@ class Recording:
                     self._channels[record.id] = record
                 case Metadata(name=name, metadata=notes) if name == METADATA:
                     dropped = notes.get("dropped", "")
+                    if len(dropped) > _COUNT_DIGITS:
+                        raise self._error(f"is damaged: a count of dropped steps of {len(dropped)} digits")
                     self.dropped = int(dropped) if dropped.isdecimal() else None
                 case Message():
                     try:

@@ -244,8 +244,8 @@ class LastSecondsRecorder(Recorder):
     def _write(self, entries: Sequence[Entry]) -> None:
         if not entries:
             return
-        path = self._free_path()
         try:
+            path = self._free_path()
             file = RecordingFile(path, self._frames.rig, self._frames.stamp)
         except RecordingError as error:
             self._fell_short("nothing is saved", error)
@@ -272,8 +272,11 @@ class LastSecondsRecorder(Recorder):
 
     def _free_path(self) -> Path:
         number = 1
-        while (path := self._path.with_stem(f"{self._path.stem}-{number}")).exists():
-            number += 1
+        try:
+            while (path := self._path.with_stem(f"{self._path.stem}-{number}")).exists():
+                number += 1
+        except OSError as error:
+            raise RecordingError(f"{self._path}: cannot be written: {error.strerror}") from error
         return path
 
 

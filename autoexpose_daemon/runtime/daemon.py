@@ -123,6 +123,7 @@ class Daemon:
         share_one_heap()
         sys.setswitchinterval(_TURN_S)
         self.telemetry.opened_ns = time.monotonic_ns()
+        self._control.begin()
         with ExitStack() as outlets:
             for outlet in self.outlets:
                 if isinstance(outlet, AbstractContextManager):
@@ -145,7 +146,8 @@ class Daemon:
     def tune(self, tuning: Tuning) -> Future[None]:
         """Have control switch to another tuning; the cameras keep running.
 
-        If it does not fit cameras or frames, the future holds a ConfigurationError, and nothing has changed.
+        If it does not fit cameras or frames, the future holds a ConfigurationError. Nothing changes then, nor if it was
+        cancelled in time.
         """
         taken: Future[None] = Future()
         self._orders.put(partial(self._tune, tuning, taken))
@@ -170,6 +172,8 @@ class Daemon:
             self._orders.get_nowait()()
 
     def _tune(self, tuning: Tuning, taken: Future[None]) -> None:
+        if not taken.set_running_or_notify_cancel():
+            return
         try:
             self._control.tune(tuning)
         except ConfigurationError as error:

@@ -6,6 +6,7 @@ import logging
 import os
 import threading
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
@@ -60,6 +61,7 @@ class ResponseDrift:
         self.misfits: dict[Side, str] = {}
         self._refines = config.response.refine
         self._last_trigger = -1
+        self._copies = refined_paths({side: file.path for side, file in config.responses.items() if file.path})
         self._cameras = {side: _Camera(camera.serial, config.responses[side]) for side, camera in config.sides.items()}
 
     def see(self, pair: StereoPair) -> None:
@@ -89,16 +91,22 @@ class ResponseDrift:
         elif side in self.misfits and residual < TRUSTED_GREY:
             del self.misfits[side]
             log.info("%s camera: its response holds again", side)
-        if self._refines and camera.file.path is not None and camera.watch.counted >= camera.next_attempt:
+        if self._refines and side in self._copies and camera.watch.counted >= camera.next_attempt:
             camera.next_attempt = camera.watch.counted + REFINE_EVERY
-            arguments = side, camera.file, refined_path(camera.file.path), list(camera.watch.changes)
+            arguments = side, camera.file, self._copies[side], list(camera.watch.changes)
             threading.Thread(target=_refine, args=arguments, name=f"refine-{side}", daemon=True).start()
 
 
-def refined_path(calibrated: Path) -> Path:
-    """Where the refined copy of a response file is kept: in the service's state directory, else beside it."""
-    folder = os.environ.get("STATE_DIRECTORY", "").split(":")[0] or calibrated.parent
-    return Path(folder, f"{calibrated.stem}.refined.yaml")
+def refined_paths(calibrated: Mapping[Side, Path]) -> dict[Side, Path]:
+    """Where the refined copies of response files are kept: in the service's state directory, else beside them.
+
+    Files of one name would share a copy there: the names of theirs begin with the side.
+    """
+    state = os.environ.get("STATE_DIRECTORY", "").split(":")[0]
+    paths = {side: Path(state or file.parent, f"{file.stem}.refined.yaml") for side, file in calibrated.items()}
+    if len(set(paths.values())) == len(paths):
+        return paths
+    return {side: path.with_name(f"{side}.{path.name}") for side, path in paths.items()}
 
 
 def _refine(side: Side, file: ResponseFile, path: Path, changes: list[Change]) -> None:

@@ -116,6 +116,10 @@ class RigControl:
         self._asked: ExposureSetting | None = start or config.start  # None: write the next one, even if it is the same
         self._last_trigger = -1
 
+    def begin(self) -> None:
+        """Count triggers from now on; until then another daemon may take them."""
+        self.record.begin(self._now_ns())
+
     def tune(self, tuning: Tuning) -> None:
         """Switch to another tuning; ConfigurationError, with nothing changed, if it does not fit cameras or frames."""
         self.active.tune(tuning)
@@ -142,14 +146,11 @@ class RigControl:
         pairs = [pair for event in events for pair in self._enter(event)]
         if pairs:
             newest = max(pairs, key=lambda pair: (pair.trigger, len(pair.frames)))
+            decides = newest.trigger > self._last_trigger  # a pair may come after one of its frames was used alone
             for pair in pairs:
-                if pair.trigger != newest.trigger and self._complete(pair):
-                    self.telemetry.counts.pairs_without_decision += 1
-                    self.requests.passed_over(pair)
-                    if self.tracking is not None:
-                        self.tracking.saw(moment_ns(pair.reference, self._stamp), {})
-                    self._deliver(pair, None)
-            if newest.trigger > self._last_trigger:  # a pair may come after one of its frames was used alone
+                if not (decides and pair.trigger == newest.trigger) and self._complete(pair):
+                    self._pass_over(pair)
+            if decides:
                 self._last_trigger = newest.trigger
                 self._step(newest)
         self.requests.look(self._now_ns())
@@ -157,6 +158,15 @@ class RigControl:
             self.telemetry.account(self.record)
         for side in self._health.look(self._now_ns()):
             self._cameras.reopen(side)
+
+    def _pass_over(self, pair: StereoPair) -> None:
+        """A complete pair without a decision; consumers get it, unless they have had one of its frames alone."""
+        self.telemetry.counts.pairs_without_decision += 1
+        self.requests.passed_over(pair)
+        if pair.trigger > self._last_trigger:
+            if self.tracking is not None:
+                self.tracking.saw(moment_ns(pair.reference, self._stamp), {})
+            self._deliver(pair, None)
 
     def _enter(self, event: RigEvent) -> list[StereoPair]:
         """Enter an event; returns the pairs it completed."""

@@ -25,6 +25,7 @@ from autoexpose_daemon.status.panel import line_of
 from autoexpose_daemon.status.states import State
 from drivers.errors import AutoexposeError, ConfigurationError
 from drivers.exposure import ExposureSetting
+from drivers.python310 import FutureTimeoutError
 
 log = logging.getLogger(__name__)
 
@@ -156,15 +157,25 @@ class Service:
                 return
             self._announcer.reloading()
             if _same_cameras(config, self._config):
-                self.daemon.tune(Tuning(config)).result(_TUNE_PATIENCE_S)
+                self._tune(config)
                 self._config = config
                 log.info("new configuration in use; the cameras kept running")
             else:
                 self._restart(config)
         except ConfigurationError as error:
             log.warning("new configuration rejected, keeping the old one: %s", error)
-        except TimeoutError:
-            log.warning("new configuration rejected, keeping the old one: control does not respond")
+        except FutureTimeoutError:
+            log.warning("control has begun with the new configuration and does not respond: it may still take effect")
+
+    def _tune(self, config: Config) -> None:
+        """Have control switch to a configuration; ConfigurationError if nothing has changed and nothing will."""
+        taken = self.daemon.tune(Tuning(config))
+        try:
+            taken.result(_TUNE_PATIENCE_S)
+        except FutureTimeoutError:
+            if taken.cancel():
+                raise ConfigurationError("control does not respond") from None
+            taken.result(_TURN_S)  # begun at the last moment, and done in milliseconds
 
     def _restart(self, config: Config) -> None:
         log.info(

@@ -56,7 +56,7 @@ class Counts:
 
     pairs: Count = _counter("triggers", "stereo pairs", "Triggers that made a stereo pair.", anomaly=False)
     pairs_without_decision: Count = _counter(
-        "triggers", "pairs without a decision", "Pairs that control skipped for a newer one.")
+        "triggers", "pairs without a decision", "Pairs that control skipped for a newer one, or had used a frame of.")
     mismatched_pairs: Count = _counter(
         "triggers", "mismatched pairs", "Pairs whose frames were taken with different settings.")
     unexplained_mismatches: Count = _counter(

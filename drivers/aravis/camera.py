@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import math
 import threading
 import time
 from collections.abc import Callable
@@ -100,7 +99,7 @@ class AravisCamera:
         self._unreadable = False
         self._stream = create_stream(camera, nodes, setup)
         self._chunks = camera.create_chunk_parser()
-        self._actions = None if self._ptp is None else ActionSender(found.address)
+        self._actions = None if self._ptp is None else _action_sender(found)
         # The handler runs on a thread of Aravis and must never hold the last reference to the camera, only the event.
         lost = nodes.silent
         self._control_lost = camera.get_device().connect("control-lost", lambda _device: lost.set())
@@ -269,10 +268,18 @@ class AravisCamera:
             gain_db = 0.0 if chunks.gain is None else self._read_gain_chunk(buffer, chunks.gain, chunks.gain_is_integer)
         except GLib.Error:
             return None
-        if not (math.isfinite(exposure_time_us) and exposure_time_us > 0 and math.isfinite(gain_db)):
-            return None
-        return ExposureSetting(exposure_time_us, gain_db)
+        setting = ExposureSetting(exposure_time_us, gain_db)
+        return setting if setting.is_physical else None
 
     def _read_gain_chunk(self, buffer: Any, name: str, raw: bool) -> float:
         value = (self._chunks.get_integer_value if raw else self._chunks.get_float_value)(buffer, name)
         return float(value) if self._dialect.gain is None else self._dialect.gain.ours(value)
+
+
+def _action_sender(found: FoundCamera) -> ActionSender:
+    try:
+        return ActionSender(found.address)
+    except OSError as error:
+        why = error.strerror or str(error)
+    # Outside `except`: the traceback of its error would keep the camera open, see `open_camera`.
+    raise NodeError(f"camera {found.serial}: no action command could be sent: {why}")

@@ -71,6 +71,8 @@ class AravisNodes:
             return function(*arguments)
         except GLib.Error as error:
             failure = self._translated(error, action)
+        except OverflowError:  # of PyGObject
+            failure = NodeError(f"camera {self.serial}: could not {action}: integers go from -2^63 to 2^63 - 1")
         del function  # it holds the device, and the traceback would hold it
         try:
             raise failure

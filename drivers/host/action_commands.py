@@ -47,12 +47,22 @@ def refusal(answer: bytes) -> str | None:
 
 
 class ActionSender:
-    """Sends scheduled action commands to one camera, without waiting for its answers."""
+    """Sends scheduled action commands to one camera, without waiting for its answers.
+
+    Raises
+    ------
+    OSError
+        When the host has no route to the camera, or no socket to spare.
+    """
 
     def __init__(self, camera_address: str, port: int = PORT) -> None:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
-        self._socket.connect((camera_address, port))
+        try:
+            self._socket.connect((camera_address, port))
+        except OSError:
+            self._socket.close()
+            raise
         self._sent = 0
 
     def send(self, keys: ActionKeys, device_time_ns: int) -> str | None:

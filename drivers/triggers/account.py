@@ -58,6 +58,9 @@ _NEXT_PERIODS = 0.75
 _SURPLUS = -1
 """In place of a trigger number, for a surplus frame."""
 
+_REORDERED_FRAMES = 8
+"""A frame id further back than this is no late frame's."""
+
 _PATIENCE_PERIODS = 600
 """Triggers are kept open this long for a camera that answers but sends no frames; bounds the memory they take."""
 
@@ -126,6 +129,11 @@ class TriggerAccount:
         self._outcomes = Outcomes(sides)
         self._lone_from = 0  # frames of older triggers have been handed out, in company or alone
         self._on_grid_ns = 0  # the newest frame that a trigger made
+
+    def begin(self, now_ns: int) -> None:
+        """Count triggers from now on, before the first event; without effect if they count from the first camera."""
+        if self._opened_ns is not None:
+            self._opened_ns = now_ns
 
     def frame(self, side: Side, frame: Frame) -> list[StereoPair]:
         """Account for a frame; returns what is ready for control, oldest first.
@@ -204,7 +212,10 @@ class TriggerAccount:
             return []
         if trigger < self._outcomes.settled[side]:
             self.tally.surplus_frames += 1
-            track.frame_id += 1  # one of those since the last trigger's; the others were lost
+            if frame_id > track.frame_id:
+                track.frame_id += 1  # one of those since the last trigger's; the others were lost
+            elif frame_id < track.frame_id - _REORDERED_FRAMES:
+                track.frame_id = frame_id  # the camera counts from the beginning again
             return []
         self._explain_gap(side, track, trigger, frame_id)
         self._outcomes.settle(side, trigger + 1, outcome)
@@ -246,6 +257,7 @@ class TriggerAccount:
         """Give every trigger between the camera's last frame and this one its fate."""
         if not track.streaming:
             self._settle_unseen(side, trigger, trigger)
+            track.not_given = 0
             return
         missing = max(frame_id - track.frame_id - 1, 0)
         self._outcomes.settle(side, min(self._outcomes.settled[side] + missing, trigger), Fate.MISSING)

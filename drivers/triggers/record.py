@@ -79,6 +79,10 @@ class RigRecord:
         """The commands and writes of a camera."""
         return self._writes.histories[side]
 
+    def begin(self, now_ns: int) -> None:
+        """Count triggers from now on instead of from `opened_ns`, before the first event."""
+        self._account.begin(now_ns)
+
     def take(
         self,
         event: FrameArrived | CameraSilent | CameraGone | CameraReady | WriteFailed | NotTriggered | ClockRead,

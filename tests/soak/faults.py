@@ -26,7 +26,10 @@ WRONG_RATE = "frames a second where"
 SURELY_JUDGED = 3 * JUDGED_FRAMES + 5
 """Two whole windows, wherever the first of them begins."""
 
-OVERTAKEN = {"late_writes": (0, 10), "mismatched_pairs": (0, 3)}
+FIRST_PAIRS = {"pairs_without_decision": (0, 2)}
+"""Of the first pairs after a silence one frame was decided on before its partner came."""
+
+OVERTAKEN = FIRST_PAIRS | {"late_writes": (0, 10), "mismatched_pairs": (0, 3)}
 """A dead camera takes its time until it is known to be, and what is asked for meanwhile does not reach it."""
 
 BEHIND = {"late_writes": (0, 2), "mismatched_pairs": (0, 8)}
@@ -117,7 +120,7 @@ def both_cameras_lost(script: Script) -> Expected:
 def trigger_stops(script: Script) -> Expected:
     pause_s = script.duration_ns(0.05, 12.0) / SECOND
     script.wire.stop_periods = max(round(pause_s * RATE_HZ), 2) + script.numbers.uniform(-0.45, 0.45)
-    counts = {
+    counts = FIRST_PAIRS | {
         "late_writes": (0, 2),
         "mismatched_pairs": (0, 2),
         "unexplained_mismatches": (0, 1),
@@ -142,14 +145,14 @@ def trigger_doubled(script: Script) -> Expected:
 def frames_lost(script: Script) -> Expected:
     device = script.device()
     device.lose = frames = script.numbers.randint(1, STUCK_FRAMES)
-    return Expected(periods_ns(frames), None, no_frames(device))
+    return Expected(periods_ns(frames), None, no_frames(device), FIRST_PAIRS)
 
 
 def frames_of_both_lost(script: Script) -> Expected:
     frames = script.numbers.randint(1, 300)
     for device in script.rig.devices:
         device.lose = frames
-    return Expected(periods_ns(frames), None, ("no triggers", "no frames from the", NO_PAIRS))
+    return Expected(periods_ns(frames), None, ("no triggers", "no frames from the", NO_PAIRS), FIRST_PAIRS)
 
 
 def frames_truncated(script: Script) -> Expected:
@@ -162,7 +165,7 @@ def triggers_ignored(script: Script) -> Expected:
     device = script.device()
     device.ignore = triggers = round(script.duration_ns(0.01, 14.0) / SECOND * RATE_HZ) + 1
     says = f"no frames from the {device.side} camera" if triggers > 2 * RATE_HZ else None
-    may_say, counts = no_frames(device), {}
+    may_say, counts = no_frames(device), FIRST_PAIRS
     if triggers > STUCK_FRAMES:  # it is reopened, and what it ignored before counts as lost by that
         may_say = (*may_say, f"{device.side} camera gone")
         counts = OVERTAKEN | {"reconnects": (0, 2), "camera_gone": (0, triggers), "trigger_ignored": (-triggers, 0)}

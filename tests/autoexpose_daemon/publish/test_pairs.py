@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import random
 from dataclasses import replace
 
@@ -10,12 +11,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from autoexpose_daemon.client import pairs
+from autoexpose_daemon.client import StereoClient, pairs
 from autoexpose_daemon.client.pairs import PairAssembler, PairQueue, ReceivedPair
 from autoexpose_daemon.messages.read import DamagedMessageError
 from autoexpose_daemon.messages.report import ConsumerTally
 from autoexpose_daemon.messages.stamp import moment_ns
 from autoexpose_daemon.messages.write import Message, MessageWriter
+from drivers.exposure import ExposureSetting
 from drivers.frames import SIDES, Frame, Side, StereoPair
 from tests.autoexpose_daemon.publish.steps import DECISION, SETTING
 
@@ -145,6 +147,29 @@ def test_a_count_that_jumps_out_of_sight_is_another_count(jump: int) -> None:
                 receiver.receive(message)
         receiver.drain()
     assert receiver.tally == ConsumerTally(pairs=6, missed=1, lost=1)
+
+
+def test_a_pair_that_is_refused_counts_as_lost() -> None:
+    receiver = Receiver()
+    for number in (1, 2, 3):
+        taken = frame(number) if number != 2 else replace(frame(2), setting=ExposureSetting(1e12, 0.0))
+        step = StereoPair(number, dict.fromkeys(SIDES, taken))
+        made = MessageWriter("rig", 2).messages(step, DECISION, number, 0)
+        *others, last = [message for message in made if message.topic != "camera_info"]
+        for message in others:
+            receiver.receive(message)
+        with pytest.raises(DamagedMessageError) if number == 2 else contextlib.nullcontext():
+            receiver.receive(last)
+    assert [pair.sequence for pair in receiver.drain()] == [1, 3]
+    assert receiver.tally == ConsumerTally(pairs=2, missed=1, lost=1)
+
+
+def test_a_client_says_once_why_it_refuses_pairs(caplog: pytest.LogCaptureFixture) -> None:
+    client = StereoClient()
+    for message in messages(1):
+        client._receive(f"autoexpose/rig/{message.side}/{message.topic}", bytes(message.data)[:-1])
+    (said,) = caplog.messages
+    assert said.startswith("pairs are refused, and lost: not a ")
 
 
 def test_images_that_wait_for_the_rest_do_not_fill_the_memory(monkeypatch: pytest.MonkeyPatch) -> None:

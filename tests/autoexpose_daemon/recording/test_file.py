@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import logging
 import math
 import os
@@ -27,7 +28,7 @@ from autoexpose_daemon.control.light_ahead import LightAhead
 from autoexpose_daemon.control.picture.steering import Steering
 from autoexpose_daemon.control.picture.tracked_cells import CELLS
 from autoexpose_daemon.messages.types import CAMERA_INFO, TYPESTORE
-from autoexpose_daemon.recording.file import RESERVE_BYTES, RecordingFile
+from autoexpose_daemon.recording.file import METADATA, RESERVE_BYTES, RecordingFile
 from autoexpose_daemon.recording.read import Recording
 from autoexpose_daemon.recording.recorder import ContinuousRecorder, LastSecondsRecorder, new_recorder
 from autoexpose_daemon.recording.replay import Replay
@@ -152,6 +153,17 @@ def test_a_recording_of_something_else_is_refused(tmp_path: Path) -> None:
         writer.add_message(writer.register_channel("/chatter", "cdr", schema), 0, b"\0\1\0\0\1\0\0\0\0", 0)
         writer.finish()
     with pytest.raises(RecordingError, match="contains no steps of control: it is not a recording of autoexpose"):
+        list(Recording(path))
+
+
+def test_a_count_of_too_many_digits_is_one_sentence(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        writer.add_metadata(METADATA, {"dropped": "9" * 5000})
+        writer.finish()  # type: ignore[no-untyped-call]
+    with pytest.raises(RecordingError, match=r"run\.mcap: is damaged: a count of dropped steps of 5000 digits"):
         list(Recording(path))
 
 
@@ -294,6 +306,31 @@ def test_some_of_the_disk_is_left_free_and_the_file_is_whole(
     assert recorder.summary.startswith(f"{path}: 30 steps recorded, 0 dropped by the recorder, ")
     with Reader(path) as reader:
         assert reader.topics["/autoexpose/rig/left/image"].msgcount == 30
+
+
+def test_a_disk_that_fails_ends_the_recording_and_nothing_else(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def failing(_: int) -> os.statvfs_result:
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    monkeypatch.setattr(os, "fstatvfs", failing)
+    path = tmp_path / "run.mcap"
+    with ContinuousRecorder(path, 60, PublishConfig()) as recorder:
+        VirtualRun("fixed").feed(recorder, 3)
+    assert caplog.messages == [f"recording stops, control goes on: {path}: cannot be written: Input/output error"]
+
+
+def test_last_seconds_of_a_name_that_cannot_be_looked_for_are_said(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = tmp_path / f"{'x' * 250}.mcap"  # 255 characters: one with a number is too long
+    with LastSecondsRecorder(path, 60, PublishConfig(), 1.0) as recorder:
+        VirtualRun("fixed").feed(recorder, 3)
+    assert recorder.incomplete
+    assert caplog.messages == [
+        f"nothing is saved, control goes on: {path}: cannot be written: File name too long"
+    ]  # fmt: skip
 
 
 def test_last_seconds_that_do_not_fit_on_the_disk_are_said_and_kept_for_the_next_time(

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from autoexpose_daemon.config.document import Config
-from autoexpose_daemon.runtime.response_drift import REFINE_EVERY, ResponseDrift
+from autoexpose_daemon.runtime.response_drift import REFINE_EVERY, ResponseDrift, refined_paths
 from calibration.document import CameraIdentity
 from calibration.response import ResponseFunction
 from calibration.response.file import Origin, ResponseFile
 from drivers.exposure import ExposureSetting
-from drivers.frames import SIDES, Frame, SettingSource, StereoPair
+from drivers.frames import SIDES, Frame, SettingSource, Side, StereoPair
 from drivers.pixels.formats import PixelFormat
 from tests.calibration.true_response import true_response
 
@@ -80,6 +80,17 @@ def test_a_response_that_drifted_is_reported_and_refined_in_a_copy(
     refined.check_belongs("L", "Mono8")
     stops = refined.response.log2_exposure[[32, 64, 128]] - true_response("gamma").log2_exposure[[32, 64, 128]]
     assert np.ptp(stops) < 0.15
+
+
+def test_files_of_one_name_have_copies_of_their_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    files: dict[Side, Path] = {side: Path("/etc/rig", side, "response.yaml") for side in SIDES}
+    monkeypatch.delenv("STATE_DIRECTORY", raising=False)
+    assert refined_paths(files)["left"] == Path("/etc/rig/left/response.refined.yaml")
+    monkeypatch.setenv("STATE_DIRECTORY", "/var/lib/rig")
+    assert refined_paths(files) == {
+        "left": Path("/var/lib/rig/left.response.refined.yaml"),
+        "right": Path("/var/lib/rig/right.response.refined.yaml"),
+    }
 
 
 def test_a_copy_that_cannot_be_written_is_logged(

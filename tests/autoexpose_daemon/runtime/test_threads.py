@@ -5,6 +5,7 @@ from __future__ import annotations
 import socket
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -81,6 +82,16 @@ def test_no_thread_blocks_the_others_for_as_long_as_a_decision_takes() -> None:
     stop.set()
     Daemon(CONFIG, {"left": ScriptedCamera, "right": ScriptedCamera}).run(stop)
     assert sys.getswitchinterval() < 0.001
+
+
+def test_triggers_count_from_the_start_of_the_daemon_not_from_its_making() -> None:
+    """On a reload the old daemon may still take them meanwhile."""
+    daemon, stop = Daemon(CONFIG, {"left": ScriptedCamera, "right": ScriptedCamera}), threading.Event()
+    before_ns = time.monotonic_ns()
+    stop.set()
+    daemon.run(stop)
+    assert daemon.tally.window_start_ns is not None
+    assert daemon.tally.window_start_ns >= before_ns
 
 
 def test_a_dead_camera_whose_closing_fails_ends_the_service() -> None:

@@ -19,6 +19,7 @@ import pytest
 import yaml
 
 from autoexpose_daemon.config.document import Config
+from autoexpose_daemon.config.request import new_request
 from autoexpose_daemon.runtime.daemon import Daemon
 from autoexpose_daemon.service.notify import Notifier
 from autoexpose_daemon.service.service import Service
@@ -29,7 +30,7 @@ from calibration.response.file import Origin, ResponseFile
 from drivers.camera import Camera
 from drivers.errors import ConfigurationError
 from drivers.exposure import ExposureSetting
-from drivers.frames import Side
+from drivers.frames import Side, StereoPair
 from drivers.pixels.formats import PixelFormat
 from tests.autoexpose_daemon.scripted import LONG_S, SHAPE, ScriptedRig, Session, TriggeredCamera, config
 from tests.autoexpose_daemon.service.service_process import PATIENCE_S, Notifications, running_service, service_manager
@@ -157,6 +158,28 @@ def test_a_failure_that_is_not_over_when_it_is_seen_leaves_all_as_it_was(
     running.reload(config(trigger={"line": "Line9"}))
     wait_for_words(running, caplog, "configuration rejected")
     running.manager.wait_until(lambda _: service.status().state is State.EXPOSING, "exposing again")
+
+
+def test_a_reload_that_control_did_not_begin_in_time_is_rejected_for_good(
+    running: RunningService, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("autoexpose_daemon.service.service._TUNE_PATIENCE_S", 0.1)
+    free, stuck, daemon = threading.Event(), threading.Event(), running.service.daemon
+
+    def hang(_pair: StereoPair, _decision: object) -> None:
+        stuck.set()
+        assert free.wait(LONG_S)
+
+    tuning = daemon.tuning
+    daemon.outlets.append(hang)
+    assert stuck.wait(LONG_S)
+    try:
+        running.reload(config(control={"policy": "fixed", "start": {"exposure_time_us": 777}}))
+        wait_for_words(running, caplog, "rejected, keeping the old one: control does not respond")
+    finally:
+        free.set()
+    daemon.ask(new_request({"by": "test", "locked": False})).result(LONG_S)  # comes after what waited before it
+    assert daemon.tuning is tuning
 
 
 def test_a_response_file_of_another_pixel_format_is_not_taken(

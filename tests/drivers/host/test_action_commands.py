@@ -3,6 +3,7 @@ from __future__ import annotations
 import socket
 import struct
 
+import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
@@ -28,6 +29,11 @@ def test_a_camera_reads_what_was_meant(device: int, group: int, mask: int, time_
 def test_only_answers_to_actions_that_name_an_error_are_refusals(datagram: bytes) -> None:
     status, answered = struct.unpack(">HH", datagram[:4]) if len(datagram) >= 8 else (0, 0)
     assert (refusal(datagram) is not None) == (answered == 0x0101 and status != 0)
+
+
+def test_a_sender_without_a_way_to_its_camera_leaves_no_socket_open() -> None:
+    with pytest.raises(OSError, match="Permission denied"):
+        ActionSender("255.255.255.255")
 
 
 def test_refusals_are_told_in_words_with_the_next_command() -> None:

@@ -91,6 +91,16 @@ def test_triggers_that_were_not_given_have_their_own_reason() -> None:
     assert rig.close() == {"not_given": 48, "left_missing": 3, "trigger_ignored": 3}
 
 
+def test_triggers_that_were_not_given_before_the_first_frame_explain_no_later_loss() -> None:
+    rig = FakeRig()
+    rig.account.not_given("left", 3)
+    rig.pulses(3, left="absent")
+    rig.pulses(3)
+    rig.pulses(2, left="ignored")
+    rig.pulse()
+    assert rig.close() == {"startup": 3, "trigger_ignored": 2}
+
+
 def test_pairs_carry_both_frames_of_a_trigger() -> None:
     rig = FakeRig()
     rig.pulses(5)
@@ -330,6 +340,27 @@ def test_a_single_free_running_camera_is_counted_by_its_frame_ids() -> None:
     rig.close()
     assert rig.account.tally.pairs == 100
     assert rig.account.tally.lost[LossReason.LEFT_MISSING] == 3
+
+
+@pytest.mark.parametrize(("newest", "goes_on_after"), [(3, 2), (20, 0)])
+def test_a_free_run_goes_on_after_a_frame_id_that_comes_twice_or_a_counter_that_restarts(
+    newest: int, goes_on_after: int
+) -> None:
+    rig = FakeRig(sides=("left",), numbered_by="frame_id")
+    rig.pulses(newest)
+    rig.frame_ids["left"] = goes_on_after
+    rig.pulses(10)
+    assert rig.account.tally.pairs == newest + 9
+    assert (rig.account.tally.surplus_frames, dict(rig.account.tally.lost)) == (1, {})
+
+
+def test_a_frame_that_comes_twice_hides_no_later_loss() -> None:
+    rig = FakeRig()
+    rig.pulses(3)
+    rig.account.frame("left", frame(3, rig.time_ns - PERIOD_NS))
+    rig.pulse(left="missing")
+    rig.pulses(2)
+    assert rig.close() == {"left_missing": 1}
 
 
 FATES = st.sampled_from(["frame", "frame", "frame", "missing", "ignored", "incomplete", "stale"])

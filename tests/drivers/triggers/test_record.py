@@ -49,6 +49,14 @@ def test_frames_become_pairs_and_every_trigger_is_accounted_for() -> None:
     assert (record.tally.pairs, dict(record.tally.lost)) == (3, {LossReason.INCOMPLETE: 1})
 
 
+def test_triggers_count_from_the_beginning_unless_they_wait_for_the_first_paced_camera() -> None:
+    for mode, triggers in (("external", 3), ("ptp", 0)):
+        record = RigRecord(SIDES, dict.fromkeys(SIDES, "Line0"), 50.0, 0, mode)  # type: ignore[arg-type]
+        record.begin(10 * PERIOD_NS)
+        record.close(13 * PERIOD_NS)
+        assert record.tally.triggers == triggers
+
+
 def test_a_command_is_followed_from_its_decision_to_the_frame_that_shows_it() -> None:
     record = opened_record()
     command = record.command(NEW, arrival_ns=5 * MS, decided_ns=8 * MS)
