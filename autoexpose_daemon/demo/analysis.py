@@ -99,8 +99,15 @@ def light_steps(pulses: Sequence[Pulse], records: Sequence[StepRecord]) -> list[
         if len(following) >= _REFERENCE_FRAMES + _SETTLED_FRAMES:
             time_s = (after.host_time_ns - pulses[0].host_time_ns) * 1e-9
             mostly = Counter(record.reason for record in following).most_common(1)[0][0]
-            frames = frames_to_steady(following), frames_to_settle(following)
-            steps.append(LightStep(round(time_s, 3), before.lux, after.lux, *frames, mostly))
+            # Control may have skipped the first frames after the step: they count.
+            skipped = round(
+                (following[0].host_time_ns - after.host_time_ns) / (after.host_time_ns - before.host_time_ns)
+            )
+            steady, settled = (
+                None if frames is None else frames + skipped
+                for frames in (frames_to_steady(following), frames_to_settle(following))
+            )
+            steps.append(LightStep(round(time_s, 3), before.lux, after.lux, steady, settled, mostly))
     return steps
 
 

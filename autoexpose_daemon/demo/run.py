@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from autoexpose_daemon.control.policies.ids import check_policy_id
 from autoexpose_daemon.demo.fakes import check_simulator, fake_cameras
 from autoexpose_daemon.demo.options import DemoOptions
-from autoexpose_daemon.demo.usb_bus import begin_again_on_fake_bus, cameras_on_bus
+from autoexpose_daemon.demo.usb_bus import begin_again_on_fake_bus, cameras_on_bus, folder_of_bus
 from autoexpose_daemon.recording import check_recording_extra
 from drivers.errors import ConfigurationError
 
@@ -36,7 +36,12 @@ def run_demo(options: DemoOptions, stop: threading.Event, console: Console) -> N
         check_recording_extra()
     if options.navigate:
         _check_publishing_extra()
-    sockets = cameras_on_bus()
+    sockets, folder_of_sockets = cameras_on_bus(), folder_of_bus()
+    if sockets and folder_of_sockets is None:
+        raise ConfigurationError(
+            "the demo has fake cameras of its own, and here others are on the USB bus: run it outside of "
+            "`python -m fake_camera.usb3`"
+        )
     if options.transport == "usb3" and not sockets:
         begin_again_on_fake_bus()
     arguments = ["--line0", f"demo-{os.getpid()}", "--scene", options.scene, "--seed", str(options.seed)]
@@ -48,8 +53,8 @@ def run_demo(options: DemoOptions, stop: threading.Event, console: Console) -> N
     arguments += _keep_room()
     with ExitStack() as resources:
         folder = Path(resources.enter_context(tempfile.TemporaryDirectory(prefix="autoexpose-demo-")))
-        if sockets:
-            resources.callback(shutil.rmtree, sockets["left"].parent)
+        if folder_of_sockets is not None:
+            resources.callback(shutil.rmtree, folder_of_sockets)
         console.print("starting two fake cameras ...")
         cameras = resources.enter_context(fake_cameras(folder, arguments, sockets, stop))
         if options.navigate:

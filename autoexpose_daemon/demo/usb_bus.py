@@ -17,6 +17,9 @@ if TYPE_CHECKING:
 SOCKETS_VARIABLE = "FAKE_CAMERA_USB3"
 """The environment variable that names the fake cameras' sockets for the shim."""
 
+FOLDER_VARIABLE = "AUTOEXPOSE_DEMO_FOLDER"
+"""The environment variable that names the folder which the demo made for its sockets."""
+
 
 def cameras_on_bus() -> dict[Side, Path]:
     """The sockets of the fake cameras on this process' USB bus; empty on the machine's own bus."""
@@ -30,11 +33,19 @@ def begin_again_on_fake_bus() -> None:
     libusb decides at its start what it looks at, so a running process cannot change it.
     """
     folder = Path(tempfile.mkdtemp(prefix="autoexpose-demo-"))
+    os.environ[FOLDER_VARIABLE] = str(folder)
     sockets = [str(folder / side) for side in SIDES]
     command = [sys.executable, "-c", "from autoexpose_daemon.cli import main; main()", *sys.argv[1:]]
     os.execv(sys.executable, [sys.executable, "-m", "fake_camera.usb3", *sockets, "--", *command])
 
 
+def folder_of_bus() -> Path | None:
+    """The folder that `begin_again_on_fake_bus` made; None: it made none, and cameras on the bus are not the demo's."""
+    folder = os.environ.get(FOLDER_VARIABLE)
+    return None if folder is None else Path(folder)
+
+
 def without_fake_bus() -> dict[str, str]:
     """The environment for a process on the machine's own USB bus."""
-    return {name: value for name, value in os.environ.items() if name not in (SOCKETS_VARIABLE, "LD_PRELOAD")}
+    of_bus = (SOCKETS_VARIABLE, FOLDER_VARIABLE, "LD_PRELOAD")
+    return {name: value for name, value in os.environ.items() if name not in of_bus}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import os
 import struct
+import threading
 import time
 from pathlib import Path
 from types import TracebackType
@@ -37,6 +38,7 @@ class Switch:
         self.dropped = 0
         self._bytes_per_ns = mbps / 8e3
         self._buffer_bytes = buffer_bytes
+        self._turn = threading.Lock()  # for the threads of this camera, which share the lock on the file
         self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
 
     def __enter__(self) -> Switch:
@@ -49,6 +51,10 @@ class Switch:
 
     def passes(self, packet_bytes: int, now_ns: int | None = None) -> bool:
         """Whether a packet (UDP payload and headers) finds room, which it then takes until it has been sent on."""
+        with self._turn:
+            return self._passes(packet_bytes, now_ns)
+
+    def _passes(self, packet_bytes: int, now_ns: int | None) -> bool:
         fcntl.flock(self._file, fcntl.LOCK_EX)
         try:
             now_ns = time.monotonic_ns() if now_ns is None else now_ns

@@ -23,6 +23,11 @@ class ControlChannel:
         self._acknowledgements = acknowledgements
         self._faults = faults
         self._lock = threading.Lock()
+        self._session = 0
+
+    def reset(self) -> None:
+        """The bus was reset: commands in progress are acknowledged to nobody."""
+        self._session += 1
 
     def take(self, transfer: bytes) -> bool:
         """Execute the command in a transfer and acknowledge it; False when the camera does not take it (NAK)."""
@@ -33,20 +38,20 @@ class ControlChannel:
             return True
         if self._faults.spoils_command(Fault.PENDING_ACKNOWLEDGE):
             self._acknowledgements.write(request.pending(_PENDING_MS))
-            later = threading.Timer(_PENDING_ANSWER_S, self._answer, (request,))
+            later = threading.Timer(_PENDING_ANSWER_S, self._answer, (request, self._session))
             later.daemon = True
             later.start()
         else:
-            self._answer(request)
+            self._answer(request, self._session)
         return True
 
-    def _answer(self, request: Request) -> None:
+    def _answer(self, request: Request, session: int) -> None:
         with self._lock:
             try:
                 answer = request.acknowledge(self._execute(request))
             except CommandError as error:
                 answer = request.acknowledge(error.payload, error.status)
-            if request.ack_required:
+            if request.ack_required and session == self._session:
                 self._acknowledgements.write(answer)
 
     def _execute(self, request: Request) -> bytes:

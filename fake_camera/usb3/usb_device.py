@@ -93,6 +93,7 @@ class UsbDevice:
         """Back to the power-on state, except for the camera's features."""
         self._stream.reset()
         self._events.reset()
+        self._control.reset()
         self._configuration = 0
         self._halted_out = False
         for endpoint in self.endpoints.values():

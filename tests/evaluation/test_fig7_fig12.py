@@ -114,7 +114,7 @@ def test_few_rooms_have_no_interval() -> None:
         (-0.5, -0.2, ("reproduced", "not reproduced", "not reproduced", "reproduced")),
         (-0.5, 0.2, ("undecided", "undecided", "undecided", "undecided")),
         (-0.05, 0.05, ("not reproduced", "not reproduced", "reproduced", "reproduced")),
-        (0.02, 0.05, ("not reproduced", "reproduced", "reproduced", "reproduced")),
+        (0.02, 0.05, ("not reproduced", "not reproduced", "reproduced", "reproduced")),
         (0.02, 0.3, ("not reproduced", "reproduced", "undecided", "undecided")),
         (0.2, 0.3, ("not reproduced", "reproduced", "not reproduced", "not reproduced")),
     ],

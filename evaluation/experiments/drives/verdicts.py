@@ -10,9 +10,9 @@ from evaluation.experiments.statistics import Interval
 
 def below(apart: Interval, margin: float) -> Verdict:
     """On "the first is lower", from first minus second: not so when it is higher, or alike within the margin."""
-    if apart.high < 0:
-        return Verdict.REPRODUCED
-    return Verdict.NOT_REPRODUCED if apart.low > 0 or apart.within(margin) else Verdict.UNDECIDED
+    if apart.low > 0 or apart.within(margin):
+        return Verdict.NOT_REPRODUCED
+    return Verdict.REPRODUCED if apart.high < 0 else Verdict.UNDECIDED
 
 
 def above(apart: Interval, margin: float) -> Verdict:

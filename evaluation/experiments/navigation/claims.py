@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.navigation.views.registration import RULES
+from evaluation.experiments.drives.verdicts import alike
 from evaluation.experiments.experiment import Claim, Plain, Results, Verdict
 from evaluation.experiments.navigation.upkeep import PAPERS
 from evaluation.experiments.teach.judge import Comparison, Errors, compare, probability
@@ -107,17 +108,20 @@ def claims(results: Results) -> list[Claim]:
 
 
 def _better(kept: Kept, claimed: Claimed) -> Claim:
-    """Reproduced where test and interval say so."""
+    """Reproduced where test and interval say so; undecided where they neither show nor exclude a difference."""
     compared, difference = _difference(kept[claimed.better], kept[claimed.worse])
-    verdict = Verdict.REPRODUCED if compared.sign < 0 else Verdict.NOT_REPRODUCED
-    way = {-1: "", 0: "no difference", 1: "the other way round"}[compared.sign]
+    if compared.sign == 0 and not compared.difference.within(ALIKE_PX):
+        verdict, way = Verdict.UNDECIDED, ""
+    else:
+        verdict = Verdict.REPRODUCED if compared.sign < 0 else Verdict.NOT_REPRODUCED
+        way = {-1: "", 0: "no difference", 1: "the other way round"}[compared.sign]
     ours = f"{DRIVES[claimed.programme]}: {difference}"
     return Claim(claimed.source, claimed.claim, ours, verdict, way)
 
 
 def _alike(steady: Kept) -> Claim:
     compared, difference = _difference(steady["adaptive"], steady["static"])
-    verdict = Verdict.REPRODUCED if compared.difference.within(ALIKE_PX) else Verdict.NOT_REPRODUCED
+    verdict = alike(compared.difference, ALIKE_PX)
     return Claim(
         "MH 4.4, Fig. 10",
         "In steady light adaptive maps register as well as static ones",

@@ -83,6 +83,13 @@ def test_steps_are_found_in_the_light_and_judged_until_the_next() -> None:
     assert steps[0].time_s == round(60 * PERIOD_NS * 1e-9, 3)
 
 
+def test_frames_that_control_skipped_right_after_a_step_count() -> None:
+    pulses = [Pulse(n, n * PERIOD_NS, 150.0 if n < 60 else 1.0) for n in range(160)]
+    records = [record(n, 6.0 if n < 68 else 13.0) for n in range(160) if not 60 <= n < 65]
+    (step,) = light_steps(pulses, records)
+    assert (step.frames_to_steady, step.frames_to_settle) == (8, 8)
+
+
 def test_a_step_that_does_not_settle_quotes_the_policy() -> None:
     pulses = [Pulse(n, n * PERIOD_NS, 150.0 if n < 60 else 1.0) for n in range(160)]
     (step,) = light_steps(pulses, [record(n, 11.0 + n % 2) for n in range(160)])

@@ -10,10 +10,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from autoexpose_daemon.demo.fakes import FakeCamera, newest_lux, read_pulses
-from autoexpose_daemon.demo.options import SIZES, DemoOptions
+from autoexpose_daemon.demo.options import SIZES, DemoOptions, Transport
 from autoexpose_daemon.demo.rate import cores, held_rate_hz, pairs_per_s, shortfall
+from autoexpose_daemon.demo.run import run_demo
 from drivers.errors import AutoexposeError, ConfigurationError
 from fake_camera.imaging import ImageSettings, Pixels
 from fake_camera.warm_up import frame_s
@@ -153,3 +155,14 @@ def test_a_camera_that_does_not_start_says_why(tmp_path: Path) -> None:
     finally:
         camera.end()
     assert camera.cpu_s == 0
+
+
+@pytest.mark.parametrize("transport", ["gige", "usb3"])
+def test_on_somebody_elses_usb_bus_the_demo_refuses_and_removes_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, transport: Transport
+) -> None:
+    (tmp_path / "thesis.txt").touch()
+    monkeypatch.setenv("FAKE_CAMERA_USB3", f"{tmp_path / 'left'}:{tmp_path / 'right'}")
+    with pytest.raises(ConfigurationError, match=r"outside of `python -m fake_camera\.usb3`"):
+        run_demo(replace(OPTIONS, transport=transport), threading.Event(), Console())
+    assert (tmp_path / "thesis.txt").exists()

@@ -1,5 +1,6 @@
 """The switch between fake cameras and their host."""
 
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -37,3 +38,10 @@ def test_no_more_gets_through_than_buffer_and_link_take(
         sizes = [size for _, size in packets]
         through = sum(size + 38 for time_ns, size in zip(times_ns, sizes, strict=True) if switch.passes(size, time_ns))
     assert through <= BUFFER_BYTES + (times_ns[-1] - times_ns[0]) * MBPS / 8e3
+
+
+def test_threads_of_one_camera_take_turns(tmp_path: Path) -> None:
+    """Frames and resent packets: a lock on a file does not keep threads of one process apart."""
+    with Switch(tmp_path / "switch", MBPS, BUFFER_BYTES) as switch, ThreadPoolExecutor(8) as threads:
+        passed = list(threads.map(lambda _: switch.passes(PACKET, 0), range(2000)))
+    assert sum(passed) == 7 and switch.dropped == 1993

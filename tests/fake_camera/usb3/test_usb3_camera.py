@@ -324,12 +324,13 @@ def test_a_vanished_camera_hangs_up_and_comes_back_in_power_on_state(camera: Dev
 def test_a_reset_is_seen_as_unplugged_and_replugged(camera: Device, path: Path) -> None:
     with UsbIpClient(path) as host:
         packet = struct.pack("<QI", SLOTS["DeviceReset"], 1)
-        host.submit(CONTROL, OUT, 12 + len(packet), b"U3VC" + struct.pack("<HHHH", 0, 0x0802, 12, 1) + packet)
+        host.submit(CONTROL, OUT, 12 + len(packet), b"U3VC" + struct.pack("<HHHH", 1 << 14, 0x0802, 12, 1) + packet)
         with pytest.raises(EOFError):
             receive(host.socket, 1000)
     wait_for(lambda: plugged_in(path))
     with UsbIpClient(path) as host:
         assert host.import_status == 0
+        assert host.read_number(0, 4) == 0x0001_0001  # not the acknowledgement of the reset
 
 
 def plugged_in(path: Path) -> bool:
