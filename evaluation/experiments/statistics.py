@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.stats import t
 
 _DRAWS = 10_000
+
+FEWEST = 10
+"""Clusters from which on a bootstrap of them is to be believed: of six, 95 % intervals cover 87 %."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +59,29 @@ def clustered(
     sample = np.asarray(clusters, np.float64)
     low, high = np.nanpercentile(statistic(sample[_draws(len(sample), seed)]), [2.5, 97.5])
     return Interval(float(statistic(sample[None])[0]), float(low), float(high))
+
+
+def over_places(values: ArrayLike, places: Sequence[str], seed: int = 0) -> Interval:
+    """Mean of values with its interval over places: values of one place are alike, and drawn together.
+
+    With fewer than `FEWEST` places draws say too little about the spread between them: then it is Student's interval of
+    the means of the places.
+    """
+    sample = np.asarray(values, np.float64)
+    names, of = np.unique(np.asarray(places), return_inverse=True)
+    counts = np.bincount(of)
+    sums = np.bincount(of, sample)
+    if len(names) >= FEWEST:
+        return clustered(np.stack([sums, counts], axis=1), lambda drawn: _ratio(drawn.sum(axis=1)), seed)
+    means, middle = sums / counts, float(sample.mean())
+    if len(names) < 2:
+        return Interval(middle, -math.inf, math.inf)
+    half = float(t.ppf(0.975, len(names) - 1) * means.std(ddof=1) / math.sqrt(len(names)))
+    return Interval(middle, middle - half, middle + half)
+
+
+def _ratio(sums: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.asarray(sums[:, 0] / sums[:, 1])
 
 
 def pearson(first: ArrayLike, second: ArrayLike, seed: int = 0) -> Interval:

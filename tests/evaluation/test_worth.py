@@ -15,6 +15,7 @@ import pytest
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY, POLICY_IDS
 from drivers.exposure import ExposureSetting
 from evaluation.experiments.experiment import Figure, Table
+from evaluation.experiments.statistics import over_places
 from evaluation.experiments.worth import matches_judge, worth
 from evaluation.experiments.worth.contenders import CONTENDERS
 from evaluation.experiments.worth.matches import courses, hindsight
@@ -116,7 +117,7 @@ def test_the_section_is_made_from_the_rows_of_all_contenders(tmp_path: Path, mon
     figures = [part for part in section.parts if isinstance(part, Figure)]
     assert len(figures) == 2 and all((tmp_path / figure.file).exists() for figure in figures)
     text = " ".join(cell for part in section.parts if isinstance(part, Table) for row in part.rows for cell in row)
-    assert "1.00 ms, 0 dB" in text and "leaves:1, 50 lux, 3 px" in text and "delay 3" in text and "nobody" not in text
+    assert "1.00 ms, 0 dB" in text and "leaves:1, 50 lux, 3 px" in text and "delay 3" in text
 
 
 def test_everyone_takes_part() -> None:
@@ -156,3 +157,24 @@ def test_light_steps_where_the_course_says() -> None:
     at = courses.STEP_AT
     assert [up.lux_at(at - 1), up.lux_at(at)] == [2.0, 200.0] and [down.lux_at(at - 1), down.lux_at(at)] == [200.0, 2.0]
     assert at in up.scored
+
+
+def test_courses_through_one_picture_are_drawn_together() -> None:
+    """Twenty courses through two pictures say no more about other pictures than two do."""
+    base = {f"{picture}, {lux} lux": float(picture == "Desk") for picture in ("Desk", "Forest") for lux in range(10)}
+    rows = [
+        {"judge": "matches-orb-raw", "course": course, "policy": policy, "value": 1.0 + better * value}
+        for policy, better in ((DEFAULT_POLICY, 0.0), ("fixed", 1.0))
+        for course, value in base.items()
+    ]
+    gain = Verdicts(rows, JUDGES).gain("matches-orb-raw", "fixed")
+    assert gain is not None and gain.value == pytest.approx(0.5)
+    assert gain.low < -1.0 and gain.high > 2.0
+
+
+def test_an_interval_over_many_places_is_that_of_their_draws() -> None:
+    values = np.random.default_rng(3).normal(0.0, 1.0, 40)
+    alone = over_places(values, [str(place) for place in range(40)])
+    paired = over_places(np.repeat(values, 2), [str(place) for place in range(40) for _ in range(2)])
+    assert (paired.low, paired.high) == pytest.approx((alone.low, alone.high), abs=1e-12)
+    assert alone.value == pytest.approx(values.mean())

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from autoexpose_daemon.control.policies.ids import DEFAULT_POLICY
 from evaluation.drawing import COLOURS, panels, save
 from evaluation.experiments.experiment import Plain, Table
-from evaluation.experiments.statistics import Interval, mean_interval
+from evaluation.experiments.statistics import Interval, over_places
 
 BEYOND = 0.02
 """A difference matters when its whole interval is beyond this share of the default's mean."""
@@ -70,6 +70,11 @@ class Verdicts:
             return None
         return np.array([by_policy[policy][course] for course in sorted(by_policy[policy])])
 
+    def places(self, judge: str) -> list[str]:
+        """The picture, room or park of each course, in the same order: several courses may share one."""
+        courses = next(iter(self._values[judge].values()))
+        return [course.partition(",")[0] for course in sorted(courses)]
+
     def mean(self, judge: str, policy: str, courses: Iterable[str]) -> float:
         """Mean of some courses."""
         return float(np.mean([self._values[judge][policy][course] for course in courses]))
@@ -87,7 +92,7 @@ class Verdicts:
         sign = 1.0 if self.better[judge] == "higher" else -1.0
         # A default that loses nothing can only be equalled; any scale shows that.
         scale = float(default.mean()) or 1.0
-        return mean_interval(sign * (own - default) / scale)
+        return over_places(sign * (own - default) / scale, self.places(judge))
 
     def plain(self) -> Plain:
         """For `--json`."""
@@ -102,13 +107,16 @@ class Verdicts:
 
 
 def means_tables(verdicts: Verdicts) -> list[Table]:
-    """Mean of each judge and policy, with its interval over courses."""
+    """Mean of each judge and policy, with its interval over the courses' pictures, rooms or parks."""
 
     def cell(judge: str, policy: str) -> str:
         values = verdicts.values(judge, policy)
-        return "-" if values is None else mean_interval(values).text(_form(float(values.mean())))
+        if values is None:
+            return "-"
+        return over_places(values, verdicts.places(judge)).text(_form(float(values.mean())))
 
-    return _tables(verdicts, "Mean over courses, [95 % interval over courses].", cell)
+    caption = "Mean over courses, [95 % interval over their pictures, rooms or parks]."
+    return _tables(verdicts, caption, cell)
 
 
 def gains_tables(verdicts: Verdicts) -> list[Table]:
@@ -118,7 +126,10 @@ def gains_tables(verdicts: Verdicts) -> list[Table]:
         gain = verdicts.gain(judge, policy)
         return "-" if gain is None or policy == DEFAULT_POLICY else _percent(gain)
 
-    caption = f"How much better than `{DEFAULT_POLICY}`, paired by course, in % of its mean; below 0: worse."
+    caption = (
+        f"How much better than `{DEFAULT_POLICY}`, paired by course, in % of its mean; below 0: worse. "
+        "Intervals draw pictures, rooms or parks."
+    )
     return _tables(verdicts, caption, cell)
 
 

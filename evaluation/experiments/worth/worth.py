@@ -40,8 +40,8 @@ def section(results: Results, folder: Path, *, name: str = "worth") -> Section:
     plot_gains(verdicts, folder / f"{name}.png")
     figure = Figure(
         f"{name}.png",
-        f"How much better than the default each policy is, with 95 % intervals over courses: green where the whole "
-        f"interval is beyond {BEYOND:.0%} of its mean, orange where it is as far on the other side.",
+        "How much better than the default each policy is, with 95 % intervals over pictures, rooms or parks: green "
+        f"where the whole interval is beyond {BEYOND:.0%} of its mean, orange where it is as far on the other side.",
     )
     worst = worst_courses(results, verdicts)
     plot_worst(worst, results, folder / f"{name}_worst.png")
