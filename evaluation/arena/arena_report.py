@@ -28,14 +28,15 @@ applies from frame k + D; D = {MAIN_DELAY} unless stated otherwise.
   noise, each split into time and gain as the policy splits it. 1.00 is perfect; a policy that departs from its rule
   of splitting may exceed it. With `lamp_right` the ratio is the mean over both cameras, as a share of what the best
   common exposure reaches; otherwise it is the left camera's.
-* **Objective ratio**: the same of what the policy maximises, with its own oracle: Fisher information for `fisher-map`
-  ([policy.md](../policy.md)), gradient information for all others. Its metric ratio is shown for continuity.
+* **Objective ratio**: for `fisher-map` the share of Fisher information, which it maximises
+  ([policy.md](../policy.md)), with an oracle of its own; for all others the metric ratio, although most of them steer
+  a mean, entropy or the like. So its row is in another unit than the rest: compare policies by the metric ratio.
 * **Metric ratio to the best time and gain**: the metric ratio when the oracle also tries six ways of splitting each
   level (times of at most 7500, 3750, 1875, 938, 469 and 234 us, the rest gain). It shows what a split costs.
 * **Settled**: an objective ratio of at least 0.9 for 10 frames in a row. Frames count from the first one exposed
   entirely after the step (in scenarios without a step, from the first scored frame); 0 means immediately, `-` that most
-  runs never settled. **Stuck**: the share of runs that never settled. A decision cannot take effect sooner than D
-  frames after the step.
+  runs never settled. **Stuck**: the share of runs that never settled. The step falls at any time between two frames: a
+  long exposure may already see its end, and a decision on it then takes effect a frame sooner than one on the next.
 * **Overshoot**: how far E went past the oracle's before it settled. **Spread**: standard deviation of E over the last
   half second. **Bad frames**: more than half of the left image black or saturated.
 * Every run starts from the best exposure of its first frame; its first half second is not scored.

@@ -26,7 +26,7 @@ FULL, CLEAR = 0.95, 0.85
 HIDDEN = 2.0
 """What a frame saturates is taken to be a stop brighter: so it stays saturated in one that is a little darker."""
 
-ROUNDED, FINE = 2.0, 5.0
+ROUNDED, FINE = 3.0, 8.0
 """Codes above black between which rounding stops counting in full: where noise is less than a code, all samples of one
 light are rounded alike, which no mean over them mends."""
 

@@ -24,6 +24,9 @@ from evaluation.stage.rendering import Stage
 OFFSETS = tuple(range(-4, 5))
 """Stops from the middle of the bracket at which emulated frames are compared with true ones."""
 
+APART = (0, 14, 21)
+"""Frames before the last at which the light is found: in cycles that share no shot."""
+
 REPEATS = 12
 """Frames of one exposure, whose mean tells the error from the noise."""
 
@@ -50,25 +53,35 @@ def measure_still(*, scene: str, seed: int, frames: int) -> list[dict[str, float
     """Frames of a still scene, emulated and true, at each of `OFFSETS`."""
     stage, _ = course_of("step_up", scene, seed)
     drive = record(stage, frames, Bracketing())
-    number = max(number for number, still in enumerate(drive.timeline.still) if still)
-    pair_at = next(get for at, get in drive.pairs() if at == number)
-    exposer = exposers(drive)["left"]
-    light = exposer.fused([pair_at(shot).frames["left"] for shot in drive.timeline.around(number)])
-    middle = float(np.mean([drive.timeline.glimpses[shot].level for shot in drive.timeline.around(number)]))
-    return [{"offset": float(offset), **_compared(stage, exposer, light, middle + offset)} for offset in OFFSETS]
+    last = max(number for number, still in enumerate(drive.timeline.still) if still)
+    exposer, wanted = exposers(drive)["left"], {last - back for back in APART}
+    lights = [
+        exposer.fused([pair_at(shot).frames["left"] for shot in drive.timeline.around(number)])
+        for number, pair_at in drive.pairs()
+        if number in wanted
+    ]
+    middle = float(np.mean([drive.timeline.glimpses[shot].level for shot in drive.timeline.around(last)]))
+    return [{"offset": float(offset), **_compared(stage, exposer, lights, middle + offset)} for offset in OFFSETS]
 
 
-def _compared(stage: Stage, exposer: Exposer, light: LightSeen, level: float) -> dict[str, float]:
-    """Signed error of emulated frames, their rms error beyond what noise a true frame has, and that; grey levels."""
+def _compared(stage: Stage, exposer: Exposer, lights: list[LightSeen], level: float) -> dict[str, float]:
+    """Mean error of emulated frames, rms of what does not average out, their noise and that of true ones; grey levels.
+
+    `lights` were seen at different times, so that their own noise averages out, too.
+    """
     setting = time_first(level)
     true = np.array([_at(stage, number, setting) for number in range(100, 100 + REPEATS)], np.float64)
-    made = np.array([exposer.expose(light, setting, 8, number) for number in range(REPEATS)], np.float64)
-    noise = float(true.var(axis=0, ddof=1).mean())
-    beyond = float(((made - true.mean(axis=0)) ** 2).mean()) - noise * (1 + 1 / REPEATS)
+    made = np.array(
+        [[exposer.expose(light, setting, 8, number) for number in range(REPEATS)] for light in lights], np.float64
+    )
+    means, true_variance = made.mean(axis=1), float(true.var(axis=0, ddof=1).mean())
+    of_light, added = float(means.var(axis=0, ddof=1).mean()), float(made.var(axis=1, ddof=1).mean())
+    apart = float(((means.mean(axis=0) - true.mean(axis=0)) ** 2).mean())
     return {
         "bias": float(made.mean() - true.mean()),
-        "rms": math.sqrt(max(beyond, 0.0)),
-        "noise": math.sqrt(noise),
+        "rms": math.sqrt(max(apart - of_light / len(lights) - true_variance / REPEATS, 0.0)),
+        "made_noise": math.sqrt(max(of_light - added / REPEATS, 0.0) + added),
+        "noise": math.sqrt(true_variance),
     }
 
 

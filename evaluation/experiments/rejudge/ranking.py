@@ -175,11 +175,11 @@ def _table(courses: Sequence[tuple[str, Any]], figure: str) -> Table:
 
 def _still_table(stills: Mapping[str, Any]) -> Table:
     rows = [
-        [f"{scene}, {row['offset']:+.0f}", *(f"{row[key]:.2f}" for key in ("bias", "rms", "noise"))]
+        [f"{scene}, {row['offset']:+.0f}", *(f"{row[key]:.2f}" for key in ("bias", "rms", "made_noise", "noise"))]
         for scene, found in stills.items()
         for row in found
     ]
-    heads = ["scene, stops from the middle", "mean error", "rms beyond noise", "noise"]
+    heads = ["scene, stops from the middle", "mean error", "rms beyond noise", "noise", "noise of true frames"]
     return Table("Re-exposed frames of still scenes against true ones, in grey levels.", heads, rows)
 
 
