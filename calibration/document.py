@@ -14,7 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, Strict, ValidationError, with
 from pydantic_core import ErrorDetails
 
 from calibration.findings import Finding
-from drivers.config.files import replace_text
+from drivers.config.files import replace_file
 from drivers.config.strict_yaml import load_mapping
 from drivers.errors import ConfigurationError
 
@@ -94,7 +94,7 @@ def write_document(path: Path, document: Mapping[str, Any]) -> None:
     said = {key: value for key, value in document.items() if value not in (None, {}, [])}
     text = yaml.safe_dump(said, sort_keys=False, default_flow_style=None, width=110, allow_unicode=True)
     try:
-        replace_text(path, text)
+        replace_file(path, text.encode())
     except OSError as error:
         raise ConfigurationError(f"{path}: cannot be written ({error.strerror}): choose another place") from error
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import ipaddress
 from pathlib import Path
-from typing import get_args
+from typing import TypeVar, get_args
 
 from fake_camera.genapi.raw_gain import RawGainLaw
 from fake_camera.imaging import PIXEL_FORMATS
@@ -13,6 +13,8 @@ from fake_camera.ptp import host_master
 from fake_camera.ptp.port import EVENT_PORT
 from fake_camera.usb3.usbip.messages import TCP_PORT
 from fake_camera.world.sensor import DEFAULT_F_NUMBER, SIZES
+
+Number = TypeVar("Number", int, float)
 
 _ADDRESS = "127.0.0.1"
 _SERIAL_CHARACTERS = {"GigE Vision": 15, "USB3 Vision": 63}  # registers of 16 and 64 bytes, with a final zero
@@ -115,15 +117,15 @@ def _address(text: str) -> str:
 
 
 def _port(text: str) -> int:
-    return _integer(text, 1, 0xFFFF)
+    return _number(text, int, 1, 0xFFFF)
 
 
 def _seed(text: str) -> int:
-    return _integer(text, 0, 2**64 - 1)
+    return _number(text, int, 0, 2**64 - 1)
 
 
 def _niceness(text: str) -> int:
-    return _integer(text, 0, 19)
+    return _number(text, int, 0, 19)
 
 
 def _size(text: str) -> tuple[int, int]:
@@ -131,16 +133,6 @@ def _size(text: str) -> tuple[int, int]:
     if size is None:
         raise argparse.ArgumentTypeError(f"{text!r} is not a size that can be simulated: {_SIZES}")
     return size
-
-
-def _integer(text: str, low: int, high: int) -> int:
-    try:
-        number = int(text)
-    except ValueError:
-        number = low - 1
-    if not low <= number <= high:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from {low} to {high}")
-    return number
 
 
 def _switch(text: str) -> tuple[Path, float, int]:
@@ -158,23 +150,26 @@ def _switch(text: str) -> tuple[Path, float, int]:
 
 
 def _f_number(text: str) -> float:
-    return _number(text, 0.5, 32)
+    return _number(text, float, 0.5, 32)
 
 
 def _corner_light(text: str) -> float:
-    return _number(text, 0.05, 1)
+    return _number(text, float, 0.05, 1)
 
 
-def _number(text: str, low: float, high: float) -> float:
+def _number(text: str, kind: type[Number], low: Number, high: Number) -> Number:
+    """A whole number or any number, within bounds."""
+    number: Number | None
     try:
-        number = float(text)
+        number = kind(text)
     except ValueError:
-        number = low - 1
-    if not low <= number <= high:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number from {low:g} to {high:g}")
+        number = None
+    if number is None or not low <= number <= high:
+        what = "a whole number" if kind is int else "a number"
+        raise argparse.ArgumentTypeError(f"{text!r} is not {what} from {low} to {high}")
     return number
 
 
 def rate_of(text: str) -> float | None:
     """A rate in Hz, or None for `ask`; ArgumentTypeError for anything else."""
-    return None if text == "ask" else _number(text, 1, 1000)
+    return None if text == "ask" else _number(text, float, 1, 1000)

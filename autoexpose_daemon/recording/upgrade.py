@@ -16,6 +16,9 @@ fourth, gains had even steps, and nothing could override the policy. In the thir
 the second, control had one response, the left camera's, and one history of motion, whichever camera the frames were
 from, and every camera had a vote."""
 
+EACH = "*"
+"""In a path of keys: every item of a list, every value of a dictionary."""
+
 
 def upgraded_setup(setup: Any) -> Any:
     """A setup of one of `FORMER_FORMATS` as one of the present format; anything else is returned unchanged."""
@@ -23,15 +26,12 @@ def upgraded_setup(setup: Any) -> Any:
         return setup
     if "regions" in setup:
         setup = {"vignettings": {}, **setup}
-    if isinstance(setup.get("parameters"), dict):
-        setup = {**setup, "parameters": {"bracket": None, **setup["parameters"]}}
-    if isinstance(setup.get("limits"), dict):
-        setup = {**setup, "limits": {"gains_db": [], **setup["limits"]}}
+    setup = _with_defaults(setup, {"bracket": None}, "parameters")
+    setup = _with_defaults(setup, {"gains_db": []}, "limits")
     if "response" not in setup:
         return setup
     others = {key: value for key, value in setup.items() if key != "response"}
-    if isinstance(others.get("parameters"), dict):
-        others["parameters"] = {"full_well_e": 10_500.0, "read_noise_e": 3.0, **others["parameters"]}
+    others = _with_defaults(others, {"full_well_e": 10_500.0, "read_noise_e": 3.0}, "parameters")
     return {"responses": dict.fromkeys(SIDES, setup["response"]), **others}
 
 
@@ -39,7 +39,12 @@ def upgraded_state(state: Any) -> Any:
     """A state of one of `FORMER_FORMATS` as one of the present format; anything else is returned unchanged."""
     if not isinstance(state, dict):
         return state
-    return _nothing_missed(_unsteered(_with_foresight(_of_third(state) if "motion" in state else state)))
+    state = _with_foresight(_of_third(state) if "motion" in state else state)
+    views = ("policy", "memory", "sightings", EACH, "views", EACH)
+    state = _with_defaults(state, {"black_share": 0.0, "steered": None}, *views)
+    for policy in (("policy",), ("policy", "policy")):  # or that of the frames which a bracket keeps
+        state = _with_defaults(state, {"missed": 0}, *policy, "votes", "eyes", EACH)
+    return state
 
 
 def _with_foresight(state: dict[str, Any]) -> dict[str, Any]:
@@ -49,33 +54,17 @@ def _with_foresight(state: dict[str, Any]) -> dict[str, Any]:
     return {**state, "policy": {**policy, "foresight": {"belief": UNPROVEN, "untold_frames": 0}}}
 
 
-def _unsteered(state: dict[str, Any]) -> dict[str, Any]:
-    policy = state.get("policy")
-    memory = policy.get("memory") if isinstance(policy, dict) else None
-    sightings = memory.get("sightings") if isinstance(memory, dict) else None
-    if policy is None or memory is None or not isinstance(sightings, list):
-        return state
-    upgraded = [_of_nobody(sighting) for sighting in sightings]
-    return {**state, "policy": {**policy, "memory": {**memory, "sightings": upgraded}}}
-
-
-def _nothing_missed(state: dict[str, Any]) -> dict[str, Any]:
-    policy = state.get("policy")
-    votes = policy.get("votes") if isinstance(policy, dict) else None
-    eyes = votes.get("eyes") if isinstance(votes, dict) else None
-    if policy is None or votes is None or not isinstance(eyes, dict):
-        return state
-    upgraded = {side: {"missed": 0, **eye} if isinstance(eye, dict) else eye for side, eye in eyes.items()}
-    return {**state, "policy": {**policy, "votes": {**votes, "eyes": upgraded}}}
-
-
-def _of_nobody(sighting: Any) -> Any:
-    if not isinstance(sighting, dict) or not isinstance(sighting.get("views"), list):
-        return sighting
-    views = [
-        {"black_share": 0.0, "steered": None, **view} if isinstance(view, dict) else view for view in sighting["views"]
-    ]
-    return {**sighting, "views": views}
+def _with_defaults(data: Any, defaults: dict[str, Any], *path: str) -> Any:
+    """Data with these entries, where missing, in what lies along a path of keys; anything else stays."""
+    if not path:
+        return {**defaults, **data} if isinstance(data, dict) else data
+    key, *rest = path
+    if key == EACH and isinstance(data, list):
+        return [_with_defaults(item, defaults, *rest) for item in data]
+    if not isinstance(data, dict):
+        return data
+    keys = data if key == EACH else data.keys() & {key}
+    return {**data, **{each: _with_defaults(data[each], defaults, *rest) for each in keys}}
 
 
 def _of_third(state: dict[str, Any]) -> dict[str, Any]:

@@ -115,12 +115,10 @@ def _refine(side: Side, file: ResponseFile, path: Path, changes: list[Change]) -
     if better is None:
         return
     before, after = misfit_grey(file.response, changes), misfit_grey(better, changes)
-    part = path.with_suffix(".part")
     try:
         origin = replace(file.origin, date=datetime.now(UTC))
-        replace(file, response=better, origin=origin, model="free", parameters={}, residual_grey=after).save(part)
-        part.replace(path)
-    except (ConfigurationError, OSError) as error:
+        replace(file, response=better, origin=origin, model="free", parameters={}, residual_grey=after).save(path)
+    except ConfigurationError as error:
         if _THROTTLE.due((path, "failed"), time.monotonic_ns()):
             log.warning("%s camera: the refined response could not be written: %s", side, error)
         return

@@ -28,7 +28,7 @@ from calibration.sources.images import read_grey8
 from calibration.sources.pair import RATE_HZ, SLOWEST_HZ, PairOfCameras, whole_grey8
 from calibration.sources.session import Session
 from drivers.aravis import open_camera
-from drivers.config.files import replace_text
+from drivers.config.files import replace_file
 from drivers.errors import AutoexposeError, ConfigurationError
 from drivers.frames import SIDES, Side
 
@@ -195,7 +195,7 @@ def _keep(result: GeometryResult, folder: Path, console: Console) -> None:
         texts[CAMCHAIN] = camchain_yaml(left, right, result.fit.rotation, result.fit.translation_m)
     for name, text in texts.items():
         try:
-            replace_text(folder / name, text)
+            replace_file(folder / name, text.encode())
         except OSError as error:
             raise ConfigurationError(
                 f"{folder / name}: cannot be written ({error.strerror}): choose another"

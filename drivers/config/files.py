@@ -52,7 +52,7 @@ def read_regular(path: Path, most_bytes: int) -> bytes:
     return content
 
 
-def replace_text(path: Path, text: str) -> None:
+def replace_file(path: Path, content: bytes) -> None:
     """Write a file in one step: if that fails, a former one stays as it was.
 
     A former file's mode is kept, and where permitted its owner; a link goes on pointing to it.
@@ -62,7 +62,6 @@ def replace_text(path: Path, text: str) -> None:
     OSError
         Also if what is there is not a regular file; `strerror` completes "cannot be written: ...".
     """
-    content = text.encode()
     target = Path(os.path.realpath(path))
     former = _former(target)
     part = target.with_name(f".{secrets.token_hex(8)}.part")  # short: the name may have no room for more

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from autoexpose_daemon.control.policies.ids import PLACES
+from drivers.config.files import replace_file
 from drivers.errors import AutoexposeError
 from evaluation.experiments.experiment import Job, Plain
 
@@ -38,11 +39,9 @@ class ResultCache:
     def put(self, job: Job, result: Plain) -> None:
         """Keep a result, atomically; AutoexposeError when it cannot be written."""
         path = self._path(job)
-        unfinished = path.with_suffix(".part")
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            unfinished.write_text(json.dumps(result), encoding="utf-8")
-            unfinished.replace(path)
+            replace_file(path, json.dumps(result).encode())
         except OSError as error:
             raise AutoexposeError(
                 f"{path}: the result cannot be saved ({error.strerror}): fix that and run the same command to resume"

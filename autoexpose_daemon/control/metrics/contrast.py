@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autoexpose_daemon.control.metrics.extension import extension as _native
-from autoexpose_daemon.control.metrics.gradient import ExtremeShares
+from autoexpose_daemon.control.metrics.gradient import saturated_from
 from calibration.response import GREY_LEVELS, ResponseFunction
 
 CELLS = 8
@@ -58,7 +58,7 @@ class GreyBins:
     """
 
     def __init__(self, response: ResponseFunction) -> None:
-        self.black, self.saturated = response.black_level, ExtremeShares(response).saturated_from
+        self.black, self.saturated = response.black_level, saturated_from(response)
         signal = np.maximum(np.arange(GREY_LEVELS) - self.black, 0)
         bins = signal.clip(0, 16) + (signal.clip(16, 48) - 16) // 2 + (signal.clip(48, 112) - 48) // 4
         bins += (signal.clip(112) - 112) // 8

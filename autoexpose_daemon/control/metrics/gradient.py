@@ -171,6 +171,15 @@ EXTREME_MARGIN = 0.01
 """Of the range from black level to saturation, at both ends: noise keeps clipped pixels from being exactly clipped."""
 
 
+def saturated_from(response: ResponseFunction) -> int:
+    """The lowest grey level that counts as saturated: noise keeps clipped pixels from being exactly clipped."""
+    return response.saturation - _extreme_margin(response)
+
+
+def _extreme_margin(response: ResponseFunction) -> int:
+    return math.ceil(EXTREME_MARGIN * (response.saturation - response.black_level))
+
+
 class ExtremeShares:
     """The shares of an image without information: saturated and black pixels.
 
@@ -181,9 +190,8 @@ class ExtremeShares:
     """
 
     def __init__(self, response: ResponseFunction) -> None:
-        margin = math.ceil(EXTREME_MARGIN * (response.saturation - response.black_level))
-        self.black_to = response.black_level + margin
-        self.saturated_from = response.saturation - margin
+        self.black_to = response.black_level + _extreme_margin(response)
+        self.saturated_from = saturated_from(response)
         self._mask = np.empty((0, 0), np.uint8)
 
     def measure(

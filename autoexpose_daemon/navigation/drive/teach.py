@@ -107,7 +107,7 @@ def teach(teacher: Teacher, source: Source, stop: threading.Event, progress: Pro
                         f"{robot.distance_m:.1f} m driven, {teacher.places} local maps{_missing(robot, teacher)}"
                     )
         finally:
-            driven = teacher.driven
+            driven = teacher.driven  # the end is a velocity, too
             length_m = teacher.end(robot.distance_m)
     if not teacher.places:
         return "nothing was taught: no frame arrived together with odometry"

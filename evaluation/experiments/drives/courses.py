@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evaluation.experiments.experiment import Claim, Verdict
-from evaluation.experiments.statistics import Interval, mean_interval
+from evaluation.experiments.statistics import FEWEST, Interval, mean_interval
 
 ROOMS = range(200, 224)
 """Rooms of full runs, each driven through once: its number is also the seed of its heading, so that no two courses
 share anything. Nothing was tuned on them, and none was seen before their number was fixed."""
 
-FEWEST_ROOMS = 10
+FEWEST_ROOMS = FEWEST
 """With fewer, draws say too little about the spread between rooms."""
 
 ALIKE_MM = 0.1

@@ -103,9 +103,7 @@ class Way:
         course = _course(self.scenario, np.random.default_rng(light_seed), share)
         stage = Stage(build_views(self.scene, self.seed, course.gaze, self.scenario == WINDOW), course, self.seed)
         oracles = [Oracle(stage, ("left",), by) for by in ("metric", "information")]
-        every = (
-            2 if self.scenario == WINDOW else 16
-        )  # frames between questions to the oracles, which change as the view does
+        every = 2 if self.scenario == WINDOW else 16  # frames: the best exposure changes as fast as the view
         return race(stage, entrants, *oracles, frames=self.frames, first_scored=course.first_scored, every=every)
 
 

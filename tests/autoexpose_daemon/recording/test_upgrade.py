@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from autoexpose_daemon.control.loop import ControlLoop, ControlSetup
+from autoexpose_daemon.control.parameters import Bracketing, ControlParameters
 from autoexpose_daemon.control.snapshot import parse, plain
 from autoexpose_daemon.recording.plain_json import from_json, to_json
 from autoexpose_daemon.recording.upgrade import upgraded_setup, upgraded_state
@@ -19,8 +20,21 @@ from tests.autoexpose_daemon.recording.runs import LIMITS, START, VirtualRun
 ADDED = ("black_share", "steered")
 
 
+def of_seventh(setup: Any, state: Any) -> tuple[Any, Any]:
+    """A setup and a state of the present format as the seventh format had them."""
+    return setup, {**state, "policy": _uncounted(state["policy"])}
+
+
+def _uncounted(policy: Any) -> Any:
+    if "votes" not in policy:
+        return {**policy, "policy": _uncounted(policy["policy"])}  # a bracket's
+    eyes = {side: {key: eye[key] for key in eye if key != "missed"} for side, eye in policy["votes"]["eyes"].items()}
+    return {**policy, "votes": {**policy["votes"], "eyes": eyes}}
+
+
 def of_fifth(setup: Any, state: Any) -> tuple[Any, Any]:
-    """A setup and a state of the present format as the fifth format had them."""
+    """As the fifth format had them."""
+    setup, state = of_seventh(setup, state)
     setup = {key: value for key, value in setup.items() if key != "vignettings"}
     sightings = [
         {**sighting, "views": [{name: view[name] for name in view if name not in ADDED} for view in sighting["views"]]}
@@ -57,7 +71,7 @@ def of_second(setup: Any, state: Any) -> tuple[Any, Any]:
     )
 
 
-@pytest.mark.parametrize("as_it_was", [of_second, of_third, of_fourth, of_fifth])
+@pytest.mark.parametrize("as_it_was", [of_second, of_third, of_fourth, of_fifth, of_seventh])
 def test_a_loop_goes_on_from_a_former_setup_and_state(as_it_was: Callable[[Any, Any], tuple[Any, Any]]) -> None:
     pairs = list(itertools.islice(VirtualRun("metric-map").pairs(), 12))
     loop = ControlLoop("metric-map", ResponseFunction.linear(), LIMITS, START)
@@ -68,6 +82,18 @@ def test_a_loop_goes_on_from_a_former_setup_and_state(as_it_was: Callable[[Any, 
     again = parse(upgraded_setup(setup), ControlSetup).loop()
     again.restore(upgraded_state(state))
     assert set(again.setup.responses) == set(SIDES)
+    assert [again.step(pair) for pair in pairs[8:]] == [loop.step(pair) for pair in pairs[8:]]
+
+
+def test_brackets_go_on_with_the_policy_of_their_kept_frames() -> None:
+    pairs = list(itertools.islice(VirtualRun("metric-map").pairs(), 12))
+    parameters = ControlParameters(bracket=Bracketing(2, 2.0, keep=True))
+    loop = ControlLoop("metric-map", ResponseFunction.linear(), LIMITS, START, parameters)
+    for pair in pairs[:8]:
+        loop.step(pair)
+    setup, state = of_seventh(plain(loop.setup), loop.state())
+    again = parse(upgraded_setup(from_json(to_json(setup))), ControlSetup).loop()
+    again.restore(upgraded_state(from_json(to_json(state))))
     assert [again.step(pair) for pair in pairs[8:]] == [loop.step(pair) for pair in pairs[8:]]
 
 

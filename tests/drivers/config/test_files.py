@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.config.files import open_regular, read_regular, replace_text
+from drivers.config.files import open_regular, read_regular, replace_file
 
 
 def test_a_file_is_read_whole_up_to_the_bound(tmp_path: Path) -> None:
@@ -64,10 +64,10 @@ def test_a_file_is_replaced_and_keeps_its_mode_and_the_links_to_it(tmp_path: Pat
     file.write_text("a longer text")
     file.chmod(0o640)
     link.symlink_to(file)
-    replace_text(link, "µ")
+    replace_file(link, "µ".encode())
     assert file.read_text(encoding="utf-8") == "µ"
     assert stat.S_IMODE(file.stat().st_mode) == 0o640
-    replace_text(new, "x")
+    replace_file(new, b"x")
     (tmp_path / "usual").touch()
     assert new.stat().st_mode == (tmp_path / "usual").stat().st_mode
     assert {path.name for path in tmp_path.iterdir()} == {"file", "link", new.name, "usual"}
@@ -85,14 +85,14 @@ def test_what_fails_on_the_way_leaves_the_former_file_and_no_other(
     file.write_text("former")
     monkeypatch.setattr(owner, step, full)
     with pytest.raises(OSError, match="No space left"):
-        replace_text(file, "new")
+        replace_file(file, b"new")
     assert [path.read_text() for path in tmp_path.iterdir()] == ["former"]
 
 
 @pytest.mark.parametrize("odd", ["/dev/null", "."])
 def test_only_regular_files_are_replaced(odd: str) -> None:
     with pytest.raises(OSError, match="not a regular file"):
-        replace_text(Path(odd), "text")
+        replace_file(Path(odd), b"text")
 
 
 def test_a_file_that_may_not_be_written_is_not_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -100,5 +100,5 @@ def test_a_file_that_may_not_be_written_is_not_replaced(tmp_path: Path, monkeypa
     file.write_text("former")
     monkeypatch.setattr(os, "access", lambda *_arguments: False)  # root may write all
     with pytest.raises(PermissionError, match="Permission denied"):
-        replace_text(file, "new")
+        replace_file(file, b"new")
     assert file.read_text() == "former"

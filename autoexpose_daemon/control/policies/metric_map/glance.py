@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from autoexpose_daemon.control.metrics.gradient import ExtremeShares, grey_counts
+from autoexpose_daemon.control.metrics.gradient import grey_counts, saturated_from
 from autoexpose_daemon.control.policy import Look
 from calibration.response import ResponseFunction
 from calibration.response.prediction import prediction_table
@@ -111,7 +111,7 @@ def glance_at(look: Look, before: NDArray[np.uint8] | None, rise: float) -> Glan
     cumulative = grey_counts(counted[None]).cumsum()
     greys = cumulative.searchsorted(_ranks(counted.size)).tolist()
     median, bright = (max(grey - black, 0.5) / (saturation - black) for grey in greys)
-    saturated = 1.0 - float(cumulative[ExtremeShares(look.response).saturated_from - 1]) / counted.size
+    saturated = 1.0 - float(cumulative[saturated_from(look.response) - 1]) / counted.size
     if before is None or before.shape != counted.shape:
         return Glance(counted, bright, median, saturated)
     promised, came = _change(before, counted, look.response, rise) if rise != 0 else (0.0, 0.0)
