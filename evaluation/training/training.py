@@ -12,9 +12,8 @@ from zipfile import BadZipFile
 
 import numpy as np
 
-from drivers.config.files import replace_file
 from drivers.errors import AutoexposeError
-from evaluation.training.weights_file import Arrays, weights_bytes
+from evaluation.training.weights_file import Arrays, weights_bytes, write_atomically
 
 
 class Training(Protocol):
@@ -68,7 +67,7 @@ def train(training: Training, seed: int, file: Path, advance: Callable[[int], No
             _write_part(part, key, state, number + 1)
             advance(number + 1)
         content = weights_bytes(training.finish(state, seed))
-        replace_file(file, content)
+        write_atomically(file, content)
         part.unlink()
     except OSError as error:
         raise AutoexposeError(f"{file}: cannot be written ({error.strerror}): choose another --out") from None
@@ -98,4 +97,4 @@ def _resumed(part: Path, key: str) -> tuple[Arrays, int] | None:
 
 
 def _write_part(part: Path, key: str, state: Arrays, done: int) -> None:
-    replace_file(part, weights_bytes({**state, "_key": np.array(key), "_done": np.array(done)}))
+    write_atomically(part, weights_bytes({**state, "_key": np.array(key), "_done": np.array(done)}))
