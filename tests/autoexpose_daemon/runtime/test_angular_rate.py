@@ -86,3 +86,15 @@ def test_one_bad_message_among_good_ones_changes_nothing(imu: Imu, caplog: pytes
     imu.rate.refuse()
     assert imu.ask(3) == [1.0] * 3
     assert caplog.messages == []
+
+
+def test_no_rate_is_shown_beside_the_reason_why_none_is_used(imu: Imu, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The status is read on another thread, which may look while the reason is being logged."""
+    seen = []
+    monkeypatch.setattr(
+        "autoexpose_daemon.runtime.inputs.angular_rate.log.warning",
+        lambda *_: seen.append((bool(imu.rate.tally.trouble), imu.rate.tally.angular_rate_rad_s)),
+    )
+    imu.ask(1, 1.0)
+    imu.ask(10)
+    assert seen == [(True, None)]
