@@ -71,8 +71,13 @@ def _compared(stage: Stage, exposer: Exposer, lights: list[LightSeen], level: fl
     """
     setting = time_first(level)
     true = np.array([_at(stage, number, setting) for number in range(100, 100 + REPEATS)], np.float64)
+    numbers = np.arange(len(lights) * REPEATS).reshape(-1, REPEATS)  # no noise twice
     made = np.array(
-        [[exposer.expose(light, setting, 8, number) for number in range(REPEATS)] for light in lights], np.float64
+        [
+            [exposer.expose(light, setting, 8, int(number)) for number in row]
+            for light, row in zip(lights, numbers, strict=True)
+        ],
+        np.float64,
     )
     means, true_variance = made.mean(axis=1), float(true.var(axis=0, ddof=1).mean())
     of_light, added = float(means.var(axis=0, ddof=1).mean()), float(made.var(axis=1, ddof=1).mean())
