@@ -57,7 +57,7 @@ def jobs(quick: bool) -> list[Job]:
 
     laps, scenarios, scenes = (LAPS[:1], SCENARIOS[:1], STILL_SCENES[:1]) if quick else (LAPS, SCENARIOS, STILL_SCENES)
     return [
-        *(job(measure_lap, 1.0 if quick else 7.0, {"light": light, "room": room}) for light, room in laps),
+        *(job(measure_lap, 1.0 if quick else 21.0, {"light": light, "room": room}) for light, room in laps),
         *(
             job(measure_scenario, 1.0 if quick else 3.0, {"scenario": scenario, "scene": SCENE, "seed": SEED})
             for scenario in scenarios
