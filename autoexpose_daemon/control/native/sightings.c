@@ -11,6 +11,7 @@
 
 /* As in search.py. */
 #define LONGEST_PROBE 6.5
+#define PROBE_WORTH_MOVING 1.0
 #define LEAST_CAMERA 0.1
 #define NOTHING 1e-9
 
@@ -55,7 +56,8 @@ static double probe_length(const Unseen *unseen, double clipped_share)
 static double probe_bonus(double distance, double clipped_share, double density, const Unseen *unseen)
 {
     const double shape = fmin(fmax(fmin(distance, 2.0 - distance), 0.0), 1.0);
-    return unseen->worth * (unseen->moving ? shape : sqrt(shape)) * clipped_share * density;
+    const double worth = unseen->moving ? PROBE_WORTH_MOVING * shape : unseen->worth * sqrt(shape);
+    return worth * clipped_share * density;
 }
 
 /* The best of a camera, including what it may yet see. */

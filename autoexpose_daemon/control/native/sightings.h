@@ -21,7 +21,7 @@ void predict_metrics(const Sightings *seen, const double *levels, size_t count, 
 typedef struct {
     const double *saturated, *black, *density;
     double frontier, known_again, highest; /* levels: see search.py */
-    double shortest, power, worth;         /* of probes, as `Probes`: still, or in motion if `moving` */
+    double shortest, power, worth;         /* of probes, as `Probes` */
     int moving;
 } Unseen;
 

@@ -229,7 +229,7 @@ def test_the_centre_of_the_plateau() -> None:
 
 
 def test_probes_go_farther_the_more_is_clipped() -> None:
-    stops, probes = np.arange(-3.0, 11.0, 0.25), Probes(shortest_stops=1.5, power=1.0, worth=1.5, worth_moving=1.0)
+    stops, probes = np.arange(-3.0, 11.0, 0.25), Probes(shortest_stops=1.5, power=1.0, worth=1.5)
     little = probes.bonus(stops, 0.1, 0.2, moving=False)
     much = probes.bonus(stops, 1.0, 0.2, moving=False)
     assert stops[little.argmax()] == 2.0

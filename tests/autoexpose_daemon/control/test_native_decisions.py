@@ -220,7 +220,7 @@ def test_sightings_promise_the_same(seed: int, moving: bool, cameras: int) -> No
     native = memory.fuse(levels, moving)
     views = rng.random((3, cameras)) * rng.integers(0, 2, (3, cameras))
     places = dict(zip(("frontier", "known_again", "highest"), rng.uniform(3, 19, 3).tolist(), strict=True))
-    probes = Probes(*rng.uniform(0.5, 2.0, 4).tolist())
+    probes = Probes(*rng.uniform(0.5, 2.0, 3).tolist())
     worth = worth_of_levels(levels, native, views, moving, probes, **places)
     with numpy_alone():
         assert native == pytest.approx(memory.fuse(levels, moving), rel=1e-12)

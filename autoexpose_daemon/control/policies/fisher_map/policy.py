@@ -36,11 +36,8 @@ class FisherMap(ExposureMap):
     HOLD_GAIN_MOVING: ClassVar[float] = 0.1
     """Holds on longer than with M_g: points are lost by a change of brightness, too."""
 
-    PROBES: ClassVar[Probes] = Probes(shortest_stops=1.0, power=1.5, worth=2.0, worth_moving=1.5)
+    PROBES: ClassVar[Probes] = Probes(shortest_stops=1.0, power=1.5, worth=2.0)
     """Nearer than with M_g, and sooner: what is hidden is often little, but rich."""
-
-    WORTH_KEEPING_LOOKING: ClassVar[float] = 0.3
-    """Looks in small steps: a leap and the way back lose two pairs of odometry, and motion brings new views."""
 
     def __init__(
         self, responses: Mapping[Side, ResponseFunction], balance: Balance, noise: SensorNoise, native: bool

@@ -72,10 +72,6 @@ LONGEST_STEP = 0.4
 target is worth `WORTH_KEEPING` of the best: odometry must find its points again."""
 
 WORTH_KEEPING = 0.7
-"""With a look into saturation: `ExposureMap.WORTH_KEEPING_LOOKING`."""
-
-UNSEEN_STOPS = 0.5
-"""A target so far below all that has been seen is a look into saturation."""
 
 LEAST_FORETOLD = 1.0
 """Stops by which light ahead must differ from the forecast to count: smaller changes are followed well without it."""
@@ -95,8 +91,6 @@ class ExposureMap(ExposurePolicy):
         Share by which the objective must promise to rise before the target is moved, while the camera moves.
     PROBES
         How it looks for what is clipped.
-    WORTH_KEEPING_LOOKING
-        Share of the best that the last target must be worth for a moving camera to look into saturation in small steps.
     """
 
     STATE: ClassVar[tuple[str, ...]] = (
@@ -106,7 +100,6 @@ class ExposureMap(ExposurePolicy):
     COMPENSATED = "targets"
     HOLD_GAIN_MOVING: ClassVar[float]
     PROBES: ClassVar[Probes]
-    WORTH_KEEPING_LOOKING: ClassVar[float] = WORTH_KEEPING
     target: float | None
     ahead: float
     densities: list[float]
@@ -244,11 +237,9 @@ class ExposureMap(ExposurePolicy):
         if now * (1.0 + gain) >= best:
             return Target(held, "held: metric at its maximum", value_at(held, levels, metric))
         target = plateau_centre(levels, value)
-        unseen = self.memory.lowest().level - UNSEEN_STOPS - ahead
-        kept = self.WORTH_KEEPING_LOOKING if target < unseen else WORTH_KEEPING
-        if moving and value_at(held, levels, worth) >= kept * worth.max():
+        if moving and value_at(held, levels, worth) >= WORTH_KEEPING * worth.max():
             target = _step_towards(target, held, risen)
-        if target < unseen:
+        if target + ahead < self.memory.lowest().level - 0.5:
             reason = "probes what is saturated"
         else:
             reason = f"metric {'rises' if target > level else 'falls'} with exposure"

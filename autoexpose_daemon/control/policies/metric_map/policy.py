@@ -20,7 +20,7 @@ class MetricMap(ExposureMap):
     """Maximises gradient information M_g of both cameras."""
 
     HOLD_GAIN_MOVING: ClassVar[float] = 0.03
-    PROBES: ClassVar[Probes] = Probes(shortest_stops=1.5, power=1.0, worth=1.5, worth_moving=1.0)
+    PROBES: ClassVar[Probes] = Probes(shortest_stops=1.5, power=1.0, worth=1.5)
 
     def __init__(self, responses: Mapping[Side, ResponseFunction], metric: GradientMetric, balance: Balance) -> None:
         super().__init__(responses, balance)

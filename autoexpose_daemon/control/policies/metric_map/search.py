@@ -32,6 +32,9 @@ NOTHING = 1e-9
 LONGEST_PROBE = 6.5
 """A probe goes so many stops beyond the exposures seen when all is clipped."""
 
+PROBE_WORTH_MOVING = 1.0
+"""A still camera pays for a probe once and may look farther; a moving one would probe for ever: see `Probes`."""
+
 
 @dataclass(frozen=True, slots=True)
 class Probes:
@@ -43,15 +46,13 @@ class Probes:
         How far beyond the exposures seen a probe goes when little is clipped; when all is, `LONGEST_PROBE`.
     power
         Of the clipped share, by which the length rises between the two.
-    worth, worth_moving
-        Of a clipped pixel to a still and to a moving camera, as a multiple of a well exposed one. A still camera pays
-        for a probe once; what a moving one has seen is soon out of view.
+    worth
+        Of a clipped pixel to a still camera, as a multiple of a well exposed one; to a moving one `PROBE_WORTH_MOVING`.
     """
 
     shortest_stops: float
     power: float
     worth: float
-    worth_moving: float
 
     def bonus(
         self, stops: NDArray[np.float64], clipped_share: float, density: float, moving: bool
@@ -64,7 +65,7 @@ class Probes:
         """
         if clipped_share == 0.0:
             return np.zeros(stops.shape)
-        worth, power = (self.worth_moving, 1.0) if moving else (self.worth, 0.5)
+        worth, power = (PROBE_WORTH_MOVING, 1.0) if moving else (self.worth, 0.5)
         distance = stops / (self.shortest_stops + (LONGEST_PROBE - self.shortest_stops) * clipped_share**self.power)
         shape = np.minimum(np.maximum(np.minimum(distance, 2.0 - distance), 0.0), 1.0) ** power
         return np.asarray(worth * clipped_share * density * shape)
@@ -119,8 +120,8 @@ def worth_of_levels(
     if _native is not None:
         worth = np.empty(levels.size)
         _native.worth_of_levels(
-            levels, metrics, views, moving, probes.shortest_stops, probes.power,
-            probes.worth_moving if moving else probes.worth, frontier, known_again, highest, worth,
+            levels, metrics, views, moving, probes.shortest_stops, probes.power, probes.worth, frontier, known_again,
+            highest, worth,
         )  # fmt: skip
         return worth
     unknown = levels > known_again
