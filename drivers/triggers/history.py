@@ -64,8 +64,13 @@ class WriteHistory:
         if not any(command.setting is write.asked for command in self._in_flight):
             return None
         while (command := self._in_flight.popleft()).setting is not write.asked:
-            pass  # replaced by a newer one before it was written
+            self._replaced(command)
         return command
+
+    def _replaced(self, command: Command) -> None:
+        """A newer one came before it was written: a later frame with the same setting is not its effect."""
+        if command in self._unseen:
+            self._unseen.remove(command)
 
     def doubt(self) -> None:
         """The camera refused a setting, and may have taken part of it."""

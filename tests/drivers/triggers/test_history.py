@@ -119,3 +119,15 @@ def test_what_a_camera_made_of_a_setting_is_found_by_identity() -> None:
     assert history.read_back(at(1000)) is None  # as long, but asked for another time
     assert history.has_held(at(900)) and not history.has_held(asked)
     assert history.asked == [asked]
+
+
+def test_a_replaced_command_does_not_claim_the_effect_of_a_later_one_with_the_same_setting() -> None:
+    history, replaced, back, later = WriteHistory(), decided(at(2000), 1), decided(at(1000), 2), decided(at(2000), 99)
+    history.first_effect_ns(frame(0, at(1000)))
+    history.command(replaced)
+    history.command(back)
+    history.write(written(back.setting, 3))
+    assert history.first_effect_ns(frame(50, at(1000))) is None
+    history.command(later)
+    history.write(written(later.setting, 100))
+    assert history.first_effect_ns(frame(120, at(2000))) == 120 - 99
