@@ -49,6 +49,7 @@ class WriteHistory:
         self._in_flight: deque[Command] = deque(maxlen=REMEMBERED)
         self._unseen: deque[Command] = deque(maxlen=REMEMBERED)  # not yet, in any frame
         self._seen: ExposureSetting | None = None  # in the newest frame that carries its own exposure metadata
+        self._usual_ns: int | None = None  # from a command to its effect, when last there was no doubt
         self._writes: deque[Written] = deque(maxlen=REMEMBERED)
         self._certain = 0  # this many of the newest writes: before them the nodes may have held anything
 
@@ -64,13 +65,8 @@ class WriteHistory:
         if not any(command.setting is write.asked for command in self._in_flight):
             return None
         while (command := self._in_flight.popleft()).setting is not write.asked:
-            self._replaced(command)
+            pass  # replaced by a newer one before it was written
         return command
-
-    def _replaced(self, command: Command) -> None:
-        """A newer one came before it was written: a later frame with the same setting is not its effect."""
-        if command in self._unseen:
-            self._unseen.remove(command)
 
     def doubt(self) -> None:
         """The camera refused a setting, and may have taken part of it."""
@@ -110,24 +106,34 @@ class WriteHistory:
 
         A frame shows the command nearest to its own setting, of those decided on before its exposure, unless the
         setting shown last is as near: so neither an overtaken setting nor a step too small for the camera is mistaken
-        for an effect. None for a frame without exposure metadata.
+        for an effect. Of equal commands, one may have been overtaken: the frame shows that of the usual delay, and as
+        long as none is known the oldest. None for a frame without exposure metadata.
         """
         if frame.setting_source != "chunk":
             return None
         seen, self._seen = self._seen, frame.setting
         candidates = [
-            (_stops_apart(frame.setting, command.setting), command.decided_ns)  # if equally near, the oldest
+            (_stops_apart(frame.setting, command.setting), frame.host_time_ns - command.decided_ns)
             for command in self._unseen
             if command.decided_ns < frame.host_time_ns and frame.setting.agrees_with(command.setting)
         ]
         if not candidates:
             return None
-        apart, decided_ns = min(candidates)
+        apart = min(candidates)[0]
         if seen is not None and _stops_apart(frame.setting, seen) <= apart:
             return None
-        while self._unseen and self._unseen[0].decided_ns <= decided_ns:
+        delay_ns = self._delay_of([delay_ns for each, delay_ns in candidates if each == apart])
+        while self._unseen and frame.host_time_ns - self._unseen[0].decided_ns >= delay_ns:
             self._unseen.popleft()
-        return frame.host_time_ns - decided_ns
+        return delay_ns
+
+    def _delay_of(self, delays_ns: list[int]) -> int:
+        """The delay of one of several equal commands, oldest first."""
+        if len(delays_ns) == 1:
+            self._usual_ns = delays_ns[0]
+        elif (usual_ns := self._usual_ns) is not None:
+            return min(delays_ns, key=lambda delay_ns: abs(delay_ns - usual_ns))
+        return delays_ns[0]
 
 
 def _stops_apart(one: ExposureSetting, other: ExposureSetting) -> float:

@@ -121,13 +121,25 @@ def test_what_a_camera_made_of_a_setting_is_found_by_identity() -> None:
     assert history.asked == [asked]
 
 
-def test_a_replaced_command_does_not_claim_the_effect_of_a_later_one_with_the_same_setting() -> None:
-    history, replaced, back, later = WriteHistory(), decided(at(2000), 1), decided(at(1000), 2), decided(at(2000), 99)
+def test_an_overtaken_command_does_not_claim_the_effects_of_later_equal_ones() -> None:
+    history = WriteHistory()
     history.first_effect_ns(frame(0, at(1000)))
-    history.command(replaced)
-    history.command(back)
-    history.write(written(back.setting, 3))
-    assert history.first_effect_ns(frame(50, at(1000))) is None
-    history.command(later)
-    history.write(written(later.setting, 100))
-    assert history.first_effect_ns(frame(120, at(2000))) == 120 - 99
+    history.command(decided(at(3000), 1))
+    assert history.first_effect_ns(frame(PERIOD_NS, at(3000))) == PERIOD_NS - 1
+    for setting in (at(2000), at(3000)):  # no frame is exposed between the writes
+        history.command(decided(setting, PERIOD_NS + 1))
+    assert history.first_effect_ns(frame(2 * PERIOD_NS, at(3000))) is None
+    for number in range(90, 100):  # a second later, back and forth
+        history.command(decided(at(2000 if number % 2 else 3000), number * PERIOD_NS + 1))
+        delay_ns = history.first_effect_ns(frame((number + 1) * PERIOD_NS, at(2000 if number % 2 else 3000)))
+        assert delay_ns == (None if number == 90 else PERIOD_NS - 1)
+
+
+def test_a_slow_camera_shows_the_older_of_equal_commands() -> None:
+    history = WriteHistory()
+    settings = [at(1000), at(2000), at(4000), *[at(1000), at(2000)] * 5]
+    delays = []
+    for number in range(len(settings)):  # each frame shows what was decided four frames before
+        delays.append(history.first_effect_ns(frame(number * PERIOD_NS, settings[max(number - 4, 0)])))
+        history.command(decided(settings[number], number * PERIOD_NS + 1))
+    assert delays[5:] == [4 * PERIOD_NS - 1] * 8
