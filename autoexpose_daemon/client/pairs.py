@@ -201,9 +201,9 @@ class _Sequence:
 
 
 def _gap(last: int, number: int) -> int:
-    """How many are missing between two numbers of one count."""
+    """How many are missing between two numbers of one count; 0 where it began again."""
     gap = number - last - 1
-    return gap if gap <= _LONGEST_GAP else 0
+    return gap if 0 <= gap <= _LONGEST_GAP else 0
 
 
 class PairAssembler:

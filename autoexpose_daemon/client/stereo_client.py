@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import contextlib
-import logging
+import itertools
 import os
 import re
 import sys
-import threading
 import time
 import weakref
 from collections.abc import Callable, Iterator, Sequence
@@ -19,45 +18,28 @@ import numpy as np
 import zenoh
 from numpy.typing import NDArray
 
-from autoexpose_daemon.client.pairs import PairAssembler, PairQueue, ReceivedPair
+from autoexpose_daemon.client.inbox import Inbox
+from autoexpose_daemon.client.pairs import ReceivedPair
 from autoexpose_daemon.control.light_ahead import LightSeries
 from autoexpose_daemon.control.picture.tracked_cells import TrackedCells
 from autoexpose_daemon.messages.keys import (
     CONSUMER_NAME,
     LOOPBACK,
-    all_of_rig,
     check_rig_name,
-    consumer_key,
-    last_but,
     light_ahead_key,
     registration_key,
-    side_of,
     tracking_key,
 )
 from autoexpose_daemon.messages.light import light_ahead
-from autoexpose_daemon.messages.read import DamagedMessageError
 from autoexpose_daemon.messages.registration import RegisteredView, registration
 from autoexpose_daemon.messages.report import ConsumerTally
-from autoexpose_daemon.messages.response import response_from_json, vignetting_from_json
 from autoexpose_daemon.messages.tracked_cells import tracked_cells
-from autoexpose_daemon.publish.session import Endpoints, SessionHolder
-from calibration.response import ResponseFunction
-from calibration.vignetting.model import Vignetting
-from drivers.config.readable import readable
+from autoexpose_daemon.publish.session import Endpoints
 from drivers.errors import ConfigurationError
 from drivers.frames import Side
-from drivers.log_throttle import LogThrottle
 from drivers.python310 import Self
 
-log = logging.getLogger(__name__)
-
-_REPORT_S = 1.0
-_QUEUE_PAIRS = 8
-_SAID_S = 10.0
-_RING_MESSAGES = 96
-"""For 16 pairs; zenoh drops the oldest if this process has no time for them."""
-
-_Take = Callable[[Side, bytes, int], ReceivedPair | None]
+_NUMBERS = itertools.count(1)
 
 
 class StereoClient:
@@ -75,7 +57,8 @@ class StereoClient:
     zenoh_file
         A configuration file of zenoh, which then names the endpoints: TLS, access control.
     name
-        The name under which the daemon shows this consumer; None: program and process.
+        The name under which the daemon shows this consumer; None: program and process, and from the second client of a
+        process on a number.
     normalised
         Hand out pairs only once the cameras' response functions are known, up to a second later, so that
         `ReceivedPair.normalised` and `alike` work; vignetting comes with them.
@@ -99,22 +82,14 @@ class StereoClient:
         if name is not None and not CONSUMER_NAME.fullmatch(name):
             raise ConfigurationError(f"{name} is not a valid consumer name: up to 64 letters, digits, and any of _ . -")
         self._rig = rig
-        self._name = name or f"{re.sub('[^A-Za-z0-9_]', '_', Path(sys.argv[0]).stem)[:40]}-{os.getpid()}"
-        self._tally = ConsumerTally()
-        self._news = threading.Condition()
-        self._assembler = PairAssembler(self._tally)
-        self._queue = PairQueue(self._tally, _QUEUE_PAIRS)
-        self._normalised = normalised
-        self._responses = _Responses()
-        self._throttle = LogThrottle(_SAID_S)
-        endpoints = Endpoints.of_client(connect, zenoh_file)
-        self._holder = SessionHolder("client", endpoints, self._serve, self._on_trouble)
+        self._name = name or _default_name()
+        self._inbox = Inbox(rig, self._name, Endpoints.of_client(connect, zenoh_file), normalised=normalised)
         self._close_session: Callable[[], object] | None = None
 
     @property
     def tally(self) -> ConsumerTally:
         """The count so far."""
-        return replace(self._tally)
+        return replace(self._inbox.tally)
 
     def __iter__(self) -> Iterator[ReceivedPair]:
         """Pairs until `close` is called."""
@@ -125,9 +100,7 @@ class StereoClient:
     def next_pair(self, timeout_s: float | None = None) -> ReceivedPair | None:
         """The next pair; None if the client is closed, or none arrives within `timeout_s`."""
         self._open()
-        with self._news:
-            self._news.wait_for(lambda: len(self._queue) or self._holder.closed.is_set(), timeout_s)
-            return self._queue.take() if len(self._queue) and not self._holder.closed.is_set() else None
+        return self._inbox.take(timeout_s)
 
     def send_light_ahead(self, series: LightSeries) -> None:
         """Send the daemon the light that an earlier drive saw around here, if it is connected."""
@@ -161,9 +134,7 @@ class StereoClient:
 
     def close(self) -> None:
         """Disconnect from the daemon; iterations end."""
-        self._holder.closed.set()
-        with self._news:
-            self._news.notify_all()
+        self._inbox.end()
         if self._close_session is not None:
             self._close_session()
 
@@ -177,73 +148,19 @@ class StereoClient:
 
     def _send(self, key: str, data: bytes) -> None:
         with contextlib.suppress(zenoh.ZError):  # the next one says it again
-            self._holder.send(key, data)
+            self._inbox.session.send(key, data)
 
     def _open(self) -> None:
         """Start connecting, once."""
         if self._close_session is None:
-            # Closed at the latest when the interpreter ends, which a thread inside zenoh would not survive.
-            self._close_session = weakref.finalize(self, self._holder.close)
-            self._holder.start()
-
-    def _on_trouble(self, trouble: str) -> None:
-        if trouble:
-            log.warning("no frames yet: %s; trying again", trouble)
-
-    def _serve(self, session: zenoh.Session) -> None:
-        self._holder.subscribe(session, all_of_rig(self._rig), self._receive, _RING_MESSAGES)
-        key = consumer_key(self._rig, self._name)
-        while True:
-            with contextlib.suppress(zenoh.ZError):  # the next report holds these counts too
-                session.put(key, self._tally.to_json())
-            if self._holder.closed.wait(_REPORT_S):
-                return
-
-    def _receive(self, key: str, data: bytes) -> None:
-        takes: dict[str, _Take] = {
-            "image": self._assembler.image,
-            "exposure": self._assembler.exposure,
-            "response": self._responses.take,
-        }
-        take = takes.get(last_but(key, 0))
-        side = None if take is None else side_of(key)
-        if take is None or side is None:
-            return
-        with self._news:
-            try:
-                pair = take(side, data, time.monotonic_ns())
-            except DamagedMessageError as error:  # its pair never becomes complete, and is counted as lost
-                if self._throttle.due("damaged", time.monotonic_ns()):
-                    log.warning("pairs are refused, and lost: %s", readable(str(error)))
-                return
-            if pair is not None and self._normalised:
-                pair = self._responses.joined_to(pair)
-            if pair is not None:
-                self._queue.put(pair)
-                self._news.notify()
+            # Closed when nobody has the client any more, at the latest when the interpreter ends, which a thread
+            # inside zenoh would not survive.
+            self._close_session = weakref.finalize(self, self._inbox.session.close)
+            self._inbox.session.start()
 
 
-class _Responses:
-    """The latest response function and vignetting of each camera; the same objects as long as they stay the same."""
-
-    def __init__(self) -> None:
-        self._texts: dict[Side, bytes] = {}
-        self._of: dict[Side, ResponseFunction] = {}
-        self._vignettings: dict[Side, Vignetting] = {}
-
-    def take(self, side: Side, data: bytes, _now_ns: int) -> None:
-        """Take a message; a damaged one changes nothing."""
-        if self._texts.get(side) == data:
-            return
-        response = response_from_json(data)
-        if response is not None:
-            self._texts[side], self._of = data, self._of | {side: response}
-            others = {each: vignetting for each, vignetting in self._vignettings.items() if each != side}
-            vignetting = vignetting_from_json(data)
-            self._vignettings = others if vignetting is None else {**others, side: vignetting}
-
-    def joined_to(self, pair: ReceivedPair) -> ReceivedPair | None:
-        """The pair with the responses of its cameras; None while one is missing."""
-        if not self._of.keys() >= pair.stereo.frames.keys():
-            return None
-        return replace(pair, responses=self._of, vignettings=self._vignettings)
+def _default_name() -> str:
+    """Program and process; for further clients of a process, their number too."""
+    number = next(_NUMBERS)
+    program = re.sub("[^A-Za-z0-9_]", "_", Path(sys.argv[0]).stem)[:40]
+    return f"{program}-{os.getpid()}" + (f"-{number}" if number > 1 else "")

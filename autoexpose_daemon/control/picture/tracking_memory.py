@@ -119,8 +119,12 @@ class TrackingMemory:
         known = {side: tuple(mean.ravel().tolist()) for side, mean in by_side.items() if mean.any()}
         if not known:
             return None
-        newest_s = max(one.newest_s for cameras in self._known.values() for one in cameras.values())
-        return Steering(known, tuple(sorted(self._known)), round(max(now_s - newest_s, 0.0), 3))
+        said_s = {
+            consumer: max(float(one.times_s.max()) for one in cameras.values())
+            for consumer, cameras in self._known.items()
+        }
+        by = tuple(sorted(consumer for consumer, time_s in said_s.items() if now_s - time_s < FORGOTTEN_S))
+        return Steering(known, by, round(max(now_s - max(said_s.values()), 0.0), 3))
 
     def _mean(self, side: Side, now_s: float) -> NDArray[np.float64]:
         """Mean over consumers, each as far as it is fresh."""

@@ -204,6 +204,14 @@ def test_a_late_report_does_not_replace_a_later_one() -> None:
     assert (np.reshape(steering.favours["left"], SHAPE)[LEFT] > 0.5).all()
 
 
+def test_only_consumers_that_say_something_steer() -> None:
+    memory = TrackingMemory()
+    memory.take(report(in_cells(LEFT)), WELL, 7.0)
+    memory.take(report(np.zeros(SHAPE, np.uint16), in_cells(LEFT), "lost"), WELL, 8.5)
+    steering = memory.steering(8.5)
+    assert steering is not None and (steering.by, steering.age_s) == (("slam",), 1.5)
+
+
 def test_so_many_consumers_steer_and_no_more_until_one_is_silent() -> None:
     memory = TrackingMemory()
     for number in range(MOST_CONSUMERS):

@@ -29,11 +29,13 @@ def frame(number: int) -> Frame:
     return Frame(np.full((2, 3), number % 256, np.uint8), 8, number, number, number * PERIOD_NS, 0, SETTING)
 
 
-def messages(number: int, *, cameras: int = 2, lone_side: Side | None = None) -> list[Message]:
+def messages(
+    number: int, *, cameras: int = 2, lone_side: Side | None = None, sequence: int | None = None
+) -> list[Message]:
     """Those of one step that a client asks for: exposure and image of each frame, by turns."""
     sides = SIDES[:cameras] if lone_side is None else (lone_side,)
     step = StereoPair(number, {side: frame(number) for side in sides})
-    made = MessageWriter("rig", cameras).messages(step, DECISION, number, 0)
+    made = MessageWriter("rig", cameras).messages(step, DECISION, number if sequence is None else sequence, 0)
     return [message for message in made if message.topic != "camera_info"]
 
 
@@ -84,6 +86,18 @@ def test_messages_of_the_cameras_may_overtake_each_other(steps: list[str], order
     assert [pair.sequence for pair in receiver.drain()] == [n for n, kind in enumerate(kinds, 1) if kind == "pair"]
     alone = kinds.count("left") + kinds.count("right")
     assert (receiver.tally.lost, receiver.tally.alone) == (kinds.count("lost"), alone)
+
+
+def test_lone_frames_before_the_daemon_starts_again_take_nothing_from_the_losses() -> None:
+    receiver = Receiver()
+    for number in range(30, 50):
+        for message in messages(number, lone_side="left"):
+            receiver.receive(message)
+    for sequence in [*range(1, 40), *range(42, 61)]:
+        for message in messages(100 + sequence, sequence=sequence):
+            receiver.receive(message)
+        assert receiver.tally.lost >= 0
+    assert len(receiver.drain()) == receiver.tally.pairs == 58
 
 
 def test_a_pair_holds_what_its_messages_say() -> None:
@@ -167,7 +181,7 @@ def test_a_pair_that_is_refused_counts_as_lost() -> None:
 def test_a_client_says_once_why_it_refuses_pairs(caplog: pytest.LogCaptureFixture) -> None:
     client = StereoClient()
     for message in messages(1):
-        client._receive(f"autoexpose/rig/{message.side}/{message.topic}", bytes(message.data)[:-1])
+        client._inbox.receive(f"autoexpose/rig/{message.side}/{message.topic}", bytes(message.data)[:-1])
     (said,) = caplog.messages
     assert said.startswith("pairs are refused, and lost: not a ")
 

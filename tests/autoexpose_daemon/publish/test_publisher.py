@@ -69,6 +69,22 @@ def test_a_client_gets_pairs_as_they_were_taken_and_the_daemon_hears_of_it() -> 
         wait_until(lambda: reported(publisher, "odometry").pairs >= 60, "the consumer's report")
 
 
+def test_a_client_that_nobody_has_any_more_disconnects() -> None:
+    at = endpoint()
+    with publishing(PublishConfig(listen=(at,))):
+        client = StereoClient(connect=[at])
+        for _ in client:
+            break
+        closed = client._inbox.session.closed
+        assert not closed.is_set()
+        del client
+        wait_until(closed.is_set, "the client's end")
+
+
+def test_clients_of_one_process_have_names_of_their_own() -> None:
+    assert len({StereoClient()._name for _ in range(3)}) == 3
+
+
 def test_a_client_waits_for_its_daemon_and_finds_the_next_one() -> None:
     at = endpoint()
     with StereoClient(connect=[at]) as client:
