@@ -26,7 +26,9 @@ class Complaints:
 
     def change(self, side: Side, kind: Kind, sentence: str) -> None:
         """The same, but each new sentence is logged."""
-        if (side, kind, sentence) not in self._logged:
+        if (side, kind, sentence) in self._logged:
+            self.present[side, kind] = sentence
+        else:
             self._logged.add((side, kind, sentence))
             self._log(side, kind, sentence)
 

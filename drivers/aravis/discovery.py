@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import logging
 import threading
 import time
 from collections.abc import Iterator
@@ -33,7 +34,10 @@ class FoundCamera:
     id: str
 
 
+log = logging.getLogger(__name__)
+
 _found: list[FoundCamera] = []
+_passed_over: set[str] = set()
 _found_s = float("-inf")
 
 
@@ -46,20 +50,32 @@ def find_cameras() -> list[FoundCamera]:
 def _search() -> list[FoundCamera]:
     global _found, _found_s  # noqa: PLW0603  like Aravis' own list, one per process
     Aravis.update_device_list()
-    _found = [
-        FoundCamera(
+    found = (_described(index) for index in range(Aravis.get_n_devices()))
+    _found = [camera for camera in found if camera is not None]
+    _found_s = time.monotonic()
+    return _found
+
+
+def _described(index: int) -> FoundCamera | None:
+    """A device of Aravis' list; None if it is of another kind, or calls itself something that is not UTF-8."""
+    transport = _TRANSPORTS.get(Aravis.get_device_protocol(index))
+    if transport is None:
+        return None
+    address = Aravis.get_device_address(index)
+    try:
+        return FoundCamera(
             serial=Aravis.get_device_serial_nbr(index),
             vendor=Aravis.get_device_vendor(index),
             model=Aravis.get_device_model(index),
-            transport=_TRANSPORTS[Aravis.get_device_protocol(index)],
-            address=Aravis.get_device_address(index),
+            transport=transport,
+            address=address,
             id=Aravis.get_device_id(index),
         )
-        for index in range(Aravis.get_n_devices())
-        if Aravis.get_device_protocol(index) in _TRANSPORTS
-    ]
-    _found_s = time.monotonic()
-    return _found
+    except UnicodeDecodeError:
+        if address not in _passed_over:
+            _passed_over.add(address)
+            log.warning("the camera at %s is passed over: its vendor, model or serial is not UTF-8", address)
+        return None
 
 
 def find_camera(serial: str) -> FoundCamera:

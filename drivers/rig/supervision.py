@@ -257,6 +257,8 @@ class Supervisor:
         with self.news:
             slot, missed = pacer.take(self._now_ns())
             device_time_ns = None if slot is None else pacer.slots.device_time_ns(slot)
+        if missed:  # before the trigger: its frame may come sooner than the acknowledgement
+            self._events.put(NotTriggered(self._side, missed))
         try:
             if device_time_ns is not None:
                 camera.schedule(device_time_ns)
@@ -265,11 +267,9 @@ class Supervisor:
         except CameraLostError:
             raise
         except CameraError as error:
-            missed += 1
+            self._events.put(NotTriggered(self._side, 1))
             if self._throttle.due("trigger", self._now_ns()):
                 log.warning("%s camera: it was not triggered: %s", self._side, error)
-        if missed:
-            self._events.put(NotTriggered(self._side, missed))
 
     def _write(self, camera: Camera, setting: ExposureSetting) -> None:
         started_ns = self._now_ns()

@@ -32,7 +32,7 @@ def test_each_new_sentence_about_a_lost_camera_is_logged_once_however_they_alter
 ) -> None:
     for sentence in ("no answer", "another serial", "no answer", "another serial"):
         complaints.change("left", "gone", sentence)
-    assert complaints.present == {("left", "gone"): "another serial"}
+        assert complaints.present == {("left", "gone"): sentence}
     assert caplog.messages == ["left camera: no answer", "left camera: another serial"]
     complaints.end("left", "gone")
     complaints.change("left", "gone", "no answer")

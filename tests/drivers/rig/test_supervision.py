@@ -184,6 +184,20 @@ def test_a_camera_that_is_closed_while_its_pace_is_set_is_reopened_without_one()
     assert not any(isinstance(event, NotTriggered) for event in bench.run(1.0))
 
 
+def test_missed_slots_are_reported_before_the_next_trigger_whose_frame_may_come_at_once() -> None:
+    camera = InstantCamera()
+    bench = Bench(camera)
+    bench.run(0.1)
+    bench.supervisor.pace(Slots.at_once(10.0, bench.now_ns))
+    bench.run(0.5)
+    before: list[int] = []
+    camera.trigger = lambda: before.append(bench.events.qsize())  # type: ignore[method-assign]
+    bench.now_ns += SECOND_NS
+    (missed, *_) = [event for event in bench.run(0.02) if isinstance(event, NotTriggered)]
+    assert missed.count >= 9
+    assert before[0] >= 1
+
+
 def test_no_frame_of_a_lost_camera_is_reported_after_its_loss() -> None:
     camera = InstantCamera()
     bench = Bench(camera)
