@@ -18,6 +18,8 @@ SURE_FRAMES = 5
 """One of this many arrives undelayed unless the machine is very busy; a late one would look like the next trigger's."""
 ARRIVAL_WINDOW = 600
 """Frames whose delays are compared without a latch: 10 s at 60 Hz; crystals of 50 ppm drift by 0.5 ms in it."""
+LONG_PAUSE_NS = 10_000_000_000
+"""Between two frames: after it, the delays before it are not compared, as the crystals have drifted meanwhile."""
 LATCH_ERROR_NS = 1_000_000
 """A latch that had to wait for the processor may be off by this much: not a jump."""
 OUT_OF_ORDER_NS = 100_000_000
@@ -110,13 +112,15 @@ class ArrivalClock:
 
     def __init__(self) -> None:
         self._offsets_ns: deque[int] = deque(maxlen=ARRIVAL_WINDOW)
-        self._newest_ns = 0
+        self._newest_ns = 0  # the last time stamp
+        self._arrived_ns = 0  # when the last frame arrived
 
     def host_time_ns(self, device_time_ns: int, arrival_time_ns: int) -> int:
         """Host time of a frame's time stamp; never later than its arrival."""
-        if device_time_ns < self._newest_ns - OUT_OF_ORDER_NS:  # it jumped back, which would count as a delay
+        jumped_back = device_time_ns < self._newest_ns - OUT_OF_ORDER_NS  # which would count as a delay
+        if jumped_back or arrival_time_ns - self._arrived_ns > LONG_PAUSE_NS:
             self._offsets_ns.clear()
-        self._newest_ns = device_time_ns
+        self._newest_ns, self._arrived_ns = device_time_ns, arrival_time_ns
         self._offsets_ns.append(arrival_time_ns - device_time_ns)
         return device_time_ns + min(self._offsets_ns)
 

@@ -285,7 +285,7 @@ class TriggerAccount:
             if len(frames) == len(self._tracks):
                 self.tally.pairs += 1
                 pairs.append(StereoPair(trigger, frames))
-            elif any(outcome is not Fate.SILENT for outcome in outcomes.values()):
+            elif not _stopped(outcomes):
                 self.tally.lost[_reason(outcomes)] += count
                 pairs += self._alone(trigger, frames)
         return pairs
@@ -313,6 +313,11 @@ class TriggerAccount:
                 track.alone = trigger
                 return [StereoPair(trigger, {side: frame})]
         return []
+
+
+def _stopped(outcomes: dict[Side, Outcome]) -> bool:
+    """Whether there was no trigger: every camera that was there to show it was silent."""
+    return Fate.SILENT in outcomes.values() and all(fate in (Fate.SILENT, Fate.GONE) for fate in outcomes.values())
 
 
 def _reason(outcomes: dict[Side, Outcome]) -> LossReason:

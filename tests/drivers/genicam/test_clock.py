@@ -78,6 +78,20 @@ def test_without_a_latch_host_times_are_late_by_the_shortest_delay_so_far(delays
         assert host_ns == true_ns + min(delays_ns[: frame + 1])
 
 
+@pytest.mark.parametrize("drift_ppm", [50, -50])
+def test_without_a_latch_a_drift_during_a_long_pause_is_followed_at_once(drift_ppm: int) -> None:
+    wire = Wire()
+    clock = ArrivalClock()
+    errors_ns = []
+    for number in range(200):
+        passed_ns = 300 * 10**9 if number == 100 else 16_666_667
+        wire.host_ns += passed_ns
+        wire.offset_ns += passed_ns * drift_ppm // 10**6
+        arrival_ns = wire.host_ns + 9_000_000 + wire.delays.randrange(2_000_000)
+        errors_ns.append(clock.host_time_ns(wire.host_ns - wire.offset_ns, arrival_ns) - wire.host_ns)
+    assert max(errors_ns) - min(errors_ns) < 3_000_000
+
+
 @pytest.mark.parametrize(
     ("names", "frequency", "scale"),
     [

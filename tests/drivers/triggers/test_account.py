@@ -300,6 +300,22 @@ def test_a_trigger_that_stops_for_long_is_not_a_loss(periods: int) -> None:
     assert rig.account.tally.pairs == 6
 
 
+@pytest.mark.parametrize("returns_during_the_stop", [True, False])
+def test_a_trigger_that_stops_while_one_camera_is_gone_is_not_a_loss(returns_during_the_stop: bool) -> None:
+    rig = FakeRig()
+    rig.pulses(3)
+    rig.pulse(left="goes")
+    rig.pulses(1000, left="absent", right="ignored")
+    if returns_during_the_stop:
+        rig.account.ready("left", rig.time_ns)
+        rig.pulses(1000, left="ignored", right="ignored")
+    else:
+        rig.pulse(left="absent")
+    rig.pulses(3)
+    assert rig.close() == {"camera_gone": 1 if returns_during_the_stop else 2}
+    assert rig.account.tally.pairs == 6
+
+
 @pytest.mark.parametrize(("event", "lost"), [("silent", {}), ("goes", {"camera_gone": 10**9 + 1})])
 def test_a_year_without_frames_is_over_at_once(event: str, lost: dict[str, int]) -> None:
     rig = FakeRig(period_ns=PERIOD_NS)
