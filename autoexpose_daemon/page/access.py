@@ -14,6 +14,7 @@ from starlette.requests import HTTPConnection, Request
 from starlette.responses import PlainTextResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from autoexpose_daemon.page.body import read_body
 from drivers.config.files import read_regular
 from drivers.errors import ConfigurationError
 
@@ -80,11 +81,7 @@ class Key:
 
     async def log_in(self, request: Request) -> Response:
         """Answer the login form, with a cookie for the right token."""
-        body = b""
-        async for chunk in request.stream():
-            body += chunk
-            if len(body) > _LONGEST_FORM:
-                return PlainTextResponse("too long", 413)
+        body = await read_body(request, _LONGEST_FORM)
         (token,) = parse_qs(body.decode("utf-8", "replace")).get("token", [""])[:1]
         if not self.fits(token.strip()):
             return RedirectResponse("/login?wrong", 303)

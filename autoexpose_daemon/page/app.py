@@ -39,7 +39,7 @@ def page_app(rig: str, connect: Sequence[str], key: Key | None) -> ASGIApp:
     async def fed(app: Starlette) -> AsyncIterator[None]:
         with client, PairViews(rig, connect, client, history) as views:
             app.state.views = views
-            recording = asyncio.create_task(_record_status(client, history))
+            recording = asyncio.create_task(_record_status(client, views, history))
             yield
             recording.cancel()
 
@@ -64,8 +64,8 @@ def page_app(rig: str, connect: Sequence[str], key: Key | None) -> ASGIApp:
     return Access(Starlette(routes=routes, lifespan=fed), key)
 
 
-async def _record_status(client: StatusClient, history: History) -> None:
-    """Keep the history going from the status, one point a second, while nobody watches."""
+async def _record_status(client: StatusClient, views: PairViews, history: History) -> None:
+    """Keep the history going from the status, one point a second, while no pairs arrive, as when nobody watches."""
     seen = None
     while True:
         await asyncio.sleep(_STATUS_PERIOD_S)
@@ -74,8 +74,9 @@ async def _record_status(client: StatusClient, history: History) -> None:
             continue
         seen = status
         applied = status.cameras["left"].applied if "left" in status.cameras else None
-        if applied is not None:
-            history.add(time.monotonic(), applied, status.decision)
+        heard_s = time.monotonic() - client.silent_s
+        if applied is not None and heard_s > views.pair_s:
+            history.add(heard_s, applied, status.decision)
 
 
 def _file(name: str) -> Callable[[Request], Awaitable[Response]]:

@@ -11,6 +11,7 @@ from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 
 from autoexpose_daemon.client.control_client import ControlClient
+from autoexpose_daemon.page.body import read_body
 from drivers.errors import AutoexposeError
 
 ASKED: Final = frozenset({"locked", "ev_stops", "policy", "reset"})
@@ -31,11 +32,7 @@ class Buttons:
 
     async def ask(self, request: Request) -> Response:
         """Answer one press: what was taken, or the sentence that says why nothing has changed."""
-        body = b""
-        async for chunk in request.stream():
-            body += chunk
-            if len(body) > _LONGEST:
-                return PlainTextResponse("too long\n", 413)
+        body = await read_body(request, _LONGEST)
         try:
             changes = json.loads(body)
         except (ValueError, RecursionError):

@@ -16,6 +16,9 @@ from autoexpose_daemon.page.history import LENGTH_S, History
 from autoexpose_daemon.page.pair_views import PairViews
 from autoexpose_daemon.page.tables import tables
 
+CROWDED = 4001
+"""The code that closes the web socket of one viewer too many; `page.js` has it, too."""
+
 NUMBERS_PERIOD_S = 0.5
 
 
@@ -28,9 +31,9 @@ async def serve_browser(
     pair: a slow or distant browser gets fewer pairs, never a queue of old ones. `policies` are those that its
     buttons may choose; None: it has no buttons.
     """
-    if views.crowded:
-        return await socket.close()
     await socket.accept()
+    if views.crowded:
+        return await socket.close(CROWDED)
     asked = asyncio.Event()
     parts = (
         _send_numbers(socket, client, views, history, policies),

@@ -66,11 +66,14 @@ class PairViews:
     rig
         Its name.
     curve
-        None before the first.
+        None before the first, and once nobody watches.
+    pair_s
+        When the newest pair arrived, from CLOCK_MONOTONIC; 0 before the first.
     """
 
     def __init__(self, rig: str, connect: Sequence[str], status: StatusClient, history: History) -> None:
         self.curve: Curve | None = None
+        self.pair_s = 0.0
         self.rig = rig
         self._connect = connect
         self._status = status
@@ -118,15 +121,16 @@ class PairViews:
                 self._watching -= 1
 
     async def next_view(self, after: int) -> tuple[int, bytes]:
-        """The newest pair as a message, with its number, as soon as that exceeds `after`."""
-        while self._newest[0] <= after:
+        """The newest pair as a message, with its number, as soon as there is one and that exceeds `after`."""
+        while not (newest := self._newest)[1] or newest[0] <= after:
             await self._rung.wait()
-        return self._newest
+        return newest
 
     def _run(self) -> None:
         while self._wait_for_viewers():
             with StereoClient(self.rig, self._connect, name=f"page-{os.getpid()}") as self._client:
                 self._follow(self._client)
+                self._newest, self.curve = (self._newest[0], b""), None  # old by the time that someone watches again
 
     def _wait_for_viewers(self) -> bool:
         with self._watched:
@@ -139,7 +143,8 @@ class PairViews:
             pair = client.next_pair(_PATIENCE_S)
             if pair is None:
                 continue
-            self._history.add(pair.received_ns * 1e-9, pair.left.setting, pair.decision)
+            self.pair_s = pair.received_ns * 1e-9
+            self._history.add(self.pair_s, pair.left.setting, pair.decision)
             try:
                 if pair.received_ns >= picture_ns:
                     picture_ns = pair.received_ns + PICTURE_PERIOD_NS

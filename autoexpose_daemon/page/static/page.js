@@ -9,10 +9,12 @@ import { drawMatches, showRepetition } from "./repetition.js";
 const SILENT_S = 3; // the daemon sends its status once a second
 const STALE_S = 2;
 const HISTORY_S = 300;
+const CROWDED = 4001; // as in live.py
 const byId = (id) => document.getElementById(id);
 
 let socket = null;
 let retryMs = 500;
+let crowded = false;
 let numbers = null; // the latest message, and when it arrived
 let heardMs = 0;
 let rows = [];
@@ -26,10 +28,7 @@ function connect() {
   const opened = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/live`);
   opened.binaryType = "arraybuffer";
   socket = opened;
-  opened.onopen = () => {
-    retryMs = 500;
-    opened.send("next");
-  };
+  opened.onopen = () => opened.send("next");
   opened.onmessage = async (message) => {
     if (typeof message.data === "string") return takeNumbers(JSON.parse(message.data));
     try {
@@ -38,10 +37,11 @@ function connect() {
       if (opened.readyState === WebSocket.OPEN) opened.send("next");
     }
   };
-  opened.onclose = () => {
+  opened.onclose = ({ code }) => {
     if (socket !== opened) return; // closed because hidden
     socket = null;
     numbers = null;
+    crowded = code === CROWDED;
     showState();
     setTimeout(connect, retryMs);
     retryMs = Math.min(2 * retryMs, 8000);
@@ -65,6 +65,7 @@ document.addEventListener("visibilitychange", () => {
 function takeNumbers(message) {
   numbers = message;
   heardMs = performance.now();
+  retryMs = 500;
   const first = message.history[0]?.[0] ?? Infinity;
   const oldest = message.now_s - HISTORY_S;
   rows = rows.filter((row) => row[0] < first && row[0] >= oldest).concat(message.history);
@@ -77,6 +78,7 @@ function takeNumbers(message) {
 
 // Word, colour and reasons.
 function judged() {
+  if (!numbers && crowded) return ["offline", "no connection", ["too many browsers watch already; trying again"]];
   if (!numbers) return ["offline", "no connection", ["the page's server does not answer; trying again"]];
   const { status, silent_s: saidS, trouble, rig } = numbers;
   if (!status && trouble) {

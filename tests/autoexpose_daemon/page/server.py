@@ -6,6 +6,7 @@ import contextlib
 import http.client
 import re
 import signal
+import socket
 import subprocess
 import tempfile
 from collections.abc import Iterator, Mapping
@@ -46,6 +47,13 @@ class PageProcess:
             connection.request(method, path, body, dict(headers or {}))
             answer = connection.getresponse()
             return answer.status, answer.read().decode(), answer.headers
+
+    def hang_up(self, path: str, headers: Mapping[str, str] | None = None) -> None:
+        """Post a few bytes of many, and leave."""
+        lines = [f"{name}: {value}" for name, value in {"Host": self.host, **(headers or {})}.items()]
+        with socket.create_connection((self.host, self.port), STOP_S) as connection:
+            head = "\r\n".join((f"POST {path} HTTP/1.1", "Content-Length: 100", *lines))
+            connection.sendall(f"{head}\r\n\r\ntoken=".encode())
 
     def stop(self) -> int:
         """Ctrl-C, and the exit code."""

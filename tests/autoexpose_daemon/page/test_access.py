@@ -13,6 +13,7 @@ from websockets.exceptions import ConnectionClosedError, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
 from autoexpose_daemon.page.access import COOKIE
+from autoexpose_daemon.page.live import CROWDED
 from autoexpose_daemon.page.pair_views import MOST_VIEWERS
 from autoexpose_daemon.page.serve import OnceAMinute, serve
 from drivers.errors import AutoexposeError
@@ -39,13 +40,16 @@ def locked_page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[PageProces
 
 
 def live(page: PageProcess, **headers: str) -> int:
-    """Status of opening the web socket; 101 is success."""
+    """Status of opening the web socket, or the code that closes it; 101 is success."""
     try:
         with connect(f"ws://{page.host}:{page.port}/live", additional_headers=headers, proxy=None) as socket:
             assert '"status"' in socket.recv(10)
             return 101
     except InvalidStatus as refused:
         return refused.response.status_code
+    except ConnectionClosedError as closed:
+        assert closed.rcvd is not None
+        return closed.rcvd.code
 
 
 def test_this_machine_may_look(open_page: PageProcess) -> None:
@@ -98,7 +102,7 @@ def test_viewers_beyond_a_number_are_refused(open_page: PageProcess) -> None:
     with contextlib.ExitStack() as viewers:
         for _ in range(MOST_VIEWERS):
             viewers.enter_context(opened(open_page))
-        assert live(open_page) == 403
+        assert live(open_page) == CROWDED
     wait_until(lambda: live(open_page) == 101, "a place to be free")
 
 
@@ -157,6 +161,16 @@ def test_a_browser_logs_in(locked_page: PageProcess) -> None:
     assert live(locked_page, Cookie=cookie.partition(";")[0], Origin="http://evil.example") == 403
     assert locked_page.ask("POST", "/login", {"Origin": "http://evil.example"}, f"token={TOKEN}")[0] == 403
     assert locked_page.ask("POST", "/login", {}, "x" * 5000)[0] == 413
+
+
+def test_who_hangs_up_during_the_login_leaves_no_traceback(tmp_path: Path) -> None:
+    file = tmp_path / "token"
+    file.write_text(TOKEN)
+    with running_page("--connect", endpoint(), "--token-file", str(file)) as page:
+        page.hang_up("/login")
+        assert page.get("/login")[0] == 200
+        assert page.stop() == 0
+        assert "Traceback" not in page.log
 
 
 @pytest.mark.parametrize(

@@ -42,6 +42,8 @@ def test_only_who_has_the_token_may_ask_and_only_for_what_there_are_buttons(tmp_
         assert page.ask("POST", "/control", WITH_TOKEN, json.dumps({"policy": "x" * 2000}))[0] == 413
         status, words, _ = page.ask("POST", "/control", WITH_TOKEN, '{"locked": true}')
         assert status == 409 and "no answer for rig rig" in words
+        page.hang_up("/control", WITH_TOKEN)
+        assert page.get("/login")[0] == 200
         assert page.stop() == 0
         assert "Traceback" not in page.log
 
@@ -59,8 +61,7 @@ def test_what_is_pressed_applies(tmp_path: Path) -> None:
         tab.value(f"document.querySelector('input').value = '{TOKEN}'; document.querySelector('form').submit()")
         tab.wait_for("document.getElementById('buttons')?.checkVisibility()", "buttons")
         tab.value("document.getElementById('lock').click()")
-        wait_until(lambda: asked.locked is not None, "the lock")
-        assert asked.latest == "lock, asked by page"
+        wait_until(lambda: asked.locked is not None and asked.latest == "lock, asked by page", "the lock")
         tab.wait_for("document.getElementById('lock').innerText === 'unlock'", "the lock on the page")
         assert tab.text("asked") == "lock, asked by page"
         status, words, _ = page.ask("POST", "/control", WITH_TOKEN, '{"ev_stops": 9}')

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import subprocess
 import sys
@@ -11,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from websockets.sync.client import connect
 
 from autoexpose_daemon.client import StereoClient
 from autoexpose_daemon.config.publish import PublishConfig
@@ -18,6 +20,7 @@ from autoexpose_daemon.messages.keys import response_key, status_key
 from autoexpose_daemon.messages.report import ConsumerTally
 from autoexpose_daemon.messages.response import response_to_json
 from autoexpose_daemon.page.metrics import CONTENT_TYPE
+from autoexpose_daemon.page.pair_views import MOST_VIEWERS
 from autoexpose_daemon.publish.publisher import Publisher
 from autoexpose_daemon.status.document import CameraStatus, DurationStatus, Fault, PublishStatus, RecorderStatus, Status
 from autoexpose_daemon.status.states import State
@@ -188,6 +191,16 @@ def test_a_page_whose_process_is_gone_says_so_and_comes_back(tab: Tab, at: str) 
         tab.wait_for(f"{STATE} === 'waiting'", "the page's return")
     assert all("ERR_CONNECTION_REFUSED" in complaint for complaint in tab.complaints)
     tab.complaints.clear()
+
+
+def test_one_viewer_too_many_is_told_so_and_shown_the_page_later(tab: Tab, page: PageProcess) -> None:
+    with contextlib.ExitStack() as viewers:
+        for _ in range(MOST_VIEWERS):
+            viewers.enter_context(connect(f"ws://{page.host}:{page.port}/live", proxy=None))
+        tab.open(page.url)
+        tab.wait_for(f"{REASONS} === 'too many browsers watch already; trying again'", "the refusal")
+    tab.wait_for(f"{STATE} === 'waiting'", "the page")
+    assert tab.complaints == []
 
 
 def test_a_dead_thread_ends_the_page_and_is_named(at: str) -> None:

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Iterator
+import contextlib
+import time
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
 
 from autoexpose_daemon.client import ReceivedPair
 from autoexpose_daemon.client.status_client import StatusClient
+from autoexpose_daemon.page import pair_views
 from autoexpose_daemon.page.history import History
 from autoexpose_daemon.page.pair_views import PairViews
-from tests.autoexpose_daemon.publish.steps import DECISION, pair
+from tests.autoexpose_daemon.publish.steps import DECISION, PATIENCE_S, pair
 
 
 def received(*shapes: tuple[int, int]) -> Iterator[ReceivedPair]:
@@ -46,3 +49,49 @@ async def followed(pairs: Iterator[ReceivedPair]) -> int:
         views._follow(client)
     number, _ = await views.next_view(0)
     return number
+
+
+class Following(contextlib.nullcontext[None]):
+    """A client that has one pair each time it is opened."""
+
+    def __init__(self, *_: object, **__: object) -> None:
+        super().__init__()
+        self._pairs = received((540, 720))
+
+    def __enter__(self) -> Any:
+        return self
+
+    def next_pair(self, timeout_s: float) -> ReceivedPair | None:
+        following = next(self._pairs, None)
+        if following is None:
+            time.sleep(timeout_s)
+        return following
+
+    def close(self) -> None:
+        """Nothing to do."""
+
+
+def test_nobody_sees_a_picture_from_before_they_watched(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pair_views, "StereoClient", Following)
+    asyncio.run(watched_twice())
+
+
+async def watched_twice() -> None:
+    with PairViews("rig", (), StatusClient(), History()) as views:
+        with views.watched():
+            number, picture = await asyncio.wait_for(views.next_view(0), PATIENCE_S)
+            await until(lambda: views.curve is not None)
+        assert (number, bool(picture)) == (1, True)
+        await until(lambda: views.curve is None)
+        with pytest.raises(asyncio.TimeoutError):
+            await asyncio.wait_for(views.next_view(0), 0.1)
+        with views.watched():
+            number, picture = await asyncio.wait_for(views.next_view(0), PATIENCE_S)
+        assert (number, bool(picture)) == (2, True)
+
+
+async def until(condition: Callable[[], bool]) -> None:
+    deadline_s = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < deadline_s
+        await asyncio.sleep(0.01)
