@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import threading
 import time
@@ -142,10 +143,21 @@ class AravisCamera:
         """Write what differs from the last setting read back, and return what the nodes read back."""
         self._check_present()
         present, self._setting = self._setting, None  # unknown if a node refuses half-way
-        with self._nodes.unchecked():
-            self._setting = self._dialect.write(self._nodes, setting, present)
+        try:
+            with self._nodes.unchecked():
+                self._setting = self._dialect.write(self._nodes, setting, present)
+        except NodeError:
+            self._record_what_was_taken()
+            raise
         self._ledger.record(time.monotonic_ns(), self._setting)
         return self._setting
+
+    def _record_what_was_taken(self) -> None:
+        """Note what the nodes hold after a refusal, if they say: one may have changed, and frames are taken with it."""
+        with contextlib.suppress(CameraError):
+            held = self._dialect.read(self._nodes)
+            if held.is_physical:
+                self._ledger.record(time.monotonic_ns(), held)
 
     def trigger(self) -> None:
         """Take a frame now."""
