@@ -41,8 +41,8 @@ class Cameras(Protocol):
     def pace(self, side: Side, slots: Slots) -> None:
         """Trigger a camera in these slots until it is closed; replaces, or moves, the former ones."""
 
-    def reopen(self, side: Side) -> None:
-        """Close and reopen a camera that answers but sends nothing."""
+    def reopen(self, side: Side, why: str) -> None:
+        """Close and reopen a camera that answers but sends nothing; `why` follows its name in a sentence."""
 
 
 def _host_triggers(config: Config, now_ns: int) -> HostTriggers:
@@ -156,8 +156,8 @@ class RigControl:
         self.requests.look(self._now_ns())
         if events:
             self.telemetry.account(self.record)
-        for side in self._health.look(self._now_ns()):
-            self._cameras.reopen(side)
+        for side, why in self._health.look(self._now_ns()).items():
+            self._cameras.reopen(side, why)
 
     def _pass_over(self, pair: StereoPair) -> None:
         """A complete pair without a decision; consumers get it, unless they have had one of its frames alone."""

@@ -42,7 +42,9 @@ class RigHealth:
         self._telemetry = telemetry
         self._complaints = Complaints(telemetry.complaints)
         self._frame_watch = FrameWatch(telemetry, self._complaints, record, config)
-        self._stuck = StuckStreams(1.0 / config.trigger.rate_hz)
+        # By PTP, too, cameras expose only on request, which pauses while their clocks are not synchronised.
+        needs_pulses = config.trigger.mode in ("external", "ptp")
+        self._stuck = StuckStreams(1.0 / config.trigger.rate_hz, needs_pulses=needs_pulses)
         self._drift = ResponseDrift(config)
         self._record = record
         self._triggers = triggers
@@ -51,6 +53,8 @@ class RigHealth:
 
     def see(self, event: RigEvent, now_ns: int) -> None:
         """Look at an event; raises the error of a camera that can never be driven."""
+        if isinstance(event, FrameArrived):
+            self._stuck.arrived(event.side, now_ns)
         match event:
             case FrameArrived(side, IncompleteFrame()):
                 self._frame_watch.incomplete(side)
@@ -88,13 +92,13 @@ class RigHealth:
         """Continue with the responses of another tuning."""
         self._drift = ResponseDrift(tuning.config)
 
-    def look(self, now_ns: int) -> list[Side]:
-        """To be called at least ten times a second; returns the cameras to reopen."""
+    def look(self, now_ns: int) -> dict[Side, str]:
+        """To be called at least ten times a second; returns the cameras to reopen, and why."""
         for finding in self._record.findings(now_ns):
             log.warning("%s", finding)
         for side in self._telemetry.present:
             self._complaints.judge(side, "clock", self._triggers.trouble(side, now_ns))
-        return self._stuck.sides(self._telemetry, now_ns, self._record.unpaced)
+        return self._stuck.reasons(self._telemetry.cameras, now_ns, self._record.unpaced)
 
     def _ready(self, event: CameraReady) -> None:
         side, camera = event.side, event.description

@@ -1,10 +1,10 @@
-"""Cameras that answer but send nothing while another one sends: reopening them revives a stalled stream."""
+"""Cameras that answer but send nothing although they should: reopening them revives a stalled stream."""
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 
-from autoexpose_daemon.status.telemetry import GONE, Telemetry
+from autoexpose_daemon.status.telemetry import GONE
 from drivers.frames import Side
 
 FIRST_PAUSE_NS = 3_000_000_000
@@ -16,6 +16,9 @@ FLOWING_NS = 500_000_000
 PERIODS = 10.0
 """At low rates: another camera has sent a frame within this many periods, and this one has missed more."""
 
+BESIDE_ANOTHER = "sends no frames while the other one does"
+LIKE_ALL = "sends no frames"
+
 
 class StuckStreams:
     """Decides when to reopen a camera; for one thread.
@@ -24,27 +27,35 @@ class StuckStreams:
     ----------
     period_s
         Between two triggers.
+    needs_pulses
+        Whether triggers come from elsewhere: if no camera sends anything, they may have stopped.
     """
 
-    def __init__(self, period_s: float) -> None:
-        self._periods_ns = PERIODS * period_s * 1e9
+    def __init__(self, period_s: float, *, needs_pulses: bool) -> None:
+        self._periods_ns, self._needs_pulses = PERIODS * period_s * 1e9, needs_pulses
+        self._arrived_ns: dict[Side, int] = {}
         self._due_ns: dict[Side, float] = {}
         self._pause_ns: dict[Side, float] = {}
 
-    def sides(self, telemetry: Telemetry, now_ns: int, untriggered: Collection[Side] = ()) -> list[Side]:
-        """The cameras to reopen now; those that are not triggered yet cannot be stuck."""
+    def arrived(self, side: Side, now_ns: int) -> None:
+        """A frame has arrived, complete or not."""
+        self._arrived_ns[side] = now_ns
+
+    def reasons(self, cameras: Mapping[Side, str], now_ns: int, untriggered: Collection[Side] = ()) -> dict[Side, str]:
+        """Which cameras to reopen now, and why; those that are not triggered yet cannot be stuck."""
         flowing_ns = max(FLOWING_NS, self._periods_ns)
-        flowing = {side for side, last_ns in telemetry.last_frame_ns.items() if now_ns - last_ns < flowing_ns}
-        stuck = []
-        for side, camera in telemetry.cameras.items():
+        flowing = {side for side, last_ns in self._arrived_ns.items() if now_ns - last_ns < flowing_ns}
+        stuck: dict[Side, str] = {}
+        for side, camera in cameras.items():
             if side in flowing:
                 self._pause_ns.pop(side, None)
-            if side in flowing or not flowing or camera == GONE or side in untriggered:
+            stopped = self._needs_pulses and not flowing
+            if side in flowing or stopped or camera == GONE or side in untriggered:
                 self._due_ns.pop(side, None)
                 continue
             pause_ns = self._pause_ns.setdefault(side, max(FIRST_PAUSE_NS, 2 * self._periods_ns))
             if now_ns >= self._due_ns.setdefault(side, now_ns + pause_ns):
-                stuck.append(side)
+                stuck[side] = BESIDE_ANOTHER if flowing else LIKE_ALL
                 del self._due_ns[side]
                 self._pause_ns[side] = min(2 * pause_ns, LONGEST_PAUSE_NS)
         return stuck

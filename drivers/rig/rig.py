@@ -44,9 +44,9 @@ class Rig:
         for unit in self._units.values():
             unit.start()
 
-    def reopen(self, side: Side) -> None:
-        """Close and reopen a camera that answers but sends nothing."""
-        self._units[side].supervisor.reopen()
+    def reopen(self, side: Side, why: str) -> None:
+        """Close and reopen a camera that answers but sends nothing; `why` follows its name in a sentence."""
+        self._units[side].supervisor.reopen(why)
 
     def pace(self, side: Side, slots: Slots) -> None:
         """Trigger a camera in these slots until it is closed; replaces, or moves, the former ones."""

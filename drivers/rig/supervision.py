@@ -102,7 +102,7 @@ class Supervisor:
         self._open_due_ns: float = 0
         self._latch_due_ns = 0
         self._check_wanted = False  # by the thread that takes frames
-        self._stuck = False
+        self._stuck = ""  # why it is to be reopened
         self._taking = threading.Lock()
         self._take_due_ns = 0
         self._last_frame_ns = 0
@@ -124,10 +124,10 @@ class Supervisor:
                 self._pacer = Pacer(slots, self._now_ns())
             self.news.notify_all()
 
-    def reopen(self) -> None:
+    def reopen(self, why: str) -> None:
         """Close and reopen the camera, because it sends nothing although it should. Any thread."""
         with self.news:
-            self._stuck = True
+            self._stuck = why
             self.news.notify_all()
 
     @property
@@ -151,7 +151,7 @@ class Supervisor:
             return
         if self._stuck:
             self.close()
-            stuck = f"camera {camera.description.serial} sends no frames while the other one does; it is reopened"
+            stuck = f"camera {camera.description.serial} {self._stuck}; it is reopened"
             self._report_gone(CameraLostError(stuck), final=False)
             return
         now_ns, setting = self._now_ns(), None
@@ -225,7 +225,8 @@ class Supervisor:
             self._events.put(CameraReady(self._side, camera.description, camera.limits))
             self._last_frame_ns = self._take_due_ns = self._now_ns()
             self._latch_due_ns = self._last_frame_ns + _CLOCK_PERIOD_NS
-            self._check_wanted = self._stuck = self._silent = False
+            self._check_wanted = self._silent = False
+            self._stuck = ""
             self._camera = camera
             self.news.notify_all()
 

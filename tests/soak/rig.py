@@ -218,9 +218,9 @@ class VirtualRig:
         self.units[side].supervisor.pace(slots)
         self.units[side].plan_nodes()
 
-    def reopen(self, side: Side) -> None:
+    def reopen(self, side: Side, why: str) -> None:
         """See `Rig.reopen`."""
-        self.units[side].supervisor.reopen()
+        self.units[side].supervisor.reopen(why)
         self.units[side].plan_nodes()
 
     def _take(self) -> None:

@@ -147,6 +147,15 @@ def test_frame_truncated(run: VirtualRun) -> None:
     assert run.counted() == {"incomplete": 40}
 
 
+def test_a_camera_whose_frames_all_have_holes_is_not_reopened(run: VirtualRun) -> None:
+    run.left.truncate = 400  # longer than silence may last
+    run.wait_for_state(
+        "degraded: left camera: all its frames arrive incomplete: "
+        "check its cable, and network or USB for what they can carry"
+    )
+    assert run.counted() == {"incomplete": 400}
+
+
 def test_transfer_stalled(run: VirtualRun) -> None:
     began_ns = run.rig.clock.now_ns
     run.left.halted = True

@@ -28,7 +28,7 @@ class NoCameras:
     def pace(self, side: Side, slots: Slots) -> None:
         raise AssertionError("triggered from outside")
 
-    def reopen(self, side: Side) -> None:
+    def reopen(self, side: Side, why: str) -> None:
         raise AssertionError("not silent for long")
 
 

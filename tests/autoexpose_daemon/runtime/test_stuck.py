@@ -6,24 +6,28 @@ from itertools import pairwise
 
 import pytest
 
-from autoexpose_daemon.runtime.stuck import FIRST_PAUSE_NS, LONGEST_PAUSE_NS, StuckStreams
-from autoexpose_daemon.status.telemetry import GONE, Telemetry
+from autoexpose_daemon.runtime.stuck import BESIDE_ANOTHER, FIRST_PAUSE_NS, LIKE_ALL, LONGEST_PAUSE_NS, StuckStreams
+from autoexpose_daemon.status.telemetry import GONE
+from drivers.frames import Side
 
 TENTH_NS = 100_000_000
+CAMERAS: dict[Side, str] = {"left": "A 1", "right": "B 2"}
 
 
 def attempts_s(
     right: str = "B 2", left_flows: bool = True, until_s: float = 100.0, period_s: float = 1 / 60
 ) -> list[float]:
     """When the right camera is reopened, which sent its last frame at 0."""
-    stuck, telemetry = StuckStreams(period_s), Telemetry(cameras={"left": "A 1", "right": right})
-    telemetry.last_frame_ns = {"left": 0, "right": 0}
+    stuck = StuckStreams(period_s, needs_pulses=True)
+    cameras: dict[Side, str] = {"left": "A 1", "right": right}
+    for side in cameras:
+        stuck.arrived(side, 0)
     attempts = []
     for now_ns in range(0, 100_000_000_000, TENTH_NS):
         if left_flows:
-            telemetry.last_frame_ns["left"] = now_ns
-        for side in stuck.sides(telemetry, now_ns):
-            assert side == "right"
+            stuck.arrived("left", now_ns)
+        for side, why in stuck.reasons(cameras, now_ns).items():
+            assert (side, why) == ("right", BESIDE_ANOTHER)
             attempts.append(now_ns * 1e-9)
     return attempts
 
@@ -46,10 +50,20 @@ def test_with_a_slow_trigger_it_waits_for_many_periods() -> None:
 
 
 def test_once_it_sends_again_the_pause_is_reset() -> None:
-    stuck, telemetry = StuckStreams(1 / 60), Telemetry(cameras={"left": "A 1", "right": "B 2"})
+    stuck = StuckStreams(1 / 60, needs_pulses=True)
     for start_ns in (0, 10 * FIRST_PAUSE_NS):
-        telemetry.last_frame_ns = {"left": start_ns, "right": start_ns}
-        assert stuck.sides(telemetry, start_ns) == []
-        telemetry.last_frame_ns["left"] = start_ns + 2 * FIRST_PAUSE_NS
-        assert stuck.sides(telemetry, start_ns + FIRST_PAUSE_NS) == []
-        assert stuck.sides(telemetry, start_ns + 2 * FIRST_PAUSE_NS) == ["right"]
+        for side in CAMERAS:
+            stuck.arrived(side, start_ns)
+        assert stuck.reasons(CAMERAS, start_ns) == {}
+        stuck.arrived("left", start_ns + 2 * FIRST_PAUSE_NS)
+        assert stuck.reasons(CAMERAS, start_ns + FIRST_PAUSE_NS) == {}
+        assert stuck.reasons(CAMERAS, start_ns + 2 * FIRST_PAUSE_NS) == {"right": BESIDE_ANOTHER}
+
+
+def test_where_no_pulses_are_needed_all_silent_cameras_are_reopened() -> None:
+    stuck = StuckStreams(1 / 60, needs_pulses=False)
+    for side in CAMERAS:
+        stuck.arrived(side, 0)
+    assert stuck.reasons(CAMERAS, FIRST_PAUSE_NS // 2) == {}
+    assert stuck.reasons(CAMERAS, 2 * FIRST_PAUSE_NS) == {"left": LIKE_ALL, "right": LIKE_ALL}
+    assert stuck.reasons({"left": "A 1"}, 2 * FIRST_PAUSE_NS + 1, untriggered=["left"]) == {}
