@@ -40,6 +40,7 @@ from drivers.frames import Side
 from drivers.python310 import Self
 
 _NUMBERS = itertools.count(1)
+"""Of the clients of this process that are given no name."""
 
 
 class StereoClient:

@@ -128,7 +128,7 @@ class WriteHistory:
         return delay_ns
 
     def _delay_of(self, delays_ns: list[int]) -> int:
-        """The delay of one of several equal commands, oldest first."""
+        """The delay of one of several equal commands, oldest first; that of a single one becomes the usual."""
         if len(delays_ns) == 1:
             self._usual_ns = delays_ns[0]
         elif (usual_ns := self._usual_ns) is not None:

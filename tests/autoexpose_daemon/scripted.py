@@ -23,6 +23,7 @@ from drivers.frames import Frame, Side, StereoPair
 from drivers.pixels.formats import PixelFormat
 from tests.autoexpose_daemon.control.scene import expose, radiance
 from tests.drivers.rig.test_rig import ScriptedCamera
+from tests.meanwhile import meanwhile
 
 SHAPE = (136, 180)
 MID_LEVEL = 10.0
@@ -139,11 +140,5 @@ def scripted_daemon(recorder: Recorder | None = None, **sections: Any) -> Iterat
     with ScriptedRig() as rig:
         daemon = Daemon(configuration, rig.openers, outlets=[lambda pair, decision: seen.append((pair, decision))])
         add_outlets(daemon, configuration, recorder)
-        stop = threading.Event()
-        thread = threading.Thread(target=daemon.run, args=(stop,))
-        thread.start()
-        try:
+        with meanwhile(daemon.run):
             yield daemon, rig, seen
-        finally:
-            stop.set()
-            thread.join()

@@ -26,6 +26,7 @@ from autoexpose_daemon.status.panel import line_of
 from drivers.frames import SIDES, StereoPair
 from fake_camera.usb3.run import CAMERAS_VARIABLE
 from tests.fakes import FakeCamera, camera_on_this_bus, fake_camera, unique
+from tests.meanwhile import meanwhile
 
 PATIENCE_S = 30.0
 ON_USB = CAMERAS_VARIABLE in os.environ
@@ -110,21 +111,15 @@ def running_daemon(
 
     daemon = add_outlets(Daemon(config, openers(config), outlets=[see]), config)
     run = Run(left, right, truths, daemon, seen)
-    stop = threading.Event()
 
-    def control() -> None:
+    def control(stop: threading.Event) -> None:
         try:
             daemon.run(stop)
         except BaseException as error:
             run.failure.append(error)
 
-    thread = threading.Thread(target=control)
-    thread.start()
-    try:
+    with meanwhile(control):
         yield run
-    finally:
-        stop.set()
-        thread.join()
     assert not run.failure, run.failure
     if config.trigger.mode == "external" and latched:  # else the wire has nothing to do with the triggers
         run.wait_until(lambda: _written(run), "the fakes' truth")

@@ -59,8 +59,9 @@ class AngularRate:
     def __call__(self) -> float | None:
         """The rate to decide by, rad/s; None: use optical flow. Called once per decision."""
         now_ns, newest = self._now_ns(), self._newest
-        fresh = newest is not None and now_ns - newest[1] <= self._config.max_age_s * 1e9
-        rate_rad_s = newest[0] if newest and fresh else None
+        rate_rad_s = None
+        if newest is not None and now_ns - newest[1] <= self._config.max_age_s * 1e9:
+            rate_rad_s = newest[0]
         # Before the trouble: nobody reads a rate beside the reason why none is used.
         self.tally.angular_rate_rad_s = rate_rad_s
         if rate_rad_s is None:

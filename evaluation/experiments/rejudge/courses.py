@@ -71,11 +71,10 @@ def _compared(stage: Stage, exposer: Exposer, lights: list[LightSeen], level: fl
     """
     setting = time_first(level)
     true = np.array([_at(stage, number, setting) for number in range(100, 100 + REPEATS)], np.float64)
-    numbers = np.arange(len(lights) * REPEATS).reshape(-1, REPEATS)  # no noise twice
     made = np.array(
         [
-            [exposer.expose(light, setting, 8, int(number)) for number in row]
-            for light, row in zip(lights, numbers, strict=True)
+            [exposer.expose(light, setting, 8, place * REPEATS + number) for number in range(REPEATS)]  # no noise twice
+            for place, light in enumerate(lights)
         ],
         np.float64,
     )

@@ -25,6 +25,7 @@ from drivers.errors import AutoexposeError
 from tests.autoexpose_daemon.publish.steps import endpoint, wait_until
 from tests.autoexpose_daemon.statuses import EXPOSING
 from tests.fakes import loopback_address
+from tests.meanwhile import meanwhile
 
 pytestmark = pytest.mark.usefixtures("brisk")
 
@@ -85,17 +86,11 @@ def test_it_follows_a_daemon_and_says_when_that_is_silent(monkeypatch: pytest.Mo
     monkeypatch.setattr("autoexpose_daemon.client.top._SILENT_S", 1.0)
     at = endpoint()
     screen, console = screen_of()
-    stop = threading.Event()
-    thread = threading.Thread(target=follow, args=("rig", [at], console, stop))
-    thread.start()
-    try:
+    with meanwhile(lambda stop: follow("rig", [at], console, stop)):
         wait_until(lambda: f"no answer from {at}" in screen.text, "the complaint")
         with daemon(EXPOSING, at):
             wait_until(lambda: "exposure, us" in screen.text, "curves")
         wait_until(lambda: "ended 1 s ago" in screen.text, "the silence to be noticed")
-    finally:
-        stop.set()
-        thread.join()
 
 
 def test_nobody_there_is_said_in_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:

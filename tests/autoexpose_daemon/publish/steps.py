@@ -17,6 +17,7 @@ from autoexpose_daemon.status.publishing import DropReason
 from drivers.exposure import ExposureSetting
 from drivers.frames import Frame, StereoPair
 from tests.fakes import loopback_address
+from tests.meanwhile import meanwhile
 
 PATIENCE_S = 20.0
 SETTING = ExposureSetting(1000.0, 6.0)
@@ -49,22 +50,15 @@ def endpoint() -> str:
 @contextlib.contextmanager
 def publishing(config: PublishConfig, period_s: float = 1 / 60, tell: Tell = nothing) -> Iterator[Publisher]:
     """A publisher that gets a pair at each period, as from a running rig, until the block ends."""
-    stop = threading.Event()
 
-    def run() -> None:
+    def run(stop: threading.Event) -> None:
         for number in itertools.count(1):
             if stop.wait(period_s):
                 return
             publisher(pair(number), DECISION)
 
-    with Publisher(config, 2, tell) as publisher:
-        thread = threading.Thread(target=run)
-        thread.start()
-        try:
-            yield publisher
-        finally:
-            stop.set()
-            thread.join()
+    with Publisher(config, 2, tell) as publisher, meanwhile(run):
+        yield publisher
     tally = publisher.tally
     assert tally.offered == tally.sent + tally.dropped.total()
     assert set(tally.dropped) <= set(DropReason)

@@ -35,6 +35,7 @@ from tests.autoexpose_daemon.publish.steps import endpoint, wait_until
 from tests.autoexpose_daemon.publish.test_router import router_file
 from tests.autoexpose_daemon.recording.runs import replayed
 from tests.autoexpose_daemon.scripted import scripted_daemon
+from tests.meanwhile import meanwhile
 
 pytestmark = pytest.mark.wire
 
@@ -45,20 +46,14 @@ KEY = "imu/data"
 @contextlib.contextmanager
 def imu_at(address: str, data: bytes = TURNING, key: str = KEY) -> Iterator[None]:
     """An IMU's own process, so to say: sends a sample 200 times a second to those who connect to it."""
-    stop = threading.Event()
     with open_session("peer", Endpoints(listen=[address])) as session:
 
-        def send() -> None:
+        def send(stop: threading.Event) -> None:
             while not stop.wait(0.005):
                 session.put(key, data)
 
-        thread = threading.Thread(target=send)
-        thread.start()
-        try:
+        with meanwhile(send):
             yield
-        finally:
-            stop.set()
-            thread.join()
 
 
 @contextlib.contextmanager

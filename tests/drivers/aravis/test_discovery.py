@@ -14,6 +14,7 @@ import pytest
 
 from drivers.aravis import find_cameras
 from tests.fakes import FakeCamera, fake_camera, loopback_address
+from tests.meanwhile import meanwhile
 
 pytestmark = pytest.mark.wire
 
@@ -25,7 +26,7 @@ DISCOVERY, DISCOVERY_ANSWER, IDENTITY_BYTES = 2, 3, 0xF8
 @contextlib.contextmanager
 def device(model: bytes) -> Iterator[str]:
     """The address of a device that answers searches, and nothing else."""
-    address, ended = loopback_address(), threading.Event()
+    address = loopback_address()
     with contextlib.ExitStack() as sockets, selectors.DefaultSelector() as selector:
         for at in BROADCAST_ADDRESSES:
             udp = sockets.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
@@ -35,8 +36,8 @@ def device(model: bytes) -> Iterator[str]:
         answering = sockets.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
         answering.bind((address, GVCP_PORT))
 
-        def answer() -> None:
-            while not ended.is_set():
+        def answer(stop: threading.Event) -> None:
+            while not stop.is_set():
                 for key, _ in selector.select(0.1):
                     assert isinstance(key.fileobj, socket.socket)
                     datagram, asker = key.fileobj.recvfrom(2000)
@@ -45,13 +46,8 @@ def device(model: bytes) -> Iterator[str]:
                         header = struct.pack(">HHHH", 0, DISCOVERY_ANSWER, IDENTITY_BYTES, request)
                         answering.sendto(header + _identity(address, model), asker)
 
-        thread = threading.Thread(target=answer)
-        thread.start()
-        try:
+        with meanwhile(answer):
             yield address
-        finally:
-            ended.set()
-            thread.join()
 
 
 def _identity(address: str, model: bytes) -> bytes:
